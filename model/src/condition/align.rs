@@ -1,0 +1,187 @@
+//! Streams of different rates and clocks, brought to the displacement stamps.
+//!
+//! The drive (and a measured velocity, a temperature) is held: at stamp t counts the newest reading not
+//! newer than t. Measured force is interpolated: its value at t is known once a force reading at t or
+//! after it has come, so a prediction waits in a bounded queue until its measurement does. Neither depends on
+//! the order in which channels arrive, as long as a reading is there by the time it is needed.
+
+use crate::sample::Stamp;
+
+/// Predictions that can wait for their measured force: a quarter of a second at 1 kHz.
+pub const PENDING: usize = 256;
+
+/// Readings that a [`Hold`] remembers, so that one that came early does not hide the one that counts.
+const HELD: usize = 64;
+
+/// The last readings of a channel that is held between its stamps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hold {
+    len: usize,
+    next: usize,
+    stamps: [Stamp; HELD],
+    values: [f64; HELD],
+}
+
+impl Default for Hold {
+    fn default() -> Self {
+        Self { len: 0, next: 0, stamps: [Stamp::from_nanos(0); HELD], values: [0.0; HELD] }
+    }
+}
+
+impl Hold {
+    /// Takes in a reading. Stamps must increase: the caller refuses the others.
+    #[inline]
+    pub fn push(&mut self, stamp: Stamp, value: f64) {
+        self.stamps[self.next] = stamp;
+        self.values[self.next] = value;
+        self.next = (self.next + 1) % HELD;
+        self.len = (self.len + 1).min(HELD);
+    }
+
+    /// The newest reading not newer than `at`, with its stamp.
+    #[inline]
+    #[must_use]
+    pub fn at(&self, at: Stamp) -> Option<(Stamp, f64)> {
+        (0..self.len)
+            .map(|age| (self.next + HELD - 1 - age) % HELD)
+            .find(|&slot| self.stamps[slot] <= at)
+            .map(|slot| (self.stamps[slot], self.values[slot]))
+    }
+
+    /// Forgets all readings.
+    pub fn clear(&mut self) {
+        self.len = 0;
+    }
+}
+
+/// A force reading and what waits for it. `T` is what the caller wants back with the force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceAligner<T> {
+    before: Option<(Stamp, f64)>,
+    last: Option<(Stamp, f64)>,
+    first: usize,
+    len: usize,
+    stamps: [Stamp; PENDING],
+    waiting: [Option<T>; PENDING],
+}
+
+impl<T: Copy> Default for ForceAligner<T> {
+    fn default() -> Self {
+        Self {
+            before: None,
+            last: None,
+            first: 0,
+            len: 0,
+            stamps: [Stamp::from_nanos(0); PENDING],
+            waiting: [None; PENDING],
+        }
+    }
+}
+
+impl<T: Copy> ForceAligner<T> {
+    /// Takes in a force reading. Stamps must increase: the caller refuses the others.
+    #[inline]
+    pub fn push_force(&mut self, stamp: Stamp, force_n: f64) {
+        self.before = self.last;
+        self.last = Some((stamp, force_n));
+    }
+
+    /// Lets `what` wait for the force at `stamp`; the oldest one is given up when the queue is full.
+    #[inline]
+    pub fn wait(&mut self, stamp: Stamp, what: T) {
+        if self.len == PENDING {
+            self.first = (self.first + 1) % PENDING;
+            self.len -= 1;
+        }
+        let slot = (self.first + self.len) % PENDING;
+        self.stamps[slot] = stamp;
+        self.waiting[slot] = Some(what);
+        self.len += 1;
+    }
+
+    /// The next one whose force is known, with that force, in order of stamps. Readings further apart than
+    /// `max_span_s` are not interpolated: what lies between them is given up.
+    #[inline]
+    pub fn next_known(&mut self, max_span_s: f64) -> Option<(Stamp, f64, T)> {
+        let (last_stamp, last_force) = self.last?;
+        while self.len > 0 {
+            let slot = self.first;
+            let stamp = self.stamps[slot];
+            if stamp > last_stamp {
+                return None;
+            }
+            self.first = (self.first + 1) % PENDING;
+            self.len -= 1;
+            let force = if stamp == last_stamp { Some(last_force) } else { self.between(stamp, max_span_s) };
+            if let (Some(force), Some(what)) = (force, self.waiting[slot]) {
+                return Some((stamp, force, what));
+            }
+        }
+        None
+    }
+
+    /// Force at `stamp` on the line through the last two readings.
+    fn between(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
+        let (t0, f0) = self.before?;
+        let (t1, f1) = self.last?;
+        let span = t1.since(t0).get();
+        (stamp >= t0 && span <= max_span_s).then(|| f0 + (f1 - f0) * (stamp.since(t0).get() / span))
+    }
+
+    /// Forgets all readings and whatever waits.
+    pub fn clear(&mut self) {
+        self.before = None;
+        self.last = None;
+        self.len = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(ms: i64) -> Stamp {
+        Stamp::from_nanos(ms * 1_000_000)
+    }
+
+    #[test]
+    fn the_hold_looks_past_readings_that_came_early() {
+        let mut hold = Hold::default();
+        assert_eq!(hold.at(at(5)), None);
+        for (ms, value) in [(0, 1.0), (10, 2.0), (20, 3.0)] {
+            hold.push(at(ms), value);
+        }
+        assert_eq!(hold.at(at(15)), Some((at(10), 2.0)));
+        assert_eq!(hold.at(at(20)), Some((at(20), 3.0)));
+        assert_eq!(hold.at(at(-1)), None);
+    }
+
+    #[test]
+    fn a_prediction_waits_for_its_force_and_gets_it_interpolated() {
+        let mut aligner = ForceAligner::default();
+        aligner.push_force(at(0), 10.0);
+        for (ms, what) in [(0, 'a'), (1, 'b'), (3, 'c'), (4, 'd'), (5, 'e')] {
+            aligner.wait(at(ms), what);
+        }
+        assert_eq!(aligner.next_known(0.1), Some((at(0), 10.0, 'a')));
+        assert_eq!(aligner.next_known(0.1), None, "the force at 1 ms is not known yet");
+        aligner.push_force(at(4), 50.0);
+        assert_eq!(aligner.next_known(0.1), Some((at(1), 20.0, 'b')));
+        assert_eq!(aligner.next_known(0.1), Some((at(3), 40.0, 'c')));
+        assert_eq!(aligner.next_known(0.1), Some((at(4), 50.0, 'd')));
+        assert_eq!(aligner.next_known(0.1), None);
+        aligner.push_force(at(900), 0.0);
+        assert_eq!(aligner.next_known(0.1), None, "no line is drawn across a gap");
+    }
+
+    #[test]
+    fn a_full_queue_gives_up_the_oldest() {
+        let mut aligner = ForceAligner::default();
+        for k in 0..=PENDING {
+            aligner.wait(at(k as i64), k);
+        }
+        aligner.push_force(at(0), 1.0);
+        aligner.push_force(at(1), 1.0);
+        assert_eq!(aligner.next_known(0.1), Some((at(1), 1.0, 1)));
+    }
+}

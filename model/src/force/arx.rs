@@ -1,0 +1,263 @@
+//! Auto-regression with exogenous inputs (thesis 4.3 passive, 4.4 semi-active).
+//!
+//! ```text
+//! F_k = a1 F_{k-1} + a2 F_{k-2} + a3 F_{k-3}
+//!     + a4 x_k + a5 x_{k-1} + a6 x_{k-2}
+//!     + a7 v_k + a8 v_{k-1} + a9 v_{k-2}
+//!   [ + a10 i_k + a11 i_{k-1} + a12 i_{k-2} ]           semi-active only
+//! ```
+//!
+//! F is the force less the session's offset, N; x displacement, m; v velocity, m/s; i the drive, A or V; k
+//! counts samples of period Ts, so the coefficients hold at one rate only. The semi-active current terms
+//! are inferred from the passive form (the thesis' equation is missing in the source).
+//!
+//! Fed with measured force the model is a one-step predictor: precise, and blind to what it lacks, because
+//! every effect comes in through the force. Fed with its own output it runs free. The two are never mixed in
+//! a figure. With v the backward difference of x the nine regressors have rank seven: single coefficients
+//! mean nothing, their sum of products does.
+
+use super::Inputs;
+use crate::error::Error;
+use crate::sample::DriveKind;
+use crate::units::Second;
+use nalgebra::Matrix3;
+
+/// Lags of each signal in the regression.
+pub const LAGS: usize = 3;
+
+/// The ARX model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arx {
+    force: [f64; LAGS],
+    displacement_n_m: [f64; LAGS],
+    velocity_n_s_m: [f64; LAGS],
+    drive: Option<(DriveKind, [f64; LAGS])>,
+    sample_period_s: f64,
+    force_offset_n: f64,
+    resolution: f64,
+}
+
+/// The signals that one prediction is made from, newest first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArxRegressors {
+    /// F_{k-1}, F_{k-2}, F_{k-3}, N, with the session's offset still in.
+    pub force_n: [f64; LAGS],
+    /// x_k, x_{k-1}, x_{k-2}, m.
+    pub displacement_m: [f64; LAGS],
+    /// v_k, v_{k-1}, v_{k-2}, m/s.
+    pub velocity_m_s: [f64; LAGS],
+    /// i_k, i_{k-1}, i_{k-2}, A or V; ignored by a passive model.
+    pub drive: [f64; LAGS],
+}
+
+impl Arx {
+    /// An ARX model from its coefficients in SI units: `force` = a1..a3 (1), `displacement_n_m` = a4..a6,
+    /// `velocity_n_s_m` = a7..a9, `drive` = a10..a12 (N/A or N/V) or `None` for the passive form.
+    ///
+    /// # Errors
+    /// When a number is not finite or the sample period is not positive.
+    pub fn new(
+        force: [f64; LAGS],
+        displacement_n_m: [f64; LAGS],
+        velocity_n_s_m: [f64; LAGS],
+        drive: Option<(DriveKind, [f64; LAGS])>,
+        sample_period: Second,
+        force_offset_n: f64,
+    ) -> Result<Self, Error> {
+        let drive_coefficients = drive.map_or([0.0; LAGS], |(_, c)| c);
+        for (name, values) in [
+            ("force_lags", force),
+            ("displacement_lags_n_m", displacement_n_m),
+            ("velocity_lags_n_s_m", velocity_n_s_m),
+            ("drive_lags", drive_coefficients),
+        ] {
+            for (j, value) in values.into_iter().enumerate() {
+                Error::check(&format!("{name}[{j}]"), value, "finite", |_| true)?;
+            }
+        }
+        Error::check("force_offset_n", force_offset_n, "finite", |_| true)?;
+        let sample_period_s =
+            Error::check("sample_period_s", sample_period.get(), "positive and finite", |t| t > 0.0)?;
+        Ok(Self {
+            force,
+            displacement_n_m,
+            velocity_n_s_m,
+            drive,
+            sample_period_s,
+            force_offset_n,
+            resolution: 0.0,
+        })
+    }
+
+    /// The same model, its coefficients known only to `resolution` (half a unit of the last printed digit).
+    #[must_use]
+    pub const fn with_resolution(mut self, resolution: f64) -> Self {
+        self.resolution = resolution;
+        self
+    }
+
+    /// Half a unit of the last digit to which the coefficients are known; zero when they are exact.
+    #[must_use]
+    pub const fn resolution(&self) -> f64 {
+        self.resolution
+    }
+
+    /// a1..a3, the coefficients of the force lags.
+    #[must_use]
+    pub const fn force_lags(&self) -> [f64; LAGS] {
+        self.force
+    }
+
+    /// a4..a6, N/m.
+    #[must_use]
+    pub const fn displacement_lags_n_m(&self) -> [f64; LAGS] {
+        self.displacement_n_m
+    }
+
+    /// a7..a9, N·s/m.
+    #[must_use]
+    pub const fn velocity_lags_n_s_m(&self) -> [f64; LAGS] {
+        self.velocity_n_s_m
+    }
+
+    /// a10..a12 with the kind of drive, N/A or N/V; `None` for the passive form.
+    #[must_use]
+    pub const fn drive_lags(&self) -> Option<(DriveKind, [f64; LAGS])> {
+        self.drive
+    }
+
+    /// Which drive the model wants; `None` for the passive form.
+    #[must_use]
+    pub const fn drive(&self) -> Option<DriveKind> {
+        match self.drive {
+            Some((kind, _)) => Some(kind),
+            None => None,
+        }
+    }
+
+    /// The sample period that the coefficients hold at.
+    #[must_use]
+    pub const fn sample_period(&self) -> Second {
+        Second(self.sample_period_s)
+    }
+
+    /// Force offset of the session, N.
+    #[must_use]
+    pub const fn force_offset_n(&self) -> f64 {
+        self.force_offset_n
+    }
+
+    /// 9 for the passive form, 12 for the semi-active one.
+    #[must_use]
+    pub const fn parameter_count(&self) -> usize {
+        if self.drive.is_some() { 4 * LAGS } else { 3 * LAGS }
+    }
+
+    /// Moduli of the three poles, largest first. The free run is stable when all are below one.
+    #[must_use]
+    pub fn pole_moduli(&self) -> [f64; LAGS] {
+        let [a1, a2, a3] = self.force;
+        let companion = Matrix3::new(a1, a2, a3, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0);
+        let poles = companion.complex_eigenvalues();
+        let mut moduli = [poles[0].norm(), poles[1].norm(), poles[2].norm()];
+        moduli.sort_by(|a, b| b.total_cmp(a));
+        moduli
+    }
+
+    /// False when 1 - a1 - a2 - a3, on which every static force depends, is known to no better than a third
+    /// because the coefficients are rounded: then the model predicts one step ahead, but its free run has no
+    /// meaning at low frequency.
+    #[must_use]
+    pub fn dc_is_meaningful(&self) -> bool {
+        let gap = 1.0 - self.force.iter().sum::<f64>();
+        gap > 3.0 * (LAGS as f64 * self.resolution)
+    }
+
+    /// The predicted force in newtons.
+    #[inline]
+    #[must_use]
+    pub fn predict_n(&self, r: &ArxRegressors) -> f64 {
+        let mut force = self.force_offset_n;
+        for j in 0..LAGS {
+            force += self.force[j] * (r.force_n[j] - self.force_offset_n)
+                + self.displacement_n_m[j] * r.displacement_m[j]
+                + self.velocity_n_s_m[j] * r.velocity_m_s[j];
+        }
+        if let Some((_, coefficients)) = &self.drive {
+            for (coefficient, drive) in coefficients.iter().zip(&r.drive) {
+                force += coefficient * drive;
+            }
+        }
+        force
+    }
+}
+
+/// The lagged signals that an ARX model needs; a slot that is not known holds NaN.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArxHistory {
+    force_n: [f64; LAGS],
+    displacement_m: [f64; LAGS],
+    velocity_m_s: [f64; LAGS],
+    drive: [f64; LAGS],
+}
+
+impl Default for ArxHistory {
+    fn default() -> Self {
+        let unknown = [f64::NAN; LAGS];
+        Self { force_n: unknown, displacement_m: unknown, velocity_m_s: unknown, drive: unknown }
+    }
+}
+
+impl ArxHistory {
+    /// Takes in the inputs of sample k.
+    #[inline]
+    pub fn push_inputs(&mut self, inputs: &Inputs) {
+        shift_in(&mut self.displacement_m, inputs.displacement_m);
+        shift_in(&mut self.velocity_m_s, inputs.velocity_m_s);
+        shift_in(&mut self.drive, inputs.drive);
+    }
+
+    /// Takes in the force of sample k, measured or predicted; call after the prediction of sample k.
+    #[inline]
+    pub fn push_force(&mut self, force_n: f64) {
+        shift_in(&mut self.force_n, force_n);
+    }
+
+    /// Replaces the force of `age` samples before the newest one by the measured value. Ages beyond the
+    /// history are ignored: no coming prediction uses them.
+    #[inline]
+    pub fn seed(&mut self, age: usize, force_n: f64) {
+        if let Some(slot) = self.force_n.get_mut(age) {
+            *slot = force_n;
+        }
+    }
+
+    /// Forgets the forces, so that only measured ones can make the model ready again.
+    pub fn forget_forces(&mut self) {
+        self.force_n = [f64::NAN; LAGS];
+    }
+
+    /// What the next prediction is made from, or `None` while something that `model` needs is unknown.
+    #[inline]
+    #[must_use]
+    pub fn regressors(&self, model: &Arx) -> Option<ArxRegressors> {
+        let known = |values: &[f64; LAGS]| values.iter().all(|v| v.is_finite());
+        let ready = known(&self.force_n)
+            && known(&self.displacement_m)
+            && known(&self.velocity_m_s)
+            && (model.drive.is_none() || known(&self.drive));
+        ready.then_some(ArxRegressors {
+            force_n: self.force_n,
+            displacement_m: self.displacement_m,
+            velocity_m_s: self.velocity_m_s,
+            drive: self.drive,
+        })
+    }
+}
+
+#[inline]
+fn shift_in(slots: &mut [f64; LAGS], value: f64) {
+    slots[2] = slots[1];
+    slots[1] = slots[0];
+    slots[0] = value;
+}

@@ -1,0 +1,205 @@
+//! Current-fuzzy tanh model (thesis 4.8-4.10, "non-linear fuzzy").
+//!
+//! ```text
+//! F     = sum_j w_j(i) f_j / sum_j w_j(i) + F0
+//! f_j   = A1_j tanh(A3_j u_j) + A2_j u_j,      u_j = v + kappa_j x
+//! w_j   = exp(-(i - c_j)^2 / (2 sigma^2))
+//! ```
+//!
+//! | symbol | field | unit | meaning |
+//! |---|---|---|---|
+//! | x, v | arguments | m, m/s | displacement from the rest position, velocity; positive in extension |
+//! | i | argument | A or V | drive: coil current, or command voltage |
+//! | A1 | `yield_force_n` | N | height of the tanh step |
+//! | A2 | `post_yield_damping_n_s_m` | N·s/m | slope beyond the yield |
+//! | A3 | `pre_yield_slope_s_m` | s/m | steepness of the step |
+//! | kappa | `coupling_per_s` | 1/s | displacement that counts as velocity: the width of the loop |
+//! | c, sigma | `Membership` | A or V | centre and width of the Gaussian sets |
+//! | F0 | `force_offset_n` | N | mean force of the session (gas preload, load cell zero) |
+//!
+//! The thesis prints the coupling as two columns, X0 and V0, of which only a ratio matters, and its formula
+//! says V0/X0. The printed numbers need the inverse (X0 column over V0 column): only then does the model
+//! agree with the ANFIS that was identified on the same data. The ratio is negative: the recorded force leads
+//! the recorded velocity, as it does when displacement is low-passed and force is not. Sigma is printed
+//! as "variance 0.2"; it is taken as a standard deviation of 0.2 A and is a setting here.
+
+use crate::error::Error;
+use crate::sample::DriveKind;
+
+/// The most fuzzy sets that one model can hold.
+pub const MAX_FUNCTIONS: usize = 16;
+
+/// Gaussian membership functions over the drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Membership {
+    /// What is fuzzified: current in A, or command voltage in V.
+    pub drive: DriveKind,
+    /// Standard deviation of every set, in the unit of `drive`.
+    pub sigma: f64,
+}
+
+/// One tanh function: the damper at one drive level.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TanhFunction {
+    /// A1, the height of the tanh step, N.
+    pub yield_force_n: f64,
+    /// A2, the damping beyond the yield, N·s/m. It may be negative where the step's tail makes up for it.
+    pub post_yield_damping_n_s_m: f64,
+    /// A3, the steepness of the step, s/m.
+    pub pre_yield_slope_s_m: f64,
+    /// Kappa, the displacement that counts as velocity, 1/s.
+    pub coupling_per_s: f64,
+}
+
+impl TanhFunction {
+    /// Force of this function alone, in newtons, at displacement `x_m` and velocity `v_m_s`.
+    #[inline]
+    #[must_use]
+    pub fn force_n(&self, x_m: f64, v_m_s: f64) -> f64 {
+        let u = v_m_s + self.coupling_per_s * x_m;
+        self.yield_force_n * (self.pre_yield_slope_s_m * u).tanh() + self.post_yield_damping_n_s_m * u
+    }
+}
+
+/// The current-fuzzy tanh model. It has no state: the force depends on this sample's inputs alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FuzzyTanh {
+    drive: DriveKind,
+    sigma: f64,
+    force_offset_n: f64,
+    len: usize,
+    centres: [f64; MAX_FUNCTIONS],
+    functions: [TanhFunction; MAX_FUNCTIONS],
+}
+
+impl FuzzyTanh {
+    /// A model with one tanh function under each membership centre.
+    ///
+    /// # Errors
+    /// When there are no functions, more than [`MAX_FUNCTIONS`], another number of centres than functions,
+    /// centres that do not increase, a sigma that is not positive, or a number that is not finite.
+    pub fn new(
+        membership: Membership,
+        centres: &[f64],
+        functions: &[TanhFunction],
+        force_offset_n: f64,
+    ) -> Result<Self, Error> {
+        let unit = if membership.drive == DriveKind::CoilCurrent { "a" } else { "v" };
+        let sigma = Error::check(
+            &format!("membership_sigma_{unit}"),
+            membership.sigma,
+            "positive and finite",
+            |s| s > 0.0,
+        )?;
+        if functions.is_empty() || functions.len() > MAX_FUNCTIONS || centres.len() != functions.len() {
+            return Err(Error::Length {
+                name: format!("membership_centres_{unit}"),
+                found: centres.len(),
+                expected: format!("as many as tanh functions ({}), 1 to {MAX_FUNCTIONS}", functions.len()),
+            });
+        }
+        for (j, pair) in centres.windows(2).enumerate() {
+            let name = format!("membership_centres_{unit}[{}]", j + 1);
+            Error::check(&name, pair[1], "greater than the centre before it", |c| c > pair[0])?;
+        }
+        Error::check(&format!("membership_centres_{unit}[0]"), centres[0], "finite", |_| true)?;
+        Error::check("force_offset_n", force_offset_n, "finite", |_| true)?;
+        for (j, f) in functions.iter().enumerate() {
+            for (name, value) in [
+                ("yield_force_n", f.yield_force_n),
+                ("post_yield_damping_n_s_m", f.post_yield_damping_n_s_m),
+                ("pre_yield_slope_s_m", f.pre_yield_slope_s_m),
+                ("coupling_per_s", f.coupling_per_s),
+            ] {
+                Error::check(&format!("{name}[{j}]"), value, "finite", |_| true)?;
+            }
+        }
+        let mut model = Self {
+            drive: membership.drive,
+            sigma,
+            force_offset_n,
+            len: functions.len(),
+            centres: [0.0; MAX_FUNCTIONS],
+            functions: [TanhFunction::default(); MAX_FUNCTIONS],
+        };
+        model.centres[..centres.len()].copy_from_slice(centres);
+        model.functions[..functions.len()].copy_from_slice(functions);
+        Ok(model)
+    }
+
+    /// Which drive the model wants.
+    #[must_use]
+    pub const fn drive(&self) -> DriveKind {
+        self.drive
+    }
+
+    /// Width of the memberships, in the unit of the drive.
+    #[must_use]
+    pub const fn sigma(&self) -> f64 {
+        self.sigma
+    }
+
+    /// Centres of the memberships, in the unit of the drive, increasing.
+    #[must_use]
+    pub fn centres(&self) -> &[f64] {
+        &self.centres[..self.len]
+    }
+
+    /// The tanh functions, one under each centre.
+    #[must_use]
+    pub fn functions(&self) -> &[TanhFunction] {
+        &self.functions[..self.len]
+    }
+
+    /// Force offset of the session, N.
+    #[must_use]
+    pub const fn force_offset_n(&self) -> f64 {
+        self.force_offset_n
+    }
+
+    /// Four for each function: yield force, damping, slope, coupling.
+    #[must_use]
+    pub const fn parameter_count(&self) -> usize {
+        4 * self.len
+    }
+
+    /// Normalised firing strengths of the sets at drive `i`: they are positive and sum to one.
+    ///
+    /// Strengths are taken relative to the nearest set. Far outside the centres all exponentials underflow,
+    /// and a plain quotient would be 0/0; relative to the nearest set the model goes over to that set's
+    /// function instead.
+    #[inline]
+    #[must_use]
+    pub fn weights(&self, i: f64) -> [f64; MAX_FUNCTIONS] {
+        let mut weights = [0.0; MAX_FUNCTIONS];
+        let scale = -0.5 / (self.sigma * self.sigma);
+        let mut nearest = f64::INFINITY;
+        for (weight, centre) in weights.iter_mut().zip(self.centres()) {
+            let distance = i - centre;
+            *weight = distance * distance;
+            nearest = nearest.min(*weight);
+        }
+        let mut sum = 0.0;
+        for weight in &mut weights[..self.len] {
+            *weight = (scale * (*weight - nearest)).exp();
+            sum += *weight;
+        }
+        for weight in &mut weights[..self.len] {
+            *weight /= sum;
+        }
+        weights
+    }
+
+    /// Force in newtons at displacement `x_m`, velocity `v_m_s` and drive `i` (in the unit of
+    /// [`FuzzyTanh::drive`]). Not finite when an argument is not finite.
+    #[inline]
+    #[must_use]
+    pub fn force_n(&self, x_m: f64, v_m_s: f64, i: f64) -> f64 {
+        let weights = self.weights(i);
+        let mut force = 0.0;
+        for (weight, function) in weights.iter().zip(self.functions()) {
+            force += weight * function.force_n(x_m, v_m_s);
+        }
+        force + self.force_offset_n
+    }
+}

@@ -1,0 +1,301 @@
+//! A run as a model sees it: conditioned rows at the displacement stamps.
+//!
+//! Rows are made by the blocks that the live pipeline is made of (hold, force aligner, conditioning, low-pass),
+//! fed in the same order. What is identified on them is what runs live: causal filters, the same delays, and
+//! a new start after each gap.
+
+use crate::condition::{ApplyTo, Conditioning, ForceAligner, Hold, LowPassState, MotionState};
+use crate::error::Error;
+use crate::model::Envelope;
+use crate::sample::{DriveKind, Reading, Run, Stamp, Trace};
+
+/// Share of the peak speed beyond which the damper counts as moving.
+const MOVING_SHARE: f64 = 0.05;
+/// Time before and after a moving sample that counts as moving, s.
+const MOVING_MARGIN_S: f64 = 0.1;
+/// Reach of the central difference that speed is judged by, to either side, s.
+const SPEED_REACH_S: f64 = 0.01;
+/// Departure of a run's rate from a whole multiple of the asked one up to which it is thinned, relative.
+const RATE_TOLERANCE: f64 = 0.01;
+
+/// How a run becomes rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DatasetOptions {
+    /// Count only rows where the damper moves: speed over 5 % of its peak within 0.1 s. Recordings begin and end
+    /// at rest, where a model of a moving damper has nothing to learn. Rows at rest still pass the filters. The
+    /// speed is a central difference over 20 ms of the raw displacement, so that the same rows count whatever the
+    /// conditioning.
+    pub moving_only: bool,
+    /// Rate to bring the run to, Hz, by keeping every n-th displacement; `None` leaves it as it is.
+    pub rate_hz: Option<f64>,
+    /// Step of displacement beyond which everything starts anew, s: as in the pipeline's settings.
+    pub gap_s: f64,
+}
+
+impl Default for DatasetOptions {
+    fn default() -> Self {
+        Self { moving_only: true, rate_hz: None, gap_s: 0.1 }
+    }
+}
+
+/// One displacement sample with all that belongs to it. A number that is not known is NaN.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// Stamp of the displacement.
+    pub stamp: Stamp,
+    /// Time since the row before, s; `None` for the first row of a segment.
+    pub dt_s: Option<f64>,
+    /// Conditioned displacement, m.
+    pub displacement_m: f64,
+    /// Conditioned velocity, m/s.
+    pub velocity_m_s: f64,
+    /// Drive, A or V.
+    pub drive: f64,
+    /// Measured force at this stamp, N, comparable with the model's: low-passed when the conditioning filters
+    /// the output.
+    pub force_n: f64,
+    /// Measured force at this stamp as it came, N.
+    pub raw_force_n: f64,
+    /// True when the row takes part in fits and figures: force known, filters settled, damper moving.
+    pub counts: bool,
+}
+
+/// A conditioned run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dataset {
+    /// Name of the run.
+    pub name: String,
+    /// Kind of the run's drive; `None` when it has none.
+    pub drive: Option<DriveKind>,
+    /// What the rows were made with.
+    pub conditioning: Conditioning,
+    /// Mean rate of the displacement (after thinning), Hz.
+    pub rate_hz: f64,
+    /// The rows, in time order.
+    pub rows: Vec<Row>,
+    /// Ranges over the rows that count.
+    pub envelope: Envelope,
+}
+
+impl Dataset {
+    /// Conditions `run`.
+    ///
+    /// # Errors
+    /// [`Error::MissingChannel`] without force, or without velocity where the conditioning wants the measured
+    /// one; [`Error::OutOfRange`] for settings that mean nothing; [`Error::Data`] when the run is too short, or
+    /// its rate is no whole multiple of the asked one.
+    pub fn from_run(run: &Run, conditioning: &Conditioning, options: &DatasetOptions) -> Result<Self, Error> {
+        conditioning.validate()?;
+        Error::check("gap_s", options.gap_s, "positive and finite", |g| g > 0.0)?;
+        let missing = |channel| Error::MissingChannel {
+            run: run.name.clone(),
+            channel,
+            needed_by: "identification".to_owned(),
+        };
+        if run.force_n.as_ref().is_none_or(Trace::is_empty) {
+            return Err(missing("force_n"));
+        }
+        if conditioning.velocity == crate::condition::VelocitySource::Measured
+            && run.velocity_m_s.as_ref().is_none_or(Trace::is_empty)
+        {
+            return Err(missing("velocity_m_s"));
+        }
+        let every = stride(run, options.rate_hz)?;
+        let (mut rows, raw_m) = condition(run, conditioning, options.gap_s, every);
+        if conditioning.apply_to == ApplyTo::Output {
+            filter_force(&mut rows, conditioning);
+        }
+        mark(&mut rows, conditioning, options.moving_only.then_some(&raw_m));
+        let rate_hz = run.displacement_m.mean_rate_hz().unwrap_or(0.0) / every as f64;
+        let envelope = envelope_of(&rows, run.case_temp_c.as_ref());
+        Ok(Self {
+            name: run.name.clone(),
+            drive: run.drive_kind(),
+            conditioning: *conditioning,
+            rate_hz,
+            rows,
+            envelope,
+        })
+    }
+
+    /// Number of rows that count.
+    #[must_use]
+    pub fn counted(&self) -> usize {
+        self.rows.iter().filter(|row| row.counts).count()
+    }
+}
+
+/// How many displacements of `run` make one at `rate_hz`.
+fn stride(run: &Run, rate_hz: Option<f64>) -> Result<usize, Error> {
+    let Some(recorded_hz) = run.displacement_m.mean_rate_hz() else {
+        return Err(Error::Data { message: format!("run {}: has fewer than two displacements", run.name) });
+    };
+    let Some(asked_hz) = rate_hz else { return Ok(1) };
+    Error::check("rate_hz", asked_hz, "positive and finite", |r| r > 0.0)?;
+    let multiple = (recorded_hz / asked_hz).round();
+    if multiple < 1.0 || (recorded_hz / (multiple * asked_hz) - 1.0).abs() > RATE_TOLERANCE {
+        return Err(Error::Data {
+            message: format!(
+                "run {}: is at {recorded_hz:.6} Hz, which is no whole multiple of {asked_hz} Hz; leave it out, or \
+                 choose another rate",
+                run.name
+            ),
+        });
+    }
+    Ok(multiple as usize)
+}
+
+/// The rows, their force as measured; and the raw displacement of each, m.
+fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -> (Vec<Row>, Vec<f64>) {
+    let low_pass = conditioning.low_pass();
+    let mut motion = MotionState::default();
+    let (mut drive, mut velocity) = (Hold::default(), Hold::default());
+    let mut aligner = ForceAligner::<usize>::default();
+    let mut rows = Vec::with_capacity(run.displacement_m.len() / every);
+    let mut raw_m = Vec::with_capacity(rows.capacity());
+    let mut last: Option<Stamp> = None;
+    // The first row of a segment has no predecessor that a filter could know.
+    let mut fresh = true;
+    let mut count = 0;
+    for sample in run.samples() {
+        let stamp = sample.stamp;
+        match sample.reading {
+            Reading::Drive(d) => drive.push(stamp, d.get()),
+            Reading::Velocity(v) => velocity.push(stamp, v.0),
+            Reading::Force(f) => aligner.push_force(stamp, f.0),
+            Reading::CaseTemperature(_) => {}
+            Reading::Displacement(x) => {
+                count += 1;
+                if (count - 1) % every != 0 {
+                    continue;
+                }
+                let dt_s = last.map(|last| stamp.since(last).get()).filter(|dt| *dt <= gap_s);
+                last = Some(stamp);
+                fresh |= dt_s.is_none();
+                let measured =
+                    velocity.at(stamp).filter(|(at, _)| stamp.since(*at).get() <= gap_s).map(|(_, v)| v);
+                let Some(m) = conditioning.step(&low_pass, &mut motion, dt_s, x.0, measured) else {
+                    continue;
+                };
+                aligner.wait(stamp, rows.len());
+                raw_m.push(x.0);
+                rows.push(Row {
+                    stamp,
+                    dt_s: dt_s.filter(|_| !fresh),
+                    displacement_m: m.displacement_m,
+                    velocity_m_s: m.velocity_m_s,
+                    drive: drive.at(stamp).map_or(f64::NAN, |(_, value)| value),
+                    force_n: f64::NAN,
+                    raw_force_n: f64::NAN,
+                    counts: false,
+                });
+                fresh = false;
+            }
+        }
+        while let Some((_, force_n, index)) = aligner.next_known(gap_s) {
+            rows[index].force_n = force_n;
+            rows[index].raw_force_n = force_n;
+        }
+    }
+    (rows, raw_m)
+}
+
+/// Low-passes the measured force as the pipeline does before it compares it with a low-passed output.
+fn filter_force(rows: &mut [Row], conditioning: &Conditioning) {
+    let low_pass = conditioning.low_pass();
+    let mut state = LowPassState::default();
+    let mut before: Option<Stamp> = None;
+    for row in rows {
+        if row.dt_s.is_none() {
+            before = None;
+        }
+        if row.force_n.is_finite() {
+            let dt_s = before.map(|before| row.stamp.since(before).get());
+            row.force_n = low_pass.step(&mut state, dt_s, row.force_n);
+            before = Some(row.stamp);
+        }
+    }
+}
+
+/// Decides which rows count: all that can, or with displacements `raw_m` only those where the damper moves.
+fn mark(rows: &mut [Row], conditioning: &Conditioning, raw_m: Option<&[f64]>) {
+    let settling_s = conditioning.settling_time().get();
+    let mut settled_s = 0.0;
+    for row in rows.iter_mut() {
+        settled_s = row.dt_s.map_or(0.0, |dt| settled_s + dt);
+        row.counts = settled_s >= settling_s && row.force_n.is_finite() && row.velocity_m_s.is_finite();
+    }
+    let Some(raw_m) = raw_m else { return };
+    let speeds = speeds(rows, raw_m);
+    let limit = MOVING_SHARE * speeds.iter().fold(0.0_f64, |peak, speed| peak.max(*speed));
+    let mut near = vec![false; rows.len()];
+    let (mut after, mut before): (Option<Stamp>, Option<Stamp>) = (None, None);
+    for ((row, speed), near) in rows.iter().zip(&speeds).zip(&mut near) {
+        after = if *speed > limit { Some(row.stamp) } else { after };
+        *near |= after.is_some_and(|at| row.stamp.since(at).get() <= MOVING_MARGIN_S);
+    }
+    for ((row, speed), near) in rows.iter().zip(&speeds).zip(&mut near).rev() {
+        before = if *speed > limit { Some(row.stamp) } else { before };
+        *near |= before.is_some_and(|at| at.since(row.stamp).get() <= MOVING_MARGIN_S);
+    }
+    for (row, near) in rows.iter_mut().zip(near) {
+        row.counts &= near;
+    }
+}
+
+/// Speed at each row, m/s, by a central difference that stays within the row's segment.
+fn speeds(rows: &[Row], raw_m: &[f64]) -> Vec<f64> {
+    let mut speeds = Vec::with_capacity(rows.len());
+    let apart_s = |a: usize, b: usize| rows[b].stamp.since(rows[a].stamp).get();
+    let (mut first, mut from, mut to) = (0, 0, 0);
+    for k in 0..rows.len() {
+        if rows[k].dt_s.is_none() {
+            (first, from) = (k, k);
+        }
+        while apart_s(from, k) > SPEED_REACH_S && from + 1 < k {
+            from += 1;
+        }
+        // One row at least to either side, where there is one.
+        from = if from == k && k > first { k - 1 } else { from };
+        to = to.max(k);
+        while to + 1 < rows.len()
+            && rows[to + 1].dt_s.is_some()
+            && (to == k || apart_s(k, to + 1) <= SPEED_REACH_S)
+        {
+            to += 1;
+        }
+        let span_s = apart_s(from, to);
+        speeds.push(if span_s > 0.0 { (raw_m[to] - raw_m[from]).abs() / span_s } else { 0.0 });
+    }
+    speeds
+}
+
+fn envelope_of(rows: &[Row], case_temp_c: Option<&Trace>) -> Envelope {
+    let mut envelope = Envelope::default();
+    for row in rows.iter().filter(|row| row.counts) {
+        Envelope::widen(&mut envelope.displacement_m, row.displacement_m);
+        Envelope::widen(&mut envelope.velocity_m_s, row.velocity_m_s);
+        Envelope::widen(&mut envelope.drive, row.drive);
+        Envelope::widen(&mut envelope.force_n, row.force_n);
+    }
+    for value in case_temp_c.iter().flat_map(|trace| &trace.values) {
+        Envelope::widen(&mut envelope.case_temp_c, *value);
+    }
+    envelope
+}
+
+/// The envelope that holds both; a range that one of them does not know is the other's.
+#[must_use]
+pub(super) fn union(a: &Envelope, b: &Envelope) -> Envelope {
+    let both = |a: Option<[f64; 2]>, b: Option<[f64; 2]>| match (a, b) {
+        (Some(a), Some(b)) => Some([a[0].min(b[0]), a[1].max(b[1])]),
+        (a, b) => a.or(b),
+    };
+    Envelope {
+        displacement_m: both(a.displacement_m, b.displacement_m),
+        velocity_m_s: both(a.velocity_m_s, b.velocity_m_s),
+        drive: both(a.drive, b.drive),
+        case_temp_c: both(a.case_temp_c, b.case_temp_c),
+        force_n: both(a.force_n, b.force_n),
+    }
+}

@@ -1,0 +1,199 @@
+//! Membership centres and width, from the drive that the runs hold.
+//!
+//! - A few levels (with noise, and ramps between them): a set at each level, sigma half their spacing.
+//! - A current that roams over 0 to 2.5 A: the thesis' seven sets.
+//! - Anything else (a voltage, another range): seven sets evenly over the range, sigma half their spacing.
+//!
+//! Levels are found greedily. The window of a fixed width that holds the most samples is a level; its samples
+//! are taken out; and so on until a window holds next to nothing. Neighbours without a valley between them are one
+//! noisy level. When nearly all samples are held by a few narrow levels, the drive has levels; a drive that
+//! roams has windows side by side without valleys.
+
+use crate::error::Error;
+use crate::force::{MAX_FUNCTIONS, Membership};
+use crate::preset::{CENTRES_A, SIGMA_A};
+use crate::sample::DriveKind;
+
+/// The most levels that pass for "a few".
+const MAX_LEVELS: usize = 8;
+/// The most windows to look at: a noisy level may take several.
+const MAX_WINDOWS: usize = 3 * MAX_LEVELS;
+/// Half width of a level's window as a share of the drive's range.
+const WINDOW_SHARE: f64 = 0.03;
+/// Least half width of a window, A or V: drivers and their measurement are noisier than a share of a small range.
+const WINDOW_LEAST: f64 = 0.02;
+/// Share of all samples that a level must hold.
+const LEVEL_SHARE: f64 = 0.02;
+/// Share of all samples that levels must hold together.
+const LEVELS_SHARE: f64 = 0.85;
+/// Samples beyond these quantiles at either end (overshoot, spikes) do not make the range.
+const TAIL: f64 = 0.005;
+/// Sets over a range that is not the thesis'.
+const EVEN_SETS: usize = 7;
+
+/// Membership functions over the drive, and how they came about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Memberships {
+    /// Kind of drive, and sigma in its unit.
+    pub membership: Membership,
+    /// Centres, increasing, in the drive's unit.
+    pub centres: Vec<f64>,
+    /// Where they come from.
+    pub source: MembershipSource,
+}
+
+/// Where membership functions come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MembershipSource {
+    /// Given by the caller.
+    Given,
+    /// The levels that the data hold.
+    Levels,
+    /// The thesis' centres and width.
+    Thesis,
+    /// Evenly over the range of the data.
+    Even,
+}
+
+impl Memberships {
+    /// Chooses centres and width for drive values in A or V, in any order; those not finite are left out.
+    ///
+    /// With levels of unequal spacing sigma is half the mean spacing, but never more than the smallest one, so
+    /// that the sets of neighbours stay distinct. With one level there is one set, which holds for any drive.
+    ///
+    /// # Errors
+    /// [`Error::Data`] when there are no values.
+    pub fn from_drive(kind: DriveKind, values: impl IntoIterator<Item = f64>) -> Result<Self, Error> {
+        let mut values: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
+        if values.is_empty() {
+            return Err(Error::Data {
+                message: format!("there are no {kind} values to place memberships by"),
+            });
+        }
+        values.sort_by(f64::total_cmp);
+        let quantile = |q: f64| values[((values.len() - 1) as f64 * q).round() as usize];
+        let (low, high) = (quantile(TAIL), quantile(1.0 - TAIL));
+        let (centres, sigma, source) = if let Some(levels) = find_levels(&values, high - low) {
+            let sigma = level_sigma(&levels);
+            (levels, sigma, MembershipSource::Levels)
+        } else if kind == DriveKind::CoilCurrent && fills_thesis_range(low, high) {
+            (CENTRES_A.to_vec(), SIGMA_A, MembershipSource::Thesis)
+        } else {
+            let spacing = (high - low) / (EVEN_SETS - 1) as f64;
+            let centres = (0..EVEN_SETS).map(|j| low + spacing * j as f64).collect();
+            (centres, spacing / 2.0, MembershipSource::Even)
+        };
+        Ok(Self { membership: Membership { drive: kind, sigma }, centres, source })
+    }
+
+    /// Takes centres as given; without `sigma`, by the rule for levels.
+    ///
+    /// # Errors
+    /// When there are no centres or too many, when they do not increase, or when a number means nothing.
+    pub fn given(kind: DriveKind, centres: &[f64], sigma: Option<f64>) -> Result<Self, Error> {
+        let name = |j: usize| format!("centres[{j}]");
+        if centres.is_empty() || centres.len() > MAX_FUNCTIONS {
+            return Err(Error::Length {
+                name: "centres".to_owned(),
+                found: centres.len(),
+                expected: format!("1 to {MAX_FUNCTIONS}"),
+            });
+        }
+        Error::check(&name(0), centres[0], "finite", |_| true)?;
+        for (j, pair) in centres.windows(2).enumerate() {
+            Error::check(&name(j + 1), pair[1], "greater than the centre before it", |c| c > pair[0])?;
+        }
+        let sigma = sigma.unwrap_or_else(|| level_sigma(centres));
+        Error::check("sigma", sigma, "positive and finite", |s| s > 0.0)?;
+        let membership = Membership { drive: kind, sigma };
+        Ok(Self { membership, centres: centres.to_vec(), source: MembershipSource::Given })
+    }
+}
+
+/// True when every set of the thesis sees data: the range reaches within a sigma of both outer centres, and
+/// leaves them by no more.
+fn fills_thesis_range(low: f64, high: f64) -> bool {
+    let (first, last) = (CENTRES_A[0], CENTRES_A[CENTRES_A.len() - 1]);
+    (low - first).abs() <= SIGMA_A && (high - last).abs() <= SIGMA_A
+}
+
+/// Half the mean spacing, not more than the smallest; the thesis' for a single level, where it does not matter.
+fn level_sigma(levels: &[f64]) -> f64 {
+    let spacings = levels.windows(2).map(|pair| pair[1] - pair[0]);
+    let smallest = spacings.fold(f64::INFINITY, f64::min);
+    match levels {
+        [first, .., last] => (0.5 * (last - first) / (levels.len() - 1) as f64).min(smallest),
+        _ => SIGMA_A,
+    }
+}
+
+/// A level and the samples that its window held.
+struct Level {
+    centre: f64,
+    /// Centres of the first and the last window that make it up.
+    span: [f64; 2],
+    count: usize,
+}
+
+/// Levels of sorted `values`, increasing; `None` when they roam.
+fn find_levels(values: &[f64], range: f64) -> Option<Vec<f64>> {
+    let half = (WINDOW_SHARE * range).max(WINDOW_LEAST);
+    let total = values.len() as f64;
+    let mut rest = values.to_vec();
+    let mut found: Vec<Level> = Vec::new();
+    while found.len() < MAX_WINDOWS {
+        let (start, end) = fullest_window(&rest, 2.0 * half);
+        if ((end - start).max(1) as f64) < LEVEL_SHARE * total {
+            break;
+        }
+        // The median: ramps that pass through the window pull it less than a mean.
+        let centre = rest[usize::midpoint(start, end)];
+        found.push(Level { centre, span: [centre; 2], count: end - start });
+        rest.drain(start..end);
+        if rest.is_empty() {
+            break;
+        }
+    }
+    if ((values.len() - rest.len()) as f64) < LEVELS_SHARE * total {
+        return None;
+    }
+    found.sort_by(|a, b| a.centre.total_cmp(&b.centre));
+    let mut levels: Vec<Level> = Vec::new();
+    for level in found {
+        match levels.last_mut() {
+            // The tail of a noisy level passes for a level of its own, next to it and with no valley between.
+            Some(last) if level.centre - last.span[1] < 3.0 * half && !valley(values, last, &level) => {
+                if level.count > last.count {
+                    last.centre = level.centre;
+                }
+                last.span[1] = level.centre;
+                last.count += level.count;
+            }
+            _ => levels.push(level),
+        }
+    }
+    let narrow = levels.iter().all(|level| level.span[1] - level.span[0] <= 5.0 * half);
+    (narrow && levels.len() <= MAX_LEVELS).then(|| levels.iter().map(|level| level.centre).collect())
+}
+
+/// True when the middle half of the way between two levels is nearly empty.
+fn valley(values: &[f64], a: &Level, b: &Level) -> bool {
+    let quarter = 0.25 * (b.centre - a.span[1]);
+    let below = |limit: f64| values.partition_point(|v| *v < limit);
+    let between = below(b.centre - quarter) - below(a.span[1] + quarter);
+    between * 20 < a.count.min(b.count)
+}
+
+/// The window no wider than `width` that holds the most of sorted `values`, as a range of indices.
+fn fullest_window(values: &[f64], width: f64) -> (usize, usize) {
+    let (mut best, mut start) = ((0, 0), 0);
+    for (k, value) in values.iter().enumerate() {
+        while value - values[start] > width {
+            start += 1;
+        }
+        if k + 1 - start > best.1 - best.0 {
+            best = (start, k + 1);
+        }
+    }
+    best
+}

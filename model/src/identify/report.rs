@@ -1,0 +1,194 @@
+//! What an identification found, and how well it fits the runs it was found on.
+
+use super::dataset::{Dataset, Row};
+use super::levels::Memberships;
+use super::velocity::VelocityTrial;
+use crate::condition::{ApplyTo, LowPassState};
+use crate::force::{Arx, ArxHistory, ForceModel, FreeRun, FuzzyTanh, Inputs};
+use crate::metrics::{ErrorSum, Fit};
+use crate::model::{Expected, Model};
+use crate::units::Second;
+
+/// An identified model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identified {
+    /// The model. Its offset is the mean of the runs' offsets, and its expected error that of training, until a
+    /// validation gives better ones.
+    pub model: Model,
+    /// The training runs, in the order given.
+    pub runs: Vec<RunFit>,
+    /// Fit of all training rows that count, running free, each run with its own offset; `None` when the
+    /// free run does not stay finite.
+    pub free_run: Option<Fit>,
+    /// One step ahead of measured force, each run with its own offset; `None` for a model without force inputs.
+    pub one_step: Option<Fit>,
+    /// Predicting that the force stays what it was one sample ago: what `one_step` is to be held against.
+    pub persistence: Option<Fit>,
+    /// Membership functions and where they come from (fuzzy-tanh).
+    pub memberships: Option<Memberships>,
+    /// Derivatives that were tried (fuzzy-tanh, when the choice was left to the data).
+    pub velocity_trials: Vec<VelocityTrial>,
+    /// Rank of the regression (ARX): below the number of coefficients where regressors are collinear.
+    pub rank: Option<usize>,
+    /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh). When many come close to the first,
+    /// the minimum is well found.
+    pub restart_rsse_n: Vec<f64>,
+    /// Parameters that ended on a bound: the data ask for a value that means nothing, or none at all.
+    pub active_bounds: Vec<ActiveBound>,
+    /// False when the last fit ran out of evaluations before it converged.
+    pub converged: bool,
+}
+
+/// How one training run came out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunFit {
+    /// The run's name.
+    pub name: String,
+    /// Rows that count.
+    pub samples: u64,
+    /// Rate of its rows, Hz.
+    pub rate_hz: f64,
+    /// Its force offset, N.
+    pub force_offset_n: f64,
+    /// Fit running free, with this offset.
+    pub free_run: Option<Fit>,
+    /// Fit one step ahead, with this offset; `None` for a model without force inputs.
+    pub one_step: Option<Fit>,
+}
+
+/// A parameter on a bound.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ActiveBound {
+    /// Name as in the model file, with the function's index.
+    pub parameter: String,
+    /// The value, in the parameter's unit.
+    pub value: f64,
+}
+
+/// What only the fit of one kind of model knows.
+#[derive(Debug, Default)]
+pub(super) struct Details {
+    pub(super) memberships: Option<Memberships>,
+    pub(super) velocity_trials: Vec<VelocityTrial>,
+    pub(super) rank: Option<usize>,
+    pub(super) restart_rsse_n: Vec<f64>,
+    pub(super) active_bounds: Vec<ActiveBound>,
+    pub(super) converged: bool,
+}
+
+/// Sums of error: running free, one step ahead, persistence.
+#[derive(Debug, Default)]
+struct Errors {
+    free_run: ErrorSum,
+    one_step: ErrorSum,
+    persistence: ErrorSum,
+}
+
+/// Adds the training fits to `model`.
+pub(super) fn assemble(
+    model: Model,
+    datasets: &[Dataset],
+    offsets_n: &[f64],
+    details: Details,
+) -> Identified {
+    let mut all = Errors::default();
+    let mut runs = Vec::with_capacity(datasets.len());
+    for (dataset, &force_offset_n) in datasets.iter().zip(offsets_n) {
+        let mut own = Errors::default();
+        run_errors(&with_offset(&model.force, force_offset_n), dataset, &mut [&mut own, &mut all]);
+        runs.push(RunFit {
+            name: dataset.name.clone(),
+            samples: dataset.counted() as u64,
+            rate_hz: dataset.rate_hz,
+            force_offset_n,
+            free_run: sound(&own.free_run),
+            one_step: sound(&own.one_step),
+        });
+    }
+    let (free_run, one_step) = (sound(&all.free_run), sound(&all.one_step));
+    let expected = Expected {
+        free_run_rsse_n: free_run.map(|fit| fit.rsse_n),
+        one_step_rsse_n: one_step.map(|fit| fit.rsse_n),
+    };
+    Identified {
+        model: Model { expected, ..model },
+        runs,
+        free_run,
+        one_step,
+        persistence: sound(&all.persistence),
+        memberships: details.memberships,
+        velocity_trials: details.velocity_trials,
+        rank: details.rank,
+        restart_rsse_n: details.restart_rsse_n,
+        active_bounds: details.active_bounds,
+        converged: details.converged,
+    }
+}
+
+/// The figures, unless the sum ran off.
+fn sound(sum: &ErrorSum) -> Option<Fit> {
+    sum.fit().filter(|fit| fit.rsse_n.is_finite())
+}
+
+/// The same model with another offset.
+fn with_offset(force: &ForceModel, force_offset_n: f64) -> ForceModel {
+    let other = match force {
+        ForceModel::FuzzyTanh(f) => {
+            let membership = crate::force::Membership { drive: f.drive(), sigma: f.sigma() };
+            FuzzyTanh::new(membership, f.centres(), f.functions(), force_offset_n).map(ForceModel::FuzzyTanh)
+        }
+        ForceModel::Arx(a) => Arx::new(
+            a.force_lags(),
+            a.displacement_lags_n_m(),
+            a.velocity_lags_n_s_m(),
+            a.drive_lags(),
+            Second(a.sample_period().get()),
+            force_offset_n,
+        )
+        .map(ForceModel::Arx),
+    };
+    // Only the offset differs, and it is finite: a mean of measured forces.
+    other.unwrap_or(*force)
+}
+
+/// Runs `force` over the rows, free and one step ahead, and adds the errors of those that count to each of `sums`.
+fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
+    let filter = dataset.conditioning.low_pass();
+    let filters_output = dataset.conditioning.apply_to == ApplyTo::Output;
+    let (mut free, mut output, mut history) = (FreeRun::default(), None, ArxHistory::default());
+    let mut last_force_n = f64::NAN;
+    for row in &dataset.rows {
+        if row.dt_s.is_none() {
+            (free, output, history, last_force_n) =
+                (FreeRun::default(), None, ArxHistory::default(), f64::NAN);
+        }
+        let inputs =
+            Inputs { displacement_m: row.displacement_m, velocity_m_s: row.velocity_m_s, drive: row.drive };
+        let driven = force.drive().is_none() || row.drive.is_finite();
+        let mut free_n =
+            if driven { force.free_run(&mut free, &inputs).filter(|f| f.is_finite()) } else { None };
+        if let (Some(raw), true) = (free_n, filters_output) {
+            let fresh = output.is_none();
+            let state = output.get_or_insert_with(LowPassState::default);
+            free_n = Some(filter.step(state, row.dt_s.filter(|_| !fresh), raw));
+        }
+        let stepped_n = one_step(force, &mut history, row, &inputs);
+        if row.counts {
+            for errors in sums.iter_mut() {
+                errors.free_run.add(row.force_n, free_n.unwrap_or(f64::NAN));
+                errors.one_step.add(row.force_n, stepped_n);
+                errors.persistence.add(row.force_n, last_force_n);
+            }
+        }
+        last_force_n = row.force_n;
+    }
+}
+
+/// Prediction from the measured forces before this row, N; NaN while there are none, or for a model without them.
+fn one_step(force: &ForceModel, history: &mut ArxHistory, row: &Row, inputs: &Inputs) -> f64 {
+    let ForceModel::Arx(arx) = force else { return f64::NAN };
+    history.push_inputs(inputs);
+    let predicted_n = history.regressors(arx).map_or(f64::NAN, |r| arx.predict_n(&r));
+    history.push_force(row.force_n);
+    predicted_n
+}

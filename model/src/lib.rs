@@ -1,0 +1,17 @@
+//! Force models of magneto-rheological (MR) dampers.
+
+pub mod condition;
+pub mod error;
+pub mod evaluate;
+pub mod force;
+pub mod identify;
+pub mod metrics;
+pub mod model;
+pub mod model_file;
+pub mod pipeline;
+pub mod preset;
+pub mod rig;
+pub mod sample;
+pub mod units;
+
+pub use error::Error;

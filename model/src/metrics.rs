@@ -1,0 +1,105 @@
+//! Error figures (thesis 4.1, 4.2).
+//!
+//! ```text
+//! RSSE = sqrt( (1/T) sum (F - Fhat)^2 )              N; a root mean square in spite of its name
+//! ESR  = RSSE^2 / ( (1/T) sum (F - mean F)^2 )       1; error power over force variance
+//! ```
+
+use serde::{Deserialize, Serialize};
+
+/// Error of a prediction over some samples.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Fit {
+    /// Root mean squared error, N.
+    pub rsse_n: f64,
+    /// Error power over force variance, 1. Infinite when the measured force never varied.
+    pub esr: f64,
+    /// Samples that count.
+    pub samples: u64,
+}
+
+/// Gathers squared error and force variance in one pass (Welford's update, so that a large mean force
+/// does not eat the digits of the variance).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ErrorSum {
+    count: u64,
+    mean: f64,
+    spread: f64,
+    squared_error: f64,
+    error: f64,
+}
+
+impl ErrorSum {
+    /// Counts one sample: the measured force and its prediction, in newtons. A sample with a number that is
+    /// not finite is left out.
+    #[inline]
+    pub fn add(&mut self, measured_n: f64, predicted_n: f64) {
+        let error = measured_n - predicted_n;
+        if !error.is_finite() {
+            return;
+        }
+        self.count += 1;
+        let delta = measured_n - self.mean;
+        self.mean += delta / self.count as f64;
+        self.spread += delta * (measured_n - self.mean);
+        self.squared_error += error * error;
+        self.error += error;
+    }
+
+    /// Mean of measured minus predicted, N; zero without samples.
+    #[must_use]
+    pub fn mean_error_n(&self) -> f64 {
+        if self.count == 0 { 0.0 } else { self.error / self.count as f64 }
+    }
+
+    /// The figures, or `None` without samples.
+    #[must_use]
+    pub fn fit(&self) -> Option<Fit> {
+        self.fit_with(self.squared_error)
+    }
+
+    /// The figures after the mean error (a session's force offset) is taken out, or `None` without samples.
+    #[must_use]
+    pub fn fit_without_offset(&self) -> Option<Fit> {
+        let mean = self.mean_error_n();
+        self.fit_with((self.squared_error - self.count as f64 * mean * mean).max(0.0))
+    }
+
+    fn fit_with(&self, squared_error: f64) -> Option<Fit> {
+        let count = self.count as f64;
+        (self.count > 0).then(|| Fit {
+            rsse_n: (squared_error / count).sqrt(),
+            esr: squared_error / self.spread,
+            samples: self.count,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_of_a_hand_computed_case() {
+        let mut sum = ErrorSum::default();
+        for (measured, predicted) in [(1.0, 2.0), (3.0, 3.0), (5.0, 3.0), (f64::NAN, 0.0)] {
+            sum.add(measured, predicted);
+        }
+        let fit = sum.fit().expect("three samples");
+        assert!((fit.rsse_n - (5.0_f64 / 3.0).sqrt()).abs() < 1e-15);
+        assert!((fit.esr - 5.0 / 8.0).abs() < 1e-15);
+        assert_eq!(fit.samples, 3);
+        let centred = sum.fit_without_offset().expect("three samples");
+        assert!((centred.esr - (5.0 - 1.0 / 3.0) / 8.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_large_mean_force_keeps_the_digits() {
+        let mut sum = ErrorSum::default();
+        for k in 0..1000 {
+            sum.add(1e9 + f64::from(k % 2), 1e9);
+        }
+        let fit = sum.fit().expect("samples");
+        assert!((fit.esr - 500.0 / 250.0).abs() < 1e-6, "{}", fit.esr);
+    }
+}

@@ -1,0 +1,67 @@
+//! A force model with all that is needed to run it: conditioning, training envelope, expected error.
+
+use crate::condition::Conditioning;
+use crate::force::ForceModel;
+use serde::{Deserialize, Serialize};
+
+/// A model as the pipeline runs it. `Copy`, without heap: it can be swapped in between two samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Model {
+    /// The force model.
+    pub force: ForceModel,
+    /// How its inputs are made.
+    pub conditioning: Conditioning,
+    /// Sample rate of its training data, Hz (the lowest where there were several).
+    pub rate_hz: f64,
+    /// Range of its training data.
+    pub envelope: Envelope,
+    /// Error to expect of it.
+    pub expected: Expected,
+}
+
+/// Ranges that a model was trained on; outside them it extrapolates. `None`: not known.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Envelope {
+    /// Conditioned displacement, m.
+    pub displacement_m: Option<[f64; 2]>,
+    /// Conditioned velocity, m/s.
+    pub velocity_m_s: Option<[f64; 2]>,
+    /// Drive, in the unit of the model's drive (A or V).
+    pub drive: Option<[f64; 2]>,
+    /// Case temperature, °C.
+    pub case_temp_c: Option<[f64; 2]>,
+    /// Measured force, N.
+    pub force_n: Option<[f64; 2]>,
+}
+
+impl Envelope {
+    /// True when `value` lies outside `range`, with a tolerance of 5 % of its width; false when unknown.
+    #[inline]
+    #[must_use]
+    pub fn leaves(range: Option<[f64; 2]>, value: f64) -> bool {
+        range.is_some_and(|[low, high]| {
+            let slack = 0.05 * (high - low);
+            value < low - slack || value > high + slack
+        })
+    }
+
+    /// Widens `range` to hold `value`.
+    pub fn widen(range: &mut Option<[f64; 2]>, value: f64) {
+        if value.is_finite() {
+            let [low, high] = range.unwrap_or([value, value]);
+            *range = Some([low.min(value), high.max(value)]);
+        }
+    }
+}
+
+/// Root mean squared error that a model showed when it was identified (on held-out runs where there were
+/// any). `None`: not known.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Expected {
+    /// Running free, N.
+    pub free_run_rsse_n: Option<f64>,
+    /// One step ahead of measured force, N.
+    pub one_step_rsse_n: Option<f64>,
+}

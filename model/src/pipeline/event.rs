@@ -1,0 +1,297 @@
+//! What the pipeline reports. Plain `Copy` data: events cross threads in wait-free rings.
+
+use super::mode::Mode;
+use super::settings::Settings;
+use super::window::Windowed;
+use crate::sample::{Sample, Stamp};
+use crate::units::{Newton, Second};
+
+/// One report of the pipeline.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Event {
+    /// A sample was accepted.
+    Input(Sample),
+    /// A sample was refused.
+    Refusal(Refusal),
+    /// A force estimate.
+    Estimate(Estimate),
+    /// A residual of the free-running model.
+    Residual(Residual),
+    /// The mode changed.
+    Transition(Transition),
+}
+
+/// Which of the pipeline's models spoke.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Slot {
+    /// The free-running model.
+    Free,
+    /// The ARX model.
+    Seeded,
+}
+
+/// A force estimate, caused by the displacement sample whose stamp it bears.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// Stamp of the displacement sample.
+    pub stamp: Stamp,
+    /// Estimated force; NaN when there is none (validity is then [`Validity::Invalid`]).
+    pub force: Newton,
+    /// Standard deviation to expect, from the model's identification; NaN when not known.
+    pub std_dev: Newton,
+    /// Model that the estimate comes from.
+    pub slot: Slot,
+    /// Mode of the pipeline.
+    pub mode: Mode,
+    /// How far the estimate can be trusted.
+    pub validity: Validity,
+    /// Why it is not [`Validity::Valid`], and what else happened.
+    pub reasons: Reasons,
+    /// Stamp of the displacement minus stamp of the drive that was used; NaN when none was.
+    pub input_age: Second,
+}
+
+/// Measured force against the free-running model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residual {
+    /// Stamp of the displacement sample.
+    pub stamp: Stamp,
+    /// Measured force at that stamp; low-passed where the model's output is.
+    pub measured: Newton,
+    /// Free-run prediction.
+    pub predicted: Newton,
+    /// Measured minus predicted.
+    pub residual: Newton,
+    /// Residual over the model's expected RSSE; NaN when that is not known.
+    pub normalised: f64,
+    /// Root mean squared residual, forgetting exponentially.
+    pub windowed_rsse: Newton,
+    /// Its square over the variance of the measured force, forgetting alike.
+    pub windowed_esr: f64,
+    /// Time constant of the forgetting.
+    pub window: Second,
+    /// The windowed RSSE exceeds the expected one by the factor of the settings.
+    pub alarm: bool,
+}
+
+impl Residual {
+    pub(super) fn new(
+        stamp: Stamp,
+        measured_n: f64,
+        residual_n: f64,
+        expected_rsse_n: Option<f64>,
+        windowed: Windowed,
+        settings: &Settings,
+    ) -> Self {
+        let expected = expected_rsse_n.unwrap_or(f64::NAN);
+        Self {
+            stamp,
+            measured: Newton(measured_n),
+            predicted: Newton(measured_n - residual_n),
+            residual: Newton(residual_n),
+            normalised: residual_n / expected,
+            windowed_rsse: Newton(windowed.rsse_n),
+            windowed_esr: windowed.esr,
+            window: Second(settings.residual_window_s),
+            // An unknown expectation compares false: no alarm without a yardstick.
+            alarm: windowed.filled && windowed.rsse_n > settings.alarm_ratio * expected,
+        }
+    }
+}
+
+/// A change of mode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Transition {
+    /// Stamp of the displacement sample at which it happened.
+    pub stamp: Stamp,
+    /// Mode before.
+    pub from: Mode,
+    /// Mode after.
+    pub to: Mode,
+    /// Why.
+    pub cause: Cause,
+}
+
+/// Why the mode changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cause {
+    /// Measured force is fresh and the ARX model has its history.
+    ForceFresh,
+    /// Measured force is older than `force_timeout_s`.
+    ForceLost,
+    /// The ARX model has coasted for `coast_s`.
+    CoastEnded,
+    /// The ARX model has no valid history (a gap, another rate, a missing drive).
+    ArxUnready,
+    /// The free model can run again.
+    ModelReady,
+    /// The model's inputs are missing.
+    InputsMissing,
+    /// Displacement is silent for longer than `input_timeout_s`.
+    DisplacementLost,
+    /// The last estimate was held for `hold_s`.
+    HoldEnded,
+    /// Stamps jumped, and history was dropped.
+    TimeJumped,
+    /// A reset was asked for.
+    Reset,
+}
+
+impl Cause {
+    /// The cause in words.
+    #[must_use]
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::ForceFresh => "measured force is fresh",
+            Self::ForceLost => "measured force is older than force_timeout_s",
+            Self::CoastEnded => "ARX has coasted for coast_s",
+            Self::ArxUnready => "ARX has no valid history",
+            Self::ModelReady => "the model's inputs are there",
+            Self::InputsMissing => "the model's inputs are missing",
+            Self::DisplacementLost => "displacement is silent for longer than input_timeout_s",
+            Self::HoldEnded => "the last estimate was held for hold_s",
+            Self::TimeJumped => "stamps jumped; history was dropped",
+            Self::Reset => "reset",
+        }
+    }
+}
+
+/// A sample that was not used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Refusal {
+    /// The sample.
+    pub sample: Sample,
+    /// Why it was refused.
+    pub why: Refused,
+}
+
+/// Why a sample was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refused {
+    /// The value is NaN or infinite.
+    NotFinite,
+    /// The stamp is the one of the sample before.
+    Repeated,
+    /// The stamp is older than the one of the sample before.
+    TimeBack,
+    /// A current came where the model wants a voltage, or the other way round.
+    WrongDrive,
+}
+
+impl Refused {
+    /// The reason in words.
+    #[must_use]
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::NotFinite => "the value is not finite",
+            Self::Repeated => "its stamp repeats the one before",
+            Self::TimeBack => "its stamp is older than the one before",
+            Self::WrongDrive => "the model wants the other kind of drive",
+        }
+    }
+}
+
+/// How far an estimate can be trusted. Ordered: the worst one of several reasons counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Validity {
+    /// As good as the model is.
+    Valid = 0,
+    /// Usable, but worse than the model is.
+    Degraded = 1,
+    /// Outside the model's training range.
+    Extrapolating = 2,
+    /// Made from inputs that are too old.
+    Stale = 3,
+    /// No estimate.
+    Invalid = 4,
+}
+
+impl Validity {
+    /// The name, as in the contract.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Valid => "VALID",
+            Self::Degraded => "DEGRADED",
+            Self::Extrapolating => "EXTRAPOLATING",
+            Self::Stale => "STALE",
+            Self::Invalid => "INVALID",
+        }
+    }
+}
+
+/// Reason bits of an estimate. The values are those of `ForceEstimate.msg`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reasons(pub u32);
+
+macro_rules! reasons {
+    ($($(#[$doc:meta])* $name:ident = $bit:expr, $validity:ident;)*) => {
+        impl Reasons {
+            $($(#[$doc])* pub const $name: Self = Self($bit);)*
+
+            /// All reasons with their names.
+            pub const ALL: &'static [(Self, &'static str)] = &[$((Self::$name, stringify!($name))),*];
+
+            /// The worst that any of the reasons makes of an estimate.
+            #[must_use]
+            pub fn validity(self) -> Validity {
+                let mut worst = Validity::Valid;
+                $(if self.has(Self::$name) { worst = worst.max(Validity::$validity); })*
+                worst
+            }
+        }
+    };
+}
+
+reasons! {
+    /// The model wants a drive and none has come.
+    DRIVE_MISSING = 1, Invalid;
+    /// The drive is older than `input_timeout_s`.
+    DRIVE_STALE = 2, Stale;
+    /// Measured force is lost while it is wanted, and ARX coasts.
+    FORCE_LOST = 4, Degraded;
+    /// Displacement came after a gap: history was started anew.
+    DISPLACEMENT_GAP = 8, Degraded;
+    /// A reading since the last estimate was refused.
+    INPUT_REFUSED = 16, Degraded;
+    /// Displacement, velocity or drive lies outside the training range.
+    OUTSIDE_ENVELOPE = 32, Extrapolating;
+    /// Samples do not come at the rate of the ARX model, which therefore rests.
+    RATE_MISMATCH = 64, Degraded;
+    /// The sample reached the node later than `input_timeout_s` after its stamp.
+    LATE = 128, Stale;
+    /// A drive of the other kind came and was refused.
+    WRONG_DRIVE = 256, Degraded;
+    /// Filter or derivative still settle.
+    SETTLING = 512, Degraded;
+    /// The coasting ARX model has no meaningful static gain.
+    NO_DC = 1024, Degraded;
+    /// Displacement is silent; the estimate is the last one.
+    DISPLACEMENT_LOST = 2048, Stale;
+    /// Samples were lost because a queue was full.
+    OVERLOAD = 4096, Degraded;
+}
+
+impl Reasons {
+    /// No reason.
+    pub const NONE: Self = Self(0);
+
+    /// True when all bits of `other` are set.
+    #[inline]
+    #[must_use]
+    pub const fn has(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// Names of the reasons that are set.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Self::ALL.iter().filter(move |(bit, _)| self.has(*bit)).map(|(_, name)| *name)
+    }
+}
+
+impl std::ops::BitOrAssign for Reasons {
+    fn bitor_assign(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+}

@@ -1,0 +1,292 @@
+//! The two lanes: one model each, with its own conditioning and state.
+
+use super::event::Reasons;
+use crate::condition::{ApplyTo, Conditioning, LowPass, LowPassState, MotionState};
+use crate::error::Error;
+use crate::force::{Arx, ArxHistory, ForceModel, FreeRun, Inputs};
+use crate::model::{Envelope, Model};
+
+/// What both lanes are given at a displacement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Given {
+    /// Time since the displacement before; `None` after a reset or a gap.
+    pub(super) dt_s: Option<f64>,
+    pub(super) displacement_m: f64,
+    pub(super) measured_velocity_m_s: Option<f64>,
+    /// NaN when there is none.
+    pub(super) drive: f64,
+}
+
+/// Displacement path of a lane: conditioning, its memory, and how long it has been settling.
+#[derive(Debug, Clone, PartialEq)]
+struct Front {
+    conditioning: Conditioning,
+    low_pass: LowPass,
+    motion: MotionState,
+    settled_s: f64,
+}
+
+impl Front {
+    fn new(conditioning: Conditioning) -> Self {
+        Self {
+            conditioning,
+            low_pass: conditioning.low_pass(),
+            motion: MotionState::default(),
+            settled_s: 0.0,
+        }
+    }
+
+    #[inline]
+    fn step(&mut self, given: &Given, reasons: &mut Reasons) -> Option<Inputs> {
+        self.settled_s = given.dt_s.map_or(0.0, |dt| self.settled_s + dt);
+        if self.settled_s < self.conditioning.settling_time().get() || given.dt_s.is_none() {
+            *reasons |= Reasons::SETTLING;
+        }
+        let motion = self.conditioning.step(
+            &self.low_pass,
+            &mut self.motion,
+            given.dt_s,
+            given.displacement_m,
+            given.measured_velocity_m_s,
+        )?;
+        Some(Inputs {
+            displacement_m: motion.displacement_m,
+            velocity_m_s: motion.velocity_m_s,
+            drive: given.drive,
+        })
+    }
+}
+
+/// True when a model that wants a drive has one.
+fn drive_is_there(model: &ForceModel, given: &Given) -> bool {
+    model.drive().is_none() || given.drive.is_finite()
+}
+
+fn outside(envelope: &Envelope, model: &ForceModel, inputs: &Inputs) -> bool {
+    Envelope::leaves(envelope.displacement_m, inputs.displacement_m)
+        || Envelope::leaves(envelope.velocity_m_s, inputs.velocity_m_s)
+        || (model.drive().is_some() && Envelope::leaves(envelope.drive, inputs.drive))
+}
+
+/// The lane that never sees measured force.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct FreeLane {
+    model: Model,
+    front: Front,
+    state: FreeRun,
+    output_filter: LowPassState,
+    /// The measured force's own copy of the output filter, so that like is compared with like.
+    force_filter: LowPassState,
+    fresh_output: bool,
+    fresh_force: bool,
+}
+
+impl FreeLane {
+    pub(super) fn new(model: Model) -> Result<Self, Error> {
+        model.conditioning.validate()?;
+        refuse_filtered_arx(&model)?;
+        Ok(Self {
+            front: Front::new(model.conditioning),
+            state: FreeRun::default(),
+            output_filter: LowPassState::default(),
+            force_filter: LowPassState::default(),
+            fresh_output: true,
+            fresh_force: true,
+            model,
+        })
+    }
+
+    pub(super) const fn model(&self) -> Model {
+        self.model
+    }
+
+    /// Root mean squared error to expect when running free, N.
+    pub(super) fn expected_rsse_n(&self) -> Option<f64> {
+        self.model.expected.free_run_rsse_n
+    }
+
+    /// Starts anew with other conditioning.
+    pub(super) fn recondition(&mut self, model: Model) -> Result<(), Error> {
+        *self = Self::new(model)?;
+        Ok(())
+    }
+
+    /// Takes over what `old` remembers, as far as it means the same here.
+    pub(super) fn inherit(&mut self, old: &Self) {
+        if self.model.conditioning == old.model.conditioning {
+            self.front = old.front.clone();
+            self.state = old.state;
+            self.output_filter = old.output_filter;
+            self.force_filter = old.force_filter;
+            self.fresh_output = old.fresh_output;
+            self.fresh_force = old.fresh_force;
+        }
+    }
+
+    pub(super) fn reset(&mut self) {
+        self.front = Front::new(self.model.conditioning);
+        self.state = FreeRun::default();
+        self.fresh_output = true;
+        self.fresh_force = true;
+    }
+
+    /// The free-run force in newtons, or `None` when the model cannot run.
+    #[inline]
+    pub(super) fn step(&mut self, given: &Given, reasons: &mut Reasons) -> Option<f64> {
+        if given.dt_s.is_none() {
+            self.reset();
+        }
+        let inputs = self.front.step(given, reasons)?;
+        if !drive_is_there(&self.model.force, given) {
+            *reasons |= Reasons::DRIVE_MISSING;
+            return None;
+        }
+        if outside(&self.model.envelope, &self.model.force, &inputs) {
+            *reasons |= Reasons::OUTSIDE_ENVELOPE;
+        }
+        let force_n = self.model.force.free_run(&mut self.state, &inputs).filter(|f| f.is_finite())?;
+        if self.model.conditioning.apply_to != ApplyTo::Output {
+            return Some(force_n);
+        }
+        let dt_s = given.dt_s.filter(|_| !self.fresh_output);
+        self.fresh_output = false;
+        Some(self.front.low_pass.step(&mut self.output_filter, dt_s, force_n))
+    }
+
+    /// The next measured force is the first of a stretch with predictions.
+    pub(super) fn restart_comparison(&mut self) {
+        self.fresh_force = true;
+    }
+
+    /// The measured force as it compares with this lane's: low-passed where the output is.
+    #[inline]
+    pub(super) fn comparable_force(&mut self, dt_s: Option<f64>, measured_n: f64) -> f64 {
+        if self.model.conditioning.apply_to != ApplyTo::Output {
+            return measured_n;
+        }
+        let dt_s = dt_s.filter(|_| !self.fresh_force);
+        self.fresh_force = false;
+        self.front.low_pass.step(&mut self.force_filter, dt_s, measured_n)
+    }
+}
+
+/// The lane that is fed with measured force: an ARX model.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct SeededLane {
+    model: Model,
+    arx: Arx,
+    front: Front,
+    history: ArxHistory,
+    /// Mean sample period of the last samples, s.
+    period_s: f64,
+}
+
+impl SeededLane {
+    /// Weight of a new sample in the mean period.
+    const PERIOD_WEIGHT: f64 = 0.02;
+    /// Departure of the mean period from the model's beyond which its coefficients mean nothing.
+    const PERIOD_TOLERANCE: f64 = 0.05;
+    /// Step over period beyond which a sample was lost and the lags no longer fit.
+    const LOST_SAMPLE: f64 = 1.6;
+
+    /// A lane for `model`, or `None` when it is no ARX model.
+    pub(super) fn new(model: Model) -> Result<Option<Self>, Error> {
+        model.conditioning.validate()?;
+        let ForceModel::Arx(arx) = model.force else { return Ok(None) };
+        refuse_filtered_arx(&model)?;
+        let front = Front::new(model.conditioning);
+        let period_s = arx.sample_period().get();
+        Ok(Some(Self { model, arx, front, history: ArxHistory::default(), period_s }))
+    }
+
+    pub(super) const fn model(&self) -> Model {
+        self.model
+    }
+
+    pub(super) const fn arx(&self) -> &Arx {
+        &self.arx
+    }
+
+    /// Root mean squared error to expect one step ahead, N.
+    pub(super) fn expected_rsse_n(&self) -> Option<f64> {
+        self.model.expected.one_step_rsse_n
+    }
+
+    pub(super) fn recondition(&mut self, model: Model) -> Result<(), Error> {
+        if let Some(lane) = Self::new(model)? {
+            *self = lane;
+        }
+        Ok(())
+    }
+
+    /// Takes over what `old` remembers, as far as it means the same here.
+    pub(super) fn inherit(&mut self, old: &Self) {
+        if self.model.conditioning == old.model.conditioning
+            && self.arx.sample_period() == old.arx.sample_period()
+        {
+            self.front = old.front.clone();
+            self.history = old.history;
+            self.period_s = old.period_s;
+        }
+    }
+
+    pub(super) fn reset(&mut self) {
+        self.front = Front::new(self.model.conditioning);
+        self.history = ArxHistory::default();
+        self.period_s = self.arx.sample_period().get();
+    }
+
+    /// Makes only measured forces able to make the lane ready again.
+    pub(super) fn forget_forces(&mut self) {
+        self.history.forget_forces();
+    }
+
+    /// Puts the measured force of `age` samples before the newest into the history.
+    #[inline]
+    pub(super) fn seed(&mut self, age: usize, force_n: f64) {
+        self.history.seed(age, force_n);
+    }
+
+    /// The predicted force in newtons, or `None` while the history does not carry one.
+    #[inline]
+    pub(super) fn step(&mut self, given: &Given, reasons: &mut Reasons) -> Option<f64> {
+        let period_s = self.arx.sample_period().get();
+        match given.dt_s {
+            None => self.reset(),
+            Some(dt_s) => {
+                self.period_s += Self::PERIOD_WEIGHT * (dt_s - self.period_s);
+                if dt_s > Self::LOST_SAMPLE * period_s {
+                    self.history = ArxHistory::default();
+                }
+            }
+        }
+        let inputs = self.front.step(given, reasons);
+        // The place of sample k in the lags is taken even when nothing is known of it: NaN.
+        let unknown = Inputs { displacement_m: f64::NAN, velocity_m_s: f64::NAN, drive: f64::NAN };
+        self.history.push_inputs(&inputs.unwrap_or(unknown));
+        let at_rate = (self.period_s / period_s - 1.0).abs() <= Self::PERIOD_TOLERANCE;
+        if !at_rate {
+            *reasons |= Reasons::RATE_MISMATCH;
+        }
+        let predicted = self
+            .history
+            .regressors(&self.arx)
+            .filter(|_| at_rate)
+            .map(|regressors| self.arx.predict_n(&regressors))
+            .filter(|force_n| force_n.is_finite());
+        self.history.push_force(predicted.unwrap_or(f64::NAN));
+        predicted
+    }
+}
+
+/// A filter behind an ARX model would be fed back into it with its delay: the coefficients would no longer fit.
+fn refuse_filtered_arx(model: &Model) -> Result<(), Error> {
+    if matches!(model.force, ForceModel::Arx(_)) && model.conditioning.apply_to == ApplyTo::Output {
+        return Err(Error::Data {
+            message:
+                "an arx model takes filter.apply_to = inputs or none, not output: its own output is its input"
+                    .to_owned(),
+        });
+    }
+    Ok(())
+}

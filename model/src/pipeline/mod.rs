@@ -1,0 +1,300 @@
+//! The pipeline: samples in, force estimates and residuals out. The same live and in replay, bit for bit.
+//!
+//! ```text
+//!                    ┌─ gate ─┐   ┌ free lane:   condition → model → (filter) ───────┬─ bumpless ─→ Estimate
+//!  Sample ──────────→│ refuse │──→│                                                  │     ↑
+//!                    └────────┘   └ seeded lane: condition → ARX ← measured force ───┘   mode
+//!                                         measured force ─ align ─ minus free lane ──────────────→ Residual
+//! ```
+//!
+//! A displacement sample causes an estimate at once, from the newest drive not newer than itself. Its residual
+//! follows when the measured force at its stamp is known. The **free lane** never sees measured force, so
+//! its residual shows what the model lacks; the **seeded lane** (ARX) does, and so hides it: the residual is
+//! never taken from it. Which lane the estimate comes from is the [`Mode`]'s business.
+//!
+//! [`Pipeline::step`] reads no clock, allocates nothing, takes no lock and calls nothing of the system. All it
+//! knows of time are the stamps, of which only differences count. [`Pipeline::tick`] is the one thing
+//! that a live node does and a replay does not: it lets silence be noticed. What it changes is what the next
+//! displacement would change anyway, so results stay the same.
+
+mod estimate;
+mod event;
+mod gate;
+mod lane;
+mod mode;
+mod settings;
+mod window;
+
+pub use event::{Cause, Estimate, Event, Reasons, Refusal, Refused, Residual, Slot, Transition, Validity};
+pub use mode::{Conditions, Mode, ModeMachine};
+pub use settings::{Settings, UseForce};
+
+use crate::condition::{ForceAligner, Hold};
+use crate::error::Error;
+use crate::force::ForceModel;
+use crate::model::Model;
+use crate::sample::{Reading, Sample, Stamp};
+use estimate::Bump;
+use gate::Gate;
+use lane::{FreeLane, SeededLane};
+use window::Window;
+
+/// The models that a pipeline runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Models {
+    /// Runs free, always; the source of the residual.
+    pub free: Model,
+    /// Seeded with measured force while that is fresh; an ARX model, or none.
+    pub seeded: Option<Model>,
+}
+
+impl Models {
+    /// The models for `free` alone: an ARX model is its own seeded one, any other has none.
+    #[must_use]
+    pub fn alone(free: Model) -> Self {
+        let seeded = matches!(free.force, ForceModel::Arx(_)).then_some(free);
+        Self { free, seeded }
+    }
+
+    /// The same models with another seeded one.
+    ///
+    /// # Errors
+    /// When `seeded` is no ARX model, or wants another drive than the free model.
+    pub fn with_seeded(self, seeded: Model) -> Result<Self, Error> {
+        if !matches!(seeded.force, ForceModel::Arx(_)) {
+            return Err(Error::Data {
+                message: format!("arx_model is a {} model; only arx can be seeded", seeded.force.name()),
+            });
+        }
+        if let (Some(free), Some(arx)) = (self.free.force.drive(), seeded.force.drive())
+            && free != arx
+        {
+            return Err(Error::Data {
+                message: format!("arx_model wants {arx}, but model wants {free}: they must want the same"),
+            });
+        }
+        Ok(Self { seeded: Some(seeded), ..self })
+    }
+}
+
+/// A prediction that waits for its measured force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Awaiting {
+    predicted_n: f64,
+    dt_s: Option<f64>,
+    index: u64,
+}
+
+/// The pipeline of one damper.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pipeline {
+    settings: Settings,
+    gate: Gate,
+    free: FreeLane,
+    seeded: Option<SeededLane>,
+    drive: Hold,
+    velocity: Hold,
+    temperature: Hold,
+    force: ForceAligner<Awaiting>,
+    machine: ModeMachine,
+    bump: Bump,
+    window: Window,
+    /// Displacements accepted so far.
+    index: u64,
+    last_displacement: Option<Stamp>,
+    last_received: Option<Stamp>,
+    /// Stamp of the newest measured force that met its displacement.
+    last_force: Option<Stamp>,
+    last_stale_report: Option<Stamp>,
+    /// Reasons that came up between two estimates.
+    pending: Reasons,
+}
+
+impl Pipeline {
+    /// A pipeline at rest.
+    ///
+    /// # Errors
+    /// When a model or a setting is out of range; the message names it.
+    pub fn new(models: Models, settings: Settings) -> Result<Self, Error> {
+        settings.validate()?;
+        Ok(Self {
+            settings,
+            gate: Gate::default(),
+            free: FreeLane::new(settings.applied_to(models.free))?,
+            seeded: match models.seeded {
+                Some(model) => SeededLane::new(settings.applied_to(model))?,
+                None => None,
+            },
+            drive: Hold::default(),
+            velocity: Hold::default(),
+            temperature: Hold::default(),
+            force: ForceAligner::default(),
+            machine: ModeMachine::default(),
+            bump: Bump::default(),
+            window: Window::default(),
+            index: 0,
+            last_displacement: None,
+            last_received: None,
+            last_force: None,
+            last_stale_report: None,
+            pending: Reasons::NONE,
+        })
+    }
+
+    /// The settings in force.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The mode at present.
+    #[must_use]
+    pub const fn mode(&self) -> Mode {
+        self.machine.mode()
+    }
+
+    /// Takes over other settings from the next sample on, without losing history.
+    ///
+    /// # Errors
+    /// When a setting is out of range; then nothing changes.
+    pub fn configure(&mut self, settings: Settings) -> Result<(), Error> {
+        settings.validate()?;
+        let filter_changed = settings.filter != self.settings.filter;
+        self.settings = settings;
+        if filter_changed {
+            self.free.recondition(settings.applied_to(self.free.model()))?;
+            if let Some(lane) = &mut self.seeded {
+                lane.recondition(settings.applied_to(lane.model()))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Swaps in other models between two samples. What the new ones share with the old (conditioning, and
+    /// with it the filters' memory) is kept, so that estimates go on without a gap; the step that the
+    /// swap makes in the estimate decays like that of a change of mode.
+    ///
+    /// # Errors
+    /// When a model does not go with the settings; then nothing changes.
+    pub fn swap(&mut self, models: Models) -> Result<(), Error> {
+        let mut free = FreeLane::new(self.settings.applied_to(models.free))?;
+        let mut seeded = match models.seeded {
+            Some(model) => SeededLane::new(self.settings.applied_to(model))?,
+            None => None,
+        };
+        free.inherit(&self.free);
+        if let (Some(new), Some(old)) = (&mut seeded, &self.seeded) {
+            new.inherit(old);
+        }
+        self.free = free;
+        self.seeded = seeded;
+        self.window = Window::default();
+        self.bump.expect_step();
+        Ok(())
+    }
+
+    /// Forgets all history: the next sample is the first.
+    pub fn reset(&mut self, emit: &mut impl FnMut(Event)) {
+        self.restart(Cause::Reset, self.last_displacement.unwrap_or_default(), emit);
+        self.gate = Gate::default();
+    }
+
+    /// Notes that samples were lost before they reached the pipeline: the next estimate says so.
+    pub fn note_overload(&mut self) {
+        self.pending |= Reasons::OVERLOAD;
+    }
+
+    /// Takes one sample and reports what follows from it, in order, through `emit`.
+    pub fn step(&mut self, sample: &Sample, emit: &mut impl FnMut(Event)) {
+        let wanted = self.free.model().force.drive();
+        match self.gate.judge(sample, wanted) {
+            gate::Verdict::Accept => {}
+            gate::Verdict::Refuse(refused) => {
+                self.pending |= match refused {
+                    Refused::WrongDrive => Reasons::WRONG_DRIVE,
+                    Refused::NotFinite | Refused::Repeated | Refused::TimeBack => Reasons::INPUT_REFUSED,
+                };
+                emit(Event::Refusal(Refusal { sample: *sample, why: refused }));
+                return;
+            }
+            gate::Verdict::TimeJumped => match sample.reading {
+                Reading::Displacement(_) => self.restart(Cause::TimeJumped, sample.stamp, emit),
+                Reading::Drive(_) => self.drive.clear(),
+                Reading::Velocity(_) => self.velocity.clear(),
+                Reading::CaseTemperature(_) => self.temperature.clear(),
+                Reading::Force(_) => self.force.clear(),
+            },
+        }
+        emit(Event::Input(*sample));
+        let stamp = sample.stamp;
+        match sample.reading {
+            Reading::Drive(drive) => self.drive.push(stamp, drive.get()),
+            Reading::Velocity(v) => self.velocity.push(stamp, v.get()),
+            Reading::CaseTemperature(t) => self.temperature.push(stamp, t.get()),
+            Reading::Force(force) => {
+                self.force.push_force(stamp, force.get());
+                self.settle_residuals(emit);
+            }
+            Reading::Displacement(x) => self.on_displacement(sample, x.get(), emit),
+        }
+    }
+
+    /// Lets the pipeline notice that displacement has gone silent. `now` is on the clock of
+    /// [`Sample::received`]. Call it a few times per `input_timeout_s`.
+    pub fn tick(&mut self, now: Stamp, emit: &mut impl FnMut(Event)) {
+        let (Some(received), Some(stamp)) = (self.last_received, self.last_displacement) else { return };
+        let silence_s = now.since(received).get();
+        if silence_s <= self.settings.input_timeout_s {
+            return;
+        }
+        self.displacement_lost(silence_s, stamp, emit);
+        let due = self.last_stale_report.is_none_or(|at| now.since(at).get() >= Settings::STALE_REPORT_S);
+        if due {
+            self.last_stale_report = Some(now);
+            emit(Event::Estimate(self.stale_estimate(stamp)));
+        }
+    }
+
+    /// Time has jumped, or the caller asked: all history is meaningless.
+    fn restart(&mut self, cause: Cause, stamp: Stamp, emit: &mut impl FnMut(Event)) {
+        self.free.reset();
+        if let Some(lane) = &mut self.seeded {
+            lane.reset();
+        }
+        self.drive.clear();
+        self.velocity.clear();
+        self.temperature.clear();
+        self.force.clear();
+        self.window = Window::default();
+        self.bump = Bump::default();
+        self.last_displacement = None;
+        self.last_force = None;
+        if let Some(transition) = self.machine.force_to(Mode::Fault, cause, stamp) {
+            emit(Event::Transition(transition));
+        }
+    }
+
+    /// Pairs waiting predictions with the measured force that is known by now.
+    fn settle_residuals(&mut self, emit: &mut impl FnMut(Event)) {
+        while let Some((stamp, measured_n, waiting)) = self.force.next_known(self.settings.force_timeout_s) {
+            self.last_force = Some(stamp);
+            if let Some(lane) = &mut self.seeded {
+                // Newest sample has age 0: the force of sample k seeds the prediction of k + 1.
+                let age = self.index.wrapping_sub(waiting.index) as usize;
+                lane.seed(age, measured_n);
+            }
+            if !waiting.predicted_n.is_finite() {
+                // Filters of measured force and prediction must start at one sample to be comparable.
+                self.free.restart_comparison();
+                continue;
+            }
+            let comparable_n = self.free.comparable_force(waiting.dt_s, measured_n);
+            let residual_n = comparable_n - waiting.predicted_n;
+            let window = self.window.add(stamp, comparable_n, residual_n, &self.settings);
+            let expected_n = self.free.expected_rsse_n();
+            let residual =
+                Residual::new(stamp, comparable_n, residual_n, expected_n, window, &self.settings);
+            emit(Event::Residual(residual));
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! What can be set on a running pipeline.
+
+use crate::condition::ApplyTo;
+use crate::error::Error;
+use crate::model::Model;
+
+/// Whether measured force may seed the ARX model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum UseForce {
+    /// While it is fresh.
+    Auto,
+    /// Never: measured force then serves the residual alone.
+    Never,
+}
+
+/// Settings of a pipeline.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Whether measured force may seed the ARX model.
+    pub use_measured_force: UseForce,
+    /// Age beyond which measured force counts as lost, s.
+    pub force_timeout_s: f64,
+    /// How long ARX may run free after measured force is lost, s.
+    pub coast_s: f64,
+    /// Age beyond which displacement and drive count as stale, s.
+    pub input_timeout_s: f64,
+    /// How long the last estimate is held when a model cannot run, s.
+    pub hold_s: f64,
+    /// Time constant with which the step at a change of mode decays, s.
+    pub bumpless_tau_s: f64,
+    /// Gap between displacements beyond which history is started anew, s.
+    pub gap_s: f64,
+    /// Time constant of the windowed residual figures, s.
+    pub residual_window_s: f64,
+    /// Factor over the expected RSSE at which the residual alarm is raised.
+    pub alarm_ratio: f64,
+    /// Filter that replaces the model file's: where it sits and its corner in Hz. `None`: the file's own.
+    pub filter: Option<(ApplyTo, f64)>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            use_measured_force: UseForce::Auto,
+            force_timeout_s: 0.05,
+            coast_s: 0.2,
+            input_timeout_s: 0.5,
+            hold_s: 1.0,
+            bumpless_tau_s: 0.05,
+            gap_s: 0.1,
+            residual_window_s: 5.0,
+            alarm_ratio: 3.0,
+            filter: None,
+        }
+    }
+}
+
+impl Settings {
+    /// Spacing of the reports while displacement is silent, s.
+    pub const STALE_REPORT_S: f64 = 0.1;
+
+    /// Checks that every number lies in its range.
+    ///
+    /// # Errors
+    /// Names the setting, its value and its range.
+    pub fn validate(&self) -> Result<(), Error> {
+        let positive = |s: f64| s > 0.0 && s <= 3600.0;
+        for (name, value) in [
+            ("force_timeout_s", self.force_timeout_s),
+            ("input_timeout_s", self.input_timeout_s),
+            ("gap_s", self.gap_s),
+            ("residual.window_s", self.residual_window_s),
+        ] {
+            Error::check(name, value, "above 0 and at most 3600 s", positive)?;
+        }
+        for (name, value) in
+            [("coast_s", self.coast_s), ("hold_s", self.hold_s), ("bumpless_tau_s", self.bumpless_tau_s)]
+        {
+            Error::check(name, value, "between 0 and 3600 s", |s| (0.0..=3600.0).contains(&s))?;
+        }
+        Error::check("residual.alarm_ratio", self.alarm_ratio, "between 1 and 1000", |r| {
+            (1.0..=1000.0).contains(&r)
+        })?;
+        if let Some((_, cutoff_hz)) = self.filter {
+            Error::check("filter.cutoff_hz", cutoff_hz, "between 0.1 and 10000 Hz", |f| {
+                (0.1..=10_000.0).contains(&f)
+            })?;
+        }
+        Ok(())
+    }
+
+    /// `model` with the filter of these settings, where they have one.
+    pub(super) fn applied_to(&self, mut model: Model) -> Model {
+        if let Some((apply_to, cutoff_hz)) = self.filter {
+            model.conditioning.apply_to = apply_to;
+            model.conditioning.cutoff_hz = cutoff_hz;
+        }
+        model
+    }
+}

@@ -1,0 +1,104 @@
+//! Integration of the rig's damper over one sample.
+//!
+//! Classical Runge-Kutta of fourth order for dashpot, compliance and hysteresis, with sub-steps. Displacement
+//! between samples is the cubic that has the samples' displacements and velocities (Hermite). The currents'
+//! first-order lags are linear and need no Runge-Kutta: each half sub-step multiplies by an exact
+//! exponential, which is stable for any lag, also none. Temperature changes over minutes: Euler is enough.
+
+use super::plant::{Plant, PlantState};
+use super::signal::RATE_HZ;
+
+/// Ends of one sample interval: displacements (m) and velocities (m/s).
+pub(super) struct Stroke {
+    pub(super) x: [f64; 2],
+    pub(super) v: [f64; 2],
+}
+
+impl Stroke {
+    /// Displacement and velocity at the fraction `u` of the interval.
+    fn at(&self, u: f64) -> (f64, f64) {
+        let ([x0, x1], [v0, v1]) = (self.x, self.v);
+        let (m0, m1) = (v0 / RATE_HZ, v1 / RATE_HZ);
+        let square = 3.0 * (x1 - x0) - 2.0 * m0 - m1;
+        let cube = 2.0 * (x0 - x1) + m0 + m1;
+        let x = x0 + u * (m0 + u * (square + u * cube));
+        let v = (m0 + u * (2.0 * square + 3.0 * u * cube)) * RATE_HZ;
+        (x, v)
+    }
+}
+
+/// A plant with a sub-step and the factors that go with it.
+pub(super) struct Integrator<'a> {
+    plant: &'a Plant,
+    sub_steps: u32,
+    step_s: f64,
+    driver_half: f64,
+    driver_quarter: f64,
+    rise_half: f64,
+    fall_half: f64,
+}
+
+impl<'a> Integrator<'a> {
+    pub(super) fn new(plant: &'a Plant, sub_steps: u32) -> Self {
+        let step_s = 1.0 / (RATE_HZ * f64::from(sub_steps));
+        // What a first-order lag keeps of its distance to the input; nothing, when there is no lag.
+        let kept = |time_s: f64, lag_s: f64| if lag_s > 0.0 { (-time_s / lag_s).exp() } else { 0.0 };
+        Self {
+            plant,
+            sub_steps,
+            step_s,
+            driver_half: kept(step_s / 2.0, plant.driver_lag_s),
+            driver_quarter: kept(step_s / 4.0, plant.driver_lag_s),
+            rise_half: kept(step_s / 2.0, plant.coil_rise_s),
+            fall_half: kept(step_s / 2.0, plant.coil_fall_s),
+        }
+    }
+
+    /// Takes `state` from the start of `stroke` to its end, with the current command held.
+    pub(super) fn sample(&self, state: &mut PlantState, stroke: &Stroke, command_a: f64) {
+        for j in 0..self.sub_steps {
+            let at = |part: f64| stroke.at((f64::from(j) + part) / f64::from(self.sub_steps));
+            self.sub_step(state, [at(0.0), at(0.5), at(1.0)], command_a);
+        }
+    }
+
+    /// One sub-step; `motion` is displacement and velocity at its start, middle and end.
+    fn sub_step(&self, state: &mut PlantState, motion: [(f64, f64); 3], command_a: f64) {
+        let plant = self.plant;
+        let ((x_start, v_start), (x_middle, _), (x_end, _)) = (motion[0], motion[1], motion[2]);
+        let t = state.temperature_c;
+        let force = plant.force_n(state, x_start, v_start);
+        let heat = force * v_start + plant.coil_ohm * state.driver_a * state.driver_a;
+        let lost = plant.heat_transfer_w_k * (t - plant.ambient_c);
+
+        let start = plant.valve(state.effective_a, t);
+        self.half_lag(state, command_a);
+        let middle = plant.valve(state.effective_a, t);
+        self.half_lag(state, command_a);
+        let end = plant.valve(state.effective_a, t);
+
+        let now = [state.dashpot_m, state.behind_compliance_m, state.hysteresis_m];
+        let h = self.step_s;
+        let a = plant.rates(&start, x_start, now);
+        let b = plant.rates(&middle, x_middle, moved(now, h / 2.0, a));
+        let c = plant.rates(&middle, x_middle, moved(now, h / 2.0, b));
+        let d = plant.rates(&end, x_end, moved(now, h, c));
+        let mean = std::array::from_fn(|n| (a[n] + 2.0 * (b[n] + c[n]) + d[n]) / 6.0);
+        [state.dashpot_m, state.behind_compliance_m, state.hysteresis_m] = moved(now, h, mean);
+        state.temperature_c = t + h * (heat - lost) / plant.heat_capacity_j_k;
+    }
+
+    /// Half a sub-step of driver and coil. The coil sees the driver's current in the middle of the half.
+    fn half_lag(&self, state: &mut PlantState, command_a: f64) {
+        let toward = command_a - state.driver_a;
+        let driver_middle = command_a - toward * self.driver_quarter;
+        state.driver_a = command_a - toward * self.driver_half;
+        let gap = driver_middle - state.effective_a;
+        let kept = if gap > 0.0 { self.rise_half } else { self.fall_half };
+        state.effective_a = driver_middle - gap * kept;
+    }
+}
+
+fn moved(state: [f64; 3], h: f64, rates: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|n| state[n] + h * rates[n])
+}

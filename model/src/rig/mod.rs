@@ -1,0 +1,93 @@
+//! The virtual rig: a made-up test bench that writes runs as a measured one would.
+//!
+//! ```text
+//! experiment -> displacement, current command -> plant -> force, driver's current, temperature
+//!                                                        -> measurement chain -> Run
+//! ```
+//!
+//! The demo replays such a run, and tests of identification and diagnosis use them by the hundred, because
+//! only here is the truth known. That proves something only when the truth is not the model under test: an
+//! effect that is found with the very function that put it in, or a model that is fitted to its own output,
+//! would pass whatever its faults. So nothing in this folder uses the models, the effects, the conditioning
+//! or the identification of this crate, and the plant is none of the thesis' models: it is the modified
+//! Bouc-Wen damper of Spencer et al. with a compliance, a lag of the coil and a temperature, integrated as
+//! differential equations, and its current enters smoothly and not by fuzzy sets.
+//!
+//! Pure and repeatable: one seed gives one run, on the same machine to the last bit. Other machines may
+//! differ in the last bits of the standard library's `sin`, `cos`, `exp`, `tanh`, `ln` and `powf`.
+
+pub mod channel;
+pub mod current;
+pub mod experiment;
+mod integrate;
+mod noise;
+pub mod plant;
+pub mod signal;
+
+pub use channel::Channels;
+pub use current::Current;
+pub use experiment::Experiment;
+pub use plant::Plant;
+pub use signal::{Displacement, Motion, Road};
+
+use crate::sample::{DriveKind, Run, Stamp, Trace};
+use channel::Sensor;
+use noise::{Purpose, stream};
+use rand_pcg::Pcg64Mcg;
+
+/// Nanoseconds from sample to sample: 1/512 s is a whole number of them.
+const PERIOD_NS: i64 = 1_953_125;
+
+/// Case temperature is logged once in this many samples (4 Hz): a case does not change faster.
+const CASE_EVERY: usize = 128;
+
+/// Runs `experiment` on `plant`, measured by `channels`, and returns the recording, at 512 Hz from stamp
+/// zero.
+///
+/// Displacement is relative, with zero mean; the drive is the driver's measured coil current, which knows
+/// nothing of the coil's lag. Everything random follows from `seed`: the same arguments give the same run,
+/// and runs that differ in `plant` or `channels` alone have the same excitation. A plant that fails
+/// [`Plant::check`] may give forces that are not finite.
+#[must_use]
+pub fn record(experiment: &Experiment, plant: &Plant, channels: &Channels, seed: u64) -> Run {
+    let samples = experiment.samples();
+    let pattern = experiment.pattern.unwrap_or(seed);
+    let motion = experiment.displacement.motion(samples, &mut stream(pattern, Purpose::Displacement));
+    let command_a = experiment.current.command_a(samples, &mut stream(pattern, Purpose::Current));
+    let response = plant.respond(&motion, &command_a, plant::SUB_STEPS);
+
+    let displacement =
+        Sensor { noise: channels.displacement_noise_m, step: channels.displacement_step_m, offset: 0.0 };
+    let current = Sensor { noise: channels.current_noise_a, step: channels.current_step_a, offset: 0.0 };
+    let force = Sensor {
+        noise: channels.force_noise_n,
+        step: channels.force_step_n,
+        offset: channels.force_offset_n,
+    };
+    let case = Sensor { noise: channels.case_noise_k, step: channels.case_step_k, offset: 0.0 };
+    let trace = |values: &[f64], every: usize, sensor: Sensor, purpose: Purpose| {
+        measured(values, every, sensor, stream(seed, purpose))
+    };
+    Run {
+        name: format!("rig {} seed {seed}", experiment.name),
+        displacement_m: trace(&motion.displacement_m, 1, displacement, Purpose::DisplacementNoise),
+        velocity_m_s: None,
+        drive: Some((DriveKind::CoilCurrent, trace(&response.driver_a, 1, current, Purpose::CurrentNoise))),
+        force_n: Some(trace(&response.force_n, 1, force, Purpose::ForceNoise)),
+        case_temp_c: Some(trace(&response.temperature_c, CASE_EVERY, case, Purpose::CaseNoise)),
+        other: Vec::new(),
+    }
+}
+
+/// One channel as logged: every `every`-th value, as the sensor reads it.
+fn measured(values: &[f64], every: usize, sensor: Sensor, mut noise: Pcg64Mcg) -> Trace {
+    let mut trace = Trace::default();
+    for (k, value) in values.iter().enumerate().step_by(every) {
+        trace.stamps.push(Stamp::from_nanos(k as i64 * PERIOD_NS));
+        trace.values.push(sensor.read(*value, &mut noise));
+    }
+    trace
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,366 @@
+//! The rig's damper: modified Bouc-Wen in series with a compliance, with coil lag and temperature.
+//!
+//! ```text
+//! valve     Fv = ks (x - s) = c1 y'
+//!           w  = s' - y' = (Fv - a z - k0 (s - y)) / c0
+//!           z' = w - |w| z |z|^(n-1) (1 - b) / d^n - b w |z|^n / d^n,        a = Fy / d
+//! rod       F  = Fv + f0 + kg x + Fc tanh(v / vs)
+//! coil      td i_d' = i_c - i_d,       tau i_e' = i_d - i_e    (tau: rise when i_d > i_e, else fall)
+//! current   Fy, c0, c1 = p(i_e) (1 + fade (T - T0)),      p(i) = p0 + dp i^m / (i^m + ih^m)
+//! heat      C T' = F v + R i_d^2 - h (T - Ta)
+//! ```
+//!
+//! | symbol | meaning |
+//! |---|---|
+//! | x, v | displacement (m) and velocity (m/s) of the rod, positive in extension |
+//! | s, y | displacements (m) behind the compliance, and of the dashpot of the roll-off |
+//! | z | hysteretic displacement (m), within -d..d |
+//! | F | rod force (N), positive in tension |
+//! | i_c, i_d, i_e | current (A): command, driver (measured), effective in the valve |
+//! | T | temperature of fluid and case, one lump (°C) |
+//!
+//! Source: Spencer et al. 1997 (thesis 2.2), whose symbols are, with A = 1: alpha = Fy/d, beta = b/d^n,
+//! gamma = (1 - b)/d^n, so that z saturates at d and alpha z at the yield force Fy. Its accumulator k1 (x -
+//! x0) is the gas spring f0 + kg x here, and acts on the rod beside the valve. In series with the valve
+//! comes the compliance ks of fluid and mounting. How the parameters follow the current is ours.
+
+use super::integrate::{Integrator, Stroke};
+use super::signal::{Motion, RATE_HZ};
+use crate::Error;
+
+/// Sub-steps of the integrator in one sample, as [`crate::rig::record`] takes them.
+///
+/// The fastest part is the valve against the compliance at low current, with a time constant of 0.08 ms; a
+/// sub-step is 0.12 ms and may be up to 0.22 ms before the integrator becomes unstable.
+pub const SUB_STEPS: u32 = 16;
+
+/// Share of a valve parameter that no temperature fade takes away: keeps the equations well-posed.
+const LEAST_SHARE: f64 = 0.05;
+
+/// A valve parameter that grows with the effective current and saturates:
+/// p(i) = `at_zero` + `growth` i^m / (i^m + `half_a`^m).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Saturation {
+    /// Value without current, in the parameter's unit.
+    pub at_zero: f64,
+    /// Growth from no current to full saturation, in the parameter's unit.
+    pub growth: f64,
+    /// Current of half the growth, in amperes.
+    pub half_a: f64,
+    /// Order m: 1 rises at once, higher ones after a threshold.
+    pub order: i32,
+}
+
+impl Saturation {
+    /// The parameter at `current_a` amperes; currents below zero count as zero.
+    #[must_use]
+    pub fn at(&self, current_a: f64) -> f64 {
+        let (i, half) = (current_a.max(0.0).powi(self.order), self.half_a.powi(self.order));
+        self.at_zero + self.growth * i / (i + half)
+    }
+}
+
+/// Parameters of the rig's damper; see the equations at the top of this file.
+///
+/// # Calibration of the default
+///
+/// The three valve parameters were fitted to the forces of the thesis' damper at 1, 3, 6 and 8 in/s and seven
+/// currents (Table D.1, mean of its three stepped experiments). The thesis gives no raw data, so its fitted
+/// curves and standard deviations are the nearest that there is. Reached, and pinned by tests:
+///
+/// - force at 6 in/s within 8 % for each of the seven currents, and as near at 1, 3 and 8 in/s;
+/// - standard deviation of force on RP-ICPS: 422 N for the thesis' 417 N, over eight seeds (384 to 461 N);
+/// - the thesis' non-linear fuzzy model RP3-CS, nothing refitted, predicts RP-ICPS runs with an ESR of 0.096
+///   to 0.110; its own mean in cross-validation is 0.099. Without the coil's lag it would be 0.007 less.
+///
+/// Yield stroke, compliance, coil lag and all of the heat are not in the thesis: they are of the order that
+/// other dampers of this size have. The thesis' APRBS and PRBS runs have other force deviations (421 and 346
+/// N) than this plant gives (about 375 and 440 N), because the distribution of their currents is not known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plant {
+    /// Yield force Fy in newtons.
+    pub yield_n: Saturation,
+    /// Viscous damping c0 beside the hysteretic element, in N·s/m.
+    pub viscous_n_s_m: Saturation,
+    /// Dashpot c1 in series with both, in N·s/m: slope of the force at low velocity.
+    pub roll_off_n_s_m: Saturation,
+    /// Stiffness k0 beside the hysteretic element, in N/m.
+    pub inner_stiffness_n_m: f64,
+    /// Yield displacement d in metres: stroke after a reversal until the fluid yields.
+    pub yield_stroke_m: f64,
+    /// Share b of Bouc-Wen's beta in beta + gamma, 0 to 1: 0.5 unloads elastically.
+    pub shape: f64,
+    /// Exponent n of Bouc-Wen: sharpness of the yield.
+    pub sharpness: i32,
+    /// Stiffness ks in series with the valve, in N/m.
+    pub series_stiffness_n_m: f64,
+    /// Gas force f0 in newtons.
+    pub gas_force_n: f64,
+    /// Stiffness kg of the gas spring in N/m.
+    pub gas_stiffness_n_m: f64,
+    /// Coulomb friction Fc of the seals in newtons.
+    pub friction_n: f64,
+    /// Velocity vs over which friction changes its sign, in m/s.
+    pub friction_velocity_m_s: f64,
+    /// Lag td of the current driver in seconds: what the measured current shows of the command.
+    pub driver_lag_s: f64,
+    /// Coil lag in seconds while the current rises (eddy currents): what the measured current does not show.
+    pub coil_rise_s: f64,
+    /// Coil lag in seconds while the current falls.
+    pub coil_fall_s: f64,
+    /// Relative change of the yield force with temperature, in 1/K.
+    pub yield_fade_per_k: f64,
+    /// Relative change of both dampings with temperature, in 1/K.
+    pub viscous_fade_per_k: f64,
+    /// Temperature T0 at which the valve parameters hold, in °C.
+    pub reference_c: f64,
+    /// Temperature at the start of a run, in °C.
+    pub start_c: f64,
+    /// Ambient temperature Ta in °C.
+    pub ambient_c: f64,
+    /// Heat capacity C in J/K.
+    pub heat_capacity_j_k: f64,
+    /// Heat transfer h to the surroundings in W/K.
+    pub heat_transfer_w_k: f64,
+    /// Coil resistance R in ohms.
+    pub coil_ohm: f64,
+}
+
+impl Default for Plant {
+    fn default() -> Self {
+        Self {
+            yield_n: Saturation { at_zero: 99.6, growth: 312.1, half_a: 0.434, order: 2 },
+            viscous_n_s_m: Saturation { at_zero: 595.0, growth: 13486.0, half_a: 1.587, order: 4 },
+            roll_off_n_s_m: Saturation { at_zero: 6120.0, growth: 8115.0, half_a: 1.644, order: 4 },
+            inner_stiffness_n_m: 1000.0,
+            yield_stroke_m: 1.5e-4,
+            shape: 0.5,
+            sharpness: 2,
+            series_stiffness_n_m: 6e6,
+            gas_force_n: 0.0,
+            gas_stiffness_n_m: 0.0,
+            friction_n: 0.0,
+            friction_velocity_m_s: 5e-3,
+            driver_lag_s: 1e-3,
+            coil_rise_s: 12e-3,
+            coil_fall_s: 12e-3,
+            yield_fade_per_k: -2e-3,
+            viscous_fade_per_k: -2e-3,
+            reference_c: 23.0,
+            start_c: 23.0,
+            ambient_c: 23.0,
+            heat_capacity_j_k: 500.0,
+            heat_transfer_w_k: 1.0,
+            coil_ohm: 1.0,
+        }
+    }
+}
+
+/// State of a [`Plant`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlantState {
+    /// Displacement y of the inner dashpot, in metres.
+    pub dashpot_m: f64,
+    /// Displacement s behind the compliance, in metres.
+    pub behind_compliance_m: f64,
+    /// Hysteretic displacement z, in metres.
+    pub hysteresis_m: f64,
+    /// Driver's current i_d, in amperes.
+    pub driver_a: f64,
+    /// Effective current i_e, in amperes.
+    pub effective_a: f64,
+    /// Temperature T in °C.
+    pub temperature_c: f64,
+}
+
+/// What a [`Plant`] did: true values, one for each sample.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Response {
+    /// Rod force in newtons.
+    pub force_n: Vec<f64>,
+    /// Driver's current in amperes.
+    pub driver_a: Vec<f64>,
+    /// Effective current in amperes.
+    pub effective_a: Vec<f64>,
+    /// Temperature in °C.
+    pub temperature_c: Vec<f64>,
+}
+
+impl Plant {
+    /// The default plant without coil lag and temperature fade: a "healthy" reference, and the ground for
+    /// runs that shall hold no effect but the ones put in by hand.
+    #[must_use]
+    pub fn plain() -> Self {
+        Self {
+            coil_rise_s: 0.0,
+            coil_fall_s: 0.0,
+            yield_fade_per_k: 0.0,
+            viscous_fade_per_k: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// This plant with one coil lag, in seconds, for rise and fall.
+    #[must_use]
+    pub fn with_coil_lag_s(self, lag_s: f64) -> Self {
+        Self { coil_rise_s: lag_s, coil_fall_s: lag_s, ..self }
+    }
+
+    /// This plant with Coulomb friction of `friction_n` newtons.
+    #[must_use]
+    pub fn with_friction_n(self, friction_n: f64) -> Self {
+        Self { friction_n, ..self }
+    }
+
+    /// This plant with a gas spring of `force_n` newtons and `stiffness_n_m` N/m.
+    #[must_use]
+    pub fn with_gas_spring(self, force_n: f64, stiffness_n_m: f64) -> Self {
+        Self { gas_force_n: force_n, gas_stiffness_n_m: stiffness_n_m, ..self }
+    }
+
+    /// This plant with yield force and damping changing by `fade_per_k` a kelvin (negative: fading).
+    #[must_use]
+    pub fn with_temperature_fade_per_k(self, fade_per_k: f64) -> Self {
+        Self { yield_fade_per_k: fade_per_k, viscous_fade_per_k: fade_per_k, ..self }
+    }
+
+    /// Checks that the equations can be integrated with [`SUB_STEPS`].
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] names the first field that is not finite, not of the right sign, or makes the
+    /// compliance too stiff for the integrator.
+    pub fn check(&self) -> Result<(), Error> {
+        let positive = |name: &str, value| Error::check(name, value, "above 0", |x| x > 0.0);
+        let not_negative = |name: &str, value| Error::check(name, value, "0 or above", |x| x >= 0.0);
+        for (name, saturation) in [
+            ("yield_n", self.yield_n),
+            ("viscous_n_s_m", self.viscous_n_s_m),
+            ("roll_off_n_s_m", self.roll_off_n_s_m),
+        ] {
+            positive(&format!("{name}.at_zero"), saturation.at_zero)?;
+            not_negative(&format!("{name}.growth"), saturation.growth)?;
+            positive(&format!("{name}.half_a"), saturation.half_a)?;
+            positive(&format!("{name}.order"), f64::from(saturation.order))?;
+        }
+        positive("yield_stroke_m", self.yield_stroke_m)?;
+        positive("sharpness", f64::from(self.sharpness))?;
+        Error::check("shape", self.shape, "between 0 and 1", |b| (0.0..=1.0).contains(&b))?;
+        positive("series_stiffness_n_m", self.series_stiffness_n_m)?;
+        not_negative("inner_stiffness_n_m", self.inner_stiffness_n_m)?;
+        positive("friction_velocity_m_s", self.friction_velocity_m_s)?;
+        not_negative("driver_lag_s", self.driver_lag_s)?;
+        not_negative("coil_rise_s", self.coil_rise_s)?;
+        not_negative("coil_fall_s", self.coil_fall_s)?;
+        positive("heat_capacity_j_k", self.heat_capacity_j_k)?;
+        for (name, value) in [
+            ("gas_force_n", self.gas_force_n),
+            ("gas_stiffness_n_m", self.gas_stiffness_n_m),
+            ("friction_n", self.friction_n),
+            ("yield_fade_per_k", self.yield_fade_per_k),
+            ("viscous_fade_per_k", self.viscous_fade_per_k),
+            ("reference_c", self.reference_c),
+            ("start_c", self.start_c),
+            ("ambient_c", self.ambient_c),
+            ("heat_transfer_w_k", self.heat_transfer_w_k),
+            ("coil_ohm", self.coil_ohm),
+        ] {
+            Error::check(name, value, "a finite number", |_| true)?;
+        }
+        let limit = "small enough against viscous_n_s_m and yield_stroke_m for 16 sub-steps a sample";
+        Error::check("series_stiffness_n_m", self.series_stiffness_n_m, limit, |_| self.is_integrable())?;
+        Ok(())
+    }
+
+    /// True when a sub-step lies within Runge-Kutta's limit of stability at every current up to 5 A, with a
+    /// reserve for damping that fades.
+    fn is_integrable(&self) -> bool {
+        const LIMIT: f64 = 2.78;
+        const RESERVE: f64 = 1.5;
+        (0..=50).all(|tenths| {
+            let valve = self.valve(f64::from(tenths) / 10.0, self.reference_c);
+            let compliance = self.series_stiffness_n_m * (1.0 / valve.viscous + 1.0 / valve.roll_off);
+            let hysteresis = (valve.yield_n / self.yield_stroke_m + self.inner_stiffness_n_m) / valve.viscous;
+            RESERVE * (compliance + hysteresis) < LIMIT * RATE_HZ * f64::from(SUB_STEPS)
+        })
+    }
+
+    /// The state at rest at `displacement_m` with a steady current of `current_a`.
+    #[must_use]
+    pub fn at_rest(&self, displacement_m: f64, current_a: f64) -> PlantState {
+        PlantState {
+            dashpot_m: displacement_m,
+            behind_compliance_m: displacement_m,
+            hysteresis_m: 0.0,
+            driver_a: current_a,
+            effective_a: current_a,
+            temperature_c: self.start_c,
+        }
+    }
+
+    /// Rod force in newtons at `state`, displacement `x_m` and velocity `v_m_s`.
+    #[must_use]
+    pub fn force_n(&self, state: &PlantState, x_m: f64, v_m_s: f64) -> f64 {
+        self.series_stiffness_n_m * (x_m - state.behind_compliance_m)
+            + self.gas_force_n
+            + self.gas_stiffness_n_m * x_m
+            + self.friction_n * (v_m_s / self.friction_velocity_m_s).tanh()
+    }
+
+    /// The response to a motion and to current commands in amperes (one a sample, held), from rest, with
+    /// `sub_steps` steps of the integrator a sample.
+    ///
+    /// Ends with the shorter of `motion` and `command_a`.
+    #[must_use]
+    pub fn respond(&self, motion: &Motion, command_a: &[f64], sub_steps: u32) -> Response {
+        let mut response = Response::default();
+        let (x, v) = (&motion.displacement_m, &motion.velocity_m_s);
+        let samples = x.len().min(v.len()).min(command_a.len());
+        if samples == 0 {
+            return response;
+        }
+        let mut state = self.at_rest(x[0], command_a[0]);
+        let integrator = Integrator::new(self, sub_steps.max(1));
+        for k in 0..samples {
+            response.force_n.push(self.force_n(&state, x[k], v[k]));
+            response.driver_a.push(state.driver_a);
+            response.effective_a.push(state.effective_a);
+            response.temperature_c.push(state.temperature_c);
+            if k + 1 < samples {
+                let stroke = Stroke { x: [x[k], x[k + 1]], v: [v[k], v[k + 1]] };
+                integrator.sample(&mut state, &stroke, command_a[k]);
+            }
+        }
+        response
+    }
+
+    /// Rates of dashpot, displacement behind the compliance, and hysteresis.
+    pub(super) fn rates(&self, valve: &Valve, x: f64, [y, s, z]: [f64; 3]) -> [f64; 3] {
+        let force = self.series_stiffness_n_m * (x - s);
+        let slip = (force - valve.yield_n * z / self.yield_stroke_m - self.inner_stiffness_n_m * (s - y))
+            / valve.viscous;
+        let y_rate = force / valve.roll_off;
+        let share = z / self.yield_stroke_m;
+        let full = share.abs().powi(self.sharpness);
+        let unloading = (1.0 - self.shape) * slip.abs() * full * z.signum();
+        [y_rate, y_rate + slip, slip - unloading - self.shape * slip * full]
+    }
+
+    /// Valve parameters at an effective current and a temperature.
+    pub(super) fn valve(&self, effective_a: f64, temperature_c: f64) -> Valve {
+        let rise = temperature_c - self.reference_c;
+        let yield_share = (1.0 + self.yield_fade_per_k * rise).max(LEAST_SHARE);
+        let viscous_share = (1.0 + self.viscous_fade_per_k * rise).max(LEAST_SHARE);
+        Valve {
+            yield_n: self.yield_n.at(effective_a) * yield_share,
+            viscous: self.viscous_n_s_m.at(effective_a) * viscous_share,
+            roll_off: self.roll_off_n_s_m.at(effective_a) * viscous_share,
+        }
+    }
+}
+
+/// Valve parameters at one instant: Fy in newtons, c0 and c1 in N·s/m.
+pub(super) struct Valve {
+    yield_n: f64,
+    viscous: f64,
+    roll_off: f64,
+}

@@ -1,0 +1,319 @@
+//! What enters the crate: stamps, samples of one channel, and recorded runs.
+//!
+//! A damper is observed on several channels (displacement, drive, force, ...), each with its own rate and
+//! its own stamps. A [`Sample`] is one reading of one channel; a [`Run`] is a recording of all of them. The
+//! same samples, in the same order, come from live topics and from a replayed run.
+
+use crate::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
+use serde::{Deserialize, Serialize};
+
+/// A time stamp in whole nanoseconds since an epoch that the source defines.
+///
+/// Only differences of stamps enter any computation, so results do not depend on the epoch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Stamp(i64);
+
+impl Stamp {
+    /// A stamp from nanoseconds since the epoch.
+    #[must_use]
+    pub const fn from_nanos(nanos: i64) -> Self {
+        Self(nanos)
+    }
+
+    /// A stamp from seconds since the epoch, rounded to the nearest nanosecond; `None` when `seconds` is
+    /// not finite or too large for 64 bits of nanoseconds (about 292 years).
+    #[must_use]
+    pub fn from_seconds(seconds: f64) -> Option<Self> {
+        let nanos = (seconds * 1e9).round();
+        (nanos.abs() < 9.2e18).then_some(Self(nanos as i64))
+    }
+
+    /// Nanoseconds since the epoch.
+    #[must_use]
+    pub const fn nanos(self) -> i64 {
+        self.0
+    }
+
+    /// Time from `earlier` to `self`, in seconds; negative when `self` is the earlier one.
+    #[inline]
+    #[must_use]
+    pub fn since(self, earlier: Self) -> Second {
+        Second(self.0.wrapping_sub(earlier.0) as f64 * 1e-9)
+    }
+
+    /// This stamp moved by whole nanoseconds, saturating at the ends of the range.
+    #[must_use]
+    pub const fn shifted(self, nanos: i64) -> Self {
+        Self(self.0.saturating_add(nanos))
+    }
+}
+
+/// What drives the damper's coil, as recorded: a measured (or commanded) current, or a command voltage.
+///
+/// The two are different inputs: a model identified on one refuses the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DriveKind {
+    /// Coil current in amperes (`current_a`).
+    #[serde(rename = "current_a")]
+    CoilCurrent,
+    /// Command voltage in volts (`command_v`).
+    #[serde(rename = "command_v")]
+    CommandVoltage,
+}
+
+impl DriveKind {
+    /// The column and parameter name: `current_a` or `command_v`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::CoilCurrent => "current_a",
+            Self::CommandVoltage => "command_v",
+        }
+    }
+}
+
+impl std::fmt::Display for DriveKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// One reading of the drive, with its kind.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Drive {
+    /// A coil current.
+    CoilCurrent(Ampere),
+    /// A command voltage.
+    CommandVoltage(Volt),
+}
+
+impl Drive {
+    /// Which kind of drive this is.
+    #[must_use]
+    pub const fn kind(self) -> DriveKind {
+        match self {
+            Self::CoilCurrent(_) => DriveKind::CoilCurrent,
+            Self::CommandVoltage(_) => DriveKind::CommandVoltage,
+        }
+    }
+
+    /// The number, in the unit of its kind.
+    #[must_use]
+    pub const fn get(self) -> f64 {
+        match self {
+            Self::CoilCurrent(a) => a.0,
+            Self::CommandVoltage(v) => v.0,
+        }
+    }
+
+    /// A drive of the given kind.
+    #[must_use]
+    pub const fn new(kind: DriveKind, value: f64) -> Self {
+        match kind {
+            DriveKind::CoilCurrent => Self::CoilCurrent(Ampere(value)),
+            DriveKind::CommandVoltage => Self::CommandVoltage(Volt(value)),
+        }
+    }
+}
+
+/// The reading that a sample carries.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reading {
+    /// Damper displacement, positive in extension.
+    Displacement(Metre),
+    /// Measured damper velocity, positive in extension; used by models that ask for it.
+    Velocity(MetrePerSecond),
+    /// Coil current or command voltage.
+    Drive(Drive),
+    /// Measured rod force, positive in tension.
+    Force(Newton),
+    /// Temperature of the damper's case.
+    CaseTemperature(Celsius),
+}
+
+impl Reading {
+    /// The channel that this reading belongs to.
+    #[must_use]
+    pub const fn channel(self) -> Channel {
+        match self {
+            Self::Displacement(_) => Channel::Displacement,
+            Self::Velocity(_) => Channel::Velocity,
+            Self::Drive(_) => Channel::Drive,
+            Self::Force(_) => Channel::Force,
+            Self::CaseTemperature(_) => Channel::CaseTemperature,
+        }
+    }
+
+    /// The plain number in SI units.
+    #[must_use]
+    pub const fn get(self) -> f64 {
+        match self {
+            Self::Displacement(x) => x.0,
+            Self::Velocity(v) => v.0,
+            Self::Drive(d) => d.get(),
+            Self::Force(f) => f.0,
+            Self::CaseTemperature(t) => t.0,
+        }
+    }
+}
+
+/// The channels, in the order in which samples of one stamp are fed to the pipeline: displacement comes
+/// last, because it causes the estimate and all else of its stamp must be there by then.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Channel {
+    /// Case temperature.
+    CaseTemperature,
+    /// Coil current or command voltage.
+    Drive,
+    /// Measured velocity.
+    Velocity,
+    /// Measured force.
+    Force,
+    /// Displacement.
+    Displacement,
+}
+
+impl Channel {
+    /// All channels, in feeding order.
+    pub const ALL: [Self; 5] =
+        [Self::CaseTemperature, Self::Drive, Self::Velocity, Self::Force, Self::Displacement];
+
+    /// The channel's name, as in topics and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::CaseTemperature => "case_temperature",
+            Self::Drive => "drive",
+            Self::Velocity => "velocity",
+            Self::Force => "measured_force",
+            Self::Displacement => "displacement",
+        }
+    }
+}
+
+/// One reading of one channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// When the reading was taken, by the source's stamp.
+    pub stamp: Stamp,
+    /// When it reached us, on the clock that the stamps are compared with. For a recorded run without
+    /// arrival times it equals `stamp`.
+    pub received: Stamp,
+    /// The reading.
+    pub reading: Reading,
+}
+
+/// One recorded channel: values with their own stamps, in time order.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Trace {
+    /// Stamps, strictly increasing.
+    pub stamps: Vec<Stamp>,
+    /// Values in SI units, one for each stamp.
+    pub values: Vec<f64>,
+}
+
+impl Trace {
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.stamps.len()
+    }
+
+    /// True when there are no samples.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.stamps.is_empty()
+    }
+
+    /// Mean rate over the trace, in hertz; `None` with fewer than two samples.
+    #[must_use]
+    pub fn mean_rate_hz(&self) -> Option<f64> {
+        let span = self.stamps.last()?.since(*self.stamps.first()?).get();
+        (span > 0.0).then(|| (self.len() - 1) as f64 / span)
+    }
+}
+
+/// A recorded run: what was measured, channel by channel.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Run {
+    /// Where the run came from, for messages and provenance (a path, or a name of its own).
+    pub name: String,
+    /// Damper displacement in metres; the channel that every run has.
+    pub displacement_m: Trace,
+    /// Measured velocity in m/s.
+    pub velocity_m_s: Option<Trace>,
+    /// The drive, in the unit of its kind.
+    pub drive: Option<(DriveKind, Trace)>,
+    /// Measured force in newtons.
+    pub force_n: Option<Trace>,
+    /// Case temperature in °C.
+    pub case_temp_c: Option<Trace>,
+    /// Columns that the pipeline does not use (ambient temperature, set point, unknown ones), by name with
+    /// their unit suffix, carried through conversions.
+    pub other: Vec<(String, Trace)>,
+}
+
+impl Run {
+    /// The kind of drive that the run recorded.
+    #[must_use]
+    pub fn drive_kind(&self) -> Option<DriveKind> {
+        self.drive.as_ref().map(|(kind, _)| *kind)
+    }
+
+    /// Length of the displacement channel, in seconds.
+    #[must_use]
+    pub fn duration(&self) -> Second {
+        match (self.displacement_m.stamps.first(), self.displacement_m.stamps.last()) {
+            (Some(first), Some(last)) => last.since(*first),
+            _ => Second(0.0),
+        }
+    }
+
+    /// All samples in the order in which the pipeline takes them: by stamp, and within one stamp in the
+    /// order of [`Channel::ALL`].
+    pub fn samples<'a>(&'a self) -> impl Iterator<Item = Sample> + 'a {
+        let mut cursors: Vec<Cursor<'a>> = Vec::with_capacity(5);
+        let mut add = |trace: Option<&'a Trace>, make: fn(f64) -> Reading| {
+            if let Some(trace) = trace {
+                cursors.push(Cursor { make, stamps: &trace.stamps, values: &trace.values });
+            }
+        };
+        add(self.case_temp_c.as_ref(), |t| Reading::CaseTemperature(Celsius(t)));
+        match &self.drive {
+            Some((DriveKind::CoilCurrent, trace)) => {
+                add(Some(trace), |i| Reading::Drive(Drive::CoilCurrent(Ampere(i))));
+            }
+            Some((DriveKind::CommandVoltage, trace)) => {
+                add(Some(trace), |u| Reading::Drive(Drive::CommandVoltage(Volt(u))));
+            }
+            None => {}
+        }
+        add(self.velocity_m_s.as_ref(), |v| Reading::Velocity(MetrePerSecond(v)));
+        add(self.force_n.as_ref(), |f| Reading::Force(Newton(f)));
+        add(Some(&self.displacement_m), |x| Reading::Displacement(Metre(x)));
+        std::iter::from_fn(move || {
+            // The first of the cursors with the least stamp: ties resolve in feeding order.
+            let next = cursors
+                .iter_mut()
+                .filter(|cursor| !cursor.stamps.is_empty())
+                .min_by_key(|cursor| cursor.stamps[0])?;
+            Some(next.take())
+        })
+    }
+}
+
+/// A position in one trace, while traces are merged.
+struct Cursor<'a> {
+    make: fn(f64) -> Reading,
+    stamps: &'a [Stamp],
+    values: &'a [f64],
+}
+
+impl Cursor<'_> {
+    fn take(&mut self) -> Sample {
+        let (stamp, value) = (self.stamps[0], self.values[0]);
+        (self.stamps, self.values) = (&self.stamps[1..], &self.values[1..]);
+        Sample { stamp, received: stamp, reading: (self.make)(value) }
+    }
+}

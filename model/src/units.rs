@@ -1,0 +1,77 @@
+//! SI unit types for the borders of the crate.
+//!
+//! Kernels compute on plain `f64` in SI; whatever enters or leaves a public interface carries its unit in
+//! its type, so that a newton is never read as a pound. Each type is one `f64` and costs nothing.
+//! Constants convert the thesis' printed US units.
+
+use serde::{Deserialize, Serialize};
+
+/// Newtons in one pound-force.
+pub const N_PER_LBF: f64 = 4.448_221_6;
+/// Metres in one inch.
+pub const M_PER_IN: f64 = 0.0254;
+/// N/m in one lbf/in, and N·s/m in one lbf·s/in.
+pub const N_M_PER_LBF_IN: f64 = N_PER_LBF / M_PER_IN;
+
+macro_rules! unit {
+    ($(#[$doc:meta])* $name:ident, $symbol:literal) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default, Serialize, Deserialize)]
+        #[serde(transparent)]
+        pub struct $name(
+            /// The value in the unit of the type.
+            pub f64,
+        );
+
+        impl $name {
+            /// The unit's symbol.
+            pub const SYMBOL: &'static str = $symbol;
+
+            /// The plain number, in the unit of the type.
+            #[inline]
+            #[must_use]
+            pub const fn get(self) -> f64 {
+                self.0
+            }
+
+            /// True when the value is neither infinite nor NaN.
+            #[inline]
+            #[must_use]
+            pub fn is_finite(self) -> bool {
+                self.0.is_finite()
+            }
+        }
+
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                std::fmt::Display::fmt(&self.0, f)?;
+                f.write_str(concat!(" ", $symbol))
+            }
+        }
+    };
+}
+
+unit!(
+    /// A length, in metres; positive displacement extends the damper.
+    Metre, "m");
+unit!(
+    /// A velocity, in metres per second; positive velocity extends the damper.
+    MetrePerSecond, "m/s");
+unit!(
+    /// A force, in newtons; positive force is tension on the rod.
+    Newton, "N");
+unit!(
+    /// A current, in amperes.
+    Ampere, "A");
+unit!(
+    /// A voltage, in volts.
+    Volt, "V");
+unit!(
+    /// A duration, in seconds.
+    Second, "s");
+unit!(
+    /// A frequency, in hertz.
+    Hertz, "Hz");
+unit!(
+    /// A temperature, in degrees Celsius.
+    Celsius, "°C");

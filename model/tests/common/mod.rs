@@ -1,0 +1,167 @@
+//! A damper on the bench: smooth motion, a stepping current, and the force of a thesis model.
+
+#![allow(dead_code, reason = "each test binary uses its share")]
+
+use mr_damper_model::model::Model;
+use mr_damper_model::pipeline::{Estimate, Event, Models, Pipeline, Residual, Settings, UseForce};
+use mr_damper_model::preset;
+use mr_damper_model::sample::{Channel, Drive, Reading, Sample, Stamp};
+use mr_damper_model::units::{Ampere, Metre, Newton};
+use std::ops::Range;
+
+/// Sample period of the thesis, ns.
+pub(crate) const PERIOD_NS: i64 = 1_953_125;
+
+pub(crate) fn preset(name: &str) -> Model {
+    preset::load(name).expect("a known preset")
+}
+
+fn motion(k: i64) -> (f64, f64, f64) {
+    let t = k as f64 / 512.0;
+    let x = 0.008 * (9.0 * t).sin() + 0.002 * (31.0 * t).sin();
+    let v = 0.072 * (9.0 * t).cos() + 0.062 * (31.0 * t).cos();
+    let i = [0.4, 1.2, 2.1, 0.8][(t / 0.2) as usize % 4];
+    (x, v, i)
+}
+
+/// The measured force at sample `k`, N: near what the models say, but no model's own output.
+pub(crate) fn force_n(k: i64) -> f64 {
+    let (x, v, i) = motion(k);
+    (150.0 + 300.0 * i) * (12.0 * (v - 2.0 * x)).tanh() + 700.0 * v
+}
+
+/// Drive, force and displacement of sample `k`.
+pub(crate) fn samples(k: i64, epoch_ns: i64) -> [Sample; 3] {
+    let stamp = Stamp::from_nanos(epoch_ns + k * PERIOD_NS);
+    let (x, _, i) = motion(k);
+    [
+        Reading::Drive(Drive::CoilCurrent(Ampere(i))),
+        Reading::Force(Newton(force_n(k))),
+        Reading::Displacement(Metre(x)),
+    ]
+    .map(|reading| Sample { stamp, received: stamp, reading })
+}
+
+/// A pipeline with its events.
+pub(crate) struct Bench {
+    pub(crate) pipeline: Pipeline,
+    pub(crate) events: Vec<Event>,
+    pub(crate) epoch_ns: i64,
+    pub(crate) period_ns: i64,
+    pub(crate) delay_ns: i64,
+    measured_n: Vec<f64>,
+    pub(crate) without_drive: bool,
+    pub(crate) constant_current: bool,
+}
+
+impl Bench {
+    /// The thesis' best fuzzy-tanh model, and its best ARX.
+    pub(crate) fn thesis() -> Self {
+        Self::new(Settings::default())
+    }
+
+    pub(crate) fn new(settings: Settings) -> Self {
+        let models = Models::alone(preset(preset::BEST_FUZZY_TANH))
+            .with_seeded(preset(preset::BEST_ARX))
+            .expect("both want a current");
+        Self {
+            pipeline: Pipeline::new(models, settings).expect("presets run"),
+            events: Vec::new(),
+            epoch_ns: 0,
+            period_ns: PERIOD_NS,
+            delay_ns: 0,
+            measured_n: Vec::new(),
+            without_drive: false,
+            constant_current: false,
+        }
+    }
+
+    /// From now on the measured force is the free model's own plus `bias_n`, so that what the model lacks is
+    /// known exactly. Holds for the first `count` samples.
+    pub(crate) fn measure_free_run_plus(&mut self, bias_n: f64, count: i64) {
+        let mut other = Self::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
+        other.constant_current = self.constant_current;
+        other.run(0..count, |_| false);
+        self.measured_n = other.estimates().map(|e| e.force.get()).map(|f| if f.is_finite() { f + bias_n } else { 0.0 }).collect();
+    }
+
+    /// The free run over the samples that were fed, N.
+    pub(crate) fn free_run_n(&self) -> Vec<f64> {
+        let mut other = Self::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
+        other.constant_current = self.constant_current;
+        other.run(0..self.estimates().count() as i64, |_| false);
+        other.estimates().map(|e| e.force.get()).collect()
+    }
+
+    /// Feeds samples; `force` says whether measured force is there.
+    pub(crate) fn run(&mut self, range: Range<i64>, force: impl Fn(i64) -> bool) {
+        for k in range {
+            for mut sample in samples(k, 0) {
+                match &mut sample.reading {
+                    Reading::Force(_) if !force(k) => continue,
+                    Reading::Drive(_) if self.without_drive => continue,
+                    Reading::Drive(drive) if self.constant_current => *drive = Drive::CoilCurrent(Ampere(1.2)),
+                    Reading::Force(f) => f.0 = self.measured_n.get(k as usize).copied().unwrap_or(f.0),
+                    _ => {}
+                }
+                sample.stamp = Stamp::from_nanos(self.epoch_ns + k * self.period_ns);
+                sample.received = sample.stamp.shifted(self.delay_ns);
+                self.feed(&sample);
+            }
+        }
+    }
+
+    pub(crate) fn feed_reading(&mut self, k: i64, reading: Reading) {
+        let stamp = Stamp::from_nanos(self.epoch_ns + k * self.period_ns);
+        self.feed(&Sample { stamp, received: stamp, reading });
+    }
+
+    fn feed(&mut self, sample: &Sample) {
+        let events = &mut self.events;
+        self.pipeline.step(sample, &mut |event| events.push(event));
+    }
+
+    pub(crate) fn tick(&mut self, ms: i64) {
+        let events = &mut self.events;
+        self.pipeline.tick(Stamp::from_nanos(self.epoch_ns + ms * 1_000_000), &mut |event| events.push(event));
+    }
+
+    pub(crate) fn estimates(&self) -> impl Iterator<Item = &Estimate> {
+        self.events.iter().filter_map(|event| match event {
+            Event::Estimate(estimate) => Some(estimate),
+            _ => None,
+        })
+    }
+
+    pub(crate) fn residuals(&self) -> impl Iterator<Item = &Residual> {
+        self.events.iter().filter_map(|event| match event {
+            Event::Residual(residual) => Some(residual),
+            _ => None,
+        })
+    }
+
+    /// Changes of mode, a line each.
+    pub(crate) fn transitions(&self) -> String {
+        let line = |event: &Event| match event {
+            Event::Transition(t) => {
+                let change = format!("{} -> {}", t.from.name(), t.to.name());
+                let ms = (t.stamp.nanos() - self.epoch_ns) as f64 / 1e6;
+                Some(format!("{ms:4.0} ms  {change:<18} {}", t.cause.text()))
+            }
+            _ => None,
+        };
+        self.events.iter().filter_map(line).collect::<Vec<_>>().join("\n")
+    }
+
+    /// Refused samples, a line each.
+    pub(crate) fn refusals(&self) -> String {
+        let line = |event: &Event| match event {
+            Event::Refusal(refusal) => {
+                let channel: Channel = refusal.sample.reading.channel();
+                Some(format!("{}: {}", channel.name(), refusal.why.text()))
+            }
+            _ => None,
+        };
+        self.events.iter().filter_map(line).collect::<Vec<_>>().join("\n")
+    }
+}

@@ -1,0 +1,61 @@
+//! `Pipeline::step` and `Pipeline::tick` never allocate: the guard aborts the test process on the first byte.
+
+mod common;
+
+use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use common::{preset, samples};
+use mr_damper_model::condition::{ApplyTo, VelocitySource};
+use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
+use mr_damper_model::preset::{BEST_ARX, BEST_FUZZY_TANH};
+use mr_damper_model::sample::{Reading, Stamp};
+use mr_damper_model::units::Metre;
+
+#[global_allocator]
+static GUARD: AllocDisabler = AllocDisabler;
+
+#[test]
+fn the_hot_path_does_not_allocate() {
+    let mut slope = preset(BEST_FUZZY_TANH);
+    slope.conditioning.velocity = VelocitySource::Slope;
+    slope.conditioning.apply_to = ApplyTo::Output;
+    let both = Models::alone(preset(BEST_FUZZY_TANH)).with_seeded(preset(BEST_ARX)).expect("both want a current");
+    for models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope)] {
+        let mut pipeline = Pipeline::new(models, Settings::default()).expect("presets run");
+        let mut counts = [0_u32; 5];
+        assert_no_alloc(|| {
+            let mut count = |event: Event| {
+                counts[match event {
+                    Event::Input(_) => 0,
+                    Event::Refusal(_) => 1,
+                    Event::Estimate(_) => 2,
+                    Event::Residual(_) => 3,
+                    Event::Transition(_) => 4,
+                }] += 1;
+            };
+            for k in 0..3000_i64 {
+                // Force comes and goes, samples are lost and broken, the clock jumps: every branch that events tell of.
+                let epoch_ns = if k < 2500 { 10_000_000_000 } else { 0 };
+                for mut sample in samples(k, epoch_ns) {
+                    if matches!(sample.reading, Reading::Force(_)) && k % 700 > 400 {
+                        continue;
+                    }
+                    if matches!(sample.reading, Reading::Displacement(_)) && k % 333 == 0 {
+                        sample.reading = Reading::Displacement(Metre(f64::NAN));
+                    }
+                    if k % 1000 > 900 {
+                        continue;
+                    }
+                    pipeline.step(&sample, &mut count);
+                }
+                if k % 1000 == 950 {
+                    pipeline.tick(Stamp::from_nanos(epoch_ns + (k + 600) * common::PERIOD_NS), &mut count);
+                }
+            }
+            pipeline.note_overload();
+            pipeline.reset(&mut count);
+            pipeline.configure(Settings { coast_s: 0.1, ..Settings::default() }).expect("in range");
+            pipeline.swap(models).expect("the same models");
+        });
+        assert!(counts.iter().all(|n| *n > 0), "every kind of event was made: {counts:?}");
+    }
+}

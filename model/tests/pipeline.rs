@@ -1,0 +1,352 @@
+//! The pipeline as its users see it: modes as golden text, bad input, invariants.
+
+mod common;
+
+use common::{Bench, preset, samples};
+use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce, Validity};
+use mr_damper_model::sample::{Drive, Reading, Stamp};
+use mr_damper_model::units::{Ampere, Metre, Newton, Volt};
+
+/// Everything fresh, then force lost, coasting, model, and back.
+#[test]
+fn modes_follow_the_measured_force() {
+    let mut bench = Bench::thesis();
+    bench.run(0..100, |_| true);
+    bench.run(100..300, |_| false);
+    bench.run(300..400, |_| true);
+    insta::assert_snapshot!(bench.transitions(), @"
+       2 ms  fault -> model     the model's inputs are there
+       8 ms  model -> arx       measured force is fresh
+     244 ms  arx -> arx_coast   measured force is older than force_timeout_s
+     445 ms  arx_coast -> model ARX has coasted for coast_s
+     592 ms  model -> arx       measured force is fresh
+    ");
+}
+
+#[test]
+fn measured_force_that_may_not_be_used_still_makes_residuals() {
+    let mut bench = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
+    bench.run(0..100, |_| true);
+    insta::assert_snapshot!(bench.transitions(), @"   2 ms  fault -> model     the model's inputs are there");
+    assert!(bench.residuals().count() > 90);
+}
+
+#[test]
+fn silence_holds_the_last_estimate_and_then_gives_it_up() {
+    let mut bench = Bench::thesis();
+    bench.run(0..100, |_| true);
+    for ms in (200..2200).step_by(20) {
+        bench.tick(ms);
+    }
+    bench.run(1200..1300, |_| true);
+    insta::assert_snapshot!(bench.transitions(), @"
+       2 ms  fault -> model     the model's inputs are there
+       8 ms  model -> arx       measured force is fresh
+     193 ms  arx -> hold        displacement is silent for longer than input_timeout_s
+     193 ms  hold -> fault      the last estimate was held for hold_s
+    2346 ms  fault -> model     the model's inputs are there
+    2352 ms  model -> arx       measured force is fresh
+    ");
+    let stale: Vec<_> = bench.estimates().filter(|e| e.reasons.has(Reasons::DISPLACEMENT_LOST)).collect();
+    assert!(stale.iter().any(|e| e.mode == Mode::Hold && e.validity == Validity::Stale && e.force.is_finite()));
+    assert!(stale.iter().any(|e| e.mode == Mode::Fault && e.validity == Validity::Invalid && !e.force.is_finite()));
+}
+
+/// What ticks do between two displacements, the next displacement would have done: results are the same.
+#[test]
+fn ticks_do_not_change_results() {
+    let silent = |ticks: bool| {
+        let mut bench = Bench::thesis();
+        bench.run(0..100, |_| true);
+        if ticks {
+            for ms in (200..2300).step_by(20) {
+                bench.tick(ms);
+            }
+        }
+        bench.run(1200..1400, |k| k < 1300);
+        let estimates = bench.estimates().filter(|e| !e.reasons.has(Reasons::DISPLACEMENT_LOST));
+        let estimates: Vec<_> = estimates.map(|e| (e.stamp, e.force.get().to_bits(), e.reasons, e.mode)).collect();
+        let residuals: Vec<_> = bench.residuals().map(|r| (r.stamp, r.residual.get().to_bits())).collect();
+        (estimates, residuals, bench.transitions())
+    };
+    let (without, with) = (silent(false), silent(true));
+    assert_eq!(without.2, with.2);
+    assert!(without == with, "estimates or residuals differ");
+}
+
+#[test]
+fn results_do_not_depend_on_the_epoch() {
+    let run = |epoch_ns: i64| {
+        let mut bench = Bench::thesis();
+        bench.epoch_ns = epoch_ns;
+        bench.run(0..500, |k| k % 200 < 120);
+        bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>()
+    };
+    assert_eq!(run(0), run(1_790_000_000_123_456_789));
+}
+
+/// Channels of one stamp may arrive in any order, as long as displacement is last; force may come later still.
+#[test]
+fn residuals_do_not_depend_on_when_the_force_arrives() {
+    let run = |late: usize| {
+        let mut pipeline = Pipeline::new(
+            Models::alone(preset("thesis/fuzzy-tanh/rp3-cs")),
+            Settings { use_measured_force: UseForce::Never, ..Settings::default() },
+        )
+        .expect("a preset runs");
+        let mut residuals = Vec::new();
+        let mut queue = std::collections::VecDeque::new();
+        for k in 0..400 {
+            let [drive, force, displacement] = samples(k, 0);
+            queue.push_back(force);
+            let mut feed = vec![drive, displacement];
+            if queue.len() > late {
+                feed.extend(queue.pop_front());
+            }
+            for sample in feed {
+                pipeline.step(&sample, &mut |event| {
+                    if let Event::Residual(r) = event {
+                        residuals.push((r.stamp, r.residual.get().to_bits()));
+                    }
+                });
+            }
+        }
+        residuals
+    };
+    let (prompt, late) = (run(0), run(20));
+    assert!(late.len() > 370, "{}", late.len());
+    assert_eq!(prompt[..late.len()], late[..]);
+}
+
+/// The residual must show what the model lacks, also while ARX estimates the force nearly perfectly.
+#[test]
+fn a_seeded_arx_does_not_hide_the_residual() {
+    let mut bench = Bench::thesis();
+    bench.measure_free_run_plus(200.0, 1000);
+    bench.run(0..1000, |_| true);
+    assert_eq!(bench.pipeline.mode(), Mode::Arx);
+    let last = bench.residuals().last().expect("residuals");
+    assert!((last.residual.get() - 200.0).abs() < 1.0, "{last:?}");
+    let estimate = bench.estimates().last().expect("estimates");
+    assert!((estimate.force.get() - last.measured.get()).abs() < 40.0, "{estimate:?} {last:?}");
+}
+
+#[test]
+fn a_change_of_mode_makes_no_step() {
+    let mut bench = Bench::thesis();
+    bench.constant_current = true;
+    bench.measure_free_run_plus(100.0, 1200);
+    bench.run(0..300, |_| true);
+    bench.run(300..900, |_| false);
+    bench.run(900..1200, |_| true);
+    assert!(bench.events.iter().filter(|e| matches!(e, Event::Transition(_))).count() >= 5);
+    // The free run moves by itself, most at the steps of the current; what is added to that must not step.
+    let free = bench.free_run_n();
+    let added: Vec<f64> =
+        bench.estimates().zip(&free).skip(50).map(|(e, free)| e.force.get() - free).collect();
+    let worst = added.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    assert!(worst < 30.0, "a bare switch would step by 100 N: {worst}");
+    assert!(added[800].abs() < 1.0, "600 samples after the force was lost the bump is gone: {}", added[800]);
+}
+
+#[test]
+fn settings_change_between_two_samples_and_bad_ones_change_nothing() {
+    let mut bench = Bench::thesis();
+    bench.run(0..100, |_| true);
+    let before = *bench.pipeline.settings();
+    let bad = Settings { coast_s: f64::NAN, ..before };
+    assert!(bench.pipeline.configure(bad).expect_err("NaN").to_string().contains("coast_s is NaN"));
+    assert_eq!(*bench.pipeline.settings(), before);
+    bench.pipeline.configure(Settings { coast_s: 0.0, ..before }).expect("zero is in range");
+    bench.run(100..200, |_| false);
+    insta::assert_snapshot!(bench.transitions(), @"
+       2 ms  fault -> model     the model's inputs are there
+       8 ms  model -> arx       measured force is fresh
+     244 ms  arx -> model       measured force is older than force_timeout_s
+    ");
+}
+
+#[test]
+fn models_are_swapped_without_a_gap_or_a_step() {
+    let mut bench = Bench::thesis();
+    bench.constant_current = true;
+    bench.run(0..300, |_| false);
+    let models = Models::alone(preset("thesis/fuzzy-tanh/rp1-cs"));
+    bench.pipeline.swap(models).expect("a preset goes with the settings");
+    bench.run(300..600, |_| false);
+    let forces: Vec<f64> = bench.estimates().skip(5).map(|e| e.force.get()).collect();
+    assert!(forces.iter().all(|f| f.is_finite()), "no gap");
+    let steps: Vec<f64> = forces.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+    let (before, at) = steps.split_at(290);
+    let largest = |steps: &[f64]| steps.iter().copied().fold(0.0, f64::max);
+    assert!(largest(&at[..10]) < 1.2 * largest(before), "{at:?}");
+}
+
+#[test]
+fn no_current_at_all_is_no_estimate() {
+    let mut bench = Bench::thesis();
+    bench.without_drive = true;
+    bench.run(0..100, |_| false);
+    assert!(bench.estimates().all(|e| {
+        e.mode == Mode::Fault && e.validity == Validity::Invalid && e.force.get().is_nan()
+    }));
+    assert!(bench.estimates().skip(2).all(|e| e.reasons.has(Reasons::DRIVE_MISSING)));
+}
+
+#[test]
+fn a_current_that_stops_is_flagged() {
+    let mut bench = Bench::thesis();
+    bench.run(0..100, |_| false);
+    bench.without_drive = true;
+    bench.run(100..500, |_| false);
+    let last = bench.estimates().last().expect("estimates");
+    assert!(last.reasons.has(Reasons::DRIVE_STALE) && last.validity == Validity::Stale, "{last:?}");
+    assert!((last.input_age.get() - 400.0 / 512.0).abs() < 0.01, "{last:?}");
+    assert!(last.force.is_finite(), "held, and said to be");
+}
+
+#[test]
+fn the_wrong_drive_is_refused_and_named() {
+    let mut bench = Bench::thesis();
+    bench.run(0..50, |_| false);
+    bench.feed_reading(50, Reading::Drive(Drive::CommandVoltage(Volt(2.0))));
+    bench.run(51..52, |_| false);
+    let last = bench.estimates().last().expect("estimates");
+    assert!(last.reasons.has(Reasons::WRONG_DRIVE), "{last:?}");
+    assert_eq!(bench.refusals(), "drive: the model wants the other kind of drive");
+}
+
+#[test]
+fn bad_values_are_refused_one_by_one() {
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        for reading in [
+            Reading::Displacement(Metre(bad)),
+            Reading::Force(Newton(bad)),
+            Reading::Drive(Drive::CoilCurrent(Ampere(bad))),
+        ] {
+            let mut clean = Bench::thesis();
+            clean.run(0..200, |_| true);
+            let mut dirty = Bench::thesis();
+            dirty.run(0..100, |_| true);
+            dirty.feed_reading(100, reading);
+            dirty.run(100..200, |_| true);
+            let bits = |bench: &Bench| bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(&clean), bits(&dirty), "good samples give what they gave before");
+            let flagged: Vec<_> =
+                dirty.estimates().filter(|e| e.reasons.has(Reasons::INPUT_REFUSED)).collect();
+            assert_eq!(flagged.len(), 1, "and the next estimate says that one was refused");
+        }
+    }
+}
+
+#[test]
+fn a_sample_ten_seconds_late_harms_nobody() {
+    let mut bench = Bench::thesis();
+    bench.run(0..6000, |_| true);
+    let estimates = bench.estimates().count();
+    bench.feed_reading(6000 - 5120, Reading::Displacement(Metre(0.01)));
+    assert_eq!(bench.estimates().count(), estimates, "no estimate for the past");
+    bench.run(6000..6100, |_| true);
+    assert_eq!(bench.pipeline.mode(), Mode::Arx);
+    assert_eq!(bench.refusals(), "displacement: its stamp is older than the one before");
+}
+
+#[test]
+fn a_sample_that_arrives_long_after_its_stamp_is_flagged() {
+    let mut bench = Bench::thesis();
+    bench.run(0..50, |_| true);
+    bench.delay_ns = 10_000_000_000;
+    bench.run(50..100, |_| true);
+    let last = bench.estimates().last().expect("estimates");
+    assert!(last.reasons.has(Reasons::LATE) && last.validity == Validity::Stale, "{last:?}");
+}
+
+#[test]
+fn ten_times_the_rate_rests_arx_and_says_so() {
+    let mut bench = Bench::thesis();
+    bench.period_ns = 195_312;
+    bench.run(0..4000, |_| true);
+    let last = bench.estimates().last().expect("estimates");
+    assert_eq!(last.mode, Mode::Model);
+    assert!(last.reasons.has(Reasons::RATE_MISMATCH), "{last:?}");
+    assert_eq!(bench.estimates().count(), 4000, "every sample is estimated all the same");
+}
+
+#[test]
+fn a_gap_starts_history_anew_and_says_so() {
+    let mut bench = Bench::thesis();
+    bench.run(0..300, |_| true);
+    bench.run(400..700, |_| true);
+    let after: Vec<_> = bench.estimates().skip(300).collect();
+    assert!(after[0].reasons.has(Reasons::DISPLACEMENT_GAP));
+    assert!(after[0].force.is_finite() && after[0].validity == Validity::Stale, "held: {:?}", after[0]);
+    let settled = after.iter().skip(50).all(|e| e.validity == Validity::Valid);
+    assert!(settled, "{:?}", after.iter().skip(50).find(|e| e.validity != Validity::Valid));
+}
+
+#[test]
+fn a_clock_that_jumps_back_starts_anew() {
+    let mut bench = Bench::thesis();
+    bench.epoch_ns = 100_000_000_000;
+    bench.run(0..200, |_| true);
+    bench.epoch_ns = 0;
+    bench.run(0..200, |_| true);
+    let text = bench.transitions();
+    assert!(text.contains("stamps jumped"), "{text}");
+    assert_eq!(bench.pipeline.mode(), Mode::Arx, "and comes back");
+}
+
+#[test]
+fn a_model_with_an_output_filter_compares_like_with_like() {
+    let mut model = preset("thesis/fuzzy-tanh/rp3-cs");
+    model.conditioning.apply_to = mr_damper_model::condition::ApplyTo::Output;
+    let mut pipeline = Pipeline::new(Models::alone(model), Settings::default()).expect("a preset runs");
+    // The measured force is the model's own unfiltered one: through equal filters the residual vanishes.
+    let mr_damper_model::force::ForceModel::FuzzyTanh(fuzzy) = model.force else { panic!("a fuzzy-tanh preset") };
+    let mut before: Option<f64> = None;
+    let (mut worst, mut count) = (0.0_f64, 0);
+    for k in 0..1000 {
+        let [drive, mut force, displacement] = samples(k, 0);
+        let x = displacement.reading.get();
+        let v = before.map_or(0.0, |b| (x - b) * 512.0);
+        before = Some(x);
+        force.reading = Reading::Force(Newton(fuzzy.force_n(x, v, drive.reading.get())));
+        for sample in [drive, force, displacement] {
+            pipeline.step(&sample, &mut |event| {
+                if let Event::Residual(r) = event {
+                    count += 1;
+                    if count > 2 {
+                        worst = worst.max(r.residual.get().abs());
+                    }
+                }
+            });
+        }
+    }
+    assert!(count > 990 && worst < 0.05, "{count} {worst}");
+}
+
+#[test]
+fn an_arx_model_with_a_filter_behind_it_is_refused() {
+    let settings =
+        Settings { filter: Some((mr_damper_model::condition::ApplyTo::Output, 20.0)), ..Settings::default() };
+    let refused = Pipeline::new(Models::alone(preset("thesis/arx-passive/rp-icps")), settings);
+    assert!(refused.expect_err("refused").to_string().contains("inputs or none"));
+}
+
+#[test]
+fn overload_is_said_once() {
+    let mut bench = Bench::thesis();
+    bench.run(0..50, |_| true);
+    bench.pipeline.note_overload();
+    bench.run(50..60, |_| true);
+    assert_eq!(bench.estimates().filter(|e| e.reasons.has(Reasons::OVERLOAD)).count(), 1);
+}
+
+#[test]
+fn stamps_survive_from_the_displacement() {
+    let mut bench = Bench::thesis();
+    bench.run(0..20, |_| true);
+    let stamps: Vec<Stamp> = bench.estimates().map(|e| e.stamp).collect();
+    let expected: Vec<Stamp> = (0..20).map(|k| samples(k, 0)[2].stamp).collect();
+    assert_eq!(stamps, expected);
+}

@@ -1,0 +1,127 @@
+//! The actions of `mr_damper_msgs`. The `.action` files are their one definition.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Action;
+use crate::message::{message, section};
+use crate::nan;
+
+/// Finds what the loaded model leaves unexplained in recent data, names the effect and adds it.
+#[derive(Clone, Copy, Debug)]
+pub struct CloseLoop;
+
+impl Action for CloseLoop {
+    type Goal = CloseLoopGoal;
+    type Result = CloseLoopResult;
+    type Feedback = CloseLoopFeedback;
+    const PACKAGE: &'static str = "mr_damper_msgs";
+    const NAME: &'static str = "CloseLoop";
+    const TYPE: &'static str = "mr_damper_msgs/action/CloseLoop";
+}
+
+/// Goal of [`CloseLoop`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CloseLoopGoal {
+    /// How much of the past to use, in s.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub history: f64,
+}
+message!(
+    CloseLoopGoal,
+    "mr_damper_msgs" / "action" / "CloseLoop_Goal",
+    "23b65ddc6276b62e3e76a61983d49f1c166b0746a4fc0e048f897f082bf277c1",
+    section(include_str!("../action/CloseLoop.action"), 0)
+);
+
+/// Result of [`CloseLoop`].
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CloseLoopResult {
+    /// Whether it was done.
+    pub success: bool,
+    /// The closing report, JSON, schema `mr-damper/close/1`.
+    pub report: String,
+}
+message!(
+    CloseLoopResult,
+    "mr_damper_msgs" / "action" / "CloseLoop_Result",
+    "03a62f53b153f0f87267718a3df319751d68e24a8c3ec581932b77ec8b023c57",
+    section(include_str!("../action/CloseLoop.action"), 1)
+);
+
+/// Feedback of [`CloseLoop`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CloseLoopFeedback {
+    /// What is being done now, for people.
+    pub stage: String,
+    /// From 0 to 1.
+    pub progress: f32,
+}
+message!(
+    CloseLoopFeedback,
+    "mr_damper_msgs" / "action" / "CloseLoop_Feedback",
+    "8e332bd6edc165e9cf3a31a539207ef84486e7d4e18066a6100b4d6cc13e5754",
+    section(include_str!("../action/CloseLoop.action"), 2)
+);
+
+/// Fits one model to recent data.
+#[derive(Clone, Copy, Debug)]
+pub struct Identify;
+
+impl Action for Identify {
+    type Goal = IdentifyGoal;
+    type Result = IdentifyResult;
+    type Feedback = IdentifyFeedback;
+    const PACKAGE: &'static str = "mr_damper_msgs";
+    const NAME: &'static str = "Identify";
+    const TYPE: &'static str = "mr_damper_msgs/action/Identify";
+}
+
+/// Goal of [`Identify`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct IdentifyGoal {
+    /// Model name, such as `fuzzy-tanh`.
+    pub model: String,
+    /// How much of the past to use, in s.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub history: f64,
+    /// Path of the model file to write, on the node's machine.
+    pub out: String,
+}
+message!(
+    IdentifyGoal,
+    "mr_damper_msgs" / "action" / "Identify_Goal",
+    "27a17034c794f2f100c1dcc2330420bb5e6239cb2f8e383a1042c52626d6be94",
+    section(include_str!("../action/Identify.action"), 0)
+);
+
+/// Result of [`Identify`].
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct IdentifyResult {
+    /// Whether it was done.
+    pub success: bool,
+    /// What was fitted and how well, or why not and what to do.
+    pub message: String,
+    /// Path of the model file that was written; empty when there is none.
+    pub model_file: String,
+}
+message!(
+    IdentifyResult,
+    "mr_damper_msgs" / "action" / "Identify_Result",
+    "ba1c08092cdaabf681f58e08fee6dcd40ea36589cce77338c6f0b1d04bdeaede",
+    section(include_str!("../action/Identify.action"), 1)
+);
+
+/// Feedback of [`Identify`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct IdentifyFeedback {
+    /// What is being done now, for people.
+    pub stage: String,
+    /// From 0 to 1.
+    pub progress: f32,
+}
+message!(
+    IdentifyFeedback,
+    "mr_damper_msgs" / "action" / "Identify_Feedback",
+    "e59cf099ca6ec0fac30e376ca512cb4fc3961de9163c21fec75f2ca6bad6d0dc",
+    section(include_str!("../action/Identify.action"), 2)
+);

@@ -1,0 +1,220 @@
+//! The messages of `mr_damper_msgs`. The `.msg` files are their one definition.
+//!
+//! SI units (REP-103). Positive displacement and velocity extend the damper; positive force is tension on the
+//! rod. NaN is unknown, where a field says that it may be.
+
+use serde::{Deserialize, Serialize};
+
+use crate::definition::definition;
+use crate::message::message;
+use crate::nan;
+use crate::standard::Header;
+use crate::state::Reasons;
+
+/// Displacement of the damper rod.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Displacement {
+    /// When the sample was taken, and the frame of the damper.
+    pub header: Header,
+    /// Displacement in m; positive extends the damper.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub displacement: f64,
+    /// Variance in m^2; zero or negative is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub variance: f64,
+}
+message!(
+    Displacement,
+    "mr_damper_msgs" / "msg" / "Displacement",
+    "a396173d439a26bd2d68f5f701d40519e45d54b57f26fac73387b1979dcb2964",
+    definition!(include_str!("../msg/Displacement.msg"), Header Time)
+);
+
+/// Velocity of the damper rod.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Velocity {
+    /// When the sample was taken, and the frame of the damper.
+    pub header: Header,
+    /// Velocity in m/s; positive extends the damper.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub velocity: f64,
+    /// Variance in m^2/s^2; zero or negative is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub variance: f64,
+}
+message!(
+    Velocity,
+    "mr_damper_msgs" / "msg" / "Velocity",
+    "9dd37c8fb4333f3e997e53611b53ef5b148eaf66a668f37e770bc299320e5249",
+    definition!(include_str!("../msg/Velocity.msg"), Header Time)
+);
+
+/// Current through the damper's coil.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CoilCurrent {
+    /// When the sample was taken, and the frame of the damper.
+    pub header: Header,
+    /// Current in A, zero or positive.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub current: f64,
+    /// Variance in A^2; zero or negative is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub variance: f64,
+}
+message!(
+    CoilCurrent,
+    "mr_damper_msgs" / "msg" / "CoilCurrent",
+    "4962695619ddd943ff2f437c72165627710a4a916f3473db5fee92b232ab84b6",
+    definition!(include_str!("../msg/CoilCurrent.msg"), Header Time)
+);
+
+/// Command voltage of the damper's driver, for dampers recorded by voltage and not by current.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CommandVoltage {
+    /// When the sample was taken, and the frame of the damper.
+    pub header: Header,
+    /// Voltage in V.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub voltage: f64,
+    /// Variance in V^2; zero or negative is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub variance: f64,
+}
+message!(
+    CommandVoltage,
+    "mr_damper_msgs" / "msg" / "CommandVoltage",
+    "5fb347375b34d68b7a0b7ebd8a5c3117df1342cecd6d0e4dcc33d70cad14c750",
+    definition!(include_str!("../msg/CommandVoltage.msg"), Header Time)
+);
+
+/// Force of the damper on its rod, measured or requested.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Force {
+    /// When the sample was taken, and the frame of the damper.
+    pub header: Header,
+    /// Force in N; positive is tension on the rod.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub force: f64,
+    /// Variance in N^2; zero or negative is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub variance: f64,
+}
+message!(
+    Force,
+    "mr_damper_msgs" / "msg" / "Force",
+    "cd7fad9be3a3db26d9125d3dc20f32c0fe1c6c690dafbaefde0ee10d8e8ba422",
+    definition!(include_str!("../msg/Force.msg"), Header Time)
+);
+
+/// Estimated force of the damper, with what is known about its quality.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ForceEstimate {
+    /// The stamp of the displacement sample that caused this estimate, and its frame.
+    pub header: Header,
+    /// Force in N; positive is tension on the rod. NaN when `validity` is `Invalid` and there is none to give.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub force: f64,
+    /// Standard deviation of the force in N; NaN is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub std_dev: f64,
+    /// Name of the loaded model.
+    pub model: String,
+    /// A [`Mode`](crate::Mode).
+    pub mode: u8,
+    /// A [`Validity`](crate::Validity).
+    pub validity: u8,
+    /// Why `validity` is not `Valid`.
+    pub reasons: Reasons,
+    /// Displacement stamp minus stamp of the drive sample used, in s; NaN when none was used.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub input_age: f64,
+}
+message!(
+    ForceEstimate,
+    "mr_damper_msgs" / "msg" / "ForceEstimate",
+    "455de845534b493812a5416a6dd7481dae99c45c70034ceebf36acb02b12770a",
+    definition!(include_str!("../msg/ForceEstimate.msg"), Header Time)
+);
+
+/// Measured force against what the model predicts: how far to trust the model now.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ForceResidual {
+    /// The stamp of the measured force, and the frame of the damper.
+    pub header: Header,
+    /// Measured force in N.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub measured: f64,
+    /// Free-run prediction in N: never fed by measured force.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub predicted: f64,
+    /// Measured minus predicted, in N.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub residual: f64,
+    /// Residual over its expected standard deviation; NaN when that is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub normalised: f64,
+    /// Root of the windowed mean of squared residuals, in N; NaN before there are enough samples.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub windowed_rsse: f64,
+    /// Windowed error-to-signal ratio, dimensionless; NaN when it is not defined yet.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub windowed_esr: f64,
+    /// Time constant of the exponential forgetting, in s.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub window: f64,
+    /// The residual is larger than noise explains.
+    pub alarm: bool,
+}
+message!(
+    ForceResidual,
+    "mr_damper_msgs" / "msg" / "ForceResidual",
+    "38bba8b904b2ccb859d72bc44adedc94d2e4952c5bffeecaa981b749ef7e2ff1",
+    definition!(include_str!("../msg/ForceResidual.msg"), Header Time)
+);
+
+/// Coil current that makes the damper give a requested force, as far as it can.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CurrentCommand {
+    /// The stamp of the sample that caused this command, and the frame of the damper.
+    pub header: Header,
+    /// Current in A; never NaN.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub current: f64,
+    /// Requested force in N; NaN when there is no request.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub force_requested: f64,
+    /// Force in N that the model expects at this current; NaN is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub force_expected: f64,
+    /// The damper can give the requested force now.
+    pub achievable: bool,
+    /// The requested force takes energy out of the motion.
+    pub dissipative: bool,
+    /// A [`LimitedBy`](crate::LimitedBy).
+    pub limited_by: u8,
+}
+message!(
+    CurrentCommand,
+    "mr_damper_msgs" / "msg" / "CurrentCommand",
+    "8dd199143f1a25a8a6ce00682c51645fa4ad661fa89e0c6c461769549e0834bb",
+    definition!(include_str!("../msg/CurrentCommand.msg"), Header Time)
+);
+
+/// The estimator changed its mode.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModeChange {
+    /// The stamp of the sample that caused the change, and the frame of the damper.
+    pub header: Header,
+    /// The [`Mode`](crate::Mode) before.
+    pub from_mode: u8,
+    /// The [`Mode`](crate::Mode) after.
+    pub to_mode: u8,
+    /// Why, for people.
+    pub reason: String,
+}
+message!(
+    ModeChange,
+    "mr_damper_msgs" / "msg" / "ModeChange",
+    "e5f7a962c23525fa409c9158140c100ad502ddfd943fb6620d3cbbad2ceca112",
+    definition!(include_str!("../msg/ModeChange.msg"), Header Time)
+);

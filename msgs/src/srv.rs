@@ -1,0 +1,131 @@
+//! The services of `mr_damper_msgs`. The `.srv` files are their one definition.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Service;
+use crate::message::{message, section};
+
+/// Loads a force model into the running node. The one before stays when this fails.
+#[derive(Clone, Copy, Debug)]
+pub struct LoadModel;
+
+impl Service for LoadModel {
+    type Request = LoadModelRequest;
+    type Response = LoadModelResponse;
+    const PACKAGE: &'static str = "mr_damper_msgs";
+    const NAME: &'static str = "LoadModel";
+    const TYPE: &'static str = "mr_damper_msgs/srv/LoadModel";
+    const TYPE_HASH: &'static str = "RIHS01_813fbfd1d5f3f9f86b206cfd800185927f2a02ed3ef1262edebe85bb1540c38a";
+}
+
+/// Request of [`LoadModel`].
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LoadModelRequest {
+    /// Name of a preset, or path of a model file on the node's machine.
+    pub model: String,
+}
+message!(
+    LoadModelRequest,
+    "mr_damper_msgs" / "srv" / "LoadModel_Request",
+    "c824432486cb4234524c382b02f40c2b8e55b4ace762ca747dba637eaa84e6fe",
+    section(include_str!("../srv/LoadModel.srv"), 0)
+);
+
+/// Response of [`LoadModel`].
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LoadModelResponse {
+    /// Whether it was done.
+    pub success: bool,
+    /// What was loaded, or why not and what to do.
+    pub message: String,
+}
+message!(
+    LoadModelResponse,
+    "mr_damper_msgs" / "srv" / "LoadModel_Response",
+    "b2bff327c82640fa923be62759e5344a55eb8e37bdc59a283549513cb8e6effb",
+    section(include_str!("../srv/LoadModel.srv"), 1)
+);
+
+/// Forgets filters, history and residual, as if the node had just started. The model stays.
+#[derive(Clone, Copy, Debug)]
+pub struct Reset;
+
+impl Service for Reset {
+    type Request = ResetRequest;
+    type Response = ResetResponse;
+    const PACKAGE: &'static str = "mr_damper_msgs";
+    const NAME: &'static str = "Reset";
+    const TYPE: &'static str = "mr_damper_msgs/srv/Reset";
+    const TYPE_HASH: &'static str = "RIHS01_7569d46093115dfd3b940ee2afe5a1e52a83f19fbd57266f84d63768c2b7e8b1";
+}
+
+/// Request of [`Reset`].
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ResetRequest {
+    /// Always 0: a request without fields is one byte on the wire.
+    pub structure_needs_at_least_one_member: u8,
+}
+message!(
+    ResetRequest,
+    "mr_damper_msgs" / "srv" / "Reset_Request",
+    "901ef5cfcb36635023be1d35952fe572977229d32a80cd4f1e56392ca754c347",
+    section(include_str!("../srv/Reset.srv"), 0)
+);
+
+/// Response of [`Reset`].
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ResetResponse {
+    /// Whether it was done.
+    pub success: bool,
+    /// Why not, and what to do; empty on success.
+    pub message: String,
+}
+message!(
+    ResetResponse,
+    "mr_damper_msgs" / "srv" / "Reset_Response",
+    "873867b7b97f3c02487621d3933004cca5efa1ab500c9f7ba192d63ead4206e0",
+    section(include_str!("../srv/Reset.srv"), 1)
+);
+
+/// Holds the estimator in one mode, or gives the choice back to the supervisor.
+#[derive(Clone, Copy, Debug)]
+pub struct SetMode;
+
+impl Service for SetMode {
+    type Request = SetModeRequest;
+    type Response = SetModeResponse;
+    const PACKAGE: &'static str = "mr_damper_msgs";
+    const NAME: &'static str = "SetMode";
+    const TYPE: &'static str = "mr_damper_msgs/srv/SetMode";
+    const TYPE_HASH: &'static str = "RIHS01_3bdee117533cb23ce7ce60e291cb24c73bef00d02dfb8d613937137d807423e5";
+}
+
+/// Request of [`SetMode`].
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SetModeRequest {
+    /// A [`Mode`](crate::Mode); ignored when `automatic` is true.
+    pub mode: u8,
+    /// The supervisor chooses the mode.
+    pub automatic: bool,
+}
+message!(
+    SetModeRequest,
+    "mr_damper_msgs" / "srv" / "SetMode_Request",
+    "a95d8f977b3d39dcec3c3ee9500fd4bd2216cc317d27c84e66003d0641972a1b",
+    section(include_str!("../srv/SetMode.srv"), 0)
+);
+
+/// Response of [`SetMode`].
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SetModeResponse {
+    /// Whether it was done.
+    pub success: bool,
+    /// Why not, and what to do; empty on success.
+    pub message: String,
+}
+message!(
+    SetModeResponse,
+    "mr_damper_msgs" / "srv" / "SetMode_Response",
+    "4dcdb6e9cd5635e48cc1896270cf1bafa8541be384b61d7c9217a0e4c13915b5",
+    section(include_str!("../srv/SetMode.srv"), 1)
+);

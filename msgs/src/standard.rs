@@ -1,0 +1,166 @@
+//! The messages of standard ROS 2 packages that the node sends and receives. SI units (REP-103).
+
+use serde::{Deserialize, Serialize};
+
+use crate::definition::{definition, text};
+use crate::message::message;
+use crate::nan;
+
+/// `builtin_interfaces/msg/Time`: a point in time, since 1970 or since the start of a simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Time {
+    /// Whole seconds, rounded down.
+    pub sec: i32,
+    /// Nanoseconds on top, less than a second.
+    pub nanosec: u32,
+}
+message!(
+    Time,
+    "builtin_interfaces" / "msg" / "Time",
+    "b106235e25a4c5ed35098aa0a61a3ee9c9b18d197f398b0e4206cea9acf9c197",
+    text!(Time)
+);
+
+/// `std_msgs/msg/Header`: when and where a message belongs.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Header {
+    /// When the data was taken.
+    pub stamp: Time,
+    /// The coordinate frame of the data.
+    pub frame_id: String,
+}
+message!(
+    Header,
+    "std_msgs" / "msg" / "Header",
+    "f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01",
+    definition!(text!(Header), Time)
+);
+
+/// `std_msgs/msg/Float64`: a number without stamp or unit; the topic gives both.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Float64 {
+    /// The number.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub data: f64,
+}
+message!(
+    Float64,
+    "std_msgs" / "msg" / "Float64",
+    "705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a",
+    text!(Float64)
+);
+
+/// `rosgraph_msgs/msg/Clock`: simulated time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Clock {
+    /// The time now.
+    pub clock: Time,
+}
+message!(
+    Clock,
+    "rosgraph_msgs" / "msg" / "Clock",
+    "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
+    definition!(text!(Clock), Time)
+);
+
+/// `sensor_msgs/msg/Temperature`: a temperature.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Temperature {
+    /// When and where it was taken.
+    pub header: Header,
+    /// Temperature in degrees Celsius.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub temperature: f64,
+    /// Variance in square degrees Celsius; 0 is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub variance: f64,
+}
+message!(
+    Temperature,
+    "sensor_msgs" / "msg" / "Temperature",
+    "72514a14126ab9f8a9abec974c78e5610a367b59db5da355ff1fb982d5bad4b8",
+    definition!(text!(Temperature), Header Time)
+);
+
+/// `sensor_msgs/msg/JointState`: the state of several joints. A list is empty when its quantity is unknown.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct JointState {
+    /// When it was taken.
+    pub header: Header,
+    /// Names of the joints; the other lists follow their order.
+    pub name: Vec<String>,
+    /// Positions in m (sliding) or rad (turning).
+    pub position: Vec<f64>,
+    /// Velocities in m/s or rad/s.
+    pub velocity: Vec<f64>,
+    /// Efforts in N or N m.
+    pub effort: Vec<f64>,
+}
+message!(
+    JointState,
+    "sensor_msgs" / "msg" / "JointState",
+    "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
+    definition!(text!(JointState), Header Time)
+);
+
+/// `diagnostic_msgs/msg/KeyValue`: one figure of a diagnostic.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct KeyValue {
+    /// What it is.
+    pub key: String,
+    /// Its value, as text.
+    pub value: String,
+}
+message!(
+    KeyValue,
+    "diagnostic_msgs" / "msg" / "KeyValue",
+    "d68081eaa540288c5440753baecef0c4e16e81a5f78ad68902ded5100413bb42",
+    text!(KeyValue)
+);
+
+/// `diagnostic_msgs/msg/DiagnosticStatus`: the health of one part.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DiagnosticStatus {
+    /// One of the constants of this type.
+    pub level: u8,
+    /// The part: `mr_damper: estimator`.
+    pub name: String,
+    /// What is wrong, for people.
+    pub message: String,
+    /// The hardware that the part belongs to.
+    pub hardware_id: String,
+    /// Figures.
+    pub values: Vec<KeyValue>,
+}
+message!(
+    DiagnosticStatus,
+    "diagnostic_msgs" / "msg" / "DiagnosticStatus",
+    "b0e3e692ea2d54a8af2f4ef1930e81556a2db55216b771f8a7d2724ed47bf0e4",
+    definition!(text!(DiagnosticStatus), KeyValue)
+);
+
+impl DiagnosticStatus {
+    /// All is well.
+    pub const OK: u8 = 0;
+    /// Works, but somebody should look.
+    pub const WARN: u8 = 1;
+    /// Does not work.
+    pub const ERROR: u8 = 2;
+    /// Nothing was heard of it lately.
+    pub const STALE: u8 = 3;
+}
+
+/// `diagnostic_msgs/msg/DiagnosticArray`: the health of several parts at one time.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DiagnosticArray {
+    /// When.
+    pub header: Header,
+    /// The parts.
+    pub status: Vec<DiagnosticStatus>,
+}
+message!(
+    DiagnosticArray,
+    "diagnostic_msgs" / "msg" / "DiagnosticArray",
+    "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+    definition!(text!(DiagnosticArray), Header Time DiagnosticStatus KeyValue)
+);

@@ -1,0 +1,288 @@
+//! The constants of the definitions as Rust types: modes, validity, limits and reasons.
+//!
+//! Messages carry plain numbers, so that a value of a newer peer survives; convert with `try_from`.
+
+use std::fmt;
+use std::ops::{BitOr, BitOrAssign};
+
+use serde::{Deserialize, Serialize};
+
+/// A number that is none of a definition's constants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{value} is not a known {what}")]
+pub struct UnknownValue {
+    /// What the number should say: `mode`, `validity` or `limit`.
+    pub what: &'static str,
+    /// The number.
+    pub value: u8,
+}
+
+macro_rules! wire_enum {
+    ($(#[$doc:meta])* $type:ident, $what:literal,
+     { $($(#[$variant_doc:meta])* $variant:ident = $value:literal $name:literal,)+ }) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[repr(u8)]
+        pub enum $type {
+            $($(#[$variant_doc])* $variant = $value,)+
+        }
+
+        impl $type {
+            /// All values, in the order of their numbers.
+            pub const ALL: &'static [Self] = &[$(Self::$variant,)+];
+
+            /// The name in lower case, as in reports and configuration.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name,)+ }
+            }
+        }
+
+        impl fmt::Display for $type {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.pad(self.name())
+            }
+        }
+
+        impl From<$type> for u8 {
+            fn from(value: $type) -> Self {
+                value as Self
+            }
+        }
+
+        impl TryFrom<u8> for $type {
+            type Error = UnknownValue;
+
+            fn try_from(value: u8) -> Result<Self, UnknownValue> {
+                match value {
+                    $($value => Ok(Self::$variant),)+
+                    _ => Err(UnknownValue { what: $what, value }),
+                }
+            }
+        }
+    };
+}
+
+wire_enum! {
+    /// Which estimator makes the force (`MODE_` constants of `ForceEstimate`).
+    Mode, "mode", {
+        /// ARX seeded by fresh measured force.
+        Arx = 0 "arx",
+        /// Measured force was lost; ARX runs free from its last seed for a bounded time.
+        ArxCoast = 1 "arx_coast",
+        /// The loaded model, from displacement and drive alone.
+        Model = 2 "model",
+        /// The last good force is held.
+        Hold = 3 "hold",
+        /// No force can be given.
+        Fault = 4 "fault",
+    }
+}
+
+wire_enum! {
+    /// How far an estimate may be used (`VALIDITY_` constants of `ForceEstimate`).
+    ///
+    /// Ordered from best to worst: the validity of several things together is their maximum.
+    Validity, "validity", {
+        /// As good as the model.
+        Valid = 0 "valid",
+        /// Usable, but an input or the estimator is worse than it should be.
+        Degraded = 1 "degraded",
+        /// An input is outside the range that the model was trained on.
+        Extrapolating = 2 "extrapolating",
+        /// The inputs are too old for the force to describe the present.
+        Stale = 3 "stale",
+        /// The force must not be used.
+        Invalid = 4 "invalid",
+    }
+}
+
+wire_enum! {
+    /// What kept a commanded current from the one asked for (`LIMITED_BY_` constants of `CurrentCommand`).
+    LimitedBy, "limit", {
+        /// Nothing.
+        None = 0 "none",
+        /// The largest current allowed.
+        CurrentMax = 1 "current_max",
+        /// The smallest current, where the damper is softest.
+        CurrentMin = 2 "current_min",
+        /// The largest rate of change allowed.
+        Rate = 3 "rate",
+        /// The request would drive the rod.
+        Passivity = 4 "passivity",
+        /// An input is missing or not valid, so the configured safe current is commanded.
+        Safe = 5 "safe",
+    }
+}
+
+/// Why an estimate is not `VALID`: a set of the `REASON_` bits of `ForceEstimate`.
+///
+/// ```
+/// use mr_damper_msgs::Reasons;
+///
+/// let reasons = Reasons::LATE | Reasons::DRIVE_STALE;
+/// assert!(reasons.contains(Reasons::LATE));
+/// assert_eq!(reasons.to_string(), "drive_stale|late");
+/// ```
+#[derive(Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Reasons(u32);
+
+macro_rules! reasons {
+    ($($(#[$doc:meta])* $constant:ident = $value:literal $name:literal,)+) => {
+        impl Reasons {
+            $($(#[$doc])* pub const $constant: Self = Self($value);)+
+
+            /// Every known reason with its name, in the order of the bits.
+            pub const ALL: &'static [(&'static str, Self)] = &[$(($name, Self::$constant),)+];
+        }
+    };
+}
+
+reasons! {
+    /// No drive (current or voltage) was ever received.
+    DRIVE_MISSING = 1 "drive_missing",
+    /// The last drive sample is older than its timeout.
+    DRIVE_STALE = 2 "drive_stale",
+    /// Measured force was there and has stopped.
+    FORCE_LOST = 4 "force_lost",
+    /// Displacement samples are missing before this one.
+    DISPLACEMENT_GAP = 8 "displacement_gap",
+    /// A reading since the last estimate was refused: NaN, a time step back and the like.
+    INPUT_REFUSED = 16 "input_refused",
+    /// An input is outside the range that the model was trained on.
+    OUTSIDE_ENVELOPE = 32 "outside_envelope",
+    /// The sample period is not the one of the ARX model.
+    RATE_MISMATCH = 64 "rate_mismatch",
+    /// The sample reached the node late.
+    LATE = 128 "late",
+    /// A current came where the model wants a voltage, or the other way round.
+    WRONG_DRIVE = 256 "wrong_drive",
+    /// Filters, derivative or history are still filling.
+    SETTLING = 512 "settling",
+    /// The coasting ARX model has no meaningful DC gain, so its force may drift.
+    NO_DC = 1024 "no_dc",
+    /// Displacement has stopped.
+    DISPLACEMENT_LOST = 2048 "displacement_lost",
+    /// Samples were dropped because a queue was full.
+    OVERLOAD = 4096 "overload",
+}
+
+impl Reasons {
+    /// No reason.
+    pub const NONE: Self = Self(0);
+
+    /// The set of these bits. Unknown bits are kept.
+    #[must_use]
+    pub const fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+
+    /// The bits as they go on the wire.
+    #[must_use]
+    pub const fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// Whether no bit is set.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether all bits of `other` are set.
+    #[must_use]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// Sets or clears the bits of `other`.
+    pub const fn set(&mut self, other: Self, on: bool) {
+        if on {
+            self.0 |= other.0;
+        } else {
+            self.0 &= !other.0;
+        }
+    }
+
+    /// The names of the known bits that are set.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Self::ALL.iter().filter(move |(_, reason)| self.contains(*reason)).map(|(name, _)| *name)
+    }
+
+    /// The bits that are set and not known here.
+    #[must_use]
+    pub fn unknown_bits(self) -> u32 {
+        Self::ALL.iter().fold(self.0, |left, (_, reason)| left & !reason.0)
+    }
+}
+
+impl BitOr for Reasons {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitOrAssign for Reasons {
+    fn bitor_assign(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+}
+
+/// `late|overload`; unknown bits as a hexadecimal number; `none` when empty.
+impl fmt::Display for Reasons {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_empty() {
+            return f.write_str("none");
+        }
+        let mut separator = "";
+        for name in self.names() {
+            write!(f, "{separator}{name}")?;
+            separator = "|";
+        }
+        match self.unknown_bits() {
+            0 => Ok(()),
+            bits => write!(f, "{separator}{bits:#x}"),
+        }
+    }
+}
+
+impl fmt::Debug for Reasons {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Reasons({self})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_come_back_and_unknown_ones_are_refused() {
+        for mode in Mode::ALL {
+            assert_eq!(Mode::try_from(u8::from(*mode)), Ok(*mode));
+        }
+        assert_eq!(Mode::try_from(5), Err(UnknownValue { what: "mode", value: 5 }));
+        assert_eq!(LimitedBy::try_from(255).expect_err("unknown").to_string(), "255 is not a known limit");
+    }
+
+    #[test]
+    fn the_worst_validity_is_the_maximum() {
+        assert_eq!(Validity::Stale.max(Validity::Degraded), Validity::Stale);
+    }
+
+    #[test]
+    fn reasons_are_a_set() {
+        let mut reasons = Reasons::NONE;
+        assert_eq!(reasons.to_string(), "none");
+        reasons |= Reasons::OVERLOAD;
+        reasons.set(Reasons::LATE, true);
+        assert_eq!(reasons.names().collect::<Vec<_>>(), ["late", "overload"]);
+        reasons.set(Reasons::OVERLOAD, false);
+        assert_eq!(reasons, Reasons::LATE);
+        assert!(!(reasons | Reasons::NO_DC).contains(Reasons::NO_DC | Reasons::SETTLING));
+        assert_eq!(Reasons::from_bits(0x8000_0080).to_string(), "late|0x80000000");
+    }
+}

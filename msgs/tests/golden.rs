@@ -1,0 +1,173 @@
+//! Our bytes, hashes and field names against what PyPI rosbags says of the same definitions.
+//!
+//! `golden/generate.py` makes the tables; `generate.py --check` says whether they are fresh.
+
+use std::collections::BTreeSet;
+
+use mr_damper_msgs::action::{
+    CloseLoopFeedback, CloseLoopGoal, CloseLoopResult, IdentifyFeedback, IdentifyGoal, IdentifyResult,
+};
+use mr_damper_msgs::srv::{
+    LoadModel, LoadModelRequest, LoadModelResponse, Reset, ResetRequest, ResetResponse, SetMode,
+    SetModeRequest, SetModeResponse,
+};
+use mr_damper_msgs::standard::{
+    Clock, DiagnosticArray, DiagnosticStatus, Float64, Header, JointState, KeyValue, Temperature, Time,
+};
+use mr_damper_msgs::{
+    CoilCurrent, CommandVoltage, CurrentCommand, Descriptor, Displacement, Force, ForceEstimate,
+    ForceResidual, MESSAGES, Message, ModeChange, Service, Velocity, cdr, msgdef, rihs01,
+};
+
+const CDR: &str = include_str!("golden/cdr.tsv");
+const HASHES: &str = include_str!("golden/hashes.tsv");
+
+/// Runs `$check::<M>()` for every message type of the crate.
+macro_rules! for_every_message {
+    ($check:ident) => {
+        for_every_message!(
+            $check: CoilCurrent CommandVoltage CurrentCommand Displacement Force ForceEstimate ForceResidual
+            ModeChange Velocity Time DiagnosticArray DiagnosticStatus KeyValue Clock JointState Temperature
+            Float64 Header LoadModelRequest LoadModelResponse ResetRequest ResetResponse SetModeRequest
+            SetModeResponse CloseLoopGoal CloseLoopResult CloseLoopFeedback IdentifyGoal IdentifyResult
+            IdentifyFeedback
+        )
+    };
+    ($check:ident: $($message:ident)+) => { [$($check::<$message>()),+] };
+}
+
+fn rows<const N: usize>(table: &'static str) -> Vec<[&'static str; N]> {
+    let rows: Vec<[&str; N]> = table
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| line.split('\t').collect::<Vec<_>>().try_into().expect("columns"))
+        .collect();
+    assert!(!rows.is_empty());
+    rows
+}
+
+fn unhex(text: &str) -> Vec<u8> {
+    text.as_bytes()
+        .chunks(2)
+        .map(|pair| u8::from_str_radix(str::from_utf8(pair).expect("ASCII"), 16).expect("hexadecimal"))
+        .collect()
+}
+
+/// Checks the golden cases of one type and returns how many there are.
+fn golden_cases<M: Message>() -> usize {
+    let mut cases = 0;
+    for [type_name, case, json, little, big] in rows(CDR) {
+        if type_name != M::TYPE {
+            continue;
+        }
+        cases += 1;
+        let message: M = serde_json::from_str(json).unwrap_or_else(|e| panic!("{type_name} {case}: {e}"));
+        let (little, big) = (unhex(little), unhex(big));
+        assert_eq!(cdr::to_vec(&message).expect("writable"), little, "{type_name} {case}: bytes written");
+        // NaN is not equal to itself, so messages are compared by what they print.
+        for bytes in [&little, &big] {
+            let read: M = cdr::from_slice(bytes).unwrap_or_else(|e| panic!("{case}: {e}"));
+            assert_eq!(format!("{read:?}"), format!("{message:?}"), "{type_name} {case}: message read");
+        }
+        // The other way: our JSON is that of the table, with its field names and null for NaN.
+        let ours = serde_json::to_value(&message).expect("JSON");
+        let theirs: serde_json::Value = serde_json::from_str(json).expect("JSON");
+        assert_eq!(ours, theirs, "{type_name} {case}: JSON");
+        every_cut_is_refused::<M>(&little, case);
+    }
+    assert!(cases > 0, "{} has no golden case", M::TYPE);
+    cases
+}
+
+/// No proper beginning of a message is one. Exact, as none of our types ends in something optional.
+fn every_cut_is_refused<M: Message>(bytes: &[u8], case: &str) {
+    for len in 0..bytes.len() {
+        // rosbags pads nothing at the end, so every byte counts.
+        let error = cdr::from_slice::<M>(&bytes[..len]).expect_err(case).to_string();
+        assert!(error.starts_with(M::TYPE), "{error}");
+    }
+}
+
+#[test]
+fn bytes_are_those_of_rosbags() {
+    let checked: usize = for_every_message!(golden_cases).iter().sum();
+    assert_eq!(checked, rows::<5>(CDR).len(), "the table has cases of types that the crate does not know");
+}
+
+fn hashed<M: Message>() -> &'static str {
+    let computed = rihs01::hash(M::TYPE, M::DEFINITION).expect("readable definition");
+    assert_eq!(computed, M::TYPE_HASH, "{}: the definition changed; put the new hash in the source", M::TYPE);
+    assert_eq!(golden_hash(M::TYPE), M::TYPE_HASH, "{}", M::TYPE);
+    M::TYPE
+}
+
+fn hashed_service<S: Service>() -> &'static str {
+    assert_eq!(rihs01::service_hash::<S>().expect("readable definitions"), S::TYPE_HASH, "{}", S::TYPE);
+    assert_eq!(golden_hash(S::TYPE), S::TYPE_HASH, "{}", S::TYPE);
+    S::TYPE
+}
+
+fn golden_hash(type_name: &str) -> &'static str {
+    let row = rows(HASHES).into_iter().find(|[name, _]| *name == type_name);
+    row.unwrap_or_else(|| panic!("{type_name} is not in hashes.tsv"))[1]
+}
+
+#[test]
+fn hashes_are_those_of_rosbags_and_rosidl() {
+    let mut checked = BTreeSet::from(for_every_message!(hashed));
+    checked.extend([hashed_service::<LoadModel>(), hashed_service::<Reset>(), hashed_service::<SetMode>()]);
+    let golden: BTreeSet<&str> = rows(HASHES).iter().map(|[name, _]| *name).collect();
+    assert_eq!(checked, golden);
+}
+
+/// The definition's fields are the struct's, in its order, and it carries all types inside and nothing else.
+fn defined<M: Message>() -> &'static str {
+    let all = msgdef::parse_all(M::TYPE, M::DEFINITION).expect("readable");
+    let fields: Vec<String> = all[M::TYPE].fields.iter().map(|field| field.name.clone()).collect();
+    // A derived struct prints its fields in order.
+    let printed = format!("{:#?}", M::default());
+    let own: Vec<&str> = printed
+        .lines()
+        .filter(|line| line.starts_with("    ") && !line.starts_with("     "))
+        .filter_map(|line| line.trim().split_once(": ").map(|(name, _)| name))
+        .collect();
+    if !fields.is_empty() {
+        assert_eq!(own, fields, "{}", M::TYPE);
+    }
+
+    let description = rihs01::type_description(M::TYPE, M::DEFINITION).expect("complete");
+    for name in all.keys() {
+        assert!(
+            description.contains(&format!("\"type_name\": \"{name}\"")),
+            "{}: {name} is not used",
+            M::TYPE
+        );
+    }
+    assert!(M::DEFINITION.is_empty() || M::DEFINITION.ends_with('\n'), "{}", M::TYPE);
+    assert!(M::TYPE.starts_with(M::PACKAGE) && M::TYPE.ends_with(M::NAME), "{}", M::TYPE);
+    assert_eq!(
+        M::DDS_TYPE,
+        M::TYPE.rsplit_once('/').map(|(f, n)| f.replace('/', "::") + "::dds_::" + n + "_").expect("a slash")
+    );
+    M::TYPE
+}
+
+#[test]
+fn definitions_and_structs_agree() {
+    let defined = for_every_message!(defined);
+    assert_eq!(defined.len(), 30);
+    let topics: BTreeSet<&str> = defined.into_iter().filter(|name| name.contains("/msg/")).collect();
+    let listed: BTreeSet<&str> = MESSAGES.iter().map(|message: &Descriptor| message.type_name).collect();
+    assert_eq!(listed, topics);
+    assert_eq!(listed.len(), MESSAGES.len(), "a message is listed twice");
+}
+
+#[test]
+fn a_definition_reads_as_rosbag2_writes_it() {
+    let rule = "=".repeat(80);
+    let tail = format!(
+        "bool alarm\n{rule}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n{rule}\n\
+         MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    );
+    assert!(ForceResidual::DEFINITION.ends_with(&tail), "{}", ForceResidual::DEFINITION);
+}

@@ -1,0 +1,303 @@
+#!/usr/bin/env python3
+"""Makes cdr.tsv and hashes.tsv: what an independent implementation (PyPI rosbags) says of our messages.
+
+usage: generate.py [--check] [--rosidl PREFIX...]
+
+  --check             write nothing; fail when the files differ from what would be written
+  --rosidl PREFIX...  also compare every hash with the JSON that rosidl installed under PREFIX/share:
+                      our install prefix, and that of ROS 2 itself for the standard types
+
+Needs `pip install rosbags==0.11.9`. The tests themselves read the two files only and need no Python.
+"""
+
+import argparse
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+HERE = Path(__file__).resolve().parent
+PACKAGE = HERE.parents[1]
+NAN = math.nan
+
+STANDARD = [
+    'builtin_interfaces/msg/Time',
+    'diagnostic_msgs/msg/DiagnosticArray',
+    'diagnostic_msgs/msg/DiagnosticStatus',
+    'diagnostic_msgs/msg/KeyValue',
+    'rosgraph_msgs/msg/Clock',
+    'sensor_msgs/msg/JointState',
+    'sensor_msgs/msg/Temperature',
+    'std_msgs/msg/Float64',
+    'std_msgs/msg/Header',
+]
+
+SECTIONS = {
+    'msg': [''],
+    'srv': ['_Request', '_Response'],
+    'action': ['_Goal', '_Result', '_Feedback'],
+}
+
+
+def definitions():
+    """Type name and text of every message in this package; services and actions are split in their parts."""
+    for folder, suffixes in SECTIONS.items():
+        for path in sorted((PACKAGE / folder).iterdir()):
+            parts = path.read_text().split('---\n')
+            assert len(parts) == len(suffixes), path
+            for suffix, text in zip(suffixes, parts):
+                yield f'mr_damper_msgs/{folder}/{path.stem}{suffix}', text
+
+
+def load():
+    """A type store with the standard types and ours."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    ours = []
+    for name, text in definitions():
+        # rosbags knows messages only, so a part of a service is parsed as one and renamed.
+        as_message = f'mr_damper_msgs/msg/{name.split("/")[2]}'
+        (fields,) = get_types_from_msg(text, as_message).values()
+        if not fields[1]:
+            # rosidl gives an empty structure one byte, as C has no empty structures.
+            filler = get_types_from_msg('uint8 structure_needs_at_least_one_member\n', as_message)
+            (fields,) = filler.values()
+        store.register({name: fields})
+        ours.append(name)
+    services = [f'mr_damper_msgs/srv/{path.stem}' for path in sorted((PACKAGE / 'srv').iterdir())]
+    for name in services:
+        describe_service(store, name)
+    return store, ours, services
+
+
+def describe_service(store, name):
+    """Adds the service and its event as rosidl describes them; they are hashed, never sent by us."""
+    def one(of):
+        return (Nodetype.NAME, of)
+
+    def at_most_one(of):
+        return (Nodetype.SEQUENCE, (one(of), 1))
+
+    def number(kind):
+        return (Nodetype.BASE, (kind, 0))
+
+    # rosbags hashes the char of client_gid as an IDL char; rosidl reads char in a .msg file as uint8.
+    store.fielddefs['service_msgs/msg/ServiceEventInfo'] = ([], [
+        ('event_type', number('uint8')),
+        ('stamp', one('builtin_interfaces/msg/Time')),
+        ('client_gid', (Nodetype.ARRAY, (number('uint8'), 16))),
+        ('sequence_number', number('int64')),
+    ])
+    store.fielddefs[f'{name}_Event'] = ([], [
+        ('info', one('service_msgs/msg/ServiceEventInfo')),
+        ('request', at_most_one(f'{name}_Request')),
+        ('response', at_most_one(f'{name}_Response')),
+    ])
+    store.fielddefs[name] = ([], [
+        ('request_message', one(f'{name}_Request')),
+        ('response_message', one(f'{name}_Response')),
+        ('event_message', one(f'{name}_Event')),
+    ])
+
+
+def time(sec=1_700_000_000, nanosec=123_456_789):
+    return {'sec': sec, 'nanosec': nanosec}
+
+
+def header(frame='damper', **stamp):
+    return {'stamp': time(**stamp), 'frame_id': frame}
+
+
+# String lengths that leave the next number at every position within eight bytes.
+FRAMES = ['', 'a', 'ab', 'abc', 'abcd', 'abcde', 'abcdef', 'abcdefg', 'front_left/rod', 'Dämpfer']
+
+
+def frames(**fields):
+    """One case a frame length."""
+    return {f'frame_{len(f.encode())}': {'header': header(f), **fields} for f in FRAMES}
+
+
+def estimate(**changes):
+    return {'header': header(), 'force': -512.25, 'std_dev': 4.5, 'model': 'thesis/arx/rp3-cs', 'mode': 1,
+            'validity': 2, 'reasons': 4 | 32 | 4096, 'input_age': 0.00125, **changes}
+
+
+def status(level=0, name='mr_damper: estimator', message='', hardware='', **values):
+    return {'level': level, 'name': name, 'message': message, 'hardware_id': hardware,
+            'values': [{'key': k, 'value': v} for k, v in values.items()]}
+
+
+def joints(name=('rod',), position=(0.0125,), velocity=(-0.5,), effort=(812.0,)):
+    return {'header': header('base_link'), 'name': list(name), 'position': list(position),
+            'velocity': list(velocity), 'effort': list(effort)}
+
+
+CASES = {
+    'builtin_interfaces/msg/Time': {
+        'zero': time(0, 0), 'now': time(), 'before_1970': time(-2, 999_999_999),
+        'first': time(-2**31, 0), 'last': time(2**31 - 1, 999_999_999),
+    },
+    'std_msgs/msg/Header': {f'frame_{len(f.encode())}': header(f) for f in FRAMES},
+    'std_msgs/msg/Float64': {'pi': {'data': math.pi}, 'nan': {'data': NAN}, 'minus_zero': {'data': -0.0}},
+    'rosgraph_msgs/msg/Clock': {'now': {'clock': time()}},
+    'sensor_msgs/msg/Temperature': frames(temperature=41.5, variance=0.25),
+    'sensor_msgs/msg/JointState': {
+        'empty': joints((), (), (), ()), 'one': joints(), 'no_velocity': joints(velocity=()),
+        'three': joints(('a', 'bcd', 'efghi'), (1.0, 2.0, 3.0), (), (4.0, 5.0, 6.0)),
+    },
+    'diagnostic_msgs/msg/KeyValue': {
+        'empty': {'key': '', 'value': ''}, 'pair': {'key': 'late', 'value': '12'},
+    },
+    'diagnostic_msgs/msg/DiagnosticStatus': {
+        'ok': status(), 'warn': status(1, 'n', 'late', 'rig-7', late='12', dropped='3', mode='arx'),
+    },
+    'diagnostic_msgs/msg/DiagnosticArray': {
+        'empty': {'header': header(''), 'status': []},
+        'two': {'header': header(''), 'status': [status(), status(2, 'x', 'no displacement', 'rig', a='b')]},
+    },
+    'mr_damper_msgs/msg/Displacement': frames(displacement=0.0254, variance=1e-10),
+    'mr_damper_msgs/msg/Velocity': frames(velocity=-0.1016, variance=0.0),
+    'mr_damper_msgs/msg/CoilCurrent': frames(current=1.6, variance=1e-4),
+    'mr_damper_msgs/msg/CommandVoltage': frames(voltage=2.25, variance=-1.0),
+    'mr_damper_msgs/msg/Force': {
+        **frames(force=1334.5, variance=16.0), 'nan': {'header': header(), 'force': NAN, 'variance': 0.0},
+    },
+    'mr_damper_msgs/msg/ForceEstimate': {
+        **{f'frame_{i}_model_{j}': estimate(header=header(FRAMES[i]), model='m' * j)
+           for i in range(4) for j in range(9)},
+        'usual': estimate(),
+        'unknown': estimate(force=NAN, std_dev=NAN, input_age=NAN, mode=4, validity=4, reasons=1),
+        'not_ours': estimate(mode=200, validity=255, reasons=2**32 - 1),
+    },
+    'mr_damper_msgs/msg/ForceResidual': {
+        **frames(measured=100.0, predicted=96.0, residual=4.0, normalised=0.8, windowed_rsse=5.5,
+                 windowed_esr=0.0031, window=2.0, alarm=False),
+        'alarm': {'header': header(), 'measured': 1.0, 'predicted': -1.0, 'residual': 2.0, 'normalised': NAN,
+                  'windowed_rsse': NAN, 'windowed_esr': NAN, 'window': 0.5, 'alarm': True},
+    },
+    'mr_damper_msgs/msg/CurrentCommand': {
+        **frames(current=1.2, force_requested=500.0, force_expected=487.5, achievable=False, dissipative=True,
+                 limited_by=1),
+        'safe': {'header': header(), 'current': 0.0, 'force_requested': NAN, 'force_expected': NAN,
+                 'achievable': True, 'dissipative': False, 'limited_by': 5},
+    },
+    'mr_damper_msgs/msg/ModeChange': frames(from_mode=0, to_mode=1, reason='measured force is 0.12 s old'),
+    'mr_damper_msgs/srv/LoadModel_Request': {'preset': {'model': 'thesis/fuzzy-tanh/rp3-cs'}},
+    'mr_damper_msgs/srv/LoadModel_Response': {'no': {'success': False, 'message': 'no such preset'}},
+    'mr_damper_msgs/srv/Reset_Request': {'empty': {'structure_needs_at_least_one_member': 0}},
+    'mr_damper_msgs/srv/Reset_Response': {'yes': {'success': True, 'message': ''}},
+    'mr_damper_msgs/srv/SetMode_Request': {
+        'model': {'mode': 2, 'automatic': False}, 'automatic': {'mode': 0, 'automatic': True},
+    },
+    'mr_damper_msgs/srv/SetMode_Response': {'yes': {'success': True, 'message': 'model'}},
+    'mr_damper_msgs/action/CloseLoop_Goal': {'ten_seconds': {'history': 10.0}},
+    'mr_damper_msgs/action/CloseLoop_Result': {'yes': {'success': True, 'report': '{"schema": "mr-damper/close/1"}'}},
+    'mr_damper_msgs/action/CloseLoop_Feedback': {'half': {'stage': 'confirm', 'progress': 0.5}},
+    'mr_damper_msgs/action/Identify_Goal': {
+        f'model_{j}': {'model': 'm' * j, 'history': 30.0, 'out': 'fit.toml'} for j in range(9)
+    },
+    'mr_damper_msgs/action/Identify_Result': {
+        'yes': {'success': True, 'message': 'RSSE 12.5 N', 'model_file': '/tmp/fit.toml'},
+    },
+    'mr_damper_msgs/action/Identify_Feedback': {'start': {'stage': '', 'progress': 0.0}},
+}
+
+
+def build(store, name, value):
+    """The rosbags object of one JSON-like value."""
+    kind = store.types[name]
+    fields = dict(store.fielddefs[name][1])
+    assert set(fields) == set(value), (name, set(fields) ^ set(value))
+    made = {}
+    for key, (node, inner) in fields.items():
+        item = value[key]
+        if node.name == 'NAME':
+            item = build(store, inner, item)
+        elif node.name == 'SEQUENCE':
+            (element, of), _ = inner
+            if element.name == 'NAME':
+                item = [build(store, of, i) for i in item]
+            elif of[0] == 'float64':
+                item = numpy.array(item, dtype=numpy.float64)
+        made[key] = item
+    return kind(**made)
+
+
+def plain(value):
+    """JSON has no NaN; the Rust side reads null as NaN."""
+    if isinstance(value, dict):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [plain(v) for v in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def cdr_table(store):
+    yield '# Made by generate.py; do not edit.'
+    yield '# type\tcase\tJSON\tlittle endian CDR\tbig endian CDR'
+    for name, cases in sorted(CASES.items()):
+        for case, value in cases.items():
+            message = build(store, name, value)
+            little = bytes(store.serialize_cdr(message, name, little_endian=True)).hex()
+            big = bytes(store.serialize_cdr(message, name, little_endian=False)).hex()
+            text = json.dumps(plain(value), ensure_ascii=False, separators=(',', ':'))
+            yield '\t'.join([name, case, text, little, big])
+
+
+def hash_table(store, names):
+    yield '# Made by generate.py; do not edit.'
+    yield '# type\tRIHS01 hash'
+    for name in sorted(names):
+        yield f'{name}\t{store.hash_rihs01(name)}'
+
+
+def rosidl_differences(prefixes, hashes):
+    """Lines that say where rosidl disagrees, or has no hash to compare with."""
+    installed = {}
+    packages = sorted({name.split('/')[0] for name in hashes})
+    for prefix in prefixes:
+        for package in packages:
+            for path in sorted((Path(prefix) / 'share' / package).glob('*/*.json')):
+                for entry in json.loads(path.read_text())['type_hashes']:
+                    installed[entry['type_name']] = entry['hash_string']
+    for name, ours in hashes.items():
+        theirs = installed.get(name)
+        if theirs is None:
+            yield f'{name}: rosidl installed no hash under {" ".join(prefixes)}'
+        elif theirs != ours:
+            yield f'{name}: rosbags {ours}, rosidl {theirs}'
+    print(f'{len(hashes.keys() & installed.keys())} of {len(hashes)} hashes compared with rosidl')
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--check', action='store_true')
+    parser.add_argument('--rosidl', metavar='PREFIX', nargs='+')
+    options = parser.parse_args()
+
+    store, ours, services = load()
+    messages = ours + STANDARD
+    names = messages + services
+    missing = set(messages) ^ set(CASES)
+    if missing:
+        sys.exit(f'no CASES for, or no type for: {sorted(missing)}')
+
+    troubles = []
+    for file, lines in [('cdr.tsv', cdr_table(store)), ('hashes.tsv', hash_table(store, names))]:
+        text = '\n'.join(lines) + '\n'
+        path = HERE / file
+        if not options.check:
+            path.write_text(text)
+        elif not path.exists() or path.read_text() != text:
+            troubles.append(f'{path} is not what generate.py makes')
+    if options.rosidl:
+        troubles += rosidl_differences(options.rosidl, {name: store.hash_rihs01(name) for name in names})
+    if troubles:
+        sys.exit('\n'.join(troubles))
+
+
+if __name__ == '__main__':
+    main()
