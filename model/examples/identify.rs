@@ -9,7 +9,7 @@ use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let experiment = Experiment::named("RP3-CS").ok_or("the rig knows its experiments")?;
+    let experiment = Experiment::thesis("RP3-CS").ok_or("the rig knows its experiments")?;
     let runs: Vec<_> =
         (1..=2).map(|seed| record(&experiment, &Plant::default(), &Channels::default(), seed)).collect();
     for spec in [ModelSpec::ArxSemiActive, ModelSpec::FuzzyTanh] {

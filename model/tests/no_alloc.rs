@@ -18,7 +18,8 @@ fn the_hot_path_does_not_allocate() {
     let mut slope = preset(BEST_FUZZY_TANH);
     slope.conditioning.velocity = VelocitySource::Slope;
     slope.conditioning.apply_to = ApplyTo::Output;
-    let both = Models::alone(preset(BEST_FUZZY_TANH)).with_seeded(preset(BEST_ARX)).expect("both want a current");
+    let both =
+        Models::alone(preset(BEST_FUZZY_TANH)).with_seeded(preset(BEST_ARX)).expect("both want a current");
     for models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope)] {
         let mut pipeline = Pipeline::new(models, Settings::default()).expect("presets run");
         let mut counts = [0_u32; 5];

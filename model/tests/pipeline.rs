@@ -48,8 +48,14 @@ fn silence_holds_the_last_estimate_and_then_gives_it_up() {
     2352 ms  model -> arx       measured force is fresh
     ");
     let stale: Vec<_> = bench.estimates().filter(|e| e.reasons.has(Reasons::DISPLACEMENT_LOST)).collect();
-    assert!(stale.iter().any(|e| e.mode == Mode::Hold && e.validity == Validity::Stale && e.force.is_finite()));
-    assert!(stale.iter().any(|e| e.mode == Mode::Fault && e.validity == Validity::Invalid && !e.force.is_finite()));
+    assert!(
+        stale.iter().any(|e| e.mode == Mode::Hold && e.validity == Validity::Stale && e.force.is_finite())
+    );
+    assert!(
+        stale
+            .iter()
+            .any(|e| e.mode == Mode::Fault && e.validity == Validity::Invalid && !e.force.is_finite())
+    );
 }
 
 /// What ticks do between two displacements, the next displacement would have done: results are the same.
@@ -65,7 +71,8 @@ fn ticks_do_not_change_results() {
         }
         bench.run(1200..1400, |k| k < 1300);
         let estimates = bench.estimates().filter(|e| !e.reasons.has(Reasons::DISPLACEMENT_LOST));
-        let estimates: Vec<_> = estimates.map(|e| (e.stamp, e.force.get().to_bits(), e.reasons, e.mode)).collect();
+        let estimates: Vec<_> =
+            estimates.map(|e| (e.stamp, e.force.get().to_bits(), e.reasons, e.mode)).collect();
         let residuals: Vec<_> = bench.residuals().map(|r| (r.stamp, r.residual.get().to_bits())).collect();
         (estimates, residuals, bench.transitions())
     };
@@ -187,9 +194,11 @@ fn no_current_at_all_is_no_estimate() {
     let mut bench = Bench::thesis();
     bench.without_drive = true;
     bench.run(0..100, |_| false);
-    assert!(bench.estimates().all(|e| {
-        e.mode == Mode::Fault && e.validity == Validity::Invalid && e.force.get().is_nan()
-    }));
+    assert!(
+        bench
+            .estimates()
+            .all(|e| { e.mode == Mode::Fault && e.validity == Validity::Invalid && e.force.get().is_nan() })
+    );
     assert!(bench.estimates().skip(2).all(|e| e.reasons.has(Reasons::DRIVE_MISSING)));
 }
 
@@ -302,7 +311,9 @@ fn a_model_with_an_output_filter_compares_like_with_like() {
     model.conditioning.apply_to = mr_damper_model::condition::ApplyTo::Output;
     let mut pipeline = Pipeline::new(Models::alone(model), Settings::default()).expect("a preset runs");
     // The measured force is the model's own unfiltered one: through equal filters the residual vanishes.
-    let mr_damper_model::force::ForceModel::FuzzyTanh(fuzzy) = model.force else { panic!("a fuzzy-tanh preset") };
+    let mr_damper_model::force::ForceModel::FuzzyTanh(fuzzy) = model.force else {
+        panic!("a fuzzy-tanh preset")
+    };
     let mut before: Option<f64> = None;
     let (mut worst, mut count) = (0.0_f64, 0);
     for k in 0..1000 {

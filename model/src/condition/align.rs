@@ -42,10 +42,22 @@ impl Hold {
     #[inline]
     #[must_use]
     pub fn at(&self, at: Stamp) -> Option<(Stamp, f64)> {
-        (0..self.len)
-            .map(|age| (self.next + HELD - 1 - age) % HELD)
-            .find(|&slot| self.stamps[slot] <= at)
-            .map(|slot| (self.stamps[slot], self.values[slot]))
+        self.around(at).map(|(before, _)| before)
+    }
+
+    /// The newest reading not newer than `at`, and the one that follows it.
+    #[inline]
+    fn around(&self, at: Stamp) -> Option<((Stamp, f64), Option<(Stamp, f64)>)> {
+        let mut after = None;
+        for age in 0..self.len {
+            let slot = (self.next + HELD - 1 - age) % HELD;
+            let reading = (self.stamps[slot], self.values[slot]);
+            if reading.0 <= at {
+                return Some((reading, after));
+            }
+            after = Some(reading);
+        }
+        None
     }
 
     /// Forgets all readings.
@@ -54,11 +66,11 @@ impl Hold {
     }
 }
 
-/// A force reading and what waits for it. `T` is what the caller wants back with the force.
+/// Measured force, and what waits for it. `T` is what the caller wants back with the force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceAligner<T> {
-    before: Option<(Stamp, f64)>,
-    last: Option<(Stamp, f64)>,
+    readings: Hold,
+    last: Option<Stamp>,
     first: usize,
     len: usize,
     stamps: [Stamp; PENDING],
@@ -68,7 +80,7 @@ pub struct ForceAligner<T> {
 impl<T: Copy> Default for ForceAligner<T> {
     fn default() -> Self {
         Self {
-            before: None,
+            readings: Hold::default(),
             last: None,
             first: 0,
             len: 0,
@@ -82,8 +94,8 @@ impl<T: Copy> ForceAligner<T> {
     /// Takes in a force reading. Stamps must increase: the caller refuses the others.
     #[inline]
     pub fn push_force(&mut self, stamp: Stamp, force_n: f64) {
-        self.before = self.last;
-        self.last = Some((stamp, force_n));
+        self.readings.push(stamp, force_n);
+        self.last = Some(stamp);
     }
 
     /// Lets `what` wait for the force at `stamp`; the oldest one is given up when the queue is full.
@@ -103,34 +115,36 @@ impl<T: Copy> ForceAligner<T> {
     /// `max_span_s` are not interpolated: what lies between them is given up.
     #[inline]
     pub fn next_known(&mut self, max_span_s: f64) -> Option<(Stamp, f64, T)> {
-        let (last_stamp, last_force) = self.last?;
+        let last = self.last?;
         while self.len > 0 {
             let slot = self.first;
             let stamp = self.stamps[slot];
-            if stamp > last_stamp {
+            if stamp > last {
                 return None;
             }
             self.first = (self.first + 1) % PENDING;
             self.len -= 1;
-            let force = if stamp == last_stamp { Some(last_force) } else { self.between(stamp, max_span_s) };
-            if let (Some(force), Some(what)) = (force, self.waiting[slot]) {
+            if let (Some(force), Some(what)) = (self.force_at(stamp, max_span_s), self.waiting[slot]) {
                 return Some((stamp, force, what));
             }
         }
         None
     }
 
-    /// Force at `stamp` on the line through the last two readings.
-    fn between(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
-        let (t0, f0) = self.before?;
-        let (t1, f1) = self.last?;
+    /// Force at `stamp` on the line through the readings around it.
+    fn force_at(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
+        let ((t0, f0), after) = self.readings.around(stamp)?;
+        if t0 == stamp {
+            return Some(f0);
+        }
+        let (t1, f1) = after?;
         let span = t1.since(t0).get();
-        (stamp >= t0 && span <= max_span_s).then(|| f0 + (f1 - f0) * (stamp.since(t0).get() / span))
+        (span <= max_span_s).then(|| f0 + (f1 - f0) * (stamp.since(t0).get() / span))
     }
 
     /// Forgets all readings and whatever waits.
     pub fn clear(&mut self) {
-        self.before = None;
+        self.readings.clear();
         self.last = None;
         self.len = 0;
     }
@@ -172,6 +186,18 @@ mod tests {
         assert_eq!(aligner.next_known(0.1), None);
         aligner.push_force(at(900), 0.0);
         assert_eq!(aligner.next_known(0.1), None, "no line is drawn across a gap");
+    }
+
+    #[test]
+    fn force_that_came_long_before_its_displacement_is_still_there() {
+        let mut aligner = ForceAligner::default();
+        for ms in 0..20 {
+            aligner.push_force(at(ms), ms as f64);
+        }
+        aligner.wait(at(3), 'a');
+        aligner.wait(at(7), 'b');
+        assert_eq!(aligner.next_known(0.1), Some((at(3), 3.0, 'a')));
+        assert_eq!(aligner.next_known(0.1), Some((at(7), 7.0, 'b')));
     }
 
     #[test]

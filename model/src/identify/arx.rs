@@ -4,14 +4,15 @@
 //! F_k = phi_k . a + c_run + e_k,      c_run = o_run (1 - a1 - a2 - a3)
 //! ```
 //!
-//! The constant c of a run belongs to that run alone. Taking each run's means out of F and phi gives the same a as a
-//! column of ones for each run would, and keeps the regression at 9 or 12 columns. Rows are folded into a small
-//! triangle by QR, a panel at a time; the triangle's SVD then gives rank and minimum-norm solution. With v the
-//! backward difference of x the rank is at most 7 of 9 (10 of 12): a4..a9 share what five numbers determine.
+//! The constant c of a run belongs to that run alone. Taking each run's means out of F and phi gives the same
+//! a as a column of ones for each run would, and keeps the regression at 9 or 12 columns. Rows are folded
+//! into a small triangle by QR, a panel at a time; the triangle's SVD then gives rank and minimum-norm
+//! solution. With v the backward difference of x the rank is at most 7 of 9 (10 of 12): a4..a9 share what
+//! five numbers determine.
 //!
 //! Stamps jitter by their rounding. A difference quotient over the stamped step would then differ from
-//! x_k - x_{k-1} by that jitter, and the regression would take it for two independent signals with huge, meaningless
-//! coefficients. So a backward difference is brought to the nominal period here.
+//! x_k - x_{k-1} by that jitter, and the regression would take it for two independent signals with huge,
+//! meaningless coefficients. So a backward difference is brought to the nominal period here.
 
 use super::Watch;
 use super::dataset::Dataset;
@@ -26,6 +27,8 @@ use nalgebra::{DMatrix, DVector};
 const PANEL: usize = 1024;
 /// Singular values below this share of the largest count as zero. Columns have unit norm.
 const RANK_TOLERANCE: f64 = 1e-10;
+/// A column whose norm is below this share of its mean's is constant.
+const ROUNDING: f64 = 1e-11;
 /// Rates of the runs may differ by this share.
 const RATE_TOLERANCE: f64 = 0.01;
 /// A step may differ from the period by this share (jitter); else a sample was lost.
@@ -54,8 +57,8 @@ pub(super) fn fit(datasets: &[Dataset], drive: Option<DriveKind>, watch: &Watch)
     if rows < ROWS_PER_PARAMETER * n {
         return Err(Error::Data {
             message: format!(
-                "{rows} samples with three before them are too few for {n} ARX coefficients ({} are needed); add \
-                 runs, or count samples at rest too",
+                "{rows} samples with three before them are too few for {n} ARX coefficients ({} are \
+                 needed); add runs, or count samples at rest too",
                 ROWS_PER_PARAMETER * n
             ),
         });
@@ -75,7 +78,12 @@ pub(super) fn fit(datasets: &[Dataset], drive: Option<DriveKind>, watch: &Watch)
             return Err(Error::Cancelled);
         }
     }
-    let (coefficients, rank) = solve(&triangle)?;
+    // What centring leaves of a constant column is rounding, and no signal.
+    let mut rounding = DVector::<f64>::zeros(n);
+    for (rows, mean) in &means {
+        rounding += mean.rows(0, n).map(|m| ROUNDING * m.abs() * (*rows as f64).sqrt());
+    }
+    let (coefficients, rank) = solve(&triangle, &rounding)?;
 
     let gap = 1.0 - coefficients.rows(0, LAGS).sum();
     let offsets_n: Vec<f64> = datasets
@@ -83,8 +91,8 @@ pub(super) fn fit(datasets: &[Dataset], drive: Option<DriveKind>, watch: &Watch)
         .zip(&means)
         .map(|(dataset, (_, mean))| {
             let constant = mean[n] - coefficients.dot(&mean.rows(0, n));
-            // Where 1 - a1 - a2 - a3 is nearly zero the quotient means nothing, and shows it by leaving the forces
-            // that the run holds. The run's mean then serves: the prediction hardly depends on it.
+            // Where 1 - a1 - a2 - a3 is nearly zero the quotient means nothing, and shows it by leaving the
+            // forces that the run holds. The run's mean then serves: the prediction hardly depends on it.
             let [low, high] = dataset.envelope.force_n.unwrap_or([mean[n]; 2]);
             let offset = constant / gap;
             if (low..=high).contains(&offset) { offset } else { mean[n] }
@@ -117,8 +125,8 @@ fn common_rate(datasets: &[Dataset]) -> Result<f64, Error> {
     if let Some(other) = datasets.iter().find(off) {
         return Err(Error::Data {
             message: format!(
-                "an arx model holds at one rate, but run {} is at {:.6} Hz and run {} at {:.6} Hz; identify them apart, \
-                 or ask for a rate of which both are whole multiples",
+                "an arx model holds at one rate, but run {} is at {:.6} Hz and run {} at {:.6} Hz; identify \
+                 them apart, or ask for a rate of which both are whole multiples",
                 first.name, first.rate_hz, other.name, other.rate_hz
             ),
         });
@@ -189,16 +197,20 @@ fn fold(triangle: &mut DMatrix<f64>, panel: &mut Vec<DVector<f64>>) {
     panel.clear();
 }
 
-/// Minimum-norm solution of the triangle's least squares, and the rank.
-fn solve(triangle: &DMatrix<f64>) -> Result<(DVector<f64>, usize), Error> {
+/// Minimum-norm solution of the triangle's least squares, and the rank. Columns no longer than `rounding` are
+/// zero.
+fn solve(triangle: &DMatrix<f64>, rounding: &DVector<f64>) -> Result<(DVector<f64>, usize), Error> {
     let n = triangle.ncols() - 1;
     let force = triangle.column(n).into_owned();
     let mut regressors = triangle.columns(0, n).into_owned();
     // Columns of unit norm: else newtons would count for more than metres in the rank and in the norm.
-    let scales: Vec<f64> = regressors.column_iter().map(|c| c.norm()).collect();
+    let norms = regressors.column_iter().map(|column| column.norm());
+    let scales: Vec<f64> = norms.zip(rounding).map(|(norm, r)| if norm > *r { norm } else { 0.0 }).collect();
     for (mut column, scale) in regressors.column_iter_mut().zip(&scales) {
         if *scale > 0.0 {
             column /= *scale;
+        } else {
+            column.fill(0.0);
         }
     }
     let svd = regressors.svd(true, true);

@@ -1,8 +1,8 @@
 //! A run as a model sees it: conditioned rows at the displacement stamps.
 //!
-//! Rows are made by the blocks that the live pipeline is made of (hold, force aligner, conditioning, low-pass),
-//! fed in the same order. What is identified on them is what runs live: causal filters, the same delays, and
-//! a new start after each gap.
+//! Rows are made by the blocks that the live pipeline is made of (hold, force aligner, conditioning,
+//! low-pass), fed in the same order. What is identified on them is what runs live: causal filters, the same
+//! delays, and a new start after each gap.
 
 use crate::condition::{ApplyTo, Conditioning, ForceAligner, Hold, LowPassState, MotionState};
 use crate::error::Error;
@@ -21,10 +21,10 @@ const RATE_TOLERANCE: f64 = 0.01;
 /// How a run becomes rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DatasetOptions {
-    /// Count only rows where the damper moves: speed over 5 % of its peak within 0.1 s. Recordings begin and end
-    /// at rest, where a model of a moving damper has nothing to learn. Rows at rest still pass the filters. The
-    /// speed is a central difference over 20 ms of the raw displacement, so that the same rows count whatever the
-    /// conditioning.
+    /// Count only rows where the damper moves: speed over 5 % of its peak within 0.1 s. Recordings begin and
+    /// end at rest, where a model of a moving damper has nothing to learn. Rows at rest still pass the
+    /// filters. The speed is a central difference over 20 ms of the raw displacement, so that the same rows
+    /// count whatever the conditioning.
     pub moving_only: bool,
     /// Rate to bring the run to, Hz, by keeping every n-th displacement; `None` leaves it as it is.
     pub rate_hz: Option<f64>,
@@ -82,8 +82,8 @@ impl Dataset {
     ///
     /// # Errors
     /// [`Error::MissingChannel`] without force, or without velocity where the conditioning wants the measured
-    /// one; [`Error::OutOfRange`] for settings that mean nothing; [`Error::Data`] when the run is too short, or
-    /// its rate is no whole multiple of the asked one.
+    /// one; [`Error::OutOfRange`] for settings that mean nothing; [`Error::Data`] when the run is too short,
+    /// or its rate is no whole multiple of the asked one.
     pub fn from_run(run: &Run, conditioning: &Conditioning, options: &DatasetOptions) -> Result<Self, Error> {
         conditioning.validate()?;
         Error::check("gap_s", options.gap_s, "positive and finite", |g| g > 0.0)?;
@@ -136,8 +136,8 @@ fn stride(run: &Run, rate_hz: Option<f64>) -> Result<usize, Error> {
     if multiple < 1.0 || (recorded_hz / (multiple * asked_hz) - 1.0).abs() > RATE_TOLERANCE {
         return Err(Error::Data {
             message: format!(
-                "run {}: is at {recorded_hz:.6} Hz, which is no whole multiple of {asked_hz} Hz; leave it out, or \
-                 choose another rate",
+                "run {}: is at {recorded_hz:.6} Hz, which is no whole multiple of {asked_hz} Hz; leave it \
+                 out, or choose another rate",
                 run.name
             ),
         });

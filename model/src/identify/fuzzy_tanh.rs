@@ -1,9 +1,10 @@
 //! Identification of the fuzzy-tanh model: seeded restarts of a bounded least-squares fit.
 //!
-//! Given the slopes A3 and couplings kappa, the heights A1 and dampings A2 follow from a linear solve. A restart
-//! draws slopes and couplings, solves for the rest, and lets all parameters go. Restarts work on a sample of
-//! the rows, side by side; the best distinct ones are then finished on all rows. Each restart has random numbers of
-//! its own and sums are added in a fixed order, so that results do not depend on the number of threads.
+//! Given the slopes A3 and couplings kappa, the heights A1 and dampings A2 follow from a linear solve. A
+//! restart draws slopes and couplings, solves for the rest, and lets all parameters go. Restarts work on a
+//! sample of the rows, side by side; the best distinct ones are then finished on all rows. Each restart has
+//! random numbers of its own and sums are added in a fixed order, so that results do not depend on the number
+//! of threads.
 
 use super::dataset::Dataset;
 use super::least_squares::{Minimum, Problem, Stop, minimise};
@@ -79,9 +80,9 @@ impl Scales {
         (0..functions).flat_map(|_| self.bounds()).collect()
     }
 
-    /// Bounds of one function. The step is no higher than a few times the force seen. Its slope lies between a step as
-    /// wide as all speeds and one that is over within a thousandth of them. The coupling shifts the loop by no more
-    /// than twice the highest frequency, at which it would be all stiffness. Damping is free.
+    /// Bounds of one function. The step is no higher than a few times the force seen. Its slope lies between
+    /// a step as wide as all speeds and one that is over within a thousandth of them. The coupling shifts the
+    /// loop by no more than twice the highest frequency, at which it would be all stiffness. Damping is free.
     fn bounds(&self) -> [[f64; 2]; PER_FUNCTION] {
         [
             [0.0, 5.0 * self.force_n],
@@ -189,8 +190,8 @@ fn check_support(problem: &TanhProblem, memberships: &Memberships) -> Result<(),
     let Some((support, centre)) = poor else { return Ok(()) };
     Err(Error::Data {
         message: format!(
-            "too few samples near {} = {centre}: they weigh {support:.1}, but a function needs {least}; add runs, or \
-             choose membership centres that the runs reach",
+            "too few samples near {} = {centre}: they weigh {support:.1}, but a function needs {least}; add \
+             runs, or choose membership centres that the runs reach",
             memberships.membership.drive
         ),
     })
@@ -218,7 +219,8 @@ fn start(
         p[2] = (slope * stretch / scales.velocity_m_s).ln();
         p[3] = (coupling + shift) * scales.frequency_1_s;
     }
-    // With heights and dampings zero their columns are those of the linear problem, and the residual is the force.
+    // With heights and dampings zero their columns are those of the linear problem, and the residual is the
+    // force.
     let normal = sample.normal(&start)?;
     let linear: Vec<usize> = (0..start.len()).filter(|j| j % PER_FUNCTION < 2).collect();
     let scale = |j: usize| normal.square[(j, j)].max(f64::MIN_POSITIVE).sqrt();

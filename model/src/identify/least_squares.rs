@@ -5,12 +5,13 @@
 //! step       (J'J + lambda D) d = -J'r   over the parameters that are free,   D = largest diag(J'J) so far
 //! ```
 //!
-//! A parameter at a bound that the gradient pushes against is held there; one that a step would carry over its
-//! bound is put on it, and the step of the others is solved anew. Lambda follows Nielsen's rule. The problem hands over
-//! J'J and J'r, not J: they are summed row by row, so that memory does not grow with the rows.
+//! A parameter at a bound that the gradient pushes against is held there; one that a step would carry over
+//! its bound is put on it, and the step of the others is solved anew. Lambda follows Nielsen's rule. The
+//! problem hands over J'J and J'r, not J: they are summed row by row, so that memory does not grow with the
+//! rows.
 //!
-//! J'J squares the condition number. With steps scaled by D that is harmless down to relative changes near 1e-8
-//! of a parameter, which is far below what measured data determine.
+//! J'J squares the condition number. With steps scaled by D that is harmless down to relative changes near
+//! 1e-8 of a parameter, which is far below what measured data determine.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -61,8 +62,8 @@ pub struct Minimum {
     pub converged: bool,
 }
 
-/// Minimises `problem` from `start` within `bounds` (a pair of lower and upper one a parameter; infinite ones are
-/// allowed). `start` is moved into the bounds first. `None` when the work was cancelled.
+/// Minimises `problem` from `start` within `bounds` (a pair of lower and upper one a parameter; infinite ones
+/// are allowed). `start` is moved into the bounds first. `None` when the work was cancelled.
 ///
 /// # Panics
 /// When `bounds` is not as long as `start`.

@@ -5,9 +5,9 @@
 //! - Anything else (a voltage, another range): seven sets evenly over the range, sigma half their spacing.
 //!
 //! Levels are found greedily. The window of a fixed width that holds the most samples is a level; its samples
-//! are taken out; and so on until a window holds next to nothing. Neighbours without a valley between them are one
-//! noisy level. When nearly all samples are held by a few narrow levels, the drive has levels; a drive that
-//! roams has windows side by side without valleys.
+//! are taken out; and so on until a window holds next to nothing. Neighbours without a valley between them
+//! are one noisy level. When nearly all samples are held by a few narrow levels, the drive has levels; a
+//! drive that roams has windows side by side without valleys.
 
 use crate::error::Error;
 use crate::force::{MAX_FUNCTIONS, Membership};
@@ -20,7 +20,8 @@ const MAX_LEVELS: usize = 8;
 const MAX_WINDOWS: usize = 3 * MAX_LEVELS;
 /// Half width of a level's window as a share of the drive's range.
 const WINDOW_SHARE: f64 = 0.03;
-/// Least half width of a window, A or V: drivers and their measurement are noisier than a share of a small range.
+/// Least half width of a window, A or V: drivers and their measurement are noisier than a share of a small
+/// range.
 const WINDOW_LEAST: f64 = 0.02;
 /// Share of all samples that a level must hold.
 const LEVEL_SHARE: f64 = 0.02;
@@ -58,8 +59,9 @@ pub enum MembershipSource {
 impl Memberships {
     /// Chooses centres and width for drive values in A or V, in any order; those not finite are left out.
     ///
-    /// With levels of unequal spacing sigma is half the mean spacing, but never more than the smallest one, so
-    /// that the sets of neighbours stay distinct. With one level there is one set, which holds for any drive.
+    /// With levels of unequal spacing sigma is half the mean spacing, but never more than the smallest one,
+    /// so that the sets of neighbours stay distinct. With one level there is one set, which holds for any
+    /// drive.
     ///
     /// # Errors
     /// [`Error::Data`] when there are no values.
@@ -117,7 +119,8 @@ fn fills_thesis_range(low: f64, high: f64) -> bool {
     (low - first).abs() <= SIGMA_A && (high - last).abs() <= SIGMA_A
 }
 
-/// Half the mean spacing, not more than the smallest; the thesis' for a single level, where it does not matter.
+/// Half the mean spacing, not more than the smallest; the thesis' for a single level, where it does not
+/// matter.
 fn level_sigma(levels: &[f64]) -> f64 {
     let spacings = levels.windows(2).map(|pair| pair[1] - pair[0]);
     let smallest = spacings.fold(f64::INFINITY, f64::min);
@@ -196,4 +199,121 @@ fn fullest_window(values: &[f64], width: f64) -> (usize, usize) {
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    /// `count` values around `level`, uniform noise of half width `noise`.
+    fn around(level: f64, noise: f64, count: usize, random: &mut Pcg64Mcg) -> Vec<f64> {
+        (0..count).map(|_| level + noise * (2.0 * random.random::<f64>() - 1.0)).collect()
+    }
+
+    fn found(kind: DriveKind, values: Vec<f64>) -> Memberships {
+        Memberships::from_drive(kind, values).expect("values")
+    }
+
+    fn assert_levels(found: &Memberships, levels: &[f64], tolerance: f64) {
+        assert_eq!(found.source, MembershipSource::Levels, "{found:?}");
+        assert_eq!(found.centres.len(), levels.len(), "{found:?}");
+        assert!(found.centres.iter().zip(levels).all(|(a, b)| (a - b).abs() <= tolerance), "{found:?}");
+    }
+
+    #[test]
+    fn a_few_levels_are_found_through_noise_ramps_and_spikes() {
+        let mut random = Pcg64Mcg::seed_from_u64(1);
+        for noise in [0.0, 0.005, 0.04] {
+            for levels in
+                [&[0.0, 0.25, 0.5, 0.75, 1.0][..], &[0.0, 2.25], &[0.0, 0.8712, 1.98, 3.2], &[0.0, 0.5]]
+            {
+                let mut values: Vec<f64> =
+                    levels.iter().flat_map(|level| around(*level, noise, 4000, &mut random)).collect();
+                // Ramps from end to end, 3 % of all, and a few spikes.
+                let (top, ramp) = (levels[levels.len() - 1], values.len() * 3 / 100);
+                values.extend((0..ramp).map(|_| top * random.random::<f64>()));
+                values.extend([top + 1.0, -0.7, 9.0]);
+                let found = found(DriveKind::CommandVoltage, values);
+                assert_levels(&found, levels, 0.02 + noise);
+            }
+        }
+    }
+
+    #[test]
+    fn sigma_is_half_the_spacing_but_never_more_than_the_smallest() {
+        assert!((level_sigma(&[0.0, 0.25, 0.5]) - 0.125).abs() < 1e-12);
+        assert!((level_sigma(&[0.0, 0.8712, 1.98, 3.2]) - 3.2 / 6.0).abs() < 1e-12);
+        assert!((level_sigma(&[0.0, 0.2, 3.0]) - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn levels_of_unlike_length_count() {
+        let mut random = Pcg64Mcg::seed_from_u64(2);
+        let mut values = around(0.0, 0.003, 30_000, &mut random);
+        values.extend(around(1.2, 0.003, 1000, &mut random));
+        values.extend(around(2.0, 0.003, 9000, &mut random));
+        assert_levels(&found(DriveKind::CoilCurrent, values), &[0.0, 1.2, 2.0], 0.01);
+    }
+
+    #[test]
+    fn one_level_is_one_function() {
+        let mut random = Pcg64Mcg::seed_from_u64(3);
+        for (level, noise) in [(0.0, 0.0), (0.0, 0.004), (0.5, 0.03), (1.98, 0.001), (2.5, 0.04)] {
+            let found = found(DriveKind::CoilCurrent, around(level, noise, 5000, &mut random));
+            assert_levels(&found, &[level], noise.max(1e-9));
+            assert!(found.membership.sigma > 0.0);
+        }
+    }
+
+    #[test]
+    fn a_roaming_current_over_the_thesis_range_has_the_thesis_sets() {
+        let mut random = Pcg64Mcg::seed_from_u64(4);
+        let uniform: Vec<f64> = (0..20_000).map(|_| 2.5 * random.random::<f64>()).collect();
+        let sine: Vec<f64> = (0..20_000).map(|k| 1.25 + 1.25 * (f64::from(k) * 0.01).sin()).collect();
+        // Steps of random height, as an amplitude-modulated random binary signal has them.
+        let steps: Vec<f64> = (0..60)
+            .flat_map(|_| {
+                let level = 2.5 * random.random::<f64>();
+                around(level, 0.002, 300, &mut random)
+            })
+            .collect();
+        for values in [uniform, sine, steps] {
+            let found = found(DriveKind::CoilCurrent, values);
+            assert_eq!(found.source, MembershipSource::Thesis);
+            assert_eq!((found.centres.as_slice(), found.membership.sigma), (&CENTRES_A[..], SIGMA_A));
+        }
+    }
+
+    #[test]
+    fn another_range_or_unit_is_covered_evenly() {
+        let mut random = Pcg64Mcg::seed_from_u64(5);
+        for (kind, low, high) in [
+            (DriveKind::CommandVoltage, 0.0, 2.5),
+            (DriveKind::CommandVoltage, -10.0, 10.0),
+            (DriveKind::CoilCurrent, 0.0, 1.0),
+            (DriveKind::CoilCurrent, 0.0, 6.0),
+            (DriveKind::CoilCurrent, 0.2, 0.5),
+        ] {
+            let found =
+                found(kind, (0..20_000).map(|_| low + (high - low) * random.random::<f64>()).collect());
+            assert_eq!((found.source, found.centres.len()), (MembershipSource::Even, EVEN_SETS), "{found:?}");
+            let spacing = (high - low) / 6.0;
+            for (j, centre) in found.centres.iter().enumerate() {
+                assert!((centre - low - spacing * j as f64).abs() < 0.1 * spacing, "{found:?}");
+            }
+            assert!((found.membership.sigma / spacing - 0.5).abs() < 0.01, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn nothing_to_go_by_is_an_error() {
+        let error = Memberships::from_drive(DriveKind::CoilCurrent, [f64::NAN]).expect_err("no values");
+        assert!(error.to_string().contains("current_a"));
+        assert!(Memberships::given(DriveKind::CoilCurrent, &[], None).is_err());
+        assert!(Memberships::given(DriveKind::CoilCurrent, &[0.0, 1.0], Some(0.0)).is_err());
+        let given = Memberships::given(DriveKind::CoilCurrent, &[0.0, 1.0], None).expect("sets");
+        assert_eq!((given.source, given.membership.sigma), (MembershipSource::Given, 0.5));
+    }
 }

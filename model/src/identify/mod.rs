@@ -6,13 +6,14 @@
 //!              f = A1 tanh(A3 u) + A2 u,   u = v + kappa x    restarts drawn from a seed
 //! ```
 //!
-//! Several runs are fitted at once, each with a force offset of its own: sessions differ by tens of newtons in
-//! gas preload and load cell zero. Runs of one drive kind only. The fuzzy-tanh model has no memory, so runs may differ
-//! in rate; an ARX model holds at one rate. Rows come from [`Dataset`], which conditions runs as the live pipeline
-//! does; each row that counts weighs the same, so the fit minimises the RSSE of the rows together.
+//! Several runs are fitted at once, each with a force offset of its own: sessions differ by tens of newtons
+//! in gas preload and load cell zero. Runs of one drive kind only. The fuzzy-tanh model has no memory, so
+//! runs may differ in rate; an ARX model holds at one rate. Rows come from [`Dataset`], which conditions runs
+//! as the live pipeline does; each row that counts weighs the same, so the fit minimises the RSSE of the rows
+//! together.
 //!
-//! ARX is fitted one step ahead and fuzzy-tanh running free, which is how each is used. Both are reported running
-//! free; one step ahead stands beside persistence, which says what the figure is worth.
+//! ARX is fitted one step ahead and fuzzy-tanh running free, which is how each is used. Both are reported
+//! running free; one step ahead stands beside persistence, which says what the figure is worth.
 //!
 //! ```
 //! use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
@@ -88,12 +89,14 @@ pub struct GivenMemberships {
 pub struct Options {
     /// How displacement becomes a model's inputs. It becomes part of the model.
     pub conditioning: Conditioning,
-    /// Choose the derivative of a fuzzy-tanh model by what fits the training runs best, in place of `velocity` and
-    /// `slope_window_s` of `conditioning`. [`Identified::velocity_trials`] tells what was tried.
+    /// Choose the derivative of a fuzzy-tanh model by what fits the training runs best, in place of
+    /// `velocity` and `slope_window_s` of `conditioning`. [`Identified::velocity_trials`] tells what was
+    /// tried.
     pub choose_velocity: bool,
     /// How runs become rows: moving rows only, thinning to a rate, gaps.
     pub dataset: DatasetOptions,
-    /// Membership functions of a fuzzy-tanh model; `None` takes them from the runs ([`Memberships::from_drive`]).
+    /// Membership functions of a fuzzy-tanh model; `None` takes them from the runs
+    /// ([`Memberships::from_drive`]).
     pub memberships: Option<GivenMemberships>,
     /// Restarts of a nonlinear fit; at least one is made.
     pub restarts: u32,
@@ -141,7 +144,8 @@ pub enum Progress {
 /// How the caller follows an identification and ends it early.
 #[derive(Clone, Copy, Default)]
 pub struct Watch<'a> {
-    /// Set it to `true` from anywhere to end the work, within a fraction of a second, with [`Error::Cancelled`].
+    /// Set it to `true` from anywhere to end the work, within a fraction of a second, with
+    /// [`Error::Cancelled`].
     pub cancel: Option<&'a AtomicBool>,
     /// Called now and then, from any thread.
     pub progress: Option<&'a (dyn Fn(Progress) + Sync)>,
@@ -183,9 +187,9 @@ impl Watch<'_> {
 ///
 /// # Errors
 /// [`Error::MissingChannel`] for a run without force, or without the drive or velocity that is wanted;
-/// [`Error::WrongDrive`] when kinds of drive are mixed; [`Error::Data`] for too little data, data that never vary,
-/// or rates that do not go together; [`Error::OutOfRange`] and [`Error::Length`] for options that mean nothing;
-/// [`Error::Cancelled`].
+/// [`Error::WrongDrive`] when kinds of drive are mixed; [`Error::Data`] for too little data, data that never
+/// vary, or rates that do not go together; [`Error::OutOfRange`] and [`Error::Length`] for options that mean
+/// nothing; [`Error::Cancelled`].
 pub fn identify(
     spec: ModelSpec,
     runs: &[Run],
@@ -251,8 +255,8 @@ fn datasets(
     if let Some(still) = datasets.iter().find(|d| d.counted() == 0) {
         return Err(Error::Data {
             message: format!(
-                "run {}: no sample counts: it is too short for the filter to settle, or force and displacement do not \
-                 overlap in time",
+                "run {}: no sample counts: it is too short for the filter to settle, or force and \
+                 displacement do not overlap in time",
                 still.name
             ),
         });

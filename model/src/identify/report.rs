@@ -12,15 +12,16 @@ use crate::units::Second;
 /// An identified model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identified {
-    /// The model. Its offset is the mean of the runs' offsets, and its expected error that of training, until a
-    /// validation gives better ones.
+    /// The model. Its offset is the mean of the runs' offsets, and its expected error that of training, until
+    /// a validation gives better ones.
     pub model: Model,
     /// The training runs, in the order given.
     pub runs: Vec<RunFit>,
     /// Fit of all training rows that count, running free, each run with its own offset; `None` when the
     /// free run does not stay finite.
     pub free_run: Option<Fit>,
-    /// One step ahead of measured force, each run with its own offset; `None` for a model without force inputs.
+    /// One step ahead of measured force, each run with its own offset; `None` for a model without force
+    /// inputs.
     pub one_step: Option<Fit>,
     /// Predicting that the force stays what it was one sample ago: what `one_step` is to be held against.
     pub persistence: Option<Fit>,
@@ -30,8 +31,8 @@ pub struct Identified {
     pub velocity_trials: Vec<VelocityTrial>,
     /// Rank of the regression (ARX): below the number of coefficients where regressors are collinear.
     pub rank: Option<usize>,
-    /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh). When many come close to the first,
-    /// the minimum is well found.
+    /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh). When many come close to
+    /// the first, the minimum is well found.
     pub restart_rsse_n: Vec<f64>,
     /// Parameters that ended on a bound: the data ask for a value that means nothing, or none at all.
     pub active_bounds: Vec<ActiveBound>,
@@ -151,7 +152,8 @@ fn with_offset(force: &ForceModel, force_offset_n: f64) -> ForceModel {
     other.unwrap_or(*force)
 }
 
-/// Runs `force` over the rows, free and one step ahead, and adds the errors of those that count to each of `sums`.
+/// Runs `force` over the rows, free and one step ahead, and adds the errors of those that count to each of
+/// `sums`.
 fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
     let filter = dataset.conditioning.low_pass();
     let filters_output = dataset.conditioning.apply_to == ApplyTo::Output;
@@ -184,7 +186,8 @@ fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
     }
 }
 
-/// Prediction from the measured forces before this row, N; NaN while there are none, or for a model without them.
+/// Prediction from the measured forces before this row, N; NaN while there are none, or for a model without
+/// them.
 fn one_step(force: &ForceModel, history: &mut ArxHistory, row: &Row, inputs: &Inputs) -> f64 {
     let ForceModel::Arx(arx) = force else { return f64::NAN };
     history.push_inputs(inputs);

@@ -69,7 +69,8 @@ pub(super) struct TanhProblem<'a> {
     cancel: &'a AtomicBool,
 }
 
-/// Sums over some rows of one run. `columns` of the Jacobian, and the residual as one more column behind them.
+/// Sums over some rows of one run. `columns` of the Jacobian, and the residual as one more column behind
+/// them.
 struct Sums {
     count: f64,
     linear: Vec<f64>,
@@ -95,9 +96,10 @@ impl<'a> TanhProblem<'a> {
         Ok(Self { runs, functions: memberships.centres.len(), filter, parallel: true, cancel })
     }
 
-    /// A smaller problem of about `target` counted rows, for the restarts: one row at random from every so many,
-    /// because a fixed stride could fall in step with a sine. A filter on the output, whose memory needs all rows, is
-    /// left out on both sides, model and measurement: that moves the minimum little and costs a tenth.
+    /// A smaller problem of about `target` counted rows, for the restarts: one row at random from every so
+    /// many, because a fixed stride could fall in step with a sine. A filter on the output, whose memory
+    /// needs all rows, is left out on both sides, model and measurement: that moves the minimum little and
+    /// costs a tenth.
     pub(super) fn sample(
         datasets: &[Dataset],
         memberships: &Memberships,
@@ -249,7 +251,8 @@ impl Problem for TanhProblem<'_> {
     }
 }
 
-/// Adds up the parts run by run, takes each run's means out (which eliminates its offset), and adds up the runs.
+/// Adds up the parts run by run, takes each run's means out (which eliminates its offset), and adds up the
+/// runs.
 fn centred(parts: &[(usize, Sums)], n: usize) -> Normal {
     let width = n + 1;
     let mut normal = Normal { cost: 0.0, square: DMatrix::zeros(n, n), gradient: DVector::zeros(n) };
@@ -317,7 +320,8 @@ fn sets(memberships: &Memberships) -> Result<FuzzyTanh, Error> {
     FuzzyTanh::new(memberships.membership, &memberships.centres, &functions, 0.0)
 }
 
-/// The rows of a dataset that matter, with `force` as what is measured. Without a filter those are the ones that count.
+/// The rows of a dataset that matter, with `force` as what is measured. Without a filter those are the ones
+/// that count.
 fn gather(dataset: &Dataset, sets: &FuzzyTanh, filtered: bool, force: fn(&Row) -> f64) -> Rows {
     let counted = || dataset.rows.iter().filter(|row| row.counts);
     let mean = counted().map(force).sum::<f64>() / counted().count().max(1) as f64;
@@ -356,3 +360,6 @@ fn pick(rows: &Rows, functions: usize, stride: usize, mut random: impl FnMut() -
     }
     picked
 }
+
+#[cfg(test)]
+mod tests;

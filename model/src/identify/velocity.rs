@@ -1,10 +1,12 @@
-//! Which derivative suits the runs: backward difference, or the slope over a trailing window, and how long a one.
+//! Which derivative suits the runs: backward difference, or the slope over a trailing window, and how long a
+//! one.
 //!
-//! A window takes noise out of velocity and delays it by half its length. A damper's force lags velocity too (coil,
-//! compliance of seals and fluid), and a model without memory cannot: on some rigs a delay of the same size
-//! helps as much as the better model would, on others any delay hurts. So candidates are compared on the training runs,
-//! by the ESR that a few restarts reach on the same rows. It is the mean of the runs' own: pooled, the strongest run at
-//! the highest rate would choose for all, and a delay is right only when it suits slow and fast motion alike.
+//! A window takes noise out of velocity and delays it by half its length. A damper's force lags velocity too
+//! (coil, compliance of seals and fluid), and a model without memory cannot: on some rigs a delay of the same
+//! size helps as much as the better model would, on others any delay hurts. So candidates are compared on the
+//! training runs, by the ESR that a few restarts reach on the same rows. It is the mean of the runs' own:
+//! pooled, the strongest run at the highest rate would choose for all, and a delay is right only when it
+//! suits slow and fast motion alike.
 
 use super::{Options, Watch, fuzzy_tanh};
 use crate::condition::{Conditioning, VelocitySource};
@@ -34,11 +36,10 @@ pub(super) fn choose(
     options: &Options,
     watch: &Watch,
 ) -> Result<(Conditioning, Vec<VelocityTrial>), Error> {
-    // Of a window shorter than two periods nothing is left but the backward difference.
+    // Of a window shorter than two periods of the fastest run nothing is left but the backward difference.
     let rates = runs.iter().filter_map(|run| run.displacement_m.mean_rate_hz());
-    let slowest_hz =
-        options.dataset.rate_hz.unwrap_or(f64::INFINITY).min(rates.fold(f64::INFINITY, f64::min));
-    let windows = WINDOWS_S.into_iter().filter(|window_s| window_s * slowest_hz > 1.99);
+    let fastest_hz = options.dataset.rate_hz.unwrap_or_else(|| rates.fold(0.0, f64::max));
+    let windows = WINDOWS_S.into_iter().filter(|window_s| window_s * fastest_hz > 1.99);
     let backward = Conditioning { velocity: VelocitySource::Backward, ..options.conditioning };
     let candidates = std::iter::once(backward).chain(windows.map(|slope_window_s| Conditioning {
         velocity: VelocitySource::Slope,

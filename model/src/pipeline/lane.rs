@@ -177,13 +177,14 @@ pub(super) struct SeededLane {
     arx: Arx,
     front: Front,
     history: ArxHistory,
-    /// Mean sample period of the last samples, s.
+    /// Mean sample period of the last samples, s, and how many it is the mean of.
     period_s: f64,
+    periods: u32,
 }
 
 impl SeededLane {
-    /// Weight of a new sample in the mean period.
-    const PERIOD_WEIGHT: f64 = 0.02;
+    /// Samples that the mean period is taken over.
+    const PERIODS: u32 = 50;
     /// Departure of the mean period from the model's beyond which its coefficients mean nothing.
     const PERIOD_TOLERANCE: f64 = 0.05;
     /// Step over period beyond which a sample was lost and the lags no longer fit.
@@ -196,7 +197,7 @@ impl SeededLane {
         refuse_filtered_arx(&model)?;
         let front = Front::new(model.conditioning);
         let period_s = arx.sample_period().get();
-        Ok(Some(Self { model, arx, front, history: ArxHistory::default(), period_s }))
+        Ok(Some(Self { model, arx, front, history: ArxHistory::default(), period_s, periods: 0 }))
     }
 
     pub(super) const fn model(&self) -> Model {
@@ -227,6 +228,7 @@ impl SeededLane {
             self.front = old.front.clone();
             self.history = old.history;
             self.period_s = old.period_s;
+            self.periods = old.periods;
         }
     }
 
@@ -234,6 +236,7 @@ impl SeededLane {
         self.front = Front::new(self.model.conditioning);
         self.history = ArxHistory::default();
         self.period_s = self.arx.sample_period().get();
+        self.periods = 0;
     }
 
     /// Makes only measured forces able to make the lane ready again.
@@ -254,7 +257,8 @@ impl SeededLane {
         match given.dt_s {
             None => self.reset(),
             Some(dt_s) => {
-                self.period_s += Self::PERIOD_WEIGHT * (dt_s - self.period_s);
+                self.periods = (self.periods + 1).min(Self::PERIODS);
+                self.period_s += (dt_s - self.period_s) / f64::from(self.periods);
                 if dt_s > Self::LOST_SAMPLE * period_s {
                     self.history = ArxHistory::default();
                 }

@@ -292,8 +292,7 @@ impl Pipeline {
             let residual_n = comparable_n - waiting.predicted_n;
             let window = self.window.add(stamp, comparable_n, residual_n, &self.settings);
             let expected_n = self.free.expected_rsse_n();
-            let residual =
-                Residual::new(stamp, comparable_n, residual_n, expected_n, window, &self.settings);
+            let residual = Residual::new(stamp, comparable_n, residual_n, expected_n, window, &self.settings);
             emit(Event::Residual(residual));
         }
     }

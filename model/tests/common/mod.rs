@@ -82,7 +82,11 @@ impl Bench {
         let mut other = Self::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
         other.constant_current = self.constant_current;
         other.run(0..count, |_| false);
-        self.measured_n = other.estimates().map(|e| e.force.get()).map(|f| if f.is_finite() { f + bias_n } else { 0.0 }).collect();
+        self.measured_n = other
+            .estimates()
+            .map(|e| e.force.get())
+            .map(|f| if f.is_finite() { f + bias_n } else { 0.0 })
+            .collect();
     }
 
     /// The free run over the samples that were fed, N.
@@ -100,7 +104,9 @@ impl Bench {
                 match &mut sample.reading {
                     Reading::Force(_) if !force(k) => continue,
                     Reading::Drive(_) if self.without_drive => continue,
-                    Reading::Drive(drive) if self.constant_current => *drive = Drive::CoilCurrent(Ampere(1.2)),
+                    Reading::Drive(drive) if self.constant_current => {
+                        *drive = Drive::CoilCurrent(Ampere(1.2))
+                    }
                     Reading::Force(f) => f.0 = self.measured_n.get(k as usize).copied().unwrap_or(f.0),
                     _ => {}
                 }
@@ -123,7 +129,8 @@ impl Bench {
 
     pub(crate) fn tick(&mut self, ms: i64) {
         let events = &mut self.events;
-        self.pipeline.tick(Stamp::from_nanos(self.epoch_ns + ms * 1_000_000), &mut |event| events.push(event));
+        self.pipeline
+            .tick(Stamp::from_nanos(self.epoch_ns + ms * 1_000_000), &mut |event| events.push(event));
     }
 
     pub(crate) fn estimates(&self) -> impl Iterator<Item = &Estimate> {

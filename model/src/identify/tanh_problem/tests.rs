@@ -1,0 +1,110 @@
+use super::*;
+use crate::condition::{Conditioning, VelocitySource};
+use crate::identify::DatasetOptions;
+use crate::sample::{DriveKind, Run, Stamp, Trace};
+
+static NEVER: AtomicBool = AtomicBool::new(false);
+
+fn made(apply_to: ApplyTo) -> (Vec<Dataset>, Memberships) {
+    let trace = |f: &dyn Fn(f64) -> f64| Trace {
+        // Steps of two lengths: the filter's coefficients change on the way.
+        stamps: (0..900).map(|k| Stamp::from_nanos(k * 1_000_000 + (k % 2) * 300_000)).collect(),
+        values: (0..900).map(|k| f(f64::from(k) * 1e-3)).collect(),
+    };
+    let conditioning = Conditioning { apply_to, velocity: VelocitySource::Slope, ..Conditioning::default() };
+    let run = |force_n: f64| Run {
+        name: "made".to_owned(),
+        displacement_m: trace(&|t| 0.01 * (13.0 * t).sin()),
+        drive: Some((DriveKind::CoilCurrent, trace(&|t| 0.5 + 0.5 * (3.0 * t).sin()))),
+        force_n: Some(trace(&|t| force_n + 400.0 * (12.0 * t).cos())),
+        ..Run::default()
+    };
+    let datasets = [30.0, -80.0]
+        .iter()
+        .map(|f| Dataset::from_run(&run(*f), &conditioning, &DatasetOptions::default()).expect("conditions"))
+        .collect();
+    (datasets, Memberships::given(DriveKind::CoilCurrent, &[0.0, 0.5, 1.0], Some(0.3)).expect("sets"))
+}
+
+const POINT: [f64; 12] = [80.0, 400.0, 3.9, -0.5, 300.0, 600.0, 3.2, 1.5, 650.0, -200.0, 2.5, 4.0];
+
+#[test]
+fn the_gradient_is_that_of_the_cost() {
+    for apply_to in [ApplyTo::None, ApplyTo::Inputs, ApplyTo::Output] {
+        let (datasets, memberships) = made(apply_to);
+        let problem = TanhProblem::new(&datasets, &memberships, &NEVER).expect("a problem");
+        let here = problem.normal(&POINT).expect("not cancelled");
+        for j in 0..POINT.len() {
+            let step = 1e-5 * POINT[j].abs();
+            let at = |sign: f64| {
+                let mut p = POINT;
+                p[j] += sign * step;
+                problem.normal(&p).expect("not cancelled")
+            };
+            let (below, above) = (at(-1.0), at(1.0));
+            let slope = (above.cost - below.cost) / (4.0 * step);
+            let size = here.square[(j, j)].sqrt() * here.cost.sqrt();
+            assert!((here.gradient[j] - slope).abs() < 1e-6 * size, "{apply_to:?} {j}: {slope}");
+        }
+    }
+}
+
+#[test]
+fn the_square_is_that_of_the_jacobian() {
+    // Residuals at shifted parameters, from the model itself, give the Jacobian by central differences.
+    let (datasets, memberships) = made(ApplyTo::None);
+    let problem = TanhProblem::new(&datasets, &memberships, &NEVER).expect("a problem");
+    let here = problem.normal(&POINT).expect("not cancelled");
+    let residuals = |p: &[f64]| -> Vec<DVector<f64>> {
+        let functions: Vec<TanhFunction> = p
+            .chunks(PER_FUNCTION)
+            .map(|p| TanhFunction {
+                yield_force_n: p[0],
+                post_yield_damping_n_s_m: p[1],
+                pre_yield_slope_s_m: p[2].exp(),
+                coupling_per_s: p[3],
+            })
+            .collect();
+        let model = FuzzyTanh::new(memberships.membership, &memberships.centres, &functions, 0.0);
+        let model = model.expect("a model");
+        let one = |dataset: &Dataset| {
+            let rows = dataset.rows.iter().filter(|row| row.counts);
+            let r: Vec<f64> = rows
+                .map(|row| model.force_n(row.displacement_m, row.velocity_m_s, row.drive) - row.force_n)
+                .collect();
+            let mean = r.iter().sum::<f64>() / r.len() as f64;
+            DVector::from_vec(r).add_scalar(-mean)
+        };
+        datasets.iter().map(one).collect()
+    };
+    let cost: f64 = residuals(&POINT).iter().map(DVector::norm_squared).sum();
+    assert!((here.cost / cost - 1.0).abs() < 1e-9, "{} {cost}", here.cost);
+    let column = |j: usize| -> Vec<DVector<f64>> {
+        let step = 1e-5 * POINT[j].abs();
+        let at = |sign: f64| {
+            let mut p = POINT;
+            p[j] += sign * step;
+            residuals(&p)
+        };
+        at(1.0).iter().zip(at(-1.0)).map(|(a, b)| (a - b) / (2.0 * step)).collect()
+    };
+    let columns: Vec<Vec<DVector<f64>>> = (0..POINT.len()).map(column).collect();
+    for i in 0..POINT.len() {
+        for j in 0..POINT.len() {
+            let product: f64 = columns[i].iter().zip(&columns[j]).map(|(a, b)| a.dot(b)).sum();
+            let size = (here.square[(i, i)] * here.square[(j, j)]).sqrt();
+            assert!((here.square[(i, j)] - product).abs() < 1e-6 * size, "{i} {j}");
+        }
+    }
+    let mean: Vec<f64> = problem.offsets_n(&POINT);
+    assert!((mean[0] - mean[1] - 110.0).abs() < 1e-9, "{mean:?}");
+}
+
+#[test]
+fn the_quick_tanh_is_tanh() {
+    for k in -4000..4000 {
+        let z = f64::from(k) * 0.01;
+        assert!((tanh(z) - z.tanh()).abs() < 4e-16, "{z}");
+    }
+    assert_eq!((tanh(1e6), tanh(-1e6), tanh(0.0)), (1.0, -1.0, 0.0));
+}

@@ -1,0 +1,131 @@
+//! Rows of a dataset against the live pipeline, and which of them count.
+
+mod identify_support;
+
+use identify_support::{Recipe, run, truth};
+use mr_damper_model::condition::{ApplyTo, Conditioning, LowPassState, VelocitySource};
+use mr_damper_model::force::ForceModel;
+use mr_damper_model::identify::{Dataset, DatasetOptions};
+use mr_damper_model::model::{Envelope, Expected, Model};
+use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings, UseForce};
+use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
+
+const KIND: DriveKind = DriveKind::CoilCurrent;
+
+/// A run whose channels have rates of their own, with a gap in the displacement.
+fn uneven() -> Run {
+    let model = truth(KIND);
+    let recipe =
+        Recipe { duration_s: 2.0, drive: |t| (3.0 * t).sin().abs(), offset_n: 20.0, ..Recipe::default() };
+    let make = |rate_hz| run(Recipe { rate_hz, ..recipe }, KIND, |x, v, i| model.force_n(x, v, i));
+    let cut = |trace: Trace| {
+        let kept = |stamp: &Stamp| !(800_000_000..1_050_000_000).contains(&stamp.nanos());
+        let (stamps, values) =
+            trace.stamps.into_iter().zip(trace.values).filter(|(stamp, _)| kept(stamp)).unzip();
+        Trace { stamps, values }
+    };
+    Run {
+        displacement_m: cut(make(500.0).displacement_m),
+        velocity_m_s: make(320.0).velocity_m_s,
+        drive: make(110.0).drive,
+        force_n: make(770.0).force_n,
+        ..Run::default()
+    }
+}
+
+#[test]
+fn rows_are_those_of_the_live_pipeline() {
+    let run = uneven();
+    for apply_to in [ApplyTo::None, ApplyTo::Inputs, ApplyTo::Output] {
+        for velocity in [VelocitySource::Backward, VelocitySource::Slope, VelocitySource::Measured] {
+            let conditioning = Conditioning { apply_to, velocity, ..Conditioning::default() };
+            let fuzzy = truth(KIND);
+            let model = Model {
+                force: ForceModel::FuzzyTanh(fuzzy),
+                conditioning,
+                rate_hz: 500.0,
+                envelope: Envelope::default(),
+                expected: Expected::default(),
+            };
+            let settings = Settings { use_measured_force: UseForce::Never, ..Settings::default() };
+            let mut pipeline = Pipeline::new(Models::alone(model), settings).expect("settings hold");
+            let mut live: Vec<(Stamp, f64, f64)> = Vec::new();
+            for sample in run.samples() {
+                pipeline.step(&sample, &mut |event| {
+                    if let Event::Residual(r) = event {
+                        live.push((r.stamp, r.measured.get(), r.predicted.get()));
+                    }
+                });
+            }
+            let set = Dataset::from_run(&run, &conditioning, &DatasetOptions::default()).expect("rows");
+            let (filter, mut state, mut fresh) = (conditioning.low_pass(), LowPassState::default(), true);
+            let mut compared = 0;
+            for row in &set.rows {
+                let mut predicted = fuzzy.force_n(row.displacement_m, row.velocity_m_s, row.drive);
+                if apply_to == ApplyTo::Output && predicted.is_finite() {
+                    predicted = filter.step(&mut state, row.dt_s.filter(|_| !fresh), predicted);
+                    fresh = false;
+                }
+                let Some((_, measured_n, predicted_n)) =
+                    live.iter().find(|(stamp, _, _)| *stamp == row.stamp)
+                else {
+                    assert!(!row.counts, "{conditioning:?}: the pipeline lacks {:?}", row.stamp);
+                    continue;
+                };
+                assert!(
+                    (predicted - predicted_n).abs() < 1e-9,
+                    "{conditioning:?}: {predicted} {predicted_n}"
+                );
+                // A filter of force begins with the first force known, which need not be the same one: 1 % is
+                // left of that.
+                if row.counts {
+                    let tolerance = if apply_to == ApplyTo::Output { 5.0 } else { 1e-9 };
+                    assert!(
+                        (row.force_n - measured_n).abs() < tolerance,
+                        "{conditioning:?}: {row:?} {measured_n}"
+                    );
+                    compared += 1;
+                }
+            }
+            assert!(compared > 600, "{conditioning:?}: {compared}");
+        }
+    }
+}
+
+#[test]
+fn only_the_moving_part_counts() {
+    // Rest from 0 to 2 s, a sine to 6 s, rest to 8 s; a displacement sensor that flickers by one step all the
+    // time.
+    let trace = |f: &dyn Fn(f64) -> f64| Trace {
+        stamps: (0..8000).map(|k| Stamp::from_nanos(k * 1_000_000)).collect(),
+        values: (0..8000).map(|k| f(f64::from(k) * 1e-3)).collect(),
+    };
+    let moving = |t: f64| (2.0..6.0).contains(&t);
+    let flicker = |t: f64| if (t * 1000.0).round() as i64 % 2 == 0 { 0.0 } else { 2e-5 };
+    let run = Run {
+        name: "rests".to_owned(),
+        displacement_m: trace(
+            &|t| if moving(t) { 0.01 * (std::f64::consts::TAU * t).sin() } else { 0.0 } + flicker(t),
+        ),
+        force_n: Some(trace(&|t| if moving(t) { 100.0 } else { 0.0 })),
+        ..Run::default()
+    };
+    let set =
+        |options: DatasetOptions| Dataset::from_run(&run, &Conditioning::default(), &options).expect("rows");
+    let counted = set(DatasetOptions::default());
+    let stamps: Vec<f64> =
+        counted.rows.iter().filter(|row| row.counts).map(|row| row.stamp.nanos() as f64 * 1e-9).collect();
+    let (first, last) = (stamps[0], stamps[stamps.len() - 1]);
+    assert!((1.88..1.92).contains(&first) && (6.08..6.12).contains(&last), "{first} {last}");
+    assert!(
+        stamps.windows(2).all(|pair| pair[1] - pair[0] < 0.0015),
+        "turning points are part of the motion"
+    );
+    let all = set(DatasetOptions { moving_only: false, ..DatasetOptions::default() });
+    assert_eq!(all.counted(), 7999);
+    assert_eq!(all.envelope.force_n, Some([0.0, 100.0]));
+    assert_eq!(counted.drive, None);
+    let thinned =
+        set(DatasetOptions { rate_hz: Some(250.0), moving_only: false, ..DatasetOptions::default() });
+    assert_eq!((thinned.counted(), thinned.rate_hz.round()), (1999, 250.0));
+}

@@ -1,0 +1,148 @@
+//! Identification on measured runs of real dampers, split by run: figures on runs that no fit has seen.
+//!
+//! The data are not part of this repository. `MR_DAMPER_DATA` says where they are (default `../shared/data`
+//! from the workspace); without them these tests pass and say that they were skipped.
+
+use mr_damper_model::force::{ForceModel, FreeRun, Inputs};
+use mr_damper_model::identify::{Dataset, Identified, ModelSpec, Options, Watch, identify};
+use mr_damper_model::metrics::ErrorSum;
+use mr_damper_model::model::Model;
+use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
+use std::path::{Path, PathBuf};
+
+/// The runs of one folder, by name; `None` (and a word about it) when it is not there.
+fn folder(name: &str) -> Option<Vec<Run>> {
+    let root = std::env::var_os("MR_DAMPER_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
+    let Ok(entries) = std::fs::read_dir(root.join(name)) else {
+        eprintln!("SKIPPED: no measured data in {}; set MR_DAMPER_DATA", root.join(name).display());
+        return None;
+    };
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("a readable folder").path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|e| e == "csv"));
+    paths.sort();
+    Some(paths.iter().map(|path| read(path)).collect())
+}
+
+/// A plain reader for these files; the product's own is in the node.
+fn read(path: &Path) -> Run {
+    let text = std::fs::read_to_string(path).expect("a readable file");
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    let mut columns = vec![Trace::default(); names.len()];
+    let time = names.iter().position(|name| *name == "time_s").expect("time_s");
+    for line in lines {
+        let values: Vec<f64> = line.split(',').map(|cell| cell.parse().expect("a number")).collect();
+        let stamp = Stamp::from_seconds(values[time]).expect("a time");
+        for (column, value) in columns.iter_mut().zip(values) {
+            column.stamps.push(stamp);
+            column.values.push(value);
+        }
+    }
+    let column = |name| names.iter().position(|n| *n == name).map(|j| columns[j].clone());
+    let current = column("current_a").map(|trace| (DriveKind::CoilCurrent, trace));
+    Run {
+        name: path.file_stem().expect("a name").to_string_lossy().into_owned(),
+        displacement_m: column("displacement_m").expect("displacement_m"),
+        velocity_m_s: column("velocity_m_s"),
+        force_n: column("force_n"),
+        drive: current.or_else(|| column("command_v").map(|trace| (DriveKind::CommandVoltage, trace))),
+        ..Run::default()
+    }
+}
+
+/// A part of a run, by shares of its samples.
+fn part(run: &Run, from: f64, to: f64) -> Run {
+    let len = run.displacement_m.len() as f64;
+    let range = (from * len) as usize..(to * len) as usize;
+    let cut = |t: &Trace| Trace {
+        stamps: t.stamps[range.clone()].to_vec(),
+        values: t.values[range.clone()].to_vec(),
+    };
+    Run {
+        name: run.name.clone(),
+        displacement_m: cut(&run.displacement_m),
+        velocity_m_s: run.velocity_m_s.as_ref().map(cut),
+        force_n: run.force_n.as_ref().map(cut),
+        drive: run.drive.as_ref().map(|(kind, trace)| (*kind, cut(trace))),
+        ..Run::default()
+    }
+}
+
+/// Mean over the runs of the free-run ESR on raw force, the run's mean error taken out.
+fn mean_esr(model: &Model, runs: &[Run], options: &Options) -> f64 {
+    let esr = |run: &Run| {
+        let rows = Dataset::from_run(run, &model.conditioning, &options.dataset).expect("rows").rows;
+        let (mut sum, mut state) = (ErrorSum::default(), FreeRun::default());
+        for row in rows {
+            let inputs = Inputs {
+                displacement_m: row.displacement_m,
+                velocity_m_s: row.velocity_m_s,
+                drive: row.drive,
+            };
+            let force_n = model.force.free_run(&mut state, &inputs);
+            if row.counts {
+                sum.add(row.raw_force_n, force_n.unwrap_or(f64::NAN));
+            }
+        }
+        sum.fit_without_offset().expect("rows that count").esr
+    };
+    runs.iter().map(esr).sum::<f64>() / runs.len() as f64
+}
+
+fn find(spec: ModelSpec, runs: &[Run]) -> Identified {
+    identify(spec, runs, &Options { restarts: 10, ..Options::default() }, &Watch::none()).expect("identifies")
+}
+
+fn centres(found: &Identified) -> Vec<f64> {
+    match found.model.force {
+        ForceModel::FuzzyTanh(fuzzy) => fuzzy.centres().to_vec(),
+        ForceModel::Arx(_) => panic!("asked for fuzzy-tanh"),
+    }
+}
+
+fn near(found: &[f64], expected: &[f64], tolerance: f64) -> bool {
+    found.len() == expected.len() && found.iter().zip(expected).all(|(a, b)| (a - b).abs() < tolerance)
+}
+
+#[test]
+fn sines_of_one_damper_tell_about_faster_ones() {
+    let Some(runs) = folder("utfsm-mr") else { return };
+    let (test, train): (Vec<Run>, Vec<Run>) =
+        runs.into_iter().partition(|run| run.name.contains("5mm4hz") || run.name.contains("2mm5hz"));
+    assert_eq!((train.len(), test.len()), (20, 10));
+    let found = find(ModelSpec::FuzzyTanh, &train);
+    assert!(near(&centres(&found), &[0.0, 0.25, 0.5, 0.75, 1.0], 1e-9), "{:?}", centres(&found));
+    // One tanh a level with velocity from both sides of a sample, which no live system has: 0.0715. Measured:
+    // 0.0260.
+    let esr = mean_esr(&found.model, &test, &Options::default());
+    assert!(esr < 0.030, "{esr} {:?}", found.velocity_trials);
+    assert!(found.active_bounds.is_empty() && found.converged, "{:?}", found.active_bounds);
+}
+
+#[test]
+fn random_motion_with_a_switching_command() {
+    let Some(runs) = folder("nees-mr") else { return };
+    let (train, test) = (part(&runs[0], 0.0, 2.0 / 3.0), part(&runs[0], 2.0 / 3.0, 1.0));
+    let found = find(ModelSpec::FuzzyTanh, std::slice::from_ref(&train));
+    assert!(near(&centres(&found), &[0.0, 2.26], 0.02), "ramps are no levels: {:?}", centres(&found));
+    // The coil's lag is not in the model: 0.115 with velocity from both sides. Measured: 0.1354, causal.
+    let esr = mean_esr(&found.model, std::slice::from_ref(&test), &Options::default());
+    assert!(esr < 0.145, "{esr} {:?}", found.velocity_trials);
+
+    let found = find(ModelSpec::ArxSemiActive, &[train]);
+    let (one_step, persistence) = (found.one_step.expect("figures"), found.persistence.expect("figures"));
+    assert!(one_step.esr < 0.5 * persistence.esr, "{one_step:?} {persistence:?}");
+}
+
+#[test]
+fn near_sines_at_four_voltages() {
+    let Some(runs) = folder("utfpr-mr") else { return };
+    let half = |first: usize| runs.iter().skip(first).step_by(2).cloned().collect::<Vec<Run>>();
+    let (train, test) = (half(0), half(1));
+    let found = find(ModelSpec::FuzzyTanh, &train);
+    assert!(near(&centres(&found), &[0.0, 0.871, 1.98, 3.212], 1e-2), "{:?}", centres(&found));
+    // Measured: 0.0276.
+    let esr = mean_esr(&found.model, &test, &Options::default());
+    assert!(esr < 0.031, "{esr} {:?}", found.velocity_trials);
+}

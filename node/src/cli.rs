@@ -1,0 +1,117 @@
+//! The command line.
+
+use crate::command;
+use crate::config::{ParameterFlags, RosArgs};
+use crate::error::NodeError;
+use crate::interrupt::Interrupt;
+use crate::logging::{self, LogFormat};
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Force of magneto-rheological dampers: a virtual sensor on ROS 2, mirrored to Zenoh.
+///
+/// Without a command the demo runs. Exit codes: 0 done, 1 the work failed, 2 wrong usage.
+#[derive(Debug, Parser)]
+#[command(name = "mr-damper", version, max_term_width = 110)]
+pub struct Cli {
+    /// Log only warnings and errors, show no progress.
+    #[arg(long, short, global = true)]
+    quiet: bool,
+    /// How log lines look (they go to stderr).
+    #[arg(long, global = true, value_enum, default_value_t)]
+    log_format: LogFormat,
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+#[expect(clippy::large_enum_variant, reason = "one is made in the life of the process")]
+enum Command {
+    Demo(command::demo::Args),
+    Node(NodeArgs),
+    Replay(command::replay::Args),
+    Record(command::record::Args),
+    Convert(command::convert::Args),
+    Identify(command::identify::Args),
+    Evaluate(command::evaluate::Args),
+    Presets(command::presets::Args),
+}
+
+/// Run the service: subscribe to displacement and drive, publish force estimates and residuals.
+///
+/// Takes the usual ROS arguments: --ros-args -p name:=value -r from:=to -r __ns:=/front_left
+/// --params-file FILE --log-level LEVEL. Flags are stronger than ROS parameters, and those than --config.
+///
+/// Example: mr-damper node --ros-args -p model:=thesis/fuzzy-tanh/rp3-cs
+#[derive(Debug, clap::Args)]
+pub struct NodeArgs {
+    /// Configuration file (TOML), with the parameters below by name.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Parameters as flags.
+    #[command(flatten)]
+    pub parameters: ParameterFlags,
+}
+
+/// What every command may need of its surroundings.
+pub struct Surroundings {
+    /// Raised by Ctrl-C and SIGTERM.
+    pub interrupt: Interrupt,
+    /// No progress on the screen.
+    pub quiet: bool,
+    /// What `--ros-args` said.
+    pub ros_args: RosArgs,
+}
+
+/// Runs the command line `arguments` (without the program's name).
+#[must_use]
+pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
+    let (plain, ros_args) = match RosArgs::split(arguments) {
+        Ok(split) => split,
+        Err(error) => {
+            eprintln!("error: {error}");
+            return ExitCode::from(2);
+        }
+    };
+    let cli = match Cli::try_parse_from(std::iter::once("mr-damper".to_owned()).chain(plain)) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version are answers, not errors; clap knows which is which.
+            let _ = error.print();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    let level = match (&ros_args.log_level, cli.quiet) {
+        (Some(level), _) => level.as_str(),
+        (None, true) => "warn",
+        (None, false) => "info",
+    };
+    logging::start(cli.log_format, level);
+    match run(cli, ros_args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            match error {
+                NodeError::Parameter { .. } | NodeError::UnknownParameter { .. } | NodeError::RosArgs(_) => {
+                    ExitCode::from(2)
+                }
+                _ => ExitCode::FAILURE,
+            }
+        }
+    }
+}
+
+fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
+    let around = Surroundings { interrupt: Interrupt::install()?, quiet: cli.quiet, ros_args };
+    match cli.command.unwrap_or_else(|| Command::Demo(command::demo::Args::default())) {
+        Command::Demo(args) => command::demo::run(&args, &around),
+        Command::Node(args) => command::node::run(&args, &around),
+        Command::Replay(args) => command::replay::run(&args, &around),
+        Command::Record(args) => command::record::run(&args, &around),
+        Command::Convert(args) => command::convert::run(&args, &around),
+        Command::Identify(args) => command::identify::run(&args, &around),
+        Command::Evaluate(args) => command::evaluate::run(&args, &around),
+        Command::Presets(args) => command::presets::run(&args),
+    }
+}

@@ -1,0 +1,115 @@
+//! `mr-damper evaluate`: how well a model predicts recorded runs.
+
+use crate::cli::Surroundings;
+use crate::command::output;
+use crate::command::run_args::RunArgs;
+use crate::error::NodeError;
+use crate::models;
+use mr_damper_model::evaluate::{Evaluation, evaluate};
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::pipeline::Settings;
+use mr_damper_model::units::N_PER_LBF;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Tell how well a model predicts recorded runs: RSSE and ESR.
+///
+/// Free run (displacement and drive alone) and one step (fed with measured force, ARX only) stand side by side,
+/// with persistence (the force stays what it was) as the yardstick of one step.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Model file, or preset.
+    #[arg(value_name = "MODEL")]
+    pub model: String,
+    /// Runs: CSV files, rosbag2 directories, .mcap files.
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Write the figures as JSON to a file; without a file, or with -, to stdout instead of the table.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    pub json: Option<PathBuf>,
+    /// How runs are read.
+    #[command(flatten)]
+    pub load: RunArgs,
+}
+
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    schema: &'static str,
+    model: &'a str,
+    runs: Vec<RunReport>,
+}
+
+#[derive(Debug, Serialize)]
+struct RunReport {
+    run: String,
+    free_run: Option<Fit>,
+    free_run_without_offset: Option<Fit>,
+    offset_n: f64,
+    one_step: Option<Fit>,
+    persistence: Option<Fit>,
+    refused: u64,
+}
+
+/// Evaluates and prints.
+///
+/// # Errors
+/// When the model or a run does not load, or they do not go together.
+pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    let model = models::load(&args.model)?;
+    let mut reports = Vec::with_capacity(args.runs.len());
+    for path in &args.runs {
+        if around.interrupt.is_raised() {
+            return Err(NodeError::Interrupted);
+        }
+        let loaded = args.load.load(path)?;
+        let found = evaluate(model, &loaded.run, Settings::default(), |_| true)?;
+        reports.push(report(path.display().to_string(), &found));
+    }
+    let report = Report { schema: "mr-damper/evaluate/1", model: &args.model, runs: reports };
+    match &args.json {
+        Some(path) => output::json(path, &report),
+        None => {
+            print!("{}", table(&report));
+            Ok(())
+        }
+    }
+}
+
+fn report(run: String, found: &Evaluation) -> RunReport {
+    RunReport {
+        run,
+        free_run: found.free_run,
+        free_run_without_offset: found.free_run_without_offset,
+        offset_n: found.offset.get(),
+        one_step: found.one_step,
+        persistence: found.persistence,
+        refused: found.refused,
+    }
+}
+
+fn table(report: &Report<'_>) -> String {
+    let mut text = format!("{}\n", report.model);
+    for run in &report.runs {
+        text += &format!("\n{}\n", run.run);
+        let mut row = |name: &str, fit: &Option<Fit>| {
+            text += &match fit {
+                Some(fit) => format!(
+                    "  {name:<24} RSSE {:9.2} N ({:7.2} lbf)   ESR {:.6}   {} samples\n",
+                    fit.rsse_n,
+                    fit.rsse_n / N_PER_LBF,
+                    fit.esr,
+                    fit.samples
+                ),
+                None => format!("  {name:<24} -\n"),
+            };
+        };
+        row("free run", &run.free_run);
+        row("free run, offset out", &run.free_run_without_offset);
+        row("one step", &run.one_step);
+        row("persistence (one step)", &run.persistence);
+        text += &format!("  mean error {:.2} N", run.offset_n);
+        text +=
+            &if run.refused > 0 { format!(", {} samples refused\n", run.refused) } else { "\n".to_owned() };
+    }
+    text
+}

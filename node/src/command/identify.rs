@@ -1,0 +1,338 @@
+//! `mr-damper identify`: a model from recorded runs.
+
+use crate::cli::Surroundings;
+use crate::command::output;
+use crate::command::run_args::RunArgs;
+use crate::error::NodeError;
+use clap::ValueEnum;
+use indicatif::{ProgressBar, ProgressStyle};
+use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
+use mr_damper_model::evaluate::{Evaluator, evaluate_into};
+use mr_damper_model::identify::{
+    DatasetOptions, GivenMemberships, Identified, ModelSpec, Options, Progress, Watch, identify,
+};
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
+use mr_damper_model::pipeline::Settings;
+use mr_damper_model::sample::Run;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::{Instant, SystemTime};
+
+/// Identify a model from recorded runs and write a model file.
+///
+/// Several runs, at different rates and currents, are fitted at once, each with a force offset of its own.
+/// `--validate` runs are not fitted: the model is scored on them, and their error is what the model file tells
+/// the node to expect.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Model to identify.
+    #[arg(long, value_enum)]
+    pub model: ModelArg,
+    /// ARX without the drive (9 coefficients instead of 12).
+    #[arg(long)]
+    pub passive: bool,
+    /// Runs to fit: CSV files, rosbag2 directories, .mcap files.
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Model file to write.
+    #[arg(long, value_name = "MODEL.toml")]
+    pub out: PathBuf,
+    /// Runs that are held out of the fit and scored.
+    #[arg(long, value_name = "RUN", num_args = 1..)]
+    pub validate: Vec<PathBuf>,
+    /// Random starting points of the nonlinear fit.
+    #[arg(long, value_name = "N", default_value_t = 25)]
+    pub restarts: u32,
+    /// Seed of the starting points.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Membership centres, in A or V as the runs have it; by default from the runs' drive.
+    #[arg(long, value_name = "C,C,...", value_delimiter = ',', allow_hyphen_values = true)]
+    pub centres: Option<Vec<f64>>,
+    /// Width (standard deviation) of the memberships, in A or V; by default half the centres' spacing.
+    #[arg(long, value_name = "S", requires = "centres")]
+    pub sigma: Option<f64>,
+    /// Where the second-order low-pass sits.
+    #[arg(long, value_enum, default_value_t = FilterArg::None)]
+    pub filter: FilterArg,
+    /// Corner of the low-pass, Hz.
+    #[arg(long, value_name = "HZ", default_value_t = 20.0)]
+    pub cutoff: f64,
+    /// Where velocity comes from.
+    #[arg(long, value_enum, default_value_t = VelocityArg::Backward)]
+    pub velocity: VelocityArg,
+    /// Window of the slope when --velocity is slope, s.
+    #[arg(long, value_name = "S", default_value_t = 0.01)]
+    pub slope_window: f64,
+    /// Thin runs to this rate first, Hz.
+    #[arg(long, value_name = "HZ")]
+    pub rate: Option<f64>,
+    /// Fit all samples, not only those in which the damper moves.
+    #[arg(long)]
+    pub all_samples: bool,
+    /// Write the figures as JSON to a file, or with - to stdout.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// How runs are read.
+    #[command(flatten)]
+    pub load: RunArgs,
+}
+
+/// Models that can be identified.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ModelArg {
+    /// Auto-regression with exogenous inputs.
+    Arx,
+    /// Fuzzy sets over the drive, a tanh function under each.
+    FuzzyTanh,
+}
+
+/// Where the low-pass sits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FilterArg {
+    /// On displacement.
+    Inputs,
+    /// On the model's force and the force it is compared with.
+    Output,
+    /// Nowhere.
+    None,
+}
+
+/// Where velocity comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum VelocityArg {
+    /// Backward difference of displacement.
+    Backward,
+    /// Least-squares slope over a trailing window.
+    Slope,
+    /// The runs' own velocity.
+    Measured,
+}
+
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    schema: &'static str,
+    model: &'a str,
+    form: &'static str,
+    parameters: usize,
+    restarts: u32,
+    seed: u64,
+    seconds: f64,
+    rank: Option<usize>,
+    training: Scores,
+    validation: Option<Scores>,
+    runs: Vec<RunReport<'a>>,
+    active_bounds: Vec<String>,
+    restart_rsse_n: &'a [f64],
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Scores {
+    free_run: Option<Fit>,
+    one_step: Option<Fit>,
+    persistence: Option<Fit>,
+}
+
+#[derive(Debug, Serialize)]
+struct RunReport<'a> {
+    run: &'a str,
+    samples: u64,
+    rate_hz: f64,
+    force_offset_n: f64,
+    free_run: Option<Fit>,
+    one_step: Option<Fit>,
+}
+
+/// Identifies, validates, writes.
+///
+/// # Errors
+/// When a run does not load, the runs do not carry the model, or the file cannot be written; when interrupted,
+/// nothing is written.
+pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    let loaded = args.runs.iter().map(|path| args.load.load(path)).collect::<Result<Vec<_>, _>>()?;
+    let (runs, hashes): (Vec<Run>, Vec<String>) =
+        loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
+    let start = Instant::now();
+    let spec = match (args.model, args.passive) {
+        (ModelArg::Arx, true) => ModelSpec::ArxPassive,
+        (ModelArg::Arx, false) => ModelSpec::ArxSemiActive,
+        (ModelArg::FuzzyTanh, _) => ModelSpec::FuzzyTanh,
+    };
+    let mut found = fit(spec, &runs, args, around)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let validation = validate(&mut found, args, around)?;
+    let file = ModelFile { model: found.model, provenance: provenance(args, &found, &hashes, validation) };
+    std::fs::write(&args.out, file.to_toml()?)
+        .map_err(NodeError::io(format!("writing {}", args.out.display())))?;
+    let report = Report {
+        schema: "mr-damper/identify/1",
+        model: found.model.force.name(),
+        form: if found.model.force.drive().is_some() { "semi_active" } else { "passive" },
+        parameters: found.model.force.parameter_count(),
+        restarts: args.restarts,
+        seed: args.seed,
+        seconds,
+        rank: found.rank,
+        training: Scores {
+            free_run: found.free_run,
+            one_step: found.one_step,
+            persistence: found.persistence,
+        },
+        validation,
+        runs: found.runs.iter().map(run_report).collect(),
+        active_bounds: found.active_bounds.iter().map(|b| format!("{} = {}", b.parameter, b.value)).collect(),
+        restart_rsse_n: &found.restart_rsse_n,
+    };
+    match &args.json {
+        Some(path) if path == Path::new("-") => output::json(path, &report),
+        json => {
+            if let Some(path) = json {
+                output::json(path, &report)?;
+            }
+            print!("{}", table(&report, &args.out));
+            Ok(())
+        }
+    }
+}
+
+fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Result<Identified, NodeError> {
+    let options = Options {
+        conditioning: Conditioning {
+            apply_to: match args.filter {
+                FilterArg::Inputs => ApplyTo::Inputs,
+                FilterArg::Output => ApplyTo::Output,
+                FilterArg::None => ApplyTo::None,
+            },
+            cutoff_hz: args.cutoff,
+            velocity: match args.velocity {
+                VelocityArg::Backward => VelocitySource::Backward,
+                VelocityArg::Slope => VelocitySource::Slope,
+                VelocityArg::Measured => VelocitySource::Measured,
+            },
+            slope_window_s: args.slope_window,
+        },
+        dataset: DatasetOptions {
+            moving_only: !args.all_samples,
+            rate_hz: args.rate,
+            ..DatasetOptions::default()
+        },
+        memberships: args.centres.clone().map(|centres| GivenMemberships { centres, sigma: args.sigma }),
+        restarts: args.restarts,
+        seed: args.seed,
+        ..Options::default()
+    };
+    options.conditioning.validate()?;
+    let bar = if around.quiet { ProgressBar::hidden() } else { ProgressBar::new(0) };
+    let style = ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len}, {eta} left");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let progress = |progress: Progress| {
+        let (message, done, of) = match progress {
+            Progress::Conditioning { runs } => ("conditioning runs", 0, runs),
+            Progress::Restart { done, of } => ("restarts", done, of),
+            Progress::Polish { done, of } => ("finishing the best", done, of),
+        };
+        bar.set_message(message);
+        bar.set_length(u64::from(of));
+        bar.set_position(u64::from(done));
+    };
+    let watch = Watch { cancel: Some(around.interrupt.flag()), progress: Some(&progress) };
+    let found = identify(spec, runs, &options, &watch);
+    bar.finish_and_clear();
+    found.map_err(|error| match error {
+        mr_damper_model::Error::Cancelled => NodeError::Interrupted,
+        error => error.into(),
+    })
+}
+
+/// Scores the model on the held-out runs; their error becomes the one to expect.
+fn validate(found: &mut Identified, args: &Args, around: &Surroundings) -> Result<Option<Scores>, NodeError> {
+    if args.validate.is_empty() {
+        return Ok(None);
+    }
+    let mut all = Evaluator::default();
+    for path in &args.validate {
+        if around.interrupt.is_raised() {
+            return Err(NodeError::Interrupted);
+        }
+        let loaded = args.load.load(path)?;
+        evaluate_into(&mut all, found.model, &loaded.run, Settings::default(), |_| true)?;
+    }
+    let scored = all.finish();
+    let rsse = |fit: &Option<Fit>| fit.as_ref().map(|fit| fit.rsse_n);
+    found.model.expected.free_run_rsse_n = rsse(&scored.free_run).or(found.model.expected.free_run_rsse_n);
+    found.model.expected.one_step_rsse_n = rsse(&scored.one_step).or(found.model.expected.one_step_rsse_n);
+    Ok(Some(Scores { free_run: scored.free_run, one_step: scored.one_step, persistence: scored.persistence }))
+}
+
+fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Option<Scores>) -> Provenance {
+    let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now());
+    Provenance {
+        tool: concat!("mr-damper ", env!("CARGO_PKG_VERSION")).to_owned(),
+        date: now.to_rfc3339_opts(chrono::SecondsFormat::Secs, true),
+        seed: args.seed,
+        restarts: if args.model == ModelArg::FuzzyTanh { args.restarts } else { 0 },
+        rank: found.rank.and_then(|rank| u32::try_from(rank).ok()),
+        runs: found
+            .runs
+            .iter()
+            .zip(hashes)
+            .map(|(run, sha256)| TrainingRun {
+                name: run.name.clone(),
+                sha256: sha256.clone(),
+                samples: run.samples,
+                force_offset_n: run.force_offset_n,
+            })
+            .collect(),
+        training_free_run: found.free_run,
+        training_one_step: found.one_step,
+        validation_free_run: validation.and_then(|v| v.free_run),
+        validation_one_step: validation.and_then(|v| v.one_step),
+        persistence: found.persistence,
+    }
+}
+
+fn run_report(run: &mr_damper_model::identify::RunFit) -> RunReport<'_> {
+    RunReport {
+        run: &run.name,
+        samples: run.samples,
+        rate_hz: run.rate_hz,
+        force_offset_n: run.force_offset_n,
+        free_run: run.free_run,
+        one_step: run.one_step,
+    }
+}
+
+fn table(report: &Report<'_>, out: &Path) -> String {
+    let mut text = format!(
+        "{} ({}), {} parameters, {} runs, {:.1} s\n",
+        report.model,
+        report.form,
+        report.parameters,
+        report.runs.len(),
+        report.seconds
+    );
+    let mut row = |name: &str, fit: &Option<Fit>| {
+        if let Some(fit) = fit {
+            text += &format!("  {name:<34} RSSE {:8.2} N   ESR {:.5}\n", fit.rsse_n, fit.esr);
+        }
+    };
+    row("training, free run (offsets out)", &report.training.free_run);
+    row("training, one step", &report.training.one_step);
+    row("training, persistence (one step)", &report.training.persistence);
+    if let Some(validation) = &report.validation {
+        row("validation, free run", &validation.free_run);
+        row("validation, one step", &validation.one_step);
+        row("validation, persistence (one step)", &validation.persistence);
+    }
+    if let Some(rank) = report.rank.filter(|rank| *rank < report.parameters) {
+        text += &format!(
+            "  rank {rank} of {}: regressors are collinear, single coefficients mean nothing\n",
+            report.parameters
+        );
+    }
+    for bound in &report.active_bounds {
+        text += &format!("  on its bound: {bound} (the runs do not determine it)\n");
+    }
+    text + &format!("model file: {}\n", out.display())
+}

@@ -1,0 +1,68 @@
+//! `mr-damper node`: the service.
+
+use crate::cli::{NodeArgs, Surroundings};
+use crate::config::{self, Config};
+use crate::error::NodeError;
+use crate::service::{self, Service};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// How often the node looks after its threads.
+const WATCH: Duration = Duration::from_millis(100);
+
+/// Runs the service until a signal comes or a thread dies.
+///
+/// # Errors
+/// When it does not start, or one of its threads panicked.
+pub fn run(args: &NodeArgs, around: &Surroundings) -> Result<(), NodeError> {
+    let config = configuration(args, around)?;
+    let (service, _) = Service::start(&config, &around.ros_args, false)?;
+    let names = service.names();
+    {
+        let names = names.read().unwrap_or_else(std::sync::PoisonError::into_inner);
+        tracing::info!(
+            model = names.free,
+            arx_model = names.seeded.as_deref().unwrap_or("none"),
+            reach = service::reach(&config)?,
+            zenoh = ?config.zenoh.listen,
+            node = format!("{}/{}", around.ros_args.namespace().trim_end_matches('/'), around.ros_args.node_name()),
+            "the node is up"
+        );
+    }
+    let mut dead = None;
+    while around.interrupt.sleep_until(Instant::now() + WATCH) {
+        dead = service.dead_thread();
+        if dead.is_some() {
+            break;
+        }
+    }
+    let counters = service.counters();
+    let ended = service.stop();
+    tracing::info!(
+        samples = counters.hot.samples.load(Ordering::Relaxed),
+        refused = counters.ros_sink.refused.load(Ordering::Relaxed),
+        lost = counters.hot.overflow.load(Ordering::Relaxed),
+        estimates = counters.ros_sink.estimates.load(Ordering::Relaxed),
+        residuals = counters.ros_sink.residuals.load(Ordering::Relaxed),
+        "the node has ended"
+    );
+    match dead {
+        Some(thread) => Err(NodeError::Failed(format!(
+            "the {thread} thread has died; the log above says why. Please report it, and restart the node"
+        ))),
+        None => ended,
+    }
+}
+
+/// Defaults, file, ROS parameters, flags: from weak to strong.
+fn configuration(args: &NodeArgs, around: &Surroundings) -> Result<Config, NodeError> {
+    let mut config = Config::default();
+    if let Some(path) = &args.config {
+        config::load_file(path, &mut config)?;
+    }
+    around.ros_args.apply(&mut config)?;
+    for (name, value) in &args.parameters.given {
+        config.set(name, value)?;
+    }
+    Ok(config)
+}

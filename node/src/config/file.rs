@@ -1,0 +1,85 @@
+//! The configuration file: TOML, tables for the dots in parameter names.
+//!
+//! ```toml
+//! model = "damper.toml"
+//! coast_s = 0.3
+//! [zenoh]
+//! listen = ["tcp/127.0.0.1:7447"]
+//! ```
+
+use super::{Config, Value};
+use crate::error::NodeError;
+use std::path::Path;
+
+/// Sets what the file at `path` says.
+///
+/// # Errors
+/// When the file cannot be read, is no TOML, or holds something that is no parameter.
+pub fn load(path: &Path, config: &mut Config) -> Result<(), NodeError> {
+    let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
+    let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
+    let table: toml::Table = toml::from_str(&text).map_err(|e| in_file(e.to_string()))?;
+    let mut values = Vec::new();
+    flatten("", table, &mut values).map_err(in_file)?;
+    for (name, value) in values {
+        config.set(&name, &value).map_err(|e| in_file(e.to_string()))?;
+    }
+    Ok(())
+}
+
+fn flatten(prefix: &str, table: toml::Table, out: &mut Vec<(String, Value)>) -> Result<(), String> {
+    for (key, value) in table {
+        let name = if prefix.is_empty() { key } else { format!("{prefix}.{key}") };
+        match value {
+            toml::Value::Table(inner) => flatten(&name, inner, out)?,
+            toml::Value::String(text) => out.push((name, Value::Text(text))),
+            toml::Value::Integer(n) => out.push((name, Value::Integer(n))),
+            toml::Value::Float(x) => out.push((name, Value::Double(x))),
+            toml::Value::Boolean(b) => out.push((name, Value::Bool(b))),
+            toml::Value::Array(items) => {
+                let texts: Option<Vec<String>> =
+                    items.iter().map(|item| item.as_str().map(str::to_owned)).collect();
+                let texts = texts.ok_or_else(|| format!("{name} must be a list of texts"))?;
+                out.push((name, Value::TextList(texts)));
+            }
+            toml::Value::Datetime(date) => {
+                return Err(format!("{name} is the date {date}; no parameter takes one"));
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load_text(text: &str) -> Result<Config, NodeError> {
+        let dir = tempfile::tempdir().expect("a temporary directory");
+        let path = dir.path().join("node.toml");
+        std::fs::write(&path, text).expect("writes");
+        let mut config = Config::default();
+        load(&path, &mut config).map(|()| config)
+    }
+
+    #[test]
+    fn tables_are_dots() {
+        let config = load_text("model = \"m.toml\"\ncoast_s = 1\n[zenoh]\nlisten = [\"tcp/127.0.0.1:1\"]\n")
+            .expect("a good file");
+        assert_eq!((config.model.as_str(), config.settings.coast_s), ("m.toml", 1.0));
+        assert_eq!(config.zenoh.listen, ["tcp/127.0.0.1:1"]);
+    }
+
+    #[test]
+    fn errors_name_file_and_key() {
+        for (text, expected) in [
+            ("coast = 1", "coast_s"),
+            ("[zenoh]\nlistten = []", "zenoh.listten"),
+            ("coast_s = \"x\"", "coast_s is \"x\""),
+            ("coast_s = ", "line 1"),
+        ] {
+            let message = load_text(text).expect_err("a bad file").to_string();
+            assert!(message.contains("node.toml") && message.contains(expected), "{text}: {message}");
+        }
+    }
+}

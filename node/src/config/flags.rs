@@ -1,0 +1,48 @@
+//! Flags made from the parameter table.
+
+use super::{TABLE, Value};
+use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
+
+/// Parameters that were given as flags, in the order of the table.
+#[derive(Debug, Clone, Default)]
+pub struct ParameterFlags {
+    /// Name and value of each.
+    pub given: Vec<(&'static str, Value)>,
+}
+
+impl FromArgMatches for ParameterFlags {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let mut flags = Self::default();
+        flags.update_from_arg_matches(matches)?;
+        Ok(flags)
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        for parameter in TABLE.iter() {
+            if let Some(text) = matches.get_one::<String>(parameter.name) {
+                self.given.push((parameter.name, Value::parse(text)));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Args for ParameterFlags {
+    fn augment_args(command: Command) -> Command {
+        TABLE.iter().fold(command, |command, parameter| {
+            let flag: &'static str = Box::leak(parameter.flag().into_boxed_str());
+            command.arg(
+                Arg::new(parameter.name)
+                    .long(flag)
+                    .value_name("VALUE")
+                    .allow_hyphen_values(true)
+                    .help_heading("Parameters (also in --config, and as ROS parameters)")
+                    .help(format!("{} [{}]", parameter.doc, parameter.expected())),
+            )
+        })
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}

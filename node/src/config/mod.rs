@@ -1,0 +1,160 @@
+//! Configuration of the node: one table of parameters behind file, ROS parameters and flags.
+//!
+//! Strength, from weak to strong: defaults, configuration file (`--config`), ROS parameters (`--ros-args`,
+//! `--params-file`), flags. At run time, ROS parameter services change those that the table marks so.
+
+mod file;
+mod flags;
+pub mod ros_args;
+mod table;
+mod value;
+
+pub use file::load as load_file;
+pub use flags::ParameterFlags;
+pub use ros_args::RosArgs;
+pub use table::{Parameter, TABLE, find};
+pub use value::Value;
+
+use crate::error::NodeError;
+use mr_damper_model::condition::ApplyTo;
+use mr_damper_model::pipeline::{Settings, UseForce};
+
+/// How one input topic is read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InputConfig {
+    /// Message type: the project's own, `std_msgs/msg/Float64`, or `sensor_msgs/msg/JointState`.
+    pub message_type: String,
+    /// Joint to take from a `JointState`.
+    pub joint: String,
+    /// 1 or -1: brings the sensor's sign to ours (extension and tension are positive).
+    pub sign: f64,
+    /// Subtracted from the reading before the sign is applied, in the reading's SI unit.
+    pub offset: f64,
+}
+
+impl Default for InputConfig {
+    fn default() -> Self {
+        Self { message_type: String::new(), joint: String::new(), sign: 1.0, offset: 0.0 }
+    }
+}
+
+/// Zenoh mirror.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ZenohSettings {
+    /// Endpoints to listen on; with `connect` empty as well there is no mirror.
+    pub listen: Vec<String>,
+    /// Endpoints to connect to.
+    pub connect: Vec<String>,
+    /// `peer` or `client`.
+    pub mode: String,
+    /// `cbor`, `json` or `cdr`.
+    pub encoding: String,
+    /// Rate of the `web/` keys, Hz.
+    pub web_rate_hz: f64,
+    /// Length of the history that late joiners can ask for, s.
+    pub history_s: f64,
+    /// Allow endpoints beyond this machine.
+    pub allow_non_loopback: bool,
+}
+
+/// Everything that the node can be told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Config {
+    /// Preset name or model file of the free-running model.
+    pub model: String,
+    /// Preset name or model file of the ARX model; `auto`: the thesis' best one for thesis presets, else none;
+    /// `none`.
+    pub arx_model: String,
+    /// Settings of the pipeline.
+    pub settings: Settings,
+    /// `filter.apply_to`: `model` for the model file's own.
+    pub filter_apply_to: String,
+    /// `filter.cutoff_hz`; 0 for the model file's own.
+    pub filter_cutoff_hz: f64,
+    /// Displacement input.
+    pub displacement: InputConfig,
+    /// Velocity input.
+    pub velocity: InputConfig,
+    /// Coil current input.
+    pub coil_current: InputConfig,
+    /// Command voltage input.
+    pub command_voltage: InputConfig,
+    /// Measured force input.
+    pub measured_force: InputConfig,
+    /// ROS domain; negative: `ROS_DOMAIN_ID`, else 0.
+    pub domain_id: i64,
+    /// `localhost`, `subnet` or `system_default`.
+    pub discovery_range: String,
+    /// Zenoh mirror.
+    pub zenoh: ZenohSettings,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            model: String::new(),
+            arx_model: "auto".to_owned(),
+            settings: Settings::default(),
+            filter_apply_to: "model".to_owned(),
+            filter_cutoff_hz: 0.0,
+            displacement: InputConfig::default(),
+            velocity: InputConfig::default(),
+            coil_current: InputConfig::default(),
+            command_voltage: InputConfig::default(),
+            measured_force: InputConfig::default(),
+            domain_id: -1,
+            discovery_range: "system_default".to_owned(),
+            zenoh: ZenohSettings {
+                listen: Vec::new(),
+                connect: Vec::new(),
+                mode: "peer".to_owned(),
+                encoding: "cbor".to_owned(),
+                web_rate_hz: 30.0,
+                history_s: 10.0,
+                allow_non_loopback: false,
+            },
+        }
+    }
+}
+
+impl Config {
+    /// Sets the parameter called `name`.
+    ///
+    /// # Errors
+    /// [`NodeError::Parameter`] with the name, the value and what it must be; then nothing changes.
+    pub fn set(&mut self, name: &str, value: &Value) -> Result<(), NodeError> {
+        let parameter = find(name)?;
+        let value = parameter.check(value)?;
+        (parameter.set)(self, &value);
+        Ok(())
+    }
+
+    /// The value of the parameter called `name`.
+    ///
+    /// # Errors
+    /// [`NodeError::Parameter`] when there is none of that name.
+    pub fn get(&self, name: &str) -> Result<Value, NodeError> {
+        Ok((find(name)?.get)(self))
+    }
+
+    /// The pipeline's settings that follow from all parameters.
+    #[must_use]
+    pub fn pipeline_settings(&self, model_cutoff_hz: f64) -> Settings {
+        let cutoff_hz = if self.filter_cutoff_hz > 0.0 { self.filter_cutoff_hz } else { model_cutoff_hz };
+        let apply_to = match self.filter_apply_to.as_str() {
+            "inputs" => Some(ApplyTo::Inputs),
+            "output" => Some(ApplyTo::Output),
+            "none" => Some(ApplyTo::None),
+            _ => None,
+        };
+        Settings { filter: apply_to.map(|apply_to| (apply_to, cutoff_hz)), ..self.settings }
+    }
+}
+
+/// `auto` or `never`.
+pub(crate) const fn use_force_name(use_force: UseForce) -> &'static str {
+    match use_force {
+        UseForce::Auto => "auto",
+        UseForce::Never => "never",
+    }
+}

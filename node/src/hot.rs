@@ -1,0 +1,274 @@
+//! The estimating thread: the only caller of `Pipeline::step`.
+//!
+//! ```text
+//! source ─→ samples ring ─→ [estimating thread] ─→ one ring a sink ─→ sinks
+//! control ─→ command ring ──┘
+//! ```
+//!
+//! It never allocates, locks, waits for anybody or logs. When there is nothing to do it parks; whoever has
+//! put something into a ring unparks it. A ring that is full drops and counts: a slow sink loses its own
+//! events and nobody else's. Old models need no freeing, because models are `Copy`.
+
+use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
+use mr_damper_model::sample::{Sample, Stamp};
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::{JoinHandle, Thread};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Samples that may wait for the estimating thread: one second of five channels at 3 kHz.
+const SAMPLES: usize = 16_384;
+/// Commands that may wait.
+const COMMANDS: usize = 16;
+/// Events that may wait for a sink: about two seconds at 1 kHz with all inputs echoed.
+pub const EVENTS: usize = 8_192;
+/// How long the thread sleeps without input before it looks at the clock.
+const TICK: Duration = Duration::from_millis(20);
+
+/// What can be asked of the running pipeline.
+#[derive(Debug, Clone, Copy)]
+pub enum Command {
+    /// Other settings. They were validated by the sender.
+    Configure(Settings),
+    /// Other models, swapped in between two samples.
+    Swap(Models),
+    /// Forget all history.
+    Reset,
+}
+
+/// Now, on the system's clock, as stamps have it.
+#[must_use]
+pub fn now() -> Stamp {
+    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    Stamp::from_nanos(i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX))
+}
+
+/// One sink's end of its ring, as the estimating thread holds it.
+pub struct Outlet {
+    ring: Producer<Event>,
+    waker: Option<Thread>,
+    dropped: Arc<AtomicU64>,
+    inputs: bool,
+}
+
+/// One sink's end of its ring, as the sink holds it.
+pub struct Inlet {
+    /// Events, in order.
+    pub events: Consumer<Event>,
+    /// Events that the ring had no room for.
+    pub dropped: Arc<AtomicU64>,
+}
+
+/// A ring of [`EVENTS`] between the estimating thread and a sink. `inputs`: accepted samples are echoed too.
+#[must_use]
+pub fn channel(inputs: bool) -> (Outlet, Inlet) {
+    let (ring, events) = RingBuffer::new(EVENTS);
+    let dropped = Arc::new(AtomicU64::new(0));
+    (Outlet { ring, waker: None, dropped: Arc::clone(&dropped), inputs }, Inlet { events, dropped })
+}
+
+impl Outlet {
+    /// The same outlet, waking `sink` whenever it has put something in.
+    #[must_use]
+    pub fn waking(mut self, sink: Thread) -> Self {
+        self.waker = Some(sink);
+        self
+    }
+
+    #[inline]
+    fn put(&mut self, event: Event) -> bool {
+        if matches!(event, Event::Input(_)) && !self.inputs {
+            return false;
+        }
+        let fits = self.ring.push(event).is_ok();
+        if !fits {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        fits
+    }
+
+    #[inline]
+    fn wake(&self) {
+        if let Some(waker) = &self.waker {
+            waker.unpark();
+        }
+    }
+}
+
+/// Counters of the estimating thread.
+#[derive(Debug, Default)]
+pub struct HotCounters {
+    /// Samples taken.
+    pub samples: AtomicU64,
+    /// Samples lost because the ring was full.
+    pub overflow: AtomicU64,
+}
+
+/// Where a source puts its samples.
+pub struct SampleSink {
+    ring: Producer<Sample>,
+    counters: Arc<HotCounters>,
+    thread: Thread,
+}
+
+impl SampleSink {
+    /// Hands over a sample; one that finds no room is dropped and counted, and the next estimate says so.
+    #[inline]
+    pub fn push(&mut self, sample: Sample) {
+        if self.ring.push(sample).is_err() {
+            self.counters.overflow.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Wakes the estimating thread; call after the last sample of a batch.
+    #[inline]
+    pub fn flush(&self) {
+        self.thread.unpark();
+    }
+}
+
+/// The estimating thread, from outside.
+pub struct Hot {
+    commands: Producer<Command>,
+    stop: Arc<AtomicBool>,
+    counters: Arc<HotCounters>,
+    thread: JoinHandle<()>,
+}
+
+impl Hot {
+    /// Starts the thread on `pipeline`, feeding `outlets`.
+    ///
+    /// # Errors
+    /// When the system starts no thread.
+    pub fn start(pipeline: Pipeline, outlets: Vec<Outlet>) -> std::io::Result<(Self, SampleSink)> {
+        let (sample_ring, samples) = RingBuffer::new(SAMPLES);
+        let (commands, command_ring) = RingBuffer::new(COMMANDS);
+        let stop = Arc::new(AtomicBool::new(false));
+        let counters = Arc::new(HotCounters::default());
+        let thread = std::thread::Builder::new().name("estimating".to_owned()).spawn({
+            let (stop, counters) = (Arc::clone(&stop), Arc::clone(&counters));
+            move || run(pipeline, outlets, samples, command_ring, &stop, &counters)
+        })?;
+        let sink = SampleSink {
+            ring: sample_ring,
+            counters: Arc::clone(&counters),
+            thread: thread.thread().clone(),
+        };
+        Ok((Self { commands, stop, counters, thread }, sink))
+    }
+
+    /// Asks for a change; `false` when too many are waiting already.
+    pub fn command(&mut self, command: Command) -> bool {
+        let sent = self.commands.push(command).is_ok();
+        self.thread.thread().unpark();
+        sent
+    }
+
+    /// The thread's counters.
+    #[must_use]
+    pub fn counters(&self) -> Arc<HotCounters> {
+        Arc::clone(&self.counters)
+    }
+
+    /// True while the thread runs; false after a panic.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.thread.is_finished()
+    }
+
+    /// Lets the thread finish what is in its ring, and ends it. `Err` when it had panicked.
+    ///
+    /// # Errors
+    /// The panic's payload.
+    pub fn stop(self) -> std::thread::Result<()> {
+        self.stop.store(true, Ordering::Release);
+        self.thread.thread().unpark();
+        self.thread.join()
+    }
+}
+
+fn run(
+    mut pipeline: Pipeline,
+    mut outlets: Vec<Outlet>,
+    mut samples: Consumer<Sample>,
+    mut commands: Consumer<Command>,
+    stop: &AtomicBool,
+    counters: &HotCounters,
+) {
+    let mut overflow_seen = 0;
+    loop {
+        while let Ok(command) = commands.pop() {
+            obey(&mut pipeline, command, &mut outlets);
+        }
+        let mut worked = false;
+        while let Ok(sample) = samples.pop() {
+            worked = true;
+            counters.samples.fetch_add(1, Ordering::Relaxed);
+            let overflow = counters.overflow.load(Ordering::Relaxed);
+            if overflow != overflow_seen {
+                overflow_seen = overflow;
+                pipeline.note_overload();
+            }
+            let mut fanout = Fanout::new(&mut outlets);
+            pipeline.step(&sample, &mut |event| fanout.put(event));
+            fanout.wake();
+        }
+        if worked {
+            continue;
+        }
+        if stop.load(Ordering::Acquire) {
+            return;
+        }
+        let mut fanout = Fanout::new(&mut outlets);
+        pipeline.tick(now(), &mut |event| fanout.put(event));
+        fanout.wake();
+        std::thread::park_timeout(TICK);
+    }
+}
+
+fn obey(pipeline: &mut Pipeline, command: Command, outlets: &mut [Outlet]) {
+    match command {
+        // The sender has validated settings and models, so these cannot fail; if they did, nothing would change.
+        Command::Configure(settings) => {
+            let _ = pipeline.configure(settings);
+        }
+        Command::Swap(models) => {
+            let _ = pipeline.swap(models);
+        }
+        Command::Reset => {
+            let mut fanout = Fanout::new(outlets);
+            pipeline.reset(&mut |event| fanout.put(event));
+            fanout.wake();
+        }
+    }
+}
+
+/// Puts events into every outlet, and wakes the sinks that got some.
+struct Fanout<'a> {
+    outlets: &'a mut [Outlet],
+    /// One bit an outlet that was fed.
+    fed: u32,
+}
+
+impl<'a> Fanout<'a> {
+    fn new(outlets: &'a mut [Outlet]) -> Self {
+        Self { outlets, fed: 0 }
+    }
+
+    #[inline]
+    fn put(&mut self, event: Event) {
+        for (index, outlet) in self.outlets.iter_mut().enumerate() {
+            self.fed |= u32::from(outlet.put(event)) << index;
+        }
+    }
+
+    #[inline]
+    fn wake(self) {
+        for (index, outlet) in self.outlets.iter().enumerate() {
+            if self.fed & (1 << index) != 0 {
+                outlet.wake();
+            }
+        }
+    }
+}

@@ -1,0 +1,24 @@
+//! The MR damper force service: a ROS 2 node, its Zenoh mirror, and the tools around them.
+//!
+//! `ARCHITECTURE.md` beside this crate is the map. In one line: a source fills a wait-free ring, the estimating
+//! thread steps the pipeline of `mr-damper-model`, and one ring a sink carries what follows to ROS, Zenoh and
+//! the screen.
+
+pub mod cli;
+pub mod command;
+pub mod config;
+pub mod error;
+pub mod hot;
+pub mod interrupt;
+pub mod live;
+pub mod logging;
+pub mod models;
+pub mod report;
+pub mod ros;
+pub mod run;
+pub mod service;
+pub mod sink;
+pub mod source;
+pub mod wire;
+
+pub use error::NodeError;

@@ -1,0 +1,185 @@
+//! What the live view shows: a digest of the pipeline's events, bounded in size.
+
+use super::meter::{Histogram, RateMeter};
+use mr_damper_model::pipeline::{Estimate, Event, Mode, Residual, Transition};
+use mr_damper_model::sample::{Channel, Stamp};
+use std::collections::VecDeque;
+
+/// Seconds of force that the screen's chart shows.
+pub(super) const CHART_S: f64 = 4.0;
+
+/// What does not change while the view is up.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Headline {
+    /// What runs, in a few words.
+    pub title: String,
+    /// Name of the free-running model.
+    pub free_model: String,
+    /// Name of the ARX model; empty when there is none.
+    pub seeded_model: String,
+    /// ROS domain and reach.
+    pub reach: String,
+    /// Endpoint of the Zenoh mirror; empty when there is none.
+    pub zenoh: String,
+    /// Length of the run, s.
+    pub length_s: f64,
+}
+
+/// Counters, as their owners have them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Samples published onto the input topics.
+    pub sent: u64,
+    /// Samples that the node took.
+    pub taken: u64,
+    /// Samples that the pipeline refused.
+    pub refused: u64,
+    /// Samples and events that a full queue lost.
+    pub lost: u64,
+    /// Estimates that the node published.
+    pub estimates: u64,
+    /// Estimates that a subscriber got.
+    pub heard: u64,
+}
+
+/// A change of mode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// When, s since the first sample.
+    pub at_s: f64,
+    /// What happened.
+    pub transition: Transition,
+}
+
+/// A point of the chart: time and force, and the mode for estimates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Point {
+    pub(super) at_s: f64,
+    pub(super) value: f64,
+    pub(super) mode: Mode,
+}
+
+/// The digest.
+#[derive(Debug, Clone, Default)]
+pub struct Board {
+    /// What does not change.
+    pub headline: Headline,
+    /// Counters, set by their owner.
+    pub counts: Counts,
+    /// Seconds of the run that have been played, set by the player.
+    pub played_s: f64,
+    /// Seconds since the view was started, on the clock of `seen_s`.
+    pub now_s: f64,
+    /// The newest estimate.
+    pub estimate: Option<Estimate>,
+    /// The newest residual.
+    pub residual: Option<Residual>,
+    /// Changes of mode, in order.
+    pub changes: Vec<Change>,
+    /// Time from a displacement's stamp to its arrival in the node.
+    pub to_node: Histogram,
+    /// Time from a displacement's stamp to the arrival of its estimate at a subscriber.
+    pub round_trip: Histogram,
+    zero: Option<Stamp>,
+    inputs: [RateMeter; Channel::ALL.len()],
+    estimates: RateMeter,
+    residuals: RateMeter,
+    pub(super) measured: VecDeque<Point>,
+    pub(super) estimated: VecDeque<Point>,
+    pub(super) residual_trail: VecDeque<Point>,
+}
+
+impl Board {
+    /// An empty board.
+    #[must_use]
+    pub fn new(headline: Headline) -> Self {
+        Self { headline, ..Self::default() }
+    }
+
+    /// Takes an event that was seen at `seen_s` (on any clock, the same for all).
+    pub fn take(&mut self, event: &Event, seen_s: f64) {
+        self.now_s = self.now_s.max(seen_s);
+        match event {
+            Event::Input(sample) => {
+                let channel = sample.reading.channel();
+                self.inputs[channel as usize].note(seen_s);
+                let at_s = self.seconds(sample.stamp);
+                match channel {
+                    Channel::Force => push(&mut self.measured, at_s, sample.reading.get(), Mode::Fault),
+                    Channel::Displacement => self.to_node.note(sample.received.since(sample.stamp).get()),
+                    _ => {}
+                }
+            }
+            Event::Estimate(estimate) => {
+                self.estimates.note(seen_s);
+                let at_s = self.seconds(estimate.stamp);
+                push(&mut self.estimated, at_s, estimate.force.get(), estimate.mode);
+                self.estimate = Some(*estimate);
+            }
+            Event::Residual(residual) => {
+                self.residuals.note(seen_s);
+                let at_s = self.seconds(residual.stamp);
+                push(&mut self.residual_trail, at_s, residual.residual.get(), Mode::Model);
+                self.residual = Some(*residual);
+            }
+            Event::Transition(transition) => {
+                let at_s = self.seconds(transition.stamp);
+                self.changes.push(Change { at_s, transition: *transition });
+            }
+            Event::Refusal(_) => {}
+        }
+    }
+
+    /// Seconds from the first sample to `stamp`.
+    fn seconds(&mut self, stamp: Stamp) -> f64 {
+        stamp.since(*self.zero.get_or_insert(stamp)).get()
+    }
+
+    /// Seconds from the first sample to the newest estimate; zero before there is one.
+    #[must_use]
+    pub fn at_s(&self) -> f64 {
+        match (self.zero, &self.estimate) {
+            (Some(zero), Some(estimate)) => estimate.stamp.since(zero).get(),
+            _ => 0.0,
+        }
+    }
+
+    /// Rate of an input, Hz.
+    #[must_use]
+    pub fn input_hz(&self, channel: Channel) -> f64 {
+        self.inputs[channel as usize].hz(self.now_s)
+    }
+
+    /// Rate of the estimates, Hz.
+    #[must_use]
+    pub fn estimate_hz(&self) -> f64 {
+        self.estimates.hz(self.now_s)
+    }
+
+    /// Rate of the residuals, Hz.
+    #[must_use]
+    pub fn residual_hz(&self) -> f64 {
+        self.residuals.hz(self.now_s)
+    }
+
+    /// The newest measured force, N, if it is not older than the chart.
+    #[must_use]
+    pub fn measured_n(&self) -> Option<f64> {
+        let newest = self.measured.back()?;
+        (self.at_s() - newest.at_s < 0.1).then_some(newest.value)
+    }
+
+    /// True while measured force comes, so that the residual is today's and not the last one there was.
+    #[must_use]
+    pub fn residual_is_fresh(&self) -> bool {
+        self.residual_trail.back().is_some_and(|newest| self.at_s() - newest.at_s < 0.1)
+    }
+}
+
+/// Adds a point and drops those that have left the chart.
+fn push(trail: &mut VecDeque<Point>, at_s: f64, value: f64, mode: Mode) {
+    trail.push_back(Point { at_s, value, mode });
+    while trail.front().is_some_and(|first| at_s - first.at_s > CHART_S) {
+        trail.pop_front();
+    }
+}

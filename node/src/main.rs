@@ -1,0 +1,5 @@
+//! The `mr-damper` command. Without arguments it runs the demo; `mr-damper --help` lists what else it does.
+
+fn main() -> std::process::ExitCode {
+    mr_damper_node::cli::main(std::env::args().skip(1))
+}

@@ -1,0 +1,78 @@
+//! From what a user names (preset or file) to models that run.
+
+use crate::config::Config;
+use crate::error::NodeError;
+use crate::wire::ModelNames;
+use mr_damper_model::model::Model;
+use mr_damper_model::model_file::ModelFile;
+use mr_damper_model::pipeline::Models;
+use mr_damper_model::preset;
+use sha2::{Digest, Sha256};
+use std::path::Path;
+
+/// The model called `name`: a preset, or the path of a model file.
+///
+/// # Errors
+/// When there is no such preset or file, or the file is wrong.
+pub fn load(name: &str) -> Result<Model, NodeError> {
+    if name.starts_with("thesis/") && !Path::new(name).exists() {
+        return Ok(preset::load(name)?);
+    }
+    Ok(load_file(Path::new(name))?.model)
+}
+
+/// The model file at `path`.
+///
+/// # Errors
+/// When it cannot be read or is wrong; the message names file, key and value.
+pub fn load_file(path: &Path) -> Result<ModelFile, NodeError> {
+    let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
+    let text = std::fs::read_to_string(path).map_err(|e| {
+        in_file(format!("{e}; give a model file, or one of the presets that `mr-damper presets` lists"))
+    })?;
+    ModelFile::from_toml(&text).map_err(|e| in_file(e.to_string()))
+}
+
+/// The models that `config` asks for, with the names that messages carry.
+///
+/// # Errors
+/// When a model does not load, or the two do not go together.
+pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
+    if config.model.is_empty() {
+        return Err(NodeError::Parameter {
+            name: "model".to_owned(),
+            value: "not set".to_owned(),
+            expected: format!(
+                "a model file, or a preset such as {} (`mr-damper presets` lists them)",
+                preset::BEST_FUZZY_TANH
+            ),
+        });
+    }
+    let alone = Models::alone(load(&config.model)?);
+    let seeded_name = match config.arx_model.as_str() {
+        "none" => None,
+        // A thesis preset describes the thesis' damper, and so does the thesis' ARX. For another damper it
+        // would be a guess.
+        "auto" if alone.seeded.is_some() => Some(config.model.as_str()),
+        "auto" if config.model.starts_with("thesis/") => Some(preset::BEST_ARX),
+        "auto" => None,
+        name => Some(name),
+    };
+    let models = match seeded_name {
+        Some(name) => alone.with_seeded(load(name)?)?,
+        None => Models { seeded: None, ..alone },
+    };
+    let names = ModelNames {
+        free: config.model.clone(),
+        seeded: seeded_name.map(str::to_owned),
+        hash: hash(&models),
+    };
+    Ok((models, names))
+}
+
+/// SHA-256 over both models' parameters, in hex: equal models have equal hashes whatever their file.
+fn hash(models: &Models) -> String {
+    let mut hasher = Sha256::new();
+    hasher.update(format!("{models:?}"));
+    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,338 @@
+//! The demo's report: what the service made of one run.
+
+use super::correlate::{self, LeftOver};
+use super::page::{page, section};
+use super::plot::{Band, Ink, Plot, Series, Shape, binned_mean};
+use super::recording::Recording;
+use super::table::{bars, facts, table};
+use maud::{Markup, html};
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::sample::Channel;
+use mr_damper_model::units::N_PER_LBF;
+
+/// One line of the table of figures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    /// What was predicted, and how.
+    pub name: String,
+    /// From the events that were received.
+    pub live: Option<Fit>,
+    /// From the same run, stepped without ROS.
+    pub offline: Option<Fit>,
+}
+
+/// Whether the live figures are those of an evaluation without ROS.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Agreement {
+    /// Equal to this relative difference, which is below the limit.
+    Same(f64),
+    /// They differ by this share, more than the limit.
+    Differs(f64),
+    /// The live run was disturbed (samples lost, a late delivery), and the figures differ by this share.
+    Disturbed(f64),
+    /// Nothing to compare: the run was cut short.
+    NotCompared,
+}
+
+impl Agreement {
+    /// In words.
+    #[must_use]
+    pub fn text(self) -> String {
+        match self {
+            Self::Same(0.0) => "live and offline figures are the same to the last bit".to_owned(),
+            Self::Same(by) => format!("live and offline agree (largest relative difference {by:.1e})"),
+            Self::Differs(by) => format!("live and offline DIFFER, by {by:.1e} of the figure"),
+            Self::Disturbed(by) => format!(
+                "samples were lost or delayed on the way, so live and offline differ, by {by:.1e} of the figure"
+            ),
+            Self::NotCompared => "the run was cut short: live figures alone, of what was played".to_owned(),
+        }
+    }
+}
+
+/// All that the report tells.
+#[derive(Debug, Clone, Default)]
+pub struct Outcome {
+    /// What was run, in a sentence or two.
+    pub what: String,
+    /// What the service said.
+    pub recording: Recording,
+    /// Force that the load cell had but the service was not given: s since the first sample, N.
+    pub withheld: Vec<(f64, f64)>,
+    /// The figures.
+    pub figures: Vec<Figure>,
+    /// Whether they agree.
+    pub agreement: Option<Agreement>,
+    /// Remarks below the figures.
+    pub notes: Vec<String>,
+    /// Counts of what went in and out.
+    pub counts: Vec<(String, String)>,
+    /// Settings of the service.
+    pub settings: Vec<(String, String)>,
+    /// Where all of it comes from.
+    pub provenance: Vec<(String, String)>,
+}
+
+/// Name of the figure of the published estimates in the time without measured force.
+pub const WITHOUT_FORCE: &str = "estimate while measured force was away";
+
+/// The report as one HTML file.
+#[must_use]
+pub fn html(outcome: &Outcome) -> String {
+    let points = correlate::left_over(&outcome.recording);
+    let body = html! {
+        @if let Some(agreement) = outcome.agreement {
+            p.verdict.bad[!matches!(agreement, Agreement::Same(_))] { (capital(&agreement.text())) "." }
+        }
+        (section("Figures", &figures(outcome)))
+        (section("Force over time", &force_over_time(outcome)))
+        (section("Residual over time", &residual_over_time(outcome)))
+        (section("Force over velocity", &force_over_velocity(&points)))
+        (section("What is left over", &what_is_left_over(&points)))
+        (section("Modes", &modes(&outcome.recording)))
+        (section("Traffic", &facts(&outcome.counts)))
+        (section("Settings", &facts(&outcome.settings)))
+        (section("Provenance", &facts(&outcome.provenance)))
+    };
+    page("MR damper force service: demo", &outcome.what, &body)
+}
+
+fn figures(outcome: &Outcome) -> Markup {
+    let cells = |fit: Option<Fit>| match fit {
+        Some(fit) => [
+            format!("{:.2}", fit.rsse_n),
+            format!("{:.2}", fit.rsse_n / N_PER_LBF),
+            format!("{:.5}", fit.esr),
+            fit.samples.to_string(),
+        ],
+        None => ["–", "–", "–", "–"].map(str::to_owned),
+    };
+    let rows: Vec<Vec<String>> = outcome
+        .figures
+        .iter()
+        .map(|figure| {
+            let offline = figure.offline.map_or("–".to_owned(), |fit| format!("{:.5}", fit.esr));
+            let mut row = vec![figure.name.clone()];
+            row.extend(cells(figure.live));
+            row.push(offline);
+            row
+        })
+        .collect();
+    html! {
+        (table(&["", "#RSSE, N", "#RSSE, lbf", "#ESR", "#samples", "#ESR offline"], &rows))
+        p { "RSSE is the root mean squared error; ESR is its square over the variance of the measured force, so 0 is "
+            "perfect and 1 is no better than the mean. " em { "Free run" } " knows displacement and current alone; "
+            em { "one step" } " is given the measured force up to the sample before, and " em { "persistence" }
+            " (the force stays what it was) is its yardstick. The two are different tasks: do not compare them." }
+        @for note in &outcome.notes { p { (note) } }
+    }
+}
+
+fn mode_bands(recording: &Recording) -> Vec<Band> {
+    recording
+        .periods()
+        .iter()
+        .map(|period| Band {
+            from: period.span_s.0,
+            to: period.span_s.1,
+            class: period.mode.name(),
+            name: format!("mode {}", period.mode.name()),
+        })
+        .collect()
+}
+
+/// The time axis of plots over the whole run: from zero to its end, on a tenth of a second.
+fn whole_run(recording: &Recording) -> (f64, f64) {
+    (0.0, (recording.length_s() * 10.0).ceil().max(1.0) / 10.0)
+}
+
+fn force_over_time(outcome: &Outcome) -> Markup {
+    let recording = &outcome.recording;
+    let estimate = recording.estimates.iter().map(|e| (recording.seconds(e.stamp), e.force.get())).collect();
+    let measured = with_breaks(&recording.points(Channel::Force));
+    let line = |name: &str, ink: Ink, points: Vec<(f64, f64)>| Series {
+        name: name.to_owned(),
+        ink,
+        shape: Shape::Line,
+        points,
+    };
+    let whole = Plot {
+        description: "Measured force and published estimate over the whole run".to_owned(),
+        x_label: "time, s".to_owned(),
+        y_label: "force, N".to_owned(),
+        x_range: Some(whole_run(recording)),
+        bands: mode_bands(recording),
+        series: vec![
+            line("measured", Ink::Measured, measured),
+            line("measured, withheld", Ink::Withheld, outcome.withheld.clone()),
+            line("estimate as published", Ink::Estimate, estimate),
+        ],
+        ..Plot::default()
+    };
+    let zoom = outcome.withheld.first().map(|first| {
+        let range = (first.0 - 0.5, first.0 + 1.5);
+        let mut zoom = Plot {
+            description: "Two seconds around the loss of measured force".to_owned(),
+            x_range: Some(range),
+            ..whole.clone()
+        };
+        // A band outside the picture would only be in its legend.
+        zoom.bands.retain(|band| band.to > range.0 && band.from < range.1);
+        zoom
+    });
+    html! {
+        (whole.figure("The whole run. While measured force is away the service does not see the dashed line."))
+        @if let Some(zoom) = zoom {
+            (zoom.figure("Two seconds around the loss of measured force: ARX seeded with it, then coasting, then the \
+                          free-running model."))
+        }
+    }
+}
+
+/// The points with a break (NaN) wherever two neighbours are more than 0.1 s apart.
+fn with_breaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let mut broken = Vec::with_capacity(points.len() + 4);
+    for point in points {
+        if broken.last().is_some_and(|last: &(f64, f64)| point.0 - last.0 > 0.1) {
+            broken.push((point.0, f64::NAN));
+        }
+        broken.push(*point);
+    }
+    broken
+}
+
+fn residual_over_time(outcome: &Outcome) -> Markup {
+    let recording = &outcome.recording;
+    let of = |pick: fn(&mr_damper_model::pipeline::Residual) -> f64| -> Vec<(f64, f64)> {
+        with_breaks(
+            &recording.residuals.iter().map(|r| (recording.seconds(r.stamp), pick(r))).collect::<Vec<_>>(),
+        )
+    };
+    let away = match (outcome.withheld.first(), outcome.withheld.last()) {
+        (Some(first), Some(last)) => {
+            vec![Band { from: first.0, to: last.0, class: "away", name: "no measured force".to_owned() }]
+        }
+        _ => Vec::new(),
+    };
+    let window_s = recording.residuals.last().map_or(0.0, |residual| residual.window.get());
+    let plot = Plot {
+        description: "Residual of the free-running model over time".to_owned(),
+        x_label: "time, s".to_owned(),
+        y_label: "residual, N".to_owned(),
+        x_range: Some(whole_run(recording)),
+        height: 240.0,
+        bands: away,
+        series: vec![
+            Series {
+                name: "measured minus free run".to_owned(),
+                ink: Ink::Residual,
+                shape: Shape::Line,
+                points: of(|r| r.residual.get()),
+            },
+            Series {
+                name: format!("RSSE, forgetting over {window_s:.0} s"),
+                ink: Ink::Trend,
+                shape: Shape::Line,
+                points: of(|r| r.windowed_rsse.get()),
+            },
+        ],
+        ..Plot::default()
+    };
+    plot.figure("The residual is always the free-running model's: an estimate seeded with measured force would hide it.")
+}
+
+/// Bounds between four levels of drive, equally wide.
+fn level_bounds(points: &[LeftOver]) -> [f64; 5] {
+    let (low, high) =
+        points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.drive), b.max(p.drive)));
+    let (low, high) = if low < high { (low.max(0.0), high) } else { (0.0, 1.0) };
+    [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| low + share * (high - low))
+}
+
+fn force_over_velocity(points: &[LeftOver]) -> Markup {
+    let bounds = level_bounds(points);
+    let bound_n =
+        points.iter().map(|p| p.measured_n.abs().max(p.predicted_n.abs())).fold(1.0, f64::max) * 1.05;
+    let bound_v = points.iter().map(|p| p.velocity_m_s.abs()).fold(1e-3, f64::max) * 1.05;
+    let panel = |name: &str, force: fn(&LeftOver) -> f64| Plot {
+        description: format!("{name} force over velocity, coloured by current"),
+        x_label: "velocity, m/s".to_owned(),
+        y_label: format!("force, N: {name}"),
+        x_range: Some((-bound_v, bound_v)),
+        y_range: Some((-bound_n, bound_n)),
+        height: 440.0,
+        series: (0..4_u8)
+            .map(|level| {
+                let (from, to) = (bounds[usize::from(level)], bounds[usize::from(level) + 1]);
+                let inside = |p: &&LeftOver| (level == 0 || p.drive >= from) && (level == 3 || p.drive < to);
+                Series {
+                    name: format!("{from:.1} to {to:.1} A"),
+                    ink: Ink::Level(level),
+                    shape: Shape::Dots,
+                    points: points.iter().filter(inside).map(|p| (p.velocity_m_s, force(p))).collect(),
+                }
+            })
+            .collect(),
+        ..Plot::default()
+    };
+    html! {
+        div.pair {
+            (panel("measured", |p| p.measured_n).figure(""))
+            (panel("free run", |p| p.predicted_n).figure(""))
+        }
+        p.lead { "Colour is the coil current. Both panels have the same axes. Velocity is computed after the fact, without "
+            "delay; what the model sees has passed a causal low-pass, and its loop is wider for it." }
+    }
+}
+
+fn what_is_left_over(points: &[LeftOver]) -> Markup {
+    let against = |label: &str, pick: fn(&LeftOver) -> f64| {
+        let all: Vec<(f64, f64)> = points.iter().map(|p| (pick(p), p.residual_n)).collect();
+        let trend = binned_mean(&all, 24, 20);
+        Plot {
+            description: format!("Residual against {label}"),
+            x_label: label.to_owned(),
+            y_label: "residual, N".to_owned(),
+            height: 380.0,
+            series: vec![
+                Series { name: "residual".to_owned(), ink: Ink::Residual, shape: Shape::Dots, points: all },
+                Series { name: "mean".to_owned(), ink: Ink::Trend, shape: Shape::Line, points: trend },
+            ],
+            ..Plot::default()
+        }
+    };
+    html! {
+        p { "The residual of the free run against what might explain it. These are facts about the residual: none of "
+            "them names a cause. What the load cell's noise alone would leave is not known to the service." }
+        (bars("residual and", "correlation", &correlate::correlations(points)))
+        div.pair {
+            (against("velocity, m/s", |p| p.velocity_m_s).figure(""))
+            (against("current, A", |p| p.drive).figure(""))
+        }
+    }
+}
+
+fn modes(recording: &Recording) -> Markup {
+    let rows: Vec<Vec<String>> = recording
+        .periods()
+        .iter()
+        .map(|period| {
+            vec![
+                format!("{:.2}", period.span_s.0),
+                format!("{:.2}", period.span_s.1),
+                period.mode.name().to_owned(),
+                period.cause.to_owned(),
+                period.worst.name().to_owned(),
+                period.reasons.names().collect::<Vec<_>>().join(", "),
+                period.estimates.to_string(),
+            ]
+        })
+        .collect();
+    let columns = ["#from, s", "#to, s", "mode", "why", "worst validity", "reasons given", "#estimates"];
+    table(&columns, &rows)
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}

@@ -1,0 +1,16 @@
+//! Reports: one HTML file each, with everything in it, readable without a network.
+//!
+//! [`plot`] draws, [`page`] sets the page, [`table`] its tables; they know nothing of dampers. One file a report
+//! puts them together: [`demo`].
+
+pub mod correlate;
+pub mod demo;
+pub mod page;
+pub mod plot;
+pub mod recording;
+mod scale;
+pub mod summary;
+pub mod table;
+
+pub use demo::{Agreement, Figure, Outcome};
+pub use recording::{Period, Recording};

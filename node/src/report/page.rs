@@ -1,0 +1,36 @@
+//! The page around a report: head, style, sections. One file, no network, light and dark.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+/// A whole page.
+#[must_use]
+pub fn page(title: &str, lead: &str, body: &Markup) -> String {
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                title { (title) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                header {
+                    h1 { (title) }
+                    p.lead { (lead) }
+                }
+                main { (body) }
+            }
+        }
+    }
+    .into_string()
+}
+
+/// A section with a heading.
+#[must_use]
+pub fn section(heading: &str, body: &Markup) -> Markup {
+    html! { section { h2 { (heading) } (body) } }
+}
+
+const STYLE: &str = include_str!("style.css");

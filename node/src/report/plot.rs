@@ -1,0 +1,383 @@
+//! Plots as inline SVG: lines and dots over shaded bands, with axes and a legend.
+//!
+//! Colours are classes that the page's style sheet knows, so that a plot follows the reader's light or dark
+//! mode. The legend is text of the page, not of the drawing: it wraps on a telephone.
+
+use super::scale::{Scale, range, thin_dots, thin_line, ticks};
+use maud::{Markup, PreEscaped, html};
+use std::fmt::Write;
+
+/// Width of a plot in its own units.
+const WIDTH: f64 = 640.0;
+/// Room for the labels of the y axis, of the x axis and of the title, and at the right edge.
+const LEFT: f64 = 64.0;
+const BOTTOM: f64 = 48.0;
+const TOP: f64 = 30.0;
+const RIGHT: f64 = 14.0;
+/// Columns of a line: finer than a screen shows at this width.
+const COLUMNS: usize = 640;
+/// Dots of one series.
+const DOTS: usize = 1600;
+
+/// Colours, by what they stand for. Every pair that meets in a plot differs in lightness as well.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ink {
+    /// What was measured.
+    Measured,
+    /// What was measured, but withheld from the service.
+    Withheld,
+    /// What was estimated.
+    Estimate,
+    /// What is left over.
+    Residual,
+    /// A summary over what is left over.
+    Trend,
+    /// One of a few levels, from low (0) to high (3).
+    Level(u8),
+}
+
+impl Ink {
+    /// The class in the style sheet.
+    #[must_use]
+    pub const fn class(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Withheld => "withheld",
+            Self::Estimate => "estimate",
+            Self::Residual => "residual",
+            Self::Trend => "trend",
+            Self::Level(0) => "level0",
+            Self::Level(1) => "level1",
+            Self::Level(2) => "level2",
+            Self::Level(_) => "level3",
+        }
+    }
+}
+
+/// How a series is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    /// Points in order of x, connected; one that is not finite breaks the line.
+    Line,
+    /// Points alone.
+    Dots,
+}
+
+/// Some points with a name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Series {
+    /// The name in the legend; empty for none.
+    pub name: String,
+    /// The colour.
+    pub ink: Ink,
+    /// How it is drawn.
+    pub shape: Shape,
+    /// The points.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// A shaded span of the x axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Band {
+    /// Where it begins.
+    pub from: f64,
+    /// Where it ends.
+    pub to: f64,
+    /// The class in the style sheet, `band-` before it.
+    pub class: &'static str,
+    /// The name in the legend.
+    pub name: String,
+}
+
+/// A plot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plot {
+    /// What it shows, for those who cannot see it.
+    pub description: String,
+    /// Label of the x axis, with its unit.
+    pub x_label: String,
+    /// Label of the y axis, with its unit.
+    pub y_label: String,
+    /// Range of x; by default what the series span.
+    pub x_range: Option<(f64, f64)>,
+    /// Range of y; by default what the series span.
+    pub y_range: Option<(f64, f64)>,
+    /// Height in units of which the width has 640.
+    pub height: f64,
+    /// Shaded spans, behind everything.
+    pub bands: Vec<Band>,
+    /// The series, the last one on top.
+    pub series: Vec<Series>,
+}
+
+impl Default for Plot {
+    fn default() -> Self {
+        Self {
+            description: String::new(),
+            x_label: String::new(),
+            y_label: String::new(),
+            x_range: None,
+            y_range: None,
+            height: 300.0,
+            bands: Vec::new(),
+            series: Vec::new(),
+        }
+    }
+}
+
+impl Plot {
+    /// The plot with its legend and, below it, `caption`.
+    #[must_use]
+    pub fn figure(&self, caption: &str) -> Markup {
+        html! {
+            figure {
+                (self.legend())
+                (PreEscaped(self.svg()))
+                @if !caption.is_empty() { figcaption { (caption) } }
+            }
+        }
+    }
+
+    fn legend(&self) -> Markup {
+        let mut bands: Vec<(&str, &str)> = Vec::new();
+        for band in &self.bands {
+            if !bands.contains(&(band.class, band.name.as_str())) {
+                bands.push((band.class, &band.name));
+            }
+        }
+        html! {
+            p.legend {
+                @for series in self.series.iter().filter(|series| !series.name.is_empty()) {
+                    span {
+                        @if series.shape == Shape::Line {
+                            i class=(format!("key line {}", series.ink.class())) {}
+                        } @else {
+                            i class=(format!("key dot {}", series.ink.class())) {}
+                        }
+                        (series.name)
+                    }
+                }
+                @for (class, name) in bands {
+                    span { i class=(format!("key band-{class}")) {} (name) }
+                }
+            }
+        }
+    }
+
+    /// The drawing alone.
+    #[must_use]
+    pub fn svg(&self) -> String {
+        let (x, y) = self.scales();
+        let mut svg = String::new();
+        let description = html! { (self.description) }.into_string();
+        let _ = write!(
+            svg,
+            "<svg viewBox=\"0 0 {WIDTH} {:.0}\" role=\"img\" aria-label=\"{description}\">",
+            self.height
+        );
+        self.draw_bands(&mut svg, &x, &y);
+        self.draw_axes(&mut svg, &x, &y);
+        for series in &self.series {
+            let path = match series.shape {
+                Shape::Line => line_path(&visible(&series.points, &x), &x, &y),
+                Shape::Dots => dots_path(&series.points, &x, &y),
+            };
+            let shape = if series.shape == Shape::Line { "line" } else { "dots" };
+            let _ = write!(svg, "<path class=\"{shape} {}\" d=\"{path}\"/>", series.ink.class());
+        }
+        svg.push_str("</svg>");
+        svg
+    }
+
+    fn scales(&self) -> (Scale, Scale) {
+        let points = || self.series.iter().flat_map(|series| &series.points);
+        let tight = |range: (f64, f64)| {
+            // Time begins and ends at the edges; `range` has put 4 % of air there.
+            let pad = (range.1 - range.0) * 0.04 / 1.08;
+            (range.0 + pad, range.1 - pad)
+        };
+        let lines_only = self.series.iter().all(|series| series.shape == Shape::Line);
+        let x_found = range(points().map(|point| point.0));
+        let (x_from, x_to) = self.x_range.unwrap_or(if lines_only { tight(x_found) } else { x_found });
+        let inside = points().filter(|point| point.0 >= x_from && point.0 <= x_to);
+        let (y_from, y_to) = self.y_range.unwrap_or_else(|| range(inside.map(|point| point.1)));
+        (
+            Scale { from: x_from, to: x_to, place_from: LEFT, place_to: WIDTH - RIGHT },
+            Scale { from: y_from, to: y_to, place_from: self.height - BOTTOM, place_to: TOP },
+        )
+    }
+
+    fn draw_bands(&self, svg: &mut String, x: &Scale, y: &Scale) {
+        for band in &self.bands {
+            let (from, to) = (x.place(band.from.max(x.from)), x.place(band.to.min(x.to)));
+            if to > from {
+                let _ = write!(
+                    svg,
+                    "<rect class=\"band-{}\" x=\"{from:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
+                    band.class,
+                    y.place_to,
+                    to - from,
+                    y.place_from - y.place_to
+                );
+            }
+        }
+    }
+
+    fn draw_axes(&self, svg: &mut String, x: &Scale, y: &Scale) {
+        let (x_ticks, x_decimals) = ticks(x.from, x.to, 6);
+        let (y_ticks, y_decimals) = ticks(y.from, y.to, 5);
+        let (left, right, bottom) = (x.place_from, x.place_to, y.place_from);
+        for tick in &y_ticks {
+            let at = y.place(*tick);
+            let class = if *tick == 0.0 { "zero" } else { "grid" };
+            let _ = write!(
+                svg,
+                "<path class=\"{class}\" d=\"M{left} {at:.1}H{right}\"/>\
+                 <text class=\"end\" x=\"{:.0}\" y=\"{:.1}\">{}</text>",
+                left - 6.0,
+                at + 4.5,
+                number(*tick, y_decimals)
+            );
+        }
+        for tick in &x_ticks {
+            let at = x.place(*tick);
+            let _ = write!(
+                svg,
+                "<path class=\"grid\" d=\"M{at:.1} {bottom}v5\"/>\
+                 <text class=\"mid\" x=\"{at:.1}\" y=\"{:.0}\">{}</text>",
+                bottom + 20.0,
+                number(*tick, x_decimals)
+            );
+        }
+        let (x_label, y_label) = (html! { (self.x_label) }, html! { (self.y_label) });
+        let _ = write!(
+            svg,
+            "<path class=\"axis\" d=\"M{left} {bottom}H{right}\"/>\
+             <text class=\"label end\" x=\"{right}\" y=\"{:.0}\">{}</text>\
+             <text class=\"label\" x=\"4\" y=\"18\">{}</text>",
+            self.height - 6.0,
+            x_label.into_string(),
+            y_label.into_string()
+        );
+    }
+}
+
+/// A number with a proper minus sign.
+fn number(value: f64, decimals: usize) -> String {
+    // Adding zero turns -0 into 0.
+    format!("{:.decimals$}", value + 0.0).replace('-', "\u{2212}")
+}
+
+/// The points within the plot, with one more on either side so that lines run to the edge.
+fn visible(points: &[(f64, f64)], x: &Scale) -> Vec<(f64, f64)> {
+    let first = points.partition_point(|point| point.0 < x.from);
+    let last = points.partition_point(|point| point.0 <= x.to);
+    thin_line(&points[first..last.max(first)], COLUMNS)
+}
+
+fn line_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
+    let mut path = String::new();
+    let mut pen_up = true;
+    for (at, value) in points {
+        if !at.is_finite() || !value.is_finite() {
+            pen_up = true;
+            continue;
+        }
+        let _ = write!(path, "{}{:.1} {:.1}", if pen_up { 'M' } else { 'L' }, x.place(*at), y.place(*value));
+        pen_up = false;
+    }
+    path
+}
+
+/// Dots as strokes of no length with round ends: a tenth of the bytes of circles.
+fn dots_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
+    let inside: Vec<(f64, f64)> =
+        points.iter().filter(|point| x.holds(point.0) && y.holds(point.1)).copied().collect();
+    let mut path = String::new();
+    for (at, value) in thin_dots(&inside, DOTS) {
+        let _ = write!(path, "M{:.1} {:.1}h0", x.place(at), y.place(value));
+    }
+    path
+}
+
+/// Means of y in `bins` equally wide bins of x, placed at their middles; bins with fewer than `least` points
+/// break the line.
+#[must_use]
+pub fn binned_mean(points: &[(f64, f64)], bins: usize, least: usize) -> Vec<(f64, f64)> {
+    let finite = || points.iter().filter(|point| point.0.is_finite() && point.1.is_finite());
+    let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.0), b.max(p.0)));
+    if low >= high || bins == 0 {
+        return Vec::new();
+    }
+    let width = (high - low) / bins as f64;
+    let mut sums = vec![(0_usize, 0.0_f64); bins];
+    for (at, value) in finite() {
+        let (count, sum) = &mut sums[(((at - low) / width) as usize).min(bins - 1)];
+        *count += 1;
+        *sum += value;
+    }
+    let middle = |bin: usize| low + (bin as f64 + 0.5) * width;
+    sums.iter()
+        .enumerate()
+        .map(|(bin, (count, sum))| (middle(bin), if *count < least { f64::NAN } else { sum / *count as f64 }))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plot() -> Plot {
+        Plot {
+            description: "force < limit".to_owned(),
+            x_label: "time, s".to_owned(),
+            y_label: "force, N".to_owned(),
+            height: 200.0,
+            bands: vec![Band { from: 1.0, to: 9.0, class: "arx", name: "arx".to_owned() }],
+            series: vec![
+                Series {
+                    name: "measured".to_owned(),
+                    ink: Ink::Measured,
+                    shape: Shape::Line,
+                    points: vec![(0.0, -10.0), (1.0, f64::NAN), (2.0, 10.0), (4.0, 0.0)],
+                },
+                Series {
+                    name: "dots".to_owned(),
+                    ink: Ink::Level(2),
+                    shape: Shape::Dots,
+                    points: vec![(1.0, 1.0), (f64::NAN, 2.0)],
+                },
+            ],
+            x_range: Some((0.0, 4.0)),
+            ..Plot::default()
+        }
+    }
+
+    #[test]
+    fn a_plot_is_drawn_as_text() {
+        insta::assert_snapshot!(plot().svg().replace('>', ">\n"));
+    }
+
+    #[test]
+    fn the_legend_names_series_and_bands() {
+        let text = plot().figure("what is seen").into_string();
+        for word in ["measured", "key dot level2", "band-arx", "what is seen", "force &lt; limit"] {
+            assert!(text.contains(word), "{word}: {text}");
+        }
+    }
+
+    #[test]
+    fn an_empty_plot_is_still_a_plot() {
+        let svg = Plot::default().svg();
+        assert!(svg.starts_with("<svg") && svg.ends_with("</svg>") && !svg.contains("NaN"), "{svg}");
+    }
+
+    #[test]
+    fn bins_hold_means() {
+        let points: Vec<(f64, f64)> = (0..100).map(|k| (f64::from(k), f64::from(k % 2))).collect();
+        let means = binned_mean(&points, 10, 5);
+        assert_eq!(means.len(), 10);
+        assert!(means.iter().all(|(_, mean)| (mean - 0.5).abs() < 1e-12));
+        assert!(binned_mean(&[(1.0, 1.0)], 10, 1).is_empty());
+    }
+}

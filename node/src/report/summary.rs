@@ -1,0 +1,65 @@
+//! The demo's outcome as text for a terminal.
+
+use super::correlate;
+use super::demo::Outcome;
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::units::N_PER_LBF;
+use std::fmt::Write;
+
+/// The outcome in some lines, each of at most 110 columns.
+#[must_use]
+pub fn text(outcome: &Outcome) -> String {
+    // Writing to a string cannot fail.
+    let mut text = String::new();
+    let _ = writeln!(text, "{:<42} {:>18}  {:>8} {:>8}  {:>8}", "", "RSSE", "ESR", "samples", "offline");
+    for figure in &outcome.figures {
+        let offline = figure.offline.map_or("-".to_owned(), |fit| format!("{:.5}", fit.esr));
+        let _ = writeln!(text, "{:<42} {}  {offline:>8}", figure.name, cells(figure.live));
+    }
+    if let Some(agreement) = outcome.agreement {
+        let _ = writeln!(text, "{}", agreement.text());
+    }
+    for note in &outcome.notes {
+        let _ = writeln!(text, "{note}");
+    }
+    let _ = writeln!(text, "\nmodes");
+    for period in outcome.recording.periods() {
+        let reasons = period.reasons.names().collect::<Vec<_>>().join(" ");
+        let _ = writeln!(
+            text,
+            "  {:6.2} to {:6.2} s  {:<10} {:<13} {}{}{}",
+            period.span_s.0,
+            period.span_s.1,
+            period.mode.name(),
+            period.worst.name(),
+            period.cause,
+            if reasons.is_empty() { "" } else { "; " },
+            reasons
+        );
+    }
+    let _ = writeln!(text, "\nwhat is left over: correlation of the free-run residual");
+    let found = correlate::correlations(&correlate::left_over(&outcome.recording));
+    let facts: Vec<String> = found
+        .iter()
+        .map(|(name, r)| format!("{} {r:+.2}", name.rsplit(' ').next().unwrap_or(name)))
+        .collect();
+    let _ = writeln!(text, "  {}", facts.join("   "));
+    let _ = writeln!(text, "\ntraffic");
+    for (name, value) in &outcome.counts {
+        let _ = writeln!(text, "  {name}: {value}");
+    }
+    text
+}
+
+fn cells(fit: Option<Fit>) -> String {
+    match fit {
+        Some(fit) => format!(
+            "{:7.2} N {:5.2} lbf  {:8.5} {:8}",
+            fit.rsse_n,
+            fit.rsse_n / N_PER_LBF,
+            fit.esr,
+            fit.samples
+        ),
+        None => format!("{:>18}  {:>8} {:>8}", "-", "-", "-"),
+    }
+}

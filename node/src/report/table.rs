@@ -1,0 +1,52 @@
+//! Tables of a report.
+
+use maud::{Markup, html};
+
+/// A table; columns whose name starts with `#` hold numbers and are set to the right.
+#[must_use]
+pub fn table(columns: &[&str], rows: &[Vec<String>]) -> Markup {
+    let numeric: Vec<bool> = columns.iter().map(|name| name.starts_with('#')).collect();
+    html! {
+        div.scroll {
+            table {
+                thead { tr { @for name in columns {
+                    th.num[name.starts_with('#')] { (name.trim_start_matches('#')) }
+                } } }
+                tbody { @for row in rows {
+                    tr { @for (cell, numeric) in row.iter().zip(&numeric) { td.num[*numeric] { (cell) } } }
+                } }
+            }
+        }
+    }
+}
+
+/// Names and their values, one a line.
+#[must_use]
+pub fn facts(rows: &[(String, String)]) -> Markup {
+    html! {
+        dl { @for (name, value) in rows { dt { (name) } dd { (value) } } }
+    }
+}
+
+/// A table of values between -1 and 1, each with a bar from the middle.
+#[must_use]
+pub fn bars(column: &str, value: &str, rows: &[(String, f64)]) -> Markup {
+    html! {
+        table.bars {
+            thead { tr { th { (column) } th.num { (value) } th {} } }
+            tbody { @for (name, r) in rows {
+                tr {
+                    td { (name) }
+                    td.num { (format!("{r:+.3}")) }
+                    td.bar { (bar(*r)) }
+                }
+            } }
+        }
+    }
+}
+
+fn bar(r: f64) -> Markup {
+    let length = 50.0 * r.abs().min(1.0);
+    let start = if r < 0.0 { 50.0 - length } else { 50.0 };
+    html! { div.track { div.fill style=(format!("left:{start:.1}%;width:{length:.1}%")) {} } }
+}

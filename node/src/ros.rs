@@ -1,0 +1,186 @@
+//! The ROS 2 side of the process: participant, node, spinner, and their orderly end.
+//!
+//! The client library ignores `ROS_DOMAIN_ID` and the localhost settings, so the participant is built here.
+//! When the process ends, everything is dropped in the one order that tells peers at once (publishers and
+//! subscriptions, node, spinner awaited, context); otherwise they list the node for half a minute.
+
+use crate::config::{Config, RosArgs};
+use crate::error::NodeError;
+use mr_damper_msgs::Message;
+use ros2_client::qos::{History, QosProfile};
+use ros2_client::{Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, Subscription};
+use rustdds::DomainParticipantBuilder;
+use std::net::{IpAddr, Ipv4Addr};
+use std::thread::JoinHandle;
+
+/// Depth of every topic's history.
+const DEPTH: usize = 10;
+/// Depth of input topics: best effort readers keep what the source thread has not taken yet.
+const INPUT_DEPTH: usize = 256;
+
+/// A ROS 2 node of this process.
+pub struct Ros {
+    node: Node,
+    context: Context,
+    spinner: JoinHandle<()>,
+}
+
+/// The domain that `config` and the environment ask for.
+///
+/// # Errors
+/// When `ROS_DOMAIN_ID` is no number from 0 to 232.
+pub fn domain_id(config: &Config) -> Result<u16, NodeError> {
+    if let Ok(id) = u16::try_from(config.domain_id) {
+        return Ok(id);
+    }
+    match std::env::var("ROS_DOMAIN_ID") {
+        Ok(text) if !text.is_empty() => {
+            text.parse().ok().filter(|id| *id <= 232).ok_or_else(|| NodeError::Parameter {
+                name: "ROS_DOMAIN_ID (environment)".to_owned(),
+                value: format!("\"{text}\""),
+                expected: "a whole number from 0 to 232".to_owned(),
+            })
+        }
+        _ => Ok(0),
+    }
+}
+
+/// True when only this machine may find the node: by parameter, by ROS' environment, and by default.
+#[must_use]
+pub fn is_loopback_only(config: &Config) -> bool {
+    match config.discovery_range.as_str() {
+        "localhost" => true,
+        "subnet" => false,
+        _ => {
+            let range = std::env::var("ROS_AUTOMATIC_DISCOVERY_RANGE").unwrap_or_default();
+            let localhost_only = std::env::var("ROS_LOCALHOST_ONLY").unwrap_or_default();
+            if localhost_only == "1" { true } else { !range.eq_ignore_ascii_case("SUBNET") }
+        }
+    }
+}
+
+impl Ros {
+    /// Joins the domain and creates the node called `name`.
+    ///
+    /// # Errors
+    /// When the participant cannot be created (no network interface, no free ports) or the name is bad.
+    pub fn start(
+        config: &Config,
+        args: &RosArgs,
+        options: NodeOptions,
+        name: &str,
+    ) -> Result<Self, NodeError> {
+        let domain = domain_id(config)?;
+        let loopback_only = is_loopback_only(config);
+        let mut builder = DomainParticipantBuilder::new(domain);
+        if loopback_only {
+            require_loopback()?;
+            builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
+        }
+        let participant = builder.build().map_err(|e| {
+            failed(
+                format!("joining domain {domain}"),
+                &e,
+                "see that a network interface is up and UDP ports from 7400 are free",
+            )
+        })?;
+        let context = Context::from_domain_participant(participant)
+            .map_err(|e| failed("creating the ROS context", &e, ""))?;
+        let node_name = NodeName::new(&args.namespace(), name).map_err(|e| {
+            failed(format!("node name {}/{name}", args.namespace()), &e, "use letters, digits and _")
+        })?;
+        let mut node =
+            context.new_node(node_name, options).map_err(|e| failed("creating the node", &e, ""))?;
+        let spinner = node.spinner().map_err(|e| failed("creating the node's spinner", &e, ""))?;
+        let spinner = std::thread::Builder::new()
+            .name("ros-spinner".to_owned())
+            .spawn(move || {
+                if let Err(error) = futures::executor::block_on(spinner.spin()) {
+                    tracing::error!(
+                        ?error,
+                        "the ROS node's background work ended: parameters are out of service"
+                    );
+                }
+            })
+            .map_err(NodeError::io("starting the ROS node's background thread"))?;
+        Ok(Self { node, context, spinner })
+    }
+
+    /// Subscribes to a topic by its full name: best effort, so that any publisher matches.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn subscribe<M: Message>(&mut self, topic: &str) -> Result<Subscription<M>, NodeError> {
+        let qos = QosProfile::subscription_default().history(History::KeepLast { depth: INPUT_DEPTH });
+        let topic_handle = self.topic::<M>(topic, &qos)?;
+        self.node
+            .create_subscription(&topic_handle, None)
+            .map_err(|e| failed(format!("subscribing to {topic}"), &e, ""))
+    }
+
+    /// Publishes on a topic by its full name: reliable, so that either kind of reader matches.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn publish<M: Message>(&mut self, topic: &str) -> Result<Publisher<M>, NodeError> {
+        let qos = QosProfile::publisher_default().history(History::KeepLast { depth: DEPTH });
+        let topic_handle = self.topic::<M>(topic, &qos)?;
+        self.node
+            .create_publisher(&topic_handle, None)
+            .map_err(|e| failed(format!("publishing {topic}"), &e, ""))
+    }
+
+    fn topic<M: Message>(&self, topic: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
+        let name = Name::parse(topic)
+            .map_err(|e| failed(format!("topic name {topic}"), &e, "use letters, digits, _ and /"))?;
+        self.node
+            .create_topic(&name, MessageTypeName::new(M::PACKAGE, M::NAME), qos)
+            .map_err(|e| failed(format!("creating topic {topic}"), &e, ""))
+    }
+
+    /// The node.
+    #[must_use]
+    pub fn node(&self) -> &Node {
+        &self.node
+    }
+
+    /// True while the node's background thread runs.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.spinner.is_finished()
+    }
+
+    /// Leaves the domain. Publishers and subscriptions must be dropped by now.
+    pub fn stop(self) {
+        let Self { node, context, spinner } = self;
+        // Dropping the node is what stops its spinner.
+        drop(node);
+        if spinner.join().is_err() {
+            tracing::error!("the ROS node's background thread had panicked");
+        }
+        drop(context);
+    }
+}
+
+/// Loopback must be up before DDS is asked to use it alone, or it would wait in silence for an interface.
+fn require_loopback() -> Result<(), NodeError> {
+    std::net::UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))
+        .and_then(|socket| socket.connect((Ipv4Addr::LOCALHOST, 7400)).and_then(|()| socket.send(&[])))
+        .map(drop)
+        .or_else(|error| match error.kind() {
+            // An ICMP answer that nobody listens there: the interface works.
+            std::io::ErrorKind::ConnectionRefused => Ok(()),
+            _ => Err(error),
+        })
+        .map_err(|error| NodeError::Ros {
+            what: "using the loopback interface".to_owned(),
+            why: format!(
+                "{error}; bring it up (`ip link set lo up`), or use another with -p discovery_range:=subnet"
+            ),
+        })
+}
+
+fn failed(what: impl Into<String>, error: &dyn std::fmt::Debug, advice: &str) -> NodeError {
+    let separator = if advice.is_empty() { "" } else { "; " };
+    NodeError::Ros { what: what.into(), why: format!("{error:?}{separator}{advice}") }
+}

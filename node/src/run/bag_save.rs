@@ -1,0 +1,66 @@
+//! A run as a rosbag2 bag: every column a topic, in order of time.
+
+use super::bag_write::{BagOptions, BagWriter, Topic, TopicId};
+use super::names::Namer;
+use super::wire::Encoder;
+use super::{RunError, columns_of};
+use mr_damper_model::sample::{Run, Trace};
+use std::path::Path;
+
+/// A column on its way into the bag.
+struct Channel<'a> {
+    topic: String,
+    id: TopicId,
+    encoder: Encoder,
+    trace: &'a Trace,
+    next: usize,
+}
+
+/// Writes `run` into the new directory `dir`, its topics below `namespace`. Message times are the samples'
+/// stamps. What it began is removed when it fails.
+pub(super) fn save(run: &Run, dir: &Path, namespace: &str, options: BagOptions) -> Result<(), RunError> {
+    // Before anything is created, so that a run that cannot be written leaves nothing.
+    let columns = columns_of(run, dir)?;
+    let writer = BagWriter::create(dir, options)?;
+    write(writer, dir, &columns, namespace).inspect_err(|_| {
+        // The directory is ours alone: `create` refuses one that exists. The first error counts.
+        let _ = std::fs::remove_dir_all(dir);
+    })
+}
+
+fn write(
+    mut writer: BagWriter,
+    dir: &Path,
+    columns: &[(&str, &Trace)],
+    namespace: &str,
+) -> Result<(), RunError> {
+    let mut namer = Namer::new(namespace);
+    let mut channels = Vec::with_capacity(columns.len());
+    for &(column, trace) in columns {
+        let (topic, differs) = namer.topic_of(column);
+        let encoder = Encoder::of_column(column);
+        let id = writer.topic(&Topic {
+            name: &topic,
+            type_name: encoder.type_name,
+            definition: encoder.definition,
+            type_hash: encoder.type_hash,
+            column: differs.then_some(column),
+        })?;
+        channels.push(Channel { topic, id, encoder, trace, next: 0 });
+    }
+    // `min_by_key` takes the first of equals, and displacement, the first column, shall come last of its
+    // stamp: a player that keeps this order hands over everything else before the sample that causes an
+    // estimate.
+    channels.reverse();
+    let mut cdr = Vec::new();
+    loop {
+        let due = channels.iter_mut().filter_map(|c| Some((*c.trace.stamps.get(c.next)?, c)));
+        let Some((stamp, channel)) = due.min_by_key(|(stamp, _)| *stamp) else { break };
+        (channel.encoder.encode)(stamp, channel.trace.values[channel.next], &mut cdr).map_err(|why| {
+            RunError::Unwritable { path: dir.to_owned(), what: format!("topic {}", channel.topic), why }
+        })?;
+        writer.write(channel.id, stamp.nanos(), stamp.nanos(), &cdr)?;
+        channel.next += 1;
+    }
+    writer.finish().map(|_| ())
+}

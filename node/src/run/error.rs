@@ -1,0 +1,376 @@
+//! What can go wrong with a run, and what was noted while reading one.
+
+use super::mcap::at;
+use std::fmt;
+use std::path::PathBuf;
+
+/// Why a run could not be read or written. Every message says what, where, and what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RunError {
+    /// The operating system refused.
+    #[error("{}: cannot {action}: {source}", path.display())]
+    Io {
+        /// The file or directory.
+        path: PathBuf,
+        /// What was tried, as a verb: `open`, `read`, ...
+        action: &'static str,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The path is neither CSV nor a bag.
+    #[error(
+        "{}: not a run: {why}; a run is a CSV file, a rosbag2 directory with metadata.yaml, or an .mcap file",
+        path.display()
+    )]
+    NotARun {
+        /// The path.
+        path: PathBuf,
+        /// What it is instead.
+        why: String,
+    },
+    /// A sqlite3 bag.
+    #[error(
+        "{}: sqlite3 bags (.db3) are not read yet, that comes with a later version; convert it once with \
+         `rosbags-convert --src BAG --dst OUT --dst-storage mcap` (from PyPI: rosbags) or `ros2 bag \
+         convert`, and give OUT",
+        path.display()
+    )]
+    Sqlite {
+        /// The file or the directory that names it.
+        path: PathBuf,
+    },
+    /// The header row does not describe a run.
+    #[error("{}, line {line}: {why}", path.display())]
+    Header {
+        /// The CSV file.
+        path: PathBuf,
+        /// Line of the header, from 1.
+        line: u64,
+        /// What is wrong and what to do.
+        why: String,
+    },
+    /// A value that is not a finite number.
+    #[error(
+        "{}, line {line}, column `{column}`: `{value}` {why}; correct it, or drop such rows with \
+         --skip-bad-rows",
+        path.display()
+    )]
+    Cell {
+        /// The CSV file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u64,
+        /// The column's header.
+        column: String,
+        /// The text of the cell.
+        value: String,
+        /// What is wrong with it.
+        why: &'static str,
+    },
+    /// A row with too few or too many fields.
+    #[error(
+        "{}, line {line}: {found} fields, {expected} expected ({hint}); correct the row, or drop such rows \
+         with --skip-bad-rows",
+        path.display()
+    )]
+    RowLength {
+        /// The CSV file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u64,
+        /// Fields in the row.
+        found: usize,
+        /// Fields in the header.
+        expected: usize,
+        /// The first column without a value, or the first surplus value.
+        hint: String,
+    },
+    /// Time that does not increase.
+    #[error(
+        "{}, line {line}, column `time_s`: {value} s does not come after {previous} s of the row before; \
+         times must increase by 1 ns at least: sort or correct the file, or drop such rows with \
+         --skip-bad-rows",
+        path.display()
+    )]
+    TimeOrder {
+        /// The CSV file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u64,
+        /// The time as written.
+        value: String,
+        /// The last accepted time, as exact decimal seconds.
+        previous: String,
+    },
+    /// Dropping bad rows would drop most of the file.
+    #[error(
+        "{}: {skipped} bad rows against {kept} good ones, so this is not a run with a few faults; the first: \
+         {first}",
+        path.display()
+    )]
+    MostlyBad {
+        /// The CSV file.
+        path: PathBuf,
+        /// Rows that were dropped.
+        skipped: u64,
+        /// Rows that were kept.
+        kept: u64,
+        /// The first fault.
+        first: String,
+    },
+    /// Nothing to read or to write.
+    #[error("{}: no sample of displacement; {hint}", path.display())]
+    NoDisplacement {
+        /// The run.
+        path: PathBuf,
+        /// What was found instead and what to do.
+        hint: String,
+    },
+    /// Both kinds of drive were recorded.
+    #[error(
+        "{}: both a coil current ({current}) and a command voltage ({command}) are recorded, and a model \
+         takes one of them; choose with --drive current_a or --drive command_v",
+        path.display()
+    )]
+    BothDrives {
+        /// The run.
+        path: PathBuf,
+        /// Column or topic of the current.
+        current: String,
+        /// Column or topic of the voltage.
+        command: String,
+    },
+    /// Several dampers in one bag.
+    #[error(
+        "{}: displacement of several dampers is recorded: {}; choose one with --namespace",
+        path.display(), found.join(", ")
+    )]
+    Namespaces {
+        /// The bag.
+        path: PathBuf,
+        /// The namespaces.
+        found: Vec<String>,
+    },
+    /// A topic of a known name with a type that cannot stand for it.
+    #[error(
+        "{}: topic {topic} holds {found}; accepted are {accepted}, in CDR{hint}",
+        path.display()
+    )]
+    TopicType {
+        /// The bag.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Its type and message encoding.
+        found: String,
+        /// The types that would do.
+        accepted: &'static str,
+        /// What to do, if it is known.
+        hint: &'static str,
+    },
+    /// `metadata.yaml` cannot be used.
+    #[error(
+        "{}: {why}; `ros2 bag reindex` writes it anew, or name the .mcap file itself",
+        path.display()
+    )]
+    Metadata {
+        /// The metadata file.
+        path: PathBuf,
+        /// What is wrong.
+        why: String,
+    },
+    /// A file whose very beginning is not MCAP.
+    #[error("{}: not an MCAP file: {why}", path.display())]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+        /// What it begins with.
+        why: String,
+    },
+    /// Compression that this build does not read.
+    #[error(
+        "{}{}: compressed with `{name}`, which is not read (zstd and none are); convert it once with \
+         `rosbags-convert --src BAG --dst OUT --dst-storage mcap` (from PyPI: rosbags) or `ros2 bag \
+         convert`, and give OUT",
+        path.display(), at(*offset)
+    )]
+    Compression {
+        /// The file.
+        path: PathBuf,
+        /// Byte offset of the chunk; `None` when the whole file is meant.
+        offset: Option<u64>,
+        /// The compression's name.
+        name: String,
+    },
+    /// The target exists.
+    #[error("{}: exists already and is not overwritten; remove it or choose another name", path.display())]
+    Exists {
+        /// The target.
+        path: PathBuf,
+    },
+    /// A path that no run can be written to.
+    #[error(
+        "{}: cannot tell what to write: name a .csv file, or a directory without extension for a rosbag2 bag",
+        path.display()
+    )]
+    Target {
+        /// The target.
+        path: PathBuf,
+    },
+    /// A run, topic or message that the format cannot hold.
+    #[error("{}: cannot write {what}: {why}", path.display())]
+    Unwritable {
+        /// The target.
+        path: PathBuf,
+        /// The column or topic.
+        what: String,
+        /// Why not, and what to do.
+        why: String,
+    },
+    /// The MCAP writer failed.
+    #[error("{}: cannot write: {source}", path.display())]
+    Write {
+        /// The MCAP file.
+        path: PathBuf,
+        /// The library's reason.
+        source: ::mcap::McapError,
+    },
+}
+
+impl RunError {
+    /// An adapter for `map_err` on I/O results.
+    pub(super) fn io(path: &std::path::Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self::Io { path, action, source }
+    }
+}
+
+/// Something that the reader of a run should know, though the run was read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Note {
+    /// Bad rows of a CSV file were dropped, as asked.
+    RowsSkipped {
+        /// How many.
+        count: u64,
+        /// What was wrong with the first few.
+        first: Vec<String>,
+    },
+    /// Empty cells were taken as "no sample of this channel at this time".
+    EmptyCells {
+        /// The column.
+        column: String,
+        /// How many.
+        count: u64,
+    },
+    /// A column looks like a known quantity, but its unit is not known; it was carried and not used.
+    UnitUnknown {
+        /// The column.
+        column: String,
+        /// Names that would be used.
+        known: String,
+    },
+    /// An MCAP file ended or broke before its end; all messages before that were read.
+    CutShort {
+        /// The file.
+        path: PathBuf,
+        /// Byte offset of the first record that could not be read.
+        offset: u64,
+        /// Messages read from the file, of all topics.
+        messages: u64,
+        /// What was found there.
+        why: String,
+    },
+    /// A damaged chunk was passed over; reading went on behind it.
+    ChunkDamaged {
+        /// The file.
+        path: PathBuf,
+        /// Byte offset of the chunk.
+        offset: u64,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// Messages that could not be decoded were dropped.
+    Undecodable {
+        /// The topic.
+        topic: String,
+        /// How many.
+        count: u64,
+        /// The first one's fault.
+        first: String,
+    },
+    /// Messages with NaN or infinite values were dropped.
+    NotFinite {
+        /// The topic.
+        topic: String,
+        /// How many.
+        count: u64,
+    },
+    /// Messages whose stamp does not come after the one before were dropped.
+    NotIncreasing {
+        /// The topic.
+        topic: String,
+        /// How many.
+        count: u64,
+    },
+    /// Messages without a stamp took the time at which they were recorded.
+    Unstamped {
+        /// The topic.
+        topic: String,
+        /// How many.
+        count: u64,
+    },
+    /// Topics of the bag that are no part of the run.
+    TopicsLeft {
+        /// Their names.
+        topics: Vec<String>,
+    },
+    /// The bag has no usable `metadata.yaml`: the recorder was killed. Its MCAP files were read by name.
+    NoMetadata {
+        /// The bag.
+        path: PathBuf,
+    },
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::RowsSkipped { count, first } => {
+                write!(f, "{count} bad rows skipped; the first: {}", first.join(" | "))
+            }
+            Self::EmptyCells { column, count } => {
+                write!(f, "column `{column}`: {count} empty cells taken as no sample")
+            }
+            Self::UnitUnknown { column, known } => {
+                write!(f, "column `{column}` is carried through but not used: known names are {known}")
+            }
+            Self::CutShort { path, offset, messages, why } => {
+                write!(f, "{}: read up to byte {offset}, {messages} messages; there: {why}", path.display())
+            }
+            Self::ChunkDamaged { path, offset, why } => {
+                write!(f, "{}: chunk at byte {offset} left out: {why}", path.display())
+            }
+            Self::Undecodable { topic, count, first } => {
+                write!(f, "topic {topic}: {count} messages could not be decoded; the first: {first}")
+            }
+            Self::NotFinite { topic, count } => {
+                write!(f, "topic {topic}: {count} messages with NaN or infinite values dropped")
+            }
+            Self::NotIncreasing { topic, count } => {
+                write!(f, "topic {topic}: {count} messages dropped whose stamp is not after the one before")
+            }
+            Self::Unstamped { topic, count } => {
+                write!(f, "topic {topic}: {count} messages without a stamp took their recording time")
+            }
+            Self::TopicsLeft { topics } => {
+                write!(f, "not part of the run: {}", topics.join(", "))
+            }
+            Self::NoMetadata { path } => write!(
+                f,
+                "{}: no metadata.yaml (recording cut off?); the .mcap files were read in order of name",
+                path.display()
+            ),
+        }
+    }
+}

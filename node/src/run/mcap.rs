@@ -1,0 +1,391 @@
+//! MCAP records from a byte stream, in memory bounded by the largest chunk, read as far as they go.
+//!
+//! The framing of records is read here and the inside of chunks by the `mcap` crate's sans-I/O reader. That
+//! split buys three things: exact byte offsets for notes, a damaged chunk that costs only itself, and
+//! length fields that are checked before the crate (which trusts them in places) sees them.
+
+use super::{Note, RunError};
+use mcap::McapError;
+use mcap::records::{Channel, MessageHeader, Record, SchemaHeader, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::io::{self, Read};
+use std::path::Path;
+
+/// Records and decompressed chunks above this are taken for damage. Writers make chunks of about 1 MB.
+const RECORD_LIMIT: usize = 256 << 20;
+/// Opcode and length.
+const FRAME: usize = 9;
+/// A chunk up to its compression's name.
+const CHUNK_HEAD: usize = 32;
+
+/// Takes the records that matter from a file, in file order.
+pub(super) trait Sink {
+    /// A schema: a message type.
+    fn schema(&mut self, header: SchemaHeader);
+    /// A channel: a topic.
+    fn channel(&mut self, channel: Channel);
+    /// A message of a channel.
+    fn message(&mut self, header: &MessageHeader, data: &[u8]);
+}
+
+/// ` at byte N`, or nothing.
+pub(super) fn at(offset: Option<u64>) -> String {
+    offset.map(|offset| format!(", at byte {offset}")).unwrap_or_default()
+}
+
+/// Reads a whole MCAP file into `sink`. A file that ends or breaks early gives what came before and a note.
+///
+/// # Errors
+/// When the file does not begin as MCAP, the system fails to read, or a chunk's compression is not built in.
+pub(super) fn read(
+    path: &Path,
+    source: impl Read,
+    sink: &mut impl Sink,
+    notes: &mut Vec<Note>,
+) -> Result<(), RunError> {
+    let mut file = File { path, source, offset: 0, messages: 0, body: Vec::new() };
+    match file.records(sink, notes) {
+        Ok(()) => Ok(()),
+        Err(Stop::Damaged(offset, why)) => {
+            notes.push(Note::CutShort { path: path.to_owned(), offset, messages: file.messages, why });
+            Ok(())
+        }
+        Err(Stop::Failed(error)) => Err(error),
+    }
+}
+
+/// Why reading stopped before the footer.
+enum Stop {
+    /// The data end or break at this offset.
+    Damaged(u64, String),
+    Failed(RunError),
+}
+
+struct File<'a, R> {
+    path: &'a Path,
+    source: R,
+    /// Bytes consumed.
+    offset: u64,
+    messages: u64,
+    /// The record at hand.
+    body: Vec<u8>,
+}
+
+impl<R: Read> File<'_, R> {
+    fn records(&mut self, sink: &mut impl Sink, notes: &mut Vec<Note>) -> Result<(), Stop> {
+        let mut magic = [0; 8];
+        if self.fill(&mut magic)? < magic.len() || magic != *mcap::MAGIC {
+            let why = match self.offset {
+                0 => "it is empty".to_owned(),
+                _ if magic.starts_with(b"SQLite ") => {
+                    return Err(Stop::Failed(RunError::Sqlite { path: self.path.to_owned() }));
+                }
+                _ => format!("it begins with `{}`", magic.escape_ascii()),
+            };
+            return Err(Stop::Failed(RunError::NotMcap { path: self.path.to_owned(), why }));
+        }
+        loop {
+            let start = self.offset;
+            let mut frame = [0; FRAME];
+            match self.fill(&mut frame)? {
+                FRAME => {}
+                0 => return Err(Stop::Damaged(start, "the file ends without a footer".into())),
+                _ => return Err(Stop::Damaged(start, "the file ends inside a record".into())),
+            }
+            let (opcode, length) = split_frame(&frame);
+            match opcode {
+                op::DATA_END | op::FOOTER => return Ok(()),
+                op::CHUNK => self.chunk(start, length, sink, notes)?,
+                op::SCHEMA | op::CHANNEL | op::MESSAGE => {
+                    self.body(start, length)?;
+                    if self.body.len() as u64 != length {
+                        return Err(Stop::Damaged(start, "the file ends inside a record".into()));
+                    }
+                    self.messages +=
+                        emit(opcode, &self.body, sink).map_err(|why| Stop::Damaged(start, why))?;
+                }
+                _ => self.pass_over(start, length)?,
+            }
+        }
+    }
+
+    /// Fills `buffer` as far as the file goes and returns how far.
+    fn fill(&mut self, buffer: &mut [u8]) -> Result<usize, Stop> {
+        let mut count = 0;
+        while count < buffer.len() {
+            match self.source.read(&mut buffer[count..]) {
+                Ok(0) => break,
+                Ok(more) => count += more,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(self.failed(error)),
+            }
+        }
+        self.offset += count as u64;
+        Ok(count)
+    }
+
+    fn failed(&self, error: io::Error) -> Stop {
+        Stop::Failed(RunError::io(self.path, "read")(error))
+    }
+
+    /// Loads up to `length` bytes into `self.body`. Memory grows with what the file really holds, not with
+    /// what a damaged length field claims.
+    fn body(&mut self, start: u64, length: u64) -> Result<(), Stop> {
+        if length > RECORD_LIMIT as u64 {
+            return Err(Stop::Damaged(
+                start,
+                format!("a record of {length} bytes, more than {RECORD_LIMIT}"),
+            ));
+        }
+        self.body.clear();
+        let read = (&mut self.source).take(length).read_to_end(&mut self.body);
+        let count = read.map_err(|error| self.failed(error))?;
+        self.offset += count as u64;
+        Ok(())
+    }
+
+    /// Skips a record that does not matter here: attachment, metadata, index.
+    fn pass_over(&mut self, start: u64, length: u64) -> Result<(), Stop> {
+        let count = io::copy(&mut (&mut self.source).take(length), &mut io::sink());
+        let count = count.map_err(|error| self.failed(error))?;
+        self.offset += count;
+        if count < length {
+            return Err(Stop::Damaged(start, "the file ends inside a record".into()));
+        }
+        Ok(())
+    }
+
+    fn chunk(
+        &mut self,
+        start: u64,
+        length: u64,
+        sink: &mut impl Sink,
+        notes: &mut Vec<Note>,
+    ) -> Result<(), Stop> {
+        self.body(start, length)?;
+        let complete = self.body.len() as u64 == length;
+        let (messages, end) = read_chunk(&self.body, length, complete, sink);
+        self.messages += messages;
+        match end {
+            Err(ChunkFault::Compression(name)) => Err(Stop::Failed(RunError::Compression {
+                path: self.path.to_owned(),
+                offset: Some(start),
+                name,
+            })),
+            _ if !complete => Err(Stop::Damaged(start, "the file ends inside a chunk".into())),
+            Err(ChunkFault::Damaged(why)) => {
+                notes.push(Note::ChunkDamaged { path: self.path.to_owned(), offset: start, why });
+                Ok(())
+            }
+            Ok(()) => Ok(()),
+        }
+    }
+}
+
+fn split_frame(frame: &[u8; FRAME]) -> (u8, u64) {
+    let [opcode, length @ ..] = *frame;
+    (opcode, u64::from_le_bytes(length))
+}
+
+enum ChunkFault {
+    Compression(String),
+    Damaged(String),
+}
+
+impl From<McapError> for ChunkFault {
+    fn from(error: McapError) -> Self {
+        match error {
+            McapError::UnsupportedCompression(name) => Self::Compression(name),
+            other => Self::Damaged(other.to_string()),
+        }
+    }
+}
+
+/// Emits a chunk's records; returns how many were messages. A complete chunk with a checksum is checked
+/// before anything is emitted. Of a cut one, all records are taken that still come out whole.
+fn read_chunk(
+    body: &[u8],
+    length: u64,
+    complete: bool,
+    sink: &mut impl Sink,
+) -> (u64, Result<(), ChunkFault>) {
+    let mut messages = 0;
+    let end = (|| {
+        check_chunk_head(body, complete)?;
+        let mut reader = LinearReader::new_with_options(LinearReaderOptions {
+            skip_start_magic: true,
+            skip_end_magic: true,
+            prevalidate_chunk_crcs: complete,
+            record_length_limit: Some(RECORD_LIMIT),
+            ..LinearReaderOptions::default()
+        });
+        let mut frame = [op::CHUNK; FRAME];
+        frame[1..].copy_from_slice(&length.to_le_bytes());
+        let mut rest = (&frame[..]).chain(body);
+        while let Some(event) = reader.next_event() {
+            match event? {
+                LinearReadEvent::ReadRequest(wanted) => {
+                    // Asking for no more than there is keeps a false length from allocating.
+                    let wanted = wanted.clamp(1, FRAME + body.len());
+                    // Reading from memory does not fail.
+                    let count = rest.read(reader.insert(wanted)).unwrap_or(0);
+                    if count == 0 {
+                        break;
+                    }
+                    reader.notify_read(count);
+                }
+                LinearReadEvent::Record { opcode, data } => {
+                    messages += emit(opcode, data, sink).map_err(ChunkFault::Damaged)?;
+                }
+            }
+        }
+        Ok(())
+    })();
+    (messages, end)
+}
+
+/// Checks what the crate takes on trust: that the compressed data fit into the record, and that the
+/// records of an uncompressed chunk end where it ends.
+fn check_chunk_head(body: &[u8], complete: bool) -> Result<(), ChunkFault> {
+    let damaged = |why: &str| Err(ChunkFault::Damaged(why.to_owned()));
+    let Some((head, rest)) = body.split_at_checked(CHUNK_HEAD) else {
+        return damaged("it ends inside its header");
+    };
+    let name_length = head[CHUNK_HEAD - 4..].try_into().map_or(0, u32::from_le_bytes) as usize;
+    let Some((name, rest)) = rest.split_at_checked(name_length) else {
+        return damaged("it ends inside its header");
+    };
+    let Some((size, data)) = rest.split_first_chunk() else {
+        return damaged("it ends inside its header");
+    };
+    // Bytes behind the data are allowed: a later version of the format may put something there.
+    let size = usize::try_from(u64::from_le_bytes(*size)).unwrap_or(usize::MAX);
+    if complete && size > data.len() {
+        return damaged("its length does not fit its record");
+    }
+    let mut records = &data[..size.min(data.len())];
+    while name.is_empty() && !records.is_empty() {
+        let Some((frame, rest)) = records.split_first_chunk() else {
+            return if complete { damaged("it ends inside a record") } else { Ok(()) };
+        };
+        let (_, length) = split_frame(frame);
+        match usize::try_from(length).ok().and_then(|length| rest.get(length..)) {
+            Some(behind) => records = behind,
+            None if complete => return damaged("it ends inside a record"),
+            None => return Ok(()),
+        }
+    }
+    Ok(())
+}
+
+/// Hands one record to the sink; returns 1 for a message. Records that do not matter are not parsed at all.
+fn emit(opcode: u8, data: &[u8], sink: &mut impl Sink) -> Result<u64, String> {
+    if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+        return Ok(0);
+    }
+    match mcap::parse_record(opcode, data).map_err(|error| error.to_string())? {
+        Record::Schema { header, .. } => sink.schema(header),
+        Record::Channel(channel) => sink.channel(channel),
+        Record::Message { header, data } => {
+            sink.message(&header, &data);
+            return Ok(1);
+        }
+        _ => {}
+    }
+    Ok(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Counts what arrives.
+    #[derive(Default)]
+    struct Count(u64);
+
+    impl Sink for Count {
+        fn schema(&mut self, _: SchemaHeader) {}
+        fn channel(&mut self, _: Channel) {}
+        fn message(&mut self, _: &MessageHeader, _: &[u8]) {
+            self.0 += 1;
+        }
+    }
+
+    fn record(opcode: u8, length: u64, body: &[u8]) -> Vec<u8> {
+        [&[opcode][..], &length.to_le_bytes(), body].concat()
+    }
+
+    fn message() -> Vec<u8> {
+        record(op::MESSAGE, 24, &[0; 24])
+    }
+
+    /// A chunk without checksum, so that nothing but its lengths protects the reader.
+    fn chunk(compression: &str, uncompressed: u64, compressed: u64, data: &[u8]) -> Vec<u8> {
+        let name_length = compression.len() as u32;
+        [
+            &[0; 16][..],
+            &uncompressed.to_le_bytes(),
+            &[0; 4],
+            &name_length.to_le_bytes(),
+            compression.as_bytes(),
+            &compressed.to_le_bytes(),
+            data,
+        ]
+        .concat()
+    }
+
+    /// Messages that arrive from a file with these records, and the notes.
+    fn messages(records: &[u8]) -> (u64, Vec<String>) {
+        let (mut count, mut notes) = (Count::default(), Vec::new());
+        let bytes = [mcap::MAGIC, records].concat();
+        read(Path::new("x"), &bytes[..], &mut count, &mut notes).expect("begins as MCAP");
+        (count.0, notes.iter().map(ToString::to_string).collect())
+    }
+
+    #[test]
+    fn false_lengths_neither_panic_nor_allocate() {
+        let two = [message(), message()].concat();
+        let size = two.len() as u64;
+        let end = record(op::DATA_END, 4, &[0; 4]);
+        let whole =
+            |body: Vec<u8>| [record(op::CHUNK, body.len() as u64, &body), message(), end.clone()].concat();
+
+        assert_eq!(messages(&whole(chunk("", size, size, &two))), (3, vec![]));
+        // Bytes behind the data are for the future.
+        let padded = [two.clone(), vec![9; 50]].concat();
+        assert_eq!(messages(&whole(chunk("", size, size, &padded))), (3, vec![]));
+        let long_record = [message(), record(op::MESSAGE, 1000, &[0; 24])].concat();
+        let endless_record = record(op::MESSAGE, u64::MAX, &[]);
+        for body in [
+            chunk("", size, size, &long_record),
+            chunk("", size, size - 1, &two),
+            chunk("", 9, 9, &endless_record),
+            chunk("", size, size + 1, &two),
+            chunk("", size, u64::MAX, &two),
+            chunk("zstd", u64::MAX, size, &two),
+            chunk("zstd", size, u64::MAX, &two),
+            chunk("zstd", size, 0, &[]),
+            vec![0; 20],
+            chunk("", size, size, &two)[..38].to_vec(),
+        ] {
+            let (count, notes) = messages(&whole(body));
+            // The damage stays inside the chunk: the message behind it arrives.
+            assert_eq!(count, 1, "{notes:?}");
+            assert!(notes.len() == 1 && notes[0].contains("chunk at byte 8 left out"), "{notes:?}");
+        }
+        for records in [
+            endless_record,
+            record(op::CHUNK, u64::MAX, &[]),
+            record(op::CHUNK, 200, &chunk("", size, size, &two)[..50]),
+            record(op::CHUNK, 200 << 20, &[0; 20]),
+            record(op::ATTACHMENT, u64::MAX, &[0; 20]),
+            record(op::MESSAGE, 3, &[0; 3]),
+            record(op::SCHEMA, 10, &[255; 10]),
+            record(op::CHANNEL, 10, &[255; 10]),
+        ] {
+            let (count, notes) = messages(&records);
+            assert_eq!(count, 0);
+            assert!(notes.len() == 1 && notes[0].contains("read up to byte 8, 0 messages"), "{notes:?}");
+        }
+    }
+}

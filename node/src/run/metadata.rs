@@ -1,0 +1,235 @@
+//! `metadata.yaml` of a rosbag2 directory: version 9, as ROS 2 Jazzy writes it, and any version when read.
+
+use super::{Note, RunError};
+use serde::Deserialize;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Name of the file in the bag.
+pub(super) const FILE_NAME: &str = "metadata.yaml";
+
+/// The offered quality of service that is recorded for every topic: the one that the node publishes with,
+/// and one that `ros2 bag play` can offer to any subscriber. Infinite times are written as rmw does.
+const QOS: &str = "\
+- history: keep_last
+  depth: 10
+  reliability: reliable
+  durability: volatile
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: automatic
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false
+";
+
+/// The quality of service as the YAML text that a channel of the MCAP file carries.
+pub(super) fn offered_qos() -> &'static str {
+    QOS.trim_end()
+}
+
+/// A topic of a written bag.
+pub(super) struct TopicEntry<'a> {
+    pub(super) name: &'a str,
+    pub(super) type_name: &'a str,
+    pub(super) type_hash: &'a str,
+    pub(super) messages: u64,
+}
+
+/// What a written bag holds.
+pub(super) struct Written<'a> {
+    /// Name of the one MCAP file.
+    pub(super) file: &'a str,
+    /// First and last log time in nanoseconds; `None` without messages.
+    pub(super) bounds: Option<(u64, u64)>,
+    pub(super) topics: Vec<TopicEntry<'a>>,
+}
+
+impl Written<'_> {
+    /// The inner mapping, as the MCAP file carries it too. `indent` is put before every line.
+    ///
+    /// Written by hand: the form is fixed, and the only free text, topic and type names, is checked before
+    /// and holds no character that YAML cares about.
+    pub(super) fn yaml(&self, indent: &str) -> String {
+        let messages: u64 = self.topics.iter().map(|topic| topic.messages).sum();
+        // An empty bag has rosbag2's own "no time yet" as start.
+        let (start, duration) = match self.bounds {
+            Some((first, last)) => (first, last - first),
+            None => (i64::MAX as u64, 0),
+        };
+        let mut text = format!(
+            "version: 9\nstorage_identifier: mcap\nduration:\n  nanoseconds: {duration}\nstarting_time:\n  \
+             nanoseconds_since_epoch: {start}\nmessage_count: {messages}\n"
+        );
+        // Writing to a `String` cannot fail.
+        if self.topics.is_empty() {
+            text.push_str("topics_with_message_count: []\n");
+        } else {
+            text.push_str("topics_with_message_count:\n");
+        }
+        for TopicEntry { name, type_name, type_hash, messages } in &self.topics {
+            let _ = write!(
+                text,
+                "  - topic_metadata:\n      name: {name}\n      type: {type_name}\n      \
+                 serialization_format: cdr\n      offered_qos_profiles:\n"
+            );
+            for line in QOS.lines() {
+                let _ = writeln!(text, "        {line}");
+            }
+            let _ =
+                write!(text, "      type_description_hash: \"{type_hash}\"\n    message_count: {messages}\n");
+        }
+        let file = self.file;
+        let _ = write!(
+            text,
+            "compression_format: \"\"\ncompression_mode: \"\"\nrelative_file_paths:\n  - {file}\nfiles:\n  - \
+             path: {file}\n    starting_time:\n      nanoseconds_since_epoch: {start}\n    duration:\n      \
+             nanoseconds: {duration}\n    message_count: {messages}\ncustom_data: ~\nros_distro: jazzy\n"
+        );
+        text.lines().fold(String::with_capacity(text.len() * 2), |mut all, line| {
+            let _ = writeln!(all, "{indent}{line}");
+            all
+        })
+    }
+
+    /// The whole file.
+    pub(super) fn file_text(&self) -> String {
+        format!("rosbag2_bagfile_information:\n{}", self.yaml("  "))
+    }
+}
+
+/// The part of the file that reading needs; the rest differs between versions and is not looked at.
+#[derive(Deserialize)]
+struct Document {
+    rosbag2_bagfile_information: Information,
+}
+
+#[derive(Deserialize)]
+struct Information {
+    storage_identifier: String,
+    relative_file_paths: Vec<String>,
+    #[serde(default)]
+    compression_format: Option<String>,
+    #[serde(default)]
+    compression_mode: Option<String>,
+}
+
+/// The MCAP files of a bag directory, in order.
+///
+/// Without `metadata.yaml`, which a killed recorder leaves behind, these are the `.mcap` files sorted by name
+/// (numbers by value, so that `bag_10` follows `bag_9`), and a note says so.
+pub(super) fn files(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, RunError> {
+    let path = dir.join(FILE_NAME);
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return files_by_name(dir, notes),
+        Err(error) => return Err(RunError::io(&path, "read")(error)),
+    };
+    let fail = |why: String| RunError::Metadata { path: path.clone(), why };
+    let document: Document = serde_saphyr::from_str(&text)
+        .map_err(|error| fail(format!("not the metadata of a bag: {}", first_line(&error.to_string()))))?;
+    let information = document.rosbag2_bagfile_information;
+    match information.storage_identifier.as_str() {
+        "mcap" => {}
+        "sqlite3" => return Err(RunError::Sqlite { path: dir.to_owned() }),
+        other => return Err(fail(format!("storage `{other}` is not read, only mcap"))),
+    }
+    let mode = information.compression_mode.unwrap_or_default();
+    if !mode.is_empty() && !mode.eq_ignore_ascii_case("none") && !mode.eq_ignore_ascii_case("storage") {
+        let name = format!("{}, {mode} mode", information.compression_format.unwrap_or_default());
+        return Err(RunError::Compression { path: dir.to_owned(), offset: None, name });
+    }
+    if information.relative_file_paths.is_empty() {
+        return Err(fail("it names no file".into()));
+    }
+    information
+        .relative_file_paths
+        .iter()
+        .map(|relative| {
+            // Bags of old versions name their own directory too. Only the last component counts, which also
+            // keeps a bag from naming files elsewhere.
+            let file = Path::new(relative).file_name().map(|name| dir.join(name));
+            file.filter(|file| file.is_file())
+                .ok_or_else(|| fail(format!("it names `{relative}`, which is not there")))
+        })
+        .collect()
+}
+
+fn files_by_name(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, RunError> {
+    let mut found = Vec::new();
+    let mut sqlite = false;
+    for entry in std::fs::read_dir(dir).map_err(RunError::io(dir, "list"))? {
+        let path = entry.map_err(RunError::io(dir, "list"))?.path();
+        match path.extension().and_then(|extension| extension.to_str()) {
+            Some("mcap") => found.push(path),
+            Some("db3") => sqlite = true,
+            _ => {}
+        }
+    }
+    if found.is_empty() {
+        let path = dir.to_owned();
+        if sqlite {
+            return Err(RunError::Sqlite { path });
+        }
+        return Err(RunError::NotARun {
+            path,
+            why: "a directory without metadata.yaml or .mcap files".into(),
+        });
+    }
+    found.sort_by_key(|path| name_key(path));
+    notes.push(Note::NoMetadata { path: dir.to_owned() });
+    Ok(found)
+}
+
+/// A sorting key in which runs of digits count by length first, hence by value.
+fn name_key(path: &Path) -> Vec<(usize, String)> {
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut key: Vec<(usize, String)> = Vec::new();
+    let mut in_digits = false;
+    for c in name.chars() {
+        match key.last_mut() {
+            Some((length, part)) if in_digits == c.is_ascii_digit() => {
+                *length += usize::from(in_digits);
+                part.push(c);
+            }
+            _ => {
+                in_digits = c.is_ascii_digit();
+                key.push((usize::from(in_digits), c.to_string()));
+            }
+        }
+    }
+    key
+}
+
+fn first_line(text: &str) -> &str {
+    text.lines().next().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbered_files_sort_by_number() {
+        let mut names: Vec<_> = ["b_10.mcap", "b_9.mcap", "a_11.mcap", "b_1.mcap"].map(PathBuf::from).into();
+        names.sort_by_key(|path| name_key(path));
+        let names: Vec<_> = names.iter().map(|name| name.to_string_lossy()).collect();
+        assert_eq!(names, ["a_11.mcap", "b_1.mcap", "b_9.mcap", "b_10.mcap"]);
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let dir = tempfile::tempdir().expect("temporary directory");
+        let topic = TopicEntry { name: "/d/force", type_name: "a/msg/B", type_hash: "RIHS01_0", messages: 2 };
+        let written = Written { file: "x_0.mcap", bounds: Some((5, 9)), topics: vec![topic] };
+        std::fs::write(dir.path().join(FILE_NAME), written.file_text()).expect("written");
+        std::fs::write(dir.path().join("x_0.mcap"), "").expect("written");
+        let files = files(dir.path(), &mut Vec::new()).expect("read back");
+        assert_eq!(files, [dir.path().join("x_0.mcap")]);
+    }
+}

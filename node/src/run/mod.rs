@@ -1,0 +1,224 @@
+//! Recorded runs on disk: CSV files and rosbag2 bags, in and out.
+//!
+//! [`load`] reads either into a [`Run`], [`save`] writes one, [`convert`] does both without loss: values keep
+//! every bit, stamps every nanosecond, unknown columns their names. [`BagWriter`] is the writing half alone,
+//! for live recording.
+//!
+//! | column | topic below the namespace | type |
+//! |---|---|---|
+//! | `displacement_m` | `displacement` | `mr_damper_msgs/msg/Displacement` |
+//! | `velocity_m_s` | `velocity` | `mr_damper_msgs/msg/Velocity` |
+//! | `force_n` | `measured_force` | `mr_damper_msgs/msg/Force` |
+//! | `current_a` | `coil_current` | `mr_damper_msgs/msg/CoilCurrent` |
+//! | `command_v` | `command_voltage` | `mr_damper_msgs/msg/CommandVoltage` |
+//! | `case_temp_c` | `case_temperature` | `sensor_msgs/msg/Temperature` |
+//! | `ambient_temp_c` | `ambient_temperature` | `sensor_msgs/msg/Temperature` |
+//! | any other | `other/<column>` | `std_msgs/msg/Float64`, stamped by its log time |
+//!
+//! Each of these topics may also be `std_msgs/msg/Float64`, and displacement, velocity and force one joint of
+//! a `sensor_msgs/msg/JointState`. A [`Run`] has no place for variances and frame names, so these are the
+//! parts of a recorded bag that a conversion drops; topics that are no part of a run are named in a note.
+
+mod bag;
+mod bag_save;
+mod bag_write;
+mod column;
+mod csv;
+mod csv_write;
+mod decimal;
+mod error;
+mod hash;
+mod mcap;
+mod metadata;
+mod names;
+mod wire;
+
+pub use bag_write::{BagOptions, BagSummary, BagWriter, Sync, Topic, TopicId};
+pub use error::{Note, RunError};
+
+use hash::{Hash, HashingReader};
+use mr_damper_model::sample::{DriveKind, Run, Trace};
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// How a run is read.
+#[derive(Debug, Clone, Default)]
+pub struct LoadOptions {
+    /// CSV: drop bad rows and count them, instead of refusing the file (`--skip-bad-rows`).
+    pub skip_bad_rows: bool,
+    /// CSV: the thesis' acquisition order without header (`--thesis-txt`).
+    pub thesis_txt: bool,
+    /// Which drive to use when both were recorded (`--drive`); the other is carried through.
+    pub drive: Option<DriveKind>,
+    /// Bags: the damper's namespace, such as `/front_left`; needed when a bag holds several.
+    pub namespace: Option<String>,
+    /// Bags: the joint to take from `sensor_msgs/msg/JointState` topics.
+    pub joint: Option<String>,
+}
+
+/// How a run is written.
+#[derive(Debug, Clone, Default)]
+pub struct SaveOptions {
+    /// Bags: the namespace of the topics; empty for the root.
+    pub namespace: String,
+    /// Bags: chunks, compression and sync.
+    pub bag: BagOptions,
+}
+
+/// A run with what was noted while reading it.
+#[derive(Debug, Clone)]
+pub struct Loaded {
+    /// The run; its name is the path as given.
+    pub run: Run,
+    /// What the user should hear of.
+    pub notes: Vec<Note>,
+    /// SHA-256 of the CSV or MCAP file; of several files, of one after the other (`cat *.mcap | sha256sum`).
+    pub sha256: [u8; 32],
+}
+
+impl Loaded {
+    /// The SHA-256 as 64 hexadecimal digits.
+    #[must_use]
+    pub fn sha256_hex(&self) -> String {
+        self.sha256.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+}
+
+/// Reads a run from a CSV file, a rosbag2 directory, or a bare `.mcap` file.
+///
+/// # Errors
+/// When the path is none of these (`.db3` among them), cannot be read, has faults that were not allowed by
+/// `options`, or leaves a choice open (two drives, several namespaces). A bag that ends or breaks early is no
+/// error: what could be read is in the run, the rest in the notes.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
+    let mut notes = Vec::new();
+    let mut hash = Hash::default();
+    let is_dir = fs::metadata(path).map_err(RunError::io(path, "open"))?.is_dir();
+    let extension = extension(path);
+    let run = match extension.as_str() {
+        _ if is_dir => {
+            let files = metadata::files(path, &mut notes)?;
+            bag::load(path, &files, options, &mut notes, &mut hash)?
+        }
+        "mcap" => bag::load(path, &[path.to_owned()], options, &mut notes, &mut hash)?,
+        "db3" => return Err(RunError::Sqlite { path: path.to_owned() }),
+        "csv" | "txt" | "dat" | "tsv" | "" => load_csv(path, options, &mut notes, &mut hash)?,
+        _ if options.thesis_txt => load_csv(path, options, &mut notes, &mut hash)?,
+        "yaml" => {
+            let why = "the metadata of a bag; name its directory".to_owned();
+            return Err(RunError::NotARun { path: path.to_owned(), why });
+        }
+        other => return Err(RunError::NotARun { path: path.to_owned(), why: format!("a .{other} file") }),
+    };
+    Ok(Loaded { run, notes, sha256: hash.finish() })
+}
+
+fn load_csv(
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<Note>,
+    hash: &mut Hash,
+) -> Result<Run, RunError> {
+    // Both CSV readers buffer by themselves.
+    let file = File::open(path).map_err(RunError::io(path, "open"))?;
+    csv::read(path, HashingReader::new(file, hash), options, notes)
+}
+
+/// Writes a run: to a `.csv` file in canonical form, or to a new bag directory when the path has no
+/// extension.
+///
+/// # Errors
+/// When the target exists or cannot be written, or the format cannot hold the run (a bag: times before 1970
+/// or after 2038). Nothing is left behind then.
+pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunError> {
+    if path.symlink_metadata().is_ok() {
+        return Err(RunError::Exists { path: path.to_owned() });
+    }
+    match extension(path).as_str() {
+        "csv" => write_file(path, |sink| csv_write::write(run, path, sink)),
+        "" => bag_save::save(run, path, &options.namespace, options.bag.clone()),
+        _ => Err(RunError::Target { path: path.to_owned() }),
+    }
+}
+
+/// Reads `from` and writes it to `to`; returns what was read. Unlike [`load`], it takes a run with both
+/// drives as it is, and writes both.
+///
+/// # Errors
+/// Those of [`load`] and [`save`].
+pub fn convert(from: &Path, to: &Path, load: &LoadOptions, save: &SaveOptions) -> Result<Loaded, RunError> {
+    // Either choice carries the other drive through, and both are written under their own names.
+    let keep_both = LoadOptions { drive: load.drive.or(Some(DriveKind::CoilCurrent)), ..load.clone() };
+    let loaded = self::load(from, &keep_both)?;
+    self::save(&loaded.run, to, save)?;
+    Ok(loaded)
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+/// The columns of a run as they are written, `displacement_m` first.
+///
+/// # Errors
+/// When displacement is missing or two columns have one name, so that the result could not be read again.
+fn columns_of<'a>(run: &'a Run, path: &Path) -> Result<Vec<(&'a str, &'a Trace)>, RunError> {
+    if run.displacement_m.is_empty() {
+        let hint = "a run without it cannot be written".to_owned();
+        return Err(RunError::NoDisplacement { path: path.to_owned(), hint });
+    }
+    let mut columns = vec![("displacement_m", &run.displacement_m)];
+    columns.extend(run.velocity_m_s.as_ref().map(|trace| ("velocity_m_s", trace)));
+    columns.extend(run.force_n.as_ref().map(|trace| ("force_n", trace)));
+    columns.extend(run.drive.as_ref().map(|(kind, trace)| (kind.name(), trace)));
+    columns.extend(run.case_temp_c.as_ref().map(|trace| ("case_temp_c", trace)));
+    columns.extend(run.other.iter().map(|(name, trace)| (name.as_str(), trace)));
+    columns.sort_by_key(|(name, _)| csv_write::rank(name));
+    for (index, (name, trace)) in columns.iter().enumerate() {
+        let fail = |why: &str| RunError::Unwritable {
+            path: path.to_owned(),
+            what: format!("column `{name}`"),
+            why: why.to_owned(),
+        };
+        if name.trim().is_empty()
+            || *name == "time_s"
+            || columns[..index].iter().any(|(other, _)| other == name)
+        {
+            return Err(fail("its name is empty, reserved or used twice: rename it"));
+        }
+        if trace.stamps.len() != trace.values.len() || !trace.stamps.is_sorted_by(|a, b| a < b) {
+            return Err(fail("it needs one value for each stamp and stamps that increase"));
+        }
+    }
+    Ok(columns)
+}
+
+/// Writes a file under a temporary name beside it and renames it when it is complete and on the disk, so that
+/// nobody ever sees half a file.
+fn write_file(
+    path: &Path,
+    fill: impl FnOnce(&mut BufWriter<File>) -> Result<(), RunError>,
+) -> Result<(), RunError> {
+    let part = part_name(path);
+    let written = (|| {
+        if let Some(parent) = path.parent() {
+            fs::create_dir_all(parent).map_err(RunError::io(parent, "create"))?;
+        }
+        let file = File::create(&part).map_err(RunError::io(&part, "create"))?;
+        let mut sink = BufWriter::new(file);
+        fill(&mut sink)?;
+        sink.flush().map_err(RunError::io(&part, "write"))?;
+        sink.get_ref().sync_all().map_err(RunError::io(&part, "write to disk"))?;
+        fs::rename(&part, path).map_err(RunError::io(path, "create"))
+    })();
+    written.inspect_err(|_| {
+        // It may not exist; the first error counts.
+        let _ = fs::remove_file(&part);
+    })
+}
+
+fn part_name(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{name}.{}.part", std::process::id()))
+}

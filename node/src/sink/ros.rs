@@ -1,0 +1,231 @@
+//! Events to ROS topics, and to the log.
+//!
+//! Publishing allocates and wakes the middleware's thread, so it happens here and never on the estimating
+//! thread. Refused samples are logged: the first at once, then no more than one line a second for each kind,
+//! with a count.
+
+use crate::config::RosArgs;
+use crate::error::NodeError;
+use crate::hot::Inlet;
+use crate::ros::Ros;
+use crate::wire::{self, ModelNames};
+use mr_damper_model::pipeline::{Event, Refusal, Refused};
+use mr_damper_model::sample::Channel;
+use mr_damper_msgs::{ForceEstimate, ForceResidual, ModeChange};
+use ros2_client::Publisher;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, RwLock};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How long the thread sleeps when nobody wakes it.
+const IDLE: Duration = Duration::from_millis(100);
+/// Spacing of log lines on refused samples of one kind.
+const LOG_EVERY: Duration = Duration::from_secs(1);
+
+/// Counters of the sink.
+#[derive(Debug, Default)]
+pub struct RosSinkCounters {
+    /// Estimates published.
+    pub estimates: AtomicU64,
+    /// Residuals published.
+    pub residuals: AtomicU64,
+    /// Samples refused by the pipeline.
+    pub refused: AtomicU64,
+    /// Messages that the middleware did not take.
+    pub failed: AtomicU64,
+}
+
+/// The names of the models that run; swapped with them.
+pub type SharedNames = Arc<RwLock<ModelNames>>;
+
+/// The running sink.
+pub struct RosSink {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<()>,
+    counters: Arc<RosSinkCounters>,
+}
+
+struct Publishers {
+    estimate: Publisher<ForceEstimate>,
+    residual: Publisher<ForceResidual>,
+    mode: Publisher<ModeChange>,
+}
+
+impl RosSink {
+    /// Creates the publishers and starts the thread.
+    ///
+    /// # Errors
+    /// When a topic cannot be published or the system starts no thread.
+    pub fn start(ros: &mut Ros, args: &RosArgs, names: SharedNames, inlet: Inlet) -> Result<Self, NodeError> {
+        let publishers = Publishers {
+            estimate: ros.publish(&args.topic("force_estimate"))?,
+            residual: ros.publish(&args.topic("force_residual"))?,
+            mode: ros.publish(&args.topic("mode"))?,
+        };
+        let stop = Arc::new(AtomicBool::new(false));
+        let counters = Arc::new(RosSinkCounters::default());
+        let frame_id = args.namespace().trim_start_matches('/').replace('/', "_");
+        let thread = std::thread::Builder::new()
+            .name("ros-sink".to_owned())
+            .spawn({
+                let (stop, counters) = (Arc::clone(&stop), Arc::clone(&counters));
+                move || {
+                    Worker { publishers, names, frame_id, counters, log: RefusalLog::default() }
+                        .run(inlet, &stop)
+                }
+            })
+            .map_err(NodeError::io("starting the thread that publishes ROS messages"))?;
+        Ok(Self { stop, thread, counters })
+    }
+
+    /// The sink's thread, for waking.
+    #[must_use]
+    pub fn thread(&self) -> std::thread::Thread {
+        self.thread.thread().clone()
+    }
+
+    /// The sink's counters.
+    #[must_use]
+    pub fn counters(&self) -> Arc<RosSinkCounters> {
+        Arc::clone(&self.counters)
+    }
+
+    /// True while the thread runs; false after a panic.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.thread.is_finished()
+    }
+
+    /// Publishes what is left in the ring, ends the thread and drops the publishers. `Err` when it had panicked.
+    ///
+    /// # Errors
+    /// The panic's payload.
+    pub fn stop(self) -> std::thread::Result<()> {
+        self.stop.store(true, Ordering::Release);
+        self.thread.thread().unpark();
+        self.thread.join()
+    }
+}
+
+struct Worker {
+    publishers: Publishers,
+    names: SharedNames,
+    frame_id: String,
+    counters: Arc<RosSinkCounters>,
+    log: RefusalLog,
+}
+
+impl Worker {
+    fn run(mut self, mut inlet: Inlet, stop: &AtomicBool) {
+        loop {
+            // Read before draining: what is in the ring when stop is set is still published.
+            let last_round = stop.load(Ordering::Acquire);
+            while let Ok(event) = inlet.events.pop() {
+                self.publish(&event);
+            }
+            self.log.flush();
+            if last_round {
+                return;
+            }
+            std::thread::park_timeout(IDLE);
+        }
+    }
+
+    fn publish(&mut self, event: &Event) {
+        let published = match event {
+            Event::Estimate(estimate) => {
+                // A poisoned lock only means that a writer panicked between two whole names.
+                let names = self.names.read().unwrap_or_else(std::sync::PoisonError::into_inner);
+                let message = wire::force_estimate(estimate, &names, &self.frame_id);
+                drop(names);
+                self.counters.estimates.fetch_add(1, Ordering::Relaxed);
+                self.publishers.estimate.publish(message).is_ok()
+            }
+            Event::Residual(residual) => {
+                self.counters.residuals.fetch_add(1, Ordering::Relaxed);
+                self.publishers.residual.publish(wire::force_residual(residual, &self.frame_id)).is_ok()
+            }
+            Event::Transition(transition) => {
+                tracing::info!(
+                    from = transition.from.name(),
+                    to = transition.to.name(),
+                    reason = transition.cause.text(),
+                    "mode"
+                );
+                self.publishers.mode.publish(wire::mode_change(transition, &self.frame_id)).is_ok()
+            }
+            Event::Refusal(refusal) => {
+                self.counters.refused.fetch_add(1, Ordering::Relaxed);
+                self.log.note(refusal);
+                true
+            }
+            Event::Input(_) => true,
+        };
+        if !published {
+            self.counters.failed.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Log lines on refused samples, thinned out.
+#[derive(Default)]
+struct RefusalLog {
+    kinds: Vec<RefusalKind>,
+}
+
+struct RefusalKind {
+    channel: Channel,
+    why: Refused,
+    since_last: u64,
+    last_line: Instant,
+    example: Refusal,
+}
+
+impl RefusalLog {
+    fn note(&mut self, refusal: &Refusal) {
+        let channel = refusal.sample.reading.channel();
+        match self.kinds.iter_mut().find(|kind| kind.channel == channel && kind.why == refusal.why) {
+            Some(kind) => {
+                kind.since_last += 1;
+                kind.example = *refusal;
+            }
+            None => {
+                warn(refusal, 1);
+                self.kinds.push(RefusalKind {
+                    channel,
+                    why: refusal.why,
+                    since_last: 0,
+                    last_line: Instant::now(),
+                    example: *refusal,
+                });
+            }
+        }
+    }
+
+    fn flush(&mut self) {
+        for kind in &mut self.kinds {
+            if kind.since_last > 0 && kind.last_line.elapsed() >= LOG_EVERY {
+                warn(&kind.example, kind.since_last);
+                kind.since_last = 0;
+                kind.last_line = Instant::now();
+            }
+        }
+    }
+}
+
+fn warn(refusal: &Refusal, count: u64) {
+    let advice = match refusal.why {
+        Refused::NotFinite => "check the sensor's driver",
+        Refused::Repeated | Refused::TimeBack => "check the publisher's stamps, and that only one publishes",
+        Refused::WrongDrive => "load a model that was identified on this kind of drive",
+    };
+    tracing::warn!(
+        channel = refusal.sample.reading.channel().name(),
+        value = refusal.sample.reading.get(),
+        stamp_ns = refusal.sample.stamp.nanos(),
+        count,
+        "sample refused: {}; {advice}",
+        refusal.why.text(),
+    );
+}

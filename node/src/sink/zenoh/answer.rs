@@ -1,0 +1,207 @@
+//! The queryables `meta`, `history` and `status`.
+//!
+//! Zenoh calls back on its own receiving threads; those only hand the query over. A thread of ours answers,
+//! because an answer blocks on a consumer that does not read, and neither reception nor the samples may.
+
+use super::config::Encoding;
+use super::history::{CAPACITY, Held, Wanted};
+use super::meta;
+use super::payload::Payload;
+use super::shared::Shared;
+use super::stats::Stats;
+use super::time_range::TimeRange;
+use serde::Serialize;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
+use std::time::{Duration, Instant};
+use zenoh::Wait;
+use zenoh::query::Query;
+
+/// Queries that may wait. More are turned away and counted: their consumer gets no reply and may ask again.
+pub(super) const WAITING: usize = 32;
+/// How often the thread looks whether it shall stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// What can be asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Question {
+    Meta,
+    History,
+    Status,
+}
+
+impl Question {
+    pub(super) const ALL: [Self; 3] = [Self::Meta, Self::History, Self::Status];
+
+    /// Last part of the key.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Meta => "meta",
+            Self::History => "history",
+            Self::Status => "status",
+        }
+    }
+
+    /// The parameters that it takes.
+    const fn parameters(self) -> &'static [&'static str] {
+        match self {
+            Self::Meta | Self::Status => &["format"],
+            Self::History => &["format", "max"],
+        }
+    }
+}
+
+/// A question with the query to answer it by.
+pub(super) type Asked = (Question, Query);
+
+/// Called by Zenoh: must not block.
+pub(super) fn hand_over(question: Question, query: Query, queue: &SyncSender<Asked>, shared: &Shared) {
+    if queue.try_send((question, query)).is_err() {
+        shared.book().queries_refused += 1;
+    }
+}
+
+/// Answers until told to stop.
+pub(super) fn run(queue: &Receiver<Asked>, shared: &Arc<Shared>) {
+    let mut asked = [0_u64; Question::ALL.len()];
+    while !shared.stopping() {
+        let (question, query) = match queue.recv_timeout(LOOK) {
+            Ok(asked) => asked,
+            Err(RecvTimeoutError::Timeout) => continue,
+            Err(RecvTimeoutError::Disconnected) => return,
+        };
+        let seq = &mut asked[question as usize];
+        *seq += 1;
+        let seq = *seq;
+        // One bad question must not take the others' answers away.
+        if catch_unwind(AssertUnwindSafe(|| answer(question, &query, seq, shared))).is_err() {
+            tracing::error!("a Zenoh query made the answering thread panic: {}", query.selector());
+        }
+        shared.book().queries_answered += 1;
+    }
+}
+
+fn answer(question: Question, query: &Query, seq: u64, shared: &Shared) {
+    let key = shared.key(question.name());
+    let replied = match compose(question, query, seq, shared) {
+        Ok((bytes, encoding)) => query.reply(key, bytes).encoding(encoding.zenoh()).wait(),
+        Err(error) => {
+            let text = serde_json::json!({ "error": error }).to_string();
+            query.reply_err(text).encoding(Encoding::Json.zenoh()).wait()
+        }
+    };
+    if let Err(error) = replied {
+        tracing::debug!("a Zenoh query got no answer: {error}");
+    }
+}
+
+/// The bytes of an answer, or what is wrong with the question.
+fn compose(
+    question: Question,
+    query: &Query,
+    seq: u64,
+    shared: &Shared,
+) -> Result<(Vec<u8>, Encoding), String> {
+    let parameters = query.parameters();
+    let allowed = question.parameters();
+    // Names with an underscore are Zenoh's own.
+    if let Some((name, _)) =
+        parameters.iter().find(|(name, _)| !name.starts_with('_') && !allowed.contains(name))
+    {
+        return Err(format!("parameter `{name}` is not known here; known are {}", allowed.join(", ")));
+    }
+    let encoding = match parameters.get("format") {
+        None | Some("json") => Encoding::Json,
+        Some("cbor") => Encoding::Cbor,
+        Some(other) => return Err(format!("format={other} is not known; known are json and cbor")),
+    };
+    let bytes = match question {
+        Question::Meta => {
+            to_bytes(&with_head(Question::Meta, seq, shared, &meta::describe(shared)), encoding)
+        }
+        Question::Status => {
+            let names = shared.names();
+            let mode = shared.book().mode.map(|mode| mode.name());
+            let status = Status { damper: &shared.damper, mode, model: &names.free, stats: shared.stats() };
+            to_bytes(&with_head(Question::Status, seq, shared, &status), encoding)
+        }
+        Question::History => history(query, seq, encoding, shared)?,
+    };
+    Ok((bytes?, encoding))
+}
+
+fn history(
+    query: &Query,
+    seq: u64,
+    encoding: Encoding,
+    shared: &Shared,
+) -> Result<Result<Vec<u8>, String>, String> {
+    let parameters = query.parameters();
+    let now_ns = shared.clock.nanos_at(Instant::now());
+    let range = match parameters.get("_time") {
+        Some(text) => TimeRange::parse(text, now_ns)?,
+        None => TimeRange::ALL,
+    };
+    let max = match parameters.get("max") {
+        None => CAPACITY,
+        Some(text) => text.parse().map_err(|_| format!("max={text} is not a number of entries"))?,
+    };
+    let excerpt = shared.book().history.excerpt(&Wanted { range, max }, now_ns);
+    let names = shared.names();
+    let body = HistoryBody {
+        history_s: shared.config.history_s,
+        held: excerpt.held,
+        force_estimate: excerpt.estimates.iter().map(|entry| entry.payload(&names)).collect(),
+        force_residual: excerpt.residuals.iter().map(|entry| entry.payload(&names)).collect(),
+    };
+    Ok(to_bytes(&with_head(Question::History, seq, shared, &body), encoding))
+}
+
+/// What every answer begins with.
+#[derive(Serialize)]
+struct Answer<'a, T> {
+    schema: String,
+    seq: u64,
+    stamp_ns: i64,
+    validity: &'static str,
+    #[serde(flatten)]
+    body: &'a T,
+}
+
+#[derive(Serialize)]
+struct Status<'a> {
+    damper: &'a str,
+    mode: Option<&'static str>,
+    model: &'a str,
+    #[serde(flatten)]
+    stats: Stats,
+}
+
+#[derive(Serialize)]
+struct HistoryBody<'a> {
+    history_s: f64,
+    held: Held,
+    force_estimate: Vec<Payload<'a>>,
+    force_residual: Vec<Payload<'a>>,
+}
+
+fn with_head<'a, T>(question: Question, seq: u64, shared: &Shared, body: &'a T) -> Answer<'a, T> {
+    Answer {
+        schema: format!("mr-damper/zenoh-{}/1", question.name()),
+        seq,
+        stamp_ns: shared.clock.nanos_at(Instant::now()),
+        validity: shared.book().validity.name(),
+        body,
+    }
+}
+
+fn to_bytes(answer: &impl Serialize, encoding: Encoding) -> Result<Vec<u8>, String> {
+    let failed = |error: String| format!("the answer cannot be encoded: {error}");
+    if encoding == Encoding::Json {
+        return serde_json::to_vec(answer).map_err(|error| failed(error.to_string()));
+    }
+    let mut bytes = Vec::new();
+    ciborium::into_writer(answer, &mut bytes).map_err(|error| failed(error.to_string()))?;
+    Ok(bytes)
+}

@@ -1,0 +1,174 @@
+//! From an event to bytes: CBOR, JSON, or the ROS message in CDR.
+
+use super::config::Encoding;
+use super::payload::{Item, ModelNames};
+use mr_damper_model::pipeline::{Event, Transition};
+use mr_damper_model::sample::{Drive, Reading, Sample};
+use mr_damper_msgs::standard::{Header, Temperature, Time};
+use mr_damper_msgs::{
+    CdrError, CoilCurrent, CommandVoltage, Displacement, Force, ForceEstimate, ForceResidual, Message,
+    ModeChange, Reasons, Velocity, cdr,
+};
+
+/// Length of the attachment that goes with CDR, in bytes.
+pub(super) const ATTACHMENT_LEN: usize = 17;
+
+/// Bytes in the encoding that [`encoding_of`] names, and the attachment if they need one.
+#[derive(Debug)]
+pub(super) struct Encoded {
+    pub(super) bytes: Vec<u8>,
+    pub(super) attachment: Option<[u8; ATTACHMENT_LEN]>,
+}
+
+/// An event that cannot be encoded; its text goes to the log.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum EncodeError {
+    #[error("CBOR: {0}")]
+    Cbor(#[from] ciborium::ser::Error<std::io::Error>),
+    #[error("JSON: {0}")]
+    Json(#[from] serde_json::Error),
+    #[error("CDR: {0}")]
+    Cdr(#[from] CdrError),
+}
+
+/// The encoding that a topic really has: a refused sample has no ROS message, so it stays CBOR among CDR.
+pub(super) const fn encoding_of(wanted: Encoding, topic: super::topic::Topic) -> Encoding {
+    match wanted {
+        Encoding::Cdr if topic.ros_type().is_none() => Encoding::Cbor,
+        other => other,
+    }
+}
+
+/// Encodes an event as the payload number `seq` of its route.
+pub(super) fn encode(
+    item: &Item,
+    seq: u64,
+    wanted: Encoding,
+    names: &ModelNames,
+    frame_id: &str,
+) -> Result<Encoded, EncodeError> {
+    let encoding = encoding_of(wanted, item.topic());
+    let bytes = match encoding {
+        Encoding::Json => serde_json::to_vec(&item.payload(seq, names))?,
+        Encoding::Cbor => cbor(item, seq, names)?,
+        Encoding::Cdr => match ros_bytes(&item.event, names, frame_id) {
+            Some(bytes) => bytes?,
+            None => cbor(item, seq, names)?,
+        },
+    };
+    let attachment = (encoding == Encoding::Cdr).then(|| attachment(item, seq));
+    Ok(Encoded { bytes, attachment })
+}
+
+fn cbor(item: &Item, seq: u64, names: &ModelNames) -> Result<Vec<u8>, EncodeError> {
+    let mut bytes = Vec::with_capacity(192);
+    ciborium::into_writer(&item.payload(seq, names), &mut bytes)?;
+    Ok(bytes)
+}
+
+/// `seq` (i64), `stamp_ns` (i64), validity (u8), little endian. The first 16 bytes are laid out as in the
+/// attachment of rmw_zenoh, so that tools for that one read these too.
+fn attachment(item: &Item, seq: u64) -> [u8; ATTACHMENT_LEN] {
+    let mut bytes = [0; ATTACHMENT_LEN];
+    bytes[..8].copy_from_slice(&seq.to_le_bytes());
+    bytes[8..16].copy_from_slice(&item.stamp().nanos().to_le_bytes());
+    bytes[16] = item.validity as u8;
+    bytes
+}
+
+/// The ROS message in CDR with its header; `None` for what has no message.
+fn ros_bytes(event: &Event, names: &ModelNames, frame_id: &str) -> Option<Result<Vec<u8>, EncodeError>> {
+    let header = |stamp: mr_damper_model::sample::Stamp| Header {
+        // The stamp that does not fit in a ROS header (after 2038) is exact in the attachment.
+        stamp: Time::from_nanos_saturating(stamp.nanos()),
+        frame_id: frame_id.to_owned(),
+    };
+    Some(match event {
+        Event::Input(sample) => input_bytes(sample, header(sample.stamp)),
+        Event::Estimate(e) => write(&ForceEstimate {
+            header: header(e.stamp),
+            force: e.force.get(),
+            std_dev: e.std_dev.get(),
+            model: names.of(e.slot).to_owned(),
+            mode: e.mode as u8,
+            validity: e.validity as u8,
+            reasons: Reasons::from_bits(e.reasons.0),
+            input_age: e.input_age.get(),
+        }),
+        Event::Residual(r) => write(&ForceResidual {
+            header: header(r.stamp),
+            measured: r.measured.get(),
+            predicted: r.predicted.get(),
+            residual: r.residual.get(),
+            normalised: r.normalised,
+            windowed_rsse: r.windowed_rsse.get(),
+            windowed_esr: r.windowed_esr,
+            window: r.window.get(),
+            alarm: r.alarm,
+        }),
+        Event::Transition(Transition { stamp, from, to, cause }) => write(&ModeChange {
+            header: header(*stamp),
+            from_mode: *from as u8,
+            to_mode: *to as u8,
+            reason: cause.text().to_owned(),
+        }),
+        Event::Refusal(_) => return None,
+    })
+}
+
+fn input_bytes(sample: &Sample, header: Header) -> Result<Vec<u8>, EncodeError> {
+    // The pipeline does not carry variances: zero says unknown.
+    let variance = 0.0;
+    match sample.reading {
+        Reading::Displacement(x) => write(&Displacement { header, displacement: x.get(), variance }),
+        Reading::Velocity(v) => write(&Velocity { header, velocity: v.get(), variance }),
+        Reading::Drive(Drive::CoilCurrent(i)) => write(&CoilCurrent { header, current: i.get(), variance }),
+        Reading::Drive(Drive::CommandVoltage(u)) => {
+            write(&CommandVoltage { header, voltage: u.get(), variance })
+        }
+        Reading::Force(f) => write(&Force { header, force: f.get(), variance }),
+        Reading::CaseTemperature(t) => write(&Temperature { header, temperature: t.get(), variance }),
+    }
+}
+
+fn write<M: Message>(message: &M) -> Result<Vec<u8>, EncodeError> {
+    Ok(cdr::to_vec(message)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::samples;
+    use super::*;
+    use mr_damper_model::pipeline::Validity;
+
+    #[test]
+    fn cdr_carries_the_ros_message_and_the_rest_in_the_attachment() {
+        let item = Item::new(samples::estimate(1_700_000_000_000_000_005, -412.5), |_| None);
+        let encoded =
+            encode(&item, 9, Encoding::Cdr, &samples::names(), "rod").expect("an estimate has a message");
+        let message: ForceEstimate = cdr::from_slice(&encoded.bytes).expect("written just now");
+        assert_eq!(message.force, -412.5);
+        assert_eq!(message.header.frame_id, "rod");
+        assert_eq!(message.header.stamp.as_nanos(), 1_700_000_000_000_000_005);
+        assert_eq!(message.model, samples::names().free);
+        let attachment = encoded.attachment.expect("CDR has one");
+        assert_eq!(attachment[..8], 9_u64.to_le_bytes());
+        assert_eq!(attachment[8..16], 1_700_000_000_000_000_005_i64.to_le_bytes());
+        assert_eq!(attachment[16], Validity::Valid as u8);
+    }
+
+    #[test]
+    fn every_topic_has_the_type_that_it_names() {
+        let names = samples::names();
+        for event in samples::one_of_each() {
+            let item = Item::new(event, |_| None);
+            let encoded = encode(&item, 1, Encoding::Cdr, &names, "").expect("all events encode");
+            let named = item.topic().ros_type();
+            assert_eq!(encoding_of(Encoding::Cdr, item.topic()) == Encoding::Cdr, named.is_some());
+            assert_eq!(encoded.attachment.is_some(), named.is_some());
+            if let Some(named) = named {
+                assert!(mr_damper_msgs::MESSAGES.iter().any(|known| known.type_name == named), "{named}");
+            }
+        }
+    }
+}

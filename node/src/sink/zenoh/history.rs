@@ -1,0 +1,157 @@
+//! The last seconds of estimates and residuals, in bounded memory.
+
+use super::payload::{Item, ModelNames, Payload};
+use super::time_range::TimeRange;
+use mr_damper_model::pipeline::Event;
+use serde::Serialize;
+use std::collections::VecDeque;
+
+/// Entries of one topic at most, whatever its rate: 10 s at 6 kHz, and less than 10 MB.
+pub(super) const CAPACITY: usize = 65_536;
+
+/// An event of the history.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Entry {
+    /// When the mirror took it, by [`super::shared::Clock`], in nanoseconds since 1970.
+    taken_ns: i64,
+    /// Its `seq` under `state/`.
+    seq: u64,
+    item: Item,
+}
+
+impl Entry {
+    pub(super) fn payload<'a>(&self, names: &'a ModelNames) -> Payload<'a> {
+        self.item.payload(self.seq, names)
+    }
+}
+
+/// What a query asks for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wanted {
+    pub(super) range: TimeRange,
+    /// The newest entries of each topic at most.
+    pub(super) max: usize,
+}
+
+/// Estimates and residuals, oldest first.
+#[derive(Debug, Default)]
+pub(super) struct History {
+    length_ns: i64,
+    estimates: VecDeque<Entry>,
+    residuals: VecDeque<Entry>,
+}
+
+/// Entries in the answer to a query, oldest first.
+#[derive(Debug, Default)]
+pub(super) struct Excerpt {
+    pub(super) estimates: Vec<Entry>,
+    pub(super) residuals: Vec<Entry>,
+    /// How far back the history reaches at present.
+    pub(super) held: Held,
+}
+
+/// What the history holds.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub(super) struct Held {
+    pub(super) estimates: usize,
+    pub(super) residuals: usize,
+    pub(super) oldest_taken_ns: Option<i64>,
+}
+
+impl History {
+    /// A history of `length_s` seconds; zero keeps nothing.
+    pub(super) fn new(length_s: f64) -> Self {
+        // A cast of a float saturates.
+        Self { length_ns: (length_s * 1e9) as i64, ..Self::default() }
+    }
+
+    /// Adds an estimate or residual; `taken_ns` never goes back.
+    pub(super) fn push(&mut self, item: Item, seq: u64, taken_ns: i64) {
+        let list = match item.event {
+            Event::Estimate(_) => &mut self.estimates,
+            Event::Residual(_) => &mut self.residuals,
+            Event::Input(_) | Event::Refusal(_) | Event::Transition(_) => return,
+        };
+        if self.length_ns == 0 {
+            return;
+        }
+        list.push_back(Entry { taken_ns, seq, item });
+        if list.len() > CAPACITY {
+            list.pop_front();
+        }
+        // Both lists, so that a topic that fell silent ages too.
+        let oldest_ns = taken_ns.saturating_sub(self.length_ns);
+        for list in [&mut self.estimates, &mut self.residuals] {
+            while list.front().is_some_and(|entry| entry.taken_ns < oldest_ns) {
+                list.pop_front();
+            }
+        }
+    }
+
+    /// Copies what is wanted; encoding is done without holding the history.
+    pub(super) fn excerpt(&self, wanted: &Wanted, now_ns: i64) -> Excerpt {
+        let oldest_ns = now_ns.saturating_sub(self.length_ns);
+        let pick = |list: &VecDeque<Entry>| {
+            let fits = |entry: &&Entry| entry.taken_ns >= oldest_ns && wanted.range.contains(entry.taken_ns);
+            let mut picked: Vec<Entry> = list.iter().rev().filter(fits).take(wanted.max).copied().collect();
+            picked.reverse();
+            picked
+        };
+        let fronts = [self.estimates.front(), self.residuals.front()];
+        Excerpt {
+            estimates: pick(&self.estimates),
+            residuals: pick(&self.residuals),
+            held: Held {
+                estimates: self.estimates.len(),
+                residuals: self.residuals.len(),
+                oldest_taken_ns: fronts.into_iter().flatten().map(|entry| entry.taken_ns).min(),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::samples;
+    use super::*;
+
+    const SECOND: i64 = 1_000_000_000;
+    const EVERYTHING: Wanted = Wanted { range: TimeRange::ALL, max: usize::MAX };
+
+    fn filled(length_s: f64, count: i64, step_ns: i64) -> History {
+        let mut history = History::new(length_s);
+        for k in 0..count {
+            history.push(Item::new(samples::estimate(k, 1.0), |_| None), k as u64 + 1, k * step_ns);
+        }
+        history
+    }
+
+    #[test]
+    fn keeps_its_length_and_no_more() {
+        let history = filled(2.0, 1000, SECOND / 100);
+        let held = history.excerpt(&EVERYTHING, 999 * SECOND / 100).held;
+        assert_eq!((held.estimates, held.residuals), (201, 0));
+        assert_eq!(held.oldest_taken_ns, Some(799 * SECOND / 100));
+        assert_eq!(filled(0.0, 10, 1).excerpt(&EVERYTHING, 9).held.estimates, 0);
+    }
+
+    #[test]
+    fn is_bounded_at_any_rate() {
+        let history = filled(10.0, CAPACITY as i64 + 50, 1);
+        assert_eq!(history.excerpt(&EVERYTHING, CAPACITY as i64).held.estimates, CAPACITY);
+    }
+
+    #[test]
+    fn answers_ranges_with_the_newest_last() {
+        let history = filled(10.0, 100, SECOND / 10);
+        let now = 99 * SECOND / 10;
+        let range = TimeRange::parse("[now(-1s)..]", now).expect("this is a range");
+        let excerpt = history.excerpt(&Wanted { range, max: usize::MAX }, now);
+        let seqs: Vec<u64> = excerpt.estimates.iter().map(|entry| entry.seq).collect();
+        assert_eq!(seqs, (90..=100).collect::<Vec<u64>>());
+        let excerpt = history.excerpt(&Wanted { range, max: 3 }, now);
+        assert_eq!(excerpt.estimates.iter().map(|entry| entry.seq).collect::<Vec<u64>>(), [98, 99, 100]);
+        // Silence: what is older than the length is not given, though it is still held.
+        assert!(history.excerpt(&EVERYTHING, now + 20 * SECOND).estimates.is_empty());
+    }
+}

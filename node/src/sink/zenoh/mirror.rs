@@ -1,0 +1,305 @@
+//! The mirror of one damper: a thread that takes events from its ring and puts them to Zenoh.
+
+use super::config::Encoding;
+use super::encode::encode;
+use super::error::ZenohError;
+use super::link::{Inner, Link, Opening};
+use super::outlet::Outlet;
+use super::payload::{Item, ModelNames};
+use super::shared::{ROUTES, Shared, Tree, route};
+use super::stats::{MirrorState, Stats};
+use super::throttle::Throttle;
+use super::topic::Topic;
+use mr_damper_model::pipeline::{Event, Validity};
+use mr_damper_model::sample::Stamp;
+use rtrb::Consumer;
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, mpsc};
+use std::thread::{self, JoinHandle, Thread};
+use std::time::{Duration, Instant};
+
+/// What stopping may take before the thread is left to itself. The session's end has as much again.
+const STOP_WAIT: Duration = Duration::from_millis(450);
+/// Longest sleep: bounds what a forgotten wake-up costs.
+const NAP: Duration = Duration::from_millis(50);
+/// Events between two looks at what else is to do.
+const BATCH: usize = 1024;
+/// How often connections and losses are looked at, and how often a standing fault is repeated in the log.
+const LOOK: Duration = Duration::from_secs(1);
+const REPEAT: Duration = Duration::from_secs(10);
+/// Estimates whose validity is remembered for their residuals, which follow a few samples later.
+const REMEMBERED: usize = 256;
+
+/// A damper, as it is named on Zenoh.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Damper {
+    /// Its name in keys: the ROS namespace without the leading slash, such as `front_left`.
+    pub name: String,
+    /// Its frame in the headers of ROS messages; used with [`Encoding::Cdr`] only.
+    pub frame_id: String,
+}
+
+impl Damper {
+    /// A damper whose frame is its name.
+    #[must_use]
+    pub fn named(name: &str) -> Self {
+        Self { name: name.to_owned(), frame_id: name.to_owned() }
+    }
+}
+
+/// The mirror of one damper. Dropping it stops it.
+#[derive(Debug)]
+pub struct Mirror {
+    shared: Arc<Shared>,
+    thread: Thread,
+    running: Option<(JoinHandle<()>, mpsc::Receiver<()>)>,
+}
+
+impl Mirror {
+    /// Starts the thread. `dropped` counts the events that the ring had no room for; the caller
+    /// increments it.
+    ///
+    /// # Errors
+    /// When the damper's name is no part of a key, or the system gives no thread.
+    pub fn start(
+        link: &Link,
+        damper: Damper,
+        names: ModelNames,
+        events: Consumer<Event>,
+        dropped: Arc<AtomicU64>,
+    ) -> Result<Self, ZenohError> {
+        let name = damper.name.trim_matches('/').to_owned();
+        let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+        if !name.split('/').all(|part| !part.is_empty() && part.chars().all(allowed)) {
+            return Err(ZenohError::DamperName { name: damper.name });
+        }
+        let shared =
+            Arc::new(Shared::new(name, damper.frame_id, link.config().clone(), names, Arc::clone(&dropped)));
+        let (sender, ended) = mpsc::sync_channel(1);
+        let (of_worker, of_guard, link) = (Arc::clone(&shared), Arc::clone(&shared), link.inner());
+        let handle = thread::Builder::new()
+            .name("zenoh-mirror".to_owned())
+            .spawn(move || {
+                let worker = Worker::new(of_worker, link, events);
+                if catch_unwind(AssertUnwindSafe(|| worker.run())).is_err() {
+                    of_guard.fail("its thread panicked (the panic's message stands above)".to_owned());
+                }
+                // Nobody may be waiting.
+                let _ = sender.send(());
+            })
+            .map_err(|source| ZenohError::Thread { name: "zenoh-mirror", source })?;
+        Ok(Self { shared, thread: handle.thread().clone(), running: Some((handle, ended)) })
+    }
+
+    /// The thread to [`Thread::unpark`] after an event was pushed. Forgetting it costs at most 50 ms.
+    #[must_use]
+    pub fn waker(&self) -> Thread {
+        self.thread.clone()
+    }
+
+    /// Names other models, after others were loaded; events in the ring get the new names too.
+    pub fn set_models(&self, names: ModelNames) {
+        self.shared.set_names(names);
+    }
+
+    /// The counters.
+    #[must_use]
+    pub fn stats(&self) -> Stats {
+        self.shared.stats()
+    }
+
+    /// True while samples are published, or will be as soon as a client's router is there.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        matches!(self.shared.book().state, MirrorState::Connecting | MirrorState::Running)
+    }
+
+    /// Publishes what the ring still holds, undeclares, and ends the thread, within half a second.
+    pub fn stop(self) {
+        // `Drop` does it.
+    }
+}
+
+impl Drop for Mirror {
+    fn drop(&mut self) {
+        let Some((handle, ended)) = self.running.take() else { return };
+        self.shared.stop.store(true, Ordering::Release);
+        self.thread.unpark();
+        match ended.recv_timeout(STOP_WAIT) {
+            Err(mpsc::RecvTimeoutError::Timeout) => {
+                let damper = &self.shared.damper;
+                tracing::warn!(%damper, "the Zenoh mirror takes long to stop; left to itself");
+            }
+            // The panic, if any, was caught and reported.
+            Ok(()) | Err(mpsc::RecvTimeoutError::Disconnected) => drop(handle.join()),
+        }
+    }
+}
+
+/// What the thread owns.
+struct Worker {
+    shared: Arc<Shared>,
+    link: Arc<Inner>,
+    events: Consumer<Event>,
+    outlet: Option<Outlet>,
+    seq: [u64; ROUTES],
+    web: [Throttle<Item>; Topic::ALL.len()],
+    recent: VecDeque<(Stamp, Validity)>,
+    last_look: Option<Instant>,
+    dropped_before: u64,
+    last_complaint: Option<Instant>,
+}
+
+impl Worker {
+    fn new(shared: Arc<Shared>, link: Arc<Inner>, events: Consumer<Event>) -> Self {
+        let rate_hz = shared.config.web_rate_hz;
+        Self {
+            shared,
+            link,
+            events,
+            outlet: None,
+            seq: [0; ROUTES],
+            web: std::array::from_fn(|_| Throttle::new(rate_hz)),
+            recent: VecDeque::with_capacity(REMEMBERED),
+            last_look: None,
+            dropped_before: 0,
+            last_complaint: None,
+        }
+    }
+
+    fn run(mut self) {
+        loop {
+            // Read before the ring is drained: what was pushed before the request to stop goes out.
+            let stopping = self.shared.stopping();
+            self.attend_session();
+            let drained = self.drain();
+            self.poll_web(stopping);
+            self.look();
+            if stopping && drained {
+                break;
+            }
+            if drained {
+                thread::park_timeout(self.nap());
+            }
+        }
+        if let Some(outlet) = self.outlet.take() {
+            outlet.close();
+        }
+        let mut book = self.shared.book();
+        if book.state != MirrorState::Failed {
+            book.state = MirrorState::Stopped;
+        }
+    }
+
+    /// Declares once there is a session, and notices its end.
+    fn attend_session(&mut self) {
+        if let Some(outlet) = &self.outlet {
+            if outlet.session().is_closed() {
+                self.outlet = None;
+                self.shared.fail("the Zenoh session was closed".to_owned());
+            }
+            return;
+        }
+        if self.shared.book().state != MirrorState::Connecting {
+            return;
+        }
+        match self.link.opening() {
+            Opening::Waiting => {}
+            Opening::Gone => self.shared.fail("the Zenoh session was closed".to_owned()),
+            Opening::Done(session) => match Outlet::declare(session, &self.shared) {
+                Ok(outlet) => {
+                    self.outlet = Some(outlet);
+                    self.shared.book().state = MirrorState::Running;
+                }
+                Err(error) => self.shared.fail(format!("Zenoh refused a declaration: {error}")),
+            },
+        }
+    }
+
+    /// Publishes a batch; true when the ring is empty after it.
+    fn drain(&mut self) -> bool {
+        for _ in 0..BATCH {
+            let Ok(event) = self.events.pop() else { return true };
+            let item = Item::new(event, |stamp| self.validity_at(stamp));
+            if let Event::Estimate(estimate) = &event {
+                if self.recent.len() == REMEMBERED {
+                    self.recent.pop_front();
+                }
+                self.recent.push_back((estimate.stamp, estimate.validity));
+            }
+            let now = Instant::now();
+            let (seq, sent) = self.put(Tree::State, &item, self.shared.config.encoding);
+            self.shared.book().note(item, seq, sent, now, &self.shared.clock);
+            if let Some(item) = self.web[item.topic() as usize].offer(item, now) {
+                self.put_web(&item, now);
+            }
+        }
+        false
+    }
+
+    fn validity_at(&self, stamp: Stamp) -> Option<Validity> {
+        self.recent.iter().rev().find(|(of, _)| *of == stamp).map(|(_, validity)| *validity)
+    }
+
+    fn poll_web(&mut self, flush: bool) {
+        let now = Instant::now();
+        for index in 0..self.web.len() {
+            let web = &mut self.web[index];
+            if let Some(item) = if flush { web.flush() } else { web.poll(now) } {
+                self.put_web(&item, now);
+            }
+        }
+    }
+
+    fn put_web(&mut self, item: &Item, now: Instant) {
+        let (_, sent) = self.put(Tree::Web, item, Encoding::Json);
+        self.shared.book().routes[route(Tree::Web, item.topic())].note(sent, now);
+    }
+
+    /// Puts a sample, and returns its number on the route and whether Zenoh took it. A number is used up
+    /// either way, so that a loss shows.
+    fn put(&mut self, tree: Tree, item: &Item, wanted: Encoding) -> (u64, bool) {
+        let topic = item.topic();
+        let seq = &mut self.seq[route(tree, topic)];
+        *seq += 1;
+        let seq = *seq;
+        let Some(outlet) = &self.outlet else { return (seq, false) };
+        let names = self.shared.names();
+        let put = match encode(item, seq, wanted, &names, &self.shared.frame_id) {
+            Ok(encoded) => outlet.put(tree, topic, encoded).map_err(|error| error.to_string()),
+            Err(error) => Err(error.to_string()),
+        };
+        if let Err(error) = &put
+            && self.last_complaint.is_none_or(|at| at.elapsed() > REPEAT)
+        {
+            self.last_complaint = Some(Instant::now());
+            tracing::warn!(damper = %self.shared.damper, topic = topic.name(), "not put to Zenoh: {error}");
+        }
+        (seq, put.is_ok())
+    }
+
+    /// Once a second: connections, and losses in the ring.
+    fn look(&mut self) {
+        if self.last_look.is_some_and(|at| at.elapsed() < LOOK) {
+            return;
+        }
+        self.last_look = Some(Instant::now());
+        let connected = self.outlet.as_ref().map_or(0, |outlet| self.link.watch(outlet.session()));
+        self.shared.book().connected = connected;
+        let dropped = self.shared.ring_dropped();
+        if dropped > self.dropped_before {
+            let lost = dropped - self.dropped_before;
+            let damper = &self.shared.damper;
+            tracing::warn!(%damper, "{lost} events lost before Zenoh: the ring was full");
+            self.dropped_before = dropped;
+        }
+    }
+
+    fn nap(&self) -> Duration {
+        let now = Instant::now();
+        let due = self.web.iter().filter_map(Throttle::deadline).min();
+        due.map_or(NAP, |due| due.saturating_duration_since(now).min(NAP))
+    }
+}

@@ -1,0 +1,98 @@
+//! What one damper declares in a Zenoh session: publishers, queryables and the liveliness token.
+
+use super::answer::{self, Question, WAITING};
+use super::config::Encoding;
+use super::encode::{Encoded, encoding_of};
+use super::shared::{ROUTES, Shared, Tree, route};
+use super::topic::Topic;
+use std::sync::{Arc, mpsc};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::Queryable;
+use zenoh::{Session, Wait};
+
+/// What the answering thread may take to end; it may be held up by a consumer that does not read.
+const ANSWER_WAIT: Duration = Duration::from_millis(150);
+
+/// The declarations of one damper. Undeclared by [`Outlet::close`], or by the end of the session.
+#[derive(Debug)]
+pub(super) struct Outlet {
+    session: Session,
+    publishers: Vec<Publisher<'static>>,
+    queryables: Vec<Queryable<()>>,
+    token: LivelinessToken,
+    answering: JoinHandle<()>,
+}
+
+impl Outlet {
+    /// Declares all; the token last, so that whoever sees it finds the rest.
+    pub(super) fn declare(session: Session, shared: &Arc<Shared>) -> zenoh::Result<Self> {
+        let mut publishers = Vec::with_capacity(ROUTES);
+        for (tree, wanted) in [(Tree::State, shared.config.encoding), (Tree::Web, Encoding::Json)] {
+            for topic in Topic::ALL {
+                let publisher = session
+                    .declare_publisher(shared.route_key(tree, topic))
+                    .encoding(encoding_of(wanted, topic).zenoh())
+                    // Never Block: a consumer that does not read would hold up all others.
+                    .congestion_control(CongestionControl::Drop)
+                    // Not the default one: answers have that, may block, and hold their queue meanwhile.
+                    .priority(Priority::DataHigh)
+                    // Express was measured to lose samples.
+                    .express(false)
+                    .wait()?;
+                publishers.push(publisher);
+            }
+        }
+        let (queue, queries) = mpsc::sync_channel(WAITING);
+        let mut queryables = Vec::with_capacity(Question::ALL.len());
+        for question in Question::ALL {
+            let (queue, asked_of) = (queue.clone(), Arc::clone(shared));
+            let queryable = session
+                .declare_queryable(shared.key(question.name()))
+                .callback(move |query| answer::hand_over(question, query, &queue, &asked_of))
+                .wait()?;
+            queryables.push(queryable);
+        }
+        let answers_of = Arc::clone(shared);
+        let answering = thread::Builder::new()
+            .name("zenoh-answers".to_owned())
+            .spawn(move || answer::run(&queries, &answers_of))?;
+        let token = session.liveliness().declare_token(shared.key("alive")).wait()?;
+        Ok(Self { session, publishers, queryables, token, answering })
+    }
+
+    pub(super) fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// Publishes a sample. Does not wait for consumers.
+    pub(super) fn put(&self, tree: Tree, topic: Topic, encoded: Encoded) -> zenoh::Result<()> {
+        let publisher = &self.publishers[route(tree, topic)];
+        let put = publisher.put(encoded.bytes);
+        match encoded.attachment {
+            Some(attachment) => put.attachment(attachment).wait(),
+            None => put.wait(),
+        }
+    }
+
+    /// Takes the declarations back; the token first, so that nobody counts on the rest any more.
+    pub(super) fn close(self) {
+        let mut results = vec![self.token.undeclare().wait()];
+        results.extend(self.queryables.into_iter().map(|queryable| queryable.undeclare().wait()));
+        results.extend(self.publishers.into_iter().map(|publisher| publisher.undeclare().wait()));
+        for error in results.into_iter().filter_map(Result::err) {
+            tracing::debug!("undeclaring from Zenoh: {error}");
+        }
+        let patience = Instant::now() + ANSWER_WAIT;
+        while !self.answering.is_finished() && Instant::now() < patience {
+            thread::sleep(Duration::from_millis(2));
+        }
+        // One that is still held up ends with its query.
+        if self.answering.is_finished() && self.answering.join().is_err() {
+            tracing::error!("the thread that answers Zenoh queries panicked");
+        }
+    }
+}

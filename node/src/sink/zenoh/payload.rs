@@ -1,0 +1,327 @@
+//! What is published: one serde type a kind of event, with units in the field names.
+//!
+//! Every payload begins with `seq`, `stamp_ns` and `validity`. A number that is not finite becomes null, in
+//! JSON and in CBOR alike, because JSON knows no NaN and a consumer should not care which of the two it
+//! reads.
+
+use super::topic::Topic;
+use mr_damper_model::pipeline::{Estimate, Event, Mode, Reasons, Refusal, Residual, Transition, Validity};
+use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
+use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Volt};
+use serde::ser::{SerializeMap, Serializer};
+use serde::{Deserialize, Serialize};
+
+/// Names of the models that a damper runs, for estimates and `meta`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct ModelNames {
+    /// The free-running model: preset or file.
+    pub free: String,
+    /// The model that is seeded with measured force, when there is one.
+    pub seeded: Option<String>,
+    /// SHA-256 of the model files, or what else tells one set of coefficients from another.
+    pub hash: String,
+}
+
+impl ModelNames {
+    /// Name of the model that an estimate comes from.
+    pub(super) fn of(&self, slot: mr_damper_model::pipeline::Slot) -> &str {
+        match slot {
+            mr_damper_model::pipeline::Slot::Free => &self.free,
+            mr_damper_model::pipeline::Slot::Seeded => self.seeded.as_deref().unwrap_or(&self.free),
+        }
+    }
+}
+
+/// An event with the validity that it is published with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Item {
+    pub(super) event: Event,
+    pub(super) validity: Validity,
+}
+
+impl Item {
+    /// `of_stamp` finds the validity of the estimate with a given stamp, which a residual shares.
+    pub(super) fn new(event: Event, of_stamp: impl FnOnce(Stamp) -> Option<Validity>) -> Self {
+        let validity = match &event {
+            Event::Input(_) => Validity::Valid,
+            Event::Refusal(_) => Validity::Invalid,
+            Event::Estimate(estimate) => estimate.validity,
+            Event::Residual(residual) if !residual.residual.is_finite() => Validity::Invalid,
+            Event::Residual(residual) => of_stamp(residual.stamp).unwrap_or(Validity::Degraded),
+            Event::Transition(transition) => match transition.to {
+                Mode::Arx | Mode::Model => Validity::Valid,
+                Mode::ArxCoast => Validity::Degraded,
+                Mode::Hold => Validity::Stale,
+                Mode::Fault => Validity::Invalid,
+            },
+        };
+        Self { event, validity }
+    }
+
+    pub(super) fn topic(&self) -> Topic {
+        Topic::of_event(&self.event)
+    }
+
+    pub(super) fn stamp(&self) -> Stamp {
+        match &self.event {
+            Event::Input(sample) => sample.stamp,
+            Event::Refusal(refusal) => refusal.sample.stamp,
+            Event::Estimate(estimate) => estimate.stamp,
+            Event::Residual(residual) => residual.stamp,
+            Event::Transition(transition) => transition.stamp,
+        }
+    }
+
+    /// The payload, for any serde format.
+    pub(super) fn payload<'a>(&self, seq: u64, names: &'a ModelNames) -> Payload<'a> {
+        let head = Head { seq, stamp_ns: self.stamp().nanos(), validity: self.validity.name() };
+        match &self.event {
+            Event::Input(sample) => Payload::Input(InputPayload { head, sample: *sample }),
+            Event::Refusal(refusal) => Payload::Refused(RefusedPayload::new(head, refusal)),
+            Event::Estimate(estimate) => Payload::Estimate(EstimatePayload::new(head, estimate, names)),
+            Event::Residual(residual) => Payload::Residual(ResidualPayload::new(head, residual)),
+            Event::Transition(transition) => Payload::Mode(ModePayload::new(head, transition)),
+        }
+    }
+}
+
+/// Null unless finite.
+pub(super) fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+/// What every payload begins with.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Head {
+    seq: u64,
+    stamp_ns: i64,
+    validity: &'static str,
+}
+
+/// A payload. Untagged: the key says which one it is.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+pub(super) enum Payload<'a> {
+    Input(InputPayload),
+    Estimate(EstimatePayload<'a>),
+    Residual(ResidualPayload),
+    Mode(ModePayload),
+    Refused(RefusedPayload),
+}
+
+/// An accepted input; its field is named after the channel.
+#[derive(Debug)]
+pub(super) struct InputPayload {
+    head: Head,
+    sample: Sample,
+}
+
+impl Serialize for InputPayload {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(4))?;
+        map.serialize_entry("seq", &self.head.seq)?;
+        map.serialize_entry("stamp_ns", &self.head.stamp_ns)?;
+        map.serialize_entry("validity", self.head.validity)?;
+        let field = Topic::of_reading(self.sample.reading).value_field();
+        map.serialize_entry(field, &finite(self.sample.reading.get()))?;
+        map.end()
+    }
+}
+
+/// A force estimate.
+#[derive(Debug, Serialize)]
+pub(super) struct EstimatePayload<'a> {
+    seq: u64,
+    stamp_ns: i64,
+    validity: &'static str,
+    force_n: Option<f64>,
+    std_dev_n: Option<f64>,
+    model: &'a str,
+    mode: &'static str,
+    #[serde(serialize_with = "reason_names")]
+    reasons: Reasons,
+    input_age_s: Option<f64>,
+}
+
+impl<'a> EstimatePayload<'a> {
+    fn new(head: Head, estimate: &Estimate, names: &'a ModelNames) -> Self {
+        Self {
+            seq: head.seq,
+            stamp_ns: head.stamp_ns,
+            validity: head.validity,
+            force_n: finite(estimate.force.get()),
+            std_dev_n: finite(estimate.std_dev.get()),
+            model: names.of(estimate.slot),
+            mode: estimate.mode.name(),
+            reasons: estimate.reasons,
+            input_age_s: finite(estimate.input_age.get()),
+        }
+    }
+}
+
+fn reason_names<S: Serializer>(reasons: &Reasons, serializer: S) -> Result<S::Ok, S::Error> {
+    let names: Vec<&str> = reasons.names().collect();
+    names.serialize(serializer)
+}
+
+/// A residual.
+#[derive(Debug, Serialize)]
+pub(super) struct ResidualPayload {
+    seq: u64,
+    stamp_ns: i64,
+    validity: &'static str,
+    measured_n: Option<f64>,
+    predicted_n: Option<f64>,
+    residual_n: Option<f64>,
+    normalised: Option<f64>,
+    windowed_rsse_n: Option<f64>,
+    windowed_esr: Option<f64>,
+    window_s: Option<f64>,
+    alarm: bool,
+}
+
+impl ResidualPayload {
+    fn new(head: Head, residual: &Residual) -> Self {
+        Self {
+            seq: head.seq,
+            stamp_ns: head.stamp_ns,
+            validity: head.validity,
+            measured_n: finite(residual.measured.get()),
+            predicted_n: finite(residual.predicted.get()),
+            residual_n: finite(residual.residual.get()),
+            normalised: finite(residual.normalised),
+            windowed_rsse_n: finite(residual.windowed_rsse.get()),
+            windowed_esr: finite(residual.windowed_esr),
+            window_s: finite(residual.window.get()),
+            alarm: residual.alarm,
+        }
+    }
+}
+
+/// A change of mode.
+#[derive(Debug, Serialize)]
+pub(super) struct ModePayload {
+    seq: u64,
+    stamp_ns: i64,
+    validity: &'static str,
+    from_mode: &'static str,
+    to_mode: &'static str,
+    reason: &'static str,
+}
+
+impl ModePayload {
+    fn new(head: Head, transition: &Transition) -> Self {
+        Self {
+            seq: head.seq,
+            stamp_ns: head.stamp_ns,
+            validity: head.validity,
+            from_mode: transition.from.name(),
+            to_mode: transition.to.name(),
+            reason: transition.cause.text(),
+        }
+    }
+}
+
+/// A refused sample.
+#[derive(Debug, Serialize)]
+pub(super) struct RefusedPayload {
+    seq: u64,
+    stamp_ns: i64,
+    validity: &'static str,
+    topic: &'static str,
+    value: Option<f64>,
+    unit: &'static str,
+    reason: &'static str,
+}
+
+impl RefusedPayload {
+    fn new(head: Head, refusal: &Refusal) -> Self {
+        let reading = refusal.sample.reading;
+        Self {
+            seq: head.seq,
+            stamp_ns: head.stamp_ns,
+            validity: head.validity,
+            topic: Topic::of_reading(reading).name(),
+            value: finite(reading.get()),
+            unit: unit_of(reading),
+            reason: refusal.why.text(),
+        }
+    }
+}
+
+const fn unit_of(reading: Reading) -> &'static str {
+    match reading {
+        Reading::Displacement(_) => Metre::SYMBOL,
+        Reading::Velocity(_) => MetrePerSecond::SYMBOL,
+        Reading::Drive(Drive::CoilCurrent(_)) => Ampere::SYMBOL,
+        Reading::Drive(Drive::CommandVoltage(_)) => Volt::SYMBOL,
+        Reading::Force(_) => Newton::SYMBOL,
+        Reading::CaseTemperature(_) => Celsius::SYMBOL,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::samples;
+    use super::*;
+
+    #[test]
+    fn payloads_hold_the_fields_that_meta_promises() {
+        let names = samples::names();
+        let mut seen = Vec::new();
+        for event in samples::one_of_each() {
+            let item = Item::new(event, |_| Some(Validity::Valid));
+            let value = serde_json::to_value(item.payload(7, &names)).expect("payloads are JSON");
+            let object = value.as_object().expect("payloads are objects");
+            let mut promised = vec!["seq", "stamp_ns", "validity"];
+            promised.extend(item.topic().fields().iter().map(|(name, _, _)| *name));
+            promised.sort_unstable();
+            let mut keys: Vec<&str> = object.keys().map(String::as_str).collect();
+            keys.sort_unstable();
+            assert_eq!(keys, promised, "{}", item.topic().name());
+            assert_eq!(value["seq"], 7);
+            seen.push(item.topic().name());
+        }
+        seen.sort_unstable();
+        let mut all = Topic::ALL.map(Topic::name);
+        all.sort_unstable();
+        assert_eq!(seen, all, "samples::one_of_each leaves a topic out");
+    }
+
+    #[test]
+    fn what_is_not_finite_is_null_in_json_and_cbor() {
+        let names = samples::names();
+        let Event::Estimate(estimate) = samples::estimate(5, 1.0) else {
+            unreachable!("made as an estimate")
+        };
+        let broken = Estimate {
+            force: Newton(f64::NAN),
+            std_dev: Newton(f64::INFINITY),
+            validity: Validity::Invalid,
+            reasons: Reasons(Reasons::DRIVE_MISSING.0 | Reasons::LATE.0),
+            ..estimate
+        };
+        let item = Item::new(Event::Estimate(broken), |_| None);
+        let payload = item.payload(1, &names);
+        let json = serde_json::to_value(&payload).expect("payloads are JSON");
+        assert!(json["force_n"].is_null() && json["std_dev_n"].is_null(), "{json}");
+        assert_eq!(json["validity"], "INVALID");
+        assert_eq!(json["reasons"], serde_json::json!(["DRIVE_MISSING", "LATE"]));
+        let mut bytes = Vec::new();
+        ciborium::into_writer(&payload, &mut bytes).expect("payloads are CBOR");
+        let cbor: serde_json::Value = ciborium::from_reader(bytes.as_slice()).expect("written just now");
+        assert_eq!(cbor, json);
+    }
+
+    #[test]
+    fn a_residual_shares_the_validity_of_its_estimate() {
+        let residual = samples::residual(5, 1.0);
+        let validity = |of_stamp: Option<Validity>| Item::new(residual, |_| of_stamp).validity;
+        assert_eq!(validity(Some(Validity::Extrapolating)), Validity::Extrapolating);
+        assert_eq!(validity(None), Validity::Degraded);
+        assert_eq!(
+            Item::new(samples::residual(5, f64::NAN), |_| Some(Validity::Valid)).validity,
+            Validity::Invalid
+        );
+    }
+}

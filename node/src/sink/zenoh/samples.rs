@@ -1,0 +1,76 @@
+//! Events for the tests of this module.
+
+use super::payload::ModelNames;
+use mr_damper_model::pipeline::{
+    Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, Transition, Validity,
+};
+use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
+use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
+
+pub(super) fn names() -> ModelNames {
+    ModelNames {
+        free: "thesis/fuzzy-tanh/rp3-cs".into(),
+        seeded: Some("thesis/arx".into()),
+        hash: "abc".into(),
+    }
+}
+
+pub(super) fn input(nanos: i64, reading: Reading) -> Event {
+    Event::Input(sample(nanos, reading))
+}
+
+fn sample(nanos: i64, reading: Reading) -> Sample {
+    let stamp = Stamp::from_nanos(nanos);
+    Sample { stamp, received: stamp, reading }
+}
+
+pub(super) fn estimate(nanos: i64, force_n: f64) -> Event {
+    Event::Estimate(Estimate {
+        stamp: Stamp::from_nanos(nanos),
+        force: Newton(force_n),
+        std_dev: Newton(12.5),
+        slot: Slot::Free,
+        mode: Mode::Model,
+        validity: Validity::Valid,
+        reasons: Reasons::NONE,
+        input_age: Second(0.001),
+    })
+}
+
+pub(super) fn residual(nanos: i64, residual_n: f64) -> Event {
+    Event::Residual(Residual {
+        stamp: Stamp::from_nanos(nanos),
+        measured: Newton(100.0),
+        predicted: Newton(100.0 - residual_n),
+        residual: Newton(residual_n),
+        normalised: residual_n / 10.0,
+        windowed_rsse: Newton(8.0),
+        windowed_esr: 0.001,
+        window: Second(5.0),
+        alarm: false,
+    })
+}
+
+/// One event for each topic.
+pub(super) fn one_of_each() -> Vec<Event> {
+    vec![
+        input(1, Reading::Displacement(Metre(0.01))),
+        input(2, Reading::Velocity(MetrePerSecond(0.1))),
+        input(3, Reading::Drive(Drive::CoilCurrent(Ampere(0.8)))),
+        input(4, Reading::Drive(Drive::CommandVoltage(Volt(2.0)))),
+        input(5, Reading::Force(Newton(120.0))),
+        input(6, Reading::CaseTemperature(Celsius(31.0))),
+        estimate(7, 119.0),
+        residual(8, 1.0),
+        Event::Transition(Transition {
+            stamp: Stamp::from_nanos(9),
+            from: Mode::Fault,
+            to: Mode::Model,
+            cause: Cause::ModelReady,
+        }),
+        Event::Refusal(Refusal {
+            sample: sample(10, Reading::Displacement(Metre(f64::NAN))),
+            why: Refused::NotFinite,
+        }),
+    ]
+}

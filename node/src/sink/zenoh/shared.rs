@@ -1,0 +1,196 @@
+//! What the mirror's threads share: counters, history, names of the models.
+//!
+//! The mutex here is between the mirror and the queries of consumers; the estimating thread never sees it.
+
+use super::config::ZenohConfig;
+use super::history::History;
+use super::payload::{Item, ModelNames};
+use super::stats::{MirrorState, RouteCount, Stats};
+use super::topic::Topic;
+use mr_damper_model::pipeline::{Event, Mode, Validity};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+/// Routes of `state/` and of `web/`.
+pub(super) const ROUTES: usize = 2 * Topic::ALL.len();
+
+/// Which of the two subtrees a route lies in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Tree {
+    State,
+    Web,
+}
+
+/// Index of a route.
+pub(super) const fn route(tree: Tree, topic: Topic) -> usize {
+    match tree {
+        Tree::State => topic as usize,
+        Tree::Web => Topic::ALL.len() + topic as usize,
+    }
+}
+
+/// The clock of the machine as it was at the start, carried on by the monotonic clock: it never goes back.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Clock {
+    start: Instant,
+    start_ns: i64,
+}
+
+impl Clock {
+    pub(super) fn new() -> Self {
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Self { start: Instant::now(), start_ns: i64::try_from(since_1970.as_nanos()).unwrap_or(i64::MAX) }
+    }
+
+    /// Nanoseconds since 1970 at an instant.
+    pub(super) fn nanos_at(&self, at: Instant) -> i64 {
+        let elapsed_ns = at.saturating_duration_since(self.start).as_nanos();
+        self.start_ns.saturating_add(i64::try_from(elapsed_ns).unwrap_or(i64::MAX))
+    }
+}
+
+/// What one mirror's threads share.
+#[derive(Debug)]
+pub(super) struct Shared {
+    /// Name of the damper in keys.
+    pub(super) damper: String,
+    /// Frame in the headers of ROS messages.
+    pub(super) frame_id: String,
+    pub(super) config: ZenohConfig,
+    pub(super) clock: Clock,
+    pub(super) stop: AtomicBool,
+    ring_dropped: Arc<AtomicU64>,
+    names: Mutex<Arc<ModelNames>>,
+    book: Mutex<Book>,
+}
+
+/// What changes while the mirror runs.
+#[derive(Debug)]
+pub(super) struct Book {
+    pub(super) state: MirrorState,
+    pub(super) failure: Option<String>,
+    pub(super) connected: usize,
+    pub(super) events: u64,
+    pub(super) queries_answered: u64,
+    pub(super) queries_refused: u64,
+    pub(super) routes: [RouteCount; ROUTES],
+    pub(super) history: History,
+    /// Mode after the last transition or estimate.
+    pub(super) mode: Option<Mode>,
+    /// Validity of the last estimate.
+    pub(super) validity: Validity,
+}
+
+impl Book {
+    /// Notes an event that was put to `state/`.
+    pub(super) fn note(&mut self, item: Item, seq: u64, sent: bool, at: Instant, clock: &Clock) {
+        self.events += 1;
+        self.routes[route(Tree::State, item.topic())].note(sent, at);
+        match &item.event {
+            Event::Estimate(estimate) => {
+                (self.mode, self.validity) = (Some(estimate.mode), estimate.validity)
+            }
+            Event::Transition(transition) => self.mode = Some(transition.to),
+            Event::Input(_) | Event::Refusal(_) | Event::Residual(_) => {}
+        }
+        self.history.push(item, seq, clock.nanos_at(at));
+    }
+}
+
+impl Shared {
+    pub(super) fn new(
+        damper: String,
+        frame_id: String,
+        config: ZenohConfig,
+        names: ModelNames,
+        ring_dropped: Arc<AtomicU64>,
+    ) -> Self {
+        let book = Book {
+            state: MirrorState::Connecting,
+            failure: None,
+            connected: 0,
+            events: 0,
+            queries_answered: 0,
+            queries_refused: 0,
+            routes: std::array::from_fn(|_| RouteCount::default()),
+            history: History::new(config.history_s),
+            mode: None,
+            validity: Validity::Invalid,
+        };
+        Self {
+            damper,
+            frame_id,
+            config,
+            clock: Clock::new(),
+            stop: AtomicBool::new(false),
+            ring_dropped,
+            names: Mutex::new(Arc::new(names)),
+            book: Mutex::new(book),
+        }
+    }
+
+    /// The key of `tail` below this damper.
+    pub(super) fn key(&self, tail: &str) -> String {
+        format!("mr_damper/{}/{tail}", self.damper)
+    }
+
+    /// The key of a route.
+    pub(super) fn route_key(&self, tree: Tree, topic: Topic) -> String {
+        let tree = match tree {
+            Tree::State => "state",
+            Tree::Web => "web",
+        };
+        self.key(&format!("{tree}/{}", topic.name()))
+    }
+
+    pub(super) fn stopping(&self) -> bool {
+        self.stop.load(Ordering::Acquire)
+    }
+
+    pub(super) fn ring_dropped(&self) -> u64 {
+        self.ring_dropped.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn names(&self) -> Arc<ModelNames> {
+        Arc::clone(&self.names.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    pub(super) fn set_names(&self, names: ModelNames) {
+        *self.names.lock().unwrap_or_else(PoisonError::into_inner) = Arc::new(names);
+    }
+
+    /// The book. A thread that panicked while it held it left counters behind, which are good enough.
+    pub(super) fn book(&self) -> MutexGuard<'_, Book> {
+        self.book.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Marks the mirror as broken, and says so once.
+    pub(super) fn fail(&self, why: String) {
+        let mut book = self.book();
+        if book.state != MirrorState::Failed {
+            let damper = &self.damper;
+            tracing::error!(%damper, "Zenoh mirror failed: {why}; the estimates go on without it");
+            book.state = MirrorState::Failed;
+            book.failure = Some(why);
+        }
+    }
+
+    pub(super) fn stats(&self) -> Stats {
+        let now = Instant::now();
+        let book = self.book();
+        let trees = [Tree::State, Tree::Web];
+        let of_tree = |tree| Topic::ALL.into_iter().map(move |topic| (tree, topic));
+        let one = |(tree, topic)| book.routes[route(tree, topic)].stats(self.route_key(tree, topic), now);
+        Stats {
+            state: book.state,
+            failure: book.failure.clone(),
+            connected: book.connected,
+            ring_dropped: self.ring_dropped(),
+            events: book.events,
+            queries_answered: book.queries_answered,
+            queries_refused: book.queries_refused,
+            routes: trees.into_iter().flat_map(of_tree).map(one).collect(),
+        }
+    }
+}

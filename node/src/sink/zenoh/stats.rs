@@ -1,0 +1,129 @@
+//! What the mirror counts: the answer to "does it still flow, and what was lost?".
+
+use serde::Serialize;
+use std::time::{Duration, Instant};
+
+/// Over which rates are measured.
+const WINDOW: Duration = Duration::from_secs(1);
+
+/// State of a mirror.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MirrorState {
+    /// A client waits for its router.
+    Connecting,
+    /// Samples are published.
+    Running,
+    /// Stopped on request.
+    Stopped,
+    /// Broken; [`Stats::failure`] says why. The ring is still drained if the thread lives.
+    Failed,
+}
+
+/// Counters of one route, that is of one key.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RouteStats {
+    /// The key.
+    pub key: String,
+    /// Samples given to Zenoh. Zenoh drops without a word when a consumer does not keep up: only a gap in
+    /// `seq` at the consumer shows that.
+    pub sent: u64,
+    /// Samples that Zenoh refused, or that came while there was no session.
+    pub dropped: u64,
+    /// Age of the last sample, in s since the mirror took it; none before the first.
+    pub age_s: Option<f64>,
+    /// Samples a second, over the last second or so.
+    pub rate_hz: f64,
+}
+
+/// Counters of a mirror.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stats {
+    /// State of the mirror.
+    pub state: MirrorState,
+    /// Why it failed.
+    pub failure: Option<String>,
+    /// Routers and peers that are connected now.
+    pub connected: usize,
+    /// Events that were lost because the ring to the mirror was full. They leave no gap in `seq`, as
+    /// nobody knows which routes they belonged to.
+    pub ring_dropped: u64,
+    /// Events that the mirror took from the ring.
+    pub events: u64,
+    /// Queries that were answered.
+    pub queries_answered: u64,
+    /// Queries that were turned away because too many waited.
+    pub queries_refused: u64,
+    /// The routes: those of `state/`, then those of `web/`, in the order of [`super::Topic::ALL`].
+    pub routes: Vec<RouteStats>,
+}
+
+/// Counts one route.
+#[derive(Debug, Default)]
+pub(super) struct RouteCount {
+    sent: u64,
+    dropped: u64,
+    last: Option<Instant>,
+    window: Option<(Instant, u32)>,
+    rate_hz: f64,
+}
+
+impl RouteCount {
+    /// Notes a sample, and whether Zenoh took it.
+    pub(super) fn note(&mut self, sent: bool, now: Instant) {
+        if sent {
+            self.sent += 1;
+        } else {
+            self.dropped += 1;
+        }
+        self.last = Some(now);
+        match &mut self.window {
+            Some((since, count)) if now - *since < WINDOW => *count += 1,
+            Some((since, count)) => {
+                self.rate_hz = f64::from(*count) / (now - *since).as_secs_f64();
+                self.window = Some((now, 1));
+            }
+            None => self.window = Some((now, 1)),
+        }
+    }
+
+    pub(super) fn stats(&self, key: String, now: Instant) -> RouteStats {
+        let age = self.last.map(|last| now.saturating_duration_since(last));
+        // A window that is still open says more than a closed one that is long past.
+        let rate_hz = match self.window {
+            Some((since, count)) if now.saturating_duration_since(since) >= WINDOW || self.rate_hz == 0.0 => {
+                f64::from(count) / now.saturating_duration_since(since).max(WINDOW).as_secs_f64()
+            }
+            _ => self.rate_hz,
+        };
+        RouteStats {
+            key,
+            sent: self.sent,
+            dropped: self.dropped,
+            age_s: age.map(|age| age.as_secs_f64()),
+            rate_hz,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rate_and_age_follow_the_flow() {
+        let start = Instant::now();
+        let mut count = RouteCount::default();
+        assert_eq!(count.stats(String::new(), start).age_s, None);
+        for k in 0..3000 {
+            count.note(k % 10 != 0, start + Duration::from_millis(k));
+        }
+        let stats = count.stats("k".into(), start + Duration::from_millis(3000));
+        assert_eq!((stats.sent, stats.dropped), (2700, 300));
+        assert!((stats.rate_hz - 1000.0).abs() < 1.0, "{stats:?}");
+        assert!(stats.age_s.is_some_and(|age_s| (age_s - 0.001).abs() < 1e-6), "{stats:?}");
+        let silent = count.stats("k".into(), start + Duration::from_millis(60_000));
+        assert!(silent.rate_hz < 20.0, "{silent:?}");
+        assert!(silent.age_s.is_some_and(|age_s| age_s > 57.0), "{silent:?}");
+    }
+}

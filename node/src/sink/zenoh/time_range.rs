@@ -1,0 +1,115 @@
+//! The `_time` parameter of a query: `[now(-10s)..]`, `[2026-01-02T03:04:05Z..now()[`, and so on.
+//!
+//! `[` and `]` that open towards the times include the bound, and exclude it the other way round; either
+//! bound may be left out. Zenoh has a parser of its own, but only among its unstable features.
+
+use zenoh::time::NTP64;
+
+/// A range of times in nanoseconds since 1970, both ends included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct TimeRange {
+    pub(super) from_ns: i64,
+    pub(super) to_ns: i64,
+}
+
+impl TimeRange {
+    /// All times.
+    pub(super) const ALL: Self = Self { from_ns: i64::MIN, to_ns: i64::MAX };
+
+    /// Reads the parameter; `now_ns` is what `now()` stands for. The error says what was expected.
+    pub(super) fn parse(text: &str, now_ns: i64) -> Result<Self, String> {
+        let wrong = |what: &str| format!("_time={text}: {what}; write it as _time=[now(-10s)..] for example");
+        let opening = text.chars().next().filter(|c| matches!(c, '[' | ']'));
+        let closing = text.chars().next_back().filter(|c| matches!(c, '[' | ']'));
+        let (Some(opening), Some(closing), true) = (opening, closing, text.len() >= 2) else {
+            return Err(wrong("brackets are missing (a `;` cannot stand inside a parameter)"));
+        };
+        let Some((from, to)) = text[1..text.len() - 1].split_once("..") else {
+            return Err(wrong("`..` between the two times is missing"));
+        };
+        let instant = |text: &str| instant(text, now_ns).map_err(|why| wrong(&why));
+        let mut range = Self::ALL;
+        if !from.is_empty() {
+            range.from_ns = instant(from)?.saturating_add(i64::from(opening == ']'));
+        }
+        if !to.is_empty() {
+            range.to_ns = instant(to)?.saturating_sub(i64::from(closing == '['));
+        }
+        Ok(range)
+    }
+
+    pub(super) fn contains(self, at_ns: i64) -> bool {
+        (self.from_ns..=self.to_ns).contains(&at_ns)
+    }
+}
+
+/// `now()`, `now(-1.5s)`, or a UTC time as RFC 3339 has it.
+fn instant(text: &str, now_ns: i64) -> Result<i64, String> {
+    if let Some(offset) = text.strip_prefix("now(").and_then(|rest| rest.strip_suffix(')')) {
+        let offset_ns = if offset.is_empty() { 0 } else { duration_ns(offset)? };
+        return Ok(now_ns.saturating_add(offset_ns));
+    }
+    let time =
+        NTP64::parse_rfc3339(text).map_err(|_| format!("`{text}` is neither now(..) nor a UTC time"))?;
+    i64::try_from(time.to_duration().as_nanos()).map_err(|_| format!("`{text}` is too far away"))
+}
+
+/// A signed number with a unit, in nanoseconds.
+fn duration_ns(text: &str) -> Result<i64, String> {
+    let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let (number, unit) = text.split_at(split);
+    let unit_s = match unit {
+        "u" => 1e-6,
+        "ms" => 1e-3,
+        "s" => 1.0,
+        "m" => 60.0,
+        "h" => 3_600.0,
+        "d" => 86_400.0,
+        "w" => 604_800.0,
+        _ => return Err(format!("`{text}` has no unit among u, ms, s, m, h, d, w")),
+    };
+    let number: f64 = number.parse().map_err(|_| format!("`{text}` is not a number with a unit"))?;
+    // A cast of a float saturates.
+    Ok((number * unit_s * 1e9).round() as i64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW: i64 = 1_700_000_000_000_000_000;
+
+    fn range(text: &str) -> (i64, i64) {
+        let range = TimeRange::parse(text, NOW).expect("this is a range");
+        (range.from_ns, range.to_ns)
+    }
+
+    #[test]
+    fn ranges_are_read() {
+        assert_eq!(range("[..]"), (i64::MIN, i64::MAX));
+        assert_eq!(range("[now(-10s)..]"), (NOW - 10_000_000_000, i64::MAX));
+        assert_eq!(range("[now(-1.5s)..now()]"), (NOW - 1_500_000_000, NOW));
+        assert_eq!(range("]now(-2ms)..now(1m)["), (NOW - 1_999_999, NOW + 59_999_999_999));
+        let (from, to) = range("[2023-11-14T22:13:20Z..2023-11-14T22:13:21.5Z]");
+        // NTP time has steps of a quarter of a nanosecond.
+        assert!((from - NOW).abs() <= 1 && (to - NOW - 1_500_000_000).abs() <= 1, "{from} {to}");
+    }
+
+    #[test]
+    fn what_is_no_range_is_explained() {
+        for (text, word) in [
+            ("", "brackets"),
+            ("[", "brackets"),
+            ("now(-10s)..", "brackets"),
+            ("[now(-10s)", "brackets"),
+            ("[now(-10s)]", "`..`"),
+            ("[now(-10)..]", "unit"),
+            ("[now(1.2.3s)..]", "number"),
+            ("[yesterday..]", "neither"),
+            ("é..é", "brackets"),
+        ] {
+            let message = TimeRange::parse(text, NOW).expect_err("this is no range");
+            assert!(message.contains(word), "{text}: {message}");
+        }
+    }
+}

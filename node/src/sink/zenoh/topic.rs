@@ -1,0 +1,167 @@
+//! The topics that are mirrored, and what their payloads hold. One table feeds payloads, keys and `meta`.
+
+use mr_damper_model::pipeline::Event;
+use mr_damper_model::sample::{Drive, Reading};
+
+/// A topic under `state/` and `web/`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Topic {
+    /// Damper displacement.
+    Displacement,
+    /// Measured velocity.
+    Velocity,
+    /// Coil current.
+    CoilCurrent,
+    /// Command voltage.
+    CommandVoltage,
+    /// Measured force.
+    MeasuredForce,
+    /// Temperature of the damper's case.
+    CaseTemperature,
+    /// Force estimates.
+    ForceEstimate,
+    /// Residuals of the free-running model.
+    ForceResidual,
+    /// Changes of mode.
+    Mode,
+    /// Samples that were refused.
+    Refused,
+}
+
+/// One field of a payload: name, unit (empty for text and truth values), meaning.
+pub(super) type Field = (&'static str, &'static str, &'static str);
+
+impl Topic {
+    /// All topics, in the order of their indices.
+    pub const ALL: [Self; 10] = [
+        Self::Displacement,
+        Self::Velocity,
+        Self::CoilCurrent,
+        Self::CommandVoltage,
+        Self::MeasuredForce,
+        Self::CaseTemperature,
+        Self::ForceEstimate,
+        Self::ForceResidual,
+        Self::Mode,
+        Self::Refused,
+    ];
+
+    /// The topic's name, the last part of its keys; that of the ROS topic where there is one.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Displacement => "displacement",
+            Self::Velocity => "velocity",
+            Self::CoilCurrent => "coil_current",
+            Self::CommandVoltage => "command_voltage",
+            Self::MeasuredForce => "measured_force",
+            Self::CaseTemperature => "case_temperature",
+            Self::ForceEstimate => "force_estimate",
+            Self::ForceResidual => "force_residual",
+            Self::Mode => "mode",
+            Self::Refused => "refused",
+        }
+    }
+
+    /// The topic that a reading belongs to.
+    #[must_use]
+    pub const fn of_reading(reading: Reading) -> Self {
+        match reading {
+            Reading::Displacement(_) => Self::Displacement,
+            Reading::Velocity(_) => Self::Velocity,
+            Reading::Drive(Drive::CoilCurrent(_)) => Self::CoilCurrent,
+            Reading::Drive(Drive::CommandVoltage(_)) => Self::CommandVoltage,
+            Reading::Force(_) => Self::MeasuredForce,
+            Reading::CaseTemperature(_) => Self::CaseTemperature,
+        }
+    }
+
+    /// The topic that an event is published on.
+    #[must_use]
+    pub const fn of_event(event: &Event) -> Self {
+        match event {
+            Event::Input(sample) => Self::of_reading(sample.reading),
+            Event::Refusal(_) => Self::Refused,
+            Event::Estimate(_) => Self::ForceEstimate,
+            Event::Residual(_) => Self::ForceResidual,
+            Event::Transition(_) => Self::Mode,
+        }
+    }
+
+    /// True for what enters the node.
+    #[must_use]
+    pub const fn is_input(self) -> bool {
+        !matches!(self, Self::ForceEstimate | Self::ForceResidual | Self::Mode | Self::Refused)
+    }
+
+    /// The ROS message type of the topic; none for [`Topic::Refused`], which stays CBOR among CDR.
+    #[must_use]
+    pub const fn ros_type(self) -> Option<&'static str> {
+        Some(match self {
+            Self::Displacement => "mr_damper_msgs/msg/Displacement",
+            Self::Velocity => "mr_damper_msgs/msg/Velocity",
+            Self::CoilCurrent => "mr_damper_msgs/msg/CoilCurrent",
+            Self::CommandVoltage => "mr_damper_msgs/msg/CommandVoltage",
+            Self::MeasuredForce => "mr_damper_msgs/msg/Force",
+            Self::CaseTemperature => "sensor_msgs/msg/Temperature",
+            Self::ForceEstimate => "mr_damper_msgs/msg/ForceEstimate",
+            Self::ForceResidual => "mr_damper_msgs/msg/ForceResidual",
+            Self::Mode => "mr_damper_msgs/msg/ModeChange",
+            Self::Refused => return None,
+        })
+    }
+
+    /// Name of the field that holds an input's number.
+    pub(super) const fn value_field(self) -> &'static str {
+        match self {
+            Self::Displacement => "displacement_m",
+            Self::Velocity => "velocity_m_s",
+            Self::CoilCurrent => "current_a",
+            Self::CommandVoltage => "command_v",
+            Self::CaseTemperature => "case_temp_c",
+            Self::MeasuredForce => "force_n",
+            Self::ForceEstimate | Self::ForceResidual | Self::Mode | Self::Refused => "value",
+        }
+    }
+
+    /// The fields of the payload besides `seq`, `stamp_ns` and `validity`, which all have.
+    pub(super) const fn fields(self) -> &'static [Field] {
+        match self {
+            Self::Displacement => &[("displacement_m", "m", "positive extends the damper")],
+            Self::Velocity => &[("velocity_m_s", "m/s", "positive extends the damper")],
+            Self::CoilCurrent => &[("current_a", "A", "current through the coil")],
+            Self::CommandVoltage => &[("command_v", "V", "command voltage of the damper's driver")],
+            Self::MeasuredForce => &[("force_n", "N", "positive is tension on the rod")],
+            Self::CaseTemperature => &[("case_temp_c", "degC", "temperature of the damper's case")],
+            Self::ForceEstimate => &[
+                ("force_n", "N", "positive is tension on the rod; null when there is no estimate"),
+                ("std_dev_n", "N", "standard deviation to expect; null when not known"),
+                ("model", "", "name of the model that the estimate comes from"),
+                ("mode", "", "one of modes"),
+                ("reasons", "", "list of reasons; empty when all is well"),
+                ("input_age_s", "s", "displacement stamp minus stamp of the drive; null when none was used"),
+            ],
+            Self::ForceResidual => &[
+                ("measured_n", "N", "measured force at the stamp"),
+                ("predicted_n", "N", "prediction of the free-running model"),
+                ("residual_n", "N", "measured minus predicted"),
+                ("normalised", "1", "residual over the model's expected RSSE; null when not known"),
+                ("windowed_rsse_n", "N", "root mean squared residual, forgetting exponentially"),
+                ("windowed_esr", "1", "its square over the variance of the measured force"),
+                ("window_s", "s", "time constant of the forgetting"),
+                ("alarm", "", "true when the residual is larger than noise explains"),
+            ],
+            Self::Mode => &[
+                ("from_mode", "", "one of modes"),
+                ("to_mode", "", "one of modes"),
+                ("reason", "", "why, for people"),
+            ],
+            Self::Refused => &[
+                ("topic", "", "the input's topic"),
+                ("value", "", "the number, in the unit of that topic; null when it is not finite"),
+                ("unit", "", "the unit of the number"),
+                ("reason", "", "why, for people"),
+            ],
+        }
+    }
+}

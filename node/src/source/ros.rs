@@ -1,0 +1,251 @@
+//! Samples from ROS topics.
+//!
+//! One thread waits on all input topics. Displacement is taken first, everything else after it: messages
+//! reach us in the order in which a peer sent them, so whatever was sent before a displacement is there by
+//! then, and is sorted before it. An estimate thus never misses a current of its own stamp because of
+//! the order in which topics happen to be polled, and live results are those of a replay.
+
+use crate::config::{Config, InputConfig, RosArgs};
+use crate::error::NodeError;
+use crate::hot::{SampleSink, now};
+use crate::ros::Ros;
+use futures::channel::oneshot;
+use futures::stream::{LocalBoxStream, StreamExt};
+use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
+use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
+use mr_damper_msgs::standard::{Float64, Header, JointState, Temperature};
+use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
+use ros2_client::Subscription;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::task::Poll;
+use std::thread::JoinHandle;
+
+/// Messages taken from all topics before they are sorted and handed on.
+const BATCH: usize = 512;
+
+/// Counters of the source.
+#[derive(Debug, Default)]
+pub struct SourceCounters {
+    /// Messages taken.
+    pub messages: AtomicU64,
+    /// Messages that could not be read (broken CDR, a joint that is not in the message).
+    pub unreadable: AtomicU64,
+}
+
+/// One input topic, whatever its message type.
+enum Input {
+    Displacement(Subscription<Displacement>),
+    Velocity(Subscription<Velocity>),
+    CoilCurrent(Subscription<CoilCurrent>),
+    CommandVoltage(Subscription<CommandVoltage>),
+    Force(Subscription<Force>),
+    Temperature(Subscription<Temperature>),
+    Float(Subscription<Float64>),
+    Joint(Subscription<JointState>, String),
+}
+
+/// An input topic and what its numbers mean.
+struct Channel {
+    topic: &'static str,
+    input: Input,
+    sign: f64,
+    offset: f64,
+}
+
+/// Stamp (zero: none) and plain value of a message; `None` when it holds no value for us.
+type Taken = Option<(i64, f64)>;
+
+/// The running source.
+pub struct RosSource {
+    stop: oneshot::Sender<()>,
+    thread: JoinHandle<()>,
+    counters: Arc<SourceCounters>,
+}
+
+impl RosSource {
+    /// Subscribes to the input topics and starts the thread that takes them.
+    ///
+    /// # Errors
+    /// When a topic cannot be subscribed or the system starts no thread.
+    pub fn start(
+        ros: &mut Ros,
+        args: &RosArgs,
+        config: &Config,
+        samples: SampleSink,
+    ) -> Result<Self, NodeError> {
+        let mut channels = Vec::with_capacity(6);
+        for topic in ["displacement", "coil_current", "command_voltage", "velocity", "measured_force"] {
+            let settings = config.input(topic).cloned().unwrap_or_default();
+            let input = subscribe(ros, args, topic, &settings)?;
+            channels.push(Channel { topic, input, sign: settings.sign, offset: settings.offset });
+        }
+        channels.push(Channel {
+            topic: "case_temperature",
+            input: Input::Temperature(ros.subscribe(&args.topic("case_temperature"))?),
+            sign: 1.0,
+            offset: 0.0,
+        });
+        let counters = Arc::new(SourceCounters::default());
+        let (stop, stopped) = oneshot::channel();
+        let thread = std::thread::Builder::new()
+            .name("ros-source".to_owned())
+            .spawn({
+                let counters = Arc::clone(&counters);
+                move || futures::executor::block_on(pump(channels, samples, &counters, stopped))
+            })
+            .map_err(NodeError::io("starting the thread that takes ROS messages"))?;
+        Ok(Self { stop, thread, counters })
+    }
+
+    /// The source's counters.
+    #[must_use]
+    pub fn counters(&self) -> Arc<SourceCounters> {
+        Arc::clone(&self.counters)
+    }
+
+    /// True while the thread runs; false after a panic.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.thread.is_finished()
+    }
+
+    /// Ends the thread and drops the subscriptions. `Err` when it had panicked.
+    ///
+    /// # Errors
+    /// The panic's payload.
+    pub fn stop(self) -> std::thread::Result<()> {
+        let _ = self.stop.send(());
+        self.thread.join()
+    }
+}
+
+fn subscribe(ros: &mut Ros, args: &RosArgs, topic: &str, settings: &InputConfig) -> Result<Input, NodeError> {
+    let name = args.topic(topic);
+    Ok(match settings.message_type.as_str() {
+        Float64::TYPE => Input::Float(ros.subscribe(&name)?),
+        JointState::TYPE => {
+            if settings.joint.is_empty() {
+                return Err(NodeError::Parameter {
+                    name: format!("{topic}.joint"),
+                    value: "\"\"".to_owned(),
+                    expected: format!("the joint's name, because {topic}.type is {}", JointState::TYPE),
+                });
+            }
+            Input::Joint(ros.subscribe(&name)?, settings.joint.clone())
+        }
+        _ => match topic {
+            "displacement" => Input::Displacement(ros.subscribe(&name)?),
+            "velocity" => Input::Velocity(ros.subscribe(&name)?),
+            "coil_current" => Input::CoilCurrent(ros.subscribe(&name)?),
+            "command_voltage" => Input::CommandVoltage(ros.subscribe(&name)?),
+            _ => Input::Force(ros.subscribe(&name)?),
+        },
+    })
+}
+
+impl Channel {
+    /// The channel's messages as plain stamps and values. An `Err` is a message that cannot be read.
+    fn values(&self) -> LocalBoxStream<'_, Result<Taken, String>> {
+        fn stream<'a, M: Message>(
+            subscription: &'a Subscription<M>,
+            take: impl Fn(M) -> Taken + 'a,
+        ) -> LocalBoxStream<'a, Result<Taken, String>> {
+            subscription
+                .async_stream()
+                .map(move |taken| taken.map(|(message, _)| take(message)).map_err(|e| e.to_string()))
+                .boxed_local()
+        }
+        fn at(header: &Header, value: f64) -> Taken {
+            Some((header.stamp.as_nanos(), value))
+        }
+        match &self.input {
+            Input::Displacement(s) => stream(s, |m| at(&m.header, m.displacement)),
+            Input::Velocity(s) => stream(s, |m| at(&m.header, m.velocity)),
+            Input::CoilCurrent(s) => stream(s, |m| at(&m.header, m.current)),
+            Input::CommandVoltage(s) => stream(s, |m| at(&m.header, m.voltage)),
+            Input::Force(s) => stream(s, |m| at(&m.header, m.force)),
+            Input::Temperature(s) => stream(s, |m| at(&m.header, m.temperature)),
+            Input::Float(s) => stream(s, |m| Some((0, m.data))),
+            Input::Joint(s, joint) => {
+                let column = match self.topic {
+                    "displacement" => |m: JointState| m.position,
+                    "velocity" => |m: JointState| m.velocity,
+                    _ => |m: JointState| m.effort,
+                };
+                stream(s, move |m| {
+                    let index = m.name.iter().position(|name| name == joint)?;
+                    let stamp = m.header.stamp.as_nanos();
+                    column(m).get(index).map(|value| (stamp, *value))
+                })
+            }
+        }
+    }
+
+    fn sample(&self, stamp_ns: i64, value: f64, received: Stamp) -> Sample {
+        let value = self.sign * (value - self.offset);
+        let reading = match self.topic {
+            "displacement" => Reading::Displacement(Metre(value)),
+            "velocity" => Reading::Velocity(MetrePerSecond(value)),
+            "coil_current" => Reading::Drive(Drive::new(DriveKind::CoilCurrent, value)),
+            "command_voltage" => Reading::Drive(Drive::new(DriveKind::CommandVoltage, value)),
+            "measured_force" => Reading::Force(Newton(value)),
+            _ => Reading::CaseTemperature(Celsius(value)),
+        };
+        // A message without a stamp is taken to be as old as its arrival.
+        let stamp = if stamp_ns == 0 { received } else { Stamp::from_nanos(stamp_ns) };
+        Sample { stamp, received, reading }
+    }
+}
+
+async fn pump(
+    channels: Vec<Channel>,
+    mut samples: SampleSink,
+    counters: &SourceCounters,
+    mut stopped: oneshot::Receiver<()>,
+) {
+    let mut streams: Vec<_> = channels.iter().map(|channel| (channel, channel.values())).collect();
+    let mut batch: Vec<Sample> = Vec::with_capacity(BATCH);
+    futures::future::poll_fn(|context| {
+        if Pin::new(&mut stopped).poll(context).is_ready() {
+            return Poll::Ready(());
+        }
+        loop {
+            let received = now();
+            // The first channel is displacement: see the module's comment on the order.
+            for (channel, stream) in &mut streams {
+                while batch.len() < BATCH
+                    && let Poll::Ready(Some(taken)) = stream.poll_next_unpin(context)
+                {
+                    counters.messages.fetch_add(1, Ordering::Relaxed);
+                    match taken {
+                        Ok(Some((stamp_ns, value))) => batch.push(channel.sample(stamp_ns, value, received)),
+                        Ok(None) => {
+                            let count = counters.unreadable.fetch_add(1, Ordering::Relaxed);
+                            if count.is_power_of_two() || count == 0 {
+                                tracing::warn!(topic = channel.topic, "the joint is not in the message");
+                            }
+                        }
+                        Err(error) => {
+                            let count = counters.unreadable.fetch_add(1, Ordering::Relaxed);
+                            if count.is_power_of_two() || count == 0 {
+                                tracing::warn!(topic = channel.topic, %error, "a message cannot be read");
+                            }
+                        }
+                    }
+                }
+            }
+            if batch.is_empty() {
+                return Poll::Pending;
+            }
+            batch.sort_by_key(|sample| (sample.stamp, sample.reading.channel()));
+            for sample in batch.drain(..) {
+                samples.push(sample);
+            }
+            samples.flush();
+        }
+    })
+    .await;
+}

@@ -1,0 +1,92 @@
+//! Between the pipeline's events and the ROS messages.
+
+use mr_damper_model::pipeline::{Estimate, Residual, Slot, Transition};
+use mr_damper_model::sample::Stamp;
+use mr_damper_msgs::standard::{Header, Time};
+use mr_damper_msgs::{ForceEstimate, ForceResidual, ModeChange};
+
+pub use crate::sink::zenoh::ModelNames;
+
+/// A header with `stamp`; stamps beyond what the message can hold saturate.
+#[must_use]
+pub fn header(stamp: Stamp, frame_id: &str) -> Header {
+    Header { stamp: Time::from_nanos_saturating(stamp.nanos()), frame_id: frame_id.to_owned() }
+}
+
+/// The message of an estimate.
+#[must_use]
+pub fn force_estimate(estimate: &Estimate, names: &ModelNames, frame_id: &str) -> ForceEstimate {
+    ForceEstimate {
+        header: header(estimate.stamp, frame_id),
+        force: estimate.force.get(),
+        std_dev: estimate.std_dev.get(),
+        model: match estimate.slot {
+            Slot::Free => names.free.clone(),
+            Slot::Seeded => names.seeded.clone().unwrap_or_else(|| names.free.clone()),
+        },
+        mode: estimate.mode as u8,
+        validity: estimate.validity as u8,
+        reasons: mr_damper_msgs::Reasons::from_bits(estimate.reasons.0),
+        input_age: estimate.input_age.get(),
+    }
+}
+
+/// The message of a residual.
+#[must_use]
+pub fn force_residual(residual: &Residual, frame_id: &str) -> ForceResidual {
+    ForceResidual {
+        header: header(residual.stamp, frame_id),
+        measured: residual.measured.get(),
+        predicted: residual.predicted.get(),
+        residual: residual.residual.get(),
+        normalised: residual.normalised,
+        windowed_rsse: residual.windowed_rsse.get(),
+        windowed_esr: residual.windowed_esr,
+        window: residual.window.get(),
+        alarm: residual.alarm,
+    }
+}
+
+/// The message of a change of mode.
+#[must_use]
+pub fn mode_change(transition: &Transition, frame_id: &str) -> ModeChange {
+    ModeChange {
+        header: header(transition.stamp, frame_id),
+        from_mode: transition.from as u8,
+        to_mode: transition.to as u8,
+        reason: transition.cause.text().to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mr_damper_model::pipeline as model;
+
+    #[test]
+    fn numbers_on_the_wire_are_the_interface_package_s() {
+        for (ours, theirs) in [
+            (model::Mode::Arx, mr_damper_msgs::Mode::Arx),
+            (model::Mode::ArxCoast, mr_damper_msgs::Mode::ArxCoast),
+            (model::Mode::Model, mr_damper_msgs::Mode::Model),
+            (model::Mode::Hold, mr_damper_msgs::Mode::Hold),
+            (model::Mode::Fault, mr_damper_msgs::Mode::Fault),
+        ] {
+            assert_eq!((ours as u8, ours.name()), (theirs as u8, theirs.name()));
+        }
+        for (ours, theirs) in [
+            (model::Validity::Valid, mr_damper_msgs::Validity::Valid),
+            (model::Validity::Degraded, mr_damper_msgs::Validity::Degraded),
+            (model::Validity::Extrapolating, mr_damper_msgs::Validity::Extrapolating),
+            (model::Validity::Stale, mr_damper_msgs::Validity::Stale),
+            (model::Validity::Invalid, mr_damper_msgs::Validity::Invalid),
+        ] {
+            assert_eq!((ours as u8, ours.name()), (theirs as u8, theirs.name()));
+        }
+        assert_eq!(model::Reasons::ALL.len(), mr_damper_msgs::Reasons::ALL.len());
+        for ((ours, our_name), (their_name, theirs)) in
+            model::Reasons::ALL.iter().zip(mr_damper_msgs::Reasons::ALL)
+        {
+            assert_eq!((ours.0, *our_name), (theirs.bits(), *their_name));
+        }
+    }
+}

@@ -1,0 +1,342 @@
+//! Runs as rosbag2 bags: lossless both ways, what other recorders write, and reading what is broken.
+
+use mr_damper_model::sample::DriveKind;
+use mr_damper_msgs::standard::{Float64, Header, JointState, Time};
+use mr_damper_msgs::{Displacement, Force, Message, cdr};
+use mr_damper_node::run::{
+    BagOptions, BagWriter, LoadOptions, Loaded, Note, RunError, SaveOptions, Sync, Topic, convert, load, save,
+};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+fn temporary() -> TempDir {
+    tempfile::tempdir().expect("temporary directory")
+}
+
+fn plain() -> LoadOptions {
+    LoadOptions::default()
+}
+
+fn read(path: &Path) -> Loaded {
+    load(path, &plain()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn refusal(path: &Path, options: &LoadOptions) -> String {
+    let error = load(path, options).expect_err("must be refused").to_string();
+    let parent = path.parent().map(|parent| format!("{}/", parent.display())).unwrap_or_default();
+    error.replace(&parent, "")
+}
+
+/// The one MCAP file of a bag.
+fn mcap_of(bag: &Path) -> PathBuf {
+    let files = std::fs::read_dir(bag).expect("listed").map(|entry| entry.expect("entry").path());
+    files.into_iter().find(|path| path.extension().is_some_and(|e| e == "mcap")).expect("an MCAP file")
+}
+
+fn at(nanos: i64) -> Header {
+    Header { stamp: Time::from_nanos(nanos).expect("in range"), frame_id: String::new() }
+}
+
+fn displacement(nanos: i64, displacement: f64) -> Displacement {
+    Displacement { header: at(nanos), displacement, variance: 0.0 }
+}
+
+/// Writes a bag by hand.
+fn bag(dir: &Path, options: BagOptions, fill: impl FnOnce(&mut BagWriter) -> Result<(), RunError>) {
+    let mut writer = BagWriter::create(dir, options).expect("created");
+    fill(&mut writer).expect("filled");
+    let _summary = writer.finish().expect("finished");
+}
+
+/// Small chunks, so that a short bag has many.
+fn small_chunks(compress: bool) -> BagOptions {
+    BagOptions { chunk_max_bytes: 2000, compress, ..BagOptions::default() }
+}
+
+/// A CSV text in canonical form with all known columns, both drives, others, and cells left empty.
+fn canonical(rows: usize) -> String {
+    let mut text =
+        "time_s,displacement_m,velocity_m_s,force_n,current_a,command_v,case_temp_c,ambient_temp_c,\
+                    setpoint_m,Pump [bar],pump_bar,2nd\n"
+            .to_owned();
+    for row in 0..rows {
+        let (x, t) = (row as f64 * 0.1, 1_700_000_000_000_000_001 + row as i64 * 1_234_567);
+        let time = format!("{}.{:09}", t / 1_000_000_000, t % 1_000_000_000);
+        let time = time.trim_end_matches('0');
+        let force = if row % 3 == 0 { String::new() } else { format!("{}", x.cos() * 1000.0) };
+        writeln!(text, "{time},{},{x},{force},0.1,-0,20.5,21,{},1e-300,,{row}", x.sin(), x / 3.0)
+            .expect("text");
+    }
+    text
+}
+
+#[test]
+fn csv_to_bag_and_back_is_byte_identical() {
+    let dir = temporary();
+    let (csv, back) = (dir.path().join("in.csv"), dir.path().join("back.csv"));
+    std::fs::write(&csv, canonical(500)).expect("written");
+    for (name, compress) in [("zstd", true), ("plain", false)] {
+        let bag = dir.path().join(name);
+        let options = SaveOptions { namespace: "front_left".into(), bag: small_chunks(compress) };
+        convert(&csv, &bag, &plain(), &options).expect("to a bag");
+        for source in [bag.clone(), mcap_of(&bag)] {
+            let loaded = convert(&source, &back, &plain(), &SaveOptions::default()).expect("back");
+            assert_eq!(loaded.notes, []);
+            assert_eq!(std::fs::read(&csv).expect("read"), std::fs::read(&back).expect("read"), "{name}");
+            std::fs::remove_file(&back).expect("removed");
+        }
+        // Reading for use asks which drive is meant, as for CSV.
+        assert_eq!(
+            refusal(&bag, &plain()),
+            format!(
+                "{name}: both a coil current (/front_left/coil_current) and a command voltage \
+                 (/front_left/command_voltage) are recorded, and a model takes one of them; choose with \
+                 --drive current_a or --drive command_v"
+            )
+        );
+        let options = LoadOptions { drive: Some(DriveKind::CommandVoltage), ..plain() };
+        assert_eq!(load(&bag, &options).expect("loads").run.drive_kind(), Some(DriveKind::CommandVoltage));
+    }
+}
+
+#[test]
+fn existing_targets_are_left_alone_and_failures_leave_nothing() {
+    let dir = temporary();
+    let run = |text: &str| {
+        let path = dir.path().join("in.csv");
+        std::fs::write(&path, text).expect("written");
+        read(&path).run
+    };
+    let bag = dir.path().join("bag");
+    for (time, why) in [
+        ("-0.5", "time -0.5 s is negative, and bags count from 1970 on: shift the run's times"),
+        ("3e9", "does not fit in a ROS stamp, which ends in 2038"),
+    ] {
+        let run = run(&format!("time_s,displacement_m\n{time},0\n"));
+        let error = save(&run, &bag, &SaveOptions::default()).expect_err("refused").to_string();
+        assert!(error.contains("cannot write topic /displacement: ") && error.contains(why), "{error}");
+        assert!(!bag.exists());
+    }
+    std::fs::create_dir(&bag).expect("created");
+    let error =
+        save(&run("time_s,displacement_m\n0,0\n"), &bag, &SaveOptions::default()).expect_err("refused");
+    assert!(matches!(error, RunError::Exists { .. }), "{error}");
+}
+
+#[test]
+fn several_dampers_leave_a_choice() {
+    let dir = temporary();
+    let path = dir.path().join("two");
+    bag(&path, BagOptions::default(), |writer| {
+        for (namespace, value) in [("/front_left", 1.0), ("/front_right", 2.0)] {
+            writer.write_message(&format!("{namespace}/displacement"), &displacement(5, value), 5, 5)?;
+        }
+        writer.write_message("/rosout", &Float64 { data: 0.0 }, 6, 6)
+    });
+    assert_eq!(
+        refusal(&path, &plain()),
+        "two: displacement of several dampers is recorded: /front_left, /front_right; choose one with \
+         --namespace"
+    );
+    for namespace in ["/front_right", "front_right", "front_right/"] {
+        let options = LoadOptions { namespace: Some(namespace.into()), ..plain() };
+        let loaded = load(&path, &options).expect("loads");
+        assert_eq!(loaded.run.displacement_m.values, [2.0]);
+        assert_eq!(
+            loaded.notes[0].to_string(),
+            "not part of the run: /front_left/displacement (mr_damper_msgs/msg/Displacement, 1 messages), \
+             /rosout (std_msgs/msg/Float64, 1 messages)"
+        );
+    }
+    assert_eq!(
+        refusal(&path, &LoadOptions { namespace: Some("rear".into()), ..plain() }),
+        "two: no sample of displacement; namespace /rear has none, but these have: /front_left, /front_right"
+    );
+}
+
+#[test]
+fn other_types_may_stand_for_a_channel() {
+    let dir = temporary();
+    let path = dir.path().join("floats");
+    bag(&path, BagOptions::default(), |writer| {
+        for step in 1..4_i64 {
+            let data = step as f64;
+            writer.write_message("/d/displacement", &Float64 { data }, step * 10, step * 10 - 1)?;
+            let joints = JointState {
+                header: at(step),
+                name: vec!["hip".into(), "damper".into()],
+                position: vec![0.0, 9.0],
+                velocity: vec![],
+                effort: vec![0.0, data * 100.0],
+            };
+            writer.write_message("/d/measured_force", &joints, 1, 1)?;
+            writer.write_message("/r/joint_states", &joints, 1, 1)?;
+        }
+        Ok(())
+    });
+    // A number alone is stamped by its log time; a joint is ignored until it is named.
+    let run = read(&path).run;
+    assert_eq!(run.displacement_m.values, [1.0, 2.0, 3.0]);
+    assert_eq!(run.displacement_m.stamps[2].nanos(), 30);
+    assert_eq!(run.force_n, None);
+    let joint = |joint: &str, namespace: &str| LoadOptions {
+        joint: Some(joint.into()),
+        namespace: Some(namespace.into()),
+        ..plain()
+    };
+    let run = load(&path, &joint("damper", "d")).expect("loads").run;
+    assert_eq!(run.force_n.expect("force").values, [100.0, 200.0, 300.0]);
+    let run = load(&path, &joint("damper", "r")).expect("loads").run;
+    assert_eq!(run.displacement_m.values, [9.0; 3]);
+    assert_eq!((run.velocity_m_s, run.force_n.map(|f| f.values.len())), (None, Some(3)));
+    let loaded = load(&path, &joint("knee", "d")).expect("loads");
+    let text = loaded.notes.iter().map(ToString::to_string).collect::<String>();
+    let fault = "topic /d/measured_force: 3 messages could not be decoded; the first: joint `knee` is not \
+                 among: hip, damper";
+    assert!(text.contains(fault), "{text}");
+}
+
+#[test]
+fn missing_displacement_is_explained() {
+    let dir = temporary();
+    let make = |name: &str, fill: &dyn Fn(&mut BagWriter) -> Result<(), RunError>| {
+        let path = dir.path().join(name);
+        bag(&path, BagOptions::default(), fill);
+        refusal(&path, &plain())
+    };
+    assert_eq!(
+        make("empty", &|_| Ok(())),
+        "empty: no sample of displacement; the bag names no topic, so it is empty or was cut off before its \
+         first chunk"
+    );
+    assert_eq!(
+        make("other", &|writer| writer.write_message("/x", &Float64 { data: 0.0 }, 1, 1)),
+        "other: no sample of displacement; a run needs a topic that ends in /displacement (or joint_states \
+         with --joint); topics are: /x"
+    );
+    assert_eq!(
+        make("force", &|writer| {
+            writer.write_message("/displacement", &Force { header: at(1), force: 0.0, variance: 0.0 }, 1, 1)
+        }),
+        "force: topic /displacement holds mr_damper_msgs/msg/Force in cdr; accepted are \
+         mr_damper_msgs/msg/Displacement, std_msgs/msg/Float64 and sensor_msgs/msg/JointState, in CDR"
+    );
+    assert!(
+        make("joint", &|writer| writer.write_message("/displacement", &JointState::default(), 1, 1))
+            .ends_with("in CDR; name the joint with --joint")
+    );
+    assert_eq!(
+        make("broken", &|writer| {
+            let topic = writer.topic(&Topic::of::<Displacement>("/displacement"))?;
+            writer.write(topic, 1, 1, &[0, 1, 0, 0, 1])
+        }),
+        "broken: no sample of displacement; no message of /displacement could be decoded: \
+         mr_damper_msgs/msg/Displacement: at byte 4 of 5: unexpected end of input"
+    );
+}
+
+#[test]
+fn unusable_messages_are_dropped_and_counted() {
+    let dir = temporary();
+    let path = dir.path().join("bag");
+    bag(&path, BagOptions::default(), |writer| {
+        for (nanos, value) in [(10, 1.0), (20, 2.0), (20, 3.0), (15, 4.0), (30, f64::NAN), (40, 5.0)] {
+            writer.write_message("/displacement", &displacement(nanos, value), nanos, nanos)?;
+        }
+        // An unset stamp takes the log time.
+        writer.write_message("/displacement", &displacement(0, 6.0), 50, 50)?;
+        let topic = writer.topic(&Topic::of::<Displacement>("/displacement"))?;
+        let mut cdr = cdr::to_vec(&displacement(60, 7.0)).expect("encoded");
+        cdr.truncate(20);
+        writer.write(topic, 60, 60, &cdr)
+    });
+    let loaded = read(&path);
+    assert_eq!(loaded.run.displacement_m.values, [1.0, 2.0, 5.0, 6.0]);
+    assert_eq!(loaded.run.displacement_m.stamps[3].nanos(), 50);
+    let topic = || "/displacement".to_owned();
+    let [Note::Undecodable { count: 1, .. }, rest @ ..] = loaded.notes.as_slice() else {
+        panic!("{:?}", loaded.notes)
+    };
+    assert_eq!(
+        rest,
+        [
+            Note::NotFinite { topic: topic(), count: 1 },
+            Note::NotIncreasing { topic: topic(), count: 2 },
+            Note::Unstamped { topic: topic(), count: 1 },
+        ]
+    );
+}
+
+#[test]
+fn metadata_decides_about_the_files() {
+    let dir = temporary();
+    let path = dir.path().join("bag");
+    bag(&path, BagOptions::default(), |writer| {
+        writer.write_message("/displacement", &displacement(10, 1.0), 10, 10)
+    });
+    let second = dir.path().join("second");
+    bag(&second, BagOptions::default(), |writer| {
+        writer.write_message("/displacement", &displacement(20, 2.0), 20, 20)
+    });
+    let (first, moved) = (mcap_of(&path), path.join("a_second_1.mcap"));
+    std::fs::rename(mcap_of(&second), &moved).expect("moved");
+    let metadata = path.join("metadata.yaml");
+    let yaml = std::fs::read_to_string(&metadata).expect("read");
+    let name = first.file_name().expect("name").to_string_lossy().into_owned();
+
+    // Split files follow the order of the metadata, old bags name their directory too.
+    let split = yaml.replace(
+        &format!("relative_file_paths:\n    - {name}"),
+        &format!("relative_file_paths:\n    - {name}\n    - bag/a_second_1.mcap"),
+    );
+    std::fs::write(&metadata, &split).expect("written");
+    let loaded = read(&path);
+    assert_eq!((loaded.run.displacement_m.values, loaded.notes), (vec![1.0, 2.0], vec![]));
+
+    let refused = |text: &str| {
+        std::fs::write(&metadata, text).expect("written");
+        refusal(&path, &plain())
+    };
+    let advice = "`ros2 bag reindex` writes it anew, or name the .mcap file itself";
+    assert_eq!(
+        refused(&split.replace("bag/a_second_1.mcap", "../../etc/gone.mcap")),
+        format!("bag/metadata.yaml: it names `../../etc/gone.mcap`, which is not there; {advice}")
+    );
+    assert!(refused("no: bag\n").starts_with("bag/metadata.yaml: not the metadata of a bag: "));
+    assert!(
+        refused(&yaml.replace("identifier: mcap", "identifier: sqlite3"))
+            .contains("bag: sqlite3 bags (.db3)")
+    );
+    let compressed = yaml.replace("_mode: \"\"", "_mode: FILE").replace("_format: \"\"", "_format: zstd");
+    assert!(refused(&compressed).starts_with("bag: compressed with `zstd, FILE mode`, which is not read"));
+
+    // Without metadata, names decide, and a note says so.
+    std::fs::remove_file(&metadata).expect("removed");
+    let loaded = read(&path);
+    assert_eq!(loaded.run.displacement_m.values, [2.0]);
+    assert!(loaded.notes.contains(&Note::NoMetadata { path: path.clone() }), "{:?}", loaded.notes);
+}
+
+#[test]
+fn every_chunk_can_be_forced_to_the_disk() {
+    let dir = temporary();
+    let path = dir.path().join("bag");
+    bag(&path, BagOptions { sync: Sync::EveryChunk, ..small_chunks(true) }, |writer| {
+        (1..100).try_for_each(|n| writer.write_message("/displacement", &displacement(n, 0.0), n, n))
+    });
+    assert_eq!(read(&path).run.displacement_m.len(), 99);
+}
+
+#[test]
+fn the_summary_counts() {
+    let dir = temporary();
+    let mut writer = BagWriter::create(&dir.path().join("bag"), BagOptions::default()).expect("created");
+    writer.write_message("/b", &Float64 { data: 0.0 }, 1, 1).expect("written");
+    writer.write_message("/a", &Float64 { data: 0.0 }, 2, 1).expect("written");
+    writer.write_message("/b", &Float64 { data: 0.0 }, 3, 1).expect("written");
+    let summary = writer.finish().expect("finished");
+    assert_eq!(summary.topics, [("/b".to_owned(), 2), ("/a".to_owned(), 1)]);
+    assert_eq!(summary.bytes, std::fs::metadata(mcap_of(&summary.path)).expect("size").len());
+    assert_eq!(Float64::TYPE, "std_msgs/msg/Float64");
+}

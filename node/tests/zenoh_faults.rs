@@ -1,0 +1,189 @@
+//! The Zenoh mirror when something is wrong: ports, endpoints, absent routers, consumers that do not read.
+
+mod zenoh_support;
+
+use mr_damper_node::sink::zenoh::{Damper, Link, Mirror, MirrorState, ZenohConfig, ZenohError};
+use std::io::{Read, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+use zenoh::Wait;
+use zenoh_support::*;
+
+#[test]
+fn a_taken_port_is_named_with_what_to_do() {
+    let holder = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
+    let taken = format!("tcp/{}", holder.local_addr().expect("a bound socket has an address"));
+    let config = ZenohConfig { listen: vec![endpoint(), taken.clone()], ..ZenohConfig::default() };
+    let error = Link::open(&config).expect_err("the port is taken");
+    assert!(matches!(error, ZenohError::PortInUse { .. }), "{error:?}");
+    let message = error.to_string();
+    assert!(message.contains(&taken) && message.contains("choose another port"), "{message}");
+}
+
+#[test]
+fn other_machines_are_kept_out_unless_allowed() {
+    let error = Link::open(&listening("tcp/0.0.0.0:0")).expect_err("this is open to all");
+    assert!(error.to_string().contains("allow_non_loopback"), "{error}");
+    let allowed = ZenohConfig { allow_non_loopback: true, ..listening("tcp/0.0.0.0:0") };
+    Link::open(&allowed).expect("this was allowed").close();
+}
+
+#[test]
+fn names_that_are_no_keys_are_refused() {
+    let link = Link::open(&listening(&endpoint())).expect("the port is free");
+    for name in ["", "/", "a//b", "a*", "front left", "a/$*"] {
+        let (_, events) = rtrb::RingBuffer::new(1);
+        let started = Mirror::start(&link, Damper::named(name), names(), events, Arc::default());
+        assert!(matches!(started, Err(ZenohError::DamperName { .. })), "{name}");
+    }
+}
+
+#[test]
+fn an_absent_router_does_not_hold_up_the_start_and_is_found_later() {
+    for as_client in [false, true] {
+        let endpoint = endpoint();
+        let absent = ZenohConfig { connect: vec![endpoint.clone()], ..ZenohConfig::default() };
+        let config = if as_client { client(&endpoint) } else { absent };
+        let start = Instant::now();
+        let link = Link::open(&config).expect("nobody need be there");
+        let (mirror, mut feeder) = mirror(&link, DAMPER);
+        assert!(start.elapsed() < Duration::from_secs(3), "client {as_client}: {:?}", start.elapsed());
+        feeder.push(estimate(1, 1.0));
+        wait_until("the event is taken", || mirror.stats().events == 1);
+        assert!(mirror.is_alive());
+        assert_eq!(mirror.stats().state == MirrorState::Connecting, as_client);
+
+        let mut router = zenoh::Config::default();
+        for (key, value) in [
+            ("mode", "\"router\"".to_owned()),
+            ("listen/endpoints", format!("[\"{endpoint}\"]")),
+            ("scouting/multicast/enabled", "false".to_owned()),
+        ] {
+            router.insert_json5(key, &value).expect("these are Zenoh's settings");
+        }
+        let router = zenoh::open(router).wait().expect("the port is free");
+        let inbox = subscribe(&router, "mr_damper/*/state/*");
+        feeder.push(estimate(2, 2.0));
+        wait_until("the sample", || inbox.len() == 1);
+        assert_eq!(cbor(&inbox.samples()[0])["seq"], 2);
+        wait_until("the router is counted", || mirror.stats().connected == 1);
+    }
+}
+
+#[test]
+fn a_client_without_its_router_stops_at_once() {
+    let link = Link::open(&client(&endpoint())).expect("nobody need be there");
+    let (mirror, _feeder) = mirror(&link, DAMPER);
+    thread::sleep(Duration::from_millis(100));
+    let start = Instant::now();
+    mirror.stop();
+    link.close();
+    assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
+}
+
+#[test]
+fn a_closed_session_shows_and_the_ring_is_drained_on() {
+    let mut rig = Rig::start();
+    wait_until("the mirror runs", || rig.mirror.stats().state == MirrorState::Running);
+    rig.link.close();
+    wait_until("the failure", || !rig.mirror.is_alive());
+    let stats = rig.mirror.stats();
+    assert_eq!(stats.state, MirrorState::Failed);
+    assert!(stats.failure.is_some_and(|why| why.contains("closed")));
+    rig.feeder.run(20_000, 1e6, |k| vec![estimate(i64::from(k), 1.0)]);
+    wait_until("all events are taken or counted", || {
+        let stats = rig.mirror.stats();
+        stats.events + stats.ring_dropped == 20_000
+    });
+    let stats = rig.mirror.stats();
+    assert_eq!(stats.routes[6].sent, 0);
+    assert_eq!(stats.routes[6].dropped, stats.events);
+}
+
+#[test]
+fn stopping_publishes_what_is_there_and_is_quick() {
+    let mut rig = Rig::start();
+    let session = consumer(&rig.endpoint);
+    let inbox = subscribe(&session, "mr_damper/front_left/*/force_estimate");
+    for k in 0..1000 {
+        rig.feeder.push(estimate(k, k as f64));
+    }
+    let start = Instant::now();
+    rig.mirror.stop();
+    rig.link.close();
+    assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
+    wait_until("the last sample", || {
+        inbox.of("state/force_estimate").last().is_some_and(|sample| cbor(sample)["seq"] == 1000)
+            && inbox.of("web/force_estimate").last().is_some_and(|sample| json(sample)["force_n"] == 999.0)
+    });
+}
+
+/// Passes bytes between a consumer and the mirror; from `stalled` on, it does not read the mirror's any more.
+/// Returns its endpoint.
+fn proxy(to: &str, stalled: &Arc<AtomicBool>) -> String {
+    let to = to.trim_start_matches("tcp/").to_owned();
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
+    let address = listener.local_addr().expect("a bound socket has an address");
+    let stalled = Arc::clone(stalled);
+    thread::spawn(move || {
+        while let Ok((consumer, _)) = listener.accept() {
+            let mirror = std::net::TcpStream::connect(&to).expect("the mirror listens");
+            let halves = [(&consumer, &mirror, None), (&mirror, &consumer, Some(Arc::clone(&stalled)))];
+            for (from, to, stall) in halves {
+                let mut from = from.try_clone().expect("sockets can be cloned");
+                let mut to = to.try_clone().expect("sockets can be cloned");
+                thread::spawn(move || {
+                    let mut buffer = [0; 4096];
+                    while let Ok(length @ 1..) = from.read(&mut buffer) {
+                        if to.write_all(&buffer[..length]).is_err() {
+                            return;
+                        }
+                        while stall.as_ref().is_some_and(|stall| stall.load(Ordering::Acquire)) {
+                            thread::sleep(Duration::from_millis(5));
+                        }
+                    }
+                });
+            }
+        }
+    });
+    format!("tcp/{address}")
+}
+
+#[test]
+fn a_consumer_that_does_not_read_holds_up_nobody() {
+    let mut rig = Rig::start();
+    let stall = Arc::new(AtomicBool::new(false));
+    let slow = consumer(&proxy(&rig.endpoint, &stall));
+    let slow_inbox = subscribe(&slow, "mr_damper/**");
+    let healthy = consumer(&rig.endpoint);
+    let inbox = subscribe(&healthy, "mr_damper/front_left/state/force_estimate");
+    stall.store(true, Ordering::Release);
+
+    // Much more than the sockets and queues in between hold, which is a few megabytes.
+    const COUNT: u32 = 40_000;
+    let start = Instant::now();
+    let mut worst = 0;
+    rig.feeder.run(COUNT, 10_000.0, |k| vec![estimate(i64::from(k), 1.0), displacement(i64::from(k))]);
+    wait_until("the ring is empty", || {
+        let stats = rig.mirror.stats();
+        worst = worst.max(stats.ring_dropped);
+        stats.events + stats.ring_dropped == u64::from(COUNT) * 2
+    });
+    // Blocking puts would take seconds each, and overflow the ring within the first.
+    assert_eq!(worst, 0, "the ring overflowed");
+    assert!(start.elapsed() < PATIENCE, "{:?}", start.elapsed());
+    assert!(slow_inbox.of("state/displacement").len() < COUNT as usize, "the consumer did not stall");
+    // A query whose answer blocks holds up neither samples nor, for long, the others' answers.
+    let _pending = slow.get("mr_damper/front_left/history").wait().expect("the selector is valid");
+    assert_eq!(ask(&healthy, "status")["ring_dropped"], 0);
+    let before = inbox.len();
+    rig.feeder.push(estimate(1, 1.0));
+    wait_until("the healthy consumer gets samples", || inbox.len() > before);
+
+    let stopping = Instant::now();
+    rig.mirror.stop();
+    rig.link.close();
+    assert!(stopping.elapsed() < Duration::from_secs(1), "{:?}", stopping.elapsed());
+}

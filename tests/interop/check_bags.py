@@ -1,0 +1,183 @@
+#!/usr/bin/env python3
+"""Holds our rosbag2 bags against two independent implementations, `rosbags` and `mcap` + `mcap-ros2-support`.
+
+    python3 -m venv /tmp/bag-venv
+    /tmp/bag-venv/bin/pip install rosbags mcap mcap-ros2-support
+
+Check that both open a bag we wrote and find in it exactly the columns of a CSV file, every value to the bit
+and every stamp to the nanosecond:
+
+    mr-damper convert RUN.csv BAG
+    /tmp/bag-venv/bin/python tests/interop/check_bags.py BAG RUN.csv
+
+Write bags with `rosbags` from a CSV file, OUT/v8 and OUT/v9, for us to read:
+
+    /tmp/bag-venv/bin/python tests/interop/check_bags.py --write OUT RUN.csv
+    mr-damper convert OUT/v8 BACK.csv        # must equal RUN.csv in its canonical form
+
+The CSV file must be in SI columns, as `mr-damper convert` writes them. Exit code 0 means that all is equal;
+differences go to stderr with exit code 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from decimal import Decimal
+from pathlib import Path
+
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+# Column: (topic, type, field with the value).
+TOPICS = {
+    "displacement_m": ("/displacement", "mr_damper_msgs/msg/Displacement", "displacement"),
+    "velocity_m_s": ("/velocity", "mr_damper_msgs/msg/Velocity", "velocity"),
+    "force_n": ("/measured_force", "mr_damper_msgs/msg/Force", "force"),
+    "current_a": ("/coil_current", "mr_damper_msgs/msg/CoilCurrent", "current"),
+    "command_v": ("/command_voltage", "mr_damper_msgs/msg/CommandVoltage", "voltage"),
+    "case_temp_c": ("/case_temperature", "sensor_msgs/msg/Temperature", "temperature"),
+    "ambient_temp_c": ("/ambient_temperature", "sensor_msgs/msg/Temperature", "temperature"),
+}
+
+
+def topic_of(column: str) -> tuple[str, str, str]:
+    """Topic, type and field of a column; unknown columns are plain numbers below /other."""
+    return TOPICS.get(column, (f"/other/{column}", "std_msgs/msg/Float64", "data"))
+
+
+def read_csv(path: Path) -> dict[str, list[tuple[int, float]]]:
+    """The columns of a CSV file, as (nanoseconds, value); times are exact, never passing through a float."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = csv.reader(file)
+        _, *names = next(rows)
+        columns: dict[str, list[tuple[int, float]]] = {name: [] for name in names}
+        for time, *cells in rows:
+            nanos = int((Decimal(time) * 1_000_000_000).to_integral_value())
+            for name, cell in zip(names, cells, strict=True):
+                if cell:
+                    columns[name].append((nanos, float(cell)))
+    return columns
+
+
+def stamp_of(message: object, log_time: int) -> int:
+    """The header's stamp, or the log time for messages without a header."""
+    if hasattr(message, "header"):
+        return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    return log_time
+
+
+def by_rosbags(bag: Path) -> dict[str, list[tuple[int, float]]]:
+    """What `rosbags` finds, by topic, with the definitions in the bag itself."""
+    found: dict[str, list[tuple[int, float]]] = {}
+    with AnyReader([bag]) as reader:
+        fields = {c.topic: last_field(c.msgtype) for c in reader.connections}
+        for connection, log_time, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            pair = stamp_of(message, log_time), getattr(message, fields[connection.topic])
+            found.setdefault(connection.topic, []).append(pair)
+        for connection in reader.connections:
+            # The hashes in the bag are those that rosbags computes from the definitions.
+            expected = reader.typestore.hash_rihs01(connection.msgtype)
+            if connection.digest != expected:
+                message = f"type hash {connection.digest}, rosbags says {expected}"
+                raise SystemExit(f"{connection.topic}: {message}")
+    return found
+
+
+def by_mcap(bag: Path) -> dict[str, list[tuple[int, float]]]:
+    """What `mcap` and `mcap-ros2-support` find, by topic."""
+    found: dict[str, list[tuple[int, float]]] = {}
+    for path in sorted(bag.glob("*.mcap")):
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            for schema, channel, record, message in reader.iter_decoded_messages():
+                pair = stamp_of(message, record.log_time), getattr(message, last_field(schema.name))
+                found.setdefault(channel.topic, []).append(pair)
+    return found
+
+
+def last_field(type_name: str) -> str:
+    """The field with the value, by type."""
+    return next((field for _, kind, field in TOPICS.values() if kind == type_name), "data")
+
+
+def bits(value: float) -> str:
+    """A text that tells -0.0 from 0.0 and one bit from the next."""
+    return float(value).hex()
+
+
+def check(bag: Path, source: Path) -> int:
+    """Compares both views of a bag with a CSV file; returns the number of differences."""
+    columns = {topic_of(name)[0]: samples for name, samples in read_csv(source).items()}
+    faults = 0
+    for reader, found in (("rosbags", by_rosbags(bag)), ("mcap", by_mcap(bag))):
+        for topic in sorted(columns.keys() | found.keys()):
+            want = [(t, bits(v)) for t, v in columns.get(topic, [])]
+            have = [(t, bits(v)) for t, v in found.get(topic, [])]
+            if want != have:
+                faults += 1
+                unequal = (i for i, (a, b) in enumerate(zip(want, have)) if a != b)
+                at = next(unequal, min(len(want), len(have)))
+                print(
+                    f"{reader}: {topic}: {len(want)} samples in CSV, {len(have)} in the bag; the first "
+                    f"difference at {at}: {want[at:at + 1]} against {have[at:at + 1]}",
+                    file=sys.stderr,
+                )
+        total = sum(len(samples) for samples in found.values())
+        print(f"{reader}: {len(found)} topics, {total} messages compared")
+    return faults
+
+
+def write(out: Path, source: Path) -> None:
+    """Writes the columns of a CSV file as bags of rosbag2 versions 8 and 9, stored as MCAP."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for path in sorted((Path(__file__).parents[2] / "msgs" / "msg").glob("*.msg")):
+        store.register(get_types_from_msg(path.read_text(), f"mr_damper_msgs/msg/{path.stem}"))
+    columns = read_csv(source)
+    never = QosTime(9223372036, 854775807)
+    qos = Qos(
+        QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE, QosDurability.VOLATILE, never, never,
+        QosLiveliness.AUTOMATIC, never, avoid_ros_namespace_conventions=False,
+    )  # fmt: skip
+    time_type, header_type = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
+    for version in (8, 9):
+        with Writer(out / f"v{version}", version=version, storage_plugin=StoragePlugin.MCAP) as writer:
+            samples = []
+            for index, name in enumerate(columns):
+                topic, kind, field = topic_of(name)
+                connection = writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=[qos])
+                for nanos, value in columns[name]:
+                    samples.append((nanos, index, connection, kind, field, value))
+            for nanos, _, connection, kind, field, value in sorted(samples, key=lambda sample: sample[:2]):
+                fields: dict[str, object] = {field: value}
+                if field != "data":
+                    stamp = time_type(*divmod(nanos, 1_000_000_000))
+                    fields |= {"header": header_type(stamp, "damper"), "variance": 0.0}
+                message = store.types[kind](**fields)
+                writer.write(connection, nanos, store.serialize_cdr(message, kind))
+        print(f"{out / f'v{version}'}: {len(columns)} topics, {len(samples)} messages written")
+
+
+def main() -> int:
+    """Reads the command line."""
+    plain = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
+    parser.add_argument("bag", type=Path, help="the bag directory; with --write, the directory for bags")
+    parser.add_argument("csv", type=Path, help="the CSV file with the same data")
+    parser.add_argument("--write", action="store_true", help="write bags instead of checking one")
+    arguments = parser.parse_args()
+    if arguments.write:
+        write(arguments.bag, arguments.csv)
+        return 0
+    faults = check(arguments.bag, arguments.csv)
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

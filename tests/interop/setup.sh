@@ -1,0 +1,135 @@
+#!/usr/bin/env bash
+# Prepares the foreign peers of the interop tests: two real ROS 2 distributions with our messages compiled in,
+# and one environment with CycloneDDS, Zenoh and the bag readers.
+#
+# usage: setup.sh [jazzy] [kilted] [peers]      (nothing named: all three)
+#
+# Everything lands under $MR_DAMPER_INTEROP_DIR (default /var/tmp/mr-damper-interop):
+#   jazzy/venv   jazzy/msgs     rclpy and friends from wheels; mr_damper_msgs built against them
+#   kilted/venv  kilted/msgs
+#   peers/venv                  cyclonedds, eclipse-zenoh, rosbags, mcap, mcap-ros2-support
+# A part is skipped when its stamp still names these requirements, these interface files, this script and
+# this Python. Delete the directory to start over.
+#
+# Needs: python3 with venv and headers, a C and a C++ compiler. Nothing of ROS.
+set -euo pipefail
+
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+messages=$(cd "$here/../../msgs" && pwd)
+base=${MR_DAMPER_INTEROP_DIR:-/var/tmp/mr-damper-interop}
+python=${MR_DAMPER_PYTHON:-python3}
+
+say() { printf 'interop setup: %s\n' "$*" >&2; }
+die() {
+  say "$*"
+  exit 1
+}
+
+check_tools() {
+  "$python" -c 'import sys; sys.exit(sys.version_info[:2] < (3, 11))' 2>/dev/null ||
+    die "$python is not Python 3.11 or newer; install python3 or name another one in MR_DAMPER_PYTHON"
+  "$python" -c 'import venv, ensurepip' 2>/dev/null ||
+    die "$python cannot make virtual environments; on Debian: apt-get install python3-venv"
+  "$python" -c 'import os, sysconfig, sys
+sys.exit(not os.path.exists(os.path.join(sysconfig.get_paths()["include"], "Python.h")))' ||
+    die "Python.h of $python is missing; on Debian: apt-get install python3-dev"
+  command -v c++ >/dev/null || die "there is no C++ compiler; on Debian: apt-get install build-essential"
+}
+
+# What a part depends on, as one line.
+fingerprint() {
+  local part=$1
+  {
+    "$python" -VV
+    cat "$here/requirements/$part.txt" "${BASH_SOURCE[0]}"
+    if [ "$part" != peers ]; then
+      (cd "$messages" && cat package.xml CMakeLists.txt && find msg srv action -type f | LC_ALL=C sort | xargs cat)
+    fi
+  } | sha256sum | cut -d' ' -f1
+}
+
+install_requirements() {
+  local part=$1 venv=$base/$part/venv
+  "$python" -m venv "$venv"
+  "$venv/bin/pip" install --quiet --disable-pip-version-check -r "$here/requirements/$part.txt" ||
+    die "pip could not install requirements/$part.txt; its message above says which package"
+}
+
+# CMake files inside the wheels name the Python of the machine that built them. Point them at ours, or CMake
+# stops at include directories that do not exist.
+relocate_wheels() {
+  "$1/bin/python" - "$1/share" <<'PYTHON'
+import pathlib, re, sys, sysconfig
+
+paths = sysconfig.get_paths()
+include = re.compile(r"/opt/python/cp\d+-cp\d+/include/python3\.\d+")
+packages = re.compile(r"/opt/python/cp\d+-cp\d+/lib/python3\.\d+/site-packages")
+for file in pathlib.Path(sys.argv[1]).rglob("*.cmake"):
+    old = file.read_text(encoding="utf-8", errors="surrogateescape")
+    new = include.sub(lambda _: paths["include"], packages.sub(lambda _: paths["purelib"], old))
+    if new != old:
+        file.write_text(new, encoding="utf-8", errors="surrogateescape")
+PYTHON
+}
+
+build_messages() {
+  local part=$1 venv=$base/$part/venv prefix=$base/$part/msgs site
+  site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_paths()["purelib"])')
+  relocate_wheels "$venv"
+  if ! env -u _ROS_WHEELS_BOOTSTRAP_COMPLETE PATH="$venv/bin:$PATH" PYTHONPATH="$site" \
+    AMENT_PREFIX_PATH="$venv" CMAKE_PREFIX_PATH="$venv" \
+    bash -euc '
+      cmake -S "$1" -B "$2" -G Ninja -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF \
+        -DCMAKE_INSTALL_PREFIX="$3" -DPython3_EXECUTABLE="$4/bin/python"
+      cmake --build "$2" --target install
+    ' build "$messages" "$base/$part/build" "$prefix" "$venv" >"$base/$part/build.log" 2>&1; then
+    tail -n 40 "$base/$part/build.log" >&2
+    die "mr_damper_msgs did not build against ROS 2 $part; whole log: $base/$part/build.log"
+  fi
+}
+
+# The part works when its own Python can import what the peers import.
+verify() {
+  local part=$1
+  if [ "$part" = peers ]; then
+    "$base/peers/venv/bin/python" -c 'import cyclonedds, zenoh, rosbags, mcap, mcap_ros2' ||
+      die "the peers environment does not import; delete $base/peers and run this again"
+  else
+    "$here/ros-python.sh" "$part" -c 'import rclpy; from mr_damper_msgs.msg import ForceEstimate' ||
+      die "rclpy with mr_damper_msgs does not import in $part; delete $base/$part and run this again"
+  fi
+}
+
+prepare() {
+  local part=$1 wanted started=$SECONDS
+  mkdir -p "$base/$part"
+  exec 9>"$base/$part/lock"
+  flock 9
+  wanted=$(fingerprint "$part")
+  if [ "$(cat "$base/$part/stamp" 2>/dev/null)" = "$wanted" ]; then
+    say "$part is up to date"
+    return
+  fi
+  say "$part: installing"
+  rm -rf "$base/$part/stamp" "$base/$part/venv" "$base/$part/msgs" "$base/$part/build"
+  install_requirements "$part"
+  if [ "$part" != peers ]; then
+    say "$part: building mr_damper_msgs"
+    build_messages "$part"
+  fi
+  verify "$part"
+  echo "$wanted" >"$base/$part/stamp"
+  say "$part is ready after $((SECONDS - started)) s"
+}
+
+check_tools
+[ $# -gt 0 ] || set -- jazzy kilted peers
+for part in "$@"; do
+  case $part in
+    jazzy | kilted | peers) (prepare "$part") ;;
+    *)
+      say "there is no part '$part'; parts are jazzy, kilted, peers"
+      exit 2
+      ;;
+  esac
+done

@@ -1,0 +1,113 @@
+//! Whether a test runs, one at a time, and how its outcome is told.
+
+use super::Lab;
+use std::io::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// Says a line past the test runner's capture.
+pub(crate) fn say(line: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
+}
+
+/// Runs an interop test in a fresh laboratory, or skips it and says so.
+///
+/// `body` gives the figures to print. With `MR_DAMPER_INTEROP=1` everything must be there; without it
+/// nothing runs, so that `cargo test` needs neither Python nor ROS.
+pub(crate) fn interop(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    if std::env::var("MR_DAMPER_INTEROP").as_deref() != Ok("1") {
+        say(&format!(
+            "interop SKIPPED {name}: run tests/interop/setup.sh, build with --release, set MR_DAMPER_INTEROP=1"
+        ));
+        record("skipped", name);
+        return;
+    }
+    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+    let lab = Lab::new();
+    match catch_unwind(AssertUnwindSafe(|| body(&lab))) {
+        Ok(Outcome::Passed(figures)) => {
+            say(&format!("interop ok {name}: {figures}"));
+            record("passed", name);
+        }
+        Ok(Outcome::Skipped(why)) => {
+            say(&format!("interop SKIPPED {name}: {why}"));
+            record("skipped", name);
+        }
+        Err(panic) => {
+            say(&format!("interop FAILED {name}\n{}", lab.logs()));
+            record("failed", name);
+            resume_unwind(panic);
+        }
+    }
+}
+
+/// How a test ended that did not panic.
+pub(crate) enum Outcome {
+    /// It holds; the figures are printed.
+    Passed(String),
+    /// Something that may be absent is absent.
+    Skipped(String),
+}
+
+/// Appends to the file that `.ci/run` counts.
+fn record(outcome: &str, name: &str) {
+    if let Ok(path) = std::env::var("MR_DAMPER_INTEROP_RESULTS") {
+        let file = std::fs::OpenOptions::new().create(true).append(true).open(&path);
+        let written = file.and_then(|mut file| writeln!(file, "{outcome} {name}"));
+        written.unwrap_or_else(|error| panic!("MR_DAMPER_INTEROP_RESULTS={path}: {error}"));
+    }
+}
+
+/// The `mr-damper` binary: `MR_DAMPER_BIN`, or the release build beside this test.
+pub(crate) fn binary() -> PathBuf {
+    built("MR_DAMPER_BIN", "mr-damper", "cargo build --release")
+}
+
+/// The echo: `MR_DAMPER_ECHO`, or the release build beside this test.
+pub(crate) fn echo_binary() -> PathBuf {
+    let how = "cargo build --release -p mr-damper-tests --example echo_peer";
+    built("MR_DAMPER_ECHO", "examples/echo_peer", how)
+}
+
+fn built(variable: &str, file: &str, how: &str) -> PathBuf {
+    let path = std::env::var_os(variable).map_or_else(|| target().join("release").join(file), PathBuf::from);
+    assert!(path.is_file(), "{} is missing; `{how}` makes it, or name another in {variable}", path.display());
+    path
+}
+
+/// The target directory that this test was built into: the test is TARGET/PROFILE/deps/interop-HASH.
+fn target() -> PathBuf {
+    let me = std::env::current_exe().expect("the path of this test");
+    me.ancestors().nth(3).expect("a test lies three levels into the target directory").to_owned()
+}
+
+/// The directory of one part that tests/interop/setup.sh prepared.
+pub(crate) fn environment(part: &str) -> PathBuf {
+    let base = std::env::var_os("MR_DAMPER_INTEROP_DIR")
+        .map_or_else(|| PathBuf::from("/var/tmp/mr-damper-interop"), PathBuf::from);
+    let path = base.join(part);
+    assert!(
+        path.join("stamp").is_file(),
+        "{} is not prepared; run tests/interop/setup.sh {part}",
+        path.display()
+    );
+    path
+}
+
+/// Measured runs, if they are on this machine: `MR_DAMPER_DATA`, or shared/data beside the repository.
+pub(crate) fn data(set: &str) -> Result<PathBuf, String> {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let path = std::env::var_os("MR_DAMPER_DATA").map_or(beside, PathBuf::from).join(set);
+    if path.is_dir() {
+        Ok(path)
+    } else {
+        Err(format!("no measured runs in {}; name their folder in MR_DAMPER_DATA", path.display()))
+    }
+}
+
+/// True when the long forms are asked for: `MR_DAMPER_LONG=1`.
+pub(crate) fn long() -> bool {
+    std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1")
+}

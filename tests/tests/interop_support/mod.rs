@@ -1,0 +1,142 @@
+//! A laboratory for interop tests: a network namespace of its own, programs in it, and their JSON.
+//!
+//! Everything that is started is ended by process id when its handle goes, and the kernel ends it when this
+//! process is killed. Failure messages carry the end of what every program of the laboratory said.
+
+pub(crate) mod gate;
+pub(crate) mod json;
+pub(crate) mod process;
+
+use process::{Program, script};
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// The node's fully qualified name when nothing renames it.
+pub(crate) const NODE: &str = "/mr_damper";
+/// A preset that launches with nothing else said.
+pub(crate) const PRESET: &str = "thesis/fuzzy-tanh/rp3-cs";
+/// Where the Zenoh mirror listens in tests.
+pub(crate) const ZENOH_ENDPOINT: &str = "tcp/127.0.0.1:7447";
+
+/// Which ROS 2 a peer comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Distro {
+    Jazzy,
+    Kilted,
+}
+
+impl Distro {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Jazzy => "jazzy",
+            Self::Kilted => "kilted",
+        }
+    }
+}
+
+/// A network namespace with loopback alone and a ROS domain, and a directory for files.
+pub(crate) struct Lab {
+    holder: Child,
+    domain: u32,
+    folder: tempfile::TempDir,
+    logs: RefCell<Vec<(String, PathBuf)>>,
+}
+
+impl Lab {
+    pub(crate) fn new() -> Self {
+        // Fast DDS shares memory by domain id across network namespaces, so each laboratory has another one,
+        // also beside a second run of these tests.
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let domain = 1 + (std::process::id() * 7 + NEXT.fetch_add(1, Ordering::Relaxed)) % 100;
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let mut holder = Command::new(script("netns.sh"))
+            .arg("hold")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("tests/interop/netns.sh starts");
+        let mut line = String::new();
+        let stdout = holder.stdout.as_mut().expect("piped");
+        std::io::BufRead::read_line(&mut std::io::BufReader::new(stdout), &mut line).expect("readable");
+        assert_eq!(
+            line.trim(),
+            holder.id().to_string(),
+            "no network namespace: `tests/interop/netns.sh hold` should print its process id and wait; \
+             its message above says what it lacks"
+        );
+        Self { holder, domain, folder, logs: RefCell::default() }
+    }
+
+    /// A directory that goes with the laboratory.
+    pub(crate) fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Starts the node with `-p model:=MODEL` and the further ROS arguments.
+    pub(crate) fn node(&self, model: &str, ros_args: &[&str]) -> Program {
+        let model = format!("model:={model}");
+        let mut args = vec!["node", "--ros-args", "-p", &model];
+        args.extend(ros_args);
+        self.mr_damper(&args)
+    }
+
+    /// Starts `mr-damper` with `args`.
+    pub(crate) fn mr_damper(&self, args: &[&str]) -> Program {
+        self.start(&format!("mr-damper {}", args[0]), &gate::binary(), args)
+    }
+
+    /// Starts the bare echo.
+    pub(crate) fn echo(&self) -> Program {
+        self.start("echo_peer", &gate::echo_binary(), &[])
+    }
+
+    /// Starts a script of tests/interop under a real ROS 2.
+    pub(crate) fn ros(&self, distro: Distro, file: &str, args: &[&str]) -> Program {
+        let file = script(file);
+        let mut all = vec![distro.name(), file.to_str().expect("UTF-8 path")];
+        all.extend(args);
+        self.start(&format!("{} {}", distro.name(), all[1]), &script("ros-python.sh"), &all)
+    }
+
+    /// Starts a script of tests/interop under the Python of CycloneDDS and Zenoh.
+    pub(crate) fn peer(&self, file: &str, args: &[&str]) -> Program {
+        let script = script(file);
+        let mut all = vec![script.to_str().expect("UTF-8 path")];
+        all.extend(args);
+        self.start(file, &gate::environment("peers").join("venv/bin/python"), &all)
+    }
+
+    fn start(&self, name: &str, program: &Path, args: &[&str]) -> Program {
+        let mut logs = self.logs.borrow_mut();
+        let log = self.folder().join(format!("{}.log", logs.len()));
+        logs.push((name.to_owned(), log.clone()));
+        drop(logs);
+        let mut command = Command::new(script("netns.sh"));
+        command.arg("enter").arg(self.holder.id().to_string()).arg(program).args(args);
+        command.env("ROS_DOMAIN_ID", self.domain.to_string()).env("PYTHONDONTWRITEBYTECODE", "1");
+        for name in
+            ["ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "CYCLONEDDS_URI"]
+        {
+            command.env_remove(name);
+        }
+        Program::spawn(name, command, &log)
+    }
+
+    /// The last lines that each program wrote to stderr.
+    pub(crate) fn logs(&self) -> String {
+        let mut text = String::new();
+        for (name, path) in self.logs.borrow().iter() {
+            text += &format!("--- stderr of {name}\n{}", process::tail(path));
+        }
+        text
+    }
+}
+
+impl Drop for Lab {
+    fn drop(&mut self) {
+        drop(self.holder.stdin.take()); // it lives until its standard input closes
+        let _ = self.holder.wait();
+    }
+}

@@ -1,0 +1,125 @@
+//! Programs of a laboratory: their JSON lines, their end.
+
+use serde_json::Value;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+/// How long a program gets to end before it is killed.
+const GRACE: Duration = Duration::from_secs(5);
+
+/// A file of tests/interop.
+pub(crate) fn script(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("interop").join(name)
+}
+
+/// The last lines of a log file.
+pub(crate) fn tail(path: &Path) -> String {
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    let lines: Vec<_> = text.lines().collect();
+    lines[lines.len().saturating_sub(25)..].iter().map(|line| format!("{line}\n")).collect()
+}
+
+/// A running program. Dropping it ends it.
+pub(crate) struct Program {
+    name: String,
+    child: Child,
+    lines: Receiver<String>,
+    status: Option<ExitStatus>,
+}
+
+impl Program {
+    pub(crate) fn spawn(name: &str, mut command: Command, log: &Path) -> Self {
+        let stderr = File::create(log).expect("a log file in the laboratory's directory");
+        let mut child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(stderr)
+            .process_group(0) // its children, if any, can be ended with it
+            .spawn()
+            .unwrap_or_else(|error| panic!("{name} did not start: {error}"));
+        let stdout = child.stdout.take().expect("piped");
+        let (sender, lines) = channel();
+        std::thread::spawn(move || {
+            for line in BufReader::new(stdout).lines().map_while(Result::ok) {
+                if sender.send(line).is_err() {
+                    break;
+                }
+            }
+        });
+        Self { name: name.to_owned(), child, lines, status: None }
+    }
+
+    /// The next line of standard output, as JSON.
+    pub(crate) fn json_line(&mut self, timeout: Duration) -> Value {
+        match self.lines.recv_timeout(timeout) {
+            Ok(line) => serde_json::from_str(&line)
+                .unwrap_or_else(|error| panic!("{}: no JSON line ({error}): {line}", self.name)),
+            Err(RecvTimeoutError::Timeout) => panic!("{} said nothing for {timeout:?}", self.name),
+            Err(RecvTimeoutError::Disconnected) => {
+                let status = self.wait(GRACE);
+                panic!("{} ended without a result: {status}", self.name)
+            }
+        }
+    }
+
+    /// Waits for a program to end well; all of its standard output is one JSON text.
+    pub(crate) fn json(mut self, timeout: Duration) -> Value {
+        let text = self.output(timeout);
+        serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: no JSON ({error}): {text}", self.name))
+    }
+
+    /// Waits for a program to end well, and gives what it wrote to standard output.
+    pub(crate) fn output(&mut self, timeout: Duration) -> String {
+        let status = self.wait(timeout);
+        assert!(status.success(), "{} failed: {status}", self.name);
+        self.lines.iter().collect::<Vec<_>>().join("\n")
+    }
+
+    /// Waits for the end.
+    pub(crate) fn wait(&mut self, timeout: Duration) -> ExitStatus {
+        self.try_wait(timeout).unwrap_or_else(|| panic!("{} still runs after {timeout:?}", self.name))
+    }
+
+    fn try_wait(&mut self, timeout: Duration) -> Option<ExitStatus> {
+        let deadline = Instant::now() + timeout;
+        while self.status.is_none() {
+            self.status = self.child.try_wait().expect("a child of ours");
+            if self.status.is_none() {
+                if Instant::now() >= deadline {
+                    return None;
+                }
+                std::thread::sleep(Duration::from_millis(2));
+            }
+        }
+        self.status
+    }
+
+    /// Sends a signal, `INT` or `TERM`, to the program alone.
+    pub(crate) fn signal(&self, signal: &str) {
+        let sent = self.send(signal, &self.child.id().to_string());
+        assert!(sent, "SIG{signal} could not be sent to {}", self.name);
+    }
+
+    fn send(&self, signal: &str, target: &str) -> bool {
+        let shell = format!("kill -{signal} -- {target} 2>/dev/null");
+        Command::new("sh").args(["-c", &shell]).status().is_ok_and(|status| status.success())
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        if self.status.is_none() && self.send("TERM", &self.child.id().to_string()) {
+            self.try_wait(GRACE);
+        }
+        // Until it is waited for, its process id, and with it the group's, is nobody else's.
+        if self.status.is_none() {
+            self.send("KILL", &format!("-{}", self.child.id()));
+            let _ = self.child.wait();
+        }
+    }
+}
