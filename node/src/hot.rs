@@ -28,6 +28,7 @@ const TICK: Duration = Duration::from_millis(20);
 
 /// What can be asked of the running pipeline.
 #[derive(Debug, Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "a boxed model would be freed on the estimating thread")]
 pub enum Command {
     /// Other settings. They were validated by the sender.
     Configure(Settings),

@@ -92,17 +92,14 @@ impl Ros {
         let mut node =
             context.new_node(node_name, options).map_err(|e| failed("creating the node", &e, ""))?;
         let spinner = node.spinner().map_err(|e| failed("creating the node's spinner", &e, ""))?;
-        let spinner = std::thread::Builder::new()
-            .name("ros-spinner".to_owned())
-            .spawn(move || {
-                if let Err(error) = futures::executor::block_on(spinner.spin()) {
-                    tracing::error!(
-                        ?error,
-                        "the ROS node's background work ended: parameters are out of service"
-                    );
-                }
-            })
-            .map_err(NodeError::io("starting the ROS node's background thread"))?;
+        let spinner = run_async("ros-spinner", async move {
+            if let Err(error) = spinner.spin().await {
+                tracing::error!(
+                    ?error,
+                    "the ROS node's background work ended: parameters are out of service"
+                );
+            }
+        })?;
         Ok(Self { node, context, spinner })
     }
 
@@ -160,6 +157,23 @@ impl Ros {
         }
         drop(context);
     }
+}
+
+/// Runs `task` to its end on a thread of its own called `name`.
+///
+/// # Errors
+/// When the system gives no thread.
+pub fn run_async(
+    name: &'static str,
+    task: impl Future<Output = ()> + Send + 'static,
+) -> Result<JoinHandle<()>, NodeError> {
+    let starting = format!("starting the thread {name}");
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().build().map_err(NodeError::io(starting.as_str()))?;
+    std::thread::Builder::new()
+        .name(name.to_owned())
+        .spawn(move || runtime.block_on(task))
+        .map_err(NodeError::io(starting.as_str()))
 }
 
 /// Loopback must be up before DDS is asked to use it alone, or it would wait in silence for an interface.

@@ -29,7 +29,19 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from peer_common import INPUTS, OUTPUTS, Pace, answers, emit, fail, mode_changes, residuals, samples
+from peer_common import (
+    INPUTS,
+    OUTPUTS,
+    WARM_UP,
+    Pace,
+    answers,
+    emit,
+    fail,
+    mode_changes,
+    residuals,
+    samples,
+    since,
+)
 
 OURS = "mr_damper_msgs::msg::dds_::"
 
@@ -132,6 +144,7 @@ class Peer:
         self.readers = {name: DataReader(self.participant, topic(name), qos=QOS) for name in outputs}
         self.received = {name: [] for name in outputs}
         self.sent = {name: [] for name in inputs}
+        self.counted_from = 0
         self.announced = {}
         self.builtin = [
             BuiltinDataReader(self.participant, BuiltinTopicDcpsPublication),
@@ -189,7 +202,8 @@ class Peer:
 
     def send(self, path, rate, seconds):
         pace = Pace(rate)
-        for displacement, current, force in samples(path, rate, seconds):
+        self.counted_from = pace.first_ns + round(WARM_UP * 1e9)
+        for displacement, current, force in samples(path, rate, WARM_UP + seconds):
             while (remaining := pace.remaining()) > 0:
                 self.take()
                 time.sleep(min(remaining, 0.001))
@@ -198,7 +212,8 @@ class Peer:
             for name, value in figures.items():
                 if name in self.inputs:
                     self.publish(name, ns, value)
-                    self.sent[name].append(ns)
+                    if ns >= self.counted_from:
+                        self.sent[name].append(ns)
             pace.advance()
         end = time.monotonic() + 1.0
         while time.monotonic() < end:
@@ -221,14 +236,15 @@ def main():
     peer.connect()
     peer.send(args.csv, args.rate, args.seconds)
 
+    counted = {name: since(peer.counted_from, peer.received[name], to_ns) for name in peer.outputs}
     result = {
         "peer": "cyclonedds",
         "sent": {name: len(stamps) for name, stamps in peer.sent.items()},
         "announced": {t.removeprefix("rt"): n for t, n in peer.announced.items() if t.startswith("rt/")},
-        "force_estimate": answers(peer.sent["displacement"], peer.received["force_estimate"], to_ns),
+        "force_estimate": answers(peer.sent["displacement"], counted["force_estimate"], to_ns),
     }
     if node:
-        result["force_residual"] = residuals(peer.sent["measured_force"], peer.received["force_residual"], to_ns)
+        result["force_residual"] = residuals(peer.sent["measured_force"], counted["force_residual"], to_ns)
         result["mode"] = mode_changes(peer.received["mode"])
     emit(result)
 

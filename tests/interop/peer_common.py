@@ -9,6 +9,7 @@ import time
 MODES = ["arx", "arx_coast", "model", "hold", "fault"]
 INPUTS = ("displacement", "coil_current", "measured_force")
 OUTPUTS = ("force_estimate", "force_residual", "mode")
+WARM_UP = 0.5  # seconds of every run that are sent and not counted: the node's inputs arrive in any order at first
 
 
 def emit(result):
@@ -121,6 +122,11 @@ def residuals(sent, messages, to_ns):
         "consistent": all(m.residual == m.measured - m.predicted for m in messages),
         "last_windowed_esr": messages[-1].windowed_esr if messages else math.nan,
     }
+
+
+def since(ns, messages, to_ns):
+    """The messages whose stamp is not before `ns`."""
+    return [m for m in messages if to_ns(m.header.stamp) >= ns]
 
 
 def mode_changes(messages):

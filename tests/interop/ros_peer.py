@@ -17,7 +17,19 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 
-from peer_common import INPUTS, OUTPUTS, Pace, answers, emit, fail, mode_changes, residuals, samples
+from peer_common import (
+    INPUTS,
+    OUTPUTS,
+    WARM_UP,
+    Pace,
+    answers,
+    emit,
+    fail,
+    mode_changes,
+    residuals,
+    samples,
+    since,
+)
 from ros_common import TYPES, full_names, message, qos, to_ns, wait_until
 
 SERVICE_TIMEOUT = 10.0  # a first call to a ros2-client server can take 3 s
@@ -52,6 +64,7 @@ class Peer:
         for topic in self.outputs:
             self.node.create_subscription(TYPES[topic], topic, self.received[topic].append, qos(1000))
         self.sent = {topic: [] for topic in self.inputs}
+        self.counted_from = 0
 
     def wait_for_node(self):
         topics = {f"{self.namespace}/{topic}" for topic in self.outputs}
@@ -66,12 +79,13 @@ class Peer:
 
     def publish(self, topic, ns, value):
         self.publishers[topic].publish(message(topic, ns, value))
-        self.sent[topic].append(ns)
+        if ns >= self.counted_from:
+            self.sent[topic].append(ns)
 
     def send(self):
         """Sends the run, current and force ahead of the displacement that makes the node step."""
         # The peer sees the node's reader a moment before the node sees this writer; volatile writers drop
-        # what is sent in between. So knock until the first answer, and count from there.
+        # what is sent in between. So knock until the first answer.
         knocks = 0
         while not self.received["force_estimate"]:
             if knocks == 200:
@@ -87,8 +101,10 @@ class Peer:
             messages.clear()
 
         pace = Pace(self.args.rate)
+        self.counted_from = pace.first_ns + round(WARM_UP * 1e9)
         started = time.perf_counter()
-        for displacement, current, force in samples(self.args.csv, self.args.rate, self.args.seconds):
+        seconds = WARM_UP + self.args.seconds
+        for displacement, current, force in samples(self.args.csv, self.args.rate, seconds):
             while (remaining := pace.remaining()) > 0:
                 self.executor.spin_once(timeout_sec=remaining)
             ns = pace.stamp_ns()
@@ -159,9 +175,10 @@ def main():
     result = {"peer": "rclpy", "distro": os.environ.get("ROS_DISTRO"), "python": sys.version.split()[0]}
     result["sending"] = peer.send()
     result["sent"] = {topic: len(stamps) for topic, stamps in peer.sent.items()}
-    result["force_estimate"] = answers(peer.sent["displacement"], peer.received["force_estimate"], to_ns)
+    counted = {topic: since(peer.counted_from, peer.received[topic], to_ns) for topic in peer.outputs}
+    result["force_estimate"] = answers(peer.sent["displacement"], counted["force_estimate"], to_ns)
     if args.against == "node":
-        result["force_residual"] = residuals(peer.sent["measured_force"], peer.received["force_residual"], to_ns)
+        result["force_residual"] = residuals(peer.sent["measured_force"], counted["force_residual"], to_ns)
         result["mode"] = mode_changes(peer.received["mode"])
     result["graph"] = peer.graph()
     if args.against == "node":

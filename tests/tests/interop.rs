@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! tests/interop/setup.sh
-//! cargo build --release && cargo build --release -p mr-damper-tests --example echo_peer
+//! cargo build --release --workspace --bins
 //! MR_DAMPER_INTEROP=1 cargo test -p mr-damper-tests --test interop
 //! ```
 //!

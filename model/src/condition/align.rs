@@ -13,6 +13,9 @@ pub const PENDING: usize = 256;
 /// Readings that a [`Hold`] remembers, so that one that came early does not hide the one that counts.
 const HELD: usize = 64;
 
+/// A reading and its stamp.
+type Stamped = (Stamp, f64);
+
 /// The last readings of a channel that is held between its stamps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hold {
@@ -47,7 +50,7 @@ impl Hold {
 
     /// The newest reading not newer than `at`, and the one that follows it.
     #[inline]
-    fn around(&self, at: Stamp) -> Option<((Stamp, f64), Option<(Stamp, f64)>)> {
+    fn around(&self, at: Stamp) -> Option<(Stamped, Option<Stamped>)> {
         let mut after = None;
         for age in 0..self.len {
             let slot = (self.next + HELD - 1 - age) % HELD;

@@ -81,6 +81,8 @@ pub struct Config {
     pub command_voltage: InputConfig,
     /// Measured force input.
     pub measured_force: InputConfig,
+    /// How long a displacement waits for drive, velocity and force of its stamp, s.
+    pub align_wait_s: f64,
     /// ROS domain; negative: `ROS_DOMAIN_ID`, else 0.
     pub domain_id: i64,
     /// `localhost`, `subnet` or `system_default`.
@@ -102,6 +104,7 @@ impl Default for Config {
             coil_current: InputConfig::default(),
             command_voltage: InputConfig::default(),
             measured_force: InputConfig::default(),
+            align_wait_s: 0.01,
             domain_id: -1,
             discovery_range: "system_default".to_owned(),
             zenoh: ZenohSettings {

@@ -184,7 +184,7 @@ macro_rules! input {
     };
 }
 
-const MAIN: [Parameter; 15] = [
+const MAIN: [Parameter; 16] = [
     text!(
         "model",
         Kind::Text,
@@ -280,6 +280,13 @@ const MAIN: [Parameter; 15] = [
         true,
         "corner of the low-pass, Hz, when filter.apply_to is set; 0: the model file's",
         filter_cutoff_hz
+    ),
+    double!(
+        "align_wait_s",
+        0.0..=1.0,
+        false,
+        "how long a displacement waits for drive, velocity and force of its stamp, where they share stamps, s",
+        align_wait_s
     ),
     Parameter {
         name: "domain_id",

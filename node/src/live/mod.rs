@@ -18,3 +18,6 @@ mod terminal;
 pub use board::{Board, Change, Counts, Headline};
 pub use meter::{Histogram, RateMeter};
 pub use terminal::{Key, Terminal};
+
+#[cfg(test)]
+mod tests;

@@ -207,12 +207,12 @@ fn mode_in(board: &Board, from_s: f64, to_s: f64) -> Option<Mode> {
     if board.estimate.is_none() || from_s > board.at_s() {
         return None;
     }
-    let entered = board.changes.iter().filter(|change| change.at_s < to_s);
+    let mut entered = board.changes.iter().filter(|change| change.at_s < to_s);
     // A short mode (coasting) must not vanish between two long ones.
     let short = entered.clone().filter(|change| change.at_s >= from_s).map(|change| change.transition.to);
     short
         .min_by_key(|mode| u8::from(*mode != Mode::ArxCoast))
-        .or_else(|| entered.last().map(|change| change.transition.to))
+        .or_else(|| entered.next_back().map(|change| change.transition.to))
 }
 
 fn draw_foot(frame: &mut Frame<'_>, area: Rect, board: &Board) {

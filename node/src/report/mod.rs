@@ -14,3 +14,6 @@ pub mod table;
 
 pub use demo::{Agreement, Figure, Outcome};
 pub use recording::{Period, Recording};
+
+#[cfg(test)]
+mod tests;

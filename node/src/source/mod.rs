@@ -1,3 +1,4 @@
 //! Where samples come from.
 
+pub mod collate;
 pub mod ros;

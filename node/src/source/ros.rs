@@ -1,30 +1,33 @@
 //! Samples from ROS topics.
 //!
-//! One thread waits on all input topics. Displacement is taken first, everything else after it: messages
-//! reach us in the order in which a peer sent them, so whatever was sent before a displacement is there by
-//! then, and is sorted before it. An estimate thus never misses a current of its own stamp because of
-//! the order in which topics happen to be polled, and live results are those of a replay.
+//! One thread waits on all input topics. Displacement is taken first, everything else after it: what a peer sent
+//! before a displacement is there by then, and is sorted before it. What its middleware sent in another order is
+//! waited for a little (`collate.rs`). So an estimate does not miss a current of its own stamp because of the
+//! order in which topics happen to be sent or polled, and live results are those of a replay.
 
+use super::collate::Collator;
 use crate::config::{Config, InputConfig, RosArgs};
 use crate::error::NodeError;
 use crate::hot::{SampleSink, now};
 use crate::ros::Ros;
-use futures::channel::oneshot;
 use futures::stream::{LocalBoxStream, StreamExt};
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
 use mr_damper_msgs::standard::{Float64, Header, JointState, Temperature};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
 use ros2_client::Subscription;
-use std::future::Future;
-use std::pin::Pin;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::task::Poll;
-use std::thread::JoinHandle;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::task::{Context, Poll, Wake, Waker};
+use std::thread::{JoinHandle, Thread};
+use std::time::{Duration, Instant};
 
 /// Messages taken from all topics before they are sorted and handed on.
 const BATCH: usize = 512;
+/// Longest sleep: bounds what a forgotten wake-up costs.
+const NAP: Duration = Duration::from_millis(100);
+/// Sleep while a displacement is held back.
+const HOLDING_NAP: Duration = Duration::from_millis(1);
 
 /// Counters of the source.
 #[derive(Debug, Default)]
@@ -60,7 +63,7 @@ type Taken = Option<(i64, f64)>;
 
 /// The running source.
 pub struct RosSource {
-    stop: oneshot::Sender<()>,
+    stop: Arc<AtomicBool>,
     thread: JoinHandle<()>,
     counters: Arc<SourceCounters>,
 }
@@ -89,12 +92,13 @@ impl RosSource {
             offset: 0.0,
         });
         let counters = Arc::new(SourceCounters::default());
-        let (stop, stopped) = oneshot::channel();
+        let stop = Arc::new(AtomicBool::new(false));
+        let collator = Collator::new(Duration::from_secs_f64(config.align_wait_s));
         let thread = std::thread::Builder::new()
             .name("ros-source".to_owned())
             .spawn({
-                let counters = Arc::clone(&counters);
-                move || futures::executor::block_on(pump(channels, samples, &counters, stopped))
+                let (counters, stop) = (Arc::clone(&counters), Arc::clone(&stop));
+                move || pump(&channels, samples, collator, &counters, &stop)
             })
             .map_err(NodeError::io("starting the thread that takes ROS messages"))?;
         Ok(Self { stop, thread, counters })
@@ -117,7 +121,8 @@ impl RosSource {
     /// # Errors
     /// The panic's payload.
     pub fn stop(self) -> std::thread::Result<()> {
-        let _ = self.stop.send(());
+        self.stop.store(true, Ordering::Release);
+        self.thread.thread().unpark();
         self.thread.join()
     }
 }
@@ -200,52 +205,59 @@ impl Channel {
     }
 }
 
-async fn pump(
-    channels: Vec<Channel>,
+/// Wakes the thread that it was made on.
+struct Unpark(Thread);
+
+impl Wake for Unpark {
+    fn wake(self: Arc<Self>) {
+        self.0.unpark();
+    }
+}
+
+/// The thread: takes messages whenever a topic wakes it, until told to stop.
+fn pump(
+    channels: &[Channel],
     mut samples: SampleSink,
+    mut collator: Collator,
     counters: &SourceCounters,
-    mut stopped: oneshot::Receiver<()>,
+    stop: &AtomicBool,
 ) {
+    let waker = Waker::from(Arc::new(Unpark(std::thread::current())));
+    let mut context = Context::from_waker(&waker);
     let mut streams: Vec<_> = channels.iter().map(|channel| (channel, channel.values())).collect();
     let mut batch: Vec<Sample> = Vec::with_capacity(BATCH);
-    futures::future::poll_fn(|context| {
-        if Pin::new(&mut stopped).poll(context).is_ready() {
-            return Poll::Ready(());
-        }
-        loop {
-            let received = now();
-            // The first channel is displacement: see the module's comment on the order.
-            for (channel, stream) in &mut streams {
-                while batch.len() < BATCH
-                    && let Poll::Ready(Some(taken)) = stream.poll_next_unpin(context)
-                {
-                    counters.messages.fetch_add(1, Ordering::Relaxed);
-                    match taken {
-                        Ok(Some((stamp_ns, value))) => batch.push(channel.sample(stamp_ns, value, received)),
-                        Ok(None) => {
-                            let count = counters.unreadable.fetch_add(1, Ordering::Relaxed);
-                            if count.is_power_of_two() || count == 0 {
-                                tracing::warn!(topic = channel.topic, "the joint is not in the message");
-                            }
-                        }
-                        Err(error) => {
-                            let count = counters.unreadable.fetch_add(1, Ordering::Relaxed);
-                            if count.is_power_of_two() || count == 0 {
-                                tracing::warn!(topic = channel.topic, %error, "a message cannot be read");
-                            }
-                        }
-                    }
+    while !stop.load(Ordering::Acquire) {
+        let received = now();
+        // The first channel is displacement: see the module's comment on the order.
+        for (channel, stream) in &mut streams {
+            while batch.len() < BATCH
+                && let Poll::Ready(Some(taken)) = stream.poll_next_unpin(&mut context)
+            {
+                counters.messages.fetch_add(1, Ordering::Relaxed);
+                match taken {
+                    Ok(Some((stamp_ns, value))) => batch.push(channel.sample(stamp_ns, value, received)),
+                    Ok(None) => counters.note_unreadable(channel.topic, "the joint is not in the message"),
+                    Err(error) => counters.note_unreadable(channel.topic, &error),
                 }
             }
-            if batch.is_empty() {
-                return Poll::Pending;
-            }
-            batch.sort_by_key(|sample| (sample.stamp, sample.reading.channel()));
-            for sample in batch.drain(..) {
-                samples.push(sample);
-            }
-            samples.flush();
         }
-    })
-    .await;
+        // A full batch may have left messages behind: look again before sleeping.
+        let drained = batch.len() < BATCH;
+        let worked = !batch.is_empty();
+        collator.take(&mut batch, Instant::now(), |sample| samples.push(sample));
+        samples.flush();
+        if drained && !worked {
+            std::thread::park_timeout(if collator.is_holding() { HOLDING_NAP } else { NAP });
+        }
+    }
+}
+
+impl SourceCounters {
+    /// Counts a message that gave no sample; the log hears of the first and of every doubling.
+    fn note_unreadable(&self, topic: &str, why: &str) {
+        let count = self.unreadable.fetch_add(1, Ordering::Relaxed) + 1;
+        if count.is_power_of_two() {
+            tracing::warn!(topic, count, "a message cannot be used: {why}");
+        }
+    }
 }

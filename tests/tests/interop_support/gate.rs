@@ -67,8 +67,7 @@ pub(crate) fn binary() -> PathBuf {
 
 /// The echo: `MR_DAMPER_ECHO`, or the release build beside this test.
 pub(crate) fn echo_binary() -> PathBuf {
-    let how = "cargo build --release -p mr-damper-tests --example echo_peer";
-    built("MR_DAMPER_ECHO", "examples/echo_peer", how)
+    built("MR_DAMPER_ECHO", "echo_peer", "cargo build --release --workspace --bins")
 }
 
 fn built(variable: &str, file: &str, how: &str) -> PathBuf {

@@ -8,9 +8,8 @@ use crate::hot::{Inlet, now};
 use crate::interrupt::Interrupt;
 use crate::live::{Board, Counts, Histogram, Terminal, plain};
 use crate::report::Recording;
-use crate::ros::Ros;
+use crate::ros::{Ros, run_async};
 use crate::service::{Counters, Service};
-use futures::channel::oneshot;
 use futures::stream::StreamExt;
 use mr_damper_model::sample::{Run, Stamp};
 use mr_damper_msgs::ForceEstimate;
@@ -19,6 +18,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use tokio::sync::oneshot;
 
 /// Spacing of the screen's pictures.
 const FRAME: Duration = Duration::from_millis(50);
@@ -255,12 +255,12 @@ impl Listener {
                 }
                 std::future::ready(())
             });
-            futures::future::select(std::pin::pin!(heard), stopped).await;
+            tokio::select! {
+                () = heard => {}
+                _ = stopped => {}
+            }
         };
-        let thread = std::thread::Builder::new()
-            .name("demo-listener".to_owned())
-            .spawn(move || futures::executor::block_on(listen))
-            .map_err(NodeError::io("starting the thread that listens to estimates"))?;
+        let thread = run_async("demo-listener", listen)?;
         Ok(Self { stop, thread, ros })
     }
 

@@ -1,0 +1,127 @@
+//! The view of a made-up board, as it is printed and drawn.
+
+use super::*;
+use mr_damper_model::pipeline::{Cause, Estimate, Event, Mode, Reasons, Residual, Slot, Transition};
+use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
+use mr_damper_model::units::{Metre, Newton, Second};
+use ratatui::backend::TestBackend;
+
+/// Six seconds at 100 Hz: force goes at 4 s, and ARX coasts for half a second.
+fn board() -> Board {
+    let mut board = Board::new(Headline {
+        title: "demo · rig RP-ICPS".to_owned(),
+        free_model: "thesis/fuzzy-tanh/rp3-cs".to_owned(),
+        seeded_model: "thesis/arx".to_owned(),
+        reach: "domain 77, this machine only".to_owned(),
+        zenoh: "tcp/127.0.0.1:7447".to_owned(),
+        length_s: 10.0,
+    });
+    for k in 0..=600 {
+        step(&mut board, k);
+    }
+    board.counts = Counts { sent: 1603, taken: 1603, refused: 0, lost: 2, estimates: 601, heard: 601 };
+    board.played_s = 6.0;
+    board
+}
+
+fn step(board: &mut Board, k: i64) {
+    let at_s = k as f64 * 0.01;
+    // Stamps are large in life, and only their differences count.
+    let stamp = Stamp::from_nanos(1_700_000_000_000_000_000 + k * 10_000_000);
+    let mut see = |event: Event| board.take(&event, at_s);
+    let sample = |reading| Event::Input(Sample { stamp, received: stamp.shifted(200_000), reading });
+    see(sample(Reading::Drive(Drive::new(DriveKind::CoilCurrent, 1.0))));
+    let force_n = 800.0 * (2.0 * at_s).sin();
+    if k < 400 {
+        see(sample(Reading::Force(Newton(force_n))));
+    }
+    see(sample(Reading::Displacement(Metre(0.01))));
+    let change = |from, to, cause| Event::Transition(Transition { stamp, from, to, cause });
+    match k {
+        0 => see(change(Mode::Fault, Mode::Arx, Cause::ForceFresh)),
+        400 => see(change(Mode::Arx, Mode::ArxCoast, Cause::ForceLost)),
+        450 => see(change(Mode::ArxCoast, Mode::Model, Cause::CoastEnded)),
+        _ => {}
+    }
+    let (mode, reasons) = match k {
+        0..400 => (Mode::Arx, Reasons::NONE),
+        400..450 => (Mode::ArxCoast, Reasons::FORCE_LOST),
+        _ => (Mode::Model, Reasons::OUTSIDE_ENVELOPE),
+    };
+    see(Event::Estimate(Estimate {
+        stamp,
+        force: Newton(force_n - 20.0),
+        std_dev: Newton(30.0),
+        slot: Slot::Free,
+        mode,
+        validity: reasons.validity(),
+        reasons,
+        input_age: Second(0.0),
+    }));
+    if k < 400 {
+        see(Event::Residual(Residual {
+            stamp,
+            measured: Newton(force_n),
+            predicted: Newton(force_n - 50.0),
+            residual: Newton(50.0 * (7.0 * at_s).sin()),
+            normalised: 1.0,
+            windowed_rsse: Newton(51.5),
+            windowed_esr: 0.0123,
+            window: Second(5.0),
+            alarm: false,
+        }));
+    }
+    board.round_trip.note(7e-4);
+}
+
+fn drawn(board: &Board, width: u16, height: u16) -> String {
+    let mut terminal =
+        ratatui::Terminal::new(TestBackend::new(width, height)).expect("a test backend cannot fail");
+    terminal.draw(|frame| screen::draw(frame, board)).expect("a test backend cannot fail");
+    terminal.backend().to_string()
+}
+
+#[test]
+fn a_line_tells_the_figures_without_escape_codes() {
+    let mut early = Board::new(Headline::default());
+    let mut lines = vec![plain::line(&early)];
+    for k in 0..200 {
+        step(&mut early, k);
+    }
+    lines.push(plain::line(&early));
+    lines.push(plain::line(&board()));
+    assert!(lines.iter().all(|line| line.chars().all(|c| c >= ' ')));
+    insta::assert_snapshot!(lines.join("\n"));
+}
+
+#[test]
+fn the_screen_shows_everything_where_there_is_room() {
+    insta::assert_snapshot!(drawn(&board(), 110, 34));
+}
+
+#[test]
+fn the_screen_fits_the_smallest_usual_terminal() {
+    insta::assert_snapshot!(drawn(&board(), 80, 24));
+}
+
+#[test]
+fn no_size_and_no_state_makes_it_panic() {
+    let empty = Board::new(Headline::default());
+    for (width, height) in [(1, 1), (10, 3), (40, 12), (300, 100)] {
+        drawn(&empty, width, height);
+        drawn(&board(), width, height);
+    }
+    let mut odd = board();
+    step(&mut odd, 10_000_000);
+    step(&mut odd, 1);
+    drawn(&odd, 80, 24);
+}
+
+#[test]
+fn the_board_stays_small() {
+    let mut board = Board::new(Headline::default());
+    for k in 0..100_000 {
+        step(&mut board, k % 400 + k / 400 * 400);
+    }
+    assert!(board.estimated.len() <= 402, "{}", board.estimated.len());
+}

@@ -1,0 +1,86 @@
+//! The real service over real DDS on loopback: what subscribers get is what a replay of the run computes.
+
+use mr_damper_model::evaluate::{Evaluator, evaluate};
+use mr_damper_model::pipeline::{Event, Models, Settings};
+use mr_damper_model::preset;
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_model::sample::Run;
+use mr_damper_node::command::replay::{Plan, Played, Player};
+use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::hot::Inlet;
+use mr_damper_node::interrupt::Interrupt;
+use mr_damper_node::service::Service;
+use std::time::{Duration, Instant};
+
+/// A domain of this test binary's own, so that nobody else on the machine hears it.
+const DOMAIN: i64 = 92;
+
+fn run() -> Run {
+    let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(4.0);
+    record(&experiment, &Plant::default(), &Channels::default(), 7)
+}
+
+fn config(model: &str) -> Config {
+    let mut config = Config { domain_id: DOMAIN, ..Config::default() };
+    config.set("model", &Value::Text(model.to_owned())).expect("a text");
+    config
+}
+
+/// Takes events until `count` residuals have come, or for at most 20 s.
+fn collect(inlet: &mut Inlet, count: u64) -> Vec<Event> {
+    let deadline = Instant::now() + Duration::from_secs(20);
+    let (mut events, mut residuals) = (Vec::new(), 0);
+    while residuals < count && Instant::now() < deadline {
+        while let Ok(event) = inlet.events.pop() {
+            residuals += u64::from(matches!(event, Event::Residual(_)));
+            events.push(event);
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    events
+}
+
+fn live_events(args: &RosArgs, config: &Config, run: &Run, residuals: u64) -> Vec<Event> {
+    let (service, inlet) = Service::start(config, args, true).expect("the service starts");
+    let mut inlet = inlet.expect("an inlet was asked for");
+    let interrupt = Interrupt::manual();
+    let player = Player::start(config, args, false).expect("the player starts");
+    assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
+    let events = std::thread::scope(|scope| {
+        let events = scope.spawn(|| collect(&mut inlet, residuals));
+        player.play(run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
+        events.join().expect("no panic")
+    });
+    player.stop();
+    service.stop().expect("no thread panicked");
+    events
+}
+
+#[test]
+fn live_over_dds_equals_evaluate() {
+    let run = run();
+    for (name, args) in [
+        ("thesis/fuzzy-tanh/rp3-cs", RosArgs::default()),
+        // A namespace, and a model that feeds on force.
+        (
+            "thesis/arx-semi-active/rp-icps",
+            RosArgs { namespace: Some("/corner".into()), ..RosArgs::default() },
+        ),
+    ] {
+        let mut config = config(name);
+        if name.contains("fuzzy") {
+            config.set("arx_model", &Value::Text("none".into())).expect("a text");
+        }
+        let model = preset::load(name).expect("a preset");
+        let offline = evaluate(model, &run, Settings::default(), |_| true).expect("the run has all channels");
+        let expected = offline.free_run.expect("a free run").samples;
+        let mut evaluator = Evaluator::default();
+        for event in live_events(&args, &config, &run, expected) {
+            evaluator.take(&event, |_| true);
+        }
+        let live = evaluator.finish();
+        assert_eq!(live.free_run, offline.free_run, "{name}: to the bit, and no sample lost");
+        assert_eq!(live.one_step, offline.one_step, "{name}");
+        assert_eq!(Models::alone(model).seeded.is_some(), live.one_step.is_some());
+    }
+}
