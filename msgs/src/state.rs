@@ -31,7 +31,7 @@ macro_rules! wire_enum {
             /// All values, in the order of their numbers.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)+];
 
-            /// The name in lower case, as in reports and configuration.
+            /// The name, as in reports and in JSON.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name,)+ }
@@ -85,15 +85,15 @@ wire_enum! {
     /// Ordered from best to worst: the validity of several things together is their maximum.
     Validity, "validity", {
         /// As good as the model.
-        Valid = 0 "valid",
+        Valid = 0 "VALID",
         /// Usable, but an input or the estimator is worse than it should be.
-        Degraded = 1 "degraded",
+        Degraded = 1 "DEGRADED",
         /// An input is outside the range that the model was trained on.
-        Extrapolating = 2 "extrapolating",
+        Extrapolating = 2 "EXTRAPOLATING",
         /// The inputs are too old for the force to describe the present.
-        Stale = 3 "stale",
+        Stale = 3 "STALE",
         /// The force must not be used.
-        Invalid = 4 "invalid",
+        Invalid = 4 "INVALID",
     }
 }
 
@@ -122,7 +122,7 @@ wire_enum! {
 ///
 /// let reasons = Reasons::LATE | Reasons::DRIVE_STALE;
 /// assert!(reasons.contains(Reasons::LATE));
-/// assert_eq!(reasons.to_string(), "drive_stale|late");
+/// assert_eq!(reasons.to_string(), "DRIVE_STALE|LATE");
 /// ```
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
@@ -141,31 +141,31 @@ macro_rules! reasons {
 
 reasons! {
     /// No drive (current or voltage) was ever received.
-    DRIVE_MISSING = 1 "drive_missing",
+    DRIVE_MISSING = 1 "DRIVE_MISSING",
     /// The last drive sample is older than its timeout.
-    DRIVE_STALE = 2 "drive_stale",
+    DRIVE_STALE = 2 "DRIVE_STALE",
     /// Measured force was there and has stopped.
-    FORCE_LOST = 4 "force_lost",
+    FORCE_LOST = 4 "FORCE_LOST",
     /// Displacement samples are missing before this one.
-    DISPLACEMENT_GAP = 8 "displacement_gap",
+    DISPLACEMENT_GAP = 8 "DISPLACEMENT_GAP",
     /// A reading since the last estimate was refused: NaN, a time step back and the like.
-    INPUT_REFUSED = 16 "input_refused",
+    INPUT_REFUSED = 16 "INPUT_REFUSED",
     /// An input is outside the range that the model was trained on.
-    OUTSIDE_ENVELOPE = 32 "outside_envelope",
+    OUTSIDE_ENVELOPE = 32 "OUTSIDE_ENVELOPE",
     /// The sample period is not the one of the ARX model.
-    RATE_MISMATCH = 64 "rate_mismatch",
+    RATE_MISMATCH = 64 "RATE_MISMATCH",
     /// The sample reached the node late.
-    LATE = 128 "late",
+    LATE = 128 "LATE",
     /// A current came where the model wants a voltage, or the other way round.
-    WRONG_DRIVE = 256 "wrong_drive",
+    WRONG_DRIVE = 256 "WRONG_DRIVE",
     /// Filters, derivative or history are still filling.
-    SETTLING = 512 "settling",
+    SETTLING = 512 "SETTLING",
     /// The coasting ARX model has no meaningful DC gain, so its force may drift.
-    NO_DC = 1024 "no_dc",
+    NO_DC = 1024 "NO_DC",
     /// Displacement has stopped.
-    DISPLACEMENT_LOST = 2048 "displacement_lost",
+    DISPLACEMENT_LOST = 2048 "DISPLACEMENT_LOST",
     /// Samples were dropped because a queue was full.
-    OVERLOAD = 4096 "overload",
+    OVERLOAD = 4096 "OVERLOAD",
 }
 
 impl Reasons {
@@ -279,10 +279,10 @@ mod tests {
         assert_eq!(reasons.to_string(), "none");
         reasons |= Reasons::OVERLOAD;
         reasons.set(Reasons::LATE, true);
-        assert_eq!(reasons.names().collect::<Vec<_>>(), ["late", "overload"]);
+        assert_eq!(reasons.names().collect::<Vec<_>>(), ["LATE", "OVERLOAD"]);
         reasons.set(Reasons::OVERLOAD, false);
         assert_eq!(reasons, Reasons::LATE);
         assert!(!(reasons | Reasons::NO_DC).contains(Reasons::NO_DC | Reasons::SETTLING));
-        assert_eq!(Reasons::from_bits(0x8000_0080).to_string(), "late|0x80000000");
+        assert_eq!(Reasons::from_bits(0x8000_0080).to_string(), "LATE|0x80000000");
     }
 }

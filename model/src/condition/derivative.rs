@@ -12,7 +12,7 @@
 /// 3 kHz, 21 ms.
 const WINDOW: usize = 64;
 
-/// A derivative. Immutable; [`State`] holds the memory.
+/// A derivative. Immutable; `State` holds the memory.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Derivative {
     /// Difference of the last two samples.

@@ -5,9 +5,9 @@
 //! published (ours does, under load: one queue a writer). So a displacement is held back while a channel that
 //! *usually shares its stamps* lacks the reading of this one, for at most a set time.
 //!
-//! A channel counts as sharing once a reading has borne the very stamp of a displacement, and no longer when one
-//! was waited for in vain: a slower drive, or one with stamps of its own, is never waited for, and a drive that stops
-//! costs the wait once.
+//! A channel is taken to share stamps until one was waited for in vain, and again once its readings have borne the very
+//! stamps of two displacements in a row. So the first displacement waits for the first drive; a slower drive, one
+//! with stamps of its own, or one that stops, costs the wait once.
 
 use mr_damper_model::sample::{Channel, Sample, Stamp};
 use std::collections::VecDeque;
@@ -17,19 +17,38 @@ use std::time::{Duration, Instant};
 const COMPANIONS: [Channel; 3] = [Channel::Drive, Channel::Velocity, Channel::Force];
 /// Displacement stamps that a reading is compared with to learn whether its channel shares them.
 const REMEMBERED: usize = 64;
+/// Samples that may be held back: more than five channels at 1 kHz bring in the longest wait that can be set, while
+/// the ring behind holds more.
+const HELD: usize = 8192;
 
 /// What is known of a companion channel.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Companion {
     last: Option<Stamp>,
     shares: bool,
 }
 
-/// Holds displacements back until their companions are there.
+impl Companion {
+    /// Notes a reading, given the latest displacement stamps.
+    fn note(&mut self, stamp: Stamp, displacements: &VecDeque<Stamp>) {
+        let same = displacements.iter().position(|displacement| *displacement == stamp);
+        let previous = same.and_then(|index| index.checked_sub(1)).map(|index| displacements[index]);
+        self.shares |= previous.is_some() && previous == self.last;
+        self.last = Some(stamp);
+    }
+
+    /// True when the reading of `stamp` is still to be expected.
+    fn lacks(&self, stamp: Stamp) -> bool {
+        self.shares && self.last.is_none_or(|last| last < stamp)
+    }
+}
+
+/// Holds displacements back until their companions are there, and what comes after them meanwhile.
 #[derive(Debug)]
 pub struct Collator {
     wait: Duration,
     companions: [Companion; COMPANIONS.len()],
+    /// Sorted by stamp, then by channel; with the time when it goes on at the latest.
     held: VecDeque<(Sample, Instant)>,
     stamps: VecDeque<Stamp>,
 }
@@ -40,15 +59,15 @@ impl Collator {
     pub fn new(wait: Duration) -> Self {
         Self {
             wait,
-            companions: [Companion::default(); COMPANIONS.len()],
-            held: VecDeque::with_capacity(REMEMBERED),
+            companions: [Companion { last: None, shares: true }; COMPANIONS.len()],
+            held: VecDeque::with_capacity(HELD),
             stamps: VecDeque::with_capacity(REMEMBERED),
         }
     }
 
     /// Takes a batch of samples that arrived by `now`, in any order, and hands on what is ready, in order of stamps.
-    pub fn take(&mut self, batch: &mut Vec<Sample>, now: Instant, mut on: impl FnMut(Sample)) {
-        batch.sort_by_key(|sample| (sample.stamp, sample.reading.channel()));
+    pub fn take(&mut self, batch: &mut Vec<Sample>, now: Instant, on: impl FnMut(Sample)) {
+        batch.sort_by_key(order);
         for sample in batch.iter().filter(|s| s.reading.channel() == Channel::Displacement) {
             if self.stamps.len() == REMEMBERED {
                 self.stamps.pop_front();
@@ -57,34 +76,26 @@ impl Collator {
         }
         for sample in batch.drain(..) {
             let channel = sample.reading.channel();
-            if channel == Channel::Displacement {
-                self.held.push_back((sample, now + self.wait));
-            } else {
-                if let Some(index) = COMPANIONS.iter().position(|c| *c == channel) {
-                    let companion = &mut self.companions[index];
-                    companion.last = Some(sample.stamp);
-                    companion.shares |= self.stamps.contains(&sample.stamp);
-                }
-                // What came early is remembered by the pipeline, by stamp.
-                on(sample);
+            if let Some(index) = COMPANIONS.iter().position(|c| *c == channel) {
+                self.companions[index].note(sample.stamp, &self.stamps);
             }
+            let place = self.held.partition_point(|(held, _)| order(held) <= order(&sample));
+            self.held.insert(place, (sample, now + self.wait));
         }
         self.release(now, on);
     }
 
-    /// Hands on the displacements that are complete by now, or have waited long enough.
-    pub fn release(&mut self, now: Instant, mut on: impl FnMut(Sample)) {
+    /// Hands on what comes before the first displacement that still has to wait.
+    fn release(&mut self, now: Instant, mut on: impl FnMut(Sample)) {
         while let Some((sample, deadline)) = self.held.front() {
-            let lacking = |companion: &Companion| {
-                companion.shares && companion.last.is_some_and(|last| last < sample.stamp)
-            };
-            if self.companions.iter().any(lacking) {
-                if now < *deadline {
-                    return;
-                }
+            if sample.reading.channel() == Channel::Displacement {
                 let stamp = sample.stamp;
-                for companion in &mut self.companions {
-                    companion.shares &= companion.last.is_none_or(|last| last >= stamp);
+                let may_wait = now < *deadline && self.held.len() < HELD;
+                for companion in self.companions.iter_mut().filter(|companion| companion.lacks(stamp)) {
+                    if may_wait {
+                        return;
+                    }
+                    companion.shares = false;
                 }
             }
             if let Some((sample, _)) = self.held.pop_front() {
@@ -93,18 +104,23 @@ impl Collator {
         }
     }
 
-    /// True while a displacement is held back: then [`Collator::release`] wants calling.
+    /// True while something is held back: then [`Collator::take`] wants calling, if only with an empty batch.
     #[must_use]
     pub fn is_holding(&self) -> bool {
         !self.held.is_empty()
     }
 }
 
+/// What samples are sorted by: a displacement comes after all else of its stamp.
+fn order(sample: &Sample) -> (Stamp, Channel) {
+    (sample.stamp, sample.reading.channel())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use mr_damper_model::sample::{Drive, DriveKind, Reading};
-    use mr_damper_model::units::{Metre, Newton};
+    use mr_damper_model::units::{Metre, MetrePerSecond, Newton};
 
     const WAIT: Duration = Duration::from_millis(10);
 
@@ -113,6 +129,7 @@ mod tests {
         let reading = match channel {
             'x' => Reading::Displacement(Metre(0.0)),
             'i' => Reading::Drive(Drive::new(DriveKind::CoilCurrent, 0.0)),
+            'v' => Reading::Velocity(MetrePerSecond(0.0)),
             _ => Reading::Force(Newton(0.0)),
         };
         Sample { stamp, received: stamp, reading }
@@ -135,6 +152,7 @@ mod tests {
                 let name = match s.reading.channel() {
                     Channel::Displacement => 'x',
                     Channel::Drive => 'i',
+                    Channel::Velocity => 'v',
                     _ => 'f',
                 };
                 out.push(format!("{name}{}", s.stamp.nanos() / 1_000_000));
@@ -145,38 +163,69 @@ mod tests {
     }
 
     #[test]
+    fn the_first_displacement_waits_for_all_channels_for_a_while() {
+        insta::assert_snapshot!(story(&[(0, "x0 i0"), (4, "f0"), (10, ""), (11, "x11 i11 f11")]), @"
+            0 ms: i0
+            4 ms: f0
+           10 ms: x0
+           11 ms: i11 f11 x11
+        ");
+    }
+
+    #[test]
     fn a_displacement_waits_for_the_drive_of_its_stamp() {
-        insta::assert_snapshot!(story(&[(0, "x0 i0 f0"), (1, "x1 f1"), (2, "i1"), (3, "f2 x2"), (4, "x3 i2"), (5, "i3 f3")]), @"
-          0 ms: i0 f0 x0
-          1 ms: f1
-          2 ms: i1 x1
-          3 ms: f2
-          4 ms: i2 x2
-          5 ms: i3 f3 x3
+        let batches =
+            [(0, "x0 i0 f0 v0"), (1, "x1 f1 v1"), (2, "i1"), (3, "f2 x2 v2"), (4, "x3 i2"), (5, "i3 f3 v3")];
+        insta::assert_snapshot!(story(&batches), @"
+            0 ms: i0 v0 f0 x0
+            1 ms: v1 f1
+            2 ms: i1 x1
+            3 ms: v2 f2
+            4 ms: i2 x2
+            5 ms: i3 v3 f3 x3
         ");
     }
 
     #[test]
     fn a_drive_that_stops_costs_the_wait_once() {
-        insta::assert_snapshot!(story(&[(0, "i0 x0"), (1, "x1"), (5, "x5"), (11, "x11"), (12, "x12"), (13, "i12 x13"), (14, "i13")]), @"
-          0 ms: i0 x0
-          1 ms: 
-          5 ms: 
-         11 ms: x1 x5 x11
-         12 ms: x12
-         13 ms: i12
-         14 ms: i13 x13
+        let batches =
+            [(0, "i0 x0 f0 v0"), (1, "x1 f1 v1"), (5, "x5 f5 v5"), (11, "x11 f11 v11"), (12, "x12 f12 v12")];
+        insta::assert_snapshot!(story(&batches), @"
+            0 ms: i0 v0 f0 x0
+            1 ms: v1 f1
+            5 ms: 
+           11 ms: x1 v5 f5 x5 v11 f11 x11
+           12 ms: v12 f12 x12
+        ");
+    }
+
+    #[test]
+    fn a_drive_that_shares_stamps_again_is_waited_for_again() {
+        let batches =
+            [(0, "x0"), (10, "x10"), (20, "i20 x20"), (30, "x30"), (31, "i30"), (40, "x40"), (41, "i40")];
+        insta::assert_snapshot!(story(&batches), @"
+            0 ms: 
+           10 ms: x0 x10
+           20 ms: i20 x20
+           30 ms: x30
+           31 ms: i30
+           40 ms: 
+           41 ms: i40 x40
         ");
     }
 
     #[test]
     fn a_slower_drive_is_not_waited_for() {
-        insta::assert_snapshot!(story(&[(0, "i0"), (1, "x1"), (2, "x2"), (10, "x10"), (11, "i9")]), @"
-          0 ms: i0
-          1 ms: x1
-          2 ms: x2
-         10 ms: x10
-         11 ms: i9
+        let batches =
+            [(0, "i0 x0"), (10, "x10"), (11, ""), (20, "x20"), (30, "i30 x30"), (40, "x40"), (50, "x50")];
+        insta::assert_snapshot!(story(&batches), @"
+            0 ms: i0
+           10 ms: x0
+           11 ms: 
+           20 ms: x10 x20
+           30 ms: i30 x30
+           40 ms: x40
+           50 ms: x50
         ");
     }
 }
