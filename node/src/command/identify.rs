@@ -60,7 +60,7 @@ pub struct Args {
     #[arg(long, value_name = "HZ", default_value_t = 20.0)]
     pub cutoff: f64,
     /// Where velocity comes from.
-    #[arg(long, value_enum, default_value_t = VelocityArg::Backward)]
+    #[arg(long, value_enum, default_value_t = VelocityArg::Auto)]
     pub velocity: VelocityArg,
     /// Window of the slope when --velocity is slope, s.
     #[arg(long, value_name = "S", default_value_t = 0.01)]
@@ -102,6 +102,8 @@ pub enum FilterArg {
 /// Where velocity comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum VelocityArg {
+    /// For fuzzy-tanh the difference or slope that fits the runs best; for ARX the backward difference.
+    Auto,
     /// Backward difference of displacement.
     Backward,
     /// Least-squares slope over a trailing window.
@@ -120,11 +122,19 @@ struct Report<'a> {
     seed: u64,
     seconds: f64,
     rank: Option<usize>,
+    velocity: String,
+    velocity_trials: Vec<VelocityReport>,
     training: Scores,
     validation: Option<Scores>,
     runs: Vec<RunReport<'a>>,
     active_bounds: Vec<String>,
     restart_rsse_n: &'a [f64],
+}
+
+#[derive(Debug, Serialize)]
+struct VelocityReport {
+    velocity: String,
+    mean_esr: f64,
 }
 
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -174,6 +184,15 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         seed: args.seed,
         seconds,
         rank: found.rank,
+        velocity: velocity(found.model.conditioning.velocity, found.model.conditioning.slope_window_s),
+        velocity_trials: found
+            .velocity_trials
+            .iter()
+            .map(|trial| VelocityReport {
+                velocity: velocity(trial.velocity, trial.slope_window_s),
+                mean_esr: trial.mean_esr,
+            })
+            .collect(),
         training: Scores {
             free_run: found.free_run,
             one_step: found.one_step,
@@ -206,12 +225,13 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
             },
             cutoff_hz: args.cutoff,
             velocity: match args.velocity {
-                VelocityArg::Backward => VelocitySource::Backward,
+                VelocityArg::Auto | VelocityArg::Backward => VelocitySource::Backward,
                 VelocityArg::Slope => VelocitySource::Slope,
                 VelocityArg::Measured => VelocitySource::Measured,
             },
             slope_window_s: args.slope_window,
         },
+        choose_velocity: args.velocity == VelocityArg::Auto,
         dataset: DatasetOptions {
             moving_only: !args.all_samples,
             rate_hz: args.rate,
@@ -220,7 +240,6 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
         memberships: args.centres.clone().map(|centres| GivenMemberships { centres, sigma: args.sigma }),
         restarts: args.restarts,
         seed: args.seed,
-        ..Options::default()
     };
     options.conditioning.validate()?;
     let bar = if around.quiet { ProgressBar::hidden() } else { ProgressBar::new(0) };
@@ -292,6 +311,15 @@ fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Op
     }
 }
 
+/// A derivative in words.
+fn velocity(source: VelocitySource, slope_window_s: f64) -> String {
+    match source {
+        VelocitySource::Backward => "backward difference".to_owned(),
+        VelocitySource::Slope => format!("slope over {slope_window_s} s"),
+        VelocitySource::Measured => "measured".to_owned(),
+    }
+}
+
 fn run_report(run: &mr_damper_model::identify::RunFit) -> RunReport<'_> {
     RunReport {
         run: &run.name,
@@ -305,11 +333,12 @@ fn run_report(run: &mr_damper_model::identify::RunFit) -> RunReport<'_> {
 
 fn table(report: &Report<'_>, out: &Path) -> String {
     let mut text = format!(
-        "{} ({}), {} parameters, {} runs, {:.1} s\n",
+        "{} ({}), {} parameters, {} runs, velocity by {}, {:.1} s\n",
         report.model,
         report.form,
         report.parameters,
         report.runs.len(),
+        report.velocity,
         report.seconds
     );
     let mut row = |name: &str, fit: &Option<Fit>| {
