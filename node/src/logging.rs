@@ -1,5 +1,6 @@
 //! Logs go to stderr; stdout belongs to results.
 
+use crate::live::held_log;
 use clap::ValueEnum;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt;
@@ -17,12 +18,13 @@ pub enum LogFormat {
 /// Starts logging at `level` (`RUST_LOG` is stronger). Called once, before anything is logged.
 pub fn start(format: LogFormat, level: &str) {
     // The middlewares are chatty. What matters of them shows in our own counters and messages; their errors
-    // are still let through, except two that say nothing: a missing ROS_DISTRO, and a publisher without readers.
+    // are still let through, except three that say nothing: a missing ROS_DISTRO, a publisher without readers, and
+    // leaving a multicast group that loopback never joined.
     let default = format!(
-        "{level},rustdds=error,ros2_client=error,ros2_client::distributions=off,ros2_client::node=off,zenoh=error"
+        "{level},rustdds=error,rustdds::network::udp_listener=off,ros2_client=error,ros2_client::distributions=off,ros2_client::node=off,zenoh=error"
     );
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
-    let lines = fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false);
+    let lines = fmt().with_env_filter(filter).with_writer(|| held_log::Writer).with_target(false);
     // A second start (in tests) leaves the first in place.
     let _ = match format {
         LogFormat::Text => {

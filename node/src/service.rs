@@ -53,6 +53,7 @@ impl Service {
     /// When a model does not load, or ROS or Zenoh do not start. What had started by then is stopped.
     pub fn start(config: &Config, args: &RosArgs, watch: bool) -> Result<(Self, Option<Inlet>), NodeError> {
         let (models, names) = models::from_config(config)?;
+        let velocity = models.free.conditioning.velocity;
         let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
         let pipeline = Pipeline::new(models, settings)?;
         let hot: Arc<Mutex<Option<Hot>>> = Arc::new(Mutex::new(None));
@@ -87,7 +88,7 @@ impl Service {
             Hot::start(pipeline, outlets).map_err(NodeError::io("starting the estimating thread"))?;
         let hot_counters = running.counters();
         *lock(&hot) = Some(running);
-        let source = RosSource::start(&mut ros, args, config, samples)?;
+        let source = RosSource::start(&mut ros, args, config, velocity, samples)?;
         let counters =
             Counters { hot: hot_counters, source: source.counters(), ros_sink: ros_sink.counters() };
         let service = Self { ros, source, hot, ros_sink, zenoh, counters, names: shared_names };

@@ -42,6 +42,7 @@ pub fn run(args: &NodeArgs, around: &Surroundings) -> Result<(), NodeError> {
         samples = counters.hot.samples.load(Ordering::Relaxed),
         refused = counters.ros_sink.refused.load(Ordering::Relaxed),
         lost = counters.hot.overflow.load(Ordering::Relaxed),
+        incomplete = counters.source.incomplete.load(Ordering::Relaxed),
         estimates = counters.ros_sink.estimates.load(Ordering::Relaxed),
         residuals = counters.ros_sink.residuals.load(Ordering::Relaxed),
         "the node has ended"

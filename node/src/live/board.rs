@@ -36,6 +36,8 @@ pub struct Counts {
     pub refused: u64,
     /// Samples and events that a full queue lost.
     pub lost: u64,
+    /// Displacements that went on without an input of their stamp, though they had waited for it.
+    pub incomplete: u64,
     /// Estimates that the node published.
     pub estimates: u64,
     /// Estimates that a subscriber got.

@@ -19,7 +19,8 @@ fn board() -> Board {
     for k in 0..=600 {
         step(&mut board, k);
     }
-    board.counts = Counts { sent: 1603, taken: 1603, refused: 0, lost: 2, estimates: 601, heard: 601 };
+    board.counts =
+        Counts { sent: 1603, taken: 1603, refused: 0, lost: 2, incomplete: 0, estimates: 601, heard: 601 };
     board.played_s = 6.0;
     board
 }

@@ -11,10 +11,11 @@ use std::fmt::Write;
 pub fn text(outcome: &Outcome) -> String {
     // Writing to a string cannot fail.
     let mut text = String::new();
-    let _ = writeln!(text, "{:<42} {:>18}  {:>8} {:>8}  {:>8}", "", "RSSE", "ESR", "samples", "offline");
+    let width = outcome.figures.iter().map(|figure| figure.name.chars().count()).max().unwrap_or(0);
+    let _ = writeln!(text, "{:<width$} {:>18}  {:>8} {:>8}  {:>8}", "", "RSSE", "ESR", "samples", "offline");
     for figure in &outcome.figures {
         let offline = figure.offline.map_or("-".to_owned(), |fit| format!("{:.5}", fit.esr));
-        let _ = writeln!(text, "{:<42} {}  {offline:>8}", figure.name, cells(figure.live));
+        let _ = writeln!(text, "{:<width$} {}  {offline:>8}", figure.name, cells(figure.live));
     }
     if let Some(agreement) = outcome.agreement {
         let _ = writeln!(text, "{}", agreement.text());

@@ -5,9 +5,9 @@
 //! published (ours does, under load: one queue a writer). So a displacement is held back while a channel that
 //! *usually shares its stamps* lacks the reading of this one, for at most a set time.
 //!
-//! A channel is taken to share stamps until one was waited for in vain, and again once its readings have borne the very
-//! stamps of two displacements in a row. So the first displacement waits for the first drive; a slower drive, one
-//! with stamps of its own, or one that stops, costs the wait once.
+//! Drive and force are taken to share stamps, and velocity if the model wants it, until one was waited for in vain; and
+//! again once its readings have borne the very stamps of two displacements in a row. So the first displacement waits
+//! for the first drive; a slower drive, one with stamps of its own, or one that stops, costs the wait once.
 
 use mr_damper_model::sample::{Channel, Sample, Stamp};
 use std::collections::VecDeque;
@@ -51,15 +51,20 @@ pub struct Collator {
     /// Sorted by stamp, then by channel; with the time when it goes on at the latest.
     held: VecDeque<(Sample, Instant)>,
     stamps: VecDeque<Stamp>,
+    incomplete: u64,
 }
 
 impl Collator {
     /// A collator that holds a displacement back for at most `wait`.
     #[must_use]
-    pub fn new(wait: Duration) -> Self {
+    pub fn new(wait: Duration, wants_velocity: bool) -> Self {
         Self {
             wait,
-            companions: [Companion { last: None, shares: true }; COMPANIONS.len()],
+            companions: COMPANIONS.map(|channel| Companion {
+                last: None,
+                shares: wants_velocity || channel != Channel::Velocity,
+            }),
+            incomplete: 0,
             held: VecDeque::with_capacity(HELD),
             stamps: VecDeque::with_capacity(REMEMBERED),
         }
@@ -90,18 +95,26 @@ impl Collator {
         while let Some((sample, deadline)) = self.held.front() {
             if sample.reading.channel() == Channel::Displacement {
                 let stamp = sample.stamp;
-                let may_wait = now < *deadline && self.held.len() < HELD;
-                for companion in self.companions.iter_mut().filter(|companion| companion.lacks(stamp)) {
-                    if may_wait {
+                if self.companions.iter().any(|companion| companion.lacks(stamp)) {
+                    if now < *deadline && self.held.len() < HELD {
                         return;
                     }
-                    companion.shares = false;
+                    self.incomplete += 1;
+                    for companion in self.companions.iter_mut().filter(|companion| companion.lacks(stamp)) {
+                        companion.shares = false;
+                    }
                 }
             }
             if let Some((sample, _)) = self.held.pop_front() {
                 on(sample);
             }
         }
+    }
+
+    /// Displacements that went on without what was waited for.
+    #[must_use]
+    pub fn incomplete(&self) -> u64 {
+        self.incomplete
     }
 
     /// True while something is held back: then [`Collator::take`] wants calling, if only with an empty batch.
@@ -138,7 +151,7 @@ mod tests {
     /// Feeds batches such as "i0 x0" at the given times (ms) and writes down what comes out when.
     fn story(batches: &[(u64, &str)]) -> String {
         let start = Instant::now();
-        let mut collator = Collator::new(WAIT);
+        let mut collator = Collator::new(WAIT, true);
         let mut lines = Vec::new();
         for (at_ms, batch) in batches {
             let mut batch: Vec<Sample> = batch
@@ -159,6 +172,7 @@ mod tests {
             });
             lines.push(format!("{at_ms:>3} ms: {}", out.join(" ")));
         }
+        lines.push(format!("incomplete: {}", collator.incomplete()));
         lines.join("\n")
     }
 
@@ -169,6 +183,7 @@ mod tests {
             4 ms: f0
            10 ms: x0
            11 ms: i11 f11 x11
+          incomplete: 1
         ");
     }
 
@@ -183,6 +198,7 @@ mod tests {
             3 ms: v2 f2
             4 ms: i2 x2
             5 ms: i3 v3 f3 x3
+          incomplete: 0
         ");
     }
 
@@ -196,6 +212,7 @@ mod tests {
             5 ms: 
            11 ms: x1 v5 f5 x5 v11 f11 x11
            12 ms: v12 f12 x12
+          incomplete: 1
         ");
     }
 
@@ -211,6 +228,7 @@ mod tests {
            31 ms: i30
            40 ms: 
            41 ms: i40 x40
+          incomplete: 1
         ");
     }
 
@@ -226,6 +244,7 @@ mod tests {
            30 ms: i30 x30
            40 ms: x40
            50 ms: x50
+          incomplete: 2
         ");
     }
 }

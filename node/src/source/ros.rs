@@ -11,6 +11,7 @@ use crate::error::NodeError;
 use crate::hot::{SampleSink, now};
 use crate::ros::Ros;
 use futures::stream::{LocalBoxStream, StreamExt};
+use mr_damper_model::condition::VelocitySource;
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
 use mr_damper_msgs::standard::{Float64, Header, JointState, Temperature};
@@ -36,6 +37,8 @@ pub struct SourceCounters {
     pub messages: AtomicU64,
     /// Messages that could not be read (broken CDR, a joint that is not in the message).
     pub unreadable: AtomicU64,
+    /// Displacements that went on without an input of their stamp, though they had waited for it.
+    pub incomplete: AtomicU64,
 }
 
 /// One input topic, whatever its message type.
@@ -69,7 +72,7 @@ pub struct RosSource {
 }
 
 impl RosSource {
-    /// Subscribes to the input topics and starts the thread that takes them.
+    /// Subscribes to the input topics and starts the thread that takes them. `velocity`: where the model has it from.
     ///
     /// # Errors
     /// When a topic cannot be subscribed or the system starts no thread.
@@ -77,6 +80,7 @@ impl RosSource {
         ros: &mut Ros,
         args: &RosArgs,
         config: &Config,
+        velocity: VelocitySource,
         samples: SampleSink,
     ) -> Result<Self, NodeError> {
         let mut channels = Vec::with_capacity(6);
@@ -93,7 +97,8 @@ impl RosSource {
         });
         let counters = Arc::new(SourceCounters::default());
         let stop = Arc::new(AtomicBool::new(false));
-        let collator = Collator::new(Duration::from_secs_f64(config.align_wait_s));
+        let wait = Duration::from_secs_f64(config.align_wait_s);
+        let collator = Collator::new(wait, velocity == VelocitySource::Measured);
         let thread = std::thread::Builder::new()
             .name("ros-source".to_owned())
             .spawn({
@@ -246,6 +251,7 @@ fn pump(
         let worked = !batch.is_empty();
         collator.take(&mut batch, Instant::now(), |sample| samples.push(sample));
         samples.flush();
+        counters.incomplete.store(collator.incomplete(), Ordering::Relaxed);
         if drained && !worked {
             std::thread::park_timeout(if collator.is_holding() { HOLDING_NAP } else { NAP });
         }

@@ -58,6 +58,7 @@ impl Shown {
             row("samples", format!("{} published, {} taken, {} refused", c.sent, c.taken, c.refused)),
             row("estimates", format!("{} published, {} heard by a subscriber", c.estimates, c.heard)),
             row("lost in full queues", c.lost.to_string()),
+            row("estimated without an input of their stamp, waited for in vain", c.incomplete.to_string()),
             row("from stamp to node", latency(&self.to_node)),
             row("from stamp to a subscriber's estimate", latency(&self.round_trip)),
         ]
@@ -88,6 +89,7 @@ impl Shared {
             taken: load(&counters.hot.samples),
             refused: load(&counters.ros_sink.refused),
             lost: load(&counters.hot.overflow) + load(&counters.source.unreadable) + load(&self.unseen),
+            incomplete: load(&counters.source.incomplete),
             estimates: load(&counters.ros_sink.estimates),
             heard: load(&self.heard),
         }
