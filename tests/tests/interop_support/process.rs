@@ -106,7 +106,8 @@ impl Program {
     }
 
     fn send(&self, signal: &str, target: &str) -> bool {
-        let shell = format!("kill -{signal} -- {target} 2>/dev/null");
+        // Without `--`: dash takes that for a process.
+        let shell = format!("kill -{signal} {target} 2>/dev/null");
         Command::new("sh").args(["-c", &shell]).status().is_ok_and(|status| status.success())
     }
 }
