@@ -292,8 +292,6 @@ fn configuration(args: &Args, ros_args: &RosArgs) -> Result<Config, NodeError> {
         model: preset::BEST_FUZZY_TANH.to_owned(),
         discovery_range: "localhost".to_owned(),
         domain_id: args.domain_id.unwrap_or(if from_environment { -1 } else { DOMAIN }),
-        // The figures must be those of a run without ROS, on a busy machine too.
-        align_wait_s: 0.05,
         ..Config::default()
     };
     config.zenoh.listen = vec![format!("tcp/127.0.0.1:{}", free_port()?)];

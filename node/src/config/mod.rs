@@ -104,7 +104,7 @@ impl Default for Config {
             coil_current: InputConfig::default(),
             command_voltage: InputConfig::default(),
             measured_force: InputConfig::default(),
-            align_wait_s: 0.01,
+            align_wait_s: 0.05,
             domain_id: -1,
             discovery_range: "system_default".to_owned(),
             zenoh: ZenohSettings {
