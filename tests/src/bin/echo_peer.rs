@@ -58,7 +58,7 @@ fn main() -> Outcome<()> {
                         continue;
                     }
                 };
-                match publisher.async_publish(answer).await {
+                match publisher.publish(answer) {
                     Ok(()) => echoed += 1,
                     Err(error) => eprintln!("echo_peer: an estimate was not sent: {error}"),
                 }
