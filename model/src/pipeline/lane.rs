@@ -136,11 +136,12 @@ impl FreeLane {
         if given.dt_s.is_none() {
             self.reset();
         }
-        let inputs = self.front.step(given, reasons)?;
+        let inputs = self.front.step(given, reasons);
         if !drive_is_there(&self.model.force, given) {
             *reasons |= Reasons::DRIVE_MISSING;
             return None;
         }
+        let inputs = inputs?;
         if outside(&self.model.envelope, &self.model.force, &inputs) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }

@@ -1,0 +1,153 @@
+//! Bad input over real DDS: the node refuses it one by one, says so, and loses nothing of what is good.
+
+use mr_damper_model::pipeline::{Event, Mode, Reasons, Refused, Validity};
+use mr_damper_model::sample::{Channel, Stamp};
+use mr_damper_msgs::{CoilCurrent, Displacement, Force};
+use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::hot::now;
+use mr_damper_node::ros::Ros;
+use mr_damper_node::service::Service;
+use mr_damper_node::wire::header;
+use ros2_client::{NodeOptions, Publisher};
+use std::time::{Duration, Instant};
+
+const PERIOD: Duration = Duration::from_millis(2);
+
+/// A peer of a node on `domain_id`, and the node's events.
+struct Bench {
+    config: Config,
+    ros: Ros,
+    displacement: Publisher<Displacement>,
+    current: Publisher<CoilCurrent>,
+    force: Publisher<Force>,
+}
+
+impl Bench {
+    fn new(domain_id: i64) -> Self {
+        let mut config = Config { domain_id, align_wait_s: 0.2, ..Config::default() };
+        config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".into())).expect("a text");
+        let mut ros =
+            Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
+        let displacement = ros.publish("/displacement").expect("a topic");
+        let current = ros.publish("/coil_current").expect("a topic");
+        let force = ros.publish("/measured_force").expect("a topic");
+        Self { config, ros, displacement, current, force }
+    }
+
+    fn send_displacement(&self, stamp: Stamp, displacement: f64) {
+        let message = Displacement { header: header(stamp, ""), displacement, variance: 0.0 };
+        self.displacement.publish(message).expect("sent");
+    }
+
+    fn send_current(&self, stamp: Stamp, current: f64) {
+        self.current
+            .publish(CoilCurrent { header: header(stamp, ""), current, variance: 0.0 })
+            .expect("sent");
+    }
+
+    fn send_force(&self, stamp: Stamp, force: f64) {
+        self.force.publish(Force { header: header(stamp, ""), force, variance: 0.0 }).expect("sent");
+    }
+
+    /// Runs the service, calls `send` for samples 0 to `count` with their stamps, and returns all events once `count`
+    /// estimates have come.
+    fn events(self, count: usize, send: impl Fn(&Self, usize, Stamp)) -> Vec<Event> {
+        let (service, inlet) =
+            Service::start(&self.config, &RosArgs::default(), true).expect("the service starts");
+        let mut inlet = inlet.expect("an inlet was asked for");
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while self.displacement.get_subscription_count(self.ros.node()) == 0 {
+            assert!(Instant::now() < deadline, "the node listens");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        std::thread::sleep(Duration::from_millis(300));
+        let (start, first) = (Instant::now(), now());
+        for k in 0..count {
+            let since = PERIOD * u32::try_from(k).expect("few samples");
+            std::thread::sleep((start + since).saturating_duration_since(Instant::now()));
+            send(&self, k, first.shifted(i64::try_from(since.as_nanos()).expect("some seconds")));
+        }
+        let (mut events, mut estimates) = (Vec::new(), 0);
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while estimates < count && Instant::now() < deadline {
+            while let Ok(event) = inlet.events.pop() {
+                estimates += usize::from(matches!(event, Event::Estimate(_)));
+                events.push(event);
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        service.stop().expect("no thread panicked");
+        let Self { ros, displacement, current, force, .. } = self;
+        drop((displacement, current, force));
+        ros.stop();
+        events
+    }
+}
+
+#[test]
+fn each_bad_sample_is_refused_and_flagged_and_no_good_one_is_lost() {
+    let events = Bench::new(94).events(1000, |bench, k, stamp| {
+        let t = k as f64 * PERIOD.as_secs_f64();
+        bench.send_current(stamp, 0.8);
+        if k < 700 {
+            bench.send_force(stamp, 400.0 * (6.0 * t).cos());
+        }
+        bench.send_displacement(stamp, 0.01 * (6.0 * t).sin());
+        match k {
+            100 => bench.send_displacement(stamp.shifted(1_000_000), f64::NAN),
+            150 => bench.send_current(stamp.shifted(1_000_000), f64::INFINITY),
+            200 => bench.send_force(stamp.shifted(1_000_000), f64::NAN),
+            250 => bench.send_displacement(stamp.shifted(-10_000_000_000), 0.0),
+            300 => bench.send_force(stamp.shifted(-5_000_000), 0.0),
+            _ => {}
+        }
+    });
+    let refused: Vec<_> = events
+        .iter()
+        .filter_map(|event| match event {
+            Event::Refusal(refusal) => Some((refusal.sample.reading.channel(), refusal.why)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(
+        refused,
+        [
+            (Channel::Displacement, Refused::NotFinite),
+            (Channel::Drive, Refused::NotFinite),
+            (Channel::Force, Refused::NotFinite),
+            (Channel::Displacement, Refused::TimeBack),
+            (Channel::Force, Refused::TimeBack),
+        ]
+    );
+    let estimates: Vec<_> = events
+        .iter()
+        .filter_map(|event| if let Event::Estimate(estimate) = event { Some(estimate) } else { None })
+        .collect();
+    assert_eq!(estimates.len(), 1000, "one for each good displacement");
+    let (first, others) = estimates.split_first().expect("there are some");
+    assert!(first.reasons.has(Reasons::SETTLING), "velocity wants two displacements: {first:?}");
+    assert!(others.iter().all(|estimate| estimate.force.get().abs() < 5000.0), "and a force in each");
+    let flagged = estimates.iter().filter(|estimate| estimate.reasons.has(Reasons::INPUT_REFUSED));
+    assert_eq!(flagged.count(), refused.len(), "the estimate after a refusal says so");
+    let modes: Vec<_> = events
+        .iter()
+        .filter_map(|event| if let Event::Transition(t) = event { Some(t.to) } else { None })
+        .collect();
+    assert!(modes.ends_with(&[Mode::Arx, Mode::ArxCoast, Mode::Model]), "force that stops: {modes:?}");
+}
+
+#[test]
+fn without_any_current_every_estimate_is_invalid_and_says_why() {
+    let events =
+        Bench::new(95).events(200, |bench, k, stamp| bench.send_displacement(stamp, 1e-5 * k as f64));
+    let estimates: Vec<_> = events
+        .iter()
+        .filter_map(|event| if let Event::Estimate(estimate) = event { Some(estimate) } else { None })
+        .collect();
+    assert_eq!(estimates.len(), 200);
+    for estimate in estimates {
+        assert!(estimate.force.get().is_nan(), "no plausible number");
+        assert_eq!((estimate.validity, estimate.mode), (Validity::Invalid, Mode::Fault));
+        assert!(estimate.reasons.has(Reasons::DRIVE_MISSING));
+    }
+}
