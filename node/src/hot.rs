@@ -9,12 +9,13 @@
 //! put something into a ring unparks it. A ring that is full drops and counts: a slow sink loses its own
 //! events and nobody else's. Old models need no freeing, because models are `Copy`.
 
+use crate::worker::{Stop, Worker};
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
 use mr_damper_model::sample::{Sample, Stamp};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread::{JoinHandle, Thread};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::Thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Samples that may wait for the estimating thread: one second of five channels at 3 kHz.
@@ -132,9 +133,8 @@ impl SampleSink {
 /// The estimating thread, from outside.
 pub struct Hot {
     commands: Producer<Command>,
-    stop: Arc<AtomicBool>,
     counters: Arc<HotCounters>,
-    thread: JoinHandle<()>,
+    worker: Worker,
 }
 
 impl Hot {
@@ -145,24 +145,19 @@ impl Hot {
     pub fn start(pipeline: Pipeline, outlets: Vec<Outlet>) -> std::io::Result<(Self, SampleSink)> {
         let (sample_ring, samples) = RingBuffer::new(SAMPLES);
         let (commands, command_ring) = RingBuffer::new(COMMANDS);
-        let stop = Arc::new(AtomicBool::new(false));
         let counters = Arc::new(HotCounters::default());
-        let thread = std::thread::Builder::new().name("estimating".to_owned()).spawn({
-            let (stop, counters) = (Arc::clone(&stop), Arc::clone(&counters));
-            move || run(pipeline, outlets, samples, command_ring, &stop, &counters)
+        let worker = Worker::start("estimating", {
+            let counters = Arc::clone(&counters);
+            move |stop| run(pipeline, outlets, samples, command_ring, stop, &counters)
         })?;
-        let sink = SampleSink {
-            ring: sample_ring,
-            counters: Arc::clone(&counters),
-            thread: thread.thread().clone(),
-        };
-        Ok((Self { commands, stop, counters, thread }, sink))
+        let sink = SampleSink { ring: sample_ring, counters: Arc::clone(&counters), thread: worker.thread() };
+        Ok((Self { commands, counters, worker }, sink))
     }
 
     /// Asks for a change; `false` when too many are waiting already.
     pub fn command(&mut self, command: Command) -> bool {
         let sent = self.commands.push(command).is_ok();
-        self.thread.thread().unpark();
+        self.worker.thread().unpark();
         sent
     }
 
@@ -175,7 +170,7 @@ impl Hot {
     /// True while the thread runs; false after a panic.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        !self.thread.is_finished()
+        self.worker.is_alive()
     }
 
     /// Lets the thread finish what is in its ring, and ends it. `Err` when it had panicked.
@@ -183,9 +178,7 @@ impl Hot {
     /// # Errors
     /// The panic's payload.
     pub fn stop(self) -> std::thread::Result<()> {
-        self.stop.store(true, Ordering::Release);
-        self.thread.thread().unpark();
-        self.thread.join()
+        self.worker.stop()
     }
 }
 
@@ -194,7 +187,7 @@ fn run(
     mut outlets: Vec<Outlet>,
     mut samples: Consumer<Sample>,
     mut commands: Consumer<Command>,
-    stop: &AtomicBool,
+    stop: &Stop,
     counters: &HotCounters,
 ) {
     let mut overflow_seen = 0;
@@ -218,7 +211,7 @@ fn run(
         if worked {
             continue;
         }
-        if stop.load(Ordering::Acquire) {
+        if stop.is_raised() {
             return;
         }
         let mut fanout = Fanout::new(&mut outlets);

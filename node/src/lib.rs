@@ -20,5 +20,6 @@ pub mod service;
 pub mod sink;
 pub mod source;
 pub mod wire;
+pub mod worker;
 
 pub use error::NodeError;

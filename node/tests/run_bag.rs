@@ -1,58 +1,15 @@
 //! Runs as rosbag2 bags: lossless both ways, what other recorders write, and reading what is broken.
 
+mod run_support;
+
 use mr_damper_model::sample::DriveKind;
-use mr_damper_msgs::standard::{Float64, Header, JointState, Time};
+use mr_damper_msgs::standard::{Float64, JointState};
 use mr_damper_msgs::{Displacement, Force, Message, cdr};
 use mr_damper_node::run::{
-    BagOptions, BagWriter, LoadOptions, Loaded, Note, RunError, SaveOptions, Sync, Topic, convert, load, save,
+    BagOptions, BagWriter, LoadOptions, Note, RunError, SaveOptions, Sync, Topic, convert, load, save,
 };
+use run_support::*;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
-use tempfile::TempDir;
-
-fn temporary() -> TempDir {
-    tempfile::tempdir().expect("temporary directory")
-}
-
-fn plain() -> LoadOptions {
-    LoadOptions::default()
-}
-
-fn read(path: &Path) -> Loaded {
-    load(path, &plain()).unwrap_or_else(|error| panic!("{error}"))
-}
-
-fn refusal(path: &Path, options: &LoadOptions) -> String {
-    let error = load(path, options).expect_err("must be refused").to_string();
-    let parent = path.parent().map(|parent| format!("{}/", parent.display())).unwrap_or_default();
-    error.replace(&parent, "")
-}
-
-/// The one MCAP file of a bag.
-fn mcap_of(bag: &Path) -> PathBuf {
-    let files = std::fs::read_dir(bag).expect("listed").map(|entry| entry.expect("entry").path());
-    files.into_iter().find(|path| path.extension().is_some_and(|e| e == "mcap")).expect("an MCAP file")
-}
-
-fn at(nanos: i64) -> Header {
-    Header { stamp: Time::from_nanos(nanos).expect("in range"), frame_id: String::new() }
-}
-
-fn displacement(nanos: i64, displacement: f64) -> Displacement {
-    Displacement { header: at(nanos), displacement, variance: 0.0 }
-}
-
-/// Writes a bag by hand.
-fn bag(dir: &Path, options: BagOptions, fill: impl FnOnce(&mut BagWriter) -> Result<(), RunError>) {
-    let mut writer = BagWriter::create(dir, options).expect("created");
-    fill(&mut writer).expect("filled");
-    let _summary = writer.finish().expect("finished");
-}
-
-/// Small chunks, so that a short bag has many.
-fn small_chunks(compress: bool) -> BagOptions {
-    BagOptions { chunk_max_bytes: 2000, compress, ..BagOptions::default() }
-}
 
 /// A CSV text in canonical form with all known columns, both drives, others, and cells left empty.
 fn canonical(rows: usize) -> String {

@@ -1,57 +1,14 @@
 //! Bags that are cut off, damaged or hostile: what can be read is read, and nothing panics.
 
+mod run_support;
+
 use mr_damper_model::sample::Run;
-use mr_damper_msgs::standard::{Header, Time};
-use mr_damper_msgs::{Displacement, Force};
-use mr_damper_node::run::{BagOptions, BagWriter, LoadOptions, Loaded, Note, RunError, load};
+use mr_damper_msgs::Force;
+use mr_damper_node::run::{BagOptions, BagWriter, Note, load};
 use proptest::prelude::*;
+use run_support::*;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use tempfile::TempDir;
-
-fn temporary() -> TempDir {
-    tempfile::tempdir().expect("temporary directory")
-}
-
-fn plain() -> LoadOptions {
-    LoadOptions::default()
-}
-
-fn read(path: &Path) -> Loaded {
-    load(path, &plain()).unwrap_or_else(|error| panic!("{error}"))
-}
-
-fn refusal(path: &Path, options: &LoadOptions) -> String {
-    let error = load(path, options).expect_err("must be refused").to_string();
-    let parent = path.parent().map(|parent| format!("{}/", parent.display())).unwrap_or_default();
-    error.replace(&parent, "")
-}
-
-/// The one MCAP file of a bag.
-fn mcap_of(bag: &Path) -> PathBuf {
-    let files = std::fs::read_dir(bag).expect("listed").map(|entry| entry.expect("entry").path());
-    files.into_iter().find(|path| path.extension().is_some_and(|e| e == "mcap")).expect("an MCAP file")
-}
-
-fn at(nanos: i64) -> Header {
-    Header { stamp: Time::from_nanos(nanos).expect("in range"), frame_id: String::new() }
-}
-
-fn displacement(nanos: i64, displacement: f64) -> Displacement {
-    Displacement { header: at(nanos), displacement, variance: 0.0 }
-}
-
-/// Writes a bag by hand.
-fn bag(dir: &Path, options: BagOptions, fill: impl FnOnce(&mut BagWriter) -> Result<(), RunError>) {
-    let mut writer = BagWriter::create(dir, options).expect("created");
-    fill(&mut writer).expect("filled");
-    let _summary = writer.finish().expect("finished");
-}
-
-/// Small chunks, so that a short bag has many.
-fn small_chunks(compress: bool) -> BagOptions {
-    BagOptions { chunk_max_bytes: 2000, compress, ..BagOptions::default() }
-}
 
 /// True when every channel of `part` is a beginning of that of `whole`.
 fn is_prefix(part: &Run, whole: &Run) -> bool {

@@ -9,13 +9,13 @@ use crate::error::NodeError;
 use crate::hot::Inlet;
 use crate::ros::Ros;
 use crate::wire::{self, ModelNames};
+use crate::worker::{Stop, Worker};
 use mr_damper_model::pipeline::{Event, Refusal, Refused};
 use mr_damper_model::sample::Channel;
 use mr_damper_msgs::{ForceEstimate, ForceResidual, ModeChange};
 use ros2_client::Publisher;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, RwLock};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// How long the thread sleeps when nobody wakes it.
@@ -41,8 +41,7 @@ pub type SharedNames = Arc<RwLock<ModelNames>>;
 
 /// The running sink.
 pub struct RosSink {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<()>,
+    worker: Worker,
     counters: Arc<RosSinkCounters>,
 }
 
@@ -63,26 +62,24 @@ impl RosSink {
             residual: ros.publish(&args.topic("force_residual"))?,
             mode: ros.publish(&args.topic("mode"))?,
         };
-        let stop = Arc::new(AtomicBool::new(false));
         let counters = Arc::new(RosSinkCounters::default());
         let frame_id = args.namespace().trim_start_matches('/').replace('/', "_");
-        let thread = std::thread::Builder::new()
-            .name("ros-sink".to_owned())
-            .spawn({
-                let (stop, counters) = (Arc::clone(&stop), Arc::clone(&counters));
-                move || {
-                    Worker { publishers, names, frame_id, counters, log: RefusalLog::default() }
-                        .run(inlet, &stop)
-                }
-            })
+        let publishing = Publishing {
+            publishers,
+            names,
+            frame_id,
+            counters: Arc::clone(&counters),
+            log: RefusalLog::default(),
+        };
+        let worker = Worker::start("ros-sink", move |stop| publishing.run(inlet, stop))
             .map_err(NodeError::io("starting the thread that publishes ROS messages"))?;
-        Ok(Self { stop, thread, counters })
+        Ok(Self { worker, counters })
     }
 
     /// The sink's thread, for waking.
     #[must_use]
     pub fn thread(&self) -> std::thread::Thread {
-        self.thread.thread().clone()
+        self.worker.thread()
     }
 
     /// The sink's counters.
@@ -94,7 +91,7 @@ impl RosSink {
     /// True while the thread runs; false after a panic.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        !self.thread.is_finished()
+        self.worker.is_alive()
     }
 
     /// Publishes what is left in the ring, ends the thread and drops the publishers. `Err` when it had panicked.
@@ -102,13 +99,11 @@ impl RosSink {
     /// # Errors
     /// The panic's payload.
     pub fn stop(self) -> std::thread::Result<()> {
-        self.stop.store(true, Ordering::Release);
-        self.thread.thread().unpark();
-        self.thread.join()
+        self.worker.stop()
     }
 }
 
-struct Worker {
+struct Publishing {
     publishers: Publishers,
     names: SharedNames,
     frame_id: String,
@@ -116,11 +111,11 @@ struct Worker {
     log: RefusalLog,
 }
 
-impl Worker {
-    fn run(mut self, mut inlet: Inlet, stop: &AtomicBool) {
+impl Publishing {
+    fn run(mut self, mut inlet: Inlet, stop: &Stop) {
         loop {
             // Read before draining: what is in the ring when stop is set is still published.
-            let last_round = stop.load(Ordering::Acquire);
+            let last_round = stop.is_raised();
             while let Ok(event) = inlet.events.pop() {
                 self.publish(&event);
             }

@@ -10,6 +10,7 @@ use crate::config::{Config, InputConfig, RosArgs};
 use crate::error::NodeError;
 use crate::hot::{SampleSink, now};
 use crate::ros::Ros;
+use crate::worker::{Stop, Worker};
 use futures::stream::{LocalBoxStream, StreamExt};
 use mr_damper_model::condition::VelocitySource;
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
@@ -18,9 +19,9 @@ use mr_damper_msgs::standard::{Float64, Header, JointState, Temperature};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
 use ros2_client::Subscription;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll, Wake, Waker};
-use std::thread::{JoinHandle, Thread};
+use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 /// Messages taken from all topics before they are sorted and handed on.
@@ -66,8 +67,7 @@ type Taken = Option<(i64, f64)>;
 
 /// The running source.
 pub struct RosSource {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<()>,
+    worker: Worker,
     counters: Arc<SourceCounters>,
 }
 
@@ -96,17 +96,14 @@ impl RosSource {
             offset: 0.0,
         });
         let counters = Arc::new(SourceCounters::default());
-        let stop = Arc::new(AtomicBool::new(false));
         let wait = Duration::from_secs_f64(config.align_wait_s);
         let collator = Collator::new(wait, velocity == VelocitySource::Measured);
-        let thread = std::thread::Builder::new()
-            .name("ros-source".to_owned())
-            .spawn({
-                let (counters, stop) = (Arc::clone(&counters), Arc::clone(&stop));
-                move || pump(&channels, samples, collator, &counters, &stop)
-            })
-            .map_err(NodeError::io("starting the thread that takes ROS messages"))?;
-        Ok(Self { stop, thread, counters })
+        let worker = Worker::start("ros-source", {
+            let counters = Arc::clone(&counters);
+            move |stop| pump(&channels, samples, collator, &counters, stop)
+        })
+        .map_err(NodeError::io("starting the thread that takes ROS messages"))?;
+        Ok(Self { worker, counters })
     }
 
     /// The source's counters.
@@ -118,7 +115,7 @@ impl RosSource {
     /// True while the thread runs; false after a panic.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        !self.thread.is_finished()
+        self.worker.is_alive()
     }
 
     /// Ends the thread and drops the subscriptions. `Err` when it had panicked.
@@ -126,9 +123,7 @@ impl RosSource {
     /// # Errors
     /// The panic's payload.
     pub fn stop(self) -> std::thread::Result<()> {
-        self.stop.store(true, Ordering::Release);
-        self.thread.thread().unpark();
-        self.thread.join()
+        self.worker.stop()
     }
 }
 
@@ -225,13 +220,13 @@ fn pump(
     mut samples: SampleSink,
     mut collator: Collator,
     counters: &SourceCounters,
-    stop: &AtomicBool,
+    stop: &Stop,
 ) {
     let waker = Waker::from(Arc::new(Unpark(std::thread::current())));
     let mut context = Context::from_waker(&waker);
     let mut streams: Vec<_> = channels.iter().map(|channel| (channel, channel.values())).collect();
     let mut batch: Vec<Sample> = Vec::with_capacity(BATCH);
-    while !stop.load(Ordering::Acquire) {
+    while !stop.is_raised() {
         let received = now();
         // The first channel is displacement: see the module's comment on the order.
         for (channel, stream) in &mut streams {
