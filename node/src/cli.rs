@@ -1,12 +1,11 @@
 //! The command line.
 
-use crate::command;
-use crate::config::{ParameterFlags, RosArgs};
+use crate::command::{self, Surroundings};
+use crate::config::RosArgs;
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
 use crate::logging::{self, LogFormat};
 use clap::{Parser, Subcommand};
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Force of magneto-rheological dampers: a virtual sensor on ROS 2, mirrored to Zenoh.
@@ -28,39 +27,13 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(command::demo::Args),
-    Node(NodeArgs),
+    Node(command::node::Args),
     Replay(command::replay::Args),
     Record(command::record::Args),
     Convert(command::convert::Args),
     Identify(command::identify::Args),
     Evaluate(command::evaluate::Args),
     Presets(command::presets::Args),
-}
-
-/// Run the service: subscribe to displacement and drive, publish force estimates and residuals.
-///
-/// Takes the usual ROS arguments: --ros-args -p name:=value -r from:=to -r __ns:=/front_left
-/// --params-file FILE --log-level LEVEL. Flags are stronger than ROS parameters, and those than --config.
-///
-/// Example: mr-damper node --ros-args -p model:=thesis/fuzzy-tanh/rp3-cs
-#[derive(Debug, clap::Args)]
-pub struct NodeArgs {
-    /// Configuration file (TOML), with the parameters below by name.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Parameters as flags.
-    #[command(flatten)]
-    pub parameters: ParameterFlags,
-}
-
-/// What every command may need of its surroundings.
-pub struct Surroundings {
-    /// Raised by Ctrl-C and SIGTERM.
-    pub interrupt: Interrupt,
-    /// No progress on the screen.
-    pub quiet: bool,
-    /// What `--ros-args` said.
-    pub ros_args: RosArgs,
 }
 
 /// Runs the command line `arguments` (without the program's name).

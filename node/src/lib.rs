@@ -13,6 +13,7 @@ pub mod interrupt;
 pub mod live;
 pub mod logging;
 pub mod models;
+pub mod player;
 pub mod report;
 pub mod ros;
 pub mod run;

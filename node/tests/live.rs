@@ -5,10 +5,10 @@ use mr_damper_model::pipeline::{Event, Models, Settings};
 use mr_damper_model::preset;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
-use mr_damper_node::command::replay::{Plan, Played, Player};
 use mr_damper_node::config::{Config, RosArgs, Value};
 use mr_damper_node::hot::Inlet;
 use mr_damper_node::interrupt::Interrupt;
+use mr_damper_node::player::{Plan, Played, Player};
 use mr_damper_node::service::Service;
 use std::time::{Duration, Instant};
 

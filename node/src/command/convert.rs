@@ -1,6 +1,6 @@
 //! `mr-damper convert`: between CSV and rosbag2.
 
-use crate::cli::Surroundings;
+use crate::command::Surroundings;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::run::{self, SaveOptions};

@@ -8,7 +8,7 @@
 //!
 //! Everything runs in this process, on a ROS domain of its own and on loopback alone.
 
-use crate::cli::Surroundings;
+use crate::command::Surroundings;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::live::Headline;

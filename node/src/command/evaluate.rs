@@ -1,6 +1,6 @@
 //! `mr-damper evaluate`: how well a model predicts recorded runs.
 
-use crate::cli::Surroundings;
+use crate::command::Surroundings;
 use crate::command::output;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;

@@ -10,3 +10,16 @@ pub mod presets;
 pub mod record;
 pub mod replay;
 pub mod run_args;
+
+use crate::config::RosArgs;
+use crate::interrupt::Interrupt;
+
+/// What every command may need of its surroundings.
+pub struct Surroundings {
+    /// Raised by Ctrl-C and SIGTERM.
+    pub interrupt: Interrupt,
+    /// No progress on the screen.
+    pub quiet: bool,
+    /// What `--ros-args` said.
+    pub ros_args: RosArgs,
+}

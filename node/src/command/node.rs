@@ -1,20 +1,37 @@
 //! `mr-damper node`: the service.
 
-use crate::cli::{NodeArgs, Surroundings};
-use crate::config::{self, Config};
+use crate::command::Surroundings;
+use crate::config::{self, Config, ParameterFlags};
 use crate::error::NodeError;
 use crate::service::{self, Service};
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// How often the node looks after its threads.
 const WATCH: Duration = Duration::from_millis(100);
 
+/// Run the service: subscribe to displacement and drive, publish force estimates and residuals.
+///
+/// Takes the usual ROS arguments: --ros-args -p name:=value -r from:=to -r __ns:=/front_left
+/// --params-file FILE --log-level LEVEL. Flags are stronger than ROS parameters, and those than --config.
+///
+/// Example: mr-damper node --ros-args -p model:=thesis/fuzzy-tanh/rp3-cs
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Configuration file (TOML), with the parameters below by name.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Parameters as flags.
+    #[command(flatten)]
+    pub parameters: ParameterFlags,
+}
+
 /// Runs the service until a signal comes or a thread dies.
 ///
 /// # Errors
 /// When it does not start, or one of its threads panicked.
-pub fn run(args: &NodeArgs, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let config = configuration(args, around)?;
     let (service, _) = Service::start(&config, &around.ros_args, false)?;
     let names = service.names();
@@ -56,7 +73,7 @@ pub fn run(args: &NodeArgs, around: &Surroundings) -> Result<(), NodeError> {
 }
 
 /// Defaults, file, ROS parameters, flags: from weak to strong.
-fn configuration(args: &NodeArgs, around: &Surroundings) -> Result<Config, NodeError> {
+fn configuration(args: &Args, around: &Surroundings) -> Result<Config, NodeError> {
     let mut config = Config::default();
     if let Some(path) = &args.config {
         config::load_file(path, &mut config)?;

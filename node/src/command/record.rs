@@ -1,6 +1,6 @@
 //! `mr-damper record`: everything in and out, into a rosbag2 directory.
 
-use crate::cli::Surroundings;
+use crate::command::Surroundings;
 use crate::config::Config;
 use crate::error::NodeError;
 use crate::hot::now;

@@ -1,12 +1,12 @@
 //! The demo while it runs: service, player, collector and listener, and what is shown meanwhile.
 
 use super::{Act, Args};
-use crate::cli::Surroundings;
-use crate::command::replay::{Plan, Played, Player};
+use crate::command::Surroundings;
 use crate::error::NodeError;
 use crate::hot::{Inlet, now};
 use crate::interrupt::Interrupt;
 use crate::live::{Board, Counts, Histogram, Terminal, plain};
+use crate::player::{Plan, Played, Player};
 use crate::report::Recording;
 use crate::ros::{Ros, run_async};
 use crate::service::{Counters, Service};
