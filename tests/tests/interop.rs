@@ -252,6 +252,39 @@ fn sigint_and_sigterm_end_the_node_and_peers_see_it_go() {
 }
 
 #[test]
+fn bags_go_both_ways_with_rosbags_and_mcap() {
+    interop("bags", |lab| {
+        let path = |name: &str| utf8(&lab.folder().join(name)).to_owned();
+        let mut text = "time_s,displacement_m,force_n,current_a\n".to_owned();
+        for k in 0..2000 {
+            let t = f64::from(k) * 0.002;
+            text += &format!(
+                "{t:.3},{:e},{},{}\n",
+                0.01 * (6.0 * t).sin(),
+                300.0 * (6.0 * t).cos(),
+                0.5 + 0.1 * t
+            );
+        }
+        std::fs::write(path("run.csv"), text).expect("room in the temporary directory");
+        let convert = |from: &str, to: &str| {
+            lab.mr_damper(&["--quiet", "convert", &path(from), &path(to)]).output(PEER);
+        };
+        // The canonical form, in which equal runs are equal bytes.
+        convert("run.csv", "ours.csv");
+        convert("ours.csv", "bag");
+        let read = lab.peer("check_bags.py", &[&path("bag"), &path("ours.csv")]).output(PEER);
+        lab.peer("check_bags.py", &["--write", &path("theirs"), &path("ours.csv")]).output(PEER);
+        let ours = std::fs::read(path("ours.csv")).expect("readable");
+        for version in ["v8", "v9"] {
+            convert(&format!("theirs/{version}"), &format!("{version}.csv"));
+            let theirs = std::fs::read(path(&format!("{version}.csv"))).expect("readable");
+            assert!(ours == theirs, "{version}: a run that rosbags wrote comes back otherwise");
+        }
+        Outcome::Passed(read.replace('\n', "; "))
+    });
+}
+
+#[test]
 fn subscribers_see_the_esr_of_evaluate_fuzzy_tanh_on_measured_sines() {
     interop("ESR of fuzzy-tanh on utfsm-mr", |lab| {
         let folder = match data("utfsm-mr") {
