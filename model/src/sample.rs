@@ -229,8 +229,9 @@ impl Trace {
     /// Mean rate over the trace, in hertz; `None` with fewer than two samples.
     #[must_use]
     pub fn mean_rate_hz(&self) -> Option<f64> {
-        let span = self.stamps.last()?.since(*self.stamps.first()?).get();
-        (span > 0.0).then(|| (self.len() - 1) as f64 / span)
+        let span_ns = self.stamps.last()?.nanos().saturating_sub(self.stamps.first()?.nanos());
+        // In whole nanoseconds, so that 200 Hz is 200.0.
+        (span_ns > 0).then(|| (self.len() - 1) as f64 * 1e9 / span_ns as f64)
     }
 }
 
