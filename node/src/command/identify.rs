@@ -4,6 +4,8 @@ use crate::command::Surroundings;
 use crate::command::output;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
+use crate::report::identify::SteppedRun;
+use crate::report::{self, Recording};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
@@ -12,9 +14,10 @@ use mr_damper_model::identify::{
     DatasetOptions, GivenMemberships, Identified, ModelSpec, Options, Progress, Watch, identify,
 };
 use mr_damper_model::metrics::Fit;
+use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
-use mr_damper_model::pipeline::Settings;
-use mr_damper_model::sample::Run;
+use mr_damper_model::pipeline::{Models, Pipeline, Settings};
+use mr_damper_model::sample::{DriveKind, Run};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
@@ -71,6 +74,9 @@ pub struct Args {
     /// Fit all samples, not only those in which the damper moves.
     #[arg(long)]
     pub all_samples: bool,
+    /// Write a report with pictures, as one HTML file.
+    #[arg(long, value_name = "R.html")]
+    pub report: Option<PathBuf>,
     /// Write the figures as JSON to a file, or with - to stdout.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -171,7 +177,12 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     };
     let mut found = fit(spec, &runs, args, around)?;
     let seconds = start.elapsed().as_secs_f64();
-    let validation = validate(&mut found, args, around)?;
+    let held_out = args
+        .validate
+        .iter()
+        .map(|path| Ok(args.load.load(path)?.run))
+        .collect::<Result<Vec<_>, NodeError>>()?;
+    let validation = validate(&mut found, &held_out, around)?;
     let file = ModelFile { model: found.model, provenance: provenance(args, &found, &hashes, validation) };
     std::fs::write(&args.out, file.to_toml()?)
         .map_err(NodeError::io(format!("writing {}", args.out.display())))?;
@@ -203,6 +214,11 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         active_bounds: found.active_bounds.iter().map(|b| format!("{} = {}", b.parameter, b.value)).collect(),
         restart_rsse_n: &found.restart_rsse_n,
     };
+    if let Some(path) = &args.report {
+        let page = report::identify::html(&pictured(&found.model, &runs, &held_out, &report)?);
+        std::fs::write(path, page).map_err(NodeError::io(format!("writing {}", path.display())))?;
+        tracing::info!(report = %path.display(), "written");
+    }
     match &args.json {
         Some(path) if path == Path::new("-") => output::json(path, &report),
         json => {
@@ -265,17 +281,20 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
 }
 
 /// Scores the model on the held-out runs; their error becomes the one to expect.
-fn validate(found: &mut Identified, args: &Args, around: &Surroundings) -> Result<Option<Scores>, NodeError> {
-    if args.validate.is_empty() {
+fn validate(
+    found: &mut Identified,
+    held_out: &[Run],
+    around: &Surroundings,
+) -> Result<Option<Scores>, NodeError> {
+    if held_out.is_empty() {
         return Ok(None);
     }
     let mut all = Evaluator::default();
-    for path in &args.validate {
+    for run in held_out {
         if around.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
-        let loaded = args.load.load(path)?;
-        evaluate_into(&mut all, found.model, &loaded.run, Settings::default(), |_| true)?;
+        evaluate_into(&mut all, found.model, run, Settings::default(), |_| true)?;
     }
     let scored = all.finish();
     let rsse = |fit: &Option<Fit>| fit.as_ref().map(|fit| fit.rsse_n);
@@ -331,37 +350,88 @@ fn run_report(run: &mr_damper_model::identify::RunFit) -> RunReport<'_> {
     }
 }
 
-fn table(report: &Report<'_>, out: &Path) -> String {
-    let mut text = format!(
-        "{} ({}), {} parameters, {} runs, velocity by {}, {:.1} s\n",
+/// The figures of a report by name, without those that there are none of.
+fn figures(report: &Report<'_>) -> Vec<(String, Fit)> {
+    let mut figures = Vec::new();
+    let mut add = |name: &str, fit: Option<Fit>| figures.extend(fit.map(|fit| (name.to_owned(), fit)));
+    add("training, free run (offsets out)", report.training.free_run);
+    add("training, one step", report.training.one_step);
+    add("training, persistence (one step)", report.training.persistence);
+    if let Some(validation) = &report.validation {
+        add("validation, free run", validation.free_run);
+        add("validation, one step", validation.one_step);
+        add("validation, persistence (one step)", validation.persistence);
+    }
+    figures
+}
+
+/// What is to be said of a fit besides its figures.
+fn remarks(report: &Report<'_>) -> Vec<String> {
+    let rank = report.rank.filter(|rank| *rank < report.parameters);
+    let mut remarks: Vec<String> = rank
+        .map(|rank| {
+            let of = report.parameters;
+            format!("rank {rank} of {of}: regressors are collinear, single coefficients mean nothing")
+        })
+        .into_iter()
+        .collect();
+    let bounds = report.active_bounds.iter();
+    remarks.extend(bounds.map(|bound| format!("on its bound: {bound} (the runs do not determine it)")));
+    remarks
+}
+
+/// Model, and how it was found, in a line.
+fn headline(report: &Report<'_>) -> String {
+    format!(
+        "{} ({}), {} parameters, {} runs, velocity by {}, {:.1} s",
         report.model,
         report.form,
         report.parameters,
         report.runs.len(),
         report.velocity,
         report.seconds
-    );
-    let mut row = |name: &str, fit: &Option<Fit>| {
-        if let Some(fit) = fit {
-            text += &format!("  {name:<34} RSSE {:8.2} N   ESR {:.5}\n", fit.rsse_n, fit.esr);
+    )
+}
+
+/// Steps every run through the pipeline with the model that was found, for the report's pictures.
+fn pictured(
+    model: &Model,
+    fitted: &[Run],
+    held_out: &[Run],
+    report: &Report<'_>,
+) -> Result<report::identify::Outcome, NodeError> {
+    let step = |run: &Run, held_out| -> Result<SteppedRun, NodeError> {
+        let mut pipeline = Pipeline::new(Models::alone(*model), Settings::default())?;
+        let mut recording = Recording::default();
+        for sample in run.samples() {
+            pipeline.step(&sample, &mut |event| recording.take(&event));
         }
+        let name = Path::new(&run.name).file_name().map_or(run.name.clone(), |n| n.to_string_lossy().into());
+        Ok(SteppedRun { name, held_out, recording })
     };
-    row("training, free run (offsets out)", &report.training.free_run);
-    row("training, one step", &report.training.one_step);
-    row("training, persistence (one step)", &report.training.persistence);
-    if let Some(validation) = &report.validation {
-        row("validation, free run", &validation.free_run);
-        row("validation, one step", &validation.one_step);
-        row("validation, persistence (one step)", &validation.persistence);
+    let runs = fitted.iter().map(|run| step(run, false)).chain(held_out.iter().map(|run| step(run, true)));
+    let row = |name: &str, value: String| (name.to_owned(), value);
+    Ok(report::identify::Outcome {
+        what: headline(report),
+        figures: figures(report),
+        notes: remarks(report),
+        drive: model.force.drive().unwrap_or(DriveKind::CoilCurrent),
+        runs: runs.collect::<Result<_, _>>()?,
+        provenance: vec![
+            row("made by", format!("mr-damper {}", env!("CARGO_PKG_VERSION"))),
+            row("seed", report.seed.to_string()),
+            row("restarts", report.restarts.to_string()),
+        ],
+    })
+}
+
+fn table(report: &Report<'_>, out: &Path) -> String {
+    let mut text = headline(report) + "\n";
+    for (name, fit) in figures(report) {
+        text += &format!("  {name:<34} RSSE {:8.2} N   ESR {:.5}\n", fit.rsse_n, fit.esr);
     }
-    if let Some(rank) = report.rank.filter(|rank| *rank < report.parameters) {
-        text += &format!(
-            "  rank {rank} of {}: regressors are collinear, single coefficients mean nothing\n",
-            report.parameters
-        );
-    }
-    for bound in &report.active_bounds {
-        text += &format!("  on its bound: {bound} (the runs do not determine it)\n");
+    for remark in remarks(report) {
+        text += &format!("  {remark}\n");
     }
     text + &format!("model file: {}\n", out.display())
 }

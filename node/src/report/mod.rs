@@ -1,11 +1,13 @@
 //! Reports: one HTML file each, with everything in it, readable without a network.
 //!
 //! [`plot`] draws, [`page`] sets the page, [`table`] its tables; they know nothing of dampers. One file a report
-//! puts them together: [`demo`].
+//! puts them together: [`demo`], [`identify`].
 
 pub mod correlate;
 pub mod demo;
+pub mod identify;
 pub mod page;
+mod panels;
 pub mod plot;
 pub mod recording;
 mod scale;

@@ -1,0 +1,130 @@
+//! The report of an identification: figures, and each run beside what the model makes of it.
+
+use super::correlate;
+use super::page::{page, section};
+use super::panels::{force_over_velocity, what_is_left_over, with_breaks};
+use super::plot::{Ink, Plot, Series, Shape};
+use super::recording::Recording;
+use super::table::{facts, table};
+use maud::{Markup, html};
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::sample::{Channel, DriveKind};
+use mr_damper_model::units::N_PER_LBF;
+
+/// Runs that get a picture of their own.
+const PICTURES: usize = 12;
+/// Length of the pictured part, s, about the run's middle.
+const PICTURED_S: f64 = 4.0;
+
+/// A run as the pipeline saw it with the identified model.
+#[derive(Debug, Clone)]
+pub struct SteppedRun {
+    /// Its name.
+    pub name: String,
+    /// Held out of the fit.
+    pub held_out: bool,
+    /// What came out.
+    pub recording: Recording,
+}
+
+/// All that the report tells.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The model, in a sentence.
+    pub what: String,
+    /// Names of figures, and the figures.
+    pub figures: Vec<(String, Fit)>,
+    /// Remarks below them.
+    pub notes: Vec<String>,
+    /// Kind of drive that the runs hold.
+    pub drive: DriveKind,
+    /// The runs: those fitted, then those held out.
+    pub runs: Vec<SteppedRun>,
+    /// Where all of it comes from.
+    pub provenance: Vec<(String, String)>,
+}
+
+/// The report as one HTML file.
+#[must_use]
+pub fn html(outcome: &Outcome) -> String {
+    let points: Vec<_> = outcome.runs.iter().flat_map(|run| correlate::left_over(&run.recording)).collect();
+    let body = html! {
+        (section("Figures", &figures(outcome)))
+        (section("Force over velocity", &force_over_velocity(&points, outcome.drive)))
+        (section("What is left over", &what_is_left_over(&points, outcome.drive)))
+        (section("Runs", &runs(outcome)))
+        (section("Provenance", &facts(&outcome.provenance)))
+    };
+    page("MR damper model: identification", &outcome.what, &body)
+}
+
+fn figures(outcome: &Outcome) -> Markup {
+    let row = |(name, fit): &(String, Fit)| {
+        vec![
+            name.clone(),
+            format!("{:.2}", fit.rsse_n),
+            format!("{:.2}", fit.rsse_n / N_PER_LBF),
+            format!("{:.5}", fit.esr),
+            fit.samples.to_string(),
+        ]
+    };
+    html! {
+        (table(&["", "#RSSE, N", "#RSSE, lbf", "#ESR", "#samples"], &outcome.figures.iter().map(row).collect::<Vec<_>>()))
+        p { "RSSE is the root mean squared error; ESR is its square over the variance of the measured force. "
+            em { "Free run" } " knows displacement and drive alone; " em { "one step" } " is given the measured force up to the "
+            "sample before, and " em { "persistence" } " (the force stays what it was) is its yardstick." }
+        @for note in &outcome.notes { p { (note) } }
+    }
+}
+
+fn runs(outcome: &Outcome) -> Markup {
+    let row = |run: &SteppedRun| {
+        let found = run.recording.evaluation();
+        let mut row = vec![run.name.clone(), if run.held_out { "held out" } else { "fitted" }.to_owned()];
+        let esr = |fit: Option<Fit>| fit.map_or("–".to_owned(), |fit| format!("{:.5}", fit.esr));
+        row.extend([
+            esr(found.free_run),
+            esr(found.free_run_without_offset),
+            esr(found.one_step),
+            esr(found.persistence),
+        ]);
+        row
+    };
+    let columns = ["run", "", "#ESR free run", "#its mean error out", "#one step", "#persistence (one step)"];
+    // Those held out are the ones to look at.
+    let mut pictured: Vec<&SteppedRun> = outcome.runs.iter().collect();
+    pictured.sort_by_key(|run| !run.held_out);
+    html! {
+        (table(&columns, &outcome.runs.iter().map(row).collect::<Vec<_>>()))
+        @for run in pictured.iter().take(PICTURES) { (force_over_time(run)) }
+        @if pictured.len() > PICTURES {
+            p { "Pictures of " (pictured.len() - PICTURES) " more runs are left out." }
+        }
+    }
+}
+
+fn force_over_time(run: &SteppedRun) -> Markup {
+    let recording = &run.recording;
+    let middle_s = 0.5 * recording.length_s();
+    let predicted: Vec<_> =
+        recording.residuals.iter().map(|r| (recording.seconds(r.stamp), r.predicted.get())).collect();
+    let line = |name: &str, ink: Ink, points: &[(f64, f64)]| Series {
+        name: name.to_owned(),
+        ink,
+        shape: Shape::Line,
+        points: with_breaks(points),
+    };
+    let plot = Plot {
+        description: format!("Measured force and free run of {}", run.name),
+        x_label: "time, s".to_owned(),
+        y_label: "force, N".to_owned(),
+        x_range: Some(((middle_s - 0.5 * PICTURED_S).max(0.0), middle_s + 0.5 * PICTURED_S)),
+        height: 220.0,
+        series: vec![
+            line("measured", Ink::Measured, &recording.points(Channel::Force)),
+            line("free run", Ink::Estimate, &predicted),
+        ],
+        ..Plot::default()
+    };
+    plot.figure(&format!("{}{}", run.name, if run.held_out { ", held out of the fit" } else { "" }))
+}

@@ -1,0 +1,106 @@
+//! Panels that more than one report shows.
+
+use super::correlate::{self, LeftOver};
+use super::plot::{Ink, Plot, Series, Shape, binned_mean};
+use super::recording::Recording;
+use super::table::bars;
+use maud::{Markup, html};
+use mr_damper_model::sample::DriveKind;
+
+/// The time axis of plots over the whole run: from zero to its end, on a tenth of a second.
+pub(super) fn whole_run(recording: &Recording) -> (f64, f64) {
+    (0.0, (recording.length_s() * 10.0).ceil().max(1.0) / 10.0)
+}
+
+/// The points with a break (NaN) wherever two neighbours are more than 0.1 s apart.
+pub(super) fn with_breaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let mut broken = Vec::with_capacity(points.len() + 4);
+    for point in points {
+        if broken.last().is_some_and(|last: &(f64, f64)| point.0 - last.0 > 0.1) {
+            broken.push((point.0, f64::NAN));
+        }
+        broken.push(*point);
+    }
+    broken
+}
+
+/// Bounds between four levels of drive, equally wide.
+fn level_bounds(points: &[LeftOver]) -> [f64; 5] {
+    let (low, high) =
+        points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.drive), b.max(p.drive)));
+    let (low, high) = if low < high { (low.max(0.0), high) } else { (0.0, 1.0) };
+    [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| low + share * (high - low))
+}
+
+pub(super) fn force_over_velocity(points: &[LeftOver], drive: DriveKind) -> Markup {
+    let (what, unit) = drive_in_words(drive);
+    let bounds = level_bounds(points);
+    let bound_n =
+        points.iter().map(|p| p.measured_n.abs().max(p.predicted_n.abs())).fold(1.0, f64::max) * 1.05;
+    let bound_v = points.iter().map(|p| p.velocity_m_s.abs()).fold(1e-3, f64::max) * 1.05;
+    let panel = |name: &str, force: fn(&LeftOver) -> f64| Plot {
+        description: format!("{name} force over velocity, coloured by {what}"),
+        x_label: "velocity, m/s".to_owned(),
+        y_label: format!("force, N: {name}"),
+        x_range: Some((-bound_v, bound_v)),
+        y_range: Some((-bound_n, bound_n)),
+        height: 440.0,
+        series: (0..4_u8)
+            .map(|level| {
+                let (from, to) = (bounds[usize::from(level)], bounds[usize::from(level) + 1]);
+                let inside = |p: &&LeftOver| (level == 0 || p.drive >= from) && (level == 3 || p.drive < to);
+                Series {
+                    name: format!("{from:.1} to {to:.1} {unit}"),
+                    ink: Ink::Level(level),
+                    shape: Shape::Dots,
+                    points: points.iter().filter(inside).map(|p| (p.velocity_m_s, force(p))).collect(),
+                }
+            })
+            .collect(),
+        ..Plot::default()
+    };
+    html! {
+        div.pair {
+            (panel("measured", |p| p.measured_n).figure(""))
+            (panel("free run", |p| p.predicted_n).figure(""))
+        }
+        p.lead { "Colour is the " (what) ". Both panels have the same axes. Velocity is computed after the fact, without "
+            "delay; what the model sees is causal, so late, and its loop is wider for it." }
+    }
+}
+
+pub(super) fn what_is_left_over(points: &[LeftOver], drive: DriveKind) -> Markup {
+    let against = |label: &str, pick: fn(&LeftOver) -> f64| {
+        let all: Vec<(f64, f64)> = points.iter().map(|p| (pick(p), p.residual_n)).collect();
+        let trend = binned_mean(&all, 24, 20);
+        Plot {
+            description: format!("Residual against {label}"),
+            x_label: label.to_owned(),
+            y_label: "residual, N".to_owned(),
+            height: 380.0,
+            series: vec![
+                Series { name: "residual".to_owned(), ink: Ink::Residual, shape: Shape::Dots, points: all },
+                Series { name: "mean".to_owned(), ink: Ink::Trend, shape: Shape::Line, points: trend },
+            ],
+            ..Plot::default()
+        }
+    };
+    let (what, unit) = drive_in_words(drive);
+    html! {
+        p { "The residual of the free run against what might explain it. These are facts about the residual: none of "
+            "them names a cause. What the load cell's noise alone would leave is not known to the service." }
+        (bars("residual and", "correlation", &correlate::correlations(points)))
+        div.pair {
+            (against("velocity, m/s", |p| p.velocity_m_s).figure(""))
+            (against(&format!("{what}, {unit}"), |p| p.drive).figure(""))
+        }
+    }
+}
+
+/// What a drive is, and its unit.
+const fn drive_in_words(drive: DriveKind) -> (&'static str, &'static str) {
+    match drive {
+        DriveKind::CoilCurrent => ("coil current", "A"),
+        DriveKind::CommandVoltage => ("command voltage", "V"),
+    }
+}
