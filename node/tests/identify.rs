@@ -44,7 +44,7 @@ fn a_model_is_identified_reported_and_evaluated_with_the_same_figures() {
             "--json",
             "-",
         ]);
-        let evaluated = json(&["evaluate", &model, &held_out, "--json", "-"]);
+        let evaluated = json(&["evaluate", &model, &held_out, "--json"]);
         let figure = &identified["validation"][predictor];
         assert!(figure["esr"].as_f64().is_some_and(|esr| esr < 0.2), "{name}: {identified:#}");
         // The model file holds all digits.

@@ -78,7 +78,7 @@ pub struct Args {
     #[arg(long, value_name = "R.html")]
     pub report: Option<PathBuf>,
     /// Write the figures as JSON to a file, or with - to stdout.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     pub json: Option<PathBuf>,
     /// How runs are read.
     #[command(flatten)]
