@@ -24,7 +24,7 @@ struct Bench {
 
 impl Bench {
     fn new(domain_id: i64) -> Self {
-        let mut config = Config { domain_id, align_wait_s: 0.5, ..Config::default() };
+        let mut config = Config { domain_id, align_wait_s: 0.3, ..Config::default() };
         config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".into())).expect("a text");
         let mut ros =
             Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
