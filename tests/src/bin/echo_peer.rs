@@ -1,7 +1,8 @@
 //! The yardstick of the round trip: what ros2-client costs with nothing in between.
 //!
 //! Takes `displacement`, publishes a `force_estimate` with the same stamp, and does nothing else: no model, no
-//! threads to hand over to. It sets DDS up as the node does (one participant on loopback, the same QoS), so
+//! threads to hand over to. It takes `coil_current` and `measured_force` too and forgets them, so that a peer has the same
+//! work with it as with the node: a sample that nobody takes is never sent. It sets DDS up as the node does (one participant on loopback, the same QoS), so
 //! the node's round trip over this one's is the price of the node.
 //!
 //! Usage: `echo_peer`, with `ROS_DOMAIN_ID` as in any ROS 2 program. It ends on SIGINT and SIGTERM.
@@ -9,9 +10,9 @@
 use std::net::Ipv4Addr;
 
 use futures::channel::oneshot;
-use futures::future::{Either, select};
+use futures::future::{Either, join3, ready, select};
 use futures::{StreamExt, executor::block_on, pin_mut};
-use mr_damper_msgs::{Displacement, ForceEstimate, Message};
+use mr_damper_msgs::{CoilCurrent, Displacement, Force, ForceEstimate, Message};
 use ros2_client::qos::History;
 use ros2_client::{Context, MessageTypeName, Name, NodeName, NodeOptions, QosProfile};
 use rustdds::DomainParticipantBuilder;
@@ -41,8 +42,12 @@ fn main() -> Outcome<()> {
             .map_err(Box::<dyn std::error::Error>::from)
     };
     let displacement = topic("displacement", Displacement::NAME, &taking)?;
+    let coil_current = topic("coil_current", CoilCurrent::NAME, &taking)?;
+    let measured_force = topic("measured_force", Force::NAME, &taking)?;
     let force_estimate = topic("force_estimate", ForceEstimate::NAME, &giving)?;
     let subscription = node.create_subscription::<Displacement>(&displacement, None)?;
+    let current = node.create_subscription::<CoilCurrent>(&coil_current, None)?;
+    let force = node.create_subscription::<Force>(&measured_force, None)?;
     let publisher = node.create_publisher::<ForceEstimate>(&force_estimate, None)?;
 
     let mut echoed = 0_u64;
@@ -64,15 +69,18 @@ fn main() -> Outcome<()> {
                 }
             }
         };
-        pin_mut!(echo);
-        match select(stop, echo).await {
+        let forget_current = current.async_stream().for_each(|_| ready(()));
+        let forget_force = force.async_stream().for_each(|_| ready(()));
+        let all = join3(echo, forget_current, forget_force);
+        pin_mut!(all);
+        match select(stop, all).await {
             Either::Left(_) => {}
             Either::Right(_) => eprintln!("echo_peer: the subscription ended by itself"),
         }
     });
 
     // In this order, and with the spinner awaited, peers see the node leave at once.
-    drop((publisher, subscription));
+    drop((publisher, subscription, current, force));
     drop(node);
     if spinner.join().is_err() {
         eprintln!("echo_peer: the spinner panicked");
