@@ -65,11 +65,11 @@ pub(super) fn seconds_text(nanos: i64) -> String {
     text
 }
 
-/// Appends the shortest decimal that reads back as exactly `value`; very large and very small ones get an
-/// exponent, so that a denormal does not take 300 characters.
+/// Appends the shortest decimal that reads back as exactly `value`, in at most 24 characters; very large and very
+/// small ones get an exponent, so that a denormal does not take 300.
 pub(super) fn push_value(text: &mut String, value: f64) {
     let magnitude = value.abs();
-    let _ = if magnitude == 0.0 || (1e-7..1e16).contains(&magnitude) {
+    let _ = if magnitude == 0.0 || (1e-5..1e16).contains(&magnitude) {
         write!(text, "{value}")
     } else {
         write!(text, "{value:e}")
@@ -110,6 +110,17 @@ mod tests {
         }
     }
 
+    #[test]
+    fn values_stay_short_where_the_exponent_begins() {
+        // Seventeen digits and a sign on either side of both ends of the range without an exponent.
+        for value in [-1.000_608_361_763_985_1e-5, -9.999_608_361_763_986e-6, -1.0006083617639851e15, -1e16] {
+            let mut text = String::new();
+            push_value(&mut text, value);
+            assert!(text.len() <= 24, "{text}");
+            assert_eq!(text.parse(), Ok(value), "{text}");
+        }
+    }
+
     proptest! {
         #[test]
         fn times_round_trip(nanos in -i64::MAX..=i64::MAX) {
@@ -124,7 +135,7 @@ mod tests {
             push_value(&mut text, value);
             let back: f64 = text.parse().expect("what we write is a number");
             prop_assert_eq!(back.to_bits(), bits);
-            prop_assert!(text.len() <= 25, "{}", text);
+            prop_assert!(text.len() <= 24, "{}", text);
         }
 
         #[test]
