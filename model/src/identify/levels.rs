@@ -10,7 +10,7 @@
 //! drive that roams has windows side by side without valleys.
 
 use crate::error::Error;
-use crate::force::{MAX_FUNCTIONS, Membership};
+use crate::force::{FuzzySets, MAX_FUNCTIONS, Membership};
 use crate::preset::{CENTRES_A, SIGMA_A};
 use crate::sample::DriveKind;
 
@@ -57,6 +57,14 @@ pub enum MembershipSource {
 }
 
 impl Memberships {
+    /// The sets.
+    ///
+    /// # Errors
+    /// When the centres or the width make no sets.
+    pub fn sets(&self) -> Result<FuzzySets, Error> {
+        FuzzySets::new(self.membership, &self.centres)
+    }
+
     /// Chooses centres and width for drive values in A or V, in any order; those not finite are left out.
     ///
     /// With levels of unequal spacing sigma is half the mean spacing, but never more than the smallest one,

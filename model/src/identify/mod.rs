@@ -29,7 +29,7 @@
 //! #     drive: Some((DriveKind::CoilCurrent, trace(|_| 0.5))),
 //! #     ..Run::default()
 //! # };
-//! let found = identify(ModelSpec::FuzzyTanh, &[run], &Options::default(), &Watch::none())?;
+//! let found = identify(ModelSpec::FUZZY_TANH, &[run], &Options::default(), &Watch::none())?;
 //! assert!(found.free_run.expect("a fuzzy-tanh model runs free").esr < 1e-4);
 //! # Ok::<(), mr_damper_model::Error>(())
 //! ```
@@ -40,12 +40,14 @@ mod fuzzy_tanh;
 pub mod least_squares;
 mod levels;
 mod report;
+mod spec;
 mod tanh_problem;
 mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
 pub use report::{ActiveBound, Identified, RunFit};
+pub use spec::{Form, ModelSpec, Structure};
 pub use velocity::VelocityTrial;
 
 use crate::condition::Conditioning;
@@ -55,25 +57,6 @@ use crate::model::{Envelope, Expected, Model};
 use crate::sample::{DriveKind, Run};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Which model to identify.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ModelSpec {
-    /// ARX without drive terms, 9 coefficients.
-    ArxPassive,
-    /// ARX with drive terms, 12 coefficients.
-    ArxSemiActive,
-    /// Fuzzy sets over the drive, a tanh function of 4 parameters under each.
-    FuzzyTanh,
-}
-
-impl ModelSpec {
-    /// True when the model takes a drive.
-    #[must_use]
-    pub const fn wants_drive(self) -> bool {
-        !matches!(self, Self::ArxPassive)
-    }
-}
 
 /// Membership centres and width, when they are given rather than taken from the data.
 #[derive(Debug, Clone, PartialEq)]
@@ -198,9 +181,12 @@ pub fn identify(
 ) -> Result<Identified, Error> {
     watch.report(Progress::Conditioning { runs: runs.len() as u32 });
     let drive = check_drives(spec, runs)?;
-    match (spec, drive) {
-        (ModelSpec::FuzzyTanh, Some(kind)) => identify_fuzzy_tanh(kind, runs, options, watch),
-        (_, drive) => {
+    match (spec.structure(), drive) {
+        (Structure::Law(law), _) => Err(Error::Data {
+            message: format!("{}: laws of force are not identified yet", law.name()),
+        }),
+        (Structure::FuzzyTanh, Some(kind)) => identify_fuzzy_tanh(kind, runs, options, watch),
+        (Structure::Arx | Structure::FuzzyTanh, drive) => {
             let datasets = datasets(runs, &options.conditioning, options, watch)?;
             let fitted = arx::fit(&datasets, drive, watch)?;
             let details = report::Details { rank: Some(fitted.rank), converged: true, ..Default::default() };

@@ -4,10 +4,9 @@ use super::dataset::{Dataset, Row};
 use super::levels::Memberships;
 use super::velocity::VelocityTrial;
 use crate::condition::{ApplyTo, LowPassState};
-use crate::force::{Arx, ArxHistory, ForceModel, FreeRun, FuzzyTanh, Inputs};
+use crate::force::{ForceModel, FreeRun, History, Inputs};
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::{Expected, Model};
-use crate::units::Second;
 
 /// An identified model.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,7 +95,7 @@ pub(super) fn assemble(
     let mut runs = Vec::with_capacity(datasets.len());
     for (dataset, &force_offset_n) in datasets.iter().zip(offsets_n) {
         let mut own = Errors::default();
-        run_errors(&with_offset(&model.force, force_offset_n), dataset, &mut [&mut own, &mut all]);
+        run_errors(&model.force.with_force_offset_n(force_offset_n), dataset, &mut [&mut own, &mut all]);
         runs.push(RunFit {
             name: dataset.name.clone(),
             samples: dataset.counted() as u64,
@@ -131,41 +130,18 @@ fn sound(sum: &ErrorSum) -> Option<Fit> {
     sum.fit().filter(|fit| fit.rsse_n.is_finite())
 }
 
-/// The same model with another offset.
-fn with_offset(force: &ForceModel, force_offset_n: f64) -> ForceModel {
-    let other = match force {
-        ForceModel::FuzzyTanh(f) => {
-            let membership = crate::force::Membership { drive: f.drive(), sigma: f.sigma() };
-            FuzzyTanh::new(membership, f.centres(), f.functions(), force_offset_n).map(ForceModel::FuzzyTanh)
-        }
-        ForceModel::Arx(a) => Arx::new(
-            a.force_lags(),
-            a.displacement_lags_n_m(),
-            a.velocity_lags_n_s_m(),
-            a.drive_lags(),
-            Second(a.sample_period().get()),
-            force_offset_n,
-        )
-        .map(ForceModel::Arx),
-    };
-    // Only the offset differs, and it is finite: a mean of measured forces.
-    other.unwrap_or(*force)
-}
-
 /// Runs `force` over the rows, free and one step ahead, and adds the errors of those that count to each of
 /// `sums`.
 fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
     let filter = dataset.conditioning.low_pass();
     let filters_output = dataset.conditioning.apply_to == ApplyTo::Output;
-    let (mut free, mut output, mut history) = (FreeRun::default(), None, ArxHistory::default());
+    let (mut free, mut output, mut history) = (FreeRun::default(), None, History::default());
     let mut last_force_n = f64::NAN;
     for row in &dataset.rows {
         if row.dt_s.is_none() {
-            (free, output, history, last_force_n) =
-                (FreeRun::default(), None, ArxHistory::default(), f64::NAN);
+            (free, output, history, last_force_n) = (FreeRun::default(), None, History::default(), f64::NAN);
         }
-        let inputs =
-            Inputs { displacement_m: row.displacement_m, velocity_m_s: row.velocity_m_s, drive: row.drive };
+        let inputs = row.inputs();
         let driven = force.drive().is_none() || row.drive.is_finite();
         let mut free_n =
             if driven { force.free_run(&mut free, &inputs).filter(|f| f.is_finite()) } else { None };
@@ -188,10 +164,9 @@ fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
 
 /// Prediction from the measured forces before this row, N; NaN while there are none, or for a model without
 /// them.
-fn one_step(force: &ForceModel, history: &mut ArxHistory, row: &Row, inputs: &Inputs) -> f64 {
-    let ForceModel::Arx(arx) = force else { return f64::NAN };
+fn one_step(force: &ForceModel, history: &mut History, row: &Row, inputs: &Inputs) -> f64 {
     history.push_inputs(inputs);
-    let predicted_n = history.regressors(arx).map_or(f64::NAN, |r| arx.predict_n(&r));
+    let predicted_n = force.predict_n(history).unwrap_or(f64::NAN);
     history.push_force(row.force_n);
     predicted_n
 }

@@ -16,7 +16,7 @@ use super::least_squares::{Normal, Problem};
 use super::levels::Memberships;
 use crate::condition::{ApplyTo, LowPass, LowPassState};
 use crate::error::Error;
-use crate::force::{FuzzyTanh, TanhFunction};
+use crate::force::FuzzySets;
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -90,7 +90,7 @@ impl<'a> TanhProblem<'a> {
             .first()
             .filter(|d| d.conditioning.apply_to == ApplyTo::Output)
             .map(|d| d.conditioning.low_pass());
-        let sets = sets(memberships)?;
+        let sets = memberships.sets()?;
         let runs =
             datasets.par_iter().map(|d| gather(d, &sets, filter.is_some(), |row| row.force_n)).collect();
         Ok(Self { runs, functions: memberships.centres.len(), filter, parallel: true, cancel })
@@ -107,7 +107,7 @@ impl<'a> TanhProblem<'a> {
         seed: u64,
         cancel: &'a AtomicBool,
     ) -> Result<Self, Error> {
-        let sets = sets(memberships)?;
+        let sets = memberships.sets()?;
         let functions = memberships.centres.len();
         let stride = datasets.iter().map(Dataset::counted).sum::<usize>().div_ceil(target).max(1);
         let one = |(index, dataset): (usize, &Dataset)| {
@@ -314,15 +314,9 @@ fn tanh(z: f64) -> f64 {
     1.0 - 2.0 / ((2.0 * z).exp() + 1.0)
 }
 
-/// The model's sets alone, for their weights.
-fn sets(memberships: &Memberships) -> Result<FuzzyTanh, Error> {
-    let functions = vec![TanhFunction::default(); memberships.centres.len()];
-    FuzzyTanh::new(memberships.membership, &memberships.centres, &functions, 0.0)
-}
-
 /// The rows of a dataset that matter, with `force` as what is measured. Without a filter those are the ones
 /// that count.
-fn gather(dataset: &Dataset, sets: &FuzzyTanh, filtered: bool, force: fn(&Row) -> f64) -> Rows {
+fn gather(dataset: &Dataset, sets: &FuzzySets, filtered: bool, force: fn(&Row) -> f64) -> Rows {
     let counted = || dataset.rows.iter().filter(|row| row.counts);
     let mean = counted().map(force).sum::<f64>() / counted().count().max(1) as f64;
     let mut rows = Rows { mean_force_n: mean, ..Rows::default() };
@@ -339,11 +333,7 @@ fn gather(dataset: &Dataset, sets: &FuzzyTanh, filtered: bool, force: fn(&Row) -
         weights.iter_mut().for_each(|w| *w = if *w < LEAST_WEIGHT { 0.0 } else { *w });
         let dt_s = if broken { f64::NAN } else { since_s };
         let force_n = force(row) - mean;
-        rows.push(
-            [row.displacement_m, row.velocity_m_s, force_n, dt_s],
-            row.counts,
-            &weights[..sets.centres().len()],
-        );
+        rows.push([row.displacement_m, row.velocity_m_s, force_n, dt_s], row.counts, &weights[..sets.len()]);
         (broken, since_s) = (false, 0.0);
     }
     rows

@@ -1,5 +1,6 @@
 use super::*;
 use crate::condition::{Conditioning, VelocitySource};
+use crate::force::{FuzzyTanh, TanhFunction};
 use crate::identify::DatasetOptions;
 use crate::sample::{DriveKind, Run, Stamp, Trace};
 
