@@ -182,9 +182,9 @@ pub fn identify(
     watch.report(Progress::Conditioning { runs: runs.len() as u32 });
     let drive = check_drives(spec, runs)?;
     match (spec.structure(), drive) {
-        (Structure::Law(law), _) => Err(Error::Data {
-            message: format!("{}: laws of force are not identified yet", law.name()),
-        }),
+        (Structure::Law(law), _) => {
+            Err(Error::Data { message: format!("{}: laws of force are not identified yet", law.name()) })
+        }
         (Structure::FuzzyTanh, Some(kind)) => identify_fuzzy_tanh(kind, runs, options, watch),
         (Structure::Arx | Structure::FuzzyTanh, drive) => {
             let datasets = datasets(runs, &options.conditioning, options, watch)?;
