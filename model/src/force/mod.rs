@@ -8,12 +8,14 @@ mod arx;
 mod fuzzy_tanh;
 mod history;
 pub mod law;
+mod phase;
 mod sets;
 
 pub use arx::{Arx, LAGS};
 pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
 pub use history::{DEPTH, History};
 pub use law::{Dependence, Law, LawModel, LawState, Sensitivity};
+pub use phase::{CannotRun, ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase, Root};
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 
 use crate::sample::DriveKind;

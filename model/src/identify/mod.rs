@@ -39,6 +39,7 @@ mod dataset;
 mod fuzzy_tanh;
 pub mod least_squares;
 mod levels;
+mod phase;
 mod report;
 mod spec;
 mod tanh_problem;
@@ -46,6 +47,7 @@ mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
+pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase};
 pub use report::{ActiveBound, Identified, RunFit};
 pub use spec::{Form, ModelSpec, Structure};
 pub use velocity::VelocityTrial;
