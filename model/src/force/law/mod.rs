@@ -154,7 +154,6 @@ impl Law {
 
 /// How the parameters of a law follow the drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "the sets must not be on the heap")]
 pub enum Dependence {
     /// Not at all: a passive model.
     None,
