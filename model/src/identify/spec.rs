@@ -145,6 +145,12 @@ impl ModelSpec {
         self.form
     }
 
+    /// True when the model predicts from measured force (and so holds at one rate).
+    #[must_use]
+    pub const fn feeds_on_force(self) -> bool {
+        matches!(self.structure, Structure::Arx)
+    }
+
     /// True when the model takes a drive.
     #[must_use]
     pub const fn wants_drive(self) -> bool {

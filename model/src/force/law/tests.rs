@@ -127,3 +127,12 @@ fn wrong_numbers_are_named() {
     let ninth = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 9 };
     assert!(error(ninth, &[1.0; 50]).contains("degree is 9"));
 }
+
+#[test]
+fn the_quick_tanh_is_tanh() {
+    for k in -4000..4000 {
+        let z = f64::from(k) * 0.01;
+        assert!((tanh(z) - z.tanh()).abs() < 4e-16, "{z}");
+    }
+    assert_eq!((tanh(1e6), tanh(-1e6), tanh(0.0)), (1.0, -1.0, 0.0));
+}
