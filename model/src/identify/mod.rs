@@ -207,6 +207,7 @@ pub fn identify(
     watch: &Watch,
 ) -> Result<Identified, Error> {
     watch.report(Progress::Conditioning { runs: runs.len() as u32 });
+    check_options(spec, options)?;
     let drive = check_drives(spec, runs)?;
     let (conditioning, velocity_trials) = if options.choose_velocity && !spec.feeds_on_force() {
         velocity::choose(runs, options, watch, |datasets| sample_esr(spec, drive, datasets, options, watch))?
@@ -253,6 +254,23 @@ fn fit(
     let (force, offsets_n, details) = found;
     let model = model(force, datasets[0].conditioning, datasets);
     Ok(report::assemble(model, datasets, &offsets_n, details))
+}
+
+/// Refuses settings that mean nothing, or that the structure would ignore.
+fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
+    Error::check("degree", options.degree as f64, "1 to 4", |d| (1.0..=4.0).contains(&d))?;
+    if let Loss::Huber { threshold_n } = options.loss {
+        Error::check("huber", threshold_n, "positive and finite", |t| t > 0.0)?;
+        if !matches!(spec.structure(), Structure::FuzzyTanh | Structure::Law(_)) {
+            return Err(Error::Data {
+                message: format!(
+                    "{} is fitted by squares alone; leave Huber's loss out",
+                    spec.structure().name()
+                ),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// How well a model of this kind can do on `datasets`: mean ESR of the runs after a few restarts.
