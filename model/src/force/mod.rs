@@ -13,7 +13,7 @@ mod sets;
 pub use arx::{Arx, LAGS};
 pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
 pub use history::{DEPTH, History};
-pub use law::{Dependence, Law, LawModel, LawState};
+pub use law::{Dependence, Law, LawModel, LawState, Sensitivity};
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 
 use crate::sample::DriveKind;

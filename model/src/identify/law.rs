@@ -190,7 +190,14 @@ impl Columns for LawColumns {
     }
 
     #[inline]
-    fn row(&self, memory: &mut Memory, inputs: &Inputs, basis: &[f64], natural: &[f64], columns: &mut [f64]) -> f64 {
+    fn row(
+        &self,
+        memory: &mut Memory,
+        inputs: &Inputs,
+        basis: &[f64],
+        natural: &[f64],
+        columns: &mut [f64],
+    ) -> f64 {
         let n = self.per_copy();
         if self.has_memory() {
             return self.row_with_memory(memory, inputs, basis, natural, columns);

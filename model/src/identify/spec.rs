@@ -60,7 +60,6 @@ impl Structure {
             Self::FuzzyTanh => &[Form::SemiActive],
             // Fuzzy sets over the tanh function are the fuzzy-tanh model.
             Self::Law(Law::Sp) => &[Form::Passive, Form::SemiActive],
-            #[allow(unreachable_patterns)]
             Self::Law(_) => &[Form::Passive, Form::SemiActive, Form::Fuzzy],
         }
     }
