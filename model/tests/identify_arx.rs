@@ -47,8 +47,10 @@ fn arx_run(model: &Arx, noise_n: f64, recipe: Recipe) -> Run {
     let force = made.force_n.as_mut().expect("made");
     for k in 0..force.len() {
         history.push_inputs(&Inputs {
+            dt_s: None,
             displacement_m: made.displacement_m.values[k],
             velocity_m_s: velocity.values[k],
+            acceleration_m_s2: f64::NAN,
             drive: drive.values[k],
         });
         let f = history.regressors(model).map_or(0.0, |r| model.predict_n(&r))

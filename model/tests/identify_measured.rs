@@ -75,11 +75,7 @@ fn mean_esr(model: &Model, runs: &[Run], options: &Options) -> f64 {
         let rows = Dataset::from_run(run, &model.conditioning, &options.dataset).expect("rows").rows;
         let (mut sum, mut state) = (ErrorSum::default(), FreeRun::default());
         for row in rows {
-            let inputs = Inputs {
-                displacement_m: row.displacement_m,
-                velocity_m_s: row.velocity_m_s,
-                drive: row.drive,
-            };
+            let inputs = row.inputs();
             let force_n = model.force.free_run(&mut state, &inputs);
             if row.counts {
                 sum.add(row.raw_force_n, force_n.unwrap_or(f64::NAN));

@@ -120,20 +120,23 @@ impl Conditioning {
     }
 }
 
-/// Displacement and velocity after conditioning.
+/// Displacement and its derivatives after conditioning.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
     /// Displacement, m.
     pub displacement_m: f64,
     /// Velocity, m/s.
     pub velocity_m_s: f64,
+    /// Acceleration, m/s²: the backward difference of velocity; NaN while there is only one velocity.
+    pub acceleration_m_s2: f64,
 }
 
-/// Memory of the displacement path: filter, then derivative.
+/// Memory of the displacement path: filter, then derivatives.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MotionState {
     filter: low_pass::State,
     derivative: derivative::State,
+    velocity_m_s: Option<f64>,
 }
 
 impl Conditioning {
@@ -162,6 +165,14 @@ impl Conditioning {
             ),
             VelocitySource::Measured => measured_velocity_m_s,
         };
-        velocity.map(|velocity_m_s| Motion { displacement_m: filtered, velocity_m_s })
+        let before = std::mem::replace(&mut state.velocity_m_s, velocity).filter(|_| dt_s.is_some());
+        velocity.map(|velocity_m_s| Motion {
+            displacement_m: filtered,
+            velocity_m_s,
+            acceleration_m_s2: match (before, dt_s) {
+                (Some(before), Some(dt_s)) => (velocity_m_s - before) / dt_s,
+                _ => f64::NAN,
+            },
+        })
     }
 }

@@ -6,9 +6,14 @@
 
 mod arx;
 mod fuzzy_tanh;
+mod tsk;
 
 pub use arx::{Arx, ArxHistory, ArxRegressors, LAGS};
 pub use fuzzy_tanh::{FuzzyTanh, MAX_FUNCTIONS, Membership, TanhFunction};
+pub use tsk::{
+    MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
+    TskKind, TskSet,
+};
 
 use crate::sample::DriveKind;
 
@@ -28,10 +33,14 @@ pub enum ForceModel {
 /// What a model is given at one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inputs {
+    /// Time since the sample before, s; `None` when there is none.
+    pub dt_s: Option<f64>,
     /// Conditioned displacement, m.
     pub displacement_m: f64,
     /// Conditioned velocity, m/s.
     pub velocity_m_s: f64,
+    /// Conditioned acceleration, m/s²; NaN while it is not known.
+    pub acceleration_m_s2: f64,
     /// Drive in the unit of the model's [`DriveKind`]; ignored by models without one.
     pub drive: f64,
 }

@@ -6,6 +6,7 @@
 
 use crate::condition::{ApplyTo, Conditioning, ForceAligner, Hold, LowPassState, MotionState};
 use crate::error::Error;
+use crate::force::Inputs;
 use crate::model::Envelope;
 use crate::sample::{DriveKind, Reading, Run, Stamp, Trace};
 
@@ -49,6 +50,8 @@ pub struct Row {
     pub displacement_m: f64,
     /// Conditioned velocity, m/s.
     pub velocity_m_s: f64,
+    /// Conditioned acceleration, m/s²; NaN in the first row of a segment.
+    pub acceleration_m_s2: f64,
     /// Drive, A or V.
     pub drive: f64,
     /// Measured force at this stamp, N, comparable with the model's: low-passed when the conditioning filters
@@ -58,6 +61,20 @@ pub struct Row {
     pub raw_force_n: f64,
     /// True when the row takes part in fits and figures: force known, filters settled, damper moving.
     pub counts: bool,
+}
+
+impl Row {
+    /// What a model is given at this row.
+    #[must_use]
+    pub const fn inputs(&self) -> Inputs {
+        Inputs {
+            dt_s: self.dt_s,
+            displacement_m: self.displacement_m,
+            velocity_m_s: self.velocity_m_s,
+            acceleration_m_s2: self.acceleration_m_s2,
+            drive: self.drive,
+        }
+    }
 }
 
 /// A conditioned run.
@@ -184,6 +201,7 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
                     dt_s: dt_s.filter(|_| !fresh),
                     displacement_m: m.displacement_m,
                     velocity_m_s: m.velocity_m_s,
+                    acceleration_m_s2: m.acceleration_m_s2,
                     drive: drive.at(stamp).map_or(f64::NAN, |(_, value)| value),
                     force_n: f64::NAN,
                     raw_force_n: f64::NAN,

@@ -164,8 +164,7 @@ fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
             (free, output, history, last_force_n) =
                 (FreeRun::default(), None, ArxHistory::default(), f64::NAN);
         }
-        let inputs =
-            Inputs { displacement_m: row.displacement_m, velocity_m_s: row.velocity_m_s, drive: row.drive };
+        let inputs = row.inputs();
         let driven = force.drive().is_none() || row.drive.is_finite();
         let mut free_n =
             if driven { force.free_run(&mut free, &inputs).filter(|f| f.is_finite()) } else { None };

@@ -50,8 +50,10 @@ impl Front {
             given.measured_velocity_m_s,
         )?;
         Some(Inputs {
+            dt_s: given.dt_s,
             displacement_m: motion.displacement_m,
             velocity_m_s: motion.velocity_m_s,
+            acceleration_m_s2: motion.acceleration_m_s2,
             drive: given.drive,
         })
     }
@@ -267,7 +269,13 @@ impl SeededLane {
         }
         let inputs = self.front.step(given, reasons);
         // The place of sample k in the lags is taken even when nothing is known of it: NaN.
-        let unknown = Inputs { displacement_m: f64::NAN, velocity_m_s: f64::NAN, drive: f64::NAN };
+        let unknown = Inputs {
+            dt_s: None,
+            displacement_m: f64::NAN,
+            velocity_m_s: f64::NAN,
+            acceleration_m_s2: f64::NAN,
+            drive: f64::NAN,
+        };
         self.history.push_inputs(&inputs.unwrap_or(unknown));
         let at_rate = (self.period_s / period_s - 1.0).abs() <= Self::PERIOD_TOLERANCE;
         if !at_rate {
