@@ -6,7 +6,7 @@
 
 mod arx;
 mod fuzzy_tanh;
-mod tsk;
+pub(crate) mod tsk;
 
 pub use arx::{Arx, ArxHistory, ArxRegressors, LAGS};
 pub use fuzzy_tanh::{FuzzyTanh, MAX_FUNCTIONS, Membership, TanhFunction};

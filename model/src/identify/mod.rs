@@ -41,11 +41,13 @@ pub mod least_squares;
 mod levels;
 mod report;
 mod tanh_problem;
+mod tsk;
 mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
 pub use report::{ActiveBound, Identified, RunFit};
+pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;
 
 use crate::condition::Conditioning;
@@ -130,6 +132,13 @@ pub enum Progress {
         /// Restarts that have ended.
         done: u32,
         /// Restarts in all.
+        of: u32,
+    },
+    /// An epoch of learning, or a generation of an evolution, has ended.
+    Epoch {
+        /// Epochs that have ended.
+        done: u32,
+        /// Epochs at most.
         of: u32,
     },
     /// The best restarts are being finished on all rows.

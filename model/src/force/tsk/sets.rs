@@ -268,6 +268,15 @@ impl TskSet {
         }
     }
 
+    /// Where it is one: the centre or the peak.
+    #[must_use]
+    pub const fn top(&self) -> f64 {
+        match *self {
+            Self::Gaussian { centre, .. } => centre,
+            Self::Triangle { peak, .. } => peak,
+        }
+    }
+
     const fn numbers(&self) -> [f64; 3] {
         match *self {
             Self::Gaussian { centre, sigma } => [centre, sigma, 0.0],
