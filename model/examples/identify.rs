@@ -12,7 +12,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let experiment = Experiment::thesis("RP3-CS").ok_or("the rig knows its experiments")?;
     let runs: Vec<_> =
         (1..=2).map(|seed| record(&experiment, &Plant::default(), &Channels::default(), seed)).collect();
-    for spec in [ModelSpec::ArxSemiActive, ModelSpec::FuzzyTanh] {
+    for spec in [ModelSpec::ARX_SEMI_ACTIVE, ModelSpec::FUZZY_TANH] {
         let found = identify(spec, &runs, &Options::default(), &Watch::none())?;
         println!("{}", found.model.force.name());
         for (name, fit) in [
@@ -31,6 +31,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ForceModel::Arx(arx) => {
                 println!("  rank {:?}, poles {:.4?}", found.rank, arx.pole_moduli());
             }
+            ForceModel::Tsk(tsk) => println!("  {} rules", tsk.rules()),
+            ForceModel::Law(law) => println!("  {:?}", law.coefficients()),
             ForceModel::FuzzyTanh(fuzzy) => {
                 for (centre, f) in fuzzy.centres().iter().zip(fuzzy.functions()) {
                     println!("  {centre:.2} A: {f:.4?}");

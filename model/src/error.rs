@@ -72,6 +72,15 @@ pub enum Error {
 }
 
 impl Error {
+    /// A model that feeds on force cannot have a filter behind it.
+    pub(crate) fn output_filter_on_force_fed(model: &str) -> Self {
+        Self::Data {
+            message: format!(
+                "an {model} model takes filter.apply_to = inputs or none, not output: its own output is its input"
+            ),
+        }
+    }
+
     /// Checks that `value` is finite and satisfies `ok`.
     pub(crate) fn check(
         name: &str,

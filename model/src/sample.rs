@@ -71,6 +71,15 @@ impl DriveKind {
             Self::CommandVoltage => "command_v",
         }
     }
+
+    /// The suffix of names in its unit: `a` or `v`.
+    #[must_use]
+    pub const fn unit_suffix(self) -> &'static str {
+        match self {
+            Self::CoilCurrent => "a",
+            Self::CommandVoltage => "v",
+        }
+    }
 }
 
 impl std::fmt::Display for DriveKind {

@@ -4,7 +4,7 @@ mod identify_support;
 
 use identify_support::{Recipe, run, truth};
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
-use mr_damper_model::force::{Arx, ArxHistory, ForceModel, Inputs};
+use mr_damper_model::force::{Arx, ForceModel, History, Inputs};
 use mr_damper_model::identify::{DatasetOptions, Identified, ModelSpec, Options, Watch, identify};
 use mr_damper_model::sample::{DriveKind, Run, Stamp};
 use mr_damper_model::units::Second;
@@ -20,7 +20,7 @@ fn options(velocity: VelocitySource) -> Options {
 fn arx(found: &Identified) -> Arx {
     match found.model.force {
         ForceModel::Arx(arx) => arx,
-        ForceModel::FuzzyTanh(_) => panic!("asked for ARX"),
+        _ => panic!("asked for ARX"),
     }
 }
 
@@ -42,19 +42,18 @@ fn the_truth(semi_active: bool) -> Arx {
 fn arx_run(model: &Arx, noise_n: f64, recipe: Recipe) -> Run {
     let mut made = run(recipe, KIND, |_, _, _| 0.0);
     let mut noise = Pcg64Mcg::seed_from_u64(recipe.seed);
-    let mut history = ArxHistory::default();
+    let mut history = History::default();
     let (velocity, drive) = (made.velocity_m_s.clone().expect("made"), made.drive.clone().expect("made").1);
     let force = made.force_n.as_mut().expect("made");
     for k in 0..force.len() {
         history.push_inputs(&Inputs {
             dt_s: None,
+            acceleration_m_s2: f64::NAN,
             displacement_m: made.displacement_m.values[k],
             velocity_m_s: velocity.values[k],
-            acceleration_m_s2: f64::NAN,
             drive: drive.values[k],
         });
-        let f = history.regressors(model).map_or(0.0, |r| model.predict_n(&r))
-            + noise_n * (2.0 * noise.random::<f64>() - 1.0);
+        let f = model.predict_n(&history).unwrap_or(0.0) + noise_n * (2.0 * noise.random::<f64>() - 1.0);
         history.push_force(f);
         force.values[k] = f + recipe.offset_n;
     }
@@ -67,7 +66,7 @@ fn steps(t: f64) -> f64 {
 
 #[test]
 fn coefficients_and_offsets_come_back() {
-    for (spec, semi_active) in [(ModelSpec::ArxPassive, false), (ModelSpec::ArxSemiActive, true)] {
+    for (spec, semi_active) in [(ModelSpec::ARX_PASSIVE, false), (ModelSpec::ARX_SEMI_ACTIVE, true)] {
         let model = the_truth(semi_active);
         let recipe = Recipe { drive: steps, duration_s: 20.0, ..Recipe::default() };
         let runs = [
@@ -106,7 +105,7 @@ fn collinear_regressors_give_the_least_norm() {
     let recipe = Recipe { drive: steps, noise_n: 3.0, offset_n: 30.0, ..Recipe::default() };
     let exact = [run(recipe, KIND, |x, v, i| model.force_n(x, v, i))];
     let backward = options(VelocitySource::Backward);
-    for (spec, rank) in [(ModelSpec::ArxPassive, 7), (ModelSpec::ArxSemiActive, 10)] {
+    for (spec, rank) in [(ModelSpec::ARX_PASSIVE, 7), (ModelSpec::ARX_SEMI_ACTIVE, 10)] {
         let found = identify(spec, &exact, &backward, &Watch::none()).expect("identifies");
         assert_eq!(found.rank, Some(rank));
         let a = arx(&found);
@@ -170,8 +169,8 @@ fn rounded_stamps_do_not_blow_coefficients_up() {
         rounded.drive.as_mut().expect("made").1.stamps[k] = stamp;
     }
     let backward = options(VelocitySource::Backward);
-    let one = identify(ModelSpec::ArxPassive, &[exact], &backward, &Watch::none()).expect("identifies");
-    let other = identify(ModelSpec::ArxPassive, &[rounded], &backward, &Watch::none()).expect("identifies");
+    let one = identify(ModelSpec::ARX_PASSIVE, &[exact], &backward, &Watch::none()).expect("identifies");
+    let other = identify(ModelSpec::ARX_PASSIVE, &[rounded], &backward, &Watch::none()).expect("identifies");
     assert_eq!((one.rank, other.rank), (Some(7), Some(7)));
     for (a, b) in arx(&one).velocity_lags_n_s_m().iter().zip(arx(&other).velocity_lags_n_s_m()) {
         assert!((a - b).abs() < 0.01 * a.abs() + 1.0, "{a} {b}");
@@ -188,17 +187,17 @@ fn rates_must_go_together_or_be_thinned() {
     };
     let runs = [make("slow", 200.0), make("fast", 1000.0)];
     let backward = options(VelocitySource::Backward);
-    let error = identify(ModelSpec::ArxPassive, &runs, &backward, &Watch::none()).expect_err("two rates");
+    let error = identify(ModelSpec::ARX_PASSIVE, &runs, &backward, &Watch::none()).expect_err("two rates");
     let text = error.to_string();
     assert!(text.contains("run slow is at 200") && text.contains("run fast at 1000"), "{text}");
     let at = |rate_hz| Options {
         dataset: DatasetOptions { rate_hz: Some(rate_hz), ..DatasetOptions::default() },
         ..backward.clone()
     };
-    let found = identify(ModelSpec::ArxPassive, &runs, &at(200.0), &Watch::none()).expect("thinned");
+    let found = identify(ModelSpec::ARX_PASSIVE, &runs, &at(200.0), &Watch::none()).expect("thinned");
     assert!((arx(&found).sample_period().get() - 0.005).abs() < 1e-6);
     assert!((found.model.rate_hz - 200.0).abs() < 0.1);
-    let error = identify(ModelSpec::ArxPassive, &runs, &at(300.0), &Watch::none()).expect_err("no multiple");
+    let error = identify(ModelSpec::ARX_PASSIVE, &runs, &at(300.0), &Watch::none()).expect_err("no multiple");
     assert!(error.to_string().contains("run slow: is at 200"), "{error}");
 }
 
@@ -209,7 +208,7 @@ fn a_constant_drive_is_no_signal() {
     let fitted = |offset_n| {
         let recipe = Recipe { drive: |_| 3.212, noise_n: 3.0, offset_n, ..Recipe::default() };
         let runs = [run(recipe, KIND, |x, v, i| model.force_n(x, v, i))];
-        identify(ModelSpec::ArxSemiActive, &runs, &options(VelocitySource::Backward), &Watch::none())
+        identify(ModelSpec::ARX_SEMI_ACTIVE, &runs, &options(VelocitySource::Backward), &Watch::none())
             .expect("identifies")
     };
     let (found, without) = (fitted(40.0), fitted(0.0));
@@ -231,7 +230,7 @@ fn gaps_take_part_neither_in_fit_nor_in_figures() {
     cut(&mut gap.displacement_m);
     gap.force_n.iter_mut().chain(&mut gap.velocity_m_s).for_each(cut);
     let measured = options(VelocitySource::Measured);
-    let found = identify(ModelSpec::ArxPassive, &[gap], &measured, &Watch::none()).expect("identifies");
+    let found = identify(ModelSpec::ARX_PASSIVE, &[gap], &measured, &Watch::none()).expect("identifies");
     let one_step = found.one_step.expect("figures").rsse_n;
     assert!(one_step < 1.02 * 2.0 / 3.0_f64.sqrt(), "{one_step}");
 }
@@ -242,7 +241,7 @@ fn what_cannot_be_fitted_is_refused() {
     let made =
         |duration_s| run(Recipe { duration_s, ..Recipe::default() }, KIND, |x, v, i| model.force_n(x, v, i));
     let refused = |runs: &[Run], options: &Options| {
-        identify(ModelSpec::ArxSemiActive, runs, options, &Watch::none()).expect_err("refused").to_string()
+        identify(ModelSpec::ARX_SEMI_ACTIVE, runs, options, &Watch::none()).expect_err("refused").to_string()
     };
     let mut output = options(VelocitySource::Backward);
     output.conditioning.apply_to = ApplyTo::Output;
@@ -254,6 +253,6 @@ fn what_cannot_be_fitted_is_refused() {
     assert!(text.contains("has no current_a or command_v"), "{text}");
     // The passive form needs no drive.
     let free = [Run { drive: None, ..made(8.0) }];
-    let found = identify(ModelSpec::ArxPassive, &free, &options(VelocitySource::Backward), &Watch::none());
+    let found = identify(ModelSpec::ARX_PASSIVE, &free, &options(VelocitySource::Backward), &Watch::none());
     assert_eq!(found.expect("identifies").model.force.drive(), None);
 }

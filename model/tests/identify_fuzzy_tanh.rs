@@ -47,12 +47,12 @@ fn runs(kind: DriveKind, noise_n: f64) -> Vec<Run> {
 fn fuzzy(found: &Identified) -> FuzzyTanh {
     match found.model.force {
         ForceModel::FuzzyTanh(fuzzy) => fuzzy,
-        ForceModel::Arx(_) => panic!("asked for fuzzy-tanh"),
+        _ => panic!("asked for fuzzy-tanh"),
     }
 }
 
 fn find(runs: &[Run], options: &Options) -> Identified {
-    identify(ModelSpec::FuzzyTanh, runs, options, &Watch::none()).expect("identifies")
+    identify(ModelSpec::FUZZY_TANH, runs, options, &Watch::none()).expect("identifies")
 }
 
 #[test]
@@ -166,11 +166,11 @@ fn centres_can_be_given_but_must_see_data() {
     };
     let found = find(&runs, &given(&[0.0, 1.0]));
     assert_eq!((fuzzy(&found).centres(), fuzzy(&found).sigma()), (&[0.0, 1.0][..], 0.2));
-    let error =
-        identify(ModelSpec::FuzzyTanh, &runs, &given(&[0.0, 1.0, 2.5]), &Watch::none()).expect_err("no data");
+    let error = identify(ModelSpec::FUZZY_TANH, &runs, &given(&[0.0, 1.0, 2.5]), &Watch::none())
+        .expect_err("no data");
     assert!(error.to_string().contains("near current_a = 2.5"), "{error}");
     let error =
-        identify(ModelSpec::FuzzyTanh, &runs, &given(&[1.0, 0.0]), &Watch::none()).expect_err("order");
+        identify(ModelSpec::FUZZY_TANH, &runs, &given(&[1.0, 0.0]), &Watch::none()).expect_err("order");
     assert!(error.to_string().contains("centres[1] is 0"), "{error}");
 }
 
@@ -179,7 +179,7 @@ fn errors_name_the_run_and_the_channel() {
     let good = runs(DriveKind::CoilCurrent, 4.0);
     let volts = run(Recipe { name: "volts", ..Recipe::default() }, DriveKind::CommandVoltage, |_, v, _| v);
     let message = |runs: &[Run]| {
-        identify(ModelSpec::FuzzyTanh, runs, &options(), &Watch::none()).expect_err("refused").to_string()
+        identify(ModelSpec::FUZZY_TANH, runs, &options(), &Watch::none()).expect_err("refused").to_string()
     };
     assert!(message(&[]).contains("no runs"));
     let text = message(&[good[0].clone(), volts]);
@@ -210,14 +210,14 @@ fn it_can_be_followed_and_cancelled() {
         }
     };
     let watch = Watch { cancel: None, progress: Some(&progress) };
-    identify(ModelSpec::FuzzyTanh, &runs, &options(), &watch).expect("identifies");
+    identify(ModelSpec::FUZZY_TANH, &runs, &options(), &watch).expect("identifies");
     assert_eq!(restarts.load(Ordering::Relaxed), 8);
 
     let cancel = AtomicBool::new(false);
     let many = Options { restarts: 1_000_000, ..options() };
     let (outcome, took) = std::thread::scope(|scope| {
         let work = scope.spawn(|| {
-            identify(ModelSpec::FuzzyTanh, &runs, &many, &Watch { cancel: Some(&cancel), progress: None })
+            identify(ModelSpec::FUZZY_TANH, &runs, &many, &Watch { cancel: Some(&cancel), progress: None })
         });
         std::thread::sleep(Duration::from_millis(300));
         cancel.store(true, Ordering::Relaxed);

@@ -16,7 +16,7 @@
 //! a figure. With v the backward difference of x the nine regressors have rank seven: single coefficients
 //! mean nothing, their sum of products does.
 
-use super::Inputs;
+use super::history::{History, known};
 use crate::error::Error;
 use crate::sample::DriveKind;
 use crate::units::Second;
@@ -35,19 +35,6 @@ pub struct Arx {
     sample_period_s: f64,
     force_offset_n: f64,
     resolution: f64,
-}
-
-/// The signals that one prediction is made from, newest first.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ArxRegressors {
-    /// F_{k-1}, F_{k-2}, F_{k-3}, N, with the session's offset still in.
-    pub force_n: [f64; LAGS],
-    /// x_k, x_{k-1}, x_{k-2}, m.
-    pub displacement_m: [f64; LAGS],
-    /// v_k, v_{k-1}, v_{k-2}, m/s.
-    pub velocity_m_s: [f64; LAGS],
-    /// i_k, i_{k-1}, i_{k-2}, A or V; ignored by a passive model.
-    pub drive: [f64; LAGS],
 }
 
 impl Arx {
@@ -173,91 +160,35 @@ impl Arx {
         gap > 3.0 * (LAGS as f64 * self.resolution)
     }
 
-    /// The predicted force in newtons.
+    /// The predicted force in newtons, or `None` while something that the model needs is unknown.
     #[inline]
     #[must_use]
-    pub fn predict_n(&self, r: &ArxRegressors) -> f64 {
+    pub fn predict_n(&self, history: &History) -> Option<f64> {
+        let ready = known(&history.force_n, LAGS)
+            && known(&history.displacement_m, LAGS)
+            && known(&history.velocity_m_s, LAGS)
+            && (self.drive.is_none() || known(&history.drive, LAGS));
+        if !ready {
+            return None;
+        }
         let mut force = self.force_offset_n;
         for j in 0..LAGS {
-            force += self.force[j] * (r.force_n[j] - self.force_offset_n)
-                + self.displacement_n_m[j] * r.displacement_m[j]
-                + self.velocity_n_s_m[j] * r.velocity_m_s[j];
+            force += self.force[j] * (history.force_n[j] - self.force_offset_n)
+                + self.displacement_n_m[j] * history.displacement_m[j]
+                + self.velocity_n_s_m[j] * history.velocity_m_s[j];
         }
         if let Some((_, coefficients)) = &self.drive {
-            for (coefficient, drive) in coefficients.iter().zip(&r.drive) {
+            for (coefficient, drive) in coefficients.iter().zip(&history.drive) {
                 force += coefficient * drive;
             }
         }
-        force
-    }
-}
-
-/// The lagged signals that an ARX model needs; a slot that is not known holds NaN.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ArxHistory {
-    force_n: [f64; LAGS],
-    displacement_m: [f64; LAGS],
-    velocity_m_s: [f64; LAGS],
-    drive: [f64; LAGS],
-}
-
-impl Default for ArxHistory {
-    fn default() -> Self {
-        let unknown = [f64::NAN; LAGS];
-        Self { force_n: unknown, displacement_m: unknown, velocity_m_s: unknown, drive: unknown }
-    }
-}
-
-impl ArxHistory {
-    /// Takes in the inputs of sample k.
-    #[inline]
-    pub fn push_inputs(&mut self, inputs: &Inputs) {
-        shift_in(&mut self.displacement_m, inputs.displacement_m);
-        shift_in(&mut self.velocity_m_s, inputs.velocity_m_s);
-        shift_in(&mut self.drive, inputs.drive);
+        Some(force)
     }
 
-    /// Takes in the force of sample k, measured or predicted; call after the prediction of sample k.
-    #[inline]
-    pub fn push_force(&mut self, force_n: f64) {
-        shift_in(&mut self.force_n, force_n);
-    }
-
-    /// Replaces the force of `age` samples before the newest one by the measured value. Ages beyond the
-    /// history are ignored: no coming prediction uses them.
-    #[inline]
-    pub fn seed(&mut self, age: usize, force_n: f64) {
-        if let Some(slot) = self.force_n.get_mut(age) {
-            *slot = force_n;
-        }
-    }
-
-    /// Forgets the forces, so that only measured ones can make the model ready again.
-    pub fn forget_forces(&mut self) {
-        self.force_n = [f64::NAN; LAGS];
-    }
-
-    /// What the next prediction is made from, or `None` while something that `model` needs is unknown.
-    #[inline]
+    /// The same model with another session's force offset, N.
     #[must_use]
-    pub fn regressors(&self, model: &Arx) -> Option<ArxRegressors> {
-        let known = |values: &[f64; LAGS]| values.iter().all(|v| v.is_finite());
-        let ready = known(&self.force_n)
-            && known(&self.displacement_m)
-            && known(&self.velocity_m_s)
-            && (model.drive.is_none() || known(&self.drive));
-        ready.then_some(ArxRegressors {
-            force_n: self.force_n,
-            displacement_m: self.displacement_m,
-            velocity_m_s: self.velocity_m_s,
-            drive: self.drive,
-        })
+    pub const fn with_force_offset_n(mut self, force_offset_n: f64) -> Self {
+        self.force_offset_n = force_offset_n;
+        self
     }
-}
-
-#[inline]
-fn shift_in(slots: &mut [f64; LAGS], value: f64) {
-    slots[2] = slots[1];
-    slots[1] = slots[0];
-    slots[0] = value;
 }

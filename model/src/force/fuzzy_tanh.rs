@@ -23,20 +23,9 @@
 //! the recorded velocity, as it does when displacement is low-passed and force is not. Sigma is printed
 //! as "variance 0.2"; it is taken as a standard deviation of 0.2 A and is a setting here.
 
+use super::sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 use crate::error::Error;
 use crate::sample::DriveKind;
-
-/// The most fuzzy sets that one model can hold.
-pub const MAX_FUNCTIONS: usize = 16;
-
-/// Gaussian membership functions over the drive.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Membership {
-    /// What is fuzzified: current in A, or command voltage in V.
-    pub drive: DriveKind,
-    /// Standard deviation of every set, in the unit of `drive`.
-    pub sigma: f64,
-}
 
 /// One tanh function: the damper at one drive level.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -64,11 +53,8 @@ impl TanhFunction {
 /// The current-fuzzy tanh model. It has no state: the force depends on this sample's inputs alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FuzzyTanh {
-    drive: DriveKind,
-    sigma: f64,
+    sets: FuzzySets,
     force_offset_n: f64,
-    len: usize,
-    centres: [f64; MAX_FUNCTIONS],
     functions: [TanhFunction; MAX_FUNCTIONS],
 }
 
@@ -84,25 +70,14 @@ impl FuzzyTanh {
         functions: &[TanhFunction],
         force_offset_n: f64,
     ) -> Result<Self, Error> {
-        let unit = if membership.drive == DriveKind::CoilCurrent { "a" } else { "v" };
-        let sigma = Error::check(
-            &format!("membership_sigma_{unit}"),
-            membership.sigma,
-            "positive and finite",
-            |s| s > 0.0,
-        )?;
-        if functions.is_empty() || functions.len() > MAX_FUNCTIONS || centres.len() != functions.len() {
+        let sets = FuzzySets::new(membership, centres)?;
+        if functions.len() != sets.len() {
             return Err(Error::Length {
-                name: format!("membership_centres_{unit}"),
-                found: centres.len(),
-                expected: format!("as many as tanh functions ({}), 1 to {MAX_FUNCTIONS}", functions.len()),
+                name: "yield_force_n".to_owned(),
+                found: functions.len(),
+                expected: format!("{} (one tanh function for each centre)", sets.len()),
             });
         }
-        for (j, pair) in centres.windows(2).enumerate() {
-            let name = format!("membership_centres_{unit}[{}]", j + 1);
-            Error::check(&name, pair[1], "greater than the centre before it", |c| c > pair[0])?;
-        }
-        Error::check(&format!("membership_centres_{unit}[0]"), centres[0], "finite", |_| true)?;
         Error::check("force_offset_n", force_offset_n, "finite", |_| true)?;
         for (j, f) in functions.iter().enumerate() {
             for (name, value) in [
@@ -114,15 +89,7 @@ impl FuzzyTanh {
                 Error::check(&format!("{name}[{j}]"), value, "finite", |_| true)?;
             }
         }
-        let mut model = Self {
-            drive: membership.drive,
-            sigma,
-            force_offset_n,
-            len: functions.len(),
-            centres: [0.0; MAX_FUNCTIONS],
-            functions: [TanhFunction::default(); MAX_FUNCTIONS],
-        };
-        model.centres[..centres.len()].copy_from_slice(centres);
+        let mut model = Self { sets, force_offset_n, functions: [TanhFunction::default(); MAX_FUNCTIONS] };
         model.functions[..functions.len()].copy_from_slice(functions);
         Ok(model)
     }
@@ -130,25 +97,31 @@ impl FuzzyTanh {
     /// Which drive the model wants.
     #[must_use]
     pub const fn drive(&self) -> DriveKind {
-        self.drive
+        self.sets.drive()
+    }
+
+    /// The memberships.
+    #[must_use]
+    pub const fn sets(&self) -> &FuzzySets {
+        &self.sets
     }
 
     /// Width of the memberships, in the unit of the drive.
     #[must_use]
     pub const fn sigma(&self) -> f64 {
-        self.sigma
+        self.sets.sigma()
     }
 
     /// Centres of the memberships, in the unit of the drive, increasing.
     #[must_use]
     pub fn centres(&self) -> &[f64] {
-        &self.centres[..self.len]
+        self.sets.centres()
     }
 
     /// The tanh functions, one under each centre.
     #[must_use]
     pub fn functions(&self) -> &[TanhFunction] {
-        &self.functions[..self.len]
+        &self.functions[..self.sets.len()]
     }
 
     /// Force offset of the session, N.
@@ -157,37 +130,17 @@ impl FuzzyTanh {
         self.force_offset_n
     }
 
+    /// The same model with another session's force offset, N.
+    #[must_use]
+    pub const fn with_force_offset_n(mut self, force_offset_n: f64) -> Self {
+        self.force_offset_n = force_offset_n;
+        self
+    }
+
     /// Four for each function: yield force, damping, slope, coupling.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
-        4 * self.len
-    }
-
-    /// Normalised firing strengths of the sets at drive `i`: they are positive and sum to one.
-    ///
-    /// Strengths are taken relative to the nearest set. Far outside the centres all exponentials underflow,
-    /// and a plain quotient would be 0/0; relative to the nearest set the model goes over to that set's
-    /// function instead.
-    #[inline]
-    #[must_use]
-    pub fn weights(&self, i: f64) -> [f64; MAX_FUNCTIONS] {
-        let mut weights = [0.0; MAX_FUNCTIONS];
-        let scale = -0.5 / (self.sigma * self.sigma);
-        let mut nearest = f64::INFINITY;
-        for (weight, centre) in weights.iter_mut().zip(self.centres()) {
-            let distance = i - centre;
-            *weight = distance * distance;
-            nearest = nearest.min(*weight);
-        }
-        let mut sum = 0.0;
-        for weight in &mut weights[..self.len] {
-            *weight = (scale * (*weight - nearest)).exp();
-            sum += *weight;
-        }
-        for weight in &mut weights[..self.len] {
-            *weight /= sum;
-        }
-        weights
+        4 * self.sets.len()
     }
 
     /// Force in newtons at displacement `x_m`, velocity `v_m_s` and drive `i` (in the unit of
@@ -195,7 +148,7 @@ impl FuzzyTanh {
     #[inline]
     #[must_use]
     pub fn force_n(&self, x_m: f64, v_m_s: f64, i: f64) -> f64 {
-        let weights = self.weights(i);
+        let weights = self.sets.weights(i);
         let mut force = 0.0;
         for (weight, function) in weights.iter().zip(self.functions()) {
             force += weight * function.force_n(x_m, v_m_s);

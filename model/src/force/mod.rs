@@ -6,21 +6,28 @@
 
 mod arx;
 mod fuzzy_tanh;
+mod history;
+pub mod law;
+mod sets;
 pub(crate) mod tsk;
 
-pub use arx::{Arx, ArxHistory, ArxRegressors, LAGS};
-pub use fuzzy_tanh::{FuzzyTanh, MAX_FUNCTIONS, Membership, TanhFunction};
+pub use arx::{Arx, LAGS};
+pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
+pub use history::{DEPTH, History};
+pub use law::{Dependence, Law, LawModel, LawState};
+pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 pub use tsk::{
     MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
     TskKind, TskSet,
 };
 
 use crate::sample::DriveKind;
+use crate::units::Second;
 
 /// Any force model of this crate.
 #[expect(
     clippy::large_enum_variant,
-    reason = "boxing the larger one would put it on the heap, out of `Copy`"
+    reason = "boxing the larger ones would put them on the heap, out of `Copy`"
 )]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ForceModel {
@@ -28,18 +35,22 @@ pub enum ForceModel {
     Arx(Arx),
     /// Fuzzy sets over the drive, a tanh function under each.
     FuzzyTanh(FuzzyTanh),
+    /// A law of force whose parameters follow the drive.
+    Law(LawModel),
+    /// Fuzzy rules on a grid: ANFIS and its relatives.
+    Tsk(Tsk),
 }
 
 /// What a model is given at one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inputs {
-    /// Time since the sample before, s; `None` when there is none.
+    /// Time since the sample before, s; `None` for the first one, or after a gap.
     pub dt_s: Option<f64>,
     /// Conditioned displacement, m.
     pub displacement_m: f64,
     /// Conditioned velocity, m/s.
     pub velocity_m_s: f64,
-    /// Conditioned acceleration, m/s²; NaN while it is not known.
+    /// Conditioned acceleration, m/s²; NaN when it is not known.
     pub acceleration_m_s2: f64,
     /// Drive in the unit of the model's [`DriveKind`]; ignored by models without one.
     pub drive: f64,
@@ -48,16 +59,19 @@ pub struct Inputs {
 /// State of a model that runs free (never sees measured force).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FreeRun {
-    arx: ArxHistory,
+    history: History,
+    law: LawState,
 }
 
 impl ForceModel {
-    /// The model's name, as in the contract: `arx`, `fuzzy-tanh`.
+    /// The model's name, as in the contract: `arx`, `fuzzy-tanh`, `sp`, `anfis`.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Arx(_) => "arx",
             Self::FuzzyTanh(_) => "fuzzy-tanh",
+            Self::Law(model) => model.law().name(),
+            Self::Tsk(model) => model.kind().name(),
         }
     }
 
@@ -67,6 +81,8 @@ impl ForceModel {
         match self {
             Self::Arx(arx) => arx.drive(),
             Self::FuzzyTanh(fuzzy) => Some(fuzzy.drive()),
+            Self::Law(model) => model.dependence().drive(),
+            Self::Tsk(model) => model.drive(),
         }
     }
 
@@ -76,6 +92,61 @@ impl ForceModel {
         match self {
             Self::Arx(arx) => arx.parameter_count(),
             Self::FuzzyTanh(fuzzy) => fuzzy.parameter_count(),
+            Self::Law(model) => model.parameter_count(),
+            Self::Tsk(model) => model.parameter_count(),
+        }
+    }
+
+    /// Force offset of the session, N.
+    #[must_use]
+    pub const fn force_offset_n(&self) -> f64 {
+        match self {
+            Self::Arx(arx) => arx.force_offset_n(),
+            Self::FuzzyTanh(fuzzy) => fuzzy.force_offset_n(),
+            Self::Law(model) => model.force_offset_n(),
+            Self::Tsk(model) => model.force_offset_n(),
+        }
+    }
+
+    /// The same model with another session's force offset, N.
+    #[must_use]
+    pub const fn with_force_offset_n(self, force_offset_n: f64) -> Self {
+        match self {
+            Self::Arx(arx) => Self::Arx(arx.with_force_offset_n(force_offset_n)),
+            Self::FuzzyTanh(fuzzy) => Self::FuzzyTanh(fuzzy.with_force_offset_n(force_offset_n)),
+            Self::Law(model) => Self::Law(model.with_force_offset_n(force_offset_n)),
+            Self::Tsk(model) => Self::Tsk(model.with_force_offset_n(force_offset_n)),
+        }
+    }
+
+    /// The sample period that a model which feeds on force holds at; `None` for one that does not, and so
+    /// can be seeded with no measured force.
+    #[must_use]
+    pub const fn force_fed_period(&self) -> Option<Second> {
+        match self {
+            Self::Arx(arx) => Some(arx.sample_period()),
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Tsk(_) => None,
+        }
+    }
+
+    /// False when the model's static force has no meaning (an ARX whose coefficients are rounded): then it
+    /// predicts one step ahead, but must not run free at low frequency.
+    #[must_use]
+    pub fn dc_is_meaningful(&self) -> bool {
+        match self {
+            Self::Arx(arx) => arx.dc_is_meaningful(),
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Tsk(_) => true,
+        }
+    }
+
+    /// The force in newtons that a model which feeds on force predicts from `history`; `None` while the
+    /// history does not carry it, and for every other model.
+    #[inline]
+    #[must_use]
+    pub fn predict_n(&self, history: &History) -> Option<f64> {
+        match self {
+            Self::Arx(arx) => arx.predict_n(history),
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Tsk(_) => None,
         }
     }
 
@@ -87,11 +158,13 @@ impl ForceModel {
             Self::FuzzyTanh(fuzzy) => {
                 Some(fuzzy.force_n(inputs.displacement_m, inputs.velocity_m_s, inputs.drive))
             }
-            Self::Arx(arx) => {
-                state.arx.push_inputs(inputs);
-                let predicted = state.arx.regressors(arx).map(|r| arx.predict_n(&r));
+            Self::Law(model) => Some(model.force_n(inputs, &mut state.law)),
+            Self::Tsk(model) => Some(model.force_n(inputs)),
+            Self::Arx(_) => {
+                state.history.push_inputs(inputs);
+                let predicted = self.predict_n(&state.history);
                 // At rest the damper's force is its offset: the neutral start of a free run.
-                state.arx.push_force(predicted.unwrap_or(arx.force_offset_n()));
+                state.history.push_force(predicted.unwrap_or(self.force_offset_n()));
                 predicted
             }
         }

@@ -121,6 +121,7 @@ pub struct OutputScale {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tsk {
     kind: TskKind,
+    drive: Option<DriveKind>,
     input_count: usize,
     /// Unused inputs repeat the first one, and do not count.
     inputs: [TskInput; MAX_INPUTS],
@@ -185,6 +186,7 @@ impl Tsk {
         Error::check("force_offset_n", force_offset_n, "finite", |_| true)?;
         let mut model = Self {
             kind,
+            drive: drive_of(inputs),
             input_count: inputs.len(),
             inputs: [*first; MAX_INPUTS],
             order,
@@ -242,11 +244,8 @@ impl Tsk {
 
     /// Which drive the model wants; `None` for the passive form.
     #[must_use]
-    pub fn drive(&self) -> Option<DriveKind> {
-        self.inputs().iter().find_map(|input| match input.signal() {
-            Signal::Drive(kind) => Some(kind),
-            _ => None,
-        })
+    pub const fn drive(&self) -> Option<DriveKind> {
+        self.drive
     }
 
     /// Number of rules.
@@ -257,12 +256,17 @@ impl Tsk {
 
     /// Conclusions, and two numbers for each Gaussian or three for each triangle: what the literature counts.
     #[must_use]
-    pub fn parameter_count(&self) -> usize {
-        let numbers = |input: &TskInput| match input.shape() {
-            Shape::Gaussian => 2 * input.len(),
-            Shape::Triangle => 3 * input.len(),
-        };
-        self.len + self.inputs().iter().map(numbers).sum::<usize>()
+    pub const fn parameter_count(&self) -> usize {
+        let (mut count, mut j) = (self.len, 0);
+        while j < self.input_count {
+            let numbers = match self.inputs[j].shape() {
+                Shape::Gaussian => 2,
+                Shape::Triangle => 3,
+            };
+            count += numbers * self.inputs[j].len();
+            j += 1;
+        }
+        count
     }
 
     /// Force in newtons at a sample. Not finite when an input that the model takes is not finite.
@@ -364,6 +368,14 @@ impl Tsk {
     }
 }
 
+/// The drive among `inputs`.
+fn drive_of(inputs: &[TskInput]) -> Option<DriveKind> {
+    inputs.iter().find_map(|input| match input.signal() {
+        Signal::Drive(kind) => Some(kind),
+        _ => None,
+    })
+}
+
 /// Checks that each signal comes once, and that a named structure is what its name says.
 fn check_structure(kind: TskKind, inputs: &[TskInput], order: Order) -> Result<(), Error> {
     for (j, input) in inputs.iter().enumerate() {
@@ -380,13 +392,9 @@ fn check_structure(kind: TskKind, inputs: &[TskInput], order: Order) -> Result<(
     if kind == TskKind::Anfis {
         return Ok(());
     }
-    let drive = inputs.iter().find_map(|input| match input.signal() {
-        Signal::Drive(kind) => Some(kind),
-        _ => None,
-    });
     let found: Vec<(Signal, usize)> = inputs.iter().map(|input| (input.signal(), input.len())).collect();
     let shaped = inputs.iter().all(|input| input.shape() == kind.shape());
-    if found == kind.structure(drive) && shaped && order == kind.order() {
+    if found == kind.structure(drive_of(inputs)) && shaped && order == kind.order() {
         return Ok(());
     }
     Err(Error::Data {

@@ -115,11 +115,7 @@ pub(super) fn fit(datasets: &[Dataset], drive: Option<DriveKind>, watch: &Watch)
 fn common_rate(datasets: &[Dataset]) -> Result<f64, Error> {
     let first = &datasets[0];
     if first.conditioning.apply_to == ApplyTo::Output {
-        return Err(Error::Data {
-            message:
-                "an arx model takes filter.apply_to = inputs or none, not output: its own output is its input"
-                    .to_owned(),
-        });
+        return Err(Error::output_filter_on_force_fed("arx"));
     }
     let off = |d: &&Dataset| (d.rate_hz / first.rate_hz - 1.0).abs() > RATE_TOLERANCE;
     if let Some(other) = datasets.iter().find(off) {

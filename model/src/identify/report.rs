@@ -2,12 +2,12 @@
 
 use super::dataset::{Dataset, Row};
 use super::levels::Memberships;
+use super::search::Found;
 use super::velocity::VelocityTrial;
 use crate::condition::{ApplyTo, LowPassState};
-use crate::force::{Arx, ArxHistory, ForceModel, FreeRun, FuzzyTanh, Inputs};
+use crate::force::{ForceModel, FreeRun, History, Inputs};
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::{Expected, Model};
-use crate::units::Second;
 
 /// An identified model.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,6 +31,8 @@ pub struct Identified {
     pub velocity_trials: Vec<VelocityTrial>,
     /// Rank of the regression (ARX): below the number of coefficients where regressors are collinear.
     pub rank: Option<usize>,
+    /// The parameters of a nonlinear fit, with their standard errors.
+    pub parameters: Vec<ParameterValue>,
     /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh). When many come close to
     /// the first, the minimum is well found.
     pub restart_rsse_n: Vec<f64>,
@@ -66,15 +68,52 @@ pub struct ActiveBound {
     pub value: f64,
 }
 
+/// A parameter that was sought.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterValue {
+    /// Name as in the model file, with the index of the set or of the power of the drive.
+    pub name: String,
+    /// The value, in the parameter's unit.
+    pub value: f64,
+    /// Its standard error, from the scatter of the gradient over blocks of a second; NaN where the runs do not
+    /// determine the parameter.
+    pub standard_error: f64,
+}
+
 /// What only the fit of one kind of model knows.
 #[derive(Debug, Default)]
 pub(super) struct Details {
     pub(super) memberships: Option<Memberships>,
-    pub(super) velocity_trials: Vec<VelocityTrial>,
     pub(super) rank: Option<usize>,
+    pub(super) parameters: Vec<ParameterValue>,
     pub(super) restart_rsse_n: Vec<f64>,
     pub(super) active_bounds: Vec<ActiveBound>,
     pub(super) converged: bool,
+}
+
+impl Details {
+    /// What a search found of parameters called `names`, copy after copy.
+    pub(super) fn of(found: &Found, names: &[&str]) -> Self {
+        let name = |j: usize| format!("{}[{}]", names[j % names.len()], j / names.len());
+        let parameter = |(j, (value, error)): (usize, (&f64, &f64))| ParameterValue {
+            name: name(j),
+            value: *value,
+            standard_error: *error,
+        };
+        let values = found.natural.iter().zip(&found.standard_errors).enumerate();
+        let bound = |&j: &usize| ActiveBound { parameter: name(j), value: found.natural[j] };
+        Self {
+            parameters: values.map(parameter).collect(),
+            restart_rsse_n: found.restart_rsse_n.clone(),
+            active_bounds: found.on_bound.iter().map(bound).collect(),
+            converged: found.converged,
+            ..Self::default()
+        }
+    }
+
+    pub(super) fn with_memberships(self, memberships: Memberships) -> Self {
+        Self { memberships: Some(memberships), ..self }
+    }
 }
 
 /// Sums of error: running free, one step ahead, persistence.
@@ -96,7 +135,7 @@ pub(super) fn assemble(
     let mut runs = Vec::with_capacity(datasets.len());
     for (dataset, &force_offset_n) in datasets.iter().zip(offsets_n) {
         let mut own = Errors::default();
-        run_errors(&with_offset(&model.force, force_offset_n), dataset, &mut [&mut own, &mut all]);
+        run_errors(&model.force.with_force_offset_n(force_offset_n), dataset, &mut [&mut own, &mut all]);
         runs.push(RunFit {
             name: dataset.name.clone(),
             samples: dataset.counted() as u64,
@@ -118,8 +157,9 @@ pub(super) fn assemble(
         one_step,
         persistence: sound(&all.persistence),
         memberships: details.memberships,
-        velocity_trials: details.velocity_trials,
+        velocity_trials: Vec::new(),
         rank: details.rank,
+        parameters: details.parameters,
         restart_rsse_n: details.restart_rsse_n,
         active_bounds: details.active_bounds,
         converged: details.converged,
@@ -131,38 +171,16 @@ fn sound(sum: &ErrorSum) -> Option<Fit> {
     sum.fit().filter(|fit| fit.rsse_n.is_finite())
 }
 
-/// The same model with another offset.
-fn with_offset(force: &ForceModel, force_offset_n: f64) -> ForceModel {
-    let other = match force {
-        ForceModel::FuzzyTanh(f) => {
-            let membership = crate::force::Membership { drive: f.drive(), sigma: f.sigma() };
-            FuzzyTanh::new(membership, f.centres(), f.functions(), force_offset_n).map(ForceModel::FuzzyTanh)
-        }
-        ForceModel::Arx(a) => Arx::new(
-            a.force_lags(),
-            a.displacement_lags_n_m(),
-            a.velocity_lags_n_s_m(),
-            a.drive_lags(),
-            Second(a.sample_period().get()),
-            force_offset_n,
-        )
-        .map(ForceModel::Arx),
-    };
-    // Only the offset differs, and it is finite: a mean of measured forces.
-    other.unwrap_or(*force)
-}
-
 /// Runs `force` over the rows, free and one step ahead, and adds the errors of those that count to each of
 /// `sums`.
 fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
     let filter = dataset.conditioning.low_pass();
     let filters_output = dataset.conditioning.apply_to == ApplyTo::Output;
-    let (mut free, mut output, mut history) = (FreeRun::default(), None, ArxHistory::default());
+    let (mut free, mut output, mut history) = (FreeRun::default(), None, History::default());
     let mut last_force_n = f64::NAN;
     for row in &dataset.rows {
         if row.dt_s.is_none() {
-            (free, output, history, last_force_n) =
-                (FreeRun::default(), None, ArxHistory::default(), f64::NAN);
+            (free, output, history, last_force_n) = (FreeRun::default(), None, History::default(), f64::NAN);
         }
         let inputs = row.inputs();
         let driven = force.drive().is_none() || row.drive.is_finite();
@@ -187,10 +205,9 @@ fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
 
 /// Prediction from the measured forces before this row, N; NaN while there are none, or for a model without
 /// them.
-fn one_step(force: &ForceModel, history: &mut ArxHistory, row: &Row, inputs: &Inputs) -> f64 {
-    let ForceModel::Arx(arx) = force else { return f64::NAN };
+fn one_step(force: &ForceModel, history: &mut History, row: &Row, inputs: &Inputs) -> f64 {
     history.push_inputs(inputs);
-    let predicted_n = history.regressors(arx).map_or(f64::NAN, |r| arx.predict_n(&r));
+    let predicted_n = force.predict_n(history).unwrap_or(f64::NAN);
     history.push_force(row.force_n);
     predicted_n
 }

@@ -31,10 +31,11 @@ pub use evolve::Evolution;
 
 use super::dataset::{Dataset, Row};
 use super::least_squares::{Normal, Problem, Stop, minimise};
-use super::{Progress, Watch};
+use super::{Options, Progress, Watch};
 use crate::condition::ApplyTo;
 use crate::error::Error;
 use crate::force::{MAX_INPUTS, Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind};
+use crate::metrics::ErrorSum;
 use crate::sample::DriveKind;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use premises::{Axis, Premises};
@@ -74,6 +75,14 @@ pub struct TskOptions {
 impl Default for TskOptions {
     fn default() -> Self {
         Self { epochs: 50, learning: Learning::default(), evolution: Evolution::default() }
+    }
+}
+
+impl TskOptions {
+    /// What the `options` of an identification say of it.
+    pub(super) fn of(options: &Options) -> Self {
+        let evolution = Evolution { seed: options.seed, ..Evolution::default() };
+        Self { evolution, ..Self::default() }
     }
 }
 
@@ -124,8 +133,29 @@ pub fn fit_tsk(
         data.scale_n * (lowest / rows).sqrt()
     };
     let epoch_rsse_n = learner.costs.borrow().iter().map(rsse_n).collect();
-    let (model, offsets_n) = data.model(kind, &parameters, watch)?;
+    let (model, offsets_n) = data.model(kind, &parameters)?;
     Ok(FittedTsk { model, offsets_n, epoch_rsse_n, converged })
+}
+
+/// Mean over the runs of error power over force variance on the uniform grid, each run with its best offset:
+/// enough to compare conditionings by.
+pub(super) fn grid_esr(
+    datasets: &[Dataset],
+    kind: TskKind,
+    drive: Option<DriveKind>,
+    watch: &Watch,
+) -> Result<f64, Error> {
+    let data = Data::new(datasets, kind, drive, watch)?;
+    let (model, _) = data.model(kind, &data.premises.start())?;
+    let structure = kind.structure(drive);
+    let esr = |dataset: &Dataset| {
+        let mut errors = ErrorSum::default();
+        for row in Columns::rows_of(dataset, &structure) {
+            errors.add(force_of(dataset, row), model.force_n(&row.inputs()));
+        }
+        errors.fit_without_offset().map_or(f64::INFINITY, |fit| fit.esr)
+    };
+    Ok(datasets.iter().map(esr).sum::<f64>() / datasets.len().max(1) as f64)
 }
 
 /// Rows and all that is fixed while memberships are learned.
@@ -280,10 +310,9 @@ impl<'a> Data<'a> {
     }
 
     /// The model at the memberships `parameters`, and the runs' offsets in newtons.
-    fn model(&self, kind: TskKind, parameters: &[f64], watch: &Watch) -> Result<(Tsk, Vec<f64>), Error> {
+    fn model(&self, kind: TskKind, parameters: &[f64]) -> Result<(Tsk, Vec<f64>), Error> {
         let inputs = self.premises.inputs(parameters)?;
         let solved = self.solve(&self.sums, &inputs).ok_or(Error::Cancelled)?;
-        let _ = watch;
         let rules = self.sums.rules();
         let mut conclusions = Vec::with_capacity(self.sums.len());
         for rule in 0..rules {
@@ -314,8 +343,8 @@ impl<'a> Data<'a> {
     fn linear_at_peaks(&self, inputs: &[TskInput], rule: usize) -> f64 {
         let [_, n1, n2] = self.sums.counts;
         let at = [rule / (n1 * n2), rule / n2 % n1, rule % n2];
-        let peak = |(i, input): (usize, &TskInput)| input.sets().nth(at[i]).map_or(0.0, |set| set.top());
-        inputs.iter().enumerate().map(|(i, input)| self.slopes[i] * peak((i, input))).sum()
+        let peak = |i: usize, input: &TskInput| input.sets().nth(at[i]).map_or(0.0, |set| set.top());
+        inputs.iter().enumerate().map(|(i, input)| self.slopes[i] * peak(i, input)).sum()
     }
 }
 
@@ -327,20 +356,26 @@ struct Columns {
 
 impl Columns {
     fn of(dataset: &Dataset, structure: &[(Signal, usize)]) -> Self {
-        let force_n = |row: &Row| match dataset.conditioning.apply_to {
-            ApplyTo::Output => row.raw_force_n,
-            ApplyTo::Inputs | ApplyTo::None => row.force_n,
-        };
         let mut columns = Self { inputs: vec![Vec::new(); structure.len()], force_n: Vec::new() };
-        for row in dataset.rows.iter().filter(|row| row.counts) {
-            let values = structure.iter().map(|(signal, _)| signal.of(&row.inputs()));
-            // An acceleration is not known from the first sample on.
-            if values.clone().all(f64::is_finite) && force_n(row).is_finite() {
-                columns.inputs.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
-                columns.force_n.push(force_n(row));
+        for row in Self::rows_of(dataset, structure) {
+            for (column, (signal, _)) in columns.inputs.iter_mut().zip(structure) {
+                column.push(signal.of(&row.inputs()));
             }
+            columns.force_n.push(force_of(dataset, row));
         }
         columns
+    }
+
+    /// Rows that count and of which all is known: an acceleration is not from the first sample on.
+    fn rows_of<'d>(
+        dataset: &'d Dataset,
+        structure: &'d [(Signal, usize)],
+    ) -> impl Iterator<Item = &'d Row> + 'd {
+        let known = |row: &&Row| {
+            let inputs = row.inputs();
+            structure.iter().all(|(signal, _)| signal.of(&inputs).is_finite())
+        };
+        dataset.rows.iter().filter(|row| row.counts && force_of(dataset, row).is_finite()).filter(known)
     }
 
     fn rows(&self, premises: &Premises, force_n: &[f64], scale_n: f64) -> Rows {
@@ -351,6 +386,14 @@ impl Columns {
         }
         rows.target = force_n.iter().map(|f| f / scale_n).collect();
         rows
+    }
+}
+
+/// The force that a row is held against, N: as it came where the conditioning filters the output.
+fn force_of(dataset: &Dataset, row: &Row) -> f64 {
+    match dataset.conditioning.apply_to {
+        ApplyTo::Output => row.raw_force_n,
+        ApplyTo::Inputs | ApplyTo::None => row.force_n,
     }
 }
 

@@ -156,7 +156,7 @@ impl Pipeline {
             Mode::ArxCoast => {
                 reasons |= seeded;
                 reasons |= Reasons::FORCE_LOST;
-                if self.seeded.as_ref().is_some_and(|lane| !lane.arx().dc_is_meaningful()) {
+                if self.seeded.as_ref().is_some_and(|lane| !lane.model().force.dc_is_meaningful()) {
                     reasons |= Reasons::NO_DC;
                 }
             }

@@ -3,7 +3,7 @@
 use super::event::Reasons;
 use crate::condition::{ApplyTo, Conditioning, LowPass, LowPassState, MotionState};
 use crate::error::Error;
-use crate::force::{Arx, ArxHistory, ForceModel, FreeRun, Inputs};
+use crate::force::{ForceModel, FreeRun, History, Inputs};
 use crate::model::{Envelope, Model};
 
 /// What both lanes are given at a displacement.
@@ -173,13 +173,14 @@ impl FreeLane {
     }
 }
 
-/// The lane that is fed with measured force: an ARX model.
+/// The lane that is fed with measured force: an ARX model, or another that feeds on force.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SeededLane {
     model: Model,
-    arx: Arx,
     front: Front,
-    history: ArxHistory,
+    history: History,
+    /// The sample period that the model holds at, s.
+    nominal_s: f64,
     /// Mean sample period of the last samples, s, and how many it is the mean of.
     period_s: f64,
     periods: u32,
@@ -193,22 +194,23 @@ impl SeededLane {
     /// Step over period beyond which a sample was lost and the lags no longer fit.
     const LOST_SAMPLE: f64 = 1.6;
 
-    /// A lane for `model`, or `None` when it is no ARX model.
+    /// A lane for `model`, or `None` when it does not feed on force.
     pub(super) fn new(model: Model) -> Result<Option<Self>, Error> {
         model.conditioning.validate()?;
-        let ForceModel::Arx(arx) = model.force else { return Ok(None) };
+        let Some(nominal) = model.force.force_fed_period() else { return Ok(None) };
         refuse_filtered_arx(&model)?;
-        let front = Front::new(model.conditioning);
-        let period_s = arx.sample_period().get();
-        Ok(Some(Self { model, arx, front, history: ArxHistory::default(), period_s, periods: 0 }))
+        Ok(Some(Self {
+            model,
+            front: Front::new(model.conditioning),
+            history: History::default(),
+            nominal_s: nominal.get(),
+            period_s: nominal.get(),
+            periods: 0,
+        }))
     }
 
     pub(super) const fn model(&self) -> Model {
         self.model
-    }
-
-    pub(super) const fn arx(&self) -> &Arx {
-        &self.arx
     }
 
     /// Root mean squared error to expect one step ahead, N.
@@ -225,9 +227,7 @@ impl SeededLane {
 
     /// Takes over what `old` remembers, as far as it means the same here.
     pub(super) fn inherit(&mut self, old: &Self) {
-        if self.model.conditioning == old.model.conditioning
-            && self.arx.sample_period() == old.arx.sample_period()
-        {
+        if self.model.conditioning == old.model.conditioning && self.nominal_s == old.nominal_s {
             self.front = old.front.clone();
             self.history = old.history;
             self.period_s = old.period_s;
@@ -237,8 +237,8 @@ impl SeededLane {
 
     pub(super) fn reset(&mut self) {
         self.front = Front::new(self.model.conditioning);
-        self.history = ArxHistory::default();
-        self.period_s = self.arx.sample_period().get();
+        self.history = History::default();
+        self.period_s = self.nominal_s;
         self.periods = 0;
     }
 
@@ -256,50 +256,36 @@ impl SeededLane {
     /// The predicted force in newtons, or `None` while the history does not carry one.
     #[inline]
     pub(super) fn step(&mut self, given: &Given, reasons: &mut Reasons) -> Option<f64> {
-        let period_s = self.arx.sample_period().get();
         match given.dt_s {
             None => self.reset(),
             Some(dt_s) => {
                 self.periods = (self.periods + 1).min(Self::PERIODS);
                 self.period_s += (dt_s - self.period_s) / f64::from(self.periods);
-                if dt_s > Self::LOST_SAMPLE * period_s {
-                    self.history = ArxHistory::default();
+                if dt_s > Self::LOST_SAMPLE * self.nominal_s {
+                    self.history = History::default();
                 }
             }
         }
-        let inputs = self.front.step(given, reasons);
-        // The place of sample k in the lags is taken even when nothing is known of it: NaN.
-        let unknown = Inputs {
-            dt_s: None,
-            displacement_m: f64::NAN,
-            velocity_m_s: f64::NAN,
-            acceleration_m_s2: f64::NAN,
-            drive: f64::NAN,
-        };
-        self.history.push_inputs(&inputs.unwrap_or(unknown));
-        let at_rate = (self.period_s / period_s - 1.0).abs() <= Self::PERIOD_TOLERANCE;
+        match self.front.step(given, reasons) {
+            Some(inputs) => self.history.push_inputs(&inputs),
+            None => self.history.push_unknown_inputs(),
+        }
+        let at_rate = (self.period_s / self.nominal_s - 1.0).abs() <= Self::PERIOD_TOLERANCE;
         if !at_rate {
             *reasons |= Reasons::RATE_MISMATCH;
         }
-        let predicted = self
-            .history
-            .regressors(&self.arx)
-            .filter(|_| at_rate)
-            .map(|regressors| self.arx.predict_n(&regressors))
-            .filter(|force_n| force_n.is_finite());
+        let predicted =
+            self.model.force.predict_n(&self.history).filter(|force_n| at_rate && force_n.is_finite());
         self.history.push_force(predicted.unwrap_or(f64::NAN));
         predicted
     }
 }
 
-/// A filter behind an ARX model would be fed back into it with its delay: the coefficients would no longer fit.
+/// A filter behind a model that feeds on force would be fed back into it with its delay: the coefficients would
+/// no longer fit.
 fn refuse_filtered_arx(model: &Model) -> Result<(), Error> {
-    if matches!(model.force, ForceModel::Arx(_)) && model.conditioning.apply_to == ApplyTo::Output {
-        return Err(Error::Data {
-            message:
-                "an arx model takes filter.apply_to = inputs or none, not output: its own output is its input"
-                    .to_owned(),
-        });
+    if model.force.force_fed_period().is_some() && model.conditioning.apply_to == ApplyTo::Output {
+        return Err(Error::output_filter_on_force_fed(model.force.name()));
     }
     Ok(())
 }

@@ -31,7 +31,6 @@ pub use settings::{Settings, UseForce};
 
 use crate::condition::{ForceAligner, Hold};
 use crate::error::Error;
-use crate::force::ForceModel;
 use crate::model::Model;
 use crate::sample::{Reading, Sample, Stamp};
 use estimate::Bump;
@@ -44,26 +43,29 @@ use window::Window;
 pub struct Models {
     /// Runs free, always; the source of the residual.
     pub free: Model,
-    /// Seeded with measured force while that is fresh; an ARX model, or none.
+    /// Seeded with measured force while that is fresh; a model that feeds on force (ARX), or none.
     pub seeded: Option<Model>,
 }
 
 impl Models {
-    /// The models for `free` alone: an ARX model is its own seeded one, any other has none.
+    /// The models for `free` alone: one that feeds on force is its own seeded one, any other has none.
     #[must_use]
     pub fn alone(free: Model) -> Self {
-        let seeded = matches!(free.force, ForceModel::Arx(_)).then_some(free);
+        let seeded = free.force.force_fed_period().map(|_| free);
         Self { free, seeded }
     }
 
     /// The same models with another seeded one.
     ///
     /// # Errors
-    /// When `seeded` is no ARX model, or wants another drive than the free model.
+    /// When `seeded` does not feed on force, or wants another drive than the free model.
     pub fn with_seeded(self, seeded: Model) -> Result<Self, Error> {
-        if !matches!(seeded.force, ForceModel::Arx(_)) {
+        if seeded.force.force_fed_period().is_none() {
             return Err(Error::Data {
-                message: format!("arx_model is a {} model; only arx can be seeded", seeded.force.name()),
+                message: format!(
+                    "arx_model is a {} model; only one that feeds on force (arx) can be seeded",
+                    seeded.force.name()
+                ),
             });
         }
         if let (Some(free), Some(arx)) = (self.free.force.drive(), seeded.force.drive())

@@ -171,9 +171,9 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
     let start = Instant::now();
     let spec = match (args.model, args.passive) {
-        (ModelArg::Arx, true) => ModelSpec::ArxPassive,
-        (ModelArg::Arx, false) => ModelSpec::ArxSemiActive,
-        (ModelArg::FuzzyTanh, _) => ModelSpec::FuzzyTanh,
+        (ModelArg::Arx, true) => ModelSpec::ARX_PASSIVE,
+        (ModelArg::Arx, false) => ModelSpec::ARX_SEMI_ACTIVE,
+        (ModelArg::FuzzyTanh, _) => ModelSpec::FUZZY_TANH,
     };
     let mut found = fit(spec, &runs, args, around)?;
     let seconds = start.elapsed().as_secs_f64();
@@ -265,6 +265,7 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
         let (message, done, of) = match progress {
             Progress::Conditioning { runs } => ("conditioning runs", 0, runs),
             Progress::Restart { done, of } => ("restarts", done, of),
+            Progress::Epoch { done, of } => ("learning", done, of),
             Progress::Polish { done, of } => ("finishing the best", done, of),
         };
         bar.set_message(message);

@@ -4,7 +4,7 @@ use super::{Order, Shape, Signal};
 use crate::sample::DriveKind;
 
 /// A TSK model of the thesis or its literature review.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum TskKind {
     /// ANFIS (thesis 4.5, appendix C): 3 Gaussians each over displacement, velocity, drive; first order. As a
     /// name it also stands for any other grid, such as one read from a `.fis` file.

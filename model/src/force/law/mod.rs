@@ -1,0 +1,339 @@
+//! Laws of force, and how their parameters follow the drive.
+//!
+//! ```text
+//! without drive   F = f(p; x, v, a) + F0
+//! polynomial      F = f(p(i); x, v, a) + F0,          p_j(i) = c_j0 + c_j1 i + ... + c_jd i^d
+//! fuzzy           F = sum_s w_s(i) f(p_s; x, v, a) + F0,  w_s: Gaussian sets, see [`FuzzySets`]
+//! ```
+//!
+//! A **law** f is a force of an MR damper at one current: one file each, with its equation and the meaning of its
+//! parameters p. It knows nothing of current. How current enters is the **dependence**, one mechanism that any
+//! law can use: polynomials on the parameters (thesis 4.5) or fuzzy sets over the outputs (thesis 4.8).
+//!
+//! Every law has its derivatives by its parameters written out; tests hold them against automatic
+//! differentiation of the same equation.
+
+mod sp;
+
+use super::Inputs;
+use super::sets::{FuzzySets, MAX_FUNCTIONS};
+use crate::error::Error;
+use crate::sample::DriveKind;
+use num_dual::DualNum;
+
+/// What an equation is written over: `f64`, or a dual number in tests of its derivatives.
+trait Scalar: DualNum<Primitive = f64> + Copy {}
+impl<T: DualNum<Primitive = f64> + Copy> Scalar for T {}
+
+/// The most parameters that a law has.
+pub const MAX_PARAMETERS: usize = 14;
+/// The most coefficients of one model: parameters times sets, or times powers of the drive.
+pub const MAX_COEFFICIENTS: usize = 160;
+/// The highest power of the drive.
+pub const MAX_DEGREE: usize = 4;
+/// The most hidden variables that a law has.
+pub const MAX_HIDDEN: usize = 2;
+
+/// A law of force at one current.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Law {
+    /// Semi-phenomenological hyperbolic tangent (Guo et al.).
+    Sp,
+}
+
+/// One parameter of a law: its name with the unit, and where to look for it.
+///
+/// Bounds and starts are given in the data's own scales, because dampers differ by orders of magnitude: a
+/// yield force of 0.5 to 2 means 0.5 to 2 times the largest force in the runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameter {
+    /// Name as in the model file, with its unit.
+    pub name: &'static str,
+    /// The natural scale that bounds and starts are multiples of.
+    pub scale: Scale,
+    /// Range within which the parameter means anything; infinite ends are allowed.
+    pub bounds: [f64; 2],
+    /// Range that random starts are drawn from; by ratio when both ends are positive.
+    pub start: [f64; 2],
+    /// How the force depends on it.
+    pub kind: Kind,
+}
+
+/// How the force depends on a parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Force is linear in it: its start is solved for.
+    Linear,
+    /// Force is not linear in it: its start is drawn.
+    Nonlinear,
+    /// Only its change with the drive matters, since it comes as a ratio with another one: the constant part
+    /// stays at its start, the middle of the range.
+    Gauge,
+}
+
+/// Natural scale of a parameter: powers of the data's largest force (N), displacement (m), velocity (m/s) and
+/// acceleration (m/s²).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Scale {
+    /// Power of the force.
+    pub force: i32,
+    /// Power of the displacement.
+    pub displacement: i32,
+    /// Power of the velocity.
+    pub velocity: i32,
+    /// Power of the acceleration.
+    pub acceleration: i32,
+}
+
+impl Scale {
+    /// No unit: bounds are taken as they are.
+    pub const ONE: Self = Self { force: 0, displacement: 0, velocity: 0, acceleration: 0 };
+
+    /// A scale from powers of force, displacement, velocity and acceleration.
+    #[must_use]
+    pub const fn new(force: i32, displacement: i32, velocity: i32, acceleration: i32) -> Self {
+        Self { force, displacement, velocity, acceleration }
+    }
+}
+
+/// Hidden variables of a law that has memory, from sample to sample; a law without keeps zeros.
+pub type Hidden = [f64; MAX_HIDDEN];
+
+impl Law {
+    /// All laws.
+    pub const ALL: [Self; 1] = [Self::Sp];
+
+    /// The name, as in the contract.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Sp => "sp",
+        }
+    }
+
+    /// The law called `name`.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|law| law.name() == name)
+    }
+
+    /// The parameters, in the order in which every list of them stands.
+    #[must_use]
+    pub const fn parameters(self) -> &'static [Parameter] {
+        match self {
+            Self::Sp => &sp::PARAMETERS,
+        }
+    }
+
+    /// True when the force depends on what was before.
+    #[must_use]
+    pub const fn has_memory(self) -> bool {
+        match self {
+            Self::Sp => false,
+        }
+    }
+
+    /// Force in newtons with parameters `p` (as many as [`Law::parameters`]), advancing `hidden` by one sample.
+    /// Not finite when an input that the law needs is not.
+    #[inline]
+    #[must_use]
+    pub fn force_n(self, p: &[f64], inputs: &Inputs, _hidden: &mut Hidden) -> f64 {
+        match self {
+            Self::Sp => sp::force_n(p, inputs),
+        }
+    }
+
+    /// Force in newtons, and its derivatives by the parameters into `gradient`, for a law without memory.
+    #[inline]
+    pub fn gradient(self, p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+        match self {
+            Self::Sp => sp::gradient(p, inputs, gradient),
+        }
+    }
+}
+
+/// How the parameters of a law follow the drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Dependence {
+    /// Not at all: a passive model.
+    None,
+    /// As polynomials.
+    Polynomial {
+        /// What the polynomials are in.
+        drive: DriveKind,
+        /// Their degree, 1 to [`MAX_DEGREE`].
+        degree: usize,
+    },
+    /// One full set of parameters under each fuzzy set; forces are blended.
+    Fuzzy(FuzzySets),
+}
+
+impl Dependence {
+    /// Which drive it is on; `None` for a passive model.
+    #[must_use]
+    pub const fn drive(&self) -> Option<DriveKind> {
+        match self {
+            Self::None => None,
+            Self::Polynomial { drive, .. } => Some(*drive),
+            Self::Fuzzy(sets) => Some(sets.drive()),
+        }
+    }
+
+    /// Coefficients behind each parameter: one, one for each power, or one for each set.
+    #[must_use]
+    pub const fn copies(&self) -> usize {
+        match self {
+            Self::None => 1,
+            Self::Polynomial { degree, .. } => *degree + 1,
+            Self::Fuzzy(sets) => sets.len(),
+        }
+    }
+
+    /// The name in model files: `none`, `polynomial`, `fuzzy`.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Polynomial { .. } => "polynomial",
+            Self::Fuzzy(_) => "fuzzy",
+        }
+    }
+}
+
+/// A law with its coefficients and its dependence on the drive: a model that can run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LawModel {
+    law: Law,
+    dependence: Dependence,
+    force_offset_n: f64,
+    /// Copy by copy: all parameters' constants, then all first powers, ...; or set by set.
+    coefficients: [f64; MAX_COEFFICIENTS],
+}
+
+/// What a [`LawModel`] remembers: the hidden variables of each set.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LawState {
+    hidden: [Hidden; MAX_FUNCTIONS],
+}
+
+impl LawModel {
+    /// A model of `law`. `coefficients` stand copy by copy: for a polynomial all constants in the order of
+    /// [`Law::parameters`], then all coefficients of i, and so on; for fuzzy sets the parameters of the first
+    /// set, then those of the second.
+    ///
+    /// # Errors
+    /// When the number of coefficients is not parameters times copies, is beyond [`MAX_COEFFICIENTS`], the
+    /// degree is not 1 to [`MAX_DEGREE`], or a number is not finite.
+    pub fn new(
+        law: Law,
+        dependence: Dependence,
+        coefficients: &[f64],
+        force_offset_n: f64,
+    ) -> Result<Self, Error> {
+        if let Dependence::Polynomial { degree, .. } = dependence {
+            Error::check("degree", degree as f64, "1 to 4", |d| (1.0..=MAX_DEGREE as f64).contains(&d))?;
+        }
+        let parameters = law.parameters();
+        let wanted = parameters.len() * dependence.copies();
+        if coefficients.len() != wanted || wanted > MAX_COEFFICIENTS {
+            return Err(Error::Length {
+                name: format!("coefficients of {}", law.name()),
+                found: coefficients.len(),
+                expected: format!(
+                    "{wanted} ({} parameters times {}), at most {MAX_COEFFICIENTS},",
+                    parameters.len(),
+                    dependence.copies()
+                ),
+            });
+        }
+        for (index, value) in coefficients.iter().enumerate() {
+            let (copy, name) = (index / parameters.len(), parameters[index % parameters.len()].name);
+            Error::check(&format!("{name}[{copy}]"), *value, "finite", |_| true)?;
+        }
+        Error::check("force_offset_n", force_offset_n, "finite", |_| true)?;
+        let mut model = Self { law, dependence, force_offset_n, coefficients: [0.0; MAX_COEFFICIENTS] };
+        model.coefficients[..wanted].copy_from_slice(coefficients);
+        Ok(model)
+    }
+
+    /// The law.
+    #[must_use]
+    pub const fn law(&self) -> Law {
+        self.law
+    }
+
+    /// How the parameters follow the drive.
+    #[must_use]
+    pub const fn dependence(&self) -> &Dependence {
+        &self.dependence
+    }
+
+    /// All coefficients, copy by copy; see [`LawModel::new`].
+    #[must_use]
+    pub fn coefficients(&self) -> &[f64] {
+        &self.coefficients[..self.parameter_count()]
+    }
+
+    /// Number of coefficients.
+    #[must_use]
+    pub const fn parameter_count(&self) -> usize {
+        self.law.parameters().len() * self.dependence.copies()
+    }
+
+    /// Force offset of the session, N.
+    #[must_use]
+    pub const fn force_offset_n(&self) -> f64 {
+        self.force_offset_n
+    }
+
+    /// The same model with another session's force offset, N.
+    #[must_use]
+    pub const fn with_force_offset_n(mut self, force_offset_n: f64) -> Self {
+        self.force_offset_n = force_offset_n;
+        self
+    }
+
+    /// Parameters at drive `i` of a model with polynomials, or of a passive one.
+    #[inline]
+    fn parameters_at(&self, i: f64) -> [f64; MAX_PARAMETERS] {
+        let n = self.law.parameters().len();
+        let mut p = [0.0; MAX_PARAMETERS];
+        // Horner's rule, from the highest power down.
+        for copy in self.coefficients().chunks_exact(n).rev() {
+            for (value, coefficient) in p.iter_mut().zip(copy) {
+                *value = *value * i + coefficient;
+            }
+        }
+        p
+    }
+
+    /// Force in newtons at `inputs`, advancing `state` by one sample. Not finite when an input that the model
+    /// needs is not.
+    #[inline]
+    #[must_use]
+    pub fn force_n(&self, inputs: &Inputs, state: &mut LawState) -> f64 {
+        let n = self.law.parameters().len();
+        let force = match &self.dependence {
+            Dependence::None => self.law.force_n(&self.coefficients[..n], inputs, &mut state.hidden[0]),
+            Dependence::Polynomial { .. } => {
+                let p = self.parameters_at(inputs.drive);
+                self.law.force_n(&p[..n], inputs, &mut state.hidden[0])
+            }
+            Dependence::Fuzzy(sets) => {
+                let weights = sets.weights(inputs.drive);
+                let functions = self.coefficients().chunks_exact(n).zip(&mut state.hidden);
+                functions.zip(weights).map(|((p, hidden), w)| w * self.law.force_n(p, inputs, hidden)).sum()
+            }
+        };
+        force + self.force_offset_n
+    }
+}
+
+/// tanh by one exponential, for fits: a third of the library's time, and within 2e-16 of it.
+#[inline]
+pub(crate) fn tanh(z: f64) -> f64 {
+    1.0 - 2.0 / ((2.0 * z).exp() + 1.0)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,138 @@
+//! What holds for every law: derivatives, dependence on the drive, one gauge of names.
+
+use super::*;
+use crate::force::Membership;
+use num_dual::Dual64;
+use proptest::prelude::*;
+
+/// The law's own equation on dual numbers.
+fn on_duals(law: Law, p: &[Dual64], inputs: &Inputs) -> Dual64 {
+    match law {
+        Law::Sp => sp::force_n(p, inputs),
+    }
+}
+
+/// Values of all parameters that mean something on a damper of 1 kN, 20 mm, 0.3 m/s and 5 m/s².
+fn sensible(law: Law, share: &[f64]) -> Vec<f64> {
+    let size = |s: Scale| {
+        1000f64.powi(s.force)
+            * 0.02f64.powi(s.displacement)
+            * 0.3f64.powi(s.velocity)
+            * 5f64.powi(s.acceleration)
+    };
+    let value = |(parameter, share): (&Parameter, &f64)| {
+        let [low, high] = parameter.start;
+        size(parameter.scale) * (low + (high - low) * share)
+    };
+    law.parameters().iter().zip(share).map(value).collect()
+}
+
+proptest! {
+    #[test]
+    fn derivatives_are_those_of_automatic_differentiation(
+        law in prop::sample::select(Law::ALL.to_vec()),
+        share in prop::collection::vec(0.05..0.95, MAX_PARAMETERS),
+        x in -0.02..0.02, v in -0.3..0.3, a in -5.0..5.0,
+    ) {
+        prop_assume!(!law.has_memory());
+        let p = sensible(law, &share);
+        let inputs = Inputs { dt_s: Some(0.002), displacement_m: x, velocity_m_s: v, acceleration_m_s2: a, drive: 0.0 };
+        let mut gradient = [0.0; MAX_PARAMETERS];
+        let force = law.gradient(&p, &inputs, &mut gradient);
+        let plain = law.force_n(&p, &inputs, &mut Hidden::default());
+        prop_assert!((force - plain).abs() <= 1e-12 * (1.0 + plain.abs()), "{} against {}", force, plain);
+        for j in 0..p.len() {
+            let dual: Vec<Dual64> = p
+                .iter()
+                .enumerate()
+                .map(|(k, value)| if k == j { Dual64::from_re(*value).derivative() } else { Dual64::from_re(*value) })
+                .collect();
+            let exact = on_duals(law, &dual, &inputs);
+            prop_assert!((exact.re - plain).abs() <= 1e-12 * (1.0 + plain.abs()));
+            let error = (gradient[j] - exact.eps).abs();
+            prop_assert!(
+                error <= 1e-9 * (exact.eps.abs() + plain.abs() / p[j].abs().max(1e-12)),
+                "{}, {}: {} against {}", law.name(), law.parameters()[j].name, gradient[j], exact.eps
+            );
+        }
+    }
+
+    #[test]
+    fn a_model_whose_copies_are_equal_is_the_law_itself(
+        law in prop::sample::select(Law::ALL.to_vec()),
+        share in prop::collection::vec(0.05..0.95, MAX_PARAMETERS),
+        x in -0.02..0.02, v in -0.3..0.3, i in -1.0..4.0,
+    ) {
+        let p = sensible(law, &share);
+        let inputs = Inputs { dt_s: Some(0.002), displacement_m: x, velocity_m_s: v, acceleration_m_s2: 1.0, drive: i };
+        let alone = LawModel::new(law, Dependence::None, &p, 3.0).expect("a model");
+        let force = alone.force_n(&inputs, &mut LawState::default());
+        let mut powers = p.clone();
+        powers.resize(3 * p.len(), 0.0);
+        let drive = DriveKind::CoilCurrent;
+        let polynomial = LawModel::new(law, Dependence::Polynomial { drive, degree: 2 }, &powers, 3.0).expect("a model");
+        prop_assert_eq!(polynomial.force_n(&inputs, &mut LawState::default()), force);
+        let sets = FuzzySets::new(Membership { drive, sigma: 0.4 }, &[0.0, 1.0, 2.0]).expect("sets");
+        let fuzzy = LawModel::new(law, Dependence::Fuzzy(sets), &p.repeat(3), 3.0).expect("a model");
+        let blended = fuzzy.force_n(&inputs, &mut LawState::default());
+        prop_assert!((blended - force).abs() <= 1e-12 * (1.0 + force.abs()), "{} against {}", blended, force);
+    }
+}
+
+#[test]
+fn names_are_unique_and_carry_units() {
+    for law in Law::ALL {
+        let mut names: Vec<&str> = law.parameters().iter().map(|p| p.name).collect();
+        assert!(names.len() <= MAX_PARAMETERS);
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), law.parameters().len(), "{}", law.name());
+    }
+}
+
+#[test]
+fn a_polynomial_is_a_polynomial() {
+    // yield_force = 100 + 50 i - 4 i^2, all else constant.
+    let constants = [100.0, 0.0, 50.0, -0.1, 0.02];
+    let first = [50.0, 0.0, 0.0, 0.0, 0.0];
+    let second = [-4.0, 0.0, 0.0, 0.0, 0.0];
+    let dependence = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 2 };
+    let model =
+        LawModel::new(Law::Sp, dependence, &[constants, first, second].concat(), 0.0).expect("a model");
+    let at = |drive| {
+        let inputs = Inputs {
+            dt_s: None,
+            displacement_m: 0.0,
+            velocity_m_s: 10.0,
+            acceleration_m_s2: f64::NAN,
+            drive,
+        };
+        model.force_n(&inputs, &mut LawState::default())
+    };
+    for i in [0.0, 1.0, 2.5] {
+        assert!((at(i) - (100.0 + 50.0 * i - 4.0 * i * i)).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn wrong_numbers_are_named() {
+    let error = |dependence, coefficients: &[f64]| {
+        LawModel::new(Law::Sp, dependence, coefficients, 0.0).expect_err("refused").to_string()
+    };
+    assert!(error(Dependence::None, &[1.0; 4]).contains("5 parameters times 1"));
+    let mut p = [1.0; 10];
+    p[7] = f64::NAN;
+    let linear = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
+    assert!(error(linear, &p).contains("pre_yield_slope_s_m[1] is NaN"));
+    let ninth = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 9 };
+    assert!(error(ninth, &[1.0; 50]).contains("degree is 9"));
+}
+
+#[test]
+fn the_quick_tanh_is_tanh() {
+    for k in -4000..4000 {
+        let z = f64::from(k) * 0.01;
+        assert!((tanh(z) - z.tanh()).abs() < 4e-16, "{z}");
+    }
+    assert_eq!((tanh(1e6), tanh(-1e6), tanh(0.0)), (1.0, -1.0, 0.0));
+}

@@ -1,0 +1,61 @@
+//! Fuzzy sets over the drive in a model file: keys in the drive's unit, and in no other.
+
+use super::drive_error;
+use crate::error::Error;
+use crate::force::{FuzzySets, Membership};
+use crate::sample::DriveKind;
+use serde::{Deserialize, Serialize};
+
+/// The keys, for "did you mean".
+pub(super) const KEYS: [&str; 4] =
+    ["membership_sigma_a", "membership_sigma_v", "membership_centres_a", "membership_centres_v"];
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Memberships {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    membership_sigma_a: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    membership_sigma_v: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    membership_centres_a: Option<Vec<f64>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    membership_centres_v: Option<Vec<f64>>,
+}
+
+impl Memberships {
+    pub(super) fn of(sets: &FuzzySets) -> Self {
+        let (sigma, centres) = (Some(sets.sigma()), Some(sets.centres().to_vec()));
+        match sets.drive() {
+            DriveKind::CoilCurrent => {
+                Self { membership_sigma_a: sigma, membership_centres_a: centres, ..Self::default() }
+            }
+            DriveKind::CommandVoltage => {
+                Self { membership_sigma_v: sigma, membership_centres_v: centres, ..Self::default() }
+            }
+        }
+    }
+
+    /// The sets over `drive`.
+    pub(super) fn read(&self, drive: DriveKind) -> Result<FuzzySets, Error> {
+        let amperes = (self.membership_sigma_a, self.membership_centres_a.as_deref());
+        let volts = (self.membership_sigma_v, self.membership_centres_v.as_deref());
+        let (own, foreign) = match drive {
+            DriveKind::CoilCurrent => (amperes, volts),
+            DriveKind::CommandVoltage => (volts, amperes),
+        };
+        match (own, foreign) {
+            ((Some(sigma), Some(centres)), (None, None)) => {
+                FuzzySets::new(Membership { drive, sigma }, centres)
+            }
+            _ => {
+                let unit = drive.unit_suffix();
+                Err(drive_error(
+                    Some(drive),
+                    &format!(
+                        "membership_centres_{unit} and membership_sigma_{unit}, and none in the other unit"
+                    ),
+                ))
+            }
+        }
+    }
+}

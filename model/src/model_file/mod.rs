@@ -1,0 +1,248 @@
+//! The model file: TOML that holds a model, what it was identified from, and what to expect of it.
+//!
+//! ```toml
+//! schema = "mr-damper/model/1"
+//! model = "fuzzy-tanh"
+//! drive = "current_a"          # or "command_v"; absent for a passive ARX
+//! effects = []                 # in order of application
+//!
+//! [parameters]                 # unit-suffixed names; see `Parameters`
+//! [conditioning]               # filter, derivative, rate
+//! [envelope]                   # training ranges
+//! [expected]                   # RSSE to expect, N
+//! [provenance]                 # runs with SHA-256, tool version, seed, metrics
+//! ```
+//!
+//! Each kind of model has its table of parameters in a file of its own here. Reading is strict: an unknown key, a missing one, or a parameter in another unit is an error that names it.
+
+mod arx;
+mod fuzzy_tanh;
+mod law;
+mod memberships;
+mod tsk;
+
+use crate::condition::Conditioning;
+use crate::error::Error;
+use crate::force::{ForceModel, Law, TskKind};
+use crate::metrics::Fit;
+use crate::model::{Envelope, Expected, Model};
+use crate::preset::edit_distance;
+use crate::sample::DriveKind;
+use serde::{Deserialize, Serialize};
+
+/// The value of `schema` in files that this version reads and writes.
+pub const SCHEMA: &str = "mr-damper/model/1";
+
+/// A model with its history, as a file holds it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelFile {
+    /// The model.
+    pub model: Model,
+    /// How it came about.
+    pub provenance: Provenance,
+}
+
+/// How a model came about.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Provenance {
+    /// Program and version that wrote the file.
+    pub tool: String,
+    /// Date of writing, RFC 3339.
+    pub date: String,
+    /// Seed of the random restarts.
+    pub seed: u64,
+    /// Number of restarts.
+    pub restarts: u32,
+    /// Rank of the regression (ARX); below the number of coefficients where regressors are collinear.
+    pub rank: Option<u32>,
+    /// Runs that it was trained on.
+    pub runs: Vec<TrainingRun>,
+    /// Fit on the training runs, running free, offset of each run taken out.
+    pub training_free_run: Option<Fit>,
+    /// Fit on the training runs, one step ahead.
+    pub training_one_step: Option<Fit>,
+    /// Fit on the validation runs, running free, with the file's own offset.
+    pub validation_free_run: Option<Fit>,
+    /// Fit on the validation runs, one step ahead.
+    pub validation_one_step: Option<Fit>,
+    /// One step ahead, predicting that the force stays what it was: what one-step figures are to be held against.
+    pub persistence: Option<Fit>,
+}
+
+/// A run that took part in an identification.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingRun {
+    /// Its path or name.
+    pub name: String,
+    /// SHA-256 of the file, in hex; empty when the run was not a file.
+    pub sha256: String,
+    /// Samples that counted.
+    pub samples: u64,
+    /// Force offset that was identified for it, N.
+    pub force_offset_n: f64,
+}
+
+/// `[conditioning]` of the file: the settings and the rate that they were used at.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct FileConditioning {
+    rate_hz: f64,
+    #[serde(flatten)]
+    conditioning: Conditioning,
+}
+
+/// Parameters by name, with the unit in the name. One flat table a model keeps files easy to read and diff.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Parameters {
+    Arx(arx::Parameters),
+    FuzzyTanh(fuzzy_tanh::Parameters),
+    Law(law::Parameters),
+    Tsk(tsk::Parameters),
+}
+
+impl Parameters {
+    fn of(force: &ForceModel) -> Self {
+        match force {
+            ForceModel::Arx(model) => Self::Arx(arx::Parameters::of(model)),
+            ForceModel::FuzzyTanh(model) => Self::FuzzyTanh(fuzzy_tanh::Parameters::of(model)),
+            ForceModel::Law(model) => Self::Law(law::Parameters::of(model)),
+            ForceModel::Tsk(model) => Self::Tsk(tsk::Parameters::of(model)),
+        }
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct Written<'a> {
+    schema: &'a str,
+    model: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    drive: Option<DriveKind>,
+    effects: [&'a str; 0],
+    parameters: Parameters,
+    conditioning: FileConditioning,
+    envelope: Envelope,
+    expected: Expected,
+    provenance: &'a Provenance,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Read {
+    schema: String,
+    model: String,
+    drive: Option<DriveKind>,
+    #[serde(default)]
+    effects: Vec<toml::Table>,
+    parameters: toml::Table,
+    conditioning: toml::Table,
+    #[serde(default)]
+    envelope: Envelope,
+    #[serde(default)]
+    expected: Expected,
+    #[serde(default)]
+    provenance: Provenance,
+}
+
+impl ModelFile {
+    /// The file's text.
+    ///
+    /// # Errors
+    /// When a number cannot be written as TOML.
+    pub fn to_toml(&self) -> Result<String, Error> {
+        let Model { force, conditioning, rate_hz, envelope, expected } = self.model;
+        let written = Written {
+            schema: SCHEMA,
+            model: force.name(),
+            drive: force.drive(),
+            effects: [],
+            parameters: Parameters::of(&force),
+            conditioning: FileConditioning { rate_hz, conditioning },
+            envelope,
+            expected,
+            provenance: &self.provenance,
+        };
+        toml::to_string(&written).map_err(|e| file_error(e.to_string()))
+    }
+
+    /// Reads a file's text.
+    ///
+    /// # Errors
+    /// [`Error::ModelFile`] with the key, the value and what to do; [`Error::OutOfRange`] and
+    /// [`Error::Length`] for numbers that make no model.
+    pub fn from_toml(text: &str) -> Result<Self, Error> {
+        let read: Read = toml::from_str(text).map_err(|e| file_error(e.to_string()))?;
+        if read.schema != SCHEMA {
+            return Err(file_error(format!(
+                "schema is \"{}\"; this version reads \"{SCHEMA}\"",
+                read.schema
+            )));
+        }
+        if !read.effects.is_empty() {
+            return Err(file_error(format!(
+                "effects holds {} entries, but this version knows no effects; use a newer mr-damper",
+                read.effects.len()
+            )));
+        }
+        let force = match read.model.as_str() {
+            "arx" => ForceModel::Arx(arx::read(read.drive, &read.parameters)?),
+            "fuzzy-tanh" => ForceModel::FuzzyTanh(fuzzy_tanh::read(read.drive, &read.parameters)?),
+            name => match (Law::named(name), TskKind::from_name(name)) {
+                (Some(law), _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
+                (_, Some(kind)) => ForceModel::Tsk(tsk::read(kind, read.drive, &read.parameters)?),
+                (None, None) => return Err(unknown_model(name)),
+            },
+        };
+        let mut table = read.conditioning;
+        let rate_hz = match table.remove("rate_hz") {
+            Some(toml::Value::Float(rate)) => rate,
+            Some(toml::Value::Integer(rate)) => rate as f64,
+            Some(other) => return Err(file_error(format!("conditioning.rate_hz is {other}, not a number"))),
+            None => return Err(file_error("conditioning.rate_hz is missing".to_owned())),
+        };
+        Error::check("conditioning.rate_hz", rate_hz, "positive and finite", |r| r > 0.0)?;
+        let conditioning: Conditioning = table_into("conditioning", table, &[])?;
+        conditioning.validate()?;
+        let model = Model { force, conditioning, rate_hz, envelope: read.envelope, expected: read.expected };
+        Ok(Self { model, provenance: read.provenance })
+    }
+}
+
+fn unknown_model(name: &str) -> Error {
+    let mut known = vec!["arx", "fuzzy-tanh"];
+    known.extend(Law::ALL.map(Law::name));
+    known.extend(TskKind::ALL.map(TskKind::name));
+    file_error(format!("model is \"{name}\"; known are {}", known.join(", ")))
+}
+
+/// Deserialises one table; an unknown key gets a hint on the key (and unit) that was probably meant.
+fn table_into<T: serde::de::DeserializeOwned>(
+    name: &str,
+    table: toml::Table,
+    known: &[&str],
+) -> Result<T, Error> {
+    for key in table.keys() {
+        if !known.is_empty() && !known.contains(&key.as_str()) {
+            let nearest = known.iter().min_by_key(|k| edit_distance(k, key)).unwrap_or(&"");
+            return Err(file_error(format!(
+                "{name}.{key} is unknown; did you mean {nearest}? (the suffix is the unit: _n newtons, _a amperes, \
+                 _v volts, _s seconds, _m metres; convert the numbers when the unit differs)"
+            )));
+        }
+    }
+    table.try_into().map_err(|e: toml::de::Error| file_error(format!("[{name}]: {}", e.to_string().trim())))
+}
+
+/// The error of a drive that does not go with the parameters: `wanted` says what would.
+fn drive_error(drive: Option<DriveKind>, wanted: &str) -> Error {
+    let drive = drive.map_or("absent".to_owned(), |d| format!("\"{d}\""));
+    file_error(format!("drive is {drive}, so parameters must hold {wanted}"))
+}
+
+fn file_error(message: String) -> Error {
+    Error::ModelFile { message }
+}
+
+#[cfg(test)]
+mod tests;
