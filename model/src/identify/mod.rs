@@ -4,6 +4,8 @@
 //! ARX          F_k = phi_k . a + c_run                        linear: QR in panels, SVD, minimum norm
 //! fuzzy-tanh   F = sum_j w_j(i) f_j(x, v) + o_run             nonlinear: bounded Levenberg-Marquardt,
 //!              f = A1 tanh(A3 u) + A2 u,   u = v + kappa x    restarts drawn from a seed
+//! TSK          F = sum_r w_r(x, v, a, i) f_r + o_run          hybrid learning: conclusions by linear least
+//!                                                             squares, memberships around them
 //! ```
 //!
 //! Several runs are fitted at once, each with a force offset of its own: sessions differ by tens of newtons
@@ -46,12 +48,14 @@ mod scales;
 mod search;
 mod spec;
 mod tanh_columns;
+mod tsk;
 mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
 pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
 pub use spec::{Form, ModelSpec, Structure};
+pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;
 
 use crate::condition::Conditioning;
@@ -140,6 +144,13 @@ pub enum Progress {
         /// Restarts that have ended.
         done: u32,
         /// Restarts in all.
+        of: u32,
+    },
+    /// An epoch of learning, or a generation of an evolution, has ended.
+    Epoch {
+        /// Epochs that have ended.
+        done: u32,
+        /// Epochs at most.
         of: u32,
     },
     /// The best restarts are being finished on all rows.
@@ -245,6 +256,11 @@ fn fit(
             let details = memberships.into_iter().fold(details, report::Details::with_memberships);
             (ForceModel::Law(model), found.offsets_n, details)
         }
+        (Structure::Tsk(kind), drive) => {
+            let found = fit_tsk(datasets, kind, drive, &TskOptions::of(options), watch)?;
+            let details = report::Details { converged: found.converged, ..Default::default() };
+            (ForceModel::Tsk(found.model), found.offsets_n, details)
+        }
         (Structure::Arx | Structure::FuzzyTanh, drive) => {
             let fitted = arx::fit(datasets, drive, watch)?;
             let details = report::Details { rank: Some(fitted.rank), converged: true, ..Default::default() };
@@ -286,6 +302,7 @@ fn sample_esr(
             let (dependence, _) = dependence(spec.form(), drive, datasets, options)?;
             law::sample_esr(datasets, law, dependence, options.seed, watch)
         }
+        (Structure::Tsk(kind), drive) => tsk::grid_esr(datasets, kind, drive, watch),
         (_, Some(kind)) => {
             let memberships = memberships(kind, datasets, options)?;
             fuzzy_tanh::sample_esr(datasets, &memberships, options.seed, watch)

@@ -299,6 +299,7 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
         let (message, done, of) = match progress {
             Progress::Conditioning { runs } => ("conditioning runs", 0, runs),
             Progress::Restart { done, of } => ("restarts", done, of),
+            Progress::Epoch { done, of } => ("learning", done, of),
             Progress::Polish { done, of } => ("finishing the best", done, of),
         };
         bar.set_message(message);
