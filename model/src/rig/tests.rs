@@ -299,6 +299,11 @@ fn the_rig_uses_nothing_that_it_is_there_to_test() {
         include_str!("integrate.rs"),
         include_str!("channel.rs"),
         include_str!("experiment.rs"),
+        include_str!("inject.rs"),
+        include_str!("replicate.rs"),
+        include_str!("response.rs"),
+        include_str!("second_order.rs"),
+        include_str!("wave.rs"),
     ];
     for module in ["force", "effect", "condition", "identify", "pipeline", "preset", "diagnose"] {
         assert!(files.iter().all(|file| !file.contains(&format!("crate::{module}"))), "{module}");
