@@ -135,6 +135,15 @@ fn wrong_numbers_are_named() {
 }
 
 #[test]
+fn the_quick_tanh_is_tanh() {
+    for k in -4000..4000 {
+        let z = f64::from(k) * 0.01;
+        assert!((tanh(z) - z.tanh()).abs() < 4e-16, "{z}");
+    }
+    assert_eq!((tanh(1e6), tanh(-1e6), tanh(0.0)), (1.0, -1.0, 0.0));
+}
+
+#[test]
 fn without_acceleration_laws_that_need_it_have_no_force() {
     for law in Law::ALL {
         let p = sensible(law, &[0.5; MAX_PARAMETERS]);
