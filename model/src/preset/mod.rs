@@ -3,11 +3,13 @@
 //! - `thesis/arx-passive/<experiment>` and `thesis/arx-semi-active/<experiment>`: 16 ARX rows
 //! - `thesis/fuzzy-tanh/<rp1-cs|rp2-cs|rp3-cs>`: three current-fuzzy tanh models
 //! - `thesis/fuzzy-tanh/<set>/<level>a`: one of their 21 functions alone, e.g. `thesis/fuzzy-tanh/rp3-cs/1.2a`
+//! - `thesis/anfis/<experiment>`: eight ANFIS models of 27 rules
 //!
 //! All were identified at 512 Hz on displacement that had passed two poles at 20 Hz, velocity being the
 //! backward difference. They describe one damper (an ACDelco MagneRide unit, 0 to 2.5 A, up to about
 //! 1.4 kN): for any other, identify a model.
 
+mod anfis_rows;
 mod arx_rows;
 mod fuzzy_rows;
 
@@ -32,11 +34,14 @@ pub const BEST_ARX: &str = "thesis/arx-semi-active/rp-icps-l";
 /// The fuzzy-tanh model that predicts best over all the thesis' experiments (section 5.1).
 pub const BEST_FUZZY_TANH: &str = "thesis/fuzzy-tanh/rp3-cs";
 
+/// The ANFIS model that predicts best over all the thesis' experiments (section 5.1).
+pub const BEST_ANFIS: &str = "thesis/anfis/rp1-cs";
+
 /// Names of all presets.
 #[must_use]
 pub fn names() -> Vec<String> {
     let mut names = Vec::with_capacity(40);
-    for form in ["arx-passive", "arx-semi-active"] {
+    for form in ["arx-passive", "arx-semi-active", "anfis"] {
         names.extend(EXPERIMENTS.iter().map(|experiment| format!("thesis/{form}/{experiment}")));
     }
     for set in &EXPERIMENTS[5..] {
@@ -67,9 +72,11 @@ fn find(name: &str) -> Option<Model> {
         return None;
     }
     let row = EXPERIMENTS.iter().position(|known| *known == experiment)?;
-    let (force, expected) = match (form, level) {
-        ("arx-passive", None) => arx(arx_rows::passive(row)?),
-        ("arx-semi-active", None) => arx(arx_rows::semi_active(row)?),
+    let half = SPANS_M[row] / 2.0;
+    let span = Envelope { displacement_m: Some([-half, half]), ..Envelope::default() };
+    let ((force, expected), envelope) = match (form, level) {
+        ("arx-passive", None) => (arx(arx_rows::passive(row)?), span),
+        ("arx-semi-active", None) => (arx(arx_rows::semi_active(row)?), span),
         ("fuzzy-tanh", level) => {
             let (model, rsse_n) = fuzzy_rows::model(row.checked_sub(5)?)?;
             let model = match level {
@@ -79,26 +86,29 @@ fn find(name: &str) -> Option<Model> {
                     single(&model, j)?
                 }
             };
-            (ForceModel::FuzzyTanh(model), Expected { free_run_rsse_n: Some(rsse_n), one_step_rsse_n: None })
+            (free_running(ForceModel::FuzzyTanh(model), rsse_n), span)
+        }
+        ("anfis", None) => {
+            let (model, envelope, rsse_n) = anfis_rows::model(row)?;
+            (free_running(ForceModel::Tsk(model), rsse_n), envelope)
         }
         _ => return None,
     };
-    let half = SPANS_M[row] / 2.0;
     Some(Model {
         force,
         conditioning: Conditioning::THESIS,
         rate_hz: 512.0,
-        envelope: Envelope {
-            displacement_m: Some([-half, half]),
-            drive: force.drive().map(|_| [0.0, 2.5]),
-            ..Envelope::default()
-        },
+        envelope: Envelope { drive: force.drive().map(|_| [0.0, 2.5]), ..envelope },
         expected,
     })
 }
 
 fn arx((arx, rsse_n): (crate::force::Arx, f64)) -> (ForceModel, Expected) {
     (ForceModel::Arx(arx), Expected { free_run_rsse_n: None, one_step_rsse_n: Some(rsse_n) })
+}
+
+fn free_running(force: ForceModel, rsse_n: f64) -> (ForceModel, Expected) {
+    (force, Expected { free_run_rsse_n: Some(rsse_n), one_step_rsse_n: None })
 }
 
 /// Function `j` of `model` alone, the same at any current.
