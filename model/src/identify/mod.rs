@@ -40,6 +40,7 @@ mod fuzzy_tanh;
 pub mod least_squares;
 mod levels;
 mod report;
+mod score;
 mod spec;
 mod tanh_problem;
 mod velocity;
@@ -47,6 +48,7 @@ mod velocity;
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
 pub use report::{ActiveBound, Identified, RunFit};
+pub use score::{Predicted, Scores, persistence, score, walk};
 pub use spec::{Form, ModelSpec, Structure};
 pub use velocity::VelocityTrial;
 
@@ -180,46 +182,71 @@ pub fn identify(
     watch: &Watch,
 ) -> Result<Identified, Error> {
     watch.report(Progress::Conditioning { runs: runs.len() as u32 });
-    let drive = check_drives(spec, runs)?;
+    let drive = check_drives(spec, runs.iter().map(|run| (run.name.as_str(), run.drive_kind())))?;
+    let (conditioning, velocity_trials) = match (spec.structure(), drive) {
+        (Structure::FuzzyTanh, Some(kind)) if options.choose_velocity => {
+            velocity::choose(kind, runs, options, watch)?
+        }
+        _ => (options.conditioning, Vec::new()),
+    };
+    let datasets = datasets(runs, &conditioning, options, watch)?;
+    Ok(Identified { velocity_trials, ..identify_datasets(spec, &datasets, options, watch)? })
+}
+
+/// Identifies a model from runs that are conditioned already, all alike: what many models can share.
+/// `choose_velocity`, `conditioning` and `dataset` of `options` have had their say by then.
+///
+/// # Errors
+/// As [`identify`].
+pub fn identify_datasets(
+    spec: ModelSpec,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<Identified, Error> {
+    let drive = check_drives(spec, datasets.iter().map(|d| (d.name.as_str(), d.drive)))?;
+    check_rows(datasets)?;
+    let conditioning = datasets[0].conditioning;
+    if let Some(other) = datasets.iter().find(|d| d.conditioning != conditioning) {
+        return Err(Error::Data {
+            message: format!(
+                "runs {} and {} are conditioned differently: a model holds for one conditioning",
+                datasets[0].name, other.name
+            ),
+        });
+    }
     match (spec.structure(), drive) {
-        (Structure::Law(law), _) => Err(Error::Data {
-            message: format!("{}: laws of force are not identified yet", law.name()),
-        }),
-        (Structure::FuzzyTanh, Some(kind)) => identify_fuzzy_tanh(kind, runs, options, watch),
+        (Structure::Law(law), _) => {
+            Err(Error::Data { message: format!("{}: laws of force are not identified yet", law.name()) })
+        }
+        (Structure::FuzzyTanh, Some(kind)) => identify_fuzzy_tanh(kind, datasets, options, watch),
         (Structure::Arx | Structure::FuzzyTanh, drive) => {
-            let datasets = datasets(runs, &options.conditioning, options, watch)?;
-            let fitted = arx::fit(&datasets, drive, watch)?;
+            let fitted = arx::fit(datasets, drive, watch)?;
             let details = report::Details { rank: Some(fitted.rank), converged: true, ..Default::default() };
-            let model = model(ForceModel::Arx(fitted.model), options.conditioning, &datasets);
-            Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))
+            let model = model(ForceModel::Arx(fitted.model), conditioning, datasets);
+            Ok(report::assemble(model, datasets, &fitted.offsets_n, details))
         }
     }
 }
 
 fn identify_fuzzy_tanh(
     kind: DriveKind,
-    runs: &[Run],
+    datasets: &[Dataset],
     options: &Options,
     watch: &Watch,
 ) -> Result<Identified, Error> {
-    let (conditioning, velocity_trials) = if options.choose_velocity {
-        velocity::choose(kind, runs, options, watch)?
-    } else {
-        (options.conditioning, Vec::new())
-    };
-    let datasets = datasets(runs, &conditioning, options, watch)?;
-    let memberships = memberships(kind, &datasets, options)?;
-    let fitted = fuzzy_tanh::fit(&datasets, &memberships, options.restarts, options.seed, watch)?;
+    let memberships = memberships(kind, datasets, options)?;
+    let fitted = fuzzy_tanh::fit(datasets, &memberships, options.restarts, options.seed, watch)?;
     let details = report::Details {
         memberships: Some(memberships),
-        velocity_trials,
+        velocity_trials: Vec::new(),
         restart_rsse_n: fitted.restart_rsse_n,
         active_bounds: fitted.active_bounds,
         converged: fitted.converged,
         rank: None,
     };
-    let model = model(ForceModel::FuzzyTanh(fitted.model), conditioning, &datasets);
-    Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))
+    let model = model(ForceModel::FuzzyTanh(fitted.model), datasets[0].conditioning, datasets);
+    Ok(report::assemble(model, datasets, &fitted.offsets_n, details))
 }
 
 /// Conditions the runs. Each must have rows that count.
@@ -238,16 +265,22 @@ fn datasets(
     // In parallel, yet the error that is reported is the first run's.
     let results: Vec<Result<Dataset, Error>> = runs.par_iter().map(one).collect();
     let datasets = results.into_iter().collect::<Result<Vec<Dataset>, Error>>()?;
-    if let Some(still) = datasets.iter().find(|d| d.counted() == 0) {
-        return Err(Error::Data {
+    check_rows(&datasets)?;
+    Ok(datasets)
+}
+
+/// Each must have rows that count.
+fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
+    match datasets.iter().find(|d| d.counted() == 0) {
+        None => Ok(()),
+        Some(still) => Err(Error::Data {
             message: format!(
                 "run {}: no sample counts: it is too short for the filter to settle, or force and \
                  displacement do not overlap in time",
                 still.name
             ),
-        });
+        }),
     }
-    Ok(datasets)
 }
 
 /// Membership functions as given, or from the drive of the rows that count.
@@ -273,31 +306,35 @@ fn model(force: ForceModel, conditioning: Conditioning, datasets: &[Dataset]) ->
     }
 }
 
-/// The kind of drive that the model gets from the runs; `None` for a passive model.
-fn check_drives(spec: ModelSpec, runs: &[Run]) -> Result<Option<DriveKind>, Error> {
-    let Some(first) = runs.first() else {
+/// The kind of drive that the model gets from the runs, given by name and drive; `None` for a passive model.
+fn check_drives<'a>(
+    spec: ModelSpec,
+    runs: impl Iterator<Item = (&'a str, Option<DriveKind>)>,
+) -> Result<Option<DriveKind>, Error> {
+    let mut runs = runs.peekable();
+    if runs.peek().is_none() {
         return Err(Error::Data { message: "there are no runs to identify from".to_owned() });
-    };
+    }
     if !spec.wants_drive() {
         return Ok(None);
     }
-    let missing = |run: &Run| Error::MissingChannel {
-        run: run.name.clone(),
-        channel: "current_a or command_v",
-        needed_by: "the model".to_owned(),
-    };
-    let wanted = first.drive_kind().ok_or_else(|| missing(first))?;
-    for run in runs {
-        let found = run.drive_kind().ok_or_else(|| missing(run))?;
+    let mut wanted: Option<DriveKind> = None;
+    for (name, drive) in runs {
+        let found = drive.ok_or_else(|| Error::MissingChannel {
+            run: name.to_owned(),
+            channel: "current_a or command_v",
+            needed_by: "the model".to_owned(),
+        })?;
+        let wanted = *wanted.get_or_insert(found);
         if found != wanted {
             return Err(Error::WrongDrive {
-                run: run.name.clone(),
+                run: name.to_owned(),
                 found: found.name(),
                 wanted: wanted.name(),
             });
         }
     }
-    Ok(Some(wanted))
+    Ok(wanted)
 }
 
 /// Mean of the runs' offsets, weighted by the rows that count, N.
