@@ -9,12 +9,17 @@ mod fuzzy_tanh;
 mod history;
 pub mod law;
 mod sets;
+pub(crate) mod tsk;
 
 pub use arx::{Arx, LAGS};
 pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
 pub use history::{DEPTH, History};
-pub use law::{Dependence, Law, LawModel, LawState};
+pub use law::{Dependence, Law, LawModel, LawState, Sensitivity};
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
+pub use tsk::{
+    MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
+    TskKind, TskSet,
+};
 
 use crate::sample::DriveKind;
 use crate::units::Second;
@@ -32,6 +37,8 @@ pub enum ForceModel {
     FuzzyTanh(FuzzyTanh),
     /// A law of force whose parameters follow the drive.
     Law(LawModel),
+    /// Fuzzy rules on a grid: ANFIS and its relatives.
+    Tsk(Tsk),
 }
 
 /// What a model is given at one sample.
@@ -57,13 +64,14 @@ pub struct FreeRun {
 }
 
 impl ForceModel {
-    /// The model's name, as in the contract: `arx`, `fuzzy-tanh`, `sp`.
+    /// The model's name, as in the contract: `arx`, `fuzzy-tanh`, `sp`, `anfis`.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Arx(_) => "arx",
             Self::FuzzyTanh(_) => "fuzzy-tanh",
             Self::Law(model) => model.law().name(),
+            Self::Tsk(model) => model.kind().name(),
         }
     }
 
@@ -74,6 +82,7 @@ impl ForceModel {
             Self::Arx(arx) => arx.drive(),
             Self::FuzzyTanh(fuzzy) => Some(fuzzy.drive()),
             Self::Law(model) => model.dependence().drive(),
+            Self::Tsk(model) => model.drive(),
         }
     }
 
@@ -84,6 +93,7 @@ impl ForceModel {
             Self::Arx(arx) => arx.parameter_count(),
             Self::FuzzyTanh(fuzzy) => fuzzy.parameter_count(),
             Self::Law(model) => model.parameter_count(),
+            Self::Tsk(model) => model.parameter_count(),
         }
     }
 
@@ -94,6 +104,7 @@ impl ForceModel {
             Self::Arx(arx) => arx.force_offset_n(),
             Self::FuzzyTanh(fuzzy) => fuzzy.force_offset_n(),
             Self::Law(model) => model.force_offset_n(),
+            Self::Tsk(model) => model.force_offset_n(),
         }
     }
 
@@ -104,6 +115,7 @@ impl ForceModel {
             Self::Arx(arx) => Self::Arx(arx.with_force_offset_n(force_offset_n)),
             Self::FuzzyTanh(fuzzy) => Self::FuzzyTanh(fuzzy.with_force_offset_n(force_offset_n)),
             Self::Law(model) => Self::Law(model.with_force_offset_n(force_offset_n)),
+            Self::Tsk(model) => Self::Tsk(model.with_force_offset_n(force_offset_n)),
         }
     }
 
@@ -113,7 +125,7 @@ impl ForceModel {
     pub const fn force_fed_period(&self) -> Option<Second> {
         match self {
             Self::Arx(arx) => Some(arx.sample_period()),
-            Self::FuzzyTanh(_) | Self::Law(_) => None,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Tsk(_) => None,
         }
     }
 
@@ -123,7 +135,7 @@ impl ForceModel {
     pub fn dc_is_meaningful(&self) -> bool {
         match self {
             Self::Arx(arx) => arx.dc_is_meaningful(),
-            Self::FuzzyTanh(_) | Self::Law(_) => true,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Tsk(_) => true,
         }
     }
 
@@ -134,7 +146,7 @@ impl ForceModel {
     pub fn predict_n(&self, history: &History) -> Option<f64> {
         match self {
             Self::Arx(arx) => arx.predict_n(history),
-            Self::FuzzyTanh(_) | Self::Law(_) => None,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Tsk(_) => None,
         }
     }
 
@@ -147,6 +159,7 @@ impl ForceModel {
                 Some(fuzzy.force_n(inputs.displacement_m, inputs.velocity_m_s, inputs.drive))
             }
             Self::Law(model) => Some(model.force_n(inputs, &mut state.law)),
+            Self::Tsk(model) => Some(model.force_n(inputs)),
             Self::Arx(_) => {
                 state.history.push_inputs(inputs);
                 let predicted = self.predict_n(&state.history);

@@ -4,6 +4,8 @@
 //! ARX          F_k = phi_k . a + c_run                        linear: QR in panels, SVD, minimum norm
 //! fuzzy-tanh   F = sum_j w_j(i) f_j(x, v) + o_run             nonlinear: bounded Levenberg-Marquardt,
 //!              f = A1 tanh(A3 u) + A2 u,   u = v + kappa x    restarts drawn from a seed
+//! TSK          F = sum_r w_r(x, v, a, i) f_r + o_run          hybrid learning: conclusions by linear least
+//!                                                             squares, memberships around them
 //! ```
 //!
 //! Several runs are fitted at once, each with a force offset of its own: sessions differ by tens of newtons
@@ -37,24 +39,30 @@
 mod arx;
 mod dataset;
 mod fuzzy_tanh;
+mod law;
 pub mod least_squares;
 mod levels;
 mod report;
+mod row_problem;
+mod scales;
 mod score;
+mod search;
 mod spec;
-mod tanh_problem;
+mod tanh_columns;
+mod tsk;
 mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
-pub use report::{ActiveBound, Identified, RunFit};
+pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
 pub use score::{Predicted, Scores, persistence, score, walk};
 pub use spec::{Form, ModelSpec, Structure};
+pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::ForceModel;
+use crate::force::{Dependence, ForceModel, Law};
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::{DriveKind, Run};
 use rayon::prelude::*;
@@ -83,6 +91,13 @@ pub struct Options {
     /// Membership functions of a fuzzy-tanh model; `None` takes them from the runs
     /// ([`Memberships::from_drive`]).
     pub memberships: Option<GivenMemberships>,
+    /// Degree of the polynomials over the drive of a law of force, 1 to 4.
+    pub degree: usize,
+    /// What of the residuals is minimised.
+    pub loss: Loss,
+    /// Most rows that a nonlinear fit is finished on; beyond it a sample of about that many is taken. `None`:
+    /// all rows, however many.
+    pub most_rows: Option<usize>,
     /// Restarts of a nonlinear fit; at least one is made.
     pub restarts: u32,
     /// Seed of the restarts. The same seed and runs give the same model, on any number of threads.
@@ -96,10 +111,26 @@ impl Default for Options {
             choose_velocity: true,
             dataset: DatasetOptions::default(),
             memberships: None,
+            degree: 2,
+            loss: Loss::Squares,
+            most_rows: None,
             restarts: 25,
             seed: 0,
         }
     }
+}
+
+/// What of the residuals a nonlinear fit minimises.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Loss {
+    /// Their squares: the fit has the least RSSE.
+    Squares,
+    /// Huber's loss: squares within the threshold, beyond it growing linearly, so that stray samples count for
+    /// little.
+    Huber {
+        /// The threshold in newtons; a few times the load cell's noise.
+        threshold_n: f64,
+    },
 }
 
 /// What an identification is doing.
@@ -115,6 +146,13 @@ pub enum Progress {
         /// Restarts that have ended.
         done: u32,
         /// Restarts in all.
+        of: u32,
+    },
+    /// An epoch of learning, or a generation of an evolution, has ended.
+    Epoch {
+        /// Epochs that have ended.
+        done: u32,
+        /// Epochs at most.
         of: u32,
     },
     /// The best restarts are being finished on all rows.
@@ -182,32 +220,33 @@ pub fn identify(
     watch: &Watch,
 ) -> Result<Identified, Error> {
     watch.report(Progress::Conditioning { runs: runs.len() as u32 });
+    check_options(spec, options)?;
     let drive = check_drives(spec, runs.iter().map(|run| (run.name.as_str(), run.drive_kind())))?;
-    let (conditioning, velocity_trials) = match (spec.structure(), drive) {
-        (Structure::FuzzyTanh, Some(kind)) if options.choose_velocity => {
-            velocity::choose(kind, runs, options, watch)?
-        }
-        _ => (options.conditioning, Vec::new()),
+    let (conditioning, velocity_trials) = if options.choose_velocity && !spec.feeds_on_force() {
+        velocity::choose(runs, options, watch, |datasets| sample_esr(spec, drive, datasets, options, watch))?
+    } else {
+        (options.conditioning, Vec::new())
     };
     let datasets = datasets(runs, &conditioning, options, watch)?;
-    Ok(Identified { velocity_trials, ..identify_datasets(spec, &datasets, options, watch)? })
+    let found = fit(spec, drive, &datasets, options, watch)?;
+    Ok(Identified { velocity_trials, ..found })
 }
 
-/// Identifies a model from runs that are conditioned already, all alike: what many models can share.
-/// `choose_velocity`, `conditioning` and `dataset` of `options` have had their say by then.
+/// Identifies a model from runs that are conditioned already, all alike: rows that many models can share.
+/// `conditioning`, `choose_velocity` and `dataset` of `options` have had their say by then.
 ///
 /// # Errors
-/// As [`identify`].
+/// As [`identify`]; also [`Error::Data`] for runs that are conditioned differently.
 pub fn identify_datasets(
     spec: ModelSpec,
     datasets: &[Dataset],
     options: &Options,
     watch: &Watch,
 ) -> Result<Identified, Error> {
+    check_options(spec, options)?;
     let drive = check_drives(spec, datasets.iter().map(|d| (d.name.as_str(), d.drive)))?;
     check_rows(datasets)?;
-    let conditioning = datasets[0].conditioning;
-    if let Some(other) = datasets.iter().find(|d| d.conditioning != conditioning) {
+    if let Some(other) = datasets.iter().find(|d| d.conditioning != datasets[0].conditioning) {
         return Err(Error::Data {
             message: format!(
                 "runs {} and {} are conditioned differently: a model holds for one conditioning",
@@ -215,38 +254,125 @@ pub fn identify_datasets(
             ),
         });
     }
-    match (spec.structure(), drive) {
-        (Structure::Law(law), _) => {
-            Err(Error::Data { message: format!("{}: laws of force are not identified yet", law.name()) })
-        }
-        (Structure::FuzzyTanh, Some(kind)) => identify_fuzzy_tanh(kind, datasets, options, watch),
-        (Structure::Arx | Structure::FuzzyTanh, drive) => {
-            let fitted = arx::fit(datasets, drive, watch)?;
-            let details = report::Details { rank: Some(fitted.rank), converged: true, ..Default::default() };
-            let model = model(ForceModel::Arx(fitted.model), conditioning, datasets);
-            Ok(report::assemble(model, datasets, &fitted.offsets_n, details))
-        }
-    }
+    fit(spec, drive, datasets, options, watch)
 }
 
-fn identify_fuzzy_tanh(
-    kind: DriveKind,
+/// Fits a model to conditioned runs.
+fn fit(
+    spec: ModelSpec,
+    drive: Option<DriveKind>,
     datasets: &[Dataset],
     options: &Options,
     watch: &Watch,
 ) -> Result<Identified, Error> {
-    let memberships = memberships(kind, datasets, options)?;
-    let fitted = fuzzy_tanh::fit(datasets, &memberships, options.restarts, options.seed, watch)?;
-    let details = report::Details {
-        memberships: Some(memberships),
-        velocity_trials: Vec::new(),
-        restart_rsse_n: fitted.restart_rsse_n,
-        active_bounds: fitted.active_bounds,
-        converged: fitted.converged,
-        rank: None,
+    let found = match (spec.structure(), drive) {
+        (Structure::FuzzyTanh, Some(kind)) => {
+            let memberships = memberships(kind, datasets, options)?;
+            let (model, found) = fuzzy_tanh::fit(datasets, &memberships, options, watch)?;
+            let details = report::Details::of(&found, &fuzzy_tanh::NAMES).with_memberships(memberships);
+            (ForceModel::FuzzyTanh(model), found.offsets_n, details)
+        }
+        (Structure::Law(law), _) => {
+            let (dependence, memberships) = dependence(spec.form(), drive, datasets, options)?;
+            if let Some(memberships) = &memberships {
+                memberships.check_support(datasets, law.parameters().len())?;
+            }
+            let (model, found) = law::fit(datasets, law, dependence, options, watch)?;
+            let names: Vec<&str> = law.parameters().iter().map(|p| p.name).collect();
+            let details = report::Details::of(&found, &names);
+            let details = memberships.into_iter().fold(details, report::Details::with_memberships);
+            (ForceModel::Law(model), found.offsets_n, details)
+        }
+        (Structure::Tsk(kind), drive) => {
+            let found = fit_tsk(datasets, kind, drive, &TskOptions::of(options), watch)?;
+            let details = report::Details { converged: found.converged, ..Default::default() };
+            (ForceModel::Tsk(found.model), found.offsets_n, details)
+        }
+        (Structure::Arx | Structure::FuzzyTanh, drive) => {
+            let fitted = arx::fit(datasets, drive, watch)?;
+            let details = report::Details { rank: Some(fitted.rank), converged: true, ..Default::default() };
+            (ForceModel::Arx(fitted.model), fitted.offsets_n, details)
+        }
     };
-    let model = model(ForceModel::FuzzyTanh(fitted.model), datasets[0].conditioning, datasets);
-    Ok(report::assemble(model, datasets, &fitted.offsets_n, details))
+    let (force, offsets_n, details) = found;
+    let model = model(force, datasets[0].conditioning, datasets);
+    Ok(report::assemble(model, datasets, &offsets_n, details))
+}
+
+/// Refuses settings that mean nothing, or that the structure would ignore.
+fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
+    Error::check("degree", options.degree as f64, "1 to 4", |d| (1.0..=4.0).contains(&d))?;
+    if let Loss::Huber { threshold_n } = options.loss {
+        Error::check("huber", threshold_n, "positive and finite", |t| t > 0.0)?;
+        if !matches!(spec.structure(), Structure::FuzzyTanh | Structure::Law(_)) {
+            return Err(Error::Data {
+                message: format!(
+                    "{} is fitted by squares alone; leave Huber's loss out",
+                    spec.structure().name()
+                ),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// How well a model of this kind can do on `datasets`: mean ESR of the runs after a few restarts.
+fn sample_esr(
+    spec: ModelSpec,
+    drive: Option<DriveKind>,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<f64, Error> {
+    match (spec.structure(), drive) {
+        (Structure::Law(law), _) => {
+            let (dependence, _) = dependence(spec.form(), drive, datasets, options)?;
+            law::sample_esr(datasets, law, dependence, options.seed, watch)
+        }
+        (Structure::Tsk(kind), drive) => tsk::grid_esr(datasets, kind, drive, watch),
+        (_, Some(kind)) => {
+            let memberships = memberships(kind, datasets, options)?;
+            fuzzy_tanh::sample_esr(datasets, &memberships, options.seed, watch)
+        }
+        (_, None) => law::sample_esr(datasets, Law::Sp, Dependence::None, options.seed, watch),
+    }
+}
+
+/// How a law's parameters follow the drive in `form`; and the memberships, where there are sets.
+fn dependence(
+    form: Form,
+    drive: Option<DriveKind>,
+    datasets: &[Dataset],
+    options: &Options,
+) -> Result<(Dependence, Option<Memberships>), Error> {
+    match (form, drive) {
+        (Form::SemiActive, Some(drive)) => {
+            let degree = options.degree;
+            check_levels(drive, datasets, degree)?;
+            Ok((Dependence::Polynomial { drive, degree }, None))
+        }
+        (Form::Fuzzy, Some(drive)) => {
+            let memberships = memberships(drive, datasets, options)?;
+            Ok((Dependence::Fuzzy(memberships.sets()?), Some(memberships)))
+        }
+        (_, _) => Ok((Dependence::None, None)),
+    }
+}
+
+/// Refuses a polynomial through fewer levels of the drive than it has coefficients.
+fn check_levels(drive: DriveKind, datasets: &[Dataset], degree: usize) -> Result<(), Error> {
+    let counted = datasets.iter().flat_map(|d| &d.rows).filter(|row| row.counts);
+    let Ok(found) = Memberships::from_drive(drive, counted.map(|row| row.drive)) else { return Ok(()) };
+    if found.source == MembershipSource::Levels && found.centres.len() <= degree {
+        return Err(Error::Data {
+            message: format!(
+                "the runs hold {} levels of {drive}, too few for polynomials of degree {degree} over it; add \
+                 runs at other levels, take a lower degree, or a passive model",
+                found.centres.len()
+            ),
+        });
+    }
+    Ok(())
 }
 
 /// Conditions the runs. Each must have rows that count.
@@ -269,7 +395,7 @@ fn datasets(
     Ok(datasets)
 }
 
-/// Each must have rows that count.
+/// Refuses runs without a row that counts.
 fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
     match datasets.iter().find(|d| d.counted() == 0) {
         None => Ok(()),
@@ -306,7 +432,7 @@ fn model(force: ForceModel, conditioning: Conditioning, datasets: &[Dataset]) ->
     }
 }
 
-/// The kind of drive that the model gets from the runs, given by name and drive; `None` for a passive model.
+/// The kind of drive that the model gets from the runs, each by its name and drive; `None` for a passive model.
 fn check_drives<'a>(
     spec: ModelSpec,
     runs: impl Iterator<Item = (&'a str, Option<DriveKind>)>,

@@ -3,6 +3,7 @@
 use super::dataset::Dataset;
 use super::levels::Memberships;
 use super::score::{sound, walk};
+use super::search::Found;
 use super::velocity::VelocityTrial;
 use crate::force::ForceModel;
 use crate::metrics::{ErrorSum, Fit};
@@ -31,6 +32,8 @@ pub struct Identified {
     pub velocity_trials: Vec<VelocityTrial>,
     /// Rank of the regression (ARX): below the number of coefficients where regressors are collinear.
     pub rank: Option<usize>,
+    /// The parameters of a nonlinear fit, with their standard errors.
+    pub parameters: Vec<ParameterValue>,
     /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh). When many come close to
     /// the first, the minimum is well found.
     pub restart_rsse_n: Vec<f64>,
@@ -66,15 +69,52 @@ pub struct ActiveBound {
     pub value: f64,
 }
 
+/// A parameter that was sought.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterValue {
+    /// Name as in the model file, with the index of the set or of the power of the drive.
+    pub name: String,
+    /// The value, in the parameter's unit.
+    pub value: f64,
+    /// Its standard error, from the scatter of the gradient over blocks of a second; NaN where the runs do not
+    /// determine the parameter.
+    pub standard_error: f64,
+}
+
 /// What only the fit of one kind of model knows.
 #[derive(Debug, Default)]
 pub(super) struct Details {
     pub(super) memberships: Option<Memberships>,
-    pub(super) velocity_trials: Vec<VelocityTrial>,
     pub(super) rank: Option<usize>,
+    pub(super) parameters: Vec<ParameterValue>,
     pub(super) restart_rsse_n: Vec<f64>,
     pub(super) active_bounds: Vec<ActiveBound>,
     pub(super) converged: bool,
+}
+
+impl Details {
+    /// What a search found of parameters called `names`, copy after copy.
+    pub(super) fn of(found: &Found, names: &[&str]) -> Self {
+        let name = |j: usize| format!("{}[{}]", names[j % names.len()], j / names.len());
+        let parameter = |(j, (value, error)): (usize, (&f64, &f64))| ParameterValue {
+            name: name(j),
+            value: *value,
+            standard_error: *error,
+        };
+        let values = found.natural.iter().zip(&found.standard_errors).enumerate();
+        let bound = |&j: &usize| ActiveBound { parameter: name(j), value: found.natural[j] };
+        Self {
+            parameters: values.map(parameter).collect(),
+            restart_rsse_n: found.restart_rsse_n.clone(),
+            active_bounds: found.on_bound.iter().map(bound).collect(),
+            converged: found.converged,
+            ..Self::default()
+        }
+    }
+
+    pub(super) fn with_memberships(self, memberships: Memberships) -> Self {
+        Self { memberships: Some(memberships), ..self }
+    }
 }
 
 /// Sums of error: running free, one step ahead, persistence.
@@ -118,8 +158,9 @@ pub(super) fn assemble(
         one_step,
         persistence: sound(&all.persistence),
         memberships: details.memberships,
-        velocity_trials: details.velocity_trials,
+        velocity_trials: Vec::new(),
         rank: details.rank,
+        parameters: details.parameters,
         restart_rsse_n: details.restart_rsse_n,
         active_bounds: details.active_bounds,
         converged: details.converged,

@@ -1,7 +1,7 @@
 //! Which model to identify: a structure by its name in the contract, and the form in which the drive enters.
 
 use crate::error::Error;
-use crate::force::Law;
+use crate::force::{Law, TskKind};
 use crate::preset::edit_distance;
 
 /// A structure of the thesis or of the literature that it reviews.
@@ -13,6 +13,8 @@ pub enum Structure {
     FuzzyTanh,
     /// A law of force.
     Law(Law),
+    /// Fuzzy rules on a grid: ANFIS and its relatives.
+    Tsk(TskKind),
 }
 
 /// How the drive enters a model.
@@ -39,6 +41,7 @@ impl Structure {
     pub fn all() -> Vec<Self> {
         let mut all = vec![Self::Arx, Self::FuzzyTanh];
         all.extend(Law::ALL.map(Self::Law));
+        all.extend(TskKind::ALL.map(Self::Tsk));
         all
     }
 
@@ -49,6 +52,7 @@ impl Structure {
             Self::Arx => "arx",
             Self::FuzzyTanh => "fuzzy-tanh",
             Self::Law(law) => law.name(),
+            Self::Tsk(kind) => kind.name(),
         }
     }
 
@@ -56,11 +60,10 @@ impl Structure {
     #[must_use]
     pub const fn forms(self) -> &'static [Form] {
         match self {
-            Self::Arx => &[Form::Passive, Form::SemiActive],
+            Self::Arx | Self::Tsk(_) => &[Form::Passive, Form::SemiActive],
             Self::FuzzyTanh => &[Form::SemiActive],
             // Fuzzy sets over the tanh function are the fuzzy-tanh model.
             Self::Law(Law::Sp) => &[Form::Passive, Form::SemiActive],
-            #[allow(unreachable_patterns)]
             Self::Law(_) => &[Form::Passive, Form::SemiActive, Form::Fuzzy],
         }
     }
@@ -143,6 +146,12 @@ impl ModelSpec {
     #[must_use]
     pub const fn form(self) -> Form {
         self.form
+    }
+
+    /// True when the model predicts from measured force (and so holds at one rate).
+    #[must_use]
+    pub const fn feeds_on_force(self) -> bool {
+        matches!(self.structure, Structure::Arx)
     }
 
     /// True when the model takes a drive.

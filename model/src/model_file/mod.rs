@@ -19,10 +19,11 @@ mod arx;
 mod fuzzy_tanh;
 mod law;
 mod memberships;
+mod tsk;
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::{ForceModel, Law};
+use crate::force::{ForceModel, Law, TskKind};
 use crate::metrics::Fit;
 use crate::model::{Envelope, Expected, Model};
 use crate::preset::edit_distance;
@@ -98,6 +99,7 @@ enum Parameters {
     Arx(arx::Parameters),
     FuzzyTanh(fuzzy_tanh::Parameters),
     Law(law::Parameters),
+    Tsk(tsk::Parameters),
 }
 
 impl Parameters {
@@ -106,6 +108,7 @@ impl Parameters {
             ForceModel::Arx(model) => Self::Arx(arx::Parameters::of(model)),
             ForceModel::FuzzyTanh(model) => Self::FuzzyTanh(fuzzy_tanh::Parameters::of(model)),
             ForceModel::Law(model) => Self::Law(law::Parameters::of(model)),
+            ForceModel::Tsk(model) => Self::Tsk(tsk::Parameters::of(model)),
         }
     }
 }
@@ -185,9 +188,10 @@ impl ModelFile {
         let force = match read.model.as_str() {
             "arx" => ForceModel::Arx(arx::read(read.drive, &read.parameters)?),
             "fuzzy-tanh" => ForceModel::FuzzyTanh(fuzzy_tanh::read(read.drive, &read.parameters)?),
-            name => match Law::named(name) {
-                Some(law) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
-                None => return Err(unknown_model(name)),
+            name => match (Law::named(name), TskKind::from_name(name)) {
+                (Some(law), _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
+                (_, Some(kind)) => ForceModel::Tsk(tsk::read(kind, read.drive, &read.parameters)?),
+                (None, None) => return Err(unknown_model(name)),
             },
         };
         let mut table = read.conditioning;
@@ -208,6 +212,7 @@ impl ModelFile {
 fn unknown_model(name: &str) -> Error {
     let mut known = vec!["arx", "fuzzy-tanh"];
     known.extend(Law::ALL.map(Law::name));
+    known.extend(TskKind::ALL.map(TskKind::name));
     file_error(format!("model is \"{name}\"; known are {}", known.join(", ")))
 }
 
