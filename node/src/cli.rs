@@ -32,6 +32,7 @@ enum Command {
     Record(command::record::Args),
     Convert(command::convert::Args),
     Identify(command::identify::Args),
+    Compare(command::compare::Args),
     Evaluate(command::evaluate::Args),
     Presets(command::presets::Args),
 }
@@ -83,6 +84,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Record(args) => command::record::run(&args, &around),
         Command::Convert(args) => command::convert::run(&args, &around),
         Command::Identify(args) => command::identify::run(&args, &around),
+        Command::Compare(args) => command::compare::run(&args, &around),
         Command::Evaluate(args) => command::evaluate::run(&args, &around),
         Command::Presets(args) => command::presets::run(&args),
     }
