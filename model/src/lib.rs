@@ -4,6 +4,7 @@ pub mod compare;
 pub mod condition;
 pub mod error;
 pub mod evaluate;
+pub mod fis;
 pub mod force;
 pub mod identify;
 pub mod metrics;

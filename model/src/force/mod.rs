@@ -8,6 +8,7 @@ mod arx;
 mod fuzzy_tanh;
 mod history;
 pub mod law;
+mod phase;
 mod sets;
 pub(crate) mod tsk;
 
@@ -15,6 +16,7 @@ pub use arx::{Arx, LAGS};
 pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
 pub use history::{DEPTH, History};
 pub use law::{Dependence, Law, LawModel, LawState, Sensitivity};
+pub use phase::{CannotRun, ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase, Root};
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 pub use tsk::{
     MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
@@ -25,7 +27,7 @@ use crate::sample::DriveKind;
 use crate::units::Second;
 
 /// Any force model of this crate.
-#[expect(
+#[allow(
     clippy::large_enum_variant,
     reason = "boxing the larger ones would put them on the heap, out of `Copy`"
 )]

@@ -42,6 +42,7 @@ mod fuzzy_tanh;
 mod law;
 pub mod least_squares;
 mod levels;
+mod phase;
 mod report;
 mod row_problem;
 mod scales;
@@ -54,6 +55,7 @@ mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
+pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase};
 pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
 pub use score::{Predicted, Scores, persistence, score, walk};
 pub use spec::{Form, ModelSpec, Structure};

@@ -1,4 +1,4 @@
-//! Displacement of the rig's actuator: a road profile, and a sine.
+//! Displacement of the rig's actuator: a road profile, a sine, and the waves of [`super::wave`].
 //!
 //! ```text
 //! x(t) = sum_j a_j cos(2 pi f_j t - phi_j),       f_j = f_min + (j - 1) df,  df = (f_max - f_min) / n
@@ -20,11 +20,15 @@
 //! The sum is scaled to a wanted span, faded in from rest and out to rest, and has zero mean.
 //!
 //! Source: thesis 3.3, 3.4 and Table 3.1 (100 harmonics, 0.2 to 20.5 Hz, smooth highway at 25 mph), with the
-//! standard form of the spectrum. Two additions are ours. The plain power law puts so much of its power at
+//! standard form of the spectrum. The thesis prints Cr w_c^(-N) / V, with the constant w_c = 0.5 cycles/ft in
+//! place of the running frequency: a level spectrum that does not know f, with a standard deviation of 0.02 in
+//! where its recorded runs have 0.16 to 0.20 in. The standard form gives 0.22 in: it is what must be meant, and
+//! [`Road::SMOOTH_HIGHWAY`] is that plain road. Two additions are ours. The plain power law puts so much of its power at
 //! 0.2 Hz that velocity is 6 to 8 1/s times displacement (standard deviations), where the thesis' recorded
 //! runs have 14 to 16 1/s and nothing much above 4 to 6 Hz: `level_hz` and `band_hz` bring that about, as a
 //! car's body does, which does not follow the slow waves of a road with the stroke of its dampers.
 
+use super::wave::Wave;
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
@@ -61,6 +65,8 @@ pub enum Displacement {
         /// Frequency in hertz.
         frequency_hz: f64,
     },
+    /// A modulated or stepped sine, a chirp, or triangles.
+    Wave(Wave),
 }
 
 impl Displacement {
@@ -76,6 +82,7 @@ impl Displacement {
                 remove_mean(&mut motion.displacement_m);
                 motion
             }
+            Self::Wave(wave) => wave.motion(samples, rng),
         }
     }
 }
@@ -163,10 +170,7 @@ struct Tone {
 
 /// Sum of harmonics, faded in and out, with its exact derivative.
 fn sum_of(tones: &[Tone], samples: usize) -> Motion {
-    let mut motion =
-        Motion { displacement_m: Vec::with_capacity(samples), velocity_m_s: Vec::with_capacity(samples) };
-    for k in 0..samples {
-        let t = k as f64 / RATE_HZ;
+    sampled(samples, |t| {
         let (mut x, mut v) = (0.0, 0.0);
         for tone in tones {
             let omega = TAU * tone.frequency_hz;
@@ -174,6 +178,16 @@ fn sum_of(tones: &[Tone], samples: usize) -> Motion {
             x += tone.amplitude_m * cos;
             v -= tone.amplitude_m * omega * sin;
         }
+        (x, v)
+    })
+}
+
+/// Displacement and velocity at each sample's time in seconds, faded in and out. Times come in order.
+pub(super) fn sampled(samples: usize, mut at: impl FnMut(f64) -> (f64, f64)) -> Motion {
+    let mut motion =
+        Motion { displacement_m: Vec::with_capacity(samples), velocity_m_s: Vec::with_capacity(samples) };
+    for k in 0..samples {
+        let (x, v) = at(k as f64 / RATE_HZ);
         let (fade, slope) = fade(k, samples);
         motion.displacement_m.push(fade * x);
         motion.velocity_m_s.push(fade * v + slope * x);
@@ -209,7 +223,8 @@ fn span(values: &[f64]) -> f64 {
     high - low
 }
 
-fn remove_mean(values: &mut [f64]) {
+/// Takes the mean off.
+pub(super) fn remove_mean(values: &mut [f64]) {
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     values.iter_mut().for_each(|x| *x -= mean);
 }

@@ -11,6 +11,7 @@ pub mod presets;
 pub mod record;
 pub mod replay;
 pub mod run_args;
+pub mod simulate;
 
 use crate::config::RosArgs;
 use crate::interrupt::Interrupt;

@@ -19,18 +19,19 @@
 //! | A | `hysteresis_slope_per_m` | 1/m | slope of z over displacement at z = 0 |
 //! | x, v | inputs | m, m/s | displacement and velocity, positive in extension |
 //!
-//! Nine parameters. The source's tenth, x0, only adds the constant -k1 x0, which is the force offset of the session
-//! that every model here has. z has no unit, so that no parameter has a broken one: the source's z is a length, and
-//! its alpha times that unit of length is ours. The scale of z is free: s z for z, with alpha/s, s A, and gamma and
-//! beta times s^(1-n), is the same damper, so A is a gauge. z stays bounded, by (A/(beta + gamma))^(1/n), only when
-//! beta + gamma > 0.
+//! Nine parameters. The source's tenth, x0, only adds the constant -k1 x0, which is the force offset of the
+//! session that every model here has. z has no unit, so that no parameter has a broken one: the source's z is
+//! a length, and its alpha times that unit of length is ours. The scale of z is free: s z for z, with
+//! alpha/s, s A, and gamma and beta times s^(1-n), is the same damper, so A is a gauge. z stays bounded, by
+//! (A/(beta + gamma))^(1/n), only when beta + gamma > 0.
 //!
 //! # Integration
-//! The hidden variables are r = x - y, z, and the velocity of the sample before; r' = v - y' needs no displacement.
-//! Between samples the velocity is a straight line. At speed, z reaches its bound within a fraction of a sample
-//! (the published damper yields within 0.02 mm: time constants down to 0.02 ms), so an explicit scheme would need
-//! hundreds of steps. This one is ROS2 (Verwer et al. 1999): second order, L-stable, linearly implicit, one 2 by 2
-//! solution a step and no iteration. A sample takes one step for each [`LONGEST_S`], at most [`STEPS`].
+//! The hidden variables are r = x - y, z, and the velocity of the sample before; r' = v - y' needs no
+//! displacement. Between samples the velocity is a straight line. At speed, z reaches its bound within a
+//! fraction of a sample (the published damper yields within 0.02 mm: time constants down to 0.02 ms), so an
+//! explicit scheme would need hundreds of steps. This one is ROS2 (Verwer et al. 1999): second order,
+//! L-stable, linearly implicit, one 2 by 2 solution a step and no iteration. A sample takes one step for each
+//! [`LONGEST_S`], at most [`STEPS`].
 
 use super::jet::Real;
 use super::{Inputs, MAX_HIDDEN, Parameter, Scale};
@@ -57,8 +58,8 @@ pub(super) const PARAMETERS: [Parameter; 9] = [
     Parameter::gauge("hysteresis_slope_per_m", Scale::new(0, -1, 0, 0), [100.0, 100.0]).within(1.0, 1e6),
 ];
 
-/// One sample: the force, and `hidden` advanced. With an input that is not finite the force is NaN and `hidden`
-/// stays; the next sample integrates on from it.
+/// One sample: the force, and `hidden` advanced. With an input that is not finite the force is NaN and
+/// `hidden` stays; the next sample integrates on from it.
 #[inline]
 pub(super) fn step<D: Real>(p: &[D], inputs: &Inputs, hidden: &mut [D; MAX_HIDDEN]) -> D {
     let (x, v) = (inputs.displacement_m, D::from(inputs.velocity_m_s));
@@ -170,8 +171,8 @@ impl<D: Real> Damper<D> {
         [r + (k1[0] * 3.0 + k2[0]) * (0.5 * h), self.bounded(z_next, magnitude)]
     }
 
-    /// z held within its bound, which the exact solution never crosses outwards. Where the slope of z is steep, a
-    /// step from z = 0 (its curvature is not in df/ds there) would fly far beyond.
+    /// z held within its bound, which the exact solution never crosses outwards. Where the slope of z is
+    /// steep, a step from z = 0 (its curvature is not in df/ds there) would fly far beyond.
     #[inline]
     fn bounded(&self, z: D, before: D) -> D {
         let limit = if before.re() > self.bound.re() { before } else { self.bound };

@@ -13,8 +13,8 @@
 //! | m | `effective_mass_kg` | kg | inertia of what moves |
 //! | v, a | inputs | m/s, m/s² | velocity and acceleration, positive in extension |
 //!
-//! The source's sixth parameter f0 is the force offset of the session, which every model here has. a = 0 counts as
-//! rising; where the acceleration is not known (NaN), nor is the force.
+//! The source's sixth parameter f0 is the force offset of the session, which every model here has. a = 0
+//! counts as rising; where the acceleration is not known (NaN), nor is the force.
 
 use super::{Branch, Inputs, Parameter, Scalar, Scale};
 use std::f64::consts::FRAC_2_PI;

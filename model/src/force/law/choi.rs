@@ -10,10 +10,10 @@
 //! | bj | `bj_n_sj_mj` | N·(s/m)^j | coefficient of v^j, j = 1 to 6 |
 //! | v, a | inputs | m/s, m/s² | velocity and acceleration, positive in extension |
 //!
-//! In the source each b is linear in the current, which is this law under a polynomial dependence of degree 1: 28
-//! numbers (the thesis counts one branch, 14). The force is linear in all of them. A constant added to both b0 is
-//! the session's force offset. Outside the velocities that it was identified on, v^6 runs away. a = 0 is on the
-//! rising branch; where the acceleration is not known (NaN), nor is the force.
+//! In the source each b is linear in the current, which is this law under a polynomial dependence of degree
+//! 1: 28 numbers (the thesis counts one branch, 14). The force is linear in all of them. A constant added to
+//! both b0 is the session's force offset. Outside the velocities that it was identified on, v^6 runs away. a
+//! = 0 is on the rising branch; where the acceleration is not known (NaN), nor is the force.
 
 use super::{Branch, Inputs, Parameter, Scalar, Scale};
 

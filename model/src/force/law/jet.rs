@@ -1,7 +1,8 @@
 //! A value with its derivatives in several directions at once, for sensitivities of a law with memory.
 //!
-//! The dual numbers of `num-dual` carry one direction when built without its linear algebra, so that a step would
-//! be taken once for each parameter. Here all directions share one pass, with its powers and logarithms.
+//! The dual numbers of `num-dual` carry one direction when built without its linear algebra, so that a step
+//! would be taken once for each parameter. Here all directions share one pass, with its powers and
+//! logarithms.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

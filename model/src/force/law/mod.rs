@@ -6,9 +6,10 @@
 //! fuzzy           F = sum_s w_s(i) f(p_s; x, v, a) + F0,  w_s: Gaussian sets, see [`FuzzySets`]
 //! ```
 //!
-//! A **law** f is a force of an MR damper at one current: one file each, with its equation and the meaning of its
-//! parameters p. It knows nothing of current. How current enters is the **dependence**, one mechanism that any
-//! law can use: polynomials on the parameters (thesis 4.5) or fuzzy sets over the outputs (thesis 4.8).
+//! A **law** f is a force of an MR damper at one current: one file each, with its equation and the meaning of
+//! its parameters p. It knows nothing of current. How current enters is the **dependence**, one mechanism
+//! that any law can use: polynomials on the parameters (thesis 4.5) or fuzzy sets over the outputs (thesis
+//! 4.8).
 //!
 //! Every law has its derivatives by its parameters written out; tests hold them against automatic
 //! differentiation of the same equation.
@@ -193,8 +194,8 @@ impl Law {
         matches!(self, Self::BoucWen)
     }
 
-    /// Force in newtons with parameters `p` (as many as [`Law::parameters`]), advancing `hidden` by one sample.
-    /// Not finite when an input that the law needs is not; `hidden` then stays.
+    /// Force in newtons with parameters `p` (as many as [`Law::parameters`]), advancing `hidden` by one
+    /// sample. Not finite when an input that the law needs is not; `hidden` then stays.
     #[inline]
     #[must_use]
     pub fn force_n(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64 {
@@ -210,8 +211,8 @@ impl Law {
     }
 
     /// Force in newtons, and its derivatives by the parameters into `gradient` (at least as long as
-    /// [`Law::parameters`]). A law with memory is taken at the first sample after a start; what comes after is
-    /// for [`Law::sensitivity`].
+    /// [`Law::parameters`]). A law with memory is taken at the first sample after a start; what comes after
+    /// is for [`Law::sensitivity`].
     #[inline]
     pub fn gradient(self, p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
         match self {
@@ -230,7 +231,8 @@ impl Law {
         }
     }
 
-    /// Force in newtons, advancing `hidden` by one sample as [`Law::force_n`] does, with the derivatives of both.
+    /// Force in newtons, advancing `hidden` by one sample as [`Law::force_n`] does, with the derivatives of
+    /// both.
     ///
     /// Along a run, with S the derivatives of the hidden variables by the parameters (zero before the first
     /// sample): `dF = force_by_parameter + force_by_hidden S`, then
@@ -263,8 +265,8 @@ impl Law {
     }
 }
 
-/// One sample of a law with its derivatives; see [`Law::sensitivity`]. Entries beyond the law's parameters, and all
-/// that concern hidden variables of a law without memory, are zero.
+/// One sample of a law with its derivatives; see [`Law::sensitivity`]. Entries beyond the law's parameters,
+/// and all that concern hidden variables of a law without memory, are zero.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sensitivity {
     /// Force, N.
