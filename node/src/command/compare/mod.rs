@@ -120,7 +120,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let done = output::Done {
         summaries: Summary::of(&cells),
         persistence: compare::persistence(&work.experiments),
-        published: published(),
+        published: published(&work.experiments),
         seconds: started.elapsed().as_secs_f64(),
         cells,
         lines,
@@ -132,9 +132,10 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Published figures to hold the comparison against.
-const fn published() -> Option<Published> {
-    None
+/// The thesis' figures, when one of the experiments bears the name of one of its own.
+fn published(experiments: &[Experiment]) -> Option<Published> {
+    let thesis = Published::thesis();
+    experiments.iter().any(|experiment| thesis.knows(&experiment.name)).then_some(thesis)
 }
 
 /// Where finished work is kept.
@@ -282,36 +283,51 @@ fn do_cell(work: &Work, cell: Cell, key: &str, around: &Surroundings) -> Result<
 struct TimeLeft<'a> {
     cells: &'a [Cell],
     threads: usize,
-    /// Which cells are done, and seconds and number of those of each model that were timed.
-    done: Mutex<(Vec<bool>, HashMap<ModelSpec, (f64, f64)>)>,
+    so_far: Mutex<SoFar>,
+}
+
+/// What is known of the time that cells take.
+#[derive(Default)]
+struct SoFar {
+    /// Which cells are done.
+    done: Vec<bool>,
+    /// Seconds and number of the finished cells of each model.
+    took: HashMap<ModelSpec, (f64, f64)>,
+}
+
+impl SoFar {
+    fn add(&mut self, spec: ModelSpec, seconds: f64) {
+        let of = self.took.entry(spec).or_default();
+        *of = (of.0 + seconds, of.1 + 1.0);
+    }
+
+    /// Seconds that a cell of `spec` will take; as the mean of all where none is done.
+    fn estimate(&self, spec: ModelSpec) -> f64 {
+        let all = || self.took.values().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        let (seconds, cells) = self.took.get(&spec).copied().unwrap_or_else(all);
+        seconds / f64::max(cells, 1.0)
+    }
 }
 
 impl<'a> TimeLeft<'a> {
     fn new(cells: &'a [Cell], keys: &[String], state: &State, threads: usize) -> Self {
-        let mut timed: HashMap<ModelSpec, (f64, f64)> = HashMap::new();
-        let mut done = Vec::with_capacity(cells.len());
+        let mut so_far = SoFar::default();
         for (cell, line) in cells.iter().zip(keys.iter().map(|key| state.get(key))) {
-            done.push(line.is_some());
+            so_far.done.push(line.is_some());
             if let Some(line) = line {
-                let of = timed.entry(cell.spec).or_default();
-                *of = (of.0 + line.seconds, of.1 + 1.0);
+                so_far.add(cell.spec, line.seconds);
             }
         }
-        Self { cells, threads, done: Mutex::new((done, timed)) }
+        Self { cells, threads, so_far: Mutex::new(so_far) }
     }
 
     /// In words, after cell `index` took `seconds`.
     fn after(&self, index: usize, seconds: f64) -> String {
-        let mut guard = self.done.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let (done, timed) = &mut *guard;
-        done[index] = true;
-        let of = timed.entry(self.cells[index].spec).or_default();
-        *of = (of.0 + seconds, of.1 + 1.0);
-        let (sum, count) = timed.values().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-        let mean = |spec| timed.get(spec).map_or(sum / count, |(seconds, cells)| seconds / cells);
-        let left =
-            self.cells.iter().zip(done.iter()).filter(|(_, done)| !**done).map(|(cell, _)| mean(&cell.spec));
-        let seconds = left.sum::<f64>() / self.threads as f64;
+        let mut so_far = self.so_far.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        so_far.done[index] = true;
+        so_far.add(self.cells[index].spec, seconds);
+        let open = self.cells.iter().zip(&so_far.done).filter(|(_, done)| !**done);
+        let seconds = open.map(|(cell, _)| so_far.estimate(cell.spec)).sum::<f64>() / self.threads as f64;
         indicatif::HumanDuration(Duration::from_secs_f64(seconds.max(0.0))).to_string()
     }
 }

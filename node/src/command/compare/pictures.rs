@@ -132,7 +132,7 @@ fn currents(experiments: &[Experiment]) -> Option<Currents<'_>> {
     for experiment in experiments {
         let Some(first) = experiment.replicates.first() else { continue };
         let Some(kind) = first.data.drive else { continue };
-        let Ok(found) = Memberships::from_drive(kind, counted(&first.data).into_iter()) else { continue };
+        let Ok(found) = Memberships::from_drive(kind, counted(&first.data)) else { continue };
         let levels = if found.source == MembershipSource::Levels { found.centres.len() } else { 0 };
         if levels > stepped.as_ref().map_or(2, |best| best.0) {
             stepped = Some((levels, experiment, found));

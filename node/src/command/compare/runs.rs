@@ -120,7 +120,7 @@ fn stem(path: &Path) -> String {
 /// Name of the experiment, and number of the replicate where the name ends in `-NN`.
 fn name_and_number(path: &Path) -> (String, Option<u32>) {
     let stem = stem(path);
-    let digits = |text: &str| (2..=3).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_digit());
+    let digits = |text: &str| (2..=4).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_digit());
     match stem.rsplit_once('-') {
         Some((name, number)) if !name.is_empty() && digits(number) => (name.to_owned(), number.parse().ok()),
         _ => (stem, None),

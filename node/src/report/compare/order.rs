@@ -66,7 +66,7 @@ pub fn orders(summaries: &[Summary], published: &Published, persistence: &[Persi
     let mut remarks = pairs(&ranked);
     remarks.extend(one_step(&ranked, free, persistence));
     remarks.extend(other_training(&ranked));
-    remarks.extend(missing(&ranked, summaries));
+    remarks.extend(missing(&ranked, summaries, published));
     Some(Orders { tau: kendall_tau(&both), tau_free_run: kendall_tau(&all_free), ranked, remarks })
 }
 
@@ -165,8 +165,13 @@ fn other_training(ranked: &[Ranked]) -> Vec<String> {
 }
 
 /// Published models without a mean here, with the reason.
-fn missing(ranked: &[Ranked], summaries: &[Summary]) -> Vec<String> {
+fn missing(ranked: &[Ranked], summaries: &[Summary], published: &Published) -> Vec<String> {
     let why = |class: &Class| {
+        let known =
+            published.row(class, &published.best(class).map_or(String::new(), |(on, _)| on.to_owned()));
+        if let Some(why) = known.and_then(|row| row.why_not) {
+            return why.to_owned();
+        }
         let of = |s: &&Summary| s.class.model == class.model && s.class.form == class.form;
         match summaries.iter().find(of) {
             None => "it was not part of this comparison".to_owned(),
@@ -205,6 +210,7 @@ mod tests {
             experiment: on.to_owned(),
             identification: None,
             cross_validation: Some(Figures { rsse_n: 100.0, esr }),
+            why_not: None,
         }
     }
 
