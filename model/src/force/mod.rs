@@ -8,12 +8,16 @@ mod arx;
 mod fuzzy_tanh;
 mod history;
 pub mod law;
+mod lazy;
+mod network;
 mod sets;
 
-pub use arx::{Arx, LAGS};
+pub use arx::{Arx, LAGS, SAVARESI_LAGS};
 pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
 pub use history::{DEPTH, History};
 pub use law::{Dependence, Law, LawModel, LawState};
+pub use lazy::{Lazy, LazyMetric, LazyPoint, MAX_NEIGHBOURS, MAX_POINTS, MIN_NEIGHBOURS};
+pub use network::{MAX_HIDDEN, MAX_INPUTS, Network, NetworkScaling, NetworkStructure, Normalisation};
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 
 use crate::sample::DriveKind;
@@ -30,6 +34,10 @@ pub enum ForceModel {
     Arx(Arx),
     /// Fuzzy sets over the drive, a tanh function under each.
     FuzzyTanh(FuzzyTanh),
+    /// An autoregressive network; can be fed with measured force.
+    Network(Network),
+    /// Recursive lazy learning.
+    Lazy(Lazy),
     /// A law of force whose parameters follow the drive.
     Law(LawModel),
 }
@@ -61,8 +69,10 @@ impl ForceModel {
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
-            Self::Arx(_) => "arx",
+            Self::Arx(arx) => arx.name(),
+            Self::Network(network) => network.structure().name(),
             Self::FuzzyTanh(_) => "fuzzy-tanh",
+            Self::Lazy(_) => "boada",
             Self::Law(model) => model.law().name(),
         }
     }
@@ -72,6 +82,8 @@ impl ForceModel {
     pub const fn drive(&self) -> Option<DriveKind> {
         match self {
             Self::Arx(arx) => arx.drive(),
+            Self::Network(network) => network.drive(),
+            Self::Lazy(lazy) => lazy.drive(),
             Self::FuzzyTanh(fuzzy) => Some(fuzzy.drive()),
             Self::Law(model) => model.dependence().drive(),
         }
@@ -82,6 +94,8 @@ impl ForceModel {
     pub const fn parameter_count(&self) -> usize {
         match self {
             Self::Arx(arx) => arx.parameter_count(),
+            Self::Network(network) => network.parameter_count(),
+            Self::Lazy(lazy) => lazy.parameter_count(),
             Self::FuzzyTanh(fuzzy) => fuzzy.parameter_count(),
             Self::Law(model) => model.parameter_count(),
         }
@@ -92,6 +106,8 @@ impl ForceModel {
     pub const fn force_offset_n(&self) -> f64 {
         match self {
             Self::Arx(arx) => arx.force_offset_n(),
+            Self::Network(network) => network.force_offset_n(),
+            Self::Lazy(lazy) => lazy.force_offset_n(),
             Self::FuzzyTanh(fuzzy) => fuzzy.force_offset_n(),
             Self::Law(model) => model.force_offset_n(),
         }
@@ -102,6 +118,8 @@ impl ForceModel {
     pub const fn with_force_offset_n(self, force_offset_n: f64) -> Self {
         match self {
             Self::Arx(arx) => Self::Arx(arx.with_force_offset_n(force_offset_n)),
+            Self::Network(network) => Self::Network(network.with_force_offset_n(force_offset_n)),
+            Self::Lazy(lazy) => Self::Lazy(lazy.with_force_offset_n(force_offset_n)),
             Self::FuzzyTanh(fuzzy) => Self::FuzzyTanh(fuzzy.with_force_offset_n(force_offset_n)),
             Self::Law(model) => Self::Law(model.with_force_offset_n(force_offset_n)),
         }
@@ -113,7 +131,8 @@ impl ForceModel {
     pub const fn force_fed_period(&self) -> Option<Second> {
         match self {
             Self::Arx(arx) => Some(arx.sample_period()),
-            Self::FuzzyTanh(_) | Self::Law(_) => None,
+            Self::Network(network) => Some(network.sample_period()),
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) => None,
         }
     }
 
@@ -123,7 +142,7 @@ impl ForceModel {
     pub fn dc_is_meaningful(&self) -> bool {
         match self {
             Self::Arx(arx) => arx.dc_is_meaningful(),
-            Self::FuzzyTanh(_) | Self::Law(_) => true,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Network(_) | Self::Lazy(_) => true,
         }
     }
 
@@ -134,7 +153,8 @@ impl ForceModel {
     pub fn predict_n(&self, history: &History) -> Option<f64> {
         match self {
             Self::Arx(arx) => arx.predict_n(history),
-            Self::FuzzyTanh(_) | Self::Law(_) => None,
+            Self::Network(network) => network.predict_n(history),
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) => None,
         }
     }
 
@@ -146,8 +166,9 @@ impl ForceModel {
             Self::FuzzyTanh(fuzzy) => {
                 Some(fuzzy.force_n(inputs.displacement_m, inputs.velocity_m_s, inputs.drive))
             }
+            Self::Lazy(lazy) => Some(lazy.force_n(inputs.displacement_m, inputs.velocity_m_s, inputs.drive)),
             Self::Law(model) => Some(model.force_n(inputs, &mut state.law)),
-            Self::Arx(_) => {
+            Self::Arx(_) | Self::Network(_) => {
                 state.history.push_inputs(inputs);
                 let predicted = self.predict_n(&state.history);
                 // At rest the damper's force is its offset: the neutral start of a free run.

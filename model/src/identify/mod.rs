@@ -37,11 +37,15 @@
 mod arx;
 mod dataset;
 mod fuzzy_tanh;
+mod lazy;
 pub mod least_squares;
 mod levels;
+mod network;
+mod offsets;
 mod report;
 mod spec;
 mod tanh_problem;
+mod unrolled;
 mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
@@ -52,7 +56,7 @@ pub use velocity::VelocityTrial;
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::ForceModel;
+use crate::force::{ForceModel, LAGS, SAVARESI_LAGS};
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::{DriveKind, Run};
 use rayon::prelude::*;
@@ -182,13 +186,38 @@ pub fn identify(
     watch.report(Progress::Conditioning { runs: runs.len() as u32 });
     let drive = check_drives(spec, runs)?;
     match (spec.structure(), drive) {
-        (Structure::Law(law), _) => Err(Error::Data {
-            message: format!("{}: laws of force are not identified yet", law.name()),
-        }),
-        (Structure::FuzzyTanh, Some(kind)) => identify_fuzzy_tanh(kind, runs, options, watch),
-        (Structure::Arx | Structure::FuzzyTanh, drive) => {
+        (Structure::Law(law), _) => {
+            Err(Error::Data { message: format!("{}: laws of force are not identified yet", law.name()) })
+        }
+        (Structure::Boada, drive) => {
             let datasets = datasets(runs, &options.conditioning, options, watch)?;
-            let fitted = arx::fit(&datasets, drive, watch)?;
+            let fitted = lazy::fit(&datasets, drive, options.seed, watch)?;
+            let details = report::Details {
+                restart_rsse_n: fitted.restart_rsse_n,
+                converged: true,
+                ..Default::default()
+            };
+            let model = model(ForceModel::Lazy(fitted.model), options.conditioning, &datasets);
+            Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))
+        }
+        (Structure::Network(structure), drive) => {
+            let datasets = datasets(runs, &options.conditioning, options, watch)?;
+            let restarts = options.restarts.div_ceil(network::RESTARTS_PER_RESTART);
+            let fitted = network::fit(&datasets, structure, drive, restarts, options.seed, watch)?;
+            let details = report::Details {
+                restart_rsse_n: fitted.restart_rsse_n,
+                warnings: fitted.warnings,
+                converged: true,
+                ..Default::default()
+            };
+            let model = model(ForceModel::Network(fitted.model), options.conditioning, &datasets);
+            Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))
+        }
+        (Structure::FuzzyTanh, Some(kind)) => identify_fuzzy_tanh(kind, runs, options, watch),
+        (Structure::Arx | Structure::Savaresi | Structure::FuzzyTanh, drive) => {
+            let datasets = datasets(runs, &options.conditioning, options, watch)?;
+            let lags = if spec.structure() == Structure::Savaresi { SAVARESI_LAGS } else { LAGS };
+            let fitted = arx::fit(&datasets, lags, drive, watch)?;
             let details = report::Details { rank: Some(fitted.rank), converged: true, ..Default::default() };
             let model = model(ForceModel::Arx(fitted.model), options.conditioning, &datasets);
             Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))
@@ -217,6 +246,7 @@ fn identify_fuzzy_tanh(
         active_bounds: fitted.active_bounds,
         converged: fitted.converged,
         rank: None,
+        warnings: Vec::new(),
     };
     let model = model(ForceModel::FuzzyTanh(fitted.model), conditioning, &datasets);
     Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))

@@ -18,11 +18,13 @@
 mod arx;
 mod fuzzy_tanh;
 mod law;
+mod lazy;
 mod memberships;
+mod network;
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::{ForceModel, Law};
+use crate::force::{ForceModel, LAGS, Law, NetworkStructure, SAVARESI_LAGS};
 use crate::metrics::Fit;
 use crate::model::{Envelope, Expected, Model};
 use crate::preset::edit_distance;
@@ -98,6 +100,8 @@ enum Parameters {
     Arx(arx::Parameters),
     FuzzyTanh(fuzzy_tanh::Parameters),
     Law(law::Parameters),
+    Lazy(lazy::Parameters),
+    Network(network::Parameters),
 }
 
 impl Parameters {
@@ -106,6 +110,8 @@ impl Parameters {
             ForceModel::Arx(model) => Self::Arx(arx::Parameters::of(model)),
             ForceModel::FuzzyTanh(model) => Self::FuzzyTanh(fuzzy_tanh::Parameters::of(model)),
             ForceModel::Law(model) => Self::Law(law::Parameters::of(model)),
+            ForceModel::Lazy(model) => Self::Lazy(lazy::Parameters::of(model)),
+            ForceModel::Network(model) => Self::Network(network::Parameters::of(model)),
         }
     }
 }
@@ -183,11 +189,16 @@ impl ModelFile {
             )));
         }
         let force = match read.model.as_str() {
-            "arx" => ForceModel::Arx(arx::read(read.drive, &read.parameters)?),
+            "arx" => ForceModel::Arx(arx::read(LAGS, read.drive, &read.parameters)?),
+            "savaresi" => ForceModel::Arx(arx::read(SAVARESI_LAGS, read.drive, &read.parameters)?),
             "fuzzy-tanh" => ForceModel::FuzzyTanh(fuzzy_tanh::read(read.drive, &read.parameters)?),
-            name => match Law::named(name) {
-                Some(law) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
-                None => return Err(unknown_model(name)),
+            "boada" => ForceModel::Lazy(lazy::read(read.drive, &read.parameters)?),
+            name => match (Law::named(name), NetworkStructure::named(name)) {
+                (Some(law), _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
+                (_, Some(structure)) => {
+                    ForceModel::Network(network::read(structure, read.drive, &read.parameters)?)
+                }
+                _ => return Err(unknown_model(name)),
             },
         };
         let mut table = read.conditioning;
@@ -206,8 +217,9 @@ impl ModelFile {
 }
 
 fn unknown_model(name: &str) -> Error {
-    let mut known = vec!["arx", "fuzzy-tanh"];
+    let mut known = vec!["arx", "savaresi", "fuzzy-tanh", "boada"];
     known.extend(Law::ALL.map(Law::name));
+    known.extend(NetworkStructure::ALL.map(NetworkStructure::name));
     file_error(format!("model is \"{name}\"; known are {}", known.join(", ")))
 }
 
