@@ -10,21 +10,30 @@ mod history;
 pub mod law;
 mod lazy;
 mod network;
+mod phase;
 mod sets;
+pub(crate) mod tsk;
 
 pub use arx::{Arx, LAGS, SAVARESI_LAGS};
 pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
 pub use history::{DEPTH, History};
-pub use law::{Dependence, Law, LawModel, LawState};
+pub use law::{Dependence, Law, LawModel, LawState, Sensitivity};
 pub use lazy::{Lazy, LazyMetric, LazyPoint, MAX_NEIGHBOURS, MAX_POINTS, MIN_NEIGHBOURS};
-pub use network::{MAX_HIDDEN, MAX_INPUTS, Network, NetworkScaling, NetworkStructure, Normalisation};
+pub use network::{
+    MAX_NETWORK_HIDDEN, MAX_NETWORK_INPUTS, Network, NetworkScaling, NetworkStructure, Normalisation,
+};
+pub use phase::{CannotRun, ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase, Root};
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
+pub use tsk::{
+    MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
+    TskKind, TskSet,
+};
 
 use crate::sample::DriveKind;
 use crate::units::Second;
 
 /// Any force model of this crate.
-#[expect(
+#[allow(
     clippy::large_enum_variant,
     reason = "boxing the larger ones would put them on the heap, out of `Copy`"
 )]
@@ -40,6 +49,8 @@ pub enum ForceModel {
     Lazy(Lazy),
     /// A law of force whose parameters follow the drive.
     Law(LawModel),
+    /// Fuzzy rules on a grid: ANFIS and its relatives.
+    Tsk(Tsk),
 }
 
 /// What a model is given at one sample.
@@ -65,7 +76,7 @@ pub struct FreeRun {
 }
 
 impl ForceModel {
-    /// The model's name, as in the contract: `arx`, `fuzzy-tanh`, `sp`.
+    /// The model's name, as in the contract: `arx`, `fuzzy-tanh`, `sp`, `anfis`.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
@@ -74,6 +85,7 @@ impl ForceModel {
             Self::FuzzyTanh(_) => "fuzzy-tanh",
             Self::Lazy(_) => "boada",
             Self::Law(model) => model.law().name(),
+            Self::Tsk(model) => model.kind().name(),
         }
     }
 
@@ -86,6 +98,7 @@ impl ForceModel {
             Self::Lazy(lazy) => lazy.drive(),
             Self::FuzzyTanh(fuzzy) => Some(fuzzy.drive()),
             Self::Law(model) => model.dependence().drive(),
+            Self::Tsk(model) => model.drive(),
         }
     }
 
@@ -98,6 +111,7 @@ impl ForceModel {
             Self::Lazy(lazy) => lazy.parameter_count(),
             Self::FuzzyTanh(fuzzy) => fuzzy.parameter_count(),
             Self::Law(model) => model.parameter_count(),
+            Self::Tsk(model) => model.parameter_count(),
         }
     }
 
@@ -110,6 +124,7 @@ impl ForceModel {
             Self::Lazy(lazy) => lazy.force_offset_n(),
             Self::FuzzyTanh(fuzzy) => fuzzy.force_offset_n(),
             Self::Law(model) => model.force_offset_n(),
+            Self::Tsk(model) => model.force_offset_n(),
         }
     }
 
@@ -122,6 +137,7 @@ impl ForceModel {
             Self::Lazy(lazy) => Self::Lazy(lazy.with_force_offset_n(force_offset_n)),
             Self::FuzzyTanh(fuzzy) => Self::FuzzyTanh(fuzzy.with_force_offset_n(force_offset_n)),
             Self::Law(model) => Self::Law(model.with_force_offset_n(force_offset_n)),
+            Self::Tsk(model) => Self::Tsk(model.with_force_offset_n(force_offset_n)),
         }
     }
 
@@ -132,7 +148,7 @@ impl ForceModel {
         match self {
             Self::Arx(arx) => Some(arx.sample_period()),
             Self::Network(network) => Some(network.sample_period()),
-            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) => None,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
         }
     }
 
@@ -142,7 +158,7 @@ impl ForceModel {
     pub fn dc_is_meaningful(&self) -> bool {
         match self {
             Self::Arx(arx) => arx.dc_is_meaningful(),
-            Self::FuzzyTanh(_) | Self::Law(_) | Self::Network(_) | Self::Lazy(_) => true,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Network(_) | Self::Lazy(_) | Self::Tsk(_) => true,
         }
     }
 
@@ -154,7 +170,7 @@ impl ForceModel {
         match self {
             Self::Arx(arx) => arx.predict_n(history),
             Self::Network(network) => network.predict_n(history),
-            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) => None,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
         }
     }
 
@@ -168,6 +184,7 @@ impl ForceModel {
             }
             Self::Lazy(lazy) => Some(lazy.force_n(inputs.displacement_m, inputs.velocity_m_s, inputs.drive)),
             Self::Law(model) => Some(model.force_n(inputs, &mut state.law)),
+            Self::Tsk(model) => Some(model.force_n(inputs)),
             Self::Arx(_) | Self::Network(_) => {
                 state.history.push_inputs(inputs);
                 let predicted = self.predict_n(&state.history);

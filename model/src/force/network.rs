@@ -34,11 +34,11 @@ use crate::sample::DriveKind;
 use crate::units::Second;
 
 /// The most inputs of a network.
-pub const MAX_INPUTS: usize = 20;
+pub const MAX_NETWORK_INPUTS: usize = 20;
 /// The most hidden neurons of a network.
-pub const MAX_HIDDEN: usize = 25;
+pub const MAX_NETWORK_HIDDEN: usize = 25;
 /// Hidden neurons with padding to whole vectors; the weights of the padding are zero.
-const LANES: usize = MAX_HIDDEN.next_multiple_of(PER_VECTOR);
+const LANES: usize = MAX_NETWORK_HIDDEN.next_multiple_of(PER_VECTOR);
 /// Lanes that loops take at once: 32 bytes.
 const PER_VECTOR: usize = 4;
 
@@ -156,7 +156,7 @@ pub struct Network {
     scaling: NetworkScaling,
     inputs: usize,
     /// Row by input, column by hidden neuron.
-    hidden: [[f64; LANES]; MAX_INPUTS],
+    hidden: [[f64; LANES]; MAX_NETWORK_INPUTS],
     hidden_bias: [f64; LANES],
     output: [f64; LANES],
     output_bias: f64,
@@ -204,7 +204,7 @@ impl Network {
             structure,
             scaling,
             inputs: structure.inputs(driven),
-            hidden: [[0.0; LANES]; MAX_INPUTS],
+            hidden: [[0.0; LANES]; MAX_NETWORK_INPUTS],
             hidden_bias: [0.0; LANES],
             output: [0.0; LANES],
             output_bias: 0.0,
@@ -292,7 +292,7 @@ impl Network {
     #[inline]
     #[must_use]
     pub fn predict_n(&self, history: &History) -> Option<f64> {
-        let mut inputs = [0.0; MAX_INPUTS];
+        let mut inputs = [0.0; MAX_NETWORK_INPUTS];
         if !self.gather(history, &mut inputs) {
             return None;
         }
@@ -302,7 +302,7 @@ impl Network {
 
     /// The network's inputs from `history`; false when one is unknown.
     #[inline]
-    fn gather(&self, history: &History, inputs: &mut [f64; MAX_INPUTS]) -> bool {
+    fn gather(&self, history: &History, inputs: &mut [f64; MAX_NETWORK_INPUTS]) -> bool {
         let (lags, force_lags) = (self.structure.input_lags(), self.structure.force_lags());
         let force = Normalisation { mean: self.force_offset_n, deviation: self.scaling.force_deviation_n };
         let mut at = 0;

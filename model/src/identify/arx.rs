@@ -197,7 +197,7 @@ impl Regression {
 }
 
 /// Puts `panel` under the triangle and makes it a triangle again.
-fn fold(triangle: &mut DMatrix<f64>, panel: &mut Vec<DVector<f64>>) {
+pub(super) fn fold(triangle: &mut DMatrix<f64>, panel: &mut Vec<DVector<f64>>) {
     if panel.is_empty() {
         return;
     }
@@ -211,7 +211,10 @@ fn fold(triangle: &mut DMatrix<f64>, panel: &mut Vec<DVector<f64>>) {
 
 /// Minimum-norm solution of the triangle's least squares, and the rank. Columns no longer than `rounding` are
 /// zero.
-fn solve(triangle: &DMatrix<f64>, rounding: &DVector<f64>) -> Result<(DVector<f64>, usize), Error> {
+pub(super) fn solve(
+    triangle: &DMatrix<f64>,
+    rounding: &DVector<f64>,
+) -> Result<(DVector<f64>, usize), Error> {
     let n = triangle.ncols() - 1;
     let force = triangle.column(n).into_owned();
     let mut regressors = triangle.columns(0, n).into_owned();

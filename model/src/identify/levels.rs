@@ -9,6 +9,7 @@
 //! are one noisy level. When nearly all samples are held by a few narrow levels, the drive has levels; a
 //! drive that roams has windows side by side without valleys.
 
+use super::dataset::Dataset;
 use crate::error::Error;
 use crate::force::{FuzzySets, MAX_FUNCTIONS, Membership};
 use crate::preset::{CENTRES_A, SIGMA_A};
@@ -29,6 +30,8 @@ const LEVEL_SHARE: f64 = 0.02;
 const LEVELS_SHARE: f64 = 0.85;
 /// Samples beyond these quantiles at either end (overshoot, spikes) do not make the range.
 const TAIL: f64 = 0.005;
+/// Rows that a parameter wants at least.
+const ROWS_PER_PARAMETER: usize = 10;
 /// Sets over a range that is not the thesis'.
 const EVEN_SETS: usize = 7;
 
@@ -57,6 +60,26 @@ pub enum MembershipSource {
 }
 
 impl Memberships {
+    /// Refuses data that some set, with `per_set` parameters under it, hardly sees.
+    pub(super) fn check_support(&self, datasets: &[Dataset], per_set: usize) -> Result<(), Error> {
+        let sets = self.sets()?;
+        let mut support = vec![0.0; sets.len()];
+        let counted = datasets.iter().flat_map(|d| &d.rows).filter(|row| row.counts && row.drive.is_finite());
+        for row in counted {
+            support.iter_mut().zip(sets.weights(row.drive)).for_each(|(sum, weight)| *sum += weight);
+        }
+        let least = (per_set * ROWS_PER_PARAMETER) as f64;
+        let poor = support.iter().zip(&self.centres).find(|(support, _)| **support < least);
+        let Some((support, centre)) = poor else { return Ok(()) };
+        Err(Error::Data {
+            message: format!(
+                "too few samples near {} = {centre}: they weigh {support:.1}, but a function needs {least}; add \
+                 runs, or choose membership centres that the runs reach",
+                self.membership.drive
+            ),
+        })
+    }
+
     /// The sets.
     ///
     /// # Errors

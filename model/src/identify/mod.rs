@@ -4,6 +4,8 @@
 //! ARX          F_k = phi_k . a + c_run                        linear: QR in panels, SVD, minimum norm
 //! fuzzy-tanh   F = sum_j w_j(i) f_j(x, v) + o_run             nonlinear: bounded Levenberg-Marquardt,
 //!              f = A1 tanh(A3 u) + A2 u,   u = v + kappa x    restarts drawn from a seed
+//! TSK          F = sum_r w_r(x, v, a, i) f_r + o_run          hybrid learning: conclusions by linear least
+//!                                                             squares, memberships around them
 //! ```
 //!
 //! Several runs are fitted at once, each with a force offset of its own: sessions differ by tens of newtons
@@ -37,26 +39,36 @@
 mod arx;
 mod dataset;
 mod fuzzy_tanh;
+mod law;
 mod lazy;
 pub mod least_squares;
 mod levels;
 mod network;
 mod offsets;
+mod phase;
 mod report;
+mod row_problem;
+mod scales;
+mod score;
+mod search;
 mod spec;
-mod tanh_problem;
+mod tanh_columns;
+mod tsk;
 mod unrolled;
 mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
-pub use report::{ActiveBound, Identified, RunFit};
+pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase};
+pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
+pub use score::{Predicted, Scores, persistence, score, walk};
 pub use spec::{Form, ModelSpec, Structure};
+pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::{ForceModel, LAGS, SAVARESI_LAGS};
+use crate::force::{Dependence, ForceModel, LAGS, Law, SAVARESI_LAGS};
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::{DriveKind, Run};
 use rayon::prelude::*;
@@ -85,6 +97,13 @@ pub struct Options {
     /// Membership functions of a fuzzy-tanh model; `None` takes them from the runs
     /// ([`Memberships::from_drive`]).
     pub memberships: Option<GivenMemberships>,
+    /// Degree of the polynomials over the drive of a law of force, 1 to 4.
+    pub degree: usize,
+    /// What of the residuals is minimised.
+    pub loss: Loss,
+    /// Most rows that a nonlinear fit is finished on; beyond it a sample of about that many is taken. `None`:
+    /// all rows, however many.
+    pub most_rows: Option<usize>,
     /// Restarts of a nonlinear fit; at least one is made.
     pub restarts: u32,
     /// Seed of the restarts. The same seed and runs give the same model, on any number of threads.
@@ -98,10 +117,26 @@ impl Default for Options {
             choose_velocity: true,
             dataset: DatasetOptions::default(),
             memberships: None,
+            degree: 2,
+            loss: Loss::Squares,
+            most_rows: None,
             restarts: 25,
             seed: 0,
         }
     }
+}
+
+/// What of the residuals a nonlinear fit minimises.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Loss {
+    /// Their squares: the fit has the least RSSE.
+    Squares,
+    /// Huber's loss: squares within the threshold, beyond it growing linearly, so that stray samples count for
+    /// little.
+    Huber {
+        /// The threshold in newtons; a few times the load cell's noise.
+        threshold_n: f64,
+    },
 }
 
 /// What an identification is doing.
@@ -117,6 +152,13 @@ pub enum Progress {
         /// Restarts that have ended.
         done: u32,
         /// Restarts in all.
+        of: u32,
+    },
+    /// An epoch of learning, or a generation of an evolution, has ended.
+    Epoch {
+        /// Epochs that have ended.
+        done: u32,
+        /// Epochs at most.
         of: u32,
     },
     /// The best restarts are being finished on all rows.
@@ -184,72 +226,180 @@ pub fn identify(
     watch: &Watch,
 ) -> Result<Identified, Error> {
     watch.report(Progress::Conditioning { runs: runs.len() as u32 });
-    let drive = check_drives(spec, runs)?;
-    match (spec.structure(), drive) {
+    check_options(spec, options)?;
+    let drive = check_drives(spec, runs.iter().map(|run| (run.name.as_str(), run.drive_kind())))?;
+    let (conditioning, velocity_trials) = if options.choose_velocity && !spec.feeds_on_force() {
+        velocity::choose(runs, options, watch, |datasets| sample_esr(spec, drive, datasets, options, watch))?
+    } else {
+        (options.conditioning, Vec::new())
+    };
+    let datasets = datasets(runs, &conditioning, options, watch)?;
+    let found = fit(spec, drive, &datasets, options, watch)?;
+    Ok(Identified { velocity_trials, ..found })
+}
+
+/// Identifies a model from runs that are conditioned already, all alike: rows that many models can share.
+/// `conditioning`, `choose_velocity` and `dataset` of `options` have had their say by then.
+///
+/// # Errors
+/// As [`identify`]; also [`Error::Data`] for runs that are conditioned differently.
+pub fn identify_datasets(
+    spec: ModelSpec,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<Identified, Error> {
+    check_options(spec, options)?;
+    let drive = check_drives(spec, datasets.iter().map(|d| (d.name.as_str(), d.drive)))?;
+    check_rows(datasets)?;
+    if let Some(other) = datasets.iter().find(|d| d.conditioning != datasets[0].conditioning) {
+        return Err(Error::Data {
+            message: format!(
+                "runs {} and {} are conditioned differently: a model holds for one conditioning",
+                datasets[0].name, other.name
+            ),
+        });
+    }
+    fit(spec, drive, datasets, options, watch)
+}
+
+/// Fits a model to conditioned runs.
+fn fit(
+    spec: ModelSpec,
+    drive: Option<DriveKind>,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<Identified, Error> {
+    let found = match (spec.structure(), drive) {
+        (Structure::FuzzyTanh, Some(kind)) => {
+            let memberships = memberships(kind, datasets, options)?;
+            let (model, found) = fuzzy_tanh::fit(datasets, &memberships, options, watch)?;
+            let details = report::Details::of(&found, &fuzzy_tanh::NAMES).with_memberships(memberships);
+            (ForceModel::FuzzyTanh(model), found.offsets_n, details)
+        }
         (Structure::Law(law), _) => {
-            Err(Error::Data { message: format!("{}: laws of force are not identified yet", law.name()) })
+            let (dependence, memberships) = dependence(spec.form(), drive, datasets, options)?;
+            if let Some(memberships) = &memberships {
+                memberships.check_support(datasets, law.parameters().len())?;
+            }
+            let (model, found) = law::fit(datasets, law, dependence, options, watch)?;
+            let names: Vec<&str> = law.parameters().iter().map(|p| p.name).collect();
+            let details = report::Details::of(&found, &names);
+            let details = memberships.into_iter().fold(details, report::Details::with_memberships);
+            (ForceModel::Law(model), found.offsets_n, details)
+        }
+        (Structure::Tsk(kind), drive) => {
+            let found = fit_tsk(datasets, kind, drive, &TskOptions::of(options), watch)?;
+            let details = report::Details { converged: found.converged, ..Default::default() };
+            (ForceModel::Tsk(found.model), found.offsets_n, details)
         }
         (Structure::Boada, drive) => {
-            let datasets = datasets(runs, &options.conditioning, options, watch)?;
-            let fitted = lazy::fit(&datasets, drive, options.seed, watch)?;
+            let fitted = lazy::fit(datasets, drive, options.seed, watch)?;
             let details = report::Details {
                 restart_rsse_n: fitted.restart_rsse_n,
                 converged: true,
                 ..Default::default()
             };
-            let model = model(ForceModel::Lazy(fitted.model), options.conditioning, &datasets);
-            Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))
+            (ForceModel::Lazy(fitted.model), fitted.offsets_n, details)
         }
         (Structure::Network(structure), drive) => {
-            let datasets = datasets(runs, &options.conditioning, options, watch)?;
             let restarts = options.restarts.div_ceil(network::RESTARTS_PER_RESTART);
-            let fitted = network::fit(&datasets, structure, drive, restarts, options.seed, watch)?;
+            let fitted = network::fit(datasets, structure, drive, restarts, options.seed, watch)?;
             let details = report::Details {
                 restart_rsse_n: fitted.restart_rsse_n,
                 warnings: fitted.warnings,
                 converged: true,
                 ..Default::default()
             };
-            let model = model(ForceModel::Network(fitted.model), options.conditioning, &datasets);
-            Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))
+            (ForceModel::Network(fitted.model), fitted.offsets_n, details)
         }
-        (Structure::FuzzyTanh, Some(kind)) => identify_fuzzy_tanh(kind, runs, options, watch),
         (Structure::Arx | Structure::Savaresi | Structure::FuzzyTanh, drive) => {
-            let datasets = datasets(runs, &options.conditioning, options, watch)?;
             let lags = if spec.structure() == Structure::Savaresi { SAVARESI_LAGS } else { LAGS };
-            let fitted = arx::fit(&datasets, lags, drive, watch)?;
+            let fitted = arx::fit(datasets, lags, drive, watch)?;
             let details = report::Details { rank: Some(fitted.rank), converged: true, ..Default::default() };
-            let model = model(ForceModel::Arx(fitted.model), options.conditioning, &datasets);
-            Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))
+            (ForceModel::Arx(fitted.model), fitted.offsets_n, details)
         }
+    };
+    let (force, offsets_n, details) = found;
+    let model = model(force, datasets[0].conditioning, datasets);
+    Ok(report::assemble(model, datasets, &offsets_n, details))
+}
+
+/// Refuses settings that mean nothing, or that the structure would ignore.
+fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
+    Error::check("degree", options.degree as f64, "1 to 4", |d| (1.0..=4.0).contains(&d))?;
+    if let Loss::Huber { threshold_n } = options.loss {
+        Error::check("huber", threshold_n, "positive and finite", |t| t > 0.0)?;
+        if !matches!(spec.structure(), Structure::FuzzyTanh | Structure::Law(_)) {
+            return Err(Error::Data {
+                message: format!(
+                    "{} is fitted by squares alone; leave Huber's loss out",
+                    spec.structure().name()
+                ),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// How well a model of this kind can do on `datasets`: mean ESR of the runs after a few restarts.
+fn sample_esr(
+    spec: ModelSpec,
+    drive: Option<DriveKind>,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<f64, Error> {
+    match (spec.structure(), drive) {
+        (Structure::Law(law), _) => {
+            let (dependence, _) = dependence(spec.form(), drive, datasets, options)?;
+            law::sample_esr(datasets, law, dependence, options.seed, watch)
+        }
+        (Structure::Tsk(kind), drive) => tsk::grid_esr(datasets, kind, drive, watch),
+        (_, Some(kind)) => {
+            let memberships = memberships(kind, datasets, options)?;
+            fuzzy_tanh::sample_esr(datasets, &memberships, options.seed, watch)
+        }
+        (_, None) => law::sample_esr(datasets, Law::Sp, Dependence::None, options.seed, watch),
     }
 }
 
-fn identify_fuzzy_tanh(
-    kind: DriveKind,
-    runs: &[Run],
+/// How a law's parameters follow the drive in `form`; and the memberships, where there are sets.
+fn dependence(
+    form: Form,
+    drive: Option<DriveKind>,
+    datasets: &[Dataset],
     options: &Options,
-    watch: &Watch,
-) -> Result<Identified, Error> {
-    let (conditioning, velocity_trials) = if options.choose_velocity {
-        velocity::choose(kind, runs, options, watch)?
-    } else {
-        (options.conditioning, Vec::new())
-    };
-    let datasets = datasets(runs, &conditioning, options, watch)?;
-    let memberships = memberships(kind, &datasets, options)?;
-    let fitted = fuzzy_tanh::fit(&datasets, &memberships, options.restarts, options.seed, watch)?;
-    let details = report::Details {
-        memberships: Some(memberships),
-        velocity_trials,
-        restart_rsse_n: fitted.restart_rsse_n,
-        active_bounds: fitted.active_bounds,
-        converged: fitted.converged,
-        rank: None,
-        warnings: Vec::new(),
-    };
-    let model = model(ForceModel::FuzzyTanh(fitted.model), conditioning, &datasets);
-    Ok(report::assemble(model, &datasets, &fitted.offsets_n, details))
+) -> Result<(Dependence, Option<Memberships>), Error> {
+    match (form, drive) {
+        (Form::SemiActive, Some(drive)) => {
+            let degree = options.degree;
+            check_levels(drive, datasets, degree)?;
+            Ok((Dependence::Polynomial { drive, degree }, None))
+        }
+        (Form::Fuzzy, Some(drive)) => {
+            let memberships = memberships(drive, datasets, options)?;
+            Ok((Dependence::Fuzzy(memberships.sets()?), Some(memberships)))
+        }
+        (_, _) => Ok((Dependence::None, None)),
+    }
+}
+
+/// Refuses a polynomial through fewer levels of the drive than it has coefficients.
+fn check_levels(drive: DriveKind, datasets: &[Dataset], degree: usize) -> Result<(), Error> {
+    let counted = datasets.iter().flat_map(|d| &d.rows).filter(|row| row.counts);
+    let Ok(found) = Memberships::from_drive(drive, counted.map(|row| row.drive)) else { return Ok(()) };
+    if found.source == MembershipSource::Levels && found.centres.len() <= degree {
+        return Err(Error::Data {
+            message: format!(
+                "the runs hold {} levels of {drive}, too few for polynomials of degree {degree} over it; add \
+                 runs at other levels, take a lower degree, or a passive model",
+                found.centres.len()
+            ),
+        });
+    }
+    Ok(())
 }
 
 /// Conditions the runs. Each must have rows that count.
@@ -268,16 +418,22 @@ fn datasets(
     // In parallel, yet the error that is reported is the first run's.
     let results: Vec<Result<Dataset, Error>> = runs.par_iter().map(one).collect();
     let datasets = results.into_iter().collect::<Result<Vec<Dataset>, Error>>()?;
-    if let Some(still) = datasets.iter().find(|d| d.counted() == 0) {
-        return Err(Error::Data {
+    check_rows(&datasets)?;
+    Ok(datasets)
+}
+
+/// Refuses runs without a row that counts.
+fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
+    match datasets.iter().find(|d| d.counted() == 0) {
+        None => Ok(()),
+        Some(still) => Err(Error::Data {
             message: format!(
                 "run {}: no sample counts: it is too short for the filter to settle, or force and \
                  displacement do not overlap in time",
                 still.name
             ),
-        });
+        }),
     }
-    Ok(datasets)
 }
 
 /// Membership functions as given, or from the drive of the rows that count.
@@ -303,31 +459,35 @@ fn model(force: ForceModel, conditioning: Conditioning, datasets: &[Dataset]) ->
     }
 }
 
-/// The kind of drive that the model gets from the runs; `None` for a passive model.
-fn check_drives(spec: ModelSpec, runs: &[Run]) -> Result<Option<DriveKind>, Error> {
-    let Some(first) = runs.first() else {
+/// The kind of drive that the model gets from the runs, each by its name and drive; `None` for a passive model.
+fn check_drives<'a>(
+    spec: ModelSpec,
+    runs: impl Iterator<Item = (&'a str, Option<DriveKind>)>,
+) -> Result<Option<DriveKind>, Error> {
+    let mut runs = runs.peekable();
+    if runs.peek().is_none() {
         return Err(Error::Data { message: "there are no runs to identify from".to_owned() });
-    };
+    }
     if !spec.wants_drive() {
         return Ok(None);
     }
-    let missing = |run: &Run| Error::MissingChannel {
-        run: run.name.clone(),
-        channel: "current_a or command_v",
-        needed_by: "the model".to_owned(),
-    };
-    let wanted = first.drive_kind().ok_or_else(|| missing(first))?;
-    for run in runs {
-        let found = run.drive_kind().ok_or_else(|| missing(run))?;
+    let mut wanted: Option<DriveKind> = None;
+    for (name, drive) in runs {
+        let found = drive.ok_or_else(|| Error::MissingChannel {
+            run: name.to_owned(),
+            channel: "current_a or command_v",
+            needed_by: "the model".to_owned(),
+        })?;
+        let wanted = *wanted.get_or_insert(found);
         if found != wanted {
             return Err(Error::WrongDrive {
-                run: run.name.clone(),
+                run: name.to_owned(),
                 found: found.name(),
                 wanted: wanted.name(),
             });
         }
     }
-    Ok(Some(wanted))
+    Ok(wanted)
 }
 
 /// Mean of the runs' offsets, weighted by the rows that count, N.

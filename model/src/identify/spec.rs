@@ -1,7 +1,7 @@
 //! Which model to identify: a structure by its name in the contract, and the form in which the drive enters.
 
 use crate::error::Error;
-use crate::force::{Law, NetworkStructure};
+use crate::force::{Law, NetworkStructure, TskKind};
 use crate::preset::edit_distance;
 
 /// A structure of the thesis or of the literature that it reviews.
@@ -19,6 +19,8 @@ pub enum Structure {
     Network(NetworkStructure),
     /// A law of force.
     Law(Law),
+    /// Fuzzy rules on a grid: ANFIS and its relatives.
+    Tsk(TskKind),
 }
 
 /// How the drive enters a model.
@@ -46,6 +48,7 @@ impl Structure {
         let mut all = vec![Self::Arx, Self::Savaresi, Self::FuzzyTanh, Self::Boada];
         all.extend(NetworkStructure::ALL.map(Self::Network));
         all.extend(Law::ALL.map(Self::Law));
+        all.extend(TskKind::ALL.map(Self::Tsk));
         all
     }
 
@@ -59,6 +62,7 @@ impl Structure {
             Self::Boada => "boada",
             Self::Network(network) => network.name(),
             Self::Law(law) => law.name(),
+            Self::Tsk(kind) => kind.name(),
         }
     }
 
@@ -66,11 +70,12 @@ impl Structure {
     #[must_use]
     pub const fn forms(self) -> &'static [Form] {
         match self {
-            Self::Arx | Self::Savaresi | Self::Boada | Self::Network(_) => &[Form::Passive, Form::SemiActive],
+            Self::Arx | Self::Savaresi | Self::Boada | Self::Network(_) | Self::Tsk(_) => {
+                &[Form::Passive, Form::SemiActive]
+            }
             Self::FuzzyTanh => &[Form::SemiActive],
             // Fuzzy sets over the tanh function are the fuzzy-tanh model.
             Self::Law(Law::Sp) => &[Form::Passive, Form::SemiActive],
-            #[allow(unreachable_patterns)]
             Self::Law(_) => &[Form::Passive, Form::SemiActive, Form::Fuzzy],
         }
     }
@@ -153,6 +158,12 @@ impl ModelSpec {
     #[must_use]
     pub const fn form(self) -> Form {
         self.form
+    }
+
+    /// True when the model predicts from measured force (and so holds at one rate).
+    #[must_use]
+    pub const fn feeds_on_force(self) -> bool {
+        matches!(self.structure, Structure::Arx | Structure::Savaresi | Structure::Network(_))
     }
 
     /// True when the model takes a drive.

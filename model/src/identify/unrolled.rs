@@ -11,7 +11,7 @@
 
 use super::dataset::Dataset;
 use super::least_squares::{Normal, Problem};
-use crate::force::{DEPTH, MAX_INPUTS, Network};
+use crate::force::{DEPTH, MAX_NETWORK_INPUTS, Network};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -72,7 +72,7 @@ impl Segment {
 
     /// The inputs of row `k` with the force lags in `forces` (newest first).
     #[inline]
-    fn inputs(&self, k: usize, forces: &[f64], into: &mut [f64; MAX_INPUTS]) {
+    fn inputs(&self, k: usize, forces: &[f64], into: &mut [f64; MAX_NETWORK_INPUTS]) {
         let width = self.given.len() / self.len();
         into[..width].copy_from_slice(&self.given[k * width..(k + 1) * width]);
         into[width..width + forces.len()].copy_from_slice(forces);
@@ -153,7 +153,7 @@ impl Table {
     /// Runs `network` free over all rows, from rest as it will run live, and calls `take` with each row that counts.
     pub(super) fn free_run(&self, network: &Network, mut take: impl FnMut(FreeRow)) {
         let force_lags = network.structure().force_lags();
-        let mut inputs = [0.0; MAX_INPUTS];
+        let mut inputs = [0.0; MAX_NETWORK_INPUTS];
         for segment in &self.segments {
             let mut forces = [0.0; DEPTH];
             for k in 0..segment.len() {
@@ -291,7 +291,7 @@ impl Table {
         let (n, force_lags) = (network.inputs(), network.structure().force_lags());
         let segment = &self.segments[window.segment];
         let mut forces = segment.forces_before(window.rows.start);
-        let mut inputs = [0.0; MAX_INPUTS];
+        let mut inputs = [0.0; MAX_NETWORK_INPUTS];
         tape.resize(window.rows.len(), gradient.len());
         let mut cost = 0.0;
         for (step, k) in window.rows.clone().enumerate() {
@@ -322,14 +322,14 @@ impl Table {
 #[derive(Debug, Default)]
 pub(super) struct Tape {
     by_weight: Vec<f64>,
-    by_input: Vec<[f64; MAX_INPUTS]>,
+    by_input: Vec<[f64; MAX_NETWORK_INPUTS]>,
     errors: Vec<f64>,
 }
 
 impl Tape {
     fn resize(&mut self, steps: usize, weights: usize) {
         self.by_weight.resize(steps * weights, 0.0);
-        self.by_input.resize(steps, [0.0; MAX_INPUTS]);
+        self.by_input.resize(steps, [0.0; MAX_NETWORK_INPUTS]);
         self.errors.resize(steps, 0.0);
     }
 }
@@ -340,7 +340,7 @@ impl Unrolled<'_> {
         let (n, parameters) = (network.inputs(), network.parameter_count());
         let force_lags = network.structure().force_lags();
         let mut sums = Sums::new(parameters);
-        let (mut inputs, mut by_input) = ([0.0; MAX_INPUTS], [0.0; MAX_INPUTS]);
+        let (mut inputs, mut by_input) = ([0.0; MAX_NETWORK_INPUTS], [0.0; MAX_NETWORK_INPUTS]);
         // The derivatives of the last outputs, a ring.
         let mut ring = vec![vec![0.0; parameters]; force_lags + 1];
         for window in windows {

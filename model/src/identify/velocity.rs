@@ -8,10 +8,11 @@
 //! pooled, the strongest run at the highest rate would choose for all, and a delay is right only when it
 //! suits slow and fast motion alike.
 
-use super::{Options, Watch, fuzzy_tanh};
+use super::dataset::Dataset;
+use super::{Options, Watch};
 use crate::condition::{Conditioning, VelocitySource};
 use crate::error::Error;
-use crate::sample::{DriveKind, Run};
+use crate::sample::Run;
 
 /// Windows that are tried besides the backward difference, s.
 const WINDOWS_S: [f64; 7] = [0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03];
@@ -30,11 +31,12 @@ pub struct VelocityTrial {
 }
 
 /// Tries the derivatives on `runs` and returns the conditioning with the best one, and all that were tried.
+/// `mean_esr` tells how well a model of the wanted structure can do on some datasets.
 pub(super) fn choose(
-    kind: DriveKind,
     runs: &[Run],
     options: &Options,
     watch: &Watch,
+    mean_esr: impl Fn(&[Dataset]) -> Result<f64, Error>,
 ) -> Result<(Conditioning, Vec<VelocityTrial>), Error> {
     // Of a window shorter than two periods of the fastest run nothing is left but the backward difference.
     let rates = runs.iter().filter_map(|run| run.displacement_m.mean_rate_hz());
@@ -49,7 +51,7 @@ pub(super) fn choose(
     let mut best = (backward, f64::INFINITY);
     let mut trials = Vec::new();
     for conditioning in candidates {
-        let mean_esr = mean_esr(kind, runs, &conditioning, options, watch)?;
+        let mean_esr = mean_esr(&super::datasets(runs, &conditioning, options, watch)?)?;
         let Conditioning { velocity, slope_window_s, .. } = conditioning;
         trials.push(VelocityTrial { velocity, slope_window_s, mean_esr });
         if mean_esr < (1.0 - GAIN) * best.1 {
@@ -57,16 +59,4 @@ pub(super) fn choose(
         }
     }
     Ok((best.0, trials))
-}
-
-fn mean_esr(
-    kind: DriveKind,
-    runs: &[Run],
-    conditioning: &Conditioning,
-    options: &Options,
-    watch: &Watch,
-) -> Result<f64, Error> {
-    let datasets = super::datasets(runs, conditioning, options, watch)?;
-    let memberships = super::memberships(kind, &datasets, options)?;
-    fuzzy_tanh::sample_esr(&datasets, &memberships, options.seed, watch)
 }

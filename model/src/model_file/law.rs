@@ -24,13 +24,13 @@ pub(super) struct Parameters {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-enum Value {
+pub(super) enum Value {
     One(f64),
     Many(Vec<f64>),
 }
 
 impl Value {
-    fn as_slice(&self) -> &[f64] {
+    pub(super) fn as_slice(&self) -> &[f64] {
         match self {
             Self::One(value) => std::slice::from_ref(value),
             Self::Many(values) => values,

@@ -21,10 +21,11 @@ mod law;
 mod lazy;
 mod memberships;
 mod network;
+mod tsk;
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::{ForceModel, LAGS, Law, NetworkStructure, SAVARESI_LAGS};
+use crate::force::{ForceModel, LAGS, Law, NetworkStructure, SAVARESI_LAGS, TskKind};
 use crate::metrics::Fit;
 use crate::model::{Envelope, Expected, Model};
 use crate::preset::edit_distance;
@@ -102,6 +103,7 @@ enum Parameters {
     Law(law::Parameters),
     Lazy(lazy::Parameters),
     Network(network::Parameters),
+    Tsk(tsk::Parameters),
 }
 
 impl Parameters {
@@ -112,6 +114,7 @@ impl Parameters {
             ForceModel::Law(model) => Self::Law(law::Parameters::of(model)),
             ForceModel::Lazy(model) => Self::Lazy(lazy::Parameters::of(model)),
             ForceModel::Network(model) => Self::Network(network::Parameters::of(model)),
+            ForceModel::Tsk(model) => Self::Tsk(tsk::Parameters::of(model)),
         }
     }
 }
@@ -193,12 +196,13 @@ impl ModelFile {
             "savaresi" => ForceModel::Arx(arx::read(SAVARESI_LAGS, read.drive, &read.parameters)?),
             "fuzzy-tanh" => ForceModel::FuzzyTanh(fuzzy_tanh::read(read.drive, &read.parameters)?),
             "boada" => ForceModel::Lazy(lazy::read(read.drive, &read.parameters)?),
-            name => match (Law::named(name), NetworkStructure::named(name)) {
-                (Some(law), _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
-                (_, Some(structure)) => {
+            name => match (Law::named(name), TskKind::from_name(name), NetworkStructure::named(name)) {
+                (Some(law), _, _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
+                (_, Some(kind), _) => ForceModel::Tsk(tsk::read(kind, read.drive, &read.parameters)?),
+                (_, _, Some(structure)) => {
                     ForceModel::Network(network::read(structure, read.drive, &read.parameters)?)
                 }
-                _ => return Err(unknown_model(name)),
+                (None, None, None) => return Err(unknown_model(name)),
             },
         };
         let mut table = read.conditioning;
@@ -220,6 +224,7 @@ fn unknown_model(name: &str) -> Error {
     let mut known = vec!["arx", "savaresi", "fuzzy-tanh", "boada"];
     known.extend(Law::ALL.map(Law::name));
     known.extend(NetworkStructure::ALL.map(NetworkStructure::name));
+    known.extend(TskKind::ALL.map(TskKind::name));
     file_error(format!("model is \"{name}\"; known are {}", known.join(", ")))
 }
 

@@ -10,6 +10,7 @@ pub mod presets;
 pub mod record;
 pub mod replay;
 pub mod run_args;
+pub mod simulate;
 
 use crate::config::RosArgs;
 use crate::interrupt::Interrupt;

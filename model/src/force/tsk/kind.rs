@@ -1,0 +1,81 @@
+//! The TSK models by name: which inputs they take, with how many memberships of which shape.
+
+use super::{Order, Shape, Signal};
+use crate::sample::DriveKind;
+
+/// A TSK model of the thesis or its literature review.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum TskKind {
+    /// ANFIS (thesis 4.5, appendix C): 3 Gaussians each over displacement, velocity, drive; first order. As a
+    /// name it also stands for any other grid, such as one read from a `.fis` file.
+    Anfis,
+    /// Schurter and Roschke: 2, 4, 3 Gaussians over displacement, velocity, drive; first order.
+    SchurterRoschke,
+    /// Atray and Roschke: 3, 2, 4 Gaussians over displacement, velocity, drive; first order.
+    Atray,
+    /// Ahn et al.: 5, 5, 5 triangles over displacement, velocity, drive; constant conclusions.
+    Ahn,
+    /// Wang and Hu: 3, 3, 3 Gaussians over velocity, acceleration, drive; first order.
+    WangHu,
+    /// Du and Zhang: the structure of ANFIS, its memberships found by an evolutionary algorithm. The source
+    /// of this review does not state their structure.
+    Evolved,
+}
+
+impl TskKind {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Anfis, Self::SchurterRoschke, Self::Atray, Self::Ahn, Self::WangHu, Self::Evolved];
+
+    /// The model's name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Anfis => "anfis",
+            Self::SchurterRoschke => "tsk-243",
+            Self::Atray => "tsk-324",
+            Self::Ahn => "tsk-555",
+            Self::WangHu => "tsk-wang-hu",
+            Self::Evolved => "tsk-evolved",
+        }
+    }
+
+    /// The model called `name`.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// Its inputs with their numbers of memberships. Without a drive it is the passive form: the same without
+    /// the last input.
+    #[must_use]
+    pub fn structure(self, drive: Option<DriveKind>) -> Vec<(Signal, usize)> {
+        let (x, v, a) = (Signal::Displacement, Signal::Velocity, Signal::Acceleration);
+        let (motion, drive_sets) = match self {
+            Self::Anfis | Self::Evolved => ([(x, 3), (v, 3)], 3),
+            Self::SchurterRoschke => ([(x, 2), (v, 4)], 3),
+            Self::Atray => ([(x, 3), (v, 2)], 4),
+            Self::Ahn => ([(x, 5), (v, 5)], 5),
+            Self::WangHu => ([(v, 3), (a, 3)], 3),
+        };
+        motion.into_iter().chain(drive.map(|kind| (Signal::Drive(kind), drive_sets))).collect()
+    }
+
+    /// Shape of its memberships.
+    #[must_use]
+    pub const fn shape(self) -> Shape {
+        match self {
+            Self::Ahn => Shape::Triangle,
+            _ => Shape::Gaussian,
+        }
+    }
+
+    /// Order of its conclusions.
+    #[must_use]
+    pub const fn order(self) -> Order {
+        match self {
+            Self::Ahn => Order::Constant,
+            _ => Order::First,
+        }
+    }
+}

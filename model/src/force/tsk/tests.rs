@@ -1,0 +1,264 @@
+use super::*;
+use num_dual::{Dual64, DualNum};
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+const AMPERES: DriveKind = DriveKind::CoilCurrent;
+
+/// The numbers of a model as plain lists, for the copy below that is written straight from the equations.
+#[derive(Clone)]
+struct Plain<T> {
+    shapes: Vec<Shape>,
+    sets: Vec<Vec<[T; 3]>>,
+    conclusions: Vec<T>,
+}
+
+impl<T: DualNum<Primitive = f64> + Copy> Plain<T> {
+    /// Normalised output: products, their sum, and the quotient, with no care for underflow.
+    fn output(&self, u: &[f64]) -> T {
+        let strength = |i: usize, j: usize| -> T {
+            let [a, b, c] = self.sets[i][j];
+            let last = self.sets[i].len() - 1;
+            let u = T::from(u[i]);
+            match self.shapes[i] {
+                Shape::Gaussian => (-((u - a) * (u - a)) / (b * b * T::from(2.0))).exp(),
+                Shape::Triangle if u.re() <= b.re() => {
+                    if j == 0 {
+                        T::one()
+                    } else {
+                        positive((u - a) / (b - a))
+                    }
+                }
+                Shape::Triangle => {
+                    if j == last {
+                        T::one()
+                    } else {
+                        positive((c - u) / (c - b))
+                    }
+                }
+            }
+        };
+        let counts: Vec<usize> = self.sets.iter().map(Vec::len).collect();
+        let rules: usize = counts.iter().product();
+        let width = self.conclusions.len() / rules;
+        let (mut above, mut below) = (T::zero(), T::zero());
+        for rule in 0..rules {
+            let (mut weight, mut rest) = (T::one(), rule);
+            for i in (0..counts.len()).rev() {
+                weight *= strength(i, rest % counts[i]);
+                rest /= counts[i];
+            }
+            let conclusion = &self.conclusions[rule * width..(rule + 1) * width];
+            let slopes = conclusion[..width - 1].iter().zip(u);
+            let f = slopes.fold(conclusion[width - 1], |f, (c, u)| f + *c * T::from(*u));
+            above += weight * f;
+            below += weight;
+        }
+        above / below
+    }
+}
+
+fn positive<T: DualNum<Primitive = f64>>(value: T) -> T {
+    if value.re() > 0.0 { value } else { T::zero() }
+}
+
+/// A model with random numbers, its sets spread evenly with some disorder.
+fn random_model(counts: &[usize], shape: Shape, order: Order, seed: u64) -> Tsk {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
+    let signals = [Signal::Displacement, Signal::Velocity, Signal::Drive(AMPERES)];
+    let inputs: Vec<TskInput> = counts
+        .iter()
+        .zip(signals)
+        .map(|(&n, signal)| {
+            let peaks: Vec<f64> = (0..n).map(|j| 1.5 * j as f64 - 2.0 + uniform(-0.4, 0.4)).collect();
+            let sets: Vec<TskSet> = (0..n)
+                .map(|j| match shape {
+                    Shape::Gaussian => TskSet::Gaussian { centre: peaks[j], sigma: uniform(0.5, 1.0) },
+                    Shape::Triangle => TskSet::Triangle {
+                        left: peaks[j] - uniform(1.6, 2.0),
+                        peak: peaks[j],
+                        right: peaks[j] + uniform(1.6, 2.0),
+                    },
+                })
+                .collect();
+            TskInput::new(signal, uniform(-0.01, 0.01), uniform(0.5, 2.0), &sets).expect("an input")
+        })
+        .collect();
+    let needed = counts.iter().product::<usize>() * order.width(counts.len());
+    let conclusions: Vec<f64> = (0..needed).map(|_| uniform(-3.0, 3.0)).collect();
+    let output = OutputScale { mean_n: 12.0, std_dev_n: 400.0 };
+    Tsk::new(TskKind::Anfis, &inputs, order, &conclusions, output, 7.0).expect("a model")
+}
+
+fn plain(model: &Tsk) -> Plain<f64> {
+    Plain {
+        shapes: model.inputs().iter().map(TskInput::shape).collect(),
+        sets: model.inputs().iter().map(|input| input.numbers[..input.len()].to_vec()).collect(),
+        conclusions: model.conclusions().to_vec(),
+    }
+}
+
+fn dual(plain: &Plain<f64>) -> Plain<Dual64> {
+    Plain {
+        shapes: plain.shapes.clone(),
+        sets: plain.sets.iter().map(|s| s.iter().map(|n| n.map(Dual64::from)).collect()).collect(),
+        conclusions: plain.conclusions.iter().map(|c| Dual64::from(*c)).collect(),
+    }
+}
+
+fn at(x: f64, v: f64, i: f64) -> Inputs {
+    Inputs { dt_s: None, displacement_m: x, velocity_m_s: v, acceleration_m_s2: f64::NAN, drive: i }
+}
+
+fn normalised(model: &Tsk, inputs: &Inputs) -> Vec<f64> {
+    model.inputs().iter().map(|input| input.normalise(input.signal().of(inputs))).collect()
+}
+
+const STRUCTURES: [(&[usize], Shape, Order); 6] = [
+    (&[3, 3, 3], Shape::Gaussian, Order::First),
+    (&[2, 4, 3], Shape::Gaussian, Order::First),
+    (&[5, 5, 5], Shape::Triangle, Order::Constant),
+    (&[3, 3], Shape::Gaussian, Order::First),
+    (&[4, 3], Shape::Triangle, Order::First),
+    (&[5], Shape::Gaussian, Order::Constant),
+];
+
+proptest! {
+    #[test]
+    fn force_and_gradient_are_those_of_automatic_differentiation(
+        structure in 0_usize..6, seed in 0_u64..1000, x in -3.0..3.0, v in -3.0..3.0, i in -3.0..3.0,
+    ) {
+        let (counts, shape, order) = STRUCTURES[structure];
+        let model = random_model(counts, shape, order, seed);
+        let inputs = at(x, v, i);
+        let u = normalised(&model, &inputs);
+        let plain = plain(&model);
+        let force_n = 19.0 + 400.0 * plain.output(&u);
+        prop_assert!((model.force_n(&inputs) - force_n).abs() < 1e-9 * (1.0 + force_n.abs()));
+        let (same, gradient) = model.force_and_gradient(&inputs);
+        prop_assert!((same - force_n).abs() < 1e-9 * (1.0 + force_n.abs()));
+
+        let dual = dual(&plain);
+        let check = |found: f64, seeded: Plain<Dual64>| {
+            let expected = 400.0 * seeded.output(&u).eps;
+            prop_assert!((found - expected).abs() < 1e-8 * (1.0 + expected.abs()), "{found} {expected}");
+            Ok(())
+        };
+        for (input, sets) in dual.sets.iter().enumerate() {
+            for set in 0..sets.len() {
+                for number in 0..3 {
+                    let mut seeded = dual.clone();
+                    seeded.sets[input][set][number].eps = 1.0;
+                    check(gradient.sets[input][set][number], seeded)?;
+                }
+            }
+        }
+        for number in 0..dual.conclusions.len() {
+            let mut seeded = dual.clone();
+            seeded.conclusions[number].eps = 1.0;
+            check(gradient.conclusions[number], seeded)?;
+        }
+    }
+
+    #[test]
+    fn weights_are_a_partition_anywhere(u in proptest::num::f64::NORMAL, seed in 0_u64..50) {
+        for shape in [Shape::Gaussian, Shape::Triangle] {
+            let model = random_model(&[4, 5, 1], shape, Order::Constant, seed);
+            for input in model.inputs() {
+                let weights = input.weights(u);
+                prop_assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)), "{weights:?}");
+                prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-14);
+            }
+        }
+    }
+}
+
+#[test]
+fn far_outside_the_outermost_set_counts_alone() {
+    for shape in [Shape::Gaussian, Shape::Triangle] {
+        let mut sets = Vec::new();
+        for centre in [-1.0, 0.0, 1.0] {
+            sets.push(match shape {
+                Shape::Gaussian => TskSet::Gaussian { centre, sigma: 0.4 },
+                Shape::Triangle => TskSet::Triangle { left: centre - 1.0, peak: centre, right: centre + 1.0 },
+            });
+        }
+        let input = TskInput::new(Signal::Velocity, 0.0, 1.0, &sets).expect("an input");
+        assert_eq!(input.weights(-1e9)[..3], [1.0, 0.0, 0.0]);
+        assert_eq!(input.weights(1e300)[..3], [0.0, 0.0, 1.0]);
+        assert!(input.weights(f64::NAN).iter().any(|w| w.is_nan()));
+    }
+}
+
+#[test]
+fn in_a_gap_between_triangles_the_nearest_peak_counts() {
+    let set = |peak: f64| TskSet::Triangle { left: peak - 0.1, peak, right: peak + 0.1 };
+    let input =
+        TskInput::new(Signal::Velocity, 0.0, 1.0, &[set(-1.0), set(0.0), set(1.0)]).expect("an input");
+    assert_eq!(input.weights(-0.6)[..3], [1.0, 0.0, 0.0]);
+    assert_eq!(input.weights(-0.4)[..3], [0.0, 1.0, 0.0]);
+    assert_eq!(input.weights(0.05)[..3], [0.0, 1.0, 0.0]);
+    assert_eq!(input.fire(0.4).slopes, [[0.0; 3]; MAX_SETS]);
+}
+
+#[test]
+fn a_force_is_known_only_when_all_inputs_are() {
+    for (counts, shape, order) in STRUCTURES {
+        let model = random_model(counts, shape, order, 3);
+        assert!(model.force_n(&at(0.1, 0.2, 0.3)).is_finite());
+        for broken in [f64::NAN, f64::INFINITY] {
+            let known = [broken, 0.2, 0.3];
+            assert!(!model.force_n(&at(known[0], known[1], known[2])).is_finite(), "{counts:?} {shape:?}");
+        }
+        // What a model does not take does not matter.
+        assert_eq!(model.force_n(&at(0.1, 0.2, f64::NAN)).is_finite(), counts.len() < 3);
+    }
+}
+
+#[test]
+fn errors_name_the_field() {
+    let gaussian = |centre, sigma| TskSet::Gaussian { centre, sigma };
+    let input = |sets: &[TskSet]| TskInput::new(Signal::Velocity, 0.0, 0.07, sets);
+    let message = |sets: &[TskSet]| input(sets).expect_err("no input").to_string();
+    assert!(message(&[]).contains("velocity_sets has 0 values"));
+    assert!(message(&[gaussian(0.0, 1.0); 6]).contains("velocity_sets has 6 values"));
+    assert!(message(&[gaussian(0.0, 1.0), gaussian(1.0, 0.0)]).contains("velocity_sets[1].sigma is 0"));
+    assert!(message(&[gaussian(f64::NAN, 1.0)]).contains("velocity_sets[0].centre is NaN"));
+    let triangle = |left, peak, right| TskSet::Triangle { left, peak, right };
+    assert!(message(&[triangle(0.0, 1.0, 2.0), gaussian(0.0, 1.0)]).contains("another shape"));
+    assert!(
+        message(&[triangle(0.0, 1.0, 2.0), triangle(0.5, 1.0, 2.0)]).contains("velocity_sets[1].peak is 1")
+    );
+    assert!(
+        message(&[triangle(0.0, 1.0, 1.0), triangle(1.0, 2.0, 3.0)]).contains("velocity_sets[0].right is 1")
+    );
+    let scale = TskInput::new(Signal::Drive(AMPERES), 0.0, 0.0, &[gaussian(0.0, 1.0)]);
+    assert!(scale.expect_err("no scale").to_string().contains("drive_std_dev_a is 0"));
+
+    let one = input(&[gaussian(0.0, 1.0)]).expect("an input");
+    let output = OutputScale { mean_n: 0.0, std_dev_n: 1.0 };
+    let model = |inputs: &[TskInput], conclusions: &[f64], kind| {
+        Tsk::new(kind, inputs, Order::First, conclusions, output, 0.0).expect_err("no model").to_string()
+    };
+    assert!(model(&[], &[], TskKind::Anfis).contains("inputs has 0 values"));
+    assert!(model(&[one, one], &[0.0; 3], TskKind::Anfis).contains("inputs[1] is velocity once more"));
+    assert!(model(&[one], &[0.0; 3], TskKind::Anfis).contains("conclusions has 3 values, but 2"));
+    assert!(model(&[one], &[0.0, f64::NAN], TskKind::Anfis).contains("conclusions[1] is NaN"));
+    assert!(model(&[one], &[0.0; 2], TskKind::Ahn).contains("not those of tsk-555"));
+}
+
+#[test]
+fn every_kind_has_a_structure_that_fits() {
+    for kind in TskKind::ALL {
+        assert_eq!(TskKind::from_name(kind.name()), Some(kind));
+        for drive in [None, Some(AMPERES)] {
+            let structure = kind.structure(drive);
+            assert_eq!(structure.len(), if drive.is_some() { 3 } else { 2 });
+            let rules: usize = structure.iter().map(|(_, n)| n).product();
+            assert!(rules * kind.order().width(structure.len()) <= MAX_CONCLUSIONS, "{kind:?}");
+        }
+    }
+    assert_eq!(TskKind::from_name("tsk"), None);
+}

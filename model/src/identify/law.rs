@@ -1,0 +1,281 @@
+//! Identification of a law of force with its dependence on the drive.
+//!
+//! ```text
+//! polynomial   p_j(i) = sum_d c_jd i^d           dF/dc_jd = df/dp_j i^d
+//! fuzzy        F = sum_s w_s f(p_s)              dF/dp_sj = w_s df/dp_j
+//! ```
+//!
+//! A law with memory carries the derivatives of its hidden variables h along (forward sensitivity):
+//!
+//! ```text
+//! F = f(p, h),   h' = g(p, h):    dF/dc = f_p dp/dc + f_h S,    S' = g_p dp/dc + g_h S,    S = dh/dc
+//! ```
+//!
+//! Bounds and starts come from the law's own table of parameters, in the scales of the data. The constant part
+//! of a parameter obeys its bounds; higher powers may move it across their whole width over the range of the
+//! drive.
+
+use super::dataset::Dataset;
+use super::row_problem::Columns;
+use super::scales::Scales;
+use super::search::{self, Found, Sought};
+use super::tanh_columns::push_weights;
+use super::{Options, Watch};
+use crate::error::Error;
+use crate::force::law::{Hidden, Kind, MAX_HIDDEN, MAX_PARAMETERS, Sensitivity};
+use crate::force::{Dependence, Inputs, Law, LawModel};
+
+/// Share of a gauge parameter's constant that each higher power may add over the range of the drive: its sum
+/// stays away from zero.
+const GAUGE_SHARE: f64 = 0.3;
+/// Rows that a parameter wants at least.
+const ROWS_PER_PARAMETER: usize = 10;
+/// Spread of the sets' starts around a common one, as a share of the range that starts are drawn from.
+const SPREAD: f64 = 0.15;
+
+/// Fits `law` with `dependence` to `datasets`.
+pub(super) fn fit(
+    datasets: &[Dataset],
+    law: Law,
+    dependence: Dependence,
+    options: &Options,
+    watch: &Watch,
+) -> Result<(LawModel, Found), Error> {
+    let sought = LawColumns { law, dependence, scales: Scales::of(datasets)? };
+    check_rows(datasets, sought.parameters())?;
+    let found = search::search(datasets, &sought, options, watch)?;
+    let offset_n = super::mean_offset(datasets, &found.offsets_n);
+    Ok((LawModel::new(law, dependence, &found.natural, offset_n)?, found))
+}
+
+/// Refuses runs with hardly more rows than parameters.
+fn check_rows(datasets: &[Dataset], parameters: usize) -> Result<(), Error> {
+    let (rows, least) =
+        (datasets.iter().map(Dataset::counted).sum::<usize>(), ROWS_PER_PARAMETER * parameters);
+    if rows < least {
+        return Err(Error::Data {
+            message: format!(
+                "{rows} samples are too few for {parameters} parameters ({least} are needed); add runs, or count \
+                 samples at rest too"
+            ),
+        });
+    }
+    Ok(())
+}
+
+/// Mean of the runs' ESR after a few restarts on a sample of the rows.
+pub(super) fn sample_esr(
+    datasets: &[Dataset],
+    law: Law,
+    dependence: Dependence,
+    seed: u64,
+    watch: &Watch,
+) -> Result<f64, Error> {
+    let sought = LawColumns { law, dependence, scales: Scales::of(datasets)? };
+    search::sample_esr(datasets, &sought, seed, watch)
+}
+
+/// A law as the solver sees it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct LawColumns {
+    law: Law,
+    dependence: Dependence,
+    scales: Scales,
+}
+
+impl LawColumns {
+    fn per_copy(&self) -> usize {
+        self.law.parameters().len()
+    }
+
+    /// The law's parameters at the drive whose powers are `basis`.
+    #[inline]
+    fn at_drive(&self, natural: &[f64], basis: &[f64]) -> [f64; MAX_PARAMETERS] {
+        let mut p = [0.0; MAX_PARAMETERS];
+        for (copy, power) in natural.chunks_exact(self.per_copy()).zip(basis) {
+            p.iter_mut().zip(copy).for_each(|(p, c)| *p += c * power);
+        }
+        p
+    }
+
+    /// A row of a law with memory. With fuzzy sets each set has hidden variables of its own, which go on
+    /// whether the set has weight or not, as they do in the model.
+    fn row_with_memory(
+        &self,
+        memory: &mut Memory,
+        inputs: &Inputs,
+        basis: &[f64],
+        natural: &[f64],
+        columns: &mut [f64],
+    ) -> f64 {
+        let n = self.per_copy();
+        if !matches!(self.dependence, Dependence::Fuzzy(_)) {
+            let p = self.at_drive(natural, basis);
+            let found = self.law.sensitivity(&p[..n], inputs, &mut memory.hidden[0]);
+            for (copy, power) in basis.iter().enumerate() {
+                let own = copy * n..(copy + 1) * n;
+                carry(&found, *power, &mut memory.slopes[own.clone()], &mut columns[own]);
+            }
+            return found.force_n;
+        }
+        let mut force = 0.0;
+        for (set, &weight) in basis.iter().enumerate() {
+            let own = set * n..(set + 1) * n;
+            let found = self.law.sensitivity(&natural[own.clone()], inputs, &mut memory.hidden[set]);
+            carry(&found, 1.0, &mut memory.slopes[own.clone()], &mut columns[own.clone()]);
+            columns[own].iter_mut().for_each(|column| *column *= weight);
+            force += weight * found.force_n;
+        }
+        force
+    }
+}
+
+/// Hidden variables of each set, and their derivatives by each coefficient.
+pub(super) struct Memory {
+    hidden: Vec<Hidden>,
+    slopes: Vec<[f64; MAX_HIDDEN]>,
+}
+
+/// Takes the derivatives of hidden variables by coefficients (`slopes`) one sample on, and writes those of the
+/// force. The coefficients move the law's parameters by `power` each.
+fn carry(found: &Sensitivity, power: f64, slopes: &mut [[f64; MAX_HIDDEN]], columns: &mut [f64]) {
+    for (j, (slope, column)) in slopes.iter_mut().zip(columns).enumerate() {
+        let through: f64 = found.force_by_hidden.iter().zip(&*slope).map(|(by, s)| by * s).sum();
+        *column = found.force_by_parameter[j] * power + through;
+        let before = *slope;
+        for (h, value) in slope.iter_mut().enumerate() {
+            let through: f64 = found.hidden_by_hidden[h].iter().zip(&before).map(|(by, s)| by * s).sum();
+            *value = found.hidden_by_parameter[h][j] * power + through;
+        }
+    }
+}
+
+impl Columns for LawColumns {
+    type Memory = Memory;
+
+    fn parameters(&self) -> usize {
+        self.per_copy() * self.dependence.copies()
+    }
+
+    fn has_memory(&self) -> bool {
+        self.law.has_memory()
+    }
+
+    fn basis_len(&self) -> usize {
+        self.dependence.copies()
+    }
+
+    fn push_basis(&self, drive: f64, basis: &mut Vec<f64>) {
+        match &self.dependence {
+            Dependence::None => basis.push(1.0),
+            Dependence::Polynomial { degree, .. } => {
+                basis.extend((0..=*degree).map(|power| drive.powi(power as i32)));
+            }
+            Dependence::Fuzzy(sets) => push_weights(sets, drive, basis),
+        }
+    }
+
+    fn takes(&self, drive: f64) -> bool {
+        matches!(self.dependence, Dependence::None) || drive.is_finite()
+    }
+
+    fn natural(&self, parameters: &[f64]) -> Vec<f64> {
+        parameters.to_vec()
+    }
+
+    fn at_rest(&self) -> Memory {
+        let sets = if matches!(self.dependence, Dependence::Fuzzy(_)) { self.dependence.copies() } else { 1 };
+        let coefficients = if self.has_memory() { self.parameters() } else { 0 };
+        Memory { hidden: vec![Hidden::default(); sets], slopes: vec![[0.0; MAX_HIDDEN]; coefficients] }
+    }
+
+    #[inline]
+    fn row(
+        &self,
+        memory: &mut Memory,
+        inputs: &Inputs,
+        basis: &[f64],
+        natural: &[f64],
+        columns: &mut [f64],
+    ) -> f64 {
+        let n = self.per_copy();
+        if self.has_memory() {
+            return self.row_with_memory(memory, inputs, basis, natural, columns);
+        }
+        if matches!(self.dependence, Dependence::Fuzzy(_)) {
+            let sets = columns.chunks_exact_mut(n).zip(natural.chunks_exact(n)).zip(basis);
+            let mut force = 0.0;
+            for ((columns, p), &weight) in sets.filter(|(_, weight)| **weight != 0.0) {
+                force += weight * self.law.gradient(p, inputs, columns);
+                columns.iter_mut().for_each(|column| *column *= weight);
+            }
+            return force;
+        }
+        let p = self.at_drive(natural, basis);
+        let mut gradient = [0.0; MAX_PARAMETERS];
+        let force = self.law.gradient(&p[..n], inputs, &mut gradient[..n]);
+        for (columns, power) in columns.chunks_exact_mut(n).zip(basis) {
+            columns.iter_mut().zip(&gradient).for_each(|(column, g)| *column = g * power);
+        }
+        force
+    }
+}
+
+impl Sought for LawColumns {
+    fn bounds(&self) -> Vec<[f64; 2]> {
+        let mut all = Vec::with_capacity(self.parameters());
+        for copy in 0..self.dependence.copies() {
+            let constant = copy == 0 || matches!(self.dependence, Dependence::Fuzzy(_));
+            for parameter in self.law.parameters() {
+                let size = self.scales.size(parameter.scale);
+                let middle = 0.5 * (parameter.start[0] + parameter.start[1]);
+                let [low, high] = match (constant, parameter.kind) {
+                    (true, Kind::Gauge) => [middle, middle],
+                    (true, _) => parameter.bounds,
+                    (false, Kind::Gauge) => [-GAUGE_SHARE * middle, GAUGE_SHARE * middle],
+                    (false, _) => {
+                        let width = parameter.bounds[1] - parameter.bounds[0];
+                        [-width, width]
+                    }
+                };
+                let power = if constant { 0 } else { copy as i32 };
+                let size = size / self.scales.drive.powi(power);
+                all.push([low * size, high * size]);
+            }
+        }
+        all
+    }
+
+    fn is_linear(&self, j: usize) -> bool {
+        self.law.parameters()[j % self.per_copy()].kind == Kind::Linear
+    }
+
+    fn draw(&self, restart: u32, uniform: &mut dyn FnMut(f64, f64) -> f64) -> Vec<f64> {
+        let n = self.per_copy();
+        let mut start = vec![0.0; self.parameters()];
+        // Sets of one damper resemble each other: all are drawn around one point.
+        let plain = restart == 0;
+        let shares: Vec<f64> = (0..n).map(|_| if plain { 0.5 } else { uniform(0.0, 1.0) }).collect();
+        let fuzzy = matches!(self.dependence, Dependence::Fuzzy(_));
+        for (copy, values) in start.chunks_exact_mut(n).enumerate() {
+            for ((value, parameter), share) in values.iter_mut().zip(self.law.parameters()).zip(&shares) {
+                if parameter.kind == Kind::Linear || (copy > 0 && !fuzzy) {
+                    continue;
+                }
+                let spread = if plain || parameter.kind == Kind::Gauge { 0.0 } else { SPREAD };
+                let share = (share + if fuzzy { uniform(-spread, spread) } else { 0.0 }).clamp(0.0, 1.0);
+                let [low, high] = parameter.start;
+                let drawn =
+                    if low > 0.0 { low * (high / low).powf(share) } else { low + (high - low) * share };
+                *value = drawn * self.scales.size(parameter.scale);
+            }
+        }
+        start
+    }
+
+    fn settle(&self, _start: &mut [f64]) {}
+
+    fn natural_slopes(&self, parameters: &[f64]) -> Vec<f64> {
+        vec![1.0; parameters.len()]
+    }
+}

@@ -1,0 +1,461 @@
+//! A model's sums over rows, for the least-squares solver.
+//!
+//! ```text
+//! r = LP[ f(p; row) ] + o_run - F,      dr/dp = LP[ df/dp ]
+//! S = sum rho(r),   rho = r^2, or Huber's with weights from the residuals before
+//! ```
+//!
+//! LP is the low-pass when the conditioning filters the output, else nothing. The offset o of a run is linear
+//! and belongs to no other run: it is eliminated by centring each run's residuals and columns, so that the
+//! solver sees the model's parameters alone, however many runs there are. What f and its derivatives are is
+//! the business of [`Columns`].
+
+use super::dataset::{Dataset, Row};
+use super::least_squares::{Normal, Problem};
+use crate::condition::{ApplyTo, LowPass, LowPassState};
+use crate::force::Inputs;
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Rows whose outer products are summed at once.
+const GROUP: usize = 4;
+/// Rows of one unit of parallel work. Fixed, so that sums do not depend on the number of threads.
+const CHUNK: usize = 2048;
+/// Rows of a stretch that is sampled whole, where the model has memory.
+const STRETCH: usize = 1024;
+/// Rows at the head of a stretch that do not count: the model's memory fills.
+const WARM_UP: usize = 128;
+
+/// A model as the solver sees it, row by row.
+pub(super) trait Columns: Sync {
+    /// What the model remembers from row to row.
+    type Memory;
+
+    /// Number of parameters sought.
+    fn parameters(&self) -> usize;
+    /// True when the force of a row depends on the rows before.
+    fn has_memory(&self) -> bool;
+    /// Numbers of a row that do not depend on what is sought.
+    fn basis_len(&self) -> usize;
+    /// Appends those of a row at `drive`.
+    fn push_basis(&self, drive: f64, basis: &mut Vec<f64>);
+    /// True when a row with this drive can be predicted at all.
+    fn takes(&self, drive: f64) -> bool;
+    /// The parameters as the model has them.
+    fn natural(&self, parameters: &[f64]) -> Vec<f64>;
+    /// Memory at rest.
+    fn at_rest(&self) -> Self::Memory;
+    /// Writes the derivatives of the force by the parameters sought into `columns` (zero before the call) and
+    /// returns the force.
+    fn row(
+        &self,
+        memory: &mut Self::Memory,
+        inputs: &Inputs,
+        basis: &[f64],
+        natural: &[f64],
+        columns: &mut [f64],
+    ) -> f64;
+}
+
+/// The rows of one run, column by column.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Rows {
+    /// Mean of the force that counts, N, taken out of `force_n` so that sums keep their digits.
+    mean_force_n: f64,
+    displacement_m: Vec<f64>,
+    velocity_m_s: Vec<f64>,
+    acceleration_m_s2: Vec<f64>,
+    drive: Vec<f64>,
+    force_n: Vec<f64>,
+    /// [`Columns::push_basis`], row after row.
+    basis: Vec<f64>,
+    counts: Vec<bool>,
+    /// Step since the row before; NaN where memory starts anew.
+    dt_s: Vec<f64>,
+    /// Square roots of the weights of a robust loss; empty for squares.
+    root_weights: Vec<f64>,
+}
+
+impl Rows {
+    fn len(&self) -> usize {
+        self.counts.len()
+    }
+
+    fn push(&mut self, row: &Row, force_n: f64, dt_s: f64, counts: bool, columns: &impl Columns) {
+        self.displacement_m.push(row.displacement_m);
+        self.velocity_m_s.push(row.velocity_m_s);
+        self.acceleration_m_s2.push(row.acceleration_m_s2);
+        self.drive.push(row.drive);
+        self.force_n.push(force_n);
+        self.dt_s.push(dt_s);
+        self.counts.push(counts);
+        columns.push_basis(row.drive, &mut self.basis);
+    }
+
+    fn push_of(&mut self, from: &Self, k: usize, basis_len: usize) {
+        self.displacement_m.push(from.displacement_m[k]);
+        self.velocity_m_s.push(from.velocity_m_s[k]);
+        self.acceleration_m_s2.push(from.acceleration_m_s2[k]);
+        self.drive.push(from.drive[k]);
+        self.force_n.push(from.force_n[k]);
+        self.dt_s.push(from.dt_s[k]);
+        self.counts.push(from.counts[k]);
+        self.basis.extend_from_slice(&from.basis[k * basis_len..(k + 1) * basis_len]);
+    }
+
+    #[inline]
+    fn inputs(&self, k: usize) -> Inputs {
+        Inputs {
+            dt_s: Some(self.dt_s[k]).filter(|dt| dt.is_finite()),
+            displacement_m: self.displacement_m[k],
+            velocity_m_s: self.velocity_m_s[k],
+            acceleration_m_s2: self.acceleration_m_s2[k],
+            drive: self.drive[k],
+        }
+    }
+
+    fn counted(&self) -> usize {
+        self.counts.iter().filter(|c| **c).count()
+    }
+}
+
+/// Measured rows and all that is fixed while the parameters are sought.
+pub(super) struct RowProblem<'a, C: Columns> {
+    columns: C,
+    runs: Vec<Rows>,
+    /// The low-pass on the output, where there is one.
+    filter: Option<LowPass>,
+    /// Rows in parallel; off while restarts are.
+    parallel: bool,
+    cancel: &'a AtomicBool,
+}
+
+/// Sums over some rows of one run. `columns` of the Jacobian, and the residual as one more column behind
+/// them.
+struct Sums {
+    count: f64,
+    linear: Vec<f64>,
+    /// Upper triangle of the products, row after row of a square matrix.
+    products: Vec<f64>,
+}
+
+impl<'a, C: Columns> RowProblem<'a, C> {
+    /// Takes the rows that matter from `datasets`: all that count, and where there is memory (the model's, or
+    /// a filter's on the output) all others too, because it runs through them.
+    pub(super) fn new(datasets: &[Dataset], columns: C, cancel: &'a AtomicBool) -> Self {
+        let filter = datasets
+            .first()
+            .filter(|d| d.conditioning.apply_to == ApplyTo::Output)
+            .map(|d| d.conditioning.low_pass());
+        let all = filter.is_some() || columns.has_memory();
+        let runs = datasets.par_iter().map(|d| gather(d, &columns, all, |row| row.force_n)).collect();
+        Self { columns, runs, filter, parallel: true, cancel }
+    }
+
+    /// A smaller problem of about `target` counted rows, for the restarts. One row at random from every so
+    /// many, because a fixed stride could fall in step with a sine; where the model has memory whole
+    /// stretches. A filter on the output, whose memory needs all rows, is left out on both sides, model and
+    /// measurement: that moves the minimum little and costs a tenth.
+    pub(super) fn sample(
+        datasets: &[Dataset],
+        columns: C,
+        target: usize,
+        seed: u64,
+        cancel: &'a AtomicBool,
+    ) -> Self {
+        let stride = datasets.iter().map(Dataset::counted).sum::<usize>().div_ceil(target).max(1);
+        let one = |(index, dataset): (usize, &Dataset)| {
+            let mut random =
+                Pcg64Mcg::seed_from_u64(seed ^ (index as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            let rows = gather(dataset, &columns, columns.has_memory(), |row| row.raw_force_n);
+            if columns.has_memory() {
+                return stretches(&rows, columns.basis_len(), stride);
+            }
+            // A short run among long ones keeps enough rows to have its say.
+            let stride = stride.min((rows.len() / 200).max(1));
+            pick(&rows, columns.basis_len(), stride, || random.random::<f64>())
+        };
+        let runs = datasets.par_iter().enumerate().map(one).collect();
+        Self { columns, runs, filter: None, parallel: false, cancel }
+    }
+
+    /// The same problem with its sums in parallel.
+    pub(super) fn in_parallel(mut self) -> Self {
+        self.parallel = true;
+        self
+    }
+
+    /// Rows that count.
+    pub(super) fn counted(&self) -> usize {
+        self.runs.iter().map(Rows::counted).sum()
+    }
+
+    /// Mean over the runs of error power over force variance, each run with its best offset.
+    pub(super) fn mean_esr(&self, parameters: &[f64]) -> f64 {
+        let natural = self.columns.natural(parameters);
+        let esr = |rows: &Rows| {
+            let sums = self.sums(rows, 0..rows.len(), &natural);
+            let squares: f64 =
+                rows.force_n.iter().zip(&rows.counts).filter(|(_, c)| **c).map(|(f, _)| f * f).sum();
+            let mean: f64 = rows.force_n.iter().zip(&rows.counts).filter(|(_, c)| **c).map(|(f, _)| *f).sum();
+            let last = sums.linear.len() - 1;
+            let error = sums.products[last * (last + 2)] - sums.linear[last].powi(2) / sums.count.max(1.0);
+            error / (squares - mean * mean / sums.count.max(1.0)).max(f64::MIN_POSITIVE)
+        };
+        let each: Vec<f64> = self.runs.par_iter().map(esr).collect();
+        each.iter().sum::<f64>() / each.len().max(1) as f64
+    }
+
+    /// Mean residual (measured less model) of each run's counted rows, N: the offset that fits best.
+    pub(super) fn offsets_n(&self, parameters: &[f64]) -> Vec<f64> {
+        let natural = self.columns.natural(parameters);
+        let last = self.columns.parameters();
+        let offset = |rows: &Rows| {
+            let sums = self.sums(rows, 0..rows.len(), &natural);
+            rows.mean_force_n - sums.linear[last] / sums.count.max(1.0)
+        };
+        self.runs.par_iter().map(offset).collect()
+    }
+
+    /// Calls `take` with each counted row: its columns, and the residual (model less measured) behind them.
+    fn each(&self, rows: &Rows, range: Range<usize>, natural: &[f64], mut take: impl FnMut(usize, &[f64])) {
+        let width = self.columns.parameters() + 1;
+        let basis_len = self.columns.basis_len();
+        let mut memory = self.columns.at_rest();
+        let mut filters = vec![LowPassState::default(); if self.filter.is_some() { width } else { 0 }];
+        let mut row = vec![0.0; width];
+        for k in range {
+            row.fill(0.0);
+            let basis = &rows.basis[k * basis_len..(k + 1) * basis_len];
+            if rows.dt_s[k].is_nan() && self.columns.has_memory() {
+                memory = self.columns.at_rest();
+            }
+            let columns = &mut row[..width - 1];
+            row[width - 1] = self.columns.row(&mut memory, &rows.inputs(k), basis, natural, columns);
+            if let Some(filter) = &self.filter {
+                let dt_s = Some(rows.dt_s[k]).filter(|dt| dt.is_finite());
+                for (state, value) in filters.iter_mut().zip(row.iter_mut()) {
+                    *value = filter.step(state, dt_s, *value);
+                }
+            }
+            row[width - 1] -= rows.force_n[k];
+            if rows.counts[k] {
+                take(k, &row);
+            }
+        }
+    }
+
+    /// Sums over the rows `range` of one run.
+    fn sums(&self, rows: &Rows, range: Range<usize>, natural: &[f64]) -> Sums {
+        let width = self.columns.parameters() + 1;
+        let mut sums = Sums { count: 0.0, linear: vec![0.0; width], products: vec![0.0; width * width] };
+        let mut group = vec![0.0; GROUP * width];
+        let mut roots = [0.0; GROUP];
+        let mut filled = 0;
+        self.each(rows, range, natural, |k, row| {
+            let root = rows.root_weights.get(k).copied().unwrap_or(1.0);
+            let slot = &mut group[filled * width..(filled + 1) * width];
+            slot.iter_mut().zip(row).for_each(|(slot, value)| *slot = root * value);
+            roots[filled] = root;
+            filled += 1;
+            sums.count += root * root;
+            if filled == GROUP {
+                sums.add(&group, roots);
+                filled = 0;
+            }
+        });
+        group[filled * width..].fill(0.0);
+        sums.add(&group, roots);
+        sums
+    }
+
+    /// Runs cut into the units of parallel work.
+    fn work(&self) -> Vec<(usize, Range<usize>)> {
+        // Memory runs through a whole run; else a run may be cut anywhere.
+        let whole = self.filter.is_some() || self.columns.has_memory();
+        let chunk = if whole { usize::MAX } else { CHUNK };
+        let cut = |(index, rows): (usize, &Rows)| {
+            let len = rows.len();
+            (0..len).step_by(chunk).map(move |from| (index, from..from.saturating_add(chunk).min(len)))
+        };
+        self.runs.iter().enumerate().flat_map(cut).collect()
+    }
+
+    /// Weighs rows by Huber's loss at `parameters`: residuals within `threshold_n` count in full, beyond it in
+    /// inverse proportion to their size.
+    pub(super) fn weigh(&mut self, parameters: &[f64], threshold_n: f64) {
+        let natural = self.columns.natural(parameters);
+        let offsets = self.offsets_n(parameters);
+        let weights: Vec<Vec<f64>> = (self.runs.par_iter().zip(offsets))
+            .map(|(rows, offset_n)| {
+                let mut roots = vec![1.0; rows.len()];
+                self.each(rows, 0..rows.len(), &natural, |k, row| {
+                    let residual = (row[row.len() - 1] + offset_n - rows.mean_force_n).abs();
+                    roots[k] = (threshold_n / residual).min(1.0).sqrt();
+                });
+                roots
+            })
+            .collect();
+        for (rows, roots) in self.runs.iter_mut().zip(weights) {
+            rows.root_weights = roots;
+        }
+    }
+
+    /// Sum over blocks of `block_s` seconds of the outer products of each block's gradient: what the residuals
+    /// really vary by, correlated from sample to sample as they are.
+    pub(super) fn gradient_scatter(&self, parameters: &[f64], block_s: f64) -> DMatrix<f64> {
+        let natural = self.columns.natural(parameters);
+        let n = self.columns.parameters();
+        let scatter = |rows: &Rows| {
+            let sums = self.sums(rows, 0..rows.len(), &natural);
+            let mean: Vec<f64> = sums.linear.iter().map(|s| s / sums.count.max(1.0)).collect();
+            let (mut block, mut since_s) = (DVector::zeros(n), 0.0);
+            let mut scatter = DMatrix::zeros(n, n);
+            self.each(rows, 0..rows.len(), &natural, |k, row| {
+                let weight = rows.root_weights.get(k).map_or(1.0, |root| root * root);
+                let residual = weight * (row[n] - mean[n]);
+                for ((sum, value), mean) in block.iter_mut().zip(row).zip(&mean) {
+                    *sum += residual * (value - mean);
+                }
+                since_s += if rows.dt_s[k].is_finite() { rows.dt_s[k] } else { 0.0 };
+                if since_s >= block_s {
+                    scatter.ger(1.0, &block, &block, 1.0);
+                    block.fill(0.0);
+                    since_s = 0.0;
+                }
+            });
+            scatter.ger(1.0, &block, &block, 1.0);
+            scatter
+        };
+        let each: Vec<DMatrix<f64>> = self.runs.par_iter().map(scatter).collect();
+        each.iter().fold(DMatrix::zeros(n, n), |sum, run| sum + run)
+    }
+}
+
+impl<C: Columns> Problem for RowProblem<'_, C> {
+    fn normal(&self, parameters: &[f64]) -> Option<Normal> {
+        let natural = self.columns.natural(parameters);
+        let one = |(index, range): &(usize, Range<usize>)| {
+            if self.cancel.load(Ordering::Relaxed) {
+                return None;
+            }
+            Some((*index, self.sums(&self.runs[*index], range.clone(), &natural)))
+        };
+        let work = self.work();
+        let parts: Option<Vec<(usize, Sums)>> =
+            if self.parallel { work.par_iter().map(one).collect() } else { work.iter().map(one).collect() };
+        Some(centred(&parts?, self.columns.parameters()))
+    }
+}
+
+/// Adds up the parts run by run, takes each run's means out (which eliminates its offset), and adds up the
+/// runs.
+fn centred(parts: &[(usize, Sums)], n: usize) -> Normal {
+    let width = n + 1;
+    let mut normal = Normal { cost: 0.0, square: DMatrix::zeros(n, n), gradient: DVector::zeros(n) };
+    for run in parts.chunk_by(|a, b| a.0 == b.0) {
+        let count: f64 = run.iter().map(|(_, sums)| sums.count).sum();
+        if count == 0.0 {
+            continue;
+        }
+        let total = |get: &dyn Fn(&Sums) -> f64| run.iter().map(|(_, sums)| get(sums)).sum::<f64>();
+        let linear: Vec<f64> = (0..width).map(|i| total(&|s| s.linear[i])).collect();
+        for i in 0..width {
+            for j in i..width {
+                let value = total(&|s| s.products[i * width + j]) - linear[i] * linear[j] / count;
+                match (i == n, j == n) {
+                    (true, _) => normal.cost += value,
+                    (false, true) => normal.gradient[i] += value,
+                    (false, false) => normal.square[(j, i)] += value,
+                }
+            }
+        }
+    }
+    normal.square.fill_upper_triangle_with_lower_triangle();
+    normal
+}
+
+impl Sums {
+    /// Adds the products of a group of rows, which are scaled by `roots`; unused rows of the group are zero.
+    #[inline]
+    fn add(&mut self, group: &[f64], roots: [f64; GROUP]) {
+        let width = self.linear.len();
+        let (r0, rest) = group.split_at(width);
+        let (r1, rest) = rest.split_at(width);
+        let (r2, r3) = rest.split_at(width);
+        for i in 0..width {
+            let (a, b, c, d) = (r0[i], r1[i], r2[i], r3[i]);
+            // Sets far from the drive of these rows have nothing but zeros.
+            if a == 0.0 && b == 0.0 && c == 0.0 && d == 0.0 {
+                continue;
+            }
+            self.linear[i] += (roots[0] * a + roots[1] * b) + (roots[2] * c + roots[3] * d);
+            let products = &mut self.products[i * width + i..(i + 1) * width];
+            let columns = r0[i..].iter().zip(&r1[i..]).zip(&r2[i..]).zip(&r3[i..]);
+            for (product, (((w, x), y), z)) in products.iter_mut().zip(columns) {
+                *product += (a * w + b * x) + (c * y + d * z);
+            }
+        }
+    }
+}
+
+/// The rows of a dataset that matter, with `force` as what is measured: those that count, or `all` that can be
+/// predicted.
+fn gather(dataset: &Dataset, columns: &impl Columns, all: bool, force: fn(&Row) -> f64) -> Rows {
+    let counted = || dataset.rows.iter().filter(|row| row.counts && columns.takes(row.drive));
+    let mean = counted().map(force).sum::<f64>() / counted().count().max(1) as f64;
+    let mut rows = Rows { mean_force_n: mean, ..Rows::default() };
+    let mut broken = true;
+    let mut since_s = 0.0;
+    for row in &dataset.rows {
+        broken |= row.dt_s.is_none();
+        since_s += row.dt_s.unwrap_or(0.0);
+        // Like the pipeline, memory skips what the model cannot predict.
+        if !columns.takes(row.drive) || !(all || row.counts) {
+            continue;
+        }
+        let dt_s = if broken { f64::NAN } else { since_s };
+        rows.push(row, force(row) - mean, dt_s, row.counts, columns);
+        (broken, since_s) = (false, 0.0);
+    }
+    rows
+}
+
+/// One row of every `stride`, chosen by `random` from [0, 1).
+fn pick(rows: &Rows, basis_len: usize, stride: usize, mut random: impl FnMut() -> f64) -> Rows {
+    let mut picked = Rows { mean_force_n: rows.mean_force_n, ..Rows::default() };
+    let len = rows.len();
+    for from in (0..len).step_by(stride) {
+        let k = from + (random() * stride.min(len - from) as f64) as usize;
+        picked.push_of(rows, k, basis_len);
+    }
+    picked
+}
+
+/// Every `stride`-th stretch of rows, from the middle of each group of so many; the first rows of a stretch
+/// fill the memory and do not count.
+fn stretches(rows: &Rows, basis_len: usize, stride: usize) -> Rows {
+    let mut picked = Rows { mean_force_n: rows.mean_force_n, ..Rows::default() };
+    for from in (0..rows.len()).step_by(STRETCH * stride) {
+        let group = (STRETCH * stride).min(rows.len() - from);
+        let begin = from + (group - STRETCH.min(group)) / 2;
+        for k in begin..begin + STRETCH.min(group) {
+            picked.push_of(rows, k, basis_len);
+            let last = picked.len() - 1;
+            if stride > 1 {
+                picked.counts[last] &= k - begin >= WARM_UP;
+            }
+            if k == begin {
+                picked.dt_s[last] = f64::NAN;
+            }
+        }
+    }
+    picked
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,68 @@
+//! Scales of the data, from which bounds and starts of a fit follow.
+
+use super::dataset::Dataset;
+use crate::error::Error;
+use crate::force::law::Scale;
+
+/// The largest of what the runs hold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Scales {
+    /// Half the range of the measured force, N.
+    pub(super) force_n: f64,
+    /// Half the largest stroke, m.
+    pub(super) displacement_m: f64,
+    /// Peak speed, m/s.
+    pub(super) velocity_m_s: f64,
+    /// Acceleration at that speed and the highest frequency, m/s².
+    pub(super) acceleration_m_s2: f64,
+    /// Largest ratio of speed to stroke in any run: a kind of highest circular frequency, 1/s.
+    pub(super) frequency_1_s: f64,
+    /// Largest size of the drive, A or V; one where there is none.
+    pub(super) drive: f64,
+}
+
+impl Scales {
+    pub(super) fn of(datasets: &[Dataset]) -> Result<Self, Error> {
+        let mut scales = Self {
+            force_n: 0.0,
+            displacement_m: 0.0,
+            velocity_m_s: 0.0,
+            acceleration_m_s2: 0.0,
+            frequency_1_s: 0.0,
+            drive: 0.0,
+        };
+        for dataset in datasets {
+            let e = &dataset.envelope;
+            let (Some(x), Some(v), Some(f)) = (e.displacement_m, e.velocity_m_s, e.force_n) else { continue };
+            let (speed, stroke) = (v[1].abs().max(v[0].abs()), 0.5 * (x[1] - x[0]));
+            scales.force_n = scales.force_n.max(0.5 * (f[1] - f[0]));
+            scales.displacement_m = scales.displacement_m.max(stroke);
+            scales.velocity_m_s = scales.velocity_m_s.max(speed);
+            if stroke > 0.0 {
+                scales.frequency_1_s = scales.frequency_1_s.max(speed / stroke);
+            }
+            if let Some([low, high]) = e.drive {
+                scales.drive = scales.drive.max(low.abs()).max(high.abs());
+            }
+        }
+        scales.acceleration_m_s2 = scales.velocity_m_s * scales.frequency_1_s;
+        if scales.drive <= 0.0 {
+            scales.drive = 1.0;
+        }
+        if scales.force_n > 0.0 && scales.velocity_m_s > 0.0 && scales.frequency_1_s > 0.0 {
+            return Ok(scales);
+        }
+        Err(Error::Data {
+            message: "force or displacement never varies in these runs: nothing can be identified from them"
+                .to_owned(),
+        })
+    }
+
+    /// The size of a parameter with this natural scale.
+    pub(super) fn size(&self, scale: Scale) -> f64 {
+        self.force_n.powi(scale.force)
+            * self.displacement_m.powi(scale.displacement)
+            * self.velocity_m_s.powi(scale.velocity)
+            * self.acceleration_m_s2.powi(scale.acceleration)
+    }
+}

@@ -1,0 +1,209 @@
+//! Seeded restarts of a bounded least-squares fit, and the finish on all rows.
+//!
+//! Parameters that the force is linear in follow from the others by a linear solve. A restart draws the others,
+//! solves for the linear ones, and lets all go. Restarts work on a sample of the rows, side by side; the best
+//! distinct ones are then finished on all rows. Each restart has random numbers of its own and sums are added
+//! in a fixed order, so that results do not depend on the number of threads.
+
+use super::dataset::Dataset;
+use super::least_squares::{Minimum, Problem, Stop, minimise};
+use super::row_problem::{Columns, RowProblem};
+use super::{Loss, Options, Progress, Watch};
+use crate::error::Error;
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Rows that restarts work on.
+const RESTART_ROWS: usize = 8192;
+/// Restarts that are finished on all rows.
+const POLISHED: usize = 3;
+/// Restarts when conditionings are compared.
+const SCOUTS: u32 = 4;
+/// Costs closer than this share are the same minimum.
+const SAME: f64 = 1e-4;
+/// Rounds of reweighting for a robust loss.
+const REWEIGHTINGS: usize = 8;
+/// Length of the blocks whose scatter gives standard errors, s: longer than residuals remember.
+const BLOCK_S: f64 = 1.0;
+
+/// A model whose parameters can be sought.
+pub(super) trait Sought: Columns + Clone {
+    /// Lower and upper bound of each parameter.
+    fn bounds(&self) -> Vec<[f64; 2]>;
+    /// True when the force is linear in parameter `j`, together with all others of which that is true.
+    fn is_linear(&self, j: usize) -> bool;
+    /// A starting point with the linear parameters zero. Restart 0 is the plain guess; others draw from
+    /// `uniform(low, high)`.
+    fn draw(&self, restart: u32, uniform: &mut dyn FnMut(f64, f64) -> f64) -> Vec<f64>;
+    /// Mends a start after its linear parameters were solved for.
+    fn settle(&self, start: &mut [f64]);
+    /// Derivatives of the natural parameters by the sought ones.
+    fn natural_slopes(&self, parameters: &[f64]) -> Vec<f64>;
+}
+
+/// What a search came to.
+pub(super) struct Found {
+    /// Parameters as the model has them.
+    pub(super) natural: Vec<f64>,
+    /// Standard error of each, in its unit; NaN where the rows do not determine it.
+    pub(super) standard_errors: Vec<f64>,
+    /// Indices of parameters that ended on a bound.
+    pub(super) on_bound: Vec<usize>,
+    /// Offset of each run, N.
+    pub(super) offsets_n: Vec<f64>,
+    /// RSSE of each restart on the rows it worked on, N, best first.
+    pub(super) restart_rsse_n: Vec<f64>,
+    /// False when the last fit ran out of evaluations.
+    pub(super) converged: bool,
+}
+
+/// Seeks the parameters of `sought` on `datasets`.
+pub(super) fn search<S: Sought>(
+    datasets: &[Dataset],
+    sought: &S,
+    options: &Options,
+    watch: &Watch,
+) -> Result<Found, Error> {
+    let (sample, mut outcomes) = explore(datasets, sought, options.restarts, options.seed, watch)?;
+    let sampled = sample.counted().max(1) as f64;
+    let restart_rsse_n = outcomes.iter().map(|m| (m.cost / sampled).sqrt()).collect();
+    outcomes.dedup_by(|b, a| (b.cost - a.cost).abs() <= SAME * a.cost);
+
+    let counted: usize = datasets.iter().map(Dataset::counted).sum();
+    let mut problem = match options.most_rows {
+        Some(most) if counted > most => {
+            RowProblem::sample(datasets, sought.clone(), most, options.seed, watch.flag()).in_parallel()
+        }
+        _ => RowProblem::new(datasets, sought.clone(), watch.flag()),
+    };
+    let bounds = sought.bounds();
+    let stop = Stop::default();
+    let mut best: Option<Minimum> = None;
+    let candidates = outcomes.len().min(POLISHED);
+    for (index, outcome) in outcomes.iter().take(POLISHED).enumerate() {
+        watch.report(Progress::Polish { done: index as u32, of: candidates as u32 });
+        let minimum = minimise(&problem, &outcome.parameters, &bounds, &stop).ok_or(Error::Cancelled)?;
+        if minimum.cost.is_finite() && best.as_ref().is_none_or(|best| minimum.cost < best.cost) {
+            best = Some(minimum);
+        }
+    }
+    let mut best = best.ok_or_else(|| Error::Data {
+        message: "no restart gave a finite error; look for values that are out of all proportion in the runs"
+            .to_owned(),
+    })?;
+    if let Loss::Huber { threshold_n } = options.loss {
+        for _ in 0..REWEIGHTINGS {
+            problem.weigh(&best.parameters, threshold_n);
+            best = minimise(&problem, &best.parameters, &bounds, &stop).ok_or(Error::Cancelled)?;
+        }
+    }
+    watch.report(Progress::Polish { done: candidates as u32, of: candidates as u32 });
+    let on_bound =
+        |(j, (p, b)): (usize, (&f64, &[f64; 2]))| (b[0] < b[1] && (*p <= b[0] || *p >= b[1])).then_some(j);
+    Ok(Found {
+        natural: sought.natural(&best.parameters),
+        standard_errors: standard_errors(&problem, sought, &best.parameters)?,
+        on_bound: best.parameters.iter().zip(&bounds).enumerate().filter_map(on_bound).collect(),
+        offsets_n: problem.offsets_n(&best.parameters),
+        restart_rsse_n,
+        converged: best.converged,
+    })
+}
+
+/// A sample of the rows, and the restarts on it, best first.
+fn explore<'a, S: Sought>(
+    datasets: &[Dataset],
+    sought: &S,
+    restarts: u32,
+    seed: u64,
+    watch: &'a Watch,
+) -> Result<(RowProblem<'a, S>, Vec<Minimum>), Error> {
+    let sample = RowProblem::sample(datasets, sought.clone(), RESTART_ROWS, seed, watch.flag());
+    let bounds = sought.bounds();
+    let done = AtomicUsize::new(0);
+    let restarts = restarts.max(1);
+    let one = |restart| {
+        let start = start(&sample, sought, restart, seed)?;
+        let minimum = minimise(&sample, &start, &bounds, &Stop { evaluations: 120, cost: 1e-7, step: 1e-7 })?;
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        watch.report(Progress::Restart { done: done as u32, of: restarts });
+        Some(minimum)
+    };
+    let outcomes: Option<Vec<Minimum>> = (0..restarts).into_par_iter().map(one).collect();
+    let mut outcomes = outcomes.ok_or(Error::Cancelled)?;
+    // A stable sort: of equal costs the earlier restart stays ahead, whatever thread it ran on. What is not
+    // finite goes last.
+    outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    Ok((sample, outcomes))
+}
+
+/// Mean of the runs' ESR after a few restarts on a sample of the rows: enough to compare conditionings by.
+pub(super) fn sample_esr<S: Sought>(
+    datasets: &[Dataset],
+    sought: &S,
+    seed: u64,
+    watch: &Watch,
+) -> Result<f64, Error> {
+    let quiet = Watch { progress: None, ..*watch };
+    let (sample, outcomes) = explore(datasets, sought, SCOUTS, seed, &quiet)?;
+    Ok(sample.mean_esr(&outcomes[0].parameters))
+}
+
+/// Start of one restart: the nonlinear parameters drawn, the linear ones solved for. `None`: cancelled.
+fn start<S: Sought>(sample: &RowProblem<S>, sought: &S, restart: u32, seed: u64) -> Option<Vec<f64>> {
+    let mut random =
+        Pcg64Mcg::seed_from_u64(seed ^ (u64::from(restart) + 1).wrapping_mul(0xd134_2543_de82_ef95));
+    let mut start = sought.draw(restart, &mut |low, high| low + (high - low) * random.random::<f64>());
+    let linear: Vec<usize> = (0..start.len()).filter(|j| sought.is_linear(*j)).collect();
+    if linear.is_empty() {
+        return Some(start);
+    }
+    // With the linear parameters zero their columns are those of the linear problem.
+    let normal = sample.normal(&start)?;
+    let scale = |j: usize| normal.square[(j, j)].max(f64::MIN_POSITIVE).sqrt();
+    let system = DMatrix::from_fn(linear.len(), linear.len(), |a, b| {
+        let ridge = if a == b { 1e-6 } else { 0.0 };
+        normal.square[(linear[a], linear[b])] / (scale(linear[a]) * scale(linear[b])) + ridge
+    });
+    let rhs = DVector::from_fn(linear.len(), |a, _| -normal.gradient[linear[a]] / scale(linear[a]));
+    if let Some(factors) = system.cholesky() {
+        let solution = factors.solve(&rhs);
+        for (a, &j) in linear.iter().enumerate() {
+            start[j] = solution[a] / scale(j);
+        }
+    }
+    sought.settle(&mut start);
+    Some(start)
+}
+
+/// Standard errors by the sandwich H^-1 B H^-1: H the normal matrix, B the scatter of the gradient over blocks
+/// of a second. Residuals of a model that lacks something are alike from sample to sample; taken for white,
+/// they would make errors that are too small by a factor of ten and more.
+fn standard_errors<S: Sought>(
+    problem: &RowProblem<S>,
+    sought: &S,
+    parameters: &[f64],
+) -> Result<Vec<f64>, Error> {
+    let normal = problem.normal(parameters).ok_or(Error::Cancelled)?;
+    let scatter = problem.gradient_scatter(parameters, BLOCK_S);
+    let n = parameters.len();
+    let root: Vec<f64> = (0..n).map(|j| normal.square[(j, j)].sqrt()).collect();
+    let known: Vec<usize> = (0..n).filter(|&j| root[j] > 0.0 && root[j].is_finite()).collect();
+    let scaled = |matrix: &DMatrix<f64>| {
+        DMatrix::from_fn(known.len(), known.len(), |a, b| {
+            let (i, j) = (known[a], known[b]);
+            matrix[(i, j)] / (root[i] * root[j])
+        })
+    };
+    let mut errors = vec![f64::NAN; n];
+    let Ok(inverse) = scaled(&normal.square).pseudo_inverse(1e-12) else { return Ok(errors) };
+    let covariance = &inverse * scaled(&scatter) * &inverse;
+    let slopes = sought.natural_slopes(parameters);
+    for (a, &j) in known.iter().enumerate() {
+        errors[j] = covariance[(a, a)].max(0.0).sqrt() / root[j] * slopes[j].abs();
+    }
+    Ok(errors)
+}

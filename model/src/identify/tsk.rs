@@ -1,0 +1,491 @@
+//! Identification of TSK fuzzy models: hybrid learning after Jang (1993).
+//!
+//! ```text
+//! S(m, c) = sum (F / std - o_run - sum_r w_r(m) f_r(c))^2 + lambda N |c - c0|^2
+//! ```
+//!
+//! Each epoch solves for the conclusions c at fixed memberships m by linear least squares, and then moves the
+//! memberships. Jang moves them down the gradient by a length that grows while it goes well and shrinks when
+//! it does not. That hardly moves them: the centres that the thesis printed after its epochs are still those
+//! of the uniform grid they began from. Here the step is Levenberg and Marquardt's, with the conclusions
+//! eliminated (variable projection: Golub and Pereyra 1973, in Kaufman's form of 1975), so that the step knows
+//! how the conclusions will answer:
+//!
+//! ```text
+//! J'J = D'D - (phi'D)' (phi'phi + lambda N)^-1 (phi'D),    J'r = D'r,    D = d(sum_r w_r f_r)/dm
+//! ```
+//!
+//! Its damping takes the place of Jang's step length, and an epoch that would raise the error is taken back.
+//! [`Learning::Gradient`] is Jang's own rule, for comparison.
+//!
+//! A rule in a corner that no row reaches has conclusions that no row determines. The term lambda draws them to
+//! c0, the linear function that fits all rows best; where rows speak, it is far below what they say. The offset
+//! of each run is eliminated by taking out its means. A low-pass on the output is left out on both sides, model
+//! and measurement, which moves the minimum little.
+
+mod evolve;
+mod premises;
+mod sums;
+
+pub use evolve::Evolution;
+
+use super::dataset::{Dataset, Row};
+use super::least_squares::{Normal, Problem, Stop, minimise};
+use super::{Options, Progress, Watch};
+use crate::condition::ApplyTo;
+use crate::error::Error;
+use crate::force::{MAX_INPUTS, Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind};
+use crate::metrics::ErrorSum;
+use crate::sample::DriveKind;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use premises::{Axis, Premises};
+use std::cell::RefCell;
+use sums::{Linear, Rows, Sums};
+
+/// Weight of the draw to the linear function, as a share of the rows, in normalised units.
+const RIDGE: f64 = 1e-7;
+/// Rows that a parameter wants at least.
+const ROWS_PER_PARAMETER: usize = 3;
+/// A channel whose standard deviation is below this share of its largest value is constant.
+const CONSTANT: f64 = 1e-9;
+/// Relative gain below which learning has stalled.
+const STALLED: f64 = 1e-6;
+
+/// How memberships are learned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Learning {
+    /// Levenberg and Marquardt's step with the conclusions eliminated.
+    #[default]
+    GaussNewton,
+    /// Jang's: down the gradient, with a step length that adapts.
+    Gradient,
+}
+
+/// Settings of [`fit_tsk`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TskOptions {
+    /// Epochs at most; at least one is made.
+    pub epochs: usize,
+    /// How memberships are learned, except those of [`TskKind::Evolved`].
+    pub learning: Learning,
+    /// How memberships of [`TskKind::Evolved`] are bred.
+    pub evolution: Evolution,
+}
+
+impl Default for TskOptions {
+    fn default() -> Self {
+        Self { epochs: 50, learning: Learning::default(), evolution: Evolution::default() }
+    }
+}
+
+impl TskOptions {
+    /// What the `options` of an identification say of it.
+    pub(super) fn of(options: &Options) -> Self {
+        let evolution = Evolution { seed: options.seed, ..Evolution::default() };
+        Self { evolution, ..Self::default() }
+    }
+}
+
+/// What came out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FittedTsk {
+    /// The model, its offset the mean of the runs' offsets.
+    pub model: Tsk,
+    /// Offset of each run, N.
+    pub offsets_n: Vec<f64>,
+    /// RSSE after each epoch (or generation), N; an epoch that was taken back repeats the one before. The
+    /// first is that of the uniform grid.
+    pub epoch_rsse_n: Vec<f64>,
+    /// False when the epochs ran out before the error stalled.
+    pub converged: bool,
+}
+
+/// Fits a model of `kind` to the rows of `datasets` that count; with a `drive`, which they must all have, or
+/// without one in the passive form.
+///
+/// # Errors
+/// [`Error::Data`] for too few rows or a channel that never varies; [`Error::Cancelled`].
+pub fn fit_tsk(
+    datasets: &[Dataset],
+    kind: TskKind,
+    drive: Option<DriveKind>,
+    options: &TskOptions,
+    watch: &Watch,
+) -> Result<FittedTsk, Error> {
+    let data = Data::new(datasets, kind, drive, watch)?;
+    let premises = &data.premises;
+    let learner = Learner { data: &data, epochs: options.epochs.max(1), watch, costs: RefCell::default() };
+    let (parameters, converged) = match (kind, options.learning) {
+        (TskKind::Evolved, _) => {
+            (evolve::evolve(&data, &options.evolution, watch, &mut learner.costs.borrow_mut())?, true)
+        }
+        (_, Learning::GaussNewton) => {
+            let stop = Stop { evaluations: options.epochs.max(1), cost: STALLED, step: STALLED };
+            let minimum = minimise(&learner, &premises.start(), &premises.bounds(), &stop);
+            minimum.map(|m| (m.parameters, m.converged)).ok_or(Error::Cancelled)?
+        }
+        (_, Learning::Gradient) => learner.descend().ok_or(Error::Cancelled)?,
+    };
+    let rows = data.sums.rows() as f64;
+    let mut lowest = f64::INFINITY;
+    let rsse_n = |cost: &f64| {
+        lowest = lowest.min(*cost);
+        data.scale_n * (lowest / rows).sqrt()
+    };
+    let epoch_rsse_n = learner.costs.borrow().iter().map(rsse_n).collect();
+    let (model, offsets_n) = data.model(kind, &parameters)?;
+    Ok(FittedTsk { model, offsets_n, epoch_rsse_n, converged })
+}
+
+/// Mean over the runs of error power over force variance on the uniform grid, each run with its best offset:
+/// enough to compare conditionings by.
+pub(super) fn grid_esr(
+    datasets: &[Dataset],
+    kind: TskKind,
+    drive: Option<DriveKind>,
+    watch: &Watch,
+) -> Result<f64, Error> {
+    let data = Data::new(datasets, kind, drive, watch)?;
+    let (model, _) = data.model(kind, &data.premises.start())?;
+    let structure = kind.structure(drive);
+    let esr = |dataset: &Dataset| {
+        let mut errors = ErrorSum::default();
+        for row in Columns::rows_of(dataset, &structure) {
+            errors.add(force_of(dataset, row), model.force_n(&row.inputs()));
+        }
+        errors.fit_without_offset().map_or(f64::INFINITY, |fit| fit.esr)
+    };
+    Ok(datasets.iter().map(esr).sum::<f64>() / datasets.len().max(1) as f64)
+}
+
+/// Rows and all that is fixed while memberships are learned.
+struct Data<'a> {
+    premises: Premises,
+    sums: Sums<'a>,
+    order: Order,
+    /// Standard deviation of the force about its runs' means, N.
+    scale_n: f64,
+    /// Slopes of the linear function c0 over the inputs, normalised. It is taken out of the targets.
+    slopes: [f64; MAX_INPUTS],
+    /// Mean of the force of each run over `scale_n`, and of the linear function.
+    force_means: Vec<f64>,
+    linear_means: Vec<f64>,
+    /// Rows of each run in `datasets`, for the mean offset.
+    counted: Vec<f64>,
+}
+
+/// The conclusions at some memberships.
+struct Solved {
+    linear: Linear,
+    factors: Cholesky<f64, Dyn>,
+    conclusions: DVector<f64>,
+}
+
+impl<'a> Data<'a> {
+    fn new(
+        datasets: &[Dataset],
+        kind: TskKind,
+        drive: Option<DriveKind>,
+        watch: &'a Watch,
+    ) -> Result<Self, Error> {
+        let structure = kind.structure(drive);
+        let columns: Vec<Columns> = datasets.iter().map(|d| Columns::of(d, &structure)).collect();
+        let mut axes = Vec::with_capacity(structure.len());
+        for (j, (signal, sets)) in structure.iter().enumerate() {
+            let (mean, std_dev, range) =
+                moments(columns.iter().map(|c| c.inputs[j].as_slice()), signal.name())?;
+            let range = range.map(|end| (end - mean) / std_dev);
+            axes.push(Axis { signal: *signal, mean, std_dev, range, sets: *sets });
+        }
+        let force_means_n: Vec<f64> = columns.iter().map(|c| mean(&c.force_n)).collect();
+        let about: Vec<Vec<f64>> = columns
+            .iter()
+            .zip(&force_means_n)
+            .map(|(c, mean)| c.force_n.iter().map(|f| f - mean).collect())
+            .collect();
+        let (_, scale_n, _) = moments(about.iter().map(Vec::as_slice), "force_n")?;
+        let premises = Premises { axes, shape: kind.shape() };
+
+        let mut counts = [1; MAX_INPUTS];
+        counts.iter_mut().zip(&structure).for_each(|(count, (_, sets))| *count = *sets);
+        let runs: Vec<Rows> =
+            columns.iter().zip(&about).map(|(c, f)| c.rows(&premises, f, scale_n)).collect();
+        let mut data = Self {
+            sums: Sums {
+                runs,
+                counts,
+                width: kind.order().width(structure.len()),
+                sparse: sums::is_sparse(kind.shape()),
+                parallel: true,
+                cancel: watch.flag(),
+            },
+            order: kind.order(),
+            scale_n,
+            slopes: [0.0; MAX_INPUTS],
+            force_means: force_means_n.iter().map(|f| f / scale_n).collect(),
+            linear_means: vec![0.0; datasets.len()],
+            counted: columns.iter().map(|c| c.force_n.len() as f64).collect(),
+            premises,
+        };
+        data.check_size(kind)?;
+        data.take_out_linear();
+        Ok(data)
+    }
+
+    fn check_size(&self, kind: TskKind) -> Result<(), Error> {
+        let parameters = self.sums.len() + self.premises.len();
+        let (found, needed) = (self.sums.rows(), ROWS_PER_PARAMETER * parameters);
+        if found >= needed {
+            return Ok(());
+        }
+        Err(Error::Data {
+            message: format!(
+                "{} has {parameters} parameters and needs {needed} samples that count, but the runs hold \
+                 {found}; add or lengthen runs",
+                kind.name()
+            ),
+        })
+    }
+
+    /// Fits the linear function of the inputs and takes it out of the targets. Conclusions that no row
+    /// determines stay at it.
+    fn take_out_linear(&mut self) {
+        if self.order == Order::Constant && self.premises.shape == Shape::Gaussian {
+            // Constants under bells cannot give a linear function back.
+            return;
+        }
+        let inputs = self.premises.axes.len();
+        let mut square = DMatrix::<f64>::identity(MAX_INPUTS, MAX_INPUTS) * 1e-9;
+        let mut rhs = DVector::<f64>::zeros(MAX_INPUTS);
+        let means: Vec<DVector<f64>> = self
+            .sums
+            .runs
+            .iter()
+            .map(|run| {
+                let mut mean = DVector::zeros(MAX_INPUTS);
+                run.u.iter().for_each(|u| mean += DVector::from_column_slice(u));
+                mean / run.u.len().max(1) as f64
+            })
+            .collect();
+        for (run, mean) in self.sums.runs.iter().zip(&means) {
+            for (u, target) in run.u.iter().zip(&run.target) {
+                let about = DVector::from_column_slice(u) - mean;
+                square.ger(1.0, &about, &about, 1.0);
+                rhs.axpy(*target, &about, 1.0);
+            }
+        }
+        let Some(slopes) = square.cholesky().map(|factors| factors.solve(&rhs)) else { return };
+        self.slopes[..inputs].copy_from_slice(&slopes.as_slice()[..inputs]);
+        let at = |u: &[f64]| u.iter().zip(&self.slopes).map(|(u, s)| u * s).sum::<f64>();
+        for ((run, mean), linear) in self.sums.runs.iter_mut().zip(&means).zip(&mut self.linear_means) {
+            *linear = at(mean.as_slice());
+            for (u, target) in run.u.iter().zip(&mut run.target) {
+                *target -= at(u) - *linear;
+            }
+        }
+    }
+
+    /// The conclusions that fit best, with what led to them. `None`: cancelled.
+    fn solve(&self, sums: &Sums, inputs: &[TskInput]) -> Option<Solved> {
+        let linear = sums.linear(inputs)?;
+        let mut ridge = RIDGE * sums.rows() as f64;
+        loop {
+            let mut square = linear.square.clone();
+            (0..square.nrows()).for_each(|j| square[(j, j)] += ridge);
+            if let Some(factors) = square.cholesky() {
+                let conclusions = factors.solve(&linear.rhs);
+                return Some(Solved { linear, factors, conclusions });
+            }
+            // Sums that are not finite never factor; all others do, long before this.
+            if ridge.is_nan() || ridge > 1e12 * sums.rows() as f64 {
+                return None;
+            }
+            ridge *= 10.0;
+        }
+    }
+
+    /// What |c - c0|^2 costs.
+    fn ridge_cost(&self, sums: &Sums, conclusions: &DVector<f64>) -> f64 {
+        RIDGE * sums.rows() as f64 * conclusions.norm_squared()
+    }
+
+    /// The model at the memberships `parameters`, and the runs' offsets in newtons.
+    fn model(&self, kind: TskKind, parameters: &[f64]) -> Result<(Tsk, Vec<f64>), Error> {
+        let inputs = self.premises.inputs(parameters)?;
+        let solved = self.solve(&self.sums, &inputs).ok_or(Error::Cancelled)?;
+        let rules = self.sums.rules();
+        let mut conclusions = Vec::with_capacity(self.sums.len());
+        for rule in 0..rules {
+            let own = |a: usize| solved.conclusions[a * rules + rule];
+            match self.order {
+                Order::First => {
+                    let slopes = self.slopes.iter().enumerate().take(self.sums.width - 1);
+                    conclusions.extend(slopes.map(|(a, slope)| own(a) + slope));
+                    conclusions.push(own(self.sums.width - 1));
+                }
+                // Triangles interpolate, so constants at the peaks give the linear function back.
+                Order::Constant => conclusions.push(own(0) + self.linear_at_peaks(&inputs, rule)),
+            }
+        }
+        let mut offsets_n = Vec::with_capacity(self.counted.len());
+        for (run, sums) in solved.linear.run_sums.iter().enumerate() {
+            let rules_mean = sums.dot(&solved.conclusions) / self.counted[run].max(1.0);
+            offsets_n.push(self.scale_n * (self.force_means[run] - self.linear_means[run] - rules_mean));
+        }
+        let total: f64 = self.counted.iter().sum();
+        let offset_n = offsets_n.iter().zip(&self.counted).map(|(o, n)| o * n).sum::<f64>() / total;
+        let output = OutputScale { mean_n: 0.0, std_dev_n: self.scale_n };
+        let model = Tsk::new(kind, &inputs, self.order, &conclusions, output, offset_n)?;
+        Ok((model, offsets_n))
+    }
+
+    /// The linear function at the peaks of a rule's triangles.
+    fn linear_at_peaks(&self, inputs: &[TskInput], rule: usize) -> f64 {
+        let [_, n1, n2] = self.sums.counts;
+        let at = [rule / (n1 * n2), rule / n2 % n1, rule % n2];
+        let peak = |i: usize, input: &TskInput| input.sets().nth(at[i]).map_or(0.0, |set| set.top());
+        inputs.iter().enumerate().map(|(i, input)| self.slopes[i] * peak(i, input)).sum()
+    }
+}
+
+/// The columns of one run that count.
+struct Columns {
+    inputs: Vec<Vec<f64>>,
+    force_n: Vec<f64>,
+}
+
+impl Columns {
+    fn of(dataset: &Dataset, structure: &[(Signal, usize)]) -> Self {
+        let mut columns = Self { inputs: vec![Vec::new(); structure.len()], force_n: Vec::new() };
+        for row in Self::rows_of(dataset, structure) {
+            for (column, (signal, _)) in columns.inputs.iter_mut().zip(structure) {
+                column.push(signal.of(&row.inputs()));
+            }
+            columns.force_n.push(force_of(dataset, row));
+        }
+        columns
+    }
+
+    /// Rows that count and of which all is known: an acceleration is not from the first sample on.
+    fn rows_of<'d>(
+        dataset: &'d Dataset,
+        structure: &'d [(Signal, usize)],
+    ) -> impl Iterator<Item = &'d Row> + 'd {
+        let known = |row: &&Row| {
+            let inputs = row.inputs();
+            structure.iter().all(|(signal, _)| signal.of(&inputs).is_finite())
+        };
+        dataset.rows.iter().filter(|row| row.counts && force_of(dataset, row).is_finite()).filter(known)
+    }
+
+    fn rows(&self, premises: &Premises, force_n: &[f64], scale_n: f64) -> Rows {
+        let mut rows = Rows { u: vec![[0.0; MAX_INPUTS]; force_n.len()], target: Vec::new() };
+        for (j, (axis, column)) in premises.axes.iter().zip(&self.inputs).enumerate() {
+            let normalised = column.iter().map(|value| (value - axis.mean) / axis.std_dev);
+            rows.u.iter_mut().zip(normalised).for_each(|(u, value)| u[j] = value);
+        }
+        rows.target = force_n.iter().map(|f| f / scale_n).collect();
+        rows
+    }
+}
+
+/// The force that a row is held against, N: as it came where the conditioning filters the output.
+fn force_of(dataset: &Dataset, row: &Row) -> f64 {
+    match dataset.conditioning.apply_to {
+        ApplyTo::Output => row.raw_force_n,
+        ApplyTo::Inputs | ApplyTo::None => row.force_n,
+    }
+}
+
+/// Learning of memberships by derivatives.
+struct Learner<'a> {
+    data: &'a Data<'a>,
+    epochs: usize,
+    watch: &'a Watch<'a>,
+    /// Cost of each epoch.
+    costs: RefCell<Vec<f64>>,
+}
+
+impl Problem for Learner<'_> {
+    fn normal(&self, parameters: &[f64]) -> Option<Normal> {
+        let data = self.data;
+        let inputs = data.premises.inputs(parameters).ok()?;
+        let solved = data.solve(&data.sums, &inputs)?;
+        let links = data.premises.links(parameters);
+        let slopes = data.sums.nonlinear(
+            &inputs,
+            &links,
+            parameters.len(),
+            &solved.conclusions,
+            &solved.linear.run_sums,
+        )?;
+        let answered = solved.factors.l_dirty().solve_lower_triangular(&slopes.cross)?;
+        let cost = slopes.cost + data.ridge_cost(&data.sums, &solved.conclusions);
+        let mut costs = self.costs.borrow_mut();
+        costs.push(slopes.cost);
+        self.watch.report(Progress::Epoch { done: costs.len() as u32, of: self.epochs as u32 });
+        Some(Normal { cost, square: slopes.square - answered.tr_mul(&answered), gradient: slopes.gradient })
+    }
+}
+
+impl Learner<'_> {
+    /// Jang's rule: steps of one length down the gradient; the length grows by a tenth after four epochs that
+    /// each did better, and shrinks by a tenth after two that did better and worse in turn. Steps are in
+    /// spacings of the grid. Returns the best memberships. `None`: cancelled.
+    fn descend(&self) -> Option<(Vec<f64>, bool)> {
+        const FIRST_STEP: f64 = 0.01;
+        let bounds = self.data.premises.bounds();
+        let mut here = self.data.premises.start();
+        let (mut best, mut lowest) = (here.clone(), f64::INFINITY);
+        let (mut step, mut before, mut falls) = (FIRST_STEP, f64::INFINITY, Vec::new());
+        for _ in 0..self.epochs {
+            let normal = self.normal(&here)?;
+            falls.push(normal.cost < before);
+            before = normal.cost;
+            if normal.cost < lowest {
+                (best, lowest) = (here.clone(), normal.cost);
+            }
+            if falls.ends_with(&[true; 4]) {
+                step *= 1.1;
+                falls.clear();
+            } else if falls.ends_with(&[false, true, false, true])
+                || falls.ends_with(&[true, false, true, false])
+            {
+                step *= 0.9;
+                falls.clear();
+            }
+            let length = normal.gradient.norm();
+            if length <= f64::MIN_POSITIVE {
+                return Some((best, true));
+            }
+            for ((p, g), b) in here.iter_mut().zip(normal.gradient.iter()).zip(&bounds) {
+                *p = (*p - step * g / length).clamp(b[0], b[1]);
+            }
+        }
+        Some((best, false))
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// Mean, standard deviation and range over all parts of a column.
+fn moments<'s>(
+    parts: impl Iterator<Item = &'s [f64]> + Clone,
+    name: &str,
+) -> Result<(f64, f64, [f64; 2]), Error> {
+    let all = || parts.clone().flatten().copied();
+    let count = all().count().max(1) as f64;
+    let mean = all().sum::<f64>() / count;
+    let std_dev = (all().map(|v| (v - mean).powi(2)).sum::<f64>() / count).sqrt();
+    let range = all().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
+    if std_dev > CONSTANT * range[0].abs().max(range[1].abs()) {
+        return Ok((mean, std_dev, range));
+    }
+    Err(Error::Data {
+        message: format!(
+            "{name} never varies in these runs; add runs where it does, or identify a model without it"
+        ),
+    })
+}

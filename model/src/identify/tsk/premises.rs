@@ -1,0 +1,270 @@
+//! The memberships of a TSK model as a list of free numbers, and back.
+//!
+//! - Gaussians: centre and ln sigma of each set, 2 n numbers an input. The width enters by its logarithm: it
+//!   is positive, and steps in it are ratios.
+//! - Triangles: they share their feet with their neighbours' peaks and span the range of the data, so that
+//!   n - 2 numbers an input are free: the logarithms of the gaps between peaks, relative to the first gap.
+//!   Peaks stay in order whatever the numbers are.
+
+use crate::error::Error;
+use crate::force::{Shape, Signal, TskInput, TskSet};
+
+/// How far a centre may roam from its place in the uniform grid, in spacings of the grid.
+const ROAM: f64 = 1.0;
+/// Factor by which a width may differ from that of the uniform grid, either way.
+const STRETCH: f64 = 4.0;
+/// Factor between gaps of peaks.
+const GAP_RATIO: f64 = 20.0;
+/// Sigma over spacing at which Gaussians of a uniform grid cross at one half: 1 / (2 sqrt(2 ln 2)).
+const CROSS_AT_HALF: f64 = 0.424_660_900_144_009_5;
+
+/// One input before its memberships are known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Axis {
+    pub(super) signal: Signal,
+    pub(super) mean: f64,
+    pub(super) std_dev: f64,
+    /// Range of the data, normalised.
+    pub(super) range: [f64; 2],
+    /// Number of sets.
+    pub(super) sets: usize,
+}
+
+/// All inputs.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Premises {
+    pub(super) axes: Vec<Axis>,
+    pub(super) shape: Shape,
+}
+
+/// One term of d number / d parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Link {
+    pub(super) parameter: usize,
+    pub(super) input: usize,
+    pub(super) set: usize,
+    pub(super) number: usize,
+    pub(super) factor: f64,
+}
+
+impl Axis {
+    fn spacing(&self) -> f64 {
+        (self.range[1] - self.range[0]) / (self.sets.max(2) - 1) as f64
+    }
+
+    /// Free numbers of this input.
+    fn free(&self, shape: Shape) -> usize {
+        match shape {
+            _ if self.sets == 1 => 0,
+            Shape::Gaussian => 2 * self.sets,
+            Shape::Triangle => self.sets - 2,
+        }
+    }
+
+    /// Peaks of triangles whose gaps are `gaps`, relative to the first.
+    fn peaks(&self, gaps: &[f64]) -> Vec<f64> {
+        let gaps: Vec<f64> = std::iter::once(1.0).chain(gaps.iter().map(|g| g.exp())).collect();
+        let [low, high] = self.range;
+        let total: f64 = gaps.iter().sum();
+        let mut reached = 0.0;
+        let mut peaks = vec![low];
+        for gap in &gaps {
+            reached += gap;
+            peaks.push(low + (high - low) * reached / total);
+        }
+        peaks
+    }
+
+    /// Its memberships for its share of the parameters.
+    fn sets(&self, shape: Shape, parameters: &[f64]) -> Vec<TskSet> {
+        let middle = f64::midpoint(self.range[0], self.range[1]);
+        match shape {
+            Shape::Gaussian if self.sets == 1 => {
+                vec![TskSet::Gaussian { centre: middle, sigma: self.spacing() }]
+            }
+            Shape::Gaussian => parameters
+                .chunks_exact(2)
+                .map(|p| TskSet::Gaussian { centre: p[0], sigma: p[1].exp() })
+                .collect(),
+            Shape::Triangle if self.sets == 1 => {
+                vec![TskSet::Triangle { left: self.range[0], peak: middle, right: self.range[1] }]
+            }
+            Shape::Triangle => {
+                let peaks = self.peaks(parameters);
+                let last = peaks.len() - 1;
+                // The outer feet of the shoulders mean nothing; they mirror the inner ones.
+                let foot = |j: usize, before: bool| match (j, before) {
+                    (0, true) => 2.0 * peaks[0] - peaks[1],
+                    (_, true) => peaks[j - 1],
+                    (j, false) if j == last => 2.0 * peaks[last] - peaks[last - 1],
+                    (_, false) => peaks[j + 1],
+                };
+                (0..=last)
+                    .map(|j| TskSet::Triangle { left: foot(j, true), peak: peaks[j], right: foot(j, false) })
+                    .collect()
+            }
+        }
+    }
+}
+
+impl Premises {
+    /// The uniform grid over the range of the data: where learning starts.
+    pub(super) fn start(&self) -> Vec<f64> {
+        let mut start = Vec::new();
+        for axis in self.axes.iter().filter(|axis| axis.sets > 1) {
+            match self.shape {
+                Shape::Gaussian => (0..axis.sets).for_each(|j| {
+                    start.push(axis.range[0] + axis.spacing() * j as f64);
+                    start.push((CROSS_AT_HALF * axis.spacing()).ln());
+                }),
+                Shape::Triangle => start.resize(start.len() + axis.free(self.shape), 0.0),
+            }
+        }
+        start
+    }
+
+    /// Bounds of the parameters: the sets stay near the data and apart from spikes.
+    pub(super) fn bounds(&self) -> Vec<[f64; 2]> {
+        let start = self.start();
+        let mut bounds = Vec::with_capacity(start.len());
+        for axis in &self.axes {
+            for _ in 0..axis.free(self.shape) {
+                let at = start[bounds.len()];
+                let reach = match self.shape {
+                    Shape::Triangle => GAP_RATIO.ln(),
+                    Shape::Gaussian if bounds.len() % 2 == 0 => ROAM * axis.spacing(),
+                    Shape::Gaussian => STRETCH.ln(),
+                };
+                bounds.push([at - reach, at + reach]);
+            }
+        }
+        bounds
+    }
+
+    /// The inputs with their memberships.
+    pub(super) fn inputs(&self, parameters: &[f64]) -> Result<Vec<TskInput>, Error> {
+        let mut rest = parameters;
+        let one = |axis: &Axis| {
+            let (own, others) = rest.split_at(axis.free(self.shape));
+            rest = others;
+            TskInput::new(axis.signal, axis.mean, axis.std_dev, &axis.sets(self.shape, own))
+        };
+        self.axes.iter().map(one).collect()
+    }
+
+    /// How the numbers of the sets follow from the parameters.
+    pub(super) fn links(&self, parameters: &[f64]) -> Vec<Link> {
+        let mut links = Vec::new();
+        let mut first = 0;
+        for (input, axis) in self.axes.iter().enumerate() {
+            let own = &parameters[first..first + axis.free(self.shape)];
+            match self.shape {
+                Shape::Gaussian => {
+                    for (k, p) in own.iter().enumerate() {
+                        let factor = if k % 2 == 0 { 1.0 } else { p.exp() };
+                        links.push(Link { parameter: first + k, input, set: k / 2, number: k % 2, factor });
+                    }
+                }
+                Shape::Triangle if !own.is_empty() => triangle_links(axis, input, first, own, &mut links),
+                Shape::Triangle => {}
+            }
+            first += own.len();
+        }
+        links
+    }
+
+    /// Number of parameters.
+    pub(super) fn len(&self) -> usize {
+        self.axes.iter().map(|axis| axis.free(self.shape)).sum()
+    }
+}
+
+/// A gap moves all peaks but the outermost two; a peak is also a foot of both its neighbours.
+fn triangle_links(axis: &Axis, input: usize, first: usize, gaps: &[f64], links: &mut Vec<Link>) {
+    let peaks = axis.peaks(gaps);
+    let (low, span) = (peaks[0], peaks[peaks.len() - 1] - peaks[0]);
+    let total = 1.0 + gaps.iter().map(|g| g.exp()).sum::<f64>();
+    for (k, gap) in gaps.iter().enumerate() {
+        for (set, peak) in peaks.iter().enumerate().take(peaks.len() - 1).skip(1) {
+            // Gap k + 1 lies between peaks k + 1 and k + 2.
+            let below = if k + 2 <= set { 1.0 } else { 0.0 };
+            let factor = span * gap.exp() / total * (below - (peak - low) / span);
+            let parameter = first + k;
+            links.push(Link { parameter, input, set, number: 1, factor });
+            links.push(Link { parameter, input, set: set + 1, number: 0, factor });
+            links.push(Link { parameter, input, set: set - 1, number: 2, factor });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(sets: usize) -> Axis {
+        Axis { signal: Signal::Velocity, mean: 0.0, std_dev: 1.0, range: [-3.0, 2.0], sets }
+    }
+
+    #[test]
+    fn links_are_the_derivatives_of_the_sets() {
+        for (shape, counts) in
+            [(Shape::Gaussian, [3, 2]), (Shape::Triangle, [5, 4]), (Shape::Triangle, [2, 3])]
+        {
+            let second = Axis { signal: Signal::Displacement, ..axis(counts[1]) };
+            let premises = Premises { axes: vec![axis(counts[0]), second], shape };
+            let at: Vec<f64> =
+                premises.start().iter().enumerate().map(|(k, p)| p + 0.1 * (k as f64).sin()).collect();
+            assert_eq!(at.len(), premises.len());
+            assert_eq!(at.len(), premises.bounds().len());
+            let numbers = |parameters: &[f64]| -> Vec<Vec<[f64; 3]>> {
+                let flat = |set: TskSet| match set {
+                    TskSet::Gaussian { centre, sigma } => [centre, sigma, 0.0],
+                    TskSet::Triangle { left, peak, right } => [left, peak, right],
+                };
+                let inputs = premises.inputs(parameters).expect("in range");
+                inputs.iter().map(|input| input.sets().map(flat).collect()).collect()
+            };
+            let links = premises.links(&at);
+            for parameter in 0..at.len() {
+                let step = 1e-6;
+                let (mut up, mut down) = (at.clone(), at.clone());
+                up[parameter] += step;
+                down[parameter] -= step;
+                let (up, down) = (numbers(&up), numbers(&down));
+                for (input, sets) in up.iter().enumerate() {
+                    for (set, n) in sets.iter().enumerate() {
+                        for number in 0..3 {
+                            // The outer feet of shoulders are not used, and not linked.
+                            let outer = (set == 0 && number == 0) || (set + 1 == sets.len() && number == 2);
+                            if shape == Shape::Triangle && outer {
+                                continue;
+                            }
+                            let expected = (n[number] - down[input][set][number]) / (2.0 * step);
+                            let found: f64 = links
+                                .iter()
+                                .filter(|l| {
+                                    (l.parameter, l.input, l.set, l.number) == (parameter, input, set, number)
+                                })
+                                .map(|l| l.factor)
+                                .sum();
+                            assert!(
+                                (found - expected).abs() < 1e-6,
+                                "{shape:?} {parameter} {input} {set} {number}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_uniform_grid_crosses_at_one_half() {
+        let premises = Premises { axes: vec![axis(3)], shape: Shape::Gaussian };
+        let inputs = premises.inputs(&premises.start()).expect("in range");
+        let weights = inputs[0].weights(-1.75);
+        assert!((weights[0] - weights[1]).abs() < 1e-12);
+        let TskSet::Gaussian { centre, sigma } = inputs[0].sets().next().expect("a set") else { panic!() };
+        assert!(((-(-1.75_f64 - centre).powi(2) / (2.0 * sigma * sigma)).exp() - 0.5).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,183 @@
+//! Parameters of a TSK model in a model file.
+//!
+//! ```toml
+//! inputs = ["displacement", "velocity", "drive"]
+//! order = "first"                      # or "constant"
+//! displacement_mean_m = 0.0            # of each input: what normalises it, in its unit,
+//! displacement_std_dev_m = 0.004
+//! displacement_centres = [-3, 0, 3]    # and its Gaussians; or triangles as
+//! displacement_sigmas = [1, 1, 1]      # _left_feet, _peaks and _right_feet
+//! conclusions = [[0.1, 0.2, 0.3, 0.4]] # rule by rule, the last input's sets fastest; normalised
+//! force_mean_n = 0.0
+//! force_std_dev_n = 400.0
+//! force_offset_n = 0.0
+//! ```
+
+use super::law::Value;
+use super::{drive_error, file_error, table_into};
+use crate::error::Error;
+use crate::force::{Order, OutputScale, Shape, Signal, Tsk, TskInput, TskKind, TskSet};
+use crate::sample::DriveKind;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Parameters {
+    inputs: Vec<String>,
+    order: String,
+    force_offset_n: f64,
+    force_mean_n: f64,
+    force_std_dev_n: f64,
+    conclusions: Vec<Vec<f64>>,
+    #[serde(flatten)]
+    values: BTreeMap<String, Value>,
+}
+
+/// The keys beside those of the inputs, for "did you mean".
+const KEYS: [&str; 6] =
+    ["inputs", "order", "force_offset_n", "force_mean_n", "force_std_dev_n", "conclusions"];
+
+/// The numbers of a shape's sets, by the key's ending.
+const fn endings(shape: Shape) -> &'static [&'static str] {
+    match shape {
+        Shape::Gaussian => &["centres", "sigmas"],
+        Shape::Triangle => &["left_feet", "peaks", "right_feet"],
+    }
+}
+
+const fn numbers(set: TskSet) -> [f64; 3] {
+    match set {
+        TskSet::Gaussian { centre, sigma } => [centre, sigma, 0.0],
+        TskSet::Triangle { left, peak, right } => [left, peak, right],
+    }
+}
+
+impl Parameters {
+    pub(super) fn of(model: &Tsk) -> Self {
+        let width = model.order().width(model.inputs().len());
+        let mut values = BTreeMap::new();
+        for input in model.inputs() {
+            let (name, unit) = (input.signal().name(), input.signal().unit_suffix());
+            values.insert(format!("{name}_mean_{unit}"), Value::One(input.mean()));
+            values.insert(format!("{name}_std_dev_{unit}"), Value::One(input.std_dev()));
+            for (k, ending) in endings(input.shape()).iter().enumerate() {
+                let list = input.sets().map(|set| numbers(set)[k]).collect();
+                values.insert(format!("{name}_{ending}"), Value::Many(list));
+            }
+        }
+        Self {
+            inputs: model.inputs().iter().map(|input| input.signal().name().to_owned()).collect(),
+            order: match model.order() {
+                Order::Constant => "constant",
+                Order::First => "first",
+            }
+            .to_owned(),
+            force_offset_n: model.force_offset_n(),
+            force_mean_n: model.output().mean_n,
+            force_std_dev_n: model.output().std_dev_n,
+            conclusions: model.conclusions().chunks_exact(width).map(<[f64]>::to_vec).collect(),
+            values,
+        }
+    }
+}
+
+pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table) -> Result<Tsk, Error> {
+    let signals = signals(drive);
+    let keys: Vec<String> = signals
+        .iter()
+        .flat_map(|signal| {
+            let (name, unit) = (signal.name(), signal.unit_suffix());
+            let endings = endings(Shape::Gaussian).iter().chain(endings(Shape::Triangle));
+            let sets = endings.map(move |ending| format!("{name}_{ending}"));
+            sets.chain([format!("{name}_mean_{unit}"), format!("{name}_std_dev_{unit}")])
+        })
+        .collect();
+    let known: Vec<&str> = KEYS.into_iter().chain(keys.iter().map(String::as_str)).collect();
+    let p: Parameters = table_into("parameters", table.clone(), &known)?;
+    if p.inputs.iter().any(|name| name == "drive") != drive.is_some() {
+        return Err(drive_error(drive, "an input \"drive\" exactly when there is a drive"));
+    }
+    let order = match p.order.as_str() {
+        "first" => Order::First,
+        "constant" => Order::Constant,
+        other => {
+            return Err(file_error(format!(
+                "parameters.order is \"{other}\", but must be first or constant"
+            )));
+        }
+    };
+    let named = |name: &String| {
+        signals.iter().find(|signal| signal.name() == name).copied().ok_or_else(|| {
+            file_error(format!(
+                "parameters.inputs holds \"{name}\", but must be of displacement, velocity, acceleration, drive"
+            ))
+        })
+    };
+    let inputs: Vec<TskInput> =
+        p.inputs.iter().map(|name| input(named(name)?, &p.values)).collect::<Result<_, Error>>()?;
+    if let Some(foreign) = p.values.keys().find(|key| {
+        let own = |name: &String| key.starts_with(&format!("{name}_"));
+        !p.inputs.iter().any(own)
+    }) {
+        return Err(file_error(format!(
+            "parameters.{foreign} belongs to no input; add the input or leave it out"
+        )));
+    }
+    let width = order.width(inputs.len());
+    if let Some((rule, conclusion)) = p.conclusions.iter().enumerate().find(|(_, c)| c.len() != width) {
+        return Err(Error::Length {
+            name: format!("parameters.conclusions[{rule}]"),
+            found: conclusion.len(),
+            expected: format!("{width}"),
+        });
+    }
+    let output = OutputScale { mean_n: p.force_mean_n, std_dev_n: p.force_std_dev_n };
+    Tsk::new(kind, &inputs, order, &p.conclusions.concat(), output, p.force_offset_n)
+}
+
+/// All signals that a model with this drive can take.
+fn signals(drive: Option<DriveKind>) -> Vec<Signal> {
+    let motion = [Signal::Displacement, Signal::Velocity, Signal::Acceleration];
+    motion.into_iter().chain(drive.map(Signal::Drive)).collect()
+}
+
+fn input(signal: Signal, values: &BTreeMap<String, Value>) -> Result<TskInput, Error> {
+    let (name, unit) = (signal.name(), signal.unit_suffix());
+    let list = |key: String| {
+        let value = values.get(&key).ok_or_else(|| file_error(format!("parameters.{key} is missing")))?;
+        Ok(value.as_slice())
+    };
+    let one = |key: String| match values.get(&key) {
+        Some(Value::One(value)) => Ok(*value),
+        Some(Value::Many(_)) => Err(file_error(format!("parameters.{key} is a list, but must be a number"))),
+        None => Err(file_error(format!("parameters.{key} is missing"))),
+    };
+    let shape = match (
+        values.contains_key(&format!("{name}_centres")),
+        values.contains_key(&format!("{name}_peaks")),
+    ) {
+        (true, true) => {
+            return Err(file_error(format!(
+                "parameters hold {name}_centres and {name}_peaks; an input has Gaussians or triangles"
+            )));
+        }
+        (_, false) => Shape::Gaussian,
+        (false, true) => Shape::Triangle,
+    };
+    let lists: Vec<&[f64]> =
+        endings(shape).iter().map(|ending| list(format!("{name}_{ending}"))).collect::<Result<_, Error>>()?;
+    if let Some((ending, short)) = endings(shape).iter().zip(&lists).find(|(_, l)| l.len() != lists[0].len())
+    {
+        return Err(Error::Length {
+            name: format!("parameters.{name}_{ending}"),
+            found: short.len(),
+            expected: format!("{} (one for each of {name}_{})", lists[0].len(), endings(shape)[0]),
+        });
+    }
+    let set = |j: usize| match shape {
+        Shape::Gaussian => TskSet::Gaussian { centre: lists[0][j], sigma: lists[1][j] },
+        Shape::Triangle => TskSet::Triangle { left: lists[0][j], peak: lists[1][j], right: lists[2][j] },
+    };
+    let sets: Vec<TskSet> = (0..lists[0].len()).map(set).collect();
+    TskInput::new(signal, one(format!("{name}_mean_{unit}"))?, one(format!("{name}_std_dev_{unit}"))?, &sets)
+}
