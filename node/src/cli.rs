@@ -33,6 +33,7 @@ enum Command {
     Convert(command::convert::Args),
     Simulate(command::simulate::Args),
     Identify(command::identify::Args),
+    Compare(command::compare::Args),
     Evaluate(command::evaluate::Args),
     Presets(command::presets::Args),
 }
@@ -85,6 +86,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Convert(args) => command::convert::run(&args, &around),
         Command::Simulate(args) => command::simulate::run(&args, &around),
         Command::Identify(args) => command::identify::run(&args, &around),
+        Command::Compare(args) => command::compare::run(&args, &around),
         Command::Evaluate(args) => command::evaluate::run(&args, &around),
         Command::Presets(args) => command::presets::run(&args),
     }

@@ -53,7 +53,8 @@ pub fn score(force: &ForceModel, dataset: &Dataset, watch: &Watch) -> Result<Sco
         }
         // The first samples of a segment are silent while a history fills: that is no divergence.
         begun = (begun && row.dt_s.is_some()) || predicted.free_run_n.is_finite();
-        diverged |= begun && predicted.driven && !(predicted.free_run_n.abs() <= limit_n);
+        let held = (-limit_n..=limit_n).contains(&predicted.free_run_n);
+        diverged |= begun && predicted.driven && !held;
         if row.counts {
             free.add(row.force_n, predicted.free_run_n);
             stepped.add(row.force_n, predicted.one_step_n);

@@ -1,5 +1,6 @@
 //! The commands, one file each: its arguments, and what it does with them.
 
+pub mod compare;
 pub mod convert;
 pub mod demo;
 pub mod evaluate;
