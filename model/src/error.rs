@@ -32,6 +32,14 @@ pub enum Error {
         /// What is wrong, where (line, key), and what to do.
         message: String,
     },
+    /// A `.fis` file cannot be read.
+    #[error("line {line}: {message}")]
+    Fis {
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong, and what would do.
+        message: String,
+    },
     /// A preset name is not known.
     #[error("there is no preset \"{name}\"; the nearest is \"{nearest}\" (`mr-damper presets` lists all)")]
     UnknownPreset {

@@ -1,8 +1,10 @@
 //! Force models of magneto-rheological (MR) dampers.
 
+pub mod compare;
 pub mod condition;
 pub mod error;
 pub mod evaluate;
+pub mod fis;
 pub mod force;
 pub mod identify;
 pub mod metrics;

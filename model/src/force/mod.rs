@@ -27,7 +27,7 @@ use crate::sample::DriveKind;
 use crate::units::Second;
 
 /// Any force model of this crate.
-#[expect(
+#[allow(
     clippy::large_enum_variant,
     reason = "boxing the larger ones would put them on the heap, out of `Copy`"
 )]

@@ -46,6 +46,7 @@ mod phase;
 mod report;
 mod row_problem;
 mod scales;
+mod score;
 mod search;
 mod spec;
 mod tanh_columns;
@@ -56,6 +57,7 @@ pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
 pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase};
 pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
+pub use score::{Predicted, Scores, persistence, score, walk};
 pub use spec::{Form, ModelSpec, Structure};
 pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;
@@ -221,7 +223,7 @@ pub fn identify(
 ) -> Result<Identified, Error> {
     watch.report(Progress::Conditioning { runs: runs.len() as u32 });
     check_options(spec, options)?;
-    let drive = check_drives(spec, runs)?;
+    let drive = check_drives(spec, runs.iter().map(|run| (run.name.as_str(), run.drive_kind())))?;
     let (conditioning, velocity_trials) = if options.choose_velocity && !spec.feeds_on_force() {
         velocity::choose(runs, options, watch, |datasets| sample_esr(spec, drive, datasets, options, watch))?
     } else {
@@ -230,6 +232,31 @@ pub fn identify(
     let datasets = datasets(runs, &conditioning, options, watch)?;
     let found = fit(spec, drive, &datasets, options, watch)?;
     Ok(Identified { velocity_trials, ..found })
+}
+
+/// Identifies a model from runs that are conditioned already, all alike: rows that many models can share.
+/// `conditioning`, `choose_velocity` and `dataset` of `options` have had their say by then.
+///
+/// # Errors
+/// As [`identify`]; also [`Error::Data`] for runs that are conditioned differently.
+pub fn identify_datasets(
+    spec: ModelSpec,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<Identified, Error> {
+    check_options(spec, options)?;
+    let drive = check_drives(spec, datasets.iter().map(|d| (d.name.as_str(), d.drive)))?;
+    check_rows(datasets)?;
+    if let Some(other) = datasets.iter().find(|d| d.conditioning != datasets[0].conditioning) {
+        return Err(Error::Data {
+            message: format!(
+                "runs {} and {} are conditioned differently: a model holds for one conditioning",
+                datasets[0].name, other.name
+            ),
+        });
+    }
+    fit(spec, drive, datasets, options, watch)
 }
 
 /// Fits a model to conditioned runs.
@@ -366,16 +393,22 @@ fn datasets(
     // In parallel, yet the error that is reported is the first run's.
     let results: Vec<Result<Dataset, Error>> = runs.par_iter().map(one).collect();
     let datasets = results.into_iter().collect::<Result<Vec<Dataset>, Error>>()?;
-    if let Some(still) = datasets.iter().find(|d| d.counted() == 0) {
-        return Err(Error::Data {
+    check_rows(&datasets)?;
+    Ok(datasets)
+}
+
+/// Refuses runs without a row that counts.
+fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
+    match datasets.iter().find(|d| d.counted() == 0) {
+        None => Ok(()),
+        Some(still) => Err(Error::Data {
             message: format!(
                 "run {}: no sample counts: it is too short for the filter to settle, or force and \
                  displacement do not overlap in time",
                 still.name
             ),
-        });
+        }),
     }
-    Ok(datasets)
 }
 
 /// Membership functions as given, or from the drive of the rows that count.
@@ -401,31 +434,35 @@ fn model(force: ForceModel, conditioning: Conditioning, datasets: &[Dataset]) ->
     }
 }
 
-/// The kind of drive that the model gets from the runs; `None` for a passive model.
-fn check_drives(spec: ModelSpec, runs: &[Run]) -> Result<Option<DriveKind>, Error> {
-    let Some(first) = runs.first() else {
+/// The kind of drive that the model gets from the runs, each by its name and drive; `None` for a passive model.
+fn check_drives<'a>(
+    spec: ModelSpec,
+    runs: impl Iterator<Item = (&'a str, Option<DriveKind>)>,
+) -> Result<Option<DriveKind>, Error> {
+    let mut runs = runs.peekable();
+    if runs.peek().is_none() {
         return Err(Error::Data { message: "there are no runs to identify from".to_owned() });
-    };
+    }
     if !spec.wants_drive() {
         return Ok(None);
     }
-    let missing = |run: &Run| Error::MissingChannel {
-        run: run.name.clone(),
-        channel: "current_a or command_v",
-        needed_by: "the model".to_owned(),
-    };
-    let wanted = first.drive_kind().ok_or_else(|| missing(first))?;
-    for run in runs {
-        let found = run.drive_kind().ok_or_else(|| missing(run))?;
+    let mut wanted: Option<DriveKind> = None;
+    for (name, drive) in runs {
+        let found = drive.ok_or_else(|| Error::MissingChannel {
+            run: name.to_owned(),
+            channel: "current_a or command_v",
+            needed_by: "the model".to_owned(),
+        })?;
+        let wanted = *wanted.get_or_insert(found);
         if found != wanted {
             return Err(Error::WrongDrive {
-                run: run.name.clone(),
+                run: name.to_owned(),
                 found: found.name(),
                 wanted: wanted.name(),
             });
         }
     }
-    Ok(Some(wanted))
+    Ok(wanted)
 }
 
 /// Mean of the runs' offsets, weighted by the rows that count, N.

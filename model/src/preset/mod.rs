@@ -4,6 +4,7 @@
 //! - `thesis/sp-passive/<experiment>` and `thesis/sp-semi-active/<experiment>`: 16 tanh laws
 //! - `thesis/fuzzy-tanh/<rp1-cs|rp2-cs|rp3-cs>`: three current-fuzzy tanh models
 //! - `thesis/fuzzy-tanh/<set>/<level>a`: one of their 21 functions alone, e.g. `thesis/fuzzy-tanh/rp3-cs/1.2a`
+//! - `thesis/anfis/<experiment>`: eight ANFIS models of 27 rules
 //!
 //! The 16 phase-transition relations (`thesis/p-passive/...`, `thesis/p-semi-active/...`) cannot run, and are
 //! had by [`phase`] alone. [`published`] holds the error figures that the thesis prints.
@@ -12,6 +13,7 @@
 //! backward difference. They describe one damper (an ACDelco MagneRide unit, 0 to 2.5 A, up to about
 //! 1.4 kN): for any other, identify a model.
 
+mod anfis_rows;
 mod arx_rows;
 mod fuzzy_rows;
 mod p_rows;
@@ -41,11 +43,14 @@ pub const BEST_ARX: &str = "thesis/arx-semi-active/rp-icps-l";
 /// The fuzzy-tanh model that predicts best over all the thesis' experiments (section 5.1).
 pub const BEST_FUZZY_TANH: &str = "thesis/fuzzy-tanh/rp3-cs";
 
+/// The ANFIS model that predicts best over all the thesis' experiments (section 5.1).
+pub const BEST_ANFIS: &str = "thesis/anfis/rp1-cs";
+
 /// Names of all presets.
 #[must_use]
 pub fn names() -> Vec<String> {
-    let mut names = Vec::with_capacity(56);
-    for form in ["arx-passive", "arx-semi-active", "sp-passive", "sp-semi-active"] {
+    let mut names = Vec::with_capacity(64);
+    for form in ["arx-passive", "arx-semi-active", "sp-passive", "sp-semi-active", "anfis"] {
         names.extend(EXPERIMENTS.iter().map(|experiment| format!("thesis/{form}/{experiment}")));
     }
     for set in &EXPERIMENTS[5..] {
@@ -102,10 +107,13 @@ fn find(name: &str) -> Option<Model> {
         return None;
     }
     let row = EXPERIMENTS.iter().position(|known| *known == experiment)?;
+    let half = SPANS_M[row] / 2.0;
+    let span = Envelope { displacement_m: Some([-half, half]), ..Envelope::default() };
     let identified =
         |model, form| Some(published::identification(model, form, experiment)?.rsse_lbf * N_PER_LBF);
     let one_step = |form| Expected { one_step_rsse_n: identified("arx", form), ..Expected::default() };
     let free_run = |form| Expected { free_run_rsse_n: identified("sp", form), ..Expected::default() };
+    let mut envelope = span;
     let (force, expected) = match (form, level) {
         ("arx-passive", None) => (ForceModel::Arx(arx_rows::passive(row)?), one_step(Form::Passive)),
         ("arx-semi-active", None) => {
@@ -127,18 +135,18 @@ fn find(name: &str) -> Option<Model> {
             let free_run_rsse_n = Some(average.rsse_lbf * N_PER_LBF);
             (ForceModel::FuzzyTanh(model), Expected { free_run_rsse_n, ..Expected::default() })
         }
+        ("anfis", None) => {
+            let (model, own, rsse_n) = anfis_rows::model(row)?;
+            envelope = own;
+            (ForceModel::Tsk(model), Expected { free_run_rsse_n: Some(rsse_n), ..Expected::default() })
+        }
         _ => return None,
     };
-    let half = SPANS_M[row] / 2.0;
     Some(Model {
         force,
         conditioning: Conditioning::THESIS,
         rate_hz: 512.0,
-        envelope: Envelope {
-            displacement_m: Some([-half, half]),
-            drive: force.drive().map(|_| [0.0, 2.5]),
-            ..Envelope::default()
-        },
+        envelope: Envelope { drive: force.drive().map(|_| [0.0, 2.5]), ..envelope },
         expected,
     })
 }

@@ -90,7 +90,7 @@ impl Saturation {
 ///   to 0.110; its own mean in cross-validation is 0.099. Without the coil's lag it would be 0.007 less.
 ///
 /// Yield stroke, compliance, coil lag and all of the heat are not in the thesis: they are of the order that
-/// other dampers of this size have. In the long experiments the plant warms by 20 K and fades by 4 %; the
+/// other dampers of this size have. In the long experiments the plant warms by 15 to 20 K and fades by up to 4 %; the
 /// thesis' figures show no such fade. `cargo run --release -p mr-damper-model --example rig_calibration` prints
 /// all of it.
 #[derive(Debug, Clone, Copy, PartialEq)]

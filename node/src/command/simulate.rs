@@ -18,22 +18,30 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+/// What it teaches at the end of `--help`.
+const EXAMPLES: &str = "\
+Examples:
+  mr-damper simulate --list
+      all experiments, and all effects with their units
+  mr-damper simulate --experiment all --out runs
+      the thesis' eight experiments, 43 runs, 180 MB
+  mr-damper simulate --experiment RP-ICPS --replicates 3 --same-pattern --out runs
+      three runs that differ in noise and drift alone: a noise floor
+  mr-damper simulate --experiment RP3-CS --plain --effect friction=60 --out runs
+      a damper with 60 N of friction, but without coil lag and thermal fade
+  mr-damper simulate --experiment sine --amplitude 0.02 --frequency 1.5 --current 0.8 --out runs
+      a sine: mr-damper identify and evaluate take runs/sine-01.csv";
+
 /// Write runs of the virtual rig, a made-up test bench whose damper is none of the models.
 ///
 /// One file a replicate, rp-icps-01.csv and so on, and simulate.toml, which says what each of them is. A run
 /// holds displacement, force, coil current, set point, and temperatures of case and room, at 512 Hz.
 ///
-///   mr-damper simulate --experiment RP-ICPS --out runs          the thesis' first experiment, 11 replicates
-///   mr-damper simulate --experiment all --out runs              its eight experiments, 43 runs
-///   mr-damper simulate --experiment RP3-CS --plain --effect friction=60 --out runs
-///   mr-damper simulate --experiment sine --amplitude 0.02 --frequency 1.5 --current 0.8 --out runs
-///   mr-damper simulate --list                                   all experiments and effects
-///
 /// By default each replicate has an excitation of its own, so that cross-validation asks a model something
 /// new, and a damper that is not quite as it was the last time: another temperature at the start, force
 /// stronger or weaker by about 1 %.
 #[derive(Debug, clap::Args)]
-#[command(verbatim_doc_comment)]
+#[command(after_long_help = EXAMPLES)]
 pub struct Args {
     /// Experiment: a name of --list, or `all` (the thesis' eight), or `paper1` (the first paper's ten).
     #[arg(long, value_name = "NAME", required_unless_present = "list", value_parser = plan::selection)]
@@ -65,6 +73,9 @@ pub struct Args {
     /// Perfect sensors: no noise, no quantisation, no offset.
     #[arg(long)]
     perfect: bool,
+    /// Noise of the load cell, N (standard deviation); by default 3.
+    #[arg(long, value_name = "N", conflicts_with = "perfect")]
+    force_noise: Option<f64>,
     /// Duration of each run, s; by default the experiment's.
     #[arg(long, value_name = "S")]
     duration: Option<f64>,

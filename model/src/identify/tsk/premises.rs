@@ -185,10 +185,10 @@ fn triangle_links(axis: &Axis, input: usize, first: usize, gaps: &[f64], links: 
     let (low, span) = (peaks[0], peaks[peaks.len() - 1] - peaks[0]);
     let total = 1.0 + gaps.iter().map(|g| g.exp()).sum::<f64>();
     for (k, gap) in gaps.iter().enumerate() {
-        for set in 1..peaks.len() - 1 {
+        for (set, peak) in peaks.iter().enumerate().take(peaks.len() - 1).skip(1) {
             // Gap k + 1 lies between peaks k + 1 and k + 2.
             let below = if k + 2 <= set { 1.0 } else { 0.0 };
-            let factor = span * gap.exp() / total * (below - (peaks[set] - low) / span);
+            let factor = span * gap.exp() / total * (below - (peak - low) / span);
             let parameter = first + k;
             links.push(Link { parameter, input, set, number: 1, factor });
             links.push(Link { parameter, input, set: set + 1, number: 0, factor });

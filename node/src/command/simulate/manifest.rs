@@ -52,6 +52,8 @@ pub(super) struct Entry {
     pub(super) steady: bool,
     /// `--perfect`.
     pub(super) perfect: bool,
+    /// Noise of the load cell, N.
+    pub(super) force_noise_n: f64,
     /// Temperature of the damper at the start, °C.
     pub(super) start_temp_c: f64,
     /// What wrote it.

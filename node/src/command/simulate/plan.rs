@@ -82,6 +82,8 @@ pub(super) fn jobs(args: &Args, selection: &Selection) -> Result<Vec<Job>, NodeE
         if args.plain { Plant::plain() } else { Plant::default() },
         if args.perfect { Channels::PERFECT } else { Channels::default() }.with_ambient(),
     );
+    channels.force_noise_n = args.force_noise.unwrap_or(channels.force_noise_n);
+    channels.check()?;
     for effect in &args.effect {
         inject(&effect.id, effect.size, &mut plant, &mut channels)?;
     }
@@ -173,6 +175,7 @@ fn job(args: &Args, experiment: &Experiment, replicate: u32, plant: Plant, chann
         plain: args.plain,
         steady: args.steady,
         perfect: args.perfect,
+        force_noise_n: channels.force_noise_n,
         start_temp_c: plant.start_c,
         tool: concat!("mr-damper ", env!("CARGO_PKG_VERSION")).to_owned(),
         effects,
@@ -221,6 +224,10 @@ mod tests {
         let jobs = planned(&flags).expect("a plan");
         assert_eq!(jobs[0].plant.friction_n, 60.0);
         assert_eq!(jobs[0].plant.coil_rise_s, 0.0);
+        assert_eq!(
+            planned(&["--experiment=road", "--force-noise=40"]).expect("a plan")[0].channels.force_noise_n,
+            40.0
+        );
         assert_eq!(jobs[0].experiment.current, Current::Constant { current_a: 0.4 });
         assert!(format!("{:?}", jobs[0].experiment.displacement).contains("to_hz: 9.0"));
         let steady =
@@ -237,6 +244,7 @@ mod tests {
             (&["--experiment=all", "--frequency=1"], "sine or chirp"),
             (&["--experiment=sine", "--duration=-1"], "duration_s"),
             (&["--experiment=sine", "--frequency=0"], "above 0"),
+            (&["--experiment=sine", "--force-noise=-1"], "force_noise_n"),
             (&["--experiment=sine", "--effect=stiction=1"], "coil_lag"),
             (&["--experiment=sine", "--effect=friction"], "ID=SIZE"),
             (&["--experiment=sine", "--effect=friction=-5"], "0 to 1000"),

@@ -1,0 +1,215 @@
+//! MATLAB's `.fis` text of a Sugeno system: reading and writing.
+//!
+//! ```text
+//! [System]                                  [Output1]
+//! Name='damper'                             Name='force'
+//! Type='sugeno'                             Range=[-3.9 3.9]
+//! NumInputs=1                               NumMFs=2
+//! NumOutputs=1                              MF1='out1mf1':'linear',[0.2 -0.1]
+//! NumRules=2                                MF2='out1mf2':'linear',[0.3 0.4]
+//! AndMethod='prod'
+//! DefuzzMethod='wtaver'                     [Rules]
+//!                                           1, 1 (1) : 1
+//! [Input1]                                  2, 2 (1) : 1
+//! Name='velocity'
+//! Range=[-3 3]
+//! NumMFs=2
+//! MF1='slow':'gaussmf',[1.5 -3]             gaussmf: sigma, centre; trimf: foot, peak, foot
+//! MF2='fast':'gaussmf',[1.5 3]              linear: a slope for each input, the constant; constant
+//! ```
+//!
+//! What a [`Tsk`] cannot be is refused: other shapes, operators, weights or connectives, and rules that are not
+//! each combination of the inputs' sets once. Spaces, blank lines, `%` and `#` comments, either kind of quotes
+//! and commas or blanks between numbers are all fine, and so are rules in any order.
+//!
+//! The format knows nothing of units or normalisation: [`Scaling`] carries it beside. Numbers are written with
+//! as many digits as it takes to read the same ones back; MATLAB itself writes 15. Triangles at the ends are
+//! shoulders here and fall to zero in MATLAB: the two differ outside the outermost peaks.
+
+mod read;
+#[cfg(test)]
+mod tests;
+
+use crate::error::Error;
+use crate::force::{Order, OutputScale, Signal, Tsk, TskInput, TskKind, TskSet};
+use std::fmt::Write;
+
+/// A Sugeno system on a full grid, as a file holds it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fis {
+    /// Name of the system.
+    pub name: String,
+    /// Its inputs, in order.
+    pub inputs: Vec<FisInput>,
+    /// Name of the output.
+    pub output_name: String,
+    /// Range of the output.
+    pub output_range: [f64; 2],
+    /// Form of the conclusions.
+    pub order: Order,
+    /// The conclusions of one rule after the other, the first input's set varying slowest.
+    pub conclusions: Vec<f64>,
+}
+
+/// One input of a system.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FisInput {
+    /// Its name.
+    pub name: String,
+    /// Its range.
+    pub range: [f64; 2],
+    /// Its memberships.
+    pub sets: Vec<TskSet>,
+}
+
+/// What the format does not hold: signals, units, normalisation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scaling {
+    /// Signal, mean and standard deviation of each input, in the signal's unit; 0 and 1 when the system takes
+    /// plain SI values.
+    pub inputs: Vec<(Signal, f64, f64)>,
+    /// What undoes the normalisation of the output.
+    pub output: OutputScale,
+    /// Force offset of the session, N.
+    pub force_offset_n: f64,
+}
+
+impl Scaling {
+    /// That of a model.
+    #[must_use]
+    pub fn of(model: &Tsk) -> Self {
+        let one = |input: &TskInput| (input.signal(), input.mean(), input.std_dev());
+        Self {
+            inputs: model.inputs().iter().map(one).collect(),
+            output: model.output(),
+            force_offset_n: model.force_offset_n(),
+        }
+    }
+}
+
+impl Fis {
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// [`Error::Fis`] with the line, what is wrong there, and what would do.
+    pub fn parse(text: &str) -> Result<Self, Error> {
+        read::parse(text)
+    }
+
+    /// The system of `model`. Ranges are those of the sets' centres; the file has nothing better to go by.
+    #[must_use]
+    pub fn of(model: &Tsk, name: &str) -> Self {
+        let input = |input: &TskInput| {
+            let tops = || input.sets().map(|set| set.top());
+            let range = [tops().fold(f64::INFINITY, f64::min), tops().fold(f64::NEG_INFINITY, f64::max)];
+            FisInput { name: input.signal().name().to_owned(), range, sets: input.sets().collect() }
+        };
+        Self {
+            name: name.to_owned(),
+            inputs: model.inputs().iter().map(input).collect(),
+            output_name: "force".to_owned(),
+            output_range: [-4.0, 4.0],
+            order: model.order(),
+            conclusions: model.conclusions().to_vec(),
+        }
+    }
+
+    /// The model that this system is with `scaling`.
+    ///
+    /// # Errors
+    /// [`Error::Length`] when `scaling` has another number of inputs; those of [`TskInput::new`] and
+    /// [`Tsk::new`].
+    pub fn model(&self, kind: TskKind, scaling: &Scaling) -> Result<Tsk, Error> {
+        if scaling.inputs.len() != self.inputs.len() {
+            return Err(Error::Length {
+                name: "scaling.inputs".to_owned(),
+                found: scaling.inputs.len(),
+                expected: format!("{} (one for each input of the system)", self.inputs.len()),
+            });
+        }
+        let inputs = self
+            .inputs
+            .iter()
+            .zip(&scaling.inputs)
+            .map(|(input, (signal, mean, std_dev))| TskInput::new(*signal, *mean, *std_dev, &input.sets))
+            .collect::<Result<Vec<_>, Error>>()?;
+        Tsk::new(kind, &inputs, self.order, &self.conclusions, scaling.output, scaling.force_offset_n)
+    }
+
+    /// The text of a file.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write(&mut text);
+        text
+    }
+
+    fn write(&self, text: &mut String) -> std::fmt::Result {
+        let counts: Vec<usize> = self.inputs.iter().map(|input| input.sets.len()).collect();
+        let rules: usize = counts.iter().product();
+        writeln!(text, "[System]\nName='{}'\nType='sugeno'\nVersion=2.0", plain(&self.name))?;
+        writeln!(text, "NumInputs={}\nNumOutputs=1\nNumRules={rules}", counts.len())?;
+        writeln!(text, "AndMethod='prod'\nOrMethod='probor'\nImpMethod='prod'\nAggMethod='sum'")?;
+        writeln!(text, "DefuzzMethod='wtaver'")?;
+        for (j, input) in self.inputs.iter().enumerate() {
+            let number = j + 1;
+            writeln!(text, "\n[Input{number}]\nName='{}'\n{}", plain(&input.name), range(input.range))?;
+            writeln!(text, "NumMFs={}", input.sets.len())?;
+            for (k, set) in input.sets.iter().enumerate() {
+                let (shape, numbers) = match *set {
+                    TskSet::Gaussian { centre, sigma } => ("gaussmf", vec![sigma, centre]),
+                    TskSet::Triangle { left, peak, right } => ("trimf", vec![left, peak, right]),
+                };
+                writeln!(text, "MF{}='in{number}mf{0}':'{shape}',{}", k + 1, list(&numbers))?;
+            }
+        }
+        writeln!(text, "\n[Output1]\nName='{}'\n{}", plain(&self.output_name), range(self.output_range))?;
+        writeln!(text, "NumMFs={rules}")?;
+        let shape = match self.order {
+            Order::Constant => "constant",
+            Order::First => "linear",
+        };
+        for (k, numbers) in self.conclusions.chunks(self.order.width(counts.len())).enumerate() {
+            writeln!(text, "MF{}='out1mf{0}':'{shape}',{}", k + 1, list(numbers))?;
+        }
+        writeln!(text, "\n[Rules]")?;
+        for rule in 0..rules {
+            let sets: Vec<String> =
+                sets_of(rule, &counts).into_iter().map(|set| (set + 1).to_string()).collect();
+            writeln!(text, "{}, {} (1) : 1", sets.join(" "), rule + 1)?;
+        }
+        Ok(())
+    }
+}
+
+/// The set of each input in a rule, the last input's varying fastest.
+fn sets_of(rule: usize, counts: &[usize]) -> Vec<usize> {
+    let mut rest = rule;
+    let mut sets: Vec<usize> = counts
+        .iter()
+        .rev()
+        .map(|count| {
+            let set = rest % count;
+            rest /= count;
+            set
+        })
+        .collect();
+    sets.reverse();
+    sets
+}
+
+/// A name without what would end it in a file.
+fn plain(name: &str) -> String {
+    name.chars().map(|c| if c.is_control() || ['\'', '"'].contains(&c) { '_' } else { c }).collect()
+}
+
+fn range(range: [f64; 2]) -> String {
+    format!("Range={}", list(&range))
+}
+
+fn list(numbers: &[f64]) -> String {
+    // The shortest digits that read back as the same number.
+    let texts: Vec<String> = numbers.iter().map(|number| format!("{number:?}")).collect();
+    format!("[{}]", texts.join(" "))
+}

@@ -1,0 +1,324 @@
+//! Reading of `.fis` text, line by line.
+
+use super::{Fis, FisInput, sets_of};
+use crate::error::Error;
+use crate::force::{MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, TskSet};
+use std::collections::BTreeMap;
+
+/// A value with the line that it stands on.
+type At<T> = (usize, T);
+
+/// One section: its keys (in lower case) with their values.
+#[derive(Debug, Default)]
+struct Section<'t> {
+    line: usize,
+    name: String,
+    keys: BTreeMap<String, At<&'t str>>,
+}
+
+/// One line of `[Rules]`.
+struct Rule {
+    sets: Vec<usize>,
+    conclusion: usize,
+}
+
+fn error(line: usize, message: impl Into<String>) -> Error {
+    Error::Fis { line, message: message.into() }
+}
+
+pub(super) fn parse(text: &str) -> Result<Fis, Error> {
+    let (sections, rule_lines) = split(text)?;
+    let section = |name: &str| {
+        sections
+            .get(&name.to_lowercase())
+            .ok_or_else(|| error(text.lines().count().max(1), format!("there is no section [{name}]")))
+    };
+    let system = section("System")?;
+    system.demand("Type", &["sugeno"])?;
+    system.demand("AndMethod", &["prod"])?;
+    system.demand("DefuzzMethod", &["wtaver"])?;
+    let input_count = system.count("NumInputs", 1..=MAX_INPUTS)?;
+    system.count("NumOutputs", 1..=1)?;
+    let inputs = (1..=input_count)
+        .map(|number| read_input(section(&format!("Input{number}"))?))
+        .collect::<Result<Vec<_>, Error>>()?;
+    let counts: Vec<usize> = inputs.iter().map(|input| input.sets.len()).collect();
+    let output = section("Output1")?;
+    let (order, functions) = read_output(output, input_count)?;
+    let rules: usize = counts.iter().product();
+    let (rule_line, declared) = system.integer("NumRules")?;
+    if declared != rules {
+        return Err(error(
+            rule_line,
+            format!(
+                "NumRules is {declared}, but the memberships have {rules} combinations; a full grid is needed"
+            ),
+        ));
+    }
+    let chosen = read_rules(&rule_lines, &counts, functions.len())?;
+    let conclusions = chosen.iter().flat_map(|conclusion| functions[*conclusion].clone()).collect();
+    for known in sections.values() {
+        let numbered = |prefix: &str, most: usize| {
+            (1..=most).any(|number| known.name.eq_ignore_ascii_case(&format!("{prefix}{number}")))
+        };
+        if !(known.name.eq_ignore_ascii_case("System")
+            || numbered("Input", input_count)
+            || numbered("Output", 1))
+        {
+            return Err(error(known.line, format!("section [{}] has no place in this system", known.name)));
+        }
+    }
+    Ok(Fis {
+        name: system.text("Name")?,
+        inputs,
+        output_name: output.text("Name")?,
+        output_range: output.range()?,
+        order,
+        conclusions,
+    })
+}
+
+/// Sections by name in lower case, and the lines of `[Rules]`.
+#[expect(clippy::type_complexity, reason = "two lists, used once")]
+fn split(text: &str) -> Result<(BTreeMap<String, Section<'_>>, Vec<At<&str>>), Error> {
+    let mut sections: BTreeMap<String, Section> = BTreeMap::new();
+    let mut rules = Vec::new();
+    let mut current: Option<String> = None;
+    for (k, raw) in text.lines().enumerate() {
+        let line = k + 1;
+        let content = without_comment(raw).trim().trim_start_matches('\u{feff}');
+        if content.is_empty() {
+            continue;
+        }
+        if let Some(name) = content.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+            let name = name.trim();
+            let key = name.to_lowercase();
+            let section = Section { line, name: name.to_owned(), ..Section::default() };
+            if key != "rules" && sections.insert(key.clone(), section).is_some() {
+                return Err(error(line, format!("section [{name}] comes twice")));
+            }
+            current = Some(key);
+            continue;
+        }
+        match current.as_deref() {
+            None => return Err(error(line, "there is text before the first section; begin with [System]")),
+            Some("rules") => rules.push((line, content)),
+            Some(name) => {
+                let Some((key, value)) = content.split_once('=') else {
+                    return Err(error(line, format!("\"{content}\" is neither a section nor key=value")));
+                };
+                let key = key.trim();
+                if let Some(section) = sections.get_mut(name)
+                    && section.keys.insert(key.to_lowercase(), (line, value.trim())).is_some()
+                {
+                    return Err(error(line, format!("{key} comes twice in [{}]", section.name)));
+                }
+            }
+        }
+    }
+    Ok((sections, rules))
+}
+
+/// A line up to the first `%` or `#` outside quotes.
+fn without_comment(line: &str) -> &str {
+    let mut quote = None;
+    for (at, c) in line.char_indices() {
+        match (quote, c) {
+            (None, '\'' | '"') => quote = Some(c),
+            (Some(open), c) if open == c => quote = None,
+            (None, '%' | '#') => return &line[..at],
+            _ => {}
+        }
+    }
+    line
+}
+
+impl Section<'_> {
+    fn value(&self, key: &str) -> Result<At<&str>, Error> {
+        let found = self.keys.get(&key.to_lowercase());
+        found.copied().ok_or_else(|| error(self.line, format!("[{}] has no {key}", self.name)))
+    }
+
+    fn text(&self, key: &str) -> Result<String, Error> {
+        let (line, value) = self.value(key)?;
+        unquoted(line, value).map(str::to_owned)
+    }
+
+    /// Checks that `key` is one of `wanted`.
+    fn demand(&self, key: &str, wanted: &[&str]) -> Result<(), Error> {
+        let (line, value) = self.value(key)?;
+        let value = unquoted(line, value)?;
+        if wanted.iter().any(|wanted| value.eq_ignore_ascii_case(wanted)) {
+            return Ok(());
+        }
+        Err(error(line, format!("{key} is '{value}', but must be '{}'", wanted.join("' or '"))))
+    }
+
+    fn integer(&self, key: &str) -> Result<At<usize>, Error> {
+        let (line, value) = self.value(key)?;
+        let number =
+            value.parse().map_err(|_| error(line, format!("{key} is {value}, not a whole number")))?;
+        Ok((line, number))
+    }
+
+    fn count(&self, key: &str, range: std::ops::RangeInclusive<usize>) -> Result<usize, Error> {
+        let (line, number) = self.integer(key)?;
+        if range.contains(&number) {
+            return Ok(number);
+        }
+        Err(error(line, format!("{key} is {number}, but must be {} to {}", range.start(), range.end())))
+    }
+
+    fn range(&self) -> Result<[f64; 2], Error> {
+        let (line, value) = self.value("Range")?;
+        match numbers(line, value)?[..] {
+            [low, high] if low < high => Ok([low, high]),
+            _ => Err(error(line, format!("Range is {value}, but must be two numbers, the lower first"))),
+        }
+    }
+
+    /// The functions MF1 to MFn: line, shape and numbers of each.
+    fn functions(&self, most: usize) -> Result<Vec<(usize, String, Vec<f64>)>, Error> {
+        let count = self.count("NumMFs", 1..=most)?;
+        let function = |number: usize| {
+            let (line, value) = self.value(&format!("MF{number}"))?;
+            // 'name':'shape',[numbers]
+            let wrong =
+                || error(line, format!("MF{number} is {value}, but must be 'name':'shape',[numbers]"));
+            let bracket = value.find('[').ok_or_else(wrong)?;
+            let (head, list) = value.split_at(bracket);
+            let head = head.trim_end().strip_suffix(',').ok_or_else(wrong)?;
+            let (_, shape) = head.rsplit_once(':').ok_or_else(wrong)?;
+            Ok((line, unquoted(line, shape.trim())?.to_lowercase(), numbers(line, list)?))
+        };
+        if let Some((key, (line, _))) = self.keys.iter().find(|(key, _)| {
+            key.strip_prefix("mf").and_then(|n| n.parse().ok()).is_some_and(|n: usize| n > count)
+        }) {
+            return Err(error(*line, format!("{} is beyond NumMFs = {count}", key.to_uppercase())));
+        }
+        (1..=count).map(function).collect()
+    }
+}
+
+fn read_input(section: &Section) -> Result<FisInput, Error> {
+    let set = |(line, shape, numbers): (usize, String, Vec<f64>)| match (shape.as_str(), &numbers[..]) {
+        ("gaussmf", &[sigma, centre]) => Ok(TskSet::Gaussian { centre, sigma }),
+        ("trimf", &[left, peak, right]) => Ok(TskSet::Triangle { left, peak, right }),
+        ("gaussmf" | "trimf", _) => {
+            let wanted = if shape == "gaussmf" { "2 (sigma, centre)" } else { "3 (foot, peak, foot)" };
+            Err(error(line, format!("{shape} has {} numbers, but needs {wanted}", numbers.len())))
+        }
+        _ => Err(error(line, format!("membership '{shape}' is not known; known are gaussmf and trimf"))),
+    };
+    Ok(FisInput {
+        name: section.text("Name")?,
+        range: section.range()?,
+        sets: section.functions(MAX_SETS)?.into_iter().map(set).collect::<Result<_, Error>>()?,
+    })
+}
+
+/// Form of the conclusions, and the numbers of each.
+fn read_output(section: &Section, inputs: usize) -> Result<(Order, Vec<Vec<f64>>), Error> {
+    let functions = section.functions(MAX_CONCLUSIONS)?;
+    let order = match functions[0].1.as_str() {
+        "constant" => Order::Constant,
+        "linear" => Order::First,
+        other => {
+            let message = format!("conclusion '{other}' is not known; known are linear and constant");
+            return Err(error(functions[0].0, message));
+        }
+    };
+    for (line, shape, numbers) in &functions {
+        if *shape != functions[0].1 {
+            let message = format!("conclusion '{shape}' stands among '{}'; use one form", functions[0].1);
+            return Err(error(*line, message));
+        }
+        if numbers.len() != order.width(inputs) {
+            let message = format!("{shape} has {} numbers, but needs {}", numbers.len(), order.width(inputs));
+            return Err(error(*line, message));
+        }
+    }
+    Ok((order, functions.into_iter().map(|(_, _, numbers)| numbers).collect()))
+}
+
+/// The conclusion of each rule of the grid.
+fn read_rules(lines: &[At<&str>], counts: &[usize], functions: usize) -> Result<Vec<usize>, Error> {
+    let mut found: BTreeMap<Vec<usize>, usize> = BTreeMap::new();
+    for (line, text) in lines {
+        let rule = read_rule(*line, text, counts, functions)?;
+        if found.insert(rule.sets, rule.conclusion).is_some() {
+            return Err(error(*line, "these memberships have a rule already"));
+        }
+    }
+    let last = lines.last().map_or(1, |(line, _)| *line);
+    let rules = counts.iter().product();
+    let one = |rule: usize| {
+        let sets = sets_of(rule, counts);
+        found.get(&sets).copied().ok_or_else(|| {
+            let numbers: Vec<String> = sets.iter().map(|set| (set + 1).to_string()).collect();
+            error(
+                last,
+                format!("there is no rule for the memberships {}; a full grid is needed", numbers.join(" ")),
+            )
+        })
+    };
+    (0..rules).map(one).collect()
+}
+
+/// `1 2 3, 6 (1) : 1`: sets, conclusion, weight, and.
+fn read_rule(line: usize, text: &str, counts: &[usize], functions: usize) -> Result<Rule, Error> {
+    let wrong = |what: &str| error(line, format!("rule \"{text}\": {what}"));
+    let (sets, rest) = text.split_once(',').ok_or_else(|| wrong("must be \"sets, conclusion (1) : 1\""))?;
+    let (conclusion, rest) = rest.split_once('(').ok_or_else(|| wrong("has no weight in parentheses"))?;
+    let (weight, connective) = rest.split_once(')').ok_or_else(|| wrong("has no end of the weight"))?;
+    if weight.trim().parse() != Ok(1.0) {
+        return Err(wrong("has a weight other than 1, which this model cannot have"));
+    }
+    let connective = connective.trim().strip_prefix(':').map(str::trim);
+    if connective != Some("1") && counts.len() > 1 {
+        return Err(wrong("must end in \": 1\" (and)"));
+    }
+    let index = |text: &str, most: usize, what: &str| match text.trim().parse::<usize>() {
+        Ok(number) if (1..=most).contains(&number) => Ok(number - 1),
+        _ => Err(wrong(&format!("{what} is \"{}\", but must be 1 to {most}", text.trim()))),
+    };
+    let names: Vec<&str> = sets.split_whitespace().collect();
+    if names.len() != counts.len() {
+        return Err(wrong(&format!(
+            "has {} memberships, but there are {} inputs",
+            names.len(),
+            counts.len()
+        )));
+    }
+    let sets = names
+        .iter()
+        .zip(counts)
+        .map(|(name, most)| index(name, *most, "a membership"))
+        .collect::<Result<_, Error>>()?;
+    Ok(Rule { sets, conclusion: index(conclusion, functions, "the conclusion")? })
+}
+
+/// What is between a pair of quotes of either kind, or the value as it stands.
+fn unquoted(line: usize, value: &str) -> Result<&str, Error> {
+    let inner = match value.chars().next() {
+        Some(quote @ ('\'' | '"')) => value[1..]
+            .strip_suffix(quote)
+            .ok_or_else(|| error(line, format!("{value} has no closing quote")))?,
+        _ => value,
+    };
+    if inner.contains(['\'', '"']) {
+        return Err(error(line, format!("{value} has a quote within")));
+    }
+    Ok(inner)
+}
+
+/// `[1 2.5 -3e-2]`, with blanks or commas between.
+fn numbers(line: usize, list: &str) -> Result<Vec<f64>, Error> {
+    let inner = list.trim().strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+    let inner = inner.ok_or_else(|| error(line, format!("{list} is no list of numbers in brackets")))?;
+    let number = |text: &str| match text.parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(error(line, format!("\"{text}\" is not a finite number"))),
+    };
+    inner.split(|c: char| c == ',' || c.is_whitespace()).filter(|text| !text.is_empty()).map(number).collect()
+}
