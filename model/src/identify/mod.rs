@@ -40,8 +40,11 @@ mod arx;
 mod dataset;
 mod fuzzy_tanh;
 mod law;
+mod lazy;
 pub mod least_squares;
 mod levels;
+mod network;
+mod offsets;
 mod phase;
 mod report;
 mod row_problem;
@@ -51,6 +54,7 @@ mod search;
 mod spec;
 mod tanh_columns;
 mod tsk;
+mod unrolled;
 mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
@@ -64,7 +68,7 @@ pub use velocity::VelocityTrial;
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::{Dependence, ForceModel, Law};
+use crate::force::{Dependence, ForceModel, LAGS, Law, SAVARESI_LAGS};
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::{DriveKind, Run};
 use rayon::prelude::*;
@@ -290,8 +294,29 @@ fn fit(
             let details = report::Details { converged: found.converged, ..Default::default() };
             (ForceModel::Tsk(found.model), found.offsets_n, details)
         }
-        (Structure::Arx | Structure::FuzzyTanh, drive) => {
-            let fitted = arx::fit(datasets, drive, watch)?;
+        (Structure::Boada, drive) => {
+            let fitted = lazy::fit(datasets, drive, options.seed, watch)?;
+            let details = report::Details {
+                restart_rsse_n: fitted.restart_rsse_n,
+                converged: true,
+                ..Default::default()
+            };
+            (ForceModel::Lazy(fitted.model), fitted.offsets_n, details)
+        }
+        (Structure::Network(structure), drive) => {
+            let restarts = options.restarts.div_ceil(network::RESTARTS_PER_RESTART);
+            let fitted = network::fit(datasets, structure, drive, restarts, options.seed, watch)?;
+            let details = report::Details {
+                restart_rsse_n: fitted.restart_rsse_n,
+                warnings: fitted.warnings,
+                converged: true,
+                ..Default::default()
+            };
+            (ForceModel::Network(fitted.model), fitted.offsets_n, details)
+        }
+        (Structure::Arx | Structure::Savaresi | Structure::FuzzyTanh, drive) => {
+            let lags = if spec.structure() == Structure::Savaresi { SAVARESI_LAGS } else { LAGS };
+            let fitted = arx::fit(datasets, lags, drive, watch)?;
             let details = report::Details { rank: Some(fitted.rank), converged: true, ..Default::default() };
             (ForceModel::Arx(fitted.model), fitted.offsets_n, details)
         }

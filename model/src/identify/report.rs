@@ -34,13 +34,17 @@ pub struct Identified {
     pub rank: Option<usize>,
     /// The parameters of a nonlinear fit, with their standard errors.
     pub parameters: Vec<ParameterValue>,
-    /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh). When many come close to
+    /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh); of its free run over
+    /// the held-back rows (networks), or of each choice of metric and neighbours (boada). When many come close to
     /// the first, the minimum is well found.
     pub restart_rsse_n: Vec<f64>,
     /// Parameters that ended on a bound: the data ask for a value that means nothing, or none at all.
     pub active_bounds: Vec<ActiveBound>,
-    /// False when the last fit ran out of evaluations before it converged.
+    /// False when the last fit ran out of evaluations before it converged. Networks end by their held-back rows
+    /// and not by converging: always true.
     pub converged: bool,
+    /// What must be known before the model is used, such as a free run that diverges; whole sentences.
+    pub warnings: Vec<String>,
 }
 
 /// How one training run came out.
@@ -90,6 +94,7 @@ pub(super) struct Details {
     pub(super) restart_rsse_n: Vec<f64>,
     pub(super) active_bounds: Vec<ActiveBound>,
     pub(super) converged: bool,
+    pub(super) warnings: Vec<String>,
 }
 
 impl Details {
@@ -164,6 +169,7 @@ pub(super) fn assemble(
         restart_rsse_n: details.restart_rsse_n,
         active_bounds: details.active_bounds,
         converged: details.converged,
+        warnings: details.warnings,
     }
 }
 

@@ -62,8 +62,8 @@ pub fn record(experiment: &Experiment, plant: &Plant, channels: &Channels, seed:
     record_while(experiment, plant, channels, seed, &mut |_| true).unwrap_or_default()
 }
 
-/// As [`record`], but asks `go_on` once a second of the run, with the seconds done, and gives up with `None`
-/// when it says no.
+/// As [`record`], but asks `go_on` once a second of the run, with the seconds done (0 while the excitation is
+/// made), and gives up with `None` when it says no.
 pub fn record_while(
     experiment: &Experiment,
     plant: &Plant,
@@ -73,7 +73,8 @@ pub fn record_while(
 ) -> Option<Run> {
     let samples = experiment.samples();
     let pattern = experiment.pattern.unwrap_or(seed);
-    let set = experiment.displacement.motion(samples, &mut stream(pattern, Purpose::Displacement));
+    let rng = &mut stream(pattern, Purpose::Displacement);
+    let set = experiment.displacement.motion_while(samples, rng, &mut || go_on(0.0))?;
     let command_a = experiment.current.command_a(samples, &mut stream(pattern, Purpose::Current));
     let (motion, set_point) = match experiment.servo {
         Some(servo) => (servo.follow(&set), Some(set)),

@@ -73,17 +73,28 @@ impl Displacement {
     /// The motion over `samples` samples. The random phases of a road come from `rng`; a sine draws nothing.
     #[must_use]
     pub fn motion(&self, samples: usize, rng: &mut impl Rng) -> Motion {
-        match *self {
-            Self::Road(road) => road.motion(samples, rng),
+        self.motion_while(samples, rng, &mut || true).unwrap_or_default()
+    }
+
+    /// As [`Displacement::motion`], but asks `go_on` once a second of a road's run, and gives up with `None`
+    /// when it says no: a long road takes most of a second to make.
+    pub fn motion_while(
+        &self,
+        samples: usize,
+        rng: &mut impl Rng,
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Option<Motion> {
+        Some(match *self {
+            Self::Road(road) => return road.motion(samples, rng, go_on),
             Self::Sine { amplitude_m, frequency_hz } => {
                 // A quarter turn behind the cosine: starts at zero.
                 let tone = Tone { amplitude_m, frequency_hz, phase_rad: TAU / 4.0 };
-                let mut motion = sum_of(&[tone], samples);
+                let mut motion = sum_of(&[tone], samples, go_on)?;
                 remove_mean(&mut motion.displacement_m);
                 motion
             }
             Self::Wave(wave) => wave.motion(samples, rng),
-        }
+        })
     }
 }
 
@@ -137,7 +148,7 @@ impl Road {
         self.roughness_ft * speed_ft_s.powf(self.exponent - 1.0) / level * M_PER_FT * M_PER_FT
     }
 
-    fn motion(&self, samples: usize, rng: &mut impl Rng) -> Motion {
+    fn motion(&self, samples: usize, rng: &mut impl Rng, go_on: &mut dyn FnMut() -> bool) -> Option<Motion> {
         let step_hz = (self.f_max_hz - self.f_min_hz) / f64::from(self.harmonics);
         let tones: Vec<Tone> = (0..self.harmonics)
             .map(|j| {
@@ -148,7 +159,7 @@ impl Road {
                 Tone { amplitude_m, frequency_hz, phase_rad: TAU * rng.random::<f64>() }
             })
             .collect();
-        let mut motion = sum_of(&tones, samples);
+        let mut motion = sum_of(&tones, samples, go_on)?;
         if let Some(wanted) = self.span_m {
             let span = span(&motion.displacement_m);
             // A run too short to move has no span to scale.
@@ -156,7 +167,7 @@ impl Road {
             motion.displacement_m.iter_mut().chain(&mut motion.velocity_m_s).for_each(|x| *x *= gain);
         }
         remove_mean(&mut motion.displacement_m);
-        motion
+        Some(motion)
     }
 }
 
@@ -168,9 +179,14 @@ struct Tone {
     phase_rad: f64,
 }
 
-/// Sum of harmonics, faded in and out, with its exact derivative.
-fn sum_of(tones: &[Tone], samples: usize) -> Motion {
-    sampled(samples, |t| {
+/// Sum of harmonics, faded in and out, with its exact derivative; `None` when `go_on` said no.
+fn sum_of(tones: &[Tone], samples: usize, go_on: &mut dyn FnMut() -> bool) -> Option<Motion> {
+    let mut going = true;
+    let motion = sampled(samples, |t| {
+        going = going && (t.fract() != 0.0 || go_on());
+        if !going {
+            return (0.0, 0.0);
+        }
         let (mut x, mut v) = (0.0, 0.0);
         for tone in tones {
             let omega = TAU * tone.frequency_hz;
@@ -179,7 +195,8 @@ fn sum_of(tones: &[Tone], samples: usize) -> Motion {
             v -= tone.amplitude_m * omega * sin;
         }
         (x, v)
-    })
+    });
+    going.then_some(motion)
 }
 
 /// Displacement and velocity at each sample's time in seconds, faded in and out. Times come in order.

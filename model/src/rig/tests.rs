@@ -166,7 +166,16 @@ fn a_recording_can_be_given_up() -> Outcome {
         seen.push(done_s);
         done_s < 3.0
     });
+    seen.dedup();
     assert_eq!((run, seen), (None, vec![0.0, 1.0, 2.0, 3.0]));
+    // Also while the road is made.
+    let mut asked = 0;
+    let plant = Plant::default();
+    let run = record_while(&experiment, &plant, &Channels::default(), 1, &mut |_| {
+        asked += 1;
+        asked < 5
+    });
+    assert_eq!((run, asked), (None, 5));
     Ok(())
 }
 
