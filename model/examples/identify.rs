@@ -31,13 +31,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ForceModel::Arx(arx) => {
                 println!("  rank {:?}, poles {:.4?}", found.rank, arx.pole_moduli());
             }
-            ForceModel::Tsk(tsk) => println!("  {} rules", tsk.rules()),
-            ForceModel::Law(law) => println!("  {:?}", law.coefficients()),
             ForceModel::FuzzyTanh(fuzzy) => {
                 for (centre, f) in fuzzy.centres().iter().zip(fuzzy.functions()) {
                     println!("  {centre:.2} A: {f:.4?}");
                 }
             }
+            other => println!("  {} parameters", other.parameter_count()),
         }
     }
     Ok(())

@@ -84,7 +84,7 @@ impl Error {
     pub(crate) fn output_filter_on_force_fed(model: &str) -> Self {
         Self::Data {
             message: format!(
-                "an {model} model takes filter.apply_to = inputs or none, not output: its own output is its input"
+                "the {model} model takes filter.apply_to = inputs or none, not output: its own output is its input"
             ),
         }
     }

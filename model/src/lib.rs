@@ -1,5 +1,6 @@
 //! Force models of magneto-rheological (MR) dampers.
 
+pub mod compare;
 pub mod condition;
 pub mod error;
 pub mod evaluate;

@@ -91,11 +91,17 @@ fn every_law_in_every_form_fits_its_own_force() {
         for &form in Structure::Law(law).forms() {
             let memberships =
                 (form == Form::Fuzzy).then(|| GivenMemberships { centres: vec![0.0, 1.0], sigma: Some(0.4) });
-            let options = Options { memberships, ..options() };
+            // Each row of a law with memory costs a hundred times that of another.
+            let restarts = if law.has_memory() { 4 } else { 12 };
+            let options = Options { memberships, restarts, ..options() };
             let found = find(law, form, made_by(model(law, form), 3, |_| 0.0), &options);
             let fit = found.free_run.expect("runs free");
             assert!(fit.esr < 1e-5, "{} {form:?}: {fit:?}", law.name());
-            assert!((found.model.force.force_offset_n() - 35.0).abs() < 3.0, "{} {form:?}", law.name());
+            // Choi's polynomials have constants of their own, which share the offset with it.
+            if law != Law::Choi {
+                let offset_n = found.model.force.force_offset_n();
+                assert!((offset_n - 35.0).abs() < 3.0, "{} {form:?}: {offset_n}", law.name());
+            }
         }
     }
 }

@@ -31,7 +31,9 @@ enum Command {
     Replay(command::replay::Args),
     Record(command::record::Args),
     Convert(command::convert::Args),
+    Simulate(command::simulate::Args),
     Identify(command::identify::Args),
+    Compare(command::compare::Args),
     Evaluate(command::evaluate::Args),
     Presets(command::presets::Args),
 }
@@ -82,7 +84,9 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Replay(args) => command::replay::run(&args, &around),
         Command::Record(args) => command::record::run(&args, &around),
         Command::Convert(args) => command::convert::run(&args, &around),
+        Command::Simulate(args) => command::simulate::run(&args, &around),
         Command::Identify(args) => command::identify::run(&args, &around),
+        Command::Compare(args) => command::compare::run(&args, &around),
         Command::Evaluate(args) => command::evaluate::run(&args, &around),
         Command::Presets(args) => command::presets::run(&args),
     }

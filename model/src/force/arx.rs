@@ -11,6 +11,12 @@
 //! counts samples of period Ts, so the coefficients hold at one rate only. The semi-active current terms
 //! are inferred from the passive form (the thesis' equation is missing in the source).
 //!
+//! `savaresi` is the same with two lags of each signal (thesis 2.8, after Savaresi et al.):
+//!
+//! ```text
+//! F_k = a1 F_{k-1} + a2 F_{k-2} + a3 x_k + a4 x_{k-1} + a5 v_k + a6 v_{k-1} [ + a7 i_k + a8 i_{k-1} ]
+//! ```
+//!
 //! Fed with measured force the model is a one-step predictor: precise, and blind to what it lacks, because
 //! every effect comes in through the force. Fed with its own output it runs free. The two are never mixed in
 //! a figure. With v the backward difference of x the nine regressors have rank seven: single coefficients
@@ -24,10 +30,14 @@ use nalgebra::Matrix3;
 
 /// Lags of each signal in the regression.
 pub const LAGS: usize = 3;
+/// Lags of each signal in that of `savaresi`.
+pub const SAVARESI_LAGS: usize = 2;
 
 /// The ARX model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arx {
+    /// Lags of each signal; coefficients beyond are zero.
+    lags: usize,
     force: [f64; LAGS],
     displacement_n_m: [f64; LAGS],
     velocity_n_s_m: [f64; LAGS],
@@ -66,6 +76,7 @@ impl Arx {
         let sample_period_s =
             Error::check("sample_period_s", sample_period.get(), "positive and finite", |t| t > 0.0)?;
         Ok(Self {
+            lags: LAGS,
             force,
             displacement_n_m,
             velocity_n_s_m,
@@ -74,6 +85,37 @@ impl Arx {
             force_offset_n,
             resolution: 0.0,
         })
+    }
+
+    /// A `savaresi` model: as [`Arx::new`], with two lags of each signal.
+    ///
+    /// # Errors
+    /// Those of [`Arx::new`].
+    pub fn savaresi(
+        force: [f64; SAVARESI_LAGS],
+        displacement_n_m: [f64; SAVARESI_LAGS],
+        velocity_n_s_m: [f64; SAVARESI_LAGS],
+        drive: Option<(DriveKind, [f64; SAVARESI_LAGS])>,
+        sample_period: Second,
+        force_offset_n: f64,
+    ) -> Result<Self, Error> {
+        let pad = |[a, b]: [f64; SAVARESI_LAGS]| [a, b, 0.0];
+        let drive = drive.map(|(kind, c)| (kind, pad(c)));
+        let (force, x, v) = (pad(force), pad(displacement_n_m), pad(velocity_n_s_m));
+        let arx = Self::new(force, x, v, drive, sample_period, force_offset_n)?;
+        Ok(Self { lags: SAVARESI_LAGS, ..arx })
+    }
+
+    /// The model's name, as in the contract: `arx` with three lags, `savaresi` with two.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        if self.lags == SAVARESI_LAGS { "savaresi" } else { "arx" }
+    }
+
+    /// Lags of each signal: 3, or 2 of `savaresi`, whose third coefficients are zero.
+    #[must_use]
+    pub const fn lags(&self) -> usize {
+        self.lags
     }
 
     /// The same model, its coefficients known only to `resolution` (half a unit of the last printed digit).
@@ -134,13 +176,13 @@ impl Arx {
         self.force_offset_n
     }
 
-    /// 9 for the passive form, 12 for the semi-active one.
+    /// 9 for the passive form, 12 for the semi-active one; 6 and 8 of `savaresi`.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
-        if self.drive.is_some() { 4 * LAGS } else { 3 * LAGS }
+        if self.drive.is_some() { 4 * self.lags } else { 3 * self.lags }
     }
 
-    /// Moduli of the three poles, largest first. The free run is stable when all are below one.
+    /// Moduli of the three poles (of `savaresi` one is zero), largest first. The free run is stable when all are below one.
     #[must_use]
     pub fn pole_moduli(&self) -> [f64; LAGS] {
         let [a1, a2, a3] = self.force;
@@ -157,28 +199,28 @@ impl Arx {
     #[must_use]
     pub fn dc_is_meaningful(&self) -> bool {
         let gap = 1.0 - self.force.iter().sum::<f64>();
-        gap > 3.0 * (LAGS as f64 * self.resolution)
+        gap > 3.0 * (self.lags as f64 * self.resolution)
     }
 
     /// The predicted force in newtons, or `None` while something that the model needs is unknown.
     #[inline]
     #[must_use]
     pub fn predict_n(&self, history: &History) -> Option<f64> {
-        let ready = known(&history.force_n, LAGS)
-            && known(&history.displacement_m, LAGS)
-            && known(&history.velocity_m_s, LAGS)
-            && (self.drive.is_none() || known(&history.drive, LAGS));
+        let ready = known(&history.force_n, self.lags)
+            && known(&history.displacement_m, self.lags)
+            && known(&history.velocity_m_s, self.lags)
+            && (self.drive.is_none() || known(&history.drive, self.lags));
         if !ready {
             return None;
         }
         let mut force = self.force_offset_n;
-        for j in 0..LAGS {
+        for j in 0..self.lags {
             force += self.force[j] * (history.force_n[j] - self.force_offset_n)
                 + self.displacement_n_m[j] * history.displacement_m[j]
                 + self.velocity_n_s_m[j] * history.velocity_m_s[j];
         }
         if let Some((_, coefficients)) = &self.drive {
-            for (coefficient, drive) in coefficients.iter().zip(&history.drive) {
+            for (coefficient, drive) in coefficients[..self.lags].iter().zip(&history.drive) {
                 force += coefficient * drive;
             }
         }

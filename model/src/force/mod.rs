@@ -8,13 +8,21 @@ mod arx;
 mod fuzzy_tanh;
 mod history;
 pub mod law;
+mod lazy;
+mod network;
+mod phase;
 mod sets;
 pub(crate) mod tsk;
 
-pub use arx::{Arx, LAGS};
+pub use arx::{Arx, LAGS, SAVARESI_LAGS};
 pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
 pub use history::{DEPTH, History};
-pub use law::{Dependence, Law, LawModel, LawState};
+pub use law::{Dependence, Law, LawModel, LawState, Sensitivity};
+pub use lazy::{Lazy, LazyMetric, LazyPoint, MAX_NEIGHBOURS, MAX_POINTS, MIN_NEIGHBOURS};
+pub use network::{
+    MAX_NETWORK_HIDDEN, MAX_NETWORK_INPUTS, Network, NetworkScaling, NetworkStructure, Normalisation,
+};
+pub use phase::{CannotRun, ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase, Root};
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 pub use tsk::{
     MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
@@ -35,6 +43,10 @@ pub enum ForceModel {
     Arx(Arx),
     /// Fuzzy sets over the drive, a tanh function under each.
     FuzzyTanh(FuzzyTanh),
+    /// An autoregressive network; can be fed with measured force.
+    Network(Network),
+    /// Recursive lazy learning.
+    Lazy(Lazy),
     /// A law of force whose parameters follow the drive.
     Law(LawModel),
     /// Fuzzy rules on a grid: ANFIS and its relatives.
@@ -68,8 +80,10 @@ impl ForceModel {
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
-            Self::Arx(_) => "arx",
+            Self::Arx(arx) => arx.name(),
+            Self::Network(network) => network.structure().name(),
             Self::FuzzyTanh(_) => "fuzzy-tanh",
+            Self::Lazy(_) => "boada",
             Self::Law(model) => model.law().name(),
             Self::Tsk(model) => model.kind().name(),
         }
@@ -80,6 +94,8 @@ impl ForceModel {
     pub const fn drive(&self) -> Option<DriveKind> {
         match self {
             Self::Arx(arx) => arx.drive(),
+            Self::Network(network) => network.drive(),
+            Self::Lazy(lazy) => lazy.drive(),
             Self::FuzzyTanh(fuzzy) => Some(fuzzy.drive()),
             Self::Law(model) => model.dependence().drive(),
             Self::Tsk(model) => model.drive(),
@@ -91,6 +107,8 @@ impl ForceModel {
     pub const fn parameter_count(&self) -> usize {
         match self {
             Self::Arx(arx) => arx.parameter_count(),
+            Self::Network(network) => network.parameter_count(),
+            Self::Lazy(lazy) => lazy.parameter_count(),
             Self::FuzzyTanh(fuzzy) => fuzzy.parameter_count(),
             Self::Law(model) => model.parameter_count(),
             Self::Tsk(model) => model.parameter_count(),
@@ -102,6 +120,8 @@ impl ForceModel {
     pub const fn force_offset_n(&self) -> f64 {
         match self {
             Self::Arx(arx) => arx.force_offset_n(),
+            Self::Network(network) => network.force_offset_n(),
+            Self::Lazy(lazy) => lazy.force_offset_n(),
             Self::FuzzyTanh(fuzzy) => fuzzy.force_offset_n(),
             Self::Law(model) => model.force_offset_n(),
             Self::Tsk(model) => model.force_offset_n(),
@@ -113,6 +133,8 @@ impl ForceModel {
     pub const fn with_force_offset_n(self, force_offset_n: f64) -> Self {
         match self {
             Self::Arx(arx) => Self::Arx(arx.with_force_offset_n(force_offset_n)),
+            Self::Network(network) => Self::Network(network.with_force_offset_n(force_offset_n)),
+            Self::Lazy(lazy) => Self::Lazy(lazy.with_force_offset_n(force_offset_n)),
             Self::FuzzyTanh(fuzzy) => Self::FuzzyTanh(fuzzy.with_force_offset_n(force_offset_n)),
             Self::Law(model) => Self::Law(model.with_force_offset_n(force_offset_n)),
             Self::Tsk(model) => Self::Tsk(model.with_force_offset_n(force_offset_n)),
@@ -125,7 +147,8 @@ impl ForceModel {
     pub const fn force_fed_period(&self) -> Option<Second> {
         match self {
             Self::Arx(arx) => Some(arx.sample_period()),
-            Self::FuzzyTanh(_) | Self::Law(_) | Self::Tsk(_) => None,
+            Self::Network(network) => Some(network.sample_period()),
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
         }
     }
 
@@ -135,7 +158,7 @@ impl ForceModel {
     pub fn dc_is_meaningful(&self) -> bool {
         match self {
             Self::Arx(arx) => arx.dc_is_meaningful(),
-            Self::FuzzyTanh(_) | Self::Law(_) | Self::Tsk(_) => true,
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Network(_) | Self::Lazy(_) | Self::Tsk(_) => true,
         }
     }
 
@@ -146,7 +169,8 @@ impl ForceModel {
     pub fn predict_n(&self, history: &History) -> Option<f64> {
         match self {
             Self::Arx(arx) => arx.predict_n(history),
-            Self::FuzzyTanh(_) | Self::Law(_) | Self::Tsk(_) => None,
+            Self::Network(network) => network.predict_n(history),
+            Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
         }
     }
 
@@ -158,9 +182,10 @@ impl ForceModel {
             Self::FuzzyTanh(fuzzy) => {
                 Some(fuzzy.force_n(inputs.displacement_m, inputs.velocity_m_s, inputs.drive))
             }
+            Self::Lazy(lazy) => Some(lazy.force_n(inputs.displacement_m, inputs.velocity_m_s, inputs.drive)),
             Self::Law(model) => Some(model.force_n(inputs, &mut state.law)),
             Self::Tsk(model) => Some(model.force_n(inputs)),
-            Self::Arx(_) => {
+            Self::Arx(_) | Self::Network(_) => {
                 state.history.push_inputs(inputs);
                 let predicted = self.predict_n(&state.history);
                 // At rest the damper's force is its offset: the neutral start of a free run.

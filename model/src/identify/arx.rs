@@ -18,7 +18,7 @@ use super::Watch;
 use super::dataset::Dataset;
 use crate::condition::{ApplyTo, VelocitySource};
 use crate::error::Error;
-use crate::force::{Arx, LAGS};
+use crate::force::{Arx, SAVARESI_LAGS};
 use crate::sample::DriveKind;
 use crate::units::Second;
 use nalgebra::{DMatrix, DVector};
@@ -46,18 +46,24 @@ pub(super) struct Fitted {
     pub(super) rank: usize,
 }
 
-/// Fits a passive (`drive` is `None`) or semi-active ARX to `datasets`.
-pub(super) fn fit(datasets: &[Dataset], drive: Option<DriveKind>, watch: &Watch) -> Result<Fitted, Error> {
-    let rate_hz = common_rate(datasets)?;
+/// Fits a passive (`drive` is `None`) or semi-active ARX of `lags` lags (3, or 2: `savaresi`) to `datasets`.
+pub(super) fn fit(
+    datasets: &[Dataset],
+    lags: usize,
+    drive: Option<DriveKind>,
+    watch: &Watch,
+) -> Result<Fitted, Error> {
+    let name = if lags == SAVARESI_LAGS { "savaresi" } else { "arx" };
+    let rate_hz = common_rate(datasets, name)?;
     let period_s = 1.0 / rate_hz;
-    let regression = Regression { period_s, drive: drive.is_some() };
+    let regression = Regression { period_s, lags, drive: drive.is_some() };
     let n = regression.columns();
     let means: Vec<(usize, DVector<f64>)> = datasets.iter().map(|d| regression.means(d)).collect();
     let rows: usize = means.iter().map(|(rows, _)| rows).sum();
     if rows < ROWS_PER_PARAMETER * n {
         return Err(Error::Data {
             message: format!(
-                "{rows} samples with three before them are too few for {n} ARX coefficients ({} are \
+                "{rows} samples with {lags} before them are too few for {n} ARX coefficients ({} are \
                  needed); add runs, or count samples at rest too",
                 ROWS_PER_PARAMETER * n
             ),
@@ -85,7 +91,7 @@ pub(super) fn fit(datasets: &[Dataset], drive: Option<DriveKind>, watch: &Watch)
     }
     let (coefficients, rank) = solve(&triangle, &rounding)?;
 
-    let gap = 1.0 - coefficients.rows(0, LAGS).sum();
+    let gap = 1.0 - coefficients.rows(0, lags).sum();
     let offsets_n: Vec<f64> = datasets
         .iter()
         .zip(&means)
@@ -99,29 +105,38 @@ pub(super) fn fit(datasets: &[Dataset], drive: Option<DriveKind>, watch: &Watch)
         })
         .collect();
 
-    let lags = |from: usize| [coefficients[from], coefficients[from + 1], coefficients[from + 2]];
-    let model = Arx::new(
-        lags(0),
-        lags(LAGS),
-        lags(2 * LAGS),
-        drive.map(|kind| (kind, lags(3 * LAGS))),
-        Second(period_s),
-        super::mean_offset(datasets, &offsets_n),
-    )?;
+    let offset_n = super::mean_offset(datasets, &offsets_n);
+    let model = model(&coefficients, lags, drive, Second(period_s), offset_n)?;
     Ok(Fitted { model, offsets_n, rank })
 }
 
-/// The rate of all datasets.
-fn common_rate(datasets: &[Dataset]) -> Result<f64, Error> {
+/// The model with these coefficients, signal by signal.
+fn model(
+    coefficients: &DVector<f64>,
+    lags: usize,
+    drive: Option<DriveKind>,
+    period: Second,
+    offset_n: f64,
+) -> Result<Arx, Error> {
+    if lags == SAVARESI_LAGS {
+        let of = |signal: usize| std::array::from_fn(|j| coefficients[signal * lags + j]);
+        return Arx::savaresi(of(0), of(1), of(2), drive.map(|kind| (kind, of(3))), period, offset_n);
+    }
+    let of = |signal: usize| std::array::from_fn(|j| coefficients[signal * lags + j]);
+    Arx::new(of(0), of(1), of(2), drive.map(|kind| (kind, of(3))), period, offset_n)
+}
+
+/// The rate of all datasets, for a model called `model` that holds at one rate.
+pub(super) fn common_rate(datasets: &[Dataset], model: &str) -> Result<f64, Error> {
     let first = &datasets[0];
     if first.conditioning.apply_to == ApplyTo::Output {
-        return Err(Error::output_filter_on_force_fed("arx"));
+        return Err(Error::output_filter_on_force_fed(model));
     }
     let off = |d: &&Dataset| (d.rate_hz / first.rate_hz - 1.0).abs() > RATE_TOLERANCE;
     if let Some(other) = datasets.iter().find(off) {
         return Err(Error::Data {
             message: format!(
-                "an arx model holds at one rate, but run {} is at {:.6} Hz and run {} at {:.6} Hz; identify \
+                "the {model} model holds at one rate, but run {} is at {:.6} Hz and run {} at {:.6} Hz; identify \
                  them apart, or ask for a rate of which both are whole multiples",
                 first.name, first.rate_hz, other.name, other.rate_hz
             ),
@@ -133,35 +148,36 @@ fn common_rate(datasets: &[Dataset]) -> Result<f64, Error> {
 /// Which rows there are, and what is in them.
 struct Regression {
     period_s: f64,
+    lags: usize,
     drive: bool,
 }
 
 impl Regression {
     const fn columns(&self) -> usize {
-        if self.drive { 4 * LAGS } else { 3 * LAGS }
+        if self.drive { 4 * self.lags } else { 3 * self.lags }
     }
 
     /// Calls `take` with each complete row: the regressors, and the force behind them.
     fn each(&self, dataset: &Dataset, mut take: impl FnMut(DVector<f64>)) {
         let backward = dataset.conditioning.velocity == VelocitySource::Backward;
         let uniform = |dt_s: f64| (dt_s / self.period_s - 1.0).abs() <= STEP_TOLERANCE;
-        let n = self.columns();
-        for rows in dataset.rows.windows(LAGS + 1).filter(|rows| rows[LAGS].counts) {
+        let (n, lags) = (self.columns(), self.lags);
+        for rows in dataset.rows.windows(lags + 1).filter(|rows| rows[lags].counts) {
             if !rows[1..].iter().all(|row| row.dt_s.is_some_and(uniform)) {
                 continue;
             }
             let mut out = DVector::zeros(n + 1);
-            for lag in 0..LAGS {
-                let row = &rows[LAGS - lag];
+            for lag in 0..lags {
+                let row = &rows[lags - lag];
                 let stretch = if backward { row.dt_s.unwrap_or(self.period_s) / self.period_s } else { 1.0 };
-                out[lag] = rows[LAGS - 1 - lag].force_n;
-                out[LAGS + lag] = row.displacement_m;
-                out[2 * LAGS + lag] = row.velocity_m_s * stretch;
+                out[lag] = rows[lags - 1 - lag].force_n;
+                out[lags + lag] = row.displacement_m;
+                out[2 * lags + lag] = row.velocity_m_s * stretch;
                 if self.drive {
-                    out[3 * LAGS + lag] = row.drive;
+                    out[3 * lags + lag] = row.drive;
                 }
             }
-            out[n] = rows[LAGS].force_n;
+            out[n] = rows[lags].force_n;
             if out.iter().all(|v| v.is_finite()) {
                 take(out);
             }
@@ -181,7 +197,7 @@ impl Regression {
 }
 
 /// Puts `panel` under the triangle and makes it a triangle again.
-fn fold(triangle: &mut DMatrix<f64>, panel: &mut Vec<DVector<f64>>) {
+pub(super) fn fold(triangle: &mut DMatrix<f64>, panel: &mut Vec<DVector<f64>>) {
     if panel.is_empty() {
         return;
     }
@@ -195,7 +211,10 @@ fn fold(triangle: &mut DMatrix<f64>, panel: &mut Vec<DVector<f64>>) {
 
 /// Minimum-norm solution of the triangle's least squares, and the rank. Columns no longer than `rounding` are
 /// zero.
-fn solve(triangle: &DMatrix<f64>, rounding: &DVector<f64>) -> Result<(DVector<f64>, usize), Error> {
+pub(super) fn solve(
+    triangle: &DMatrix<f64>,
+    rounding: &DVector<f64>,
+) -> Result<(DVector<f64>, usize), Error> {
     let n = triangle.ncols() - 1;
     let force = triangle.column(n).into_owned();
     let mut regressors = triangle.columns(0, n).into_owned();

@@ -59,7 +59,8 @@ pub struct Row {
     pub force_n: f64,
     /// Measured force at this stamp as it came, N.
     pub raw_force_n: f64,
-    /// True when the row takes part in fits and figures: force known, filters settled, damper moving.
+    /// True when the row takes part in fits and figures: force and both derivatives known, filters settled,
+    /// damper moving.
     pub counts: bool,
 }
 
@@ -241,7 +242,10 @@ fn mark(rows: &mut [Row], conditioning: &Conditioning, raw_m: Option<&[f64]>) {
     let mut settled_s = 0.0;
     for row in rows.iter_mut() {
         settled_s = row.dt_s.map_or(0.0, |dt| settled_s + dt);
-        row.counts = settled_s >= settling_s && row.force_n.is_finite() && row.velocity_m_s.is_finite();
+        row.counts = settled_s >= settling_s
+            && row.force_n.is_finite()
+            && row.velocity_m_s.is_finite()
+            && row.acceleration_m_s2.is_finite();
     }
     let Some(raw_m) = raw_m else { return };
     let speeds = speeds(rows, raw_m);

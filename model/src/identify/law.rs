@@ -5,6 +5,12 @@
 //! fuzzy        F = sum_s w_s f(p_s)              dF/dp_sj = w_s df/dp_j
 //! ```
 //!
+//! A law with memory carries the derivatives of its hidden variables h along (forward sensitivity):
+//!
+//! ```text
+//! F = f(p, h),   h' = g(p, h):    dF/dc = f_p dp/dc + f_h S,    S' = g_p dp/dc + g_h S,    S = dh/dc
+//! ```
+//!
 //! Bounds and starts come from the law's own table of parameters, in the scales of the data. The constant part
 //! of a parameter obeys its bounds; higher powers may move it across their whole width over the range of the
 //! drive.
@@ -16,7 +22,7 @@ use super::search::{self, Found, Sought};
 use super::tanh_columns::push_weights;
 use super::{Options, Watch};
 use crate::error::Error;
-use crate::force::law::{Kind, MAX_PARAMETERS};
+use crate::force::law::{Hidden, Kind, MAX_HIDDEN, MAX_PARAMETERS, Sensitivity};
 use crate::force::{Dependence, Inputs, Law, LawModel};
 
 /// Share of a gauge parameter's constant that each higher power may add over the range of the drive: its sum
@@ -81,10 +87,71 @@ impl LawColumns {
     fn per_copy(&self) -> usize {
         self.law.parameters().len()
     }
+
+    /// The law's parameters at the drive whose powers are `basis`.
+    #[inline]
+    fn at_drive(&self, natural: &[f64], basis: &[f64]) -> [f64; MAX_PARAMETERS] {
+        let mut p = [0.0; MAX_PARAMETERS];
+        for (copy, power) in natural.chunks_exact(self.per_copy()).zip(basis) {
+            p.iter_mut().zip(copy).for_each(|(p, c)| *p += c * power);
+        }
+        p
+    }
+
+    /// A row of a law with memory. With fuzzy sets each set has hidden variables of its own, which go on
+    /// whether the set has weight or not, as they do in the model.
+    fn row_with_memory(
+        &self,
+        memory: &mut Memory,
+        inputs: &Inputs,
+        basis: &[f64],
+        natural: &[f64],
+        columns: &mut [f64],
+    ) -> f64 {
+        let n = self.per_copy();
+        if !matches!(self.dependence, Dependence::Fuzzy(_)) {
+            let p = self.at_drive(natural, basis);
+            let found = self.law.sensitivity(&p[..n], inputs, &mut memory.hidden[0]);
+            for (copy, power) in basis.iter().enumerate() {
+                let own = copy * n..(copy + 1) * n;
+                carry(&found, *power, &mut memory.slopes[own.clone()], &mut columns[own]);
+            }
+            return found.force_n;
+        }
+        let mut force = 0.0;
+        for (set, &weight) in basis.iter().enumerate() {
+            let own = set * n..(set + 1) * n;
+            let found = self.law.sensitivity(&natural[own.clone()], inputs, &mut memory.hidden[set]);
+            carry(&found, 1.0, &mut memory.slopes[own.clone()], &mut columns[own.clone()]);
+            columns[own].iter_mut().for_each(|column| *column *= weight);
+            force += weight * found.force_n;
+        }
+        force
+    }
+}
+
+/// Hidden variables of each set, and their derivatives by each coefficient.
+pub(super) struct Memory {
+    hidden: Vec<Hidden>,
+    slopes: Vec<[f64; MAX_HIDDEN]>,
+}
+
+/// Takes the derivatives of hidden variables by coefficients (`slopes`) one sample on, and writes those of the
+/// force. The coefficients move the law's parameters by `power` each.
+fn carry(found: &Sensitivity, power: f64, slopes: &mut [[f64; MAX_HIDDEN]], columns: &mut [f64]) {
+    for (j, (slope, column)) in slopes.iter_mut().zip(columns).enumerate() {
+        let through: f64 = found.force_by_hidden.iter().zip(&*slope).map(|(by, s)| by * s).sum();
+        *column = found.force_by_parameter[j] * power + through;
+        let before = *slope;
+        for (h, value) in slope.iter_mut().enumerate() {
+            let through: f64 = found.hidden_by_hidden[h].iter().zip(&before).map(|(by, s)| by * s).sum();
+            *value = found.hidden_by_parameter[h][j] * power + through;
+        }
+    }
 }
 
 impl Columns for LawColumns {
-    type Memory = ();
+    type Memory = Memory;
 
     fn parameters(&self) -> usize {
         self.per_copy() * self.dependence.copies()
@@ -116,11 +183,25 @@ impl Columns for LawColumns {
         parameters.to_vec()
     }
 
-    fn at_rest(&self) {}
+    fn at_rest(&self) -> Memory {
+        let sets = if matches!(self.dependence, Dependence::Fuzzy(_)) { self.dependence.copies() } else { 1 };
+        let coefficients = if self.has_memory() { self.parameters() } else { 0 };
+        Memory { hidden: vec![Hidden::default(); sets], slopes: vec![[0.0; MAX_HIDDEN]; coefficients] }
+    }
 
     #[inline]
-    fn row(&self, (): &mut (), inputs: &Inputs, basis: &[f64], natural: &[f64], columns: &mut [f64]) -> f64 {
+    fn row(
+        &self,
+        memory: &mut Memory,
+        inputs: &Inputs,
+        basis: &[f64],
+        natural: &[f64],
+        columns: &mut [f64],
+    ) -> f64 {
         let n = self.per_copy();
+        if self.has_memory() {
+            return self.row_with_memory(memory, inputs, basis, natural, columns);
+        }
         if matches!(self.dependence, Dependence::Fuzzy(_)) {
             let sets = columns.chunks_exact_mut(n).zip(natural.chunks_exact(n)).zip(basis);
             let mut force = 0.0;
@@ -130,10 +211,8 @@ impl Columns for LawColumns {
             }
             return force;
         }
-        let (mut p, mut gradient) = ([0.0; MAX_PARAMETERS], [0.0; MAX_PARAMETERS]);
-        for (copy, power) in natural.chunks_exact(n).zip(basis) {
-            p.iter_mut().zip(copy).for_each(|(p, c)| *p += c * power);
-        }
+        let p = self.at_drive(natural, basis);
+        let mut gradient = [0.0; MAX_PARAMETERS];
         let force = self.law.gradient(&p[..n], inputs, &mut gradient[..n]);
         for (columns, power) in columns.chunks_exact_mut(n).zip(basis) {
             columns.iter_mut().zip(&gradient).for_each(|(column, g)| *column = g * power);

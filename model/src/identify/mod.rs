@@ -40,27 +40,35 @@ mod arx;
 mod dataset;
 mod fuzzy_tanh;
 mod law;
+mod lazy;
 pub mod least_squares;
 mod levels;
+mod network;
+mod offsets;
+mod phase;
 mod report;
 mod row_problem;
 mod scales;
+mod score;
 mod search;
 mod spec;
 mod tanh_columns;
 mod tsk;
+mod unrolled;
 mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
+pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase};
 pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
+pub use score::{Predicted, Scores, persistence, score, sum_of_free_run, walk};
 pub use spec::{Form, ModelSpec, Structure};
 pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::{Dependence, ForceModel, Law};
+use crate::force::{Dependence, ForceModel, LAGS, Law, SAVARESI_LAGS};
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::{DriveKind, Run};
 use rayon::prelude::*;
@@ -218,7 +226,8 @@ pub fn identify(
     watch: &Watch,
 ) -> Result<Identified, Error> {
     watch.report(Progress::Conditioning { runs: runs.len() as u32 });
-    let drive = check_drives(spec, runs)?;
+    check_options(spec, options)?;
+    let drive = check_drives(spec, runs.iter().map(|run| (run.name.as_str(), run.drive_kind())))?;
     let (conditioning, velocity_trials) = if options.choose_velocity && !spec.feeds_on_force() {
         velocity::choose(runs, options, watch, |datasets| sample_esr(spec, drive, datasets, options, watch))?
     } else {
@@ -227,6 +236,31 @@ pub fn identify(
     let datasets = datasets(runs, &conditioning, options, watch)?;
     let found = fit(spec, drive, &datasets, options, watch)?;
     Ok(Identified { velocity_trials, ..found })
+}
+
+/// Identifies a model from runs that are conditioned already, all alike: rows that many models can share.
+/// `conditioning`, `choose_velocity` and `dataset` of `options` have had their say by then.
+///
+/// # Errors
+/// As [`identify`]; also [`Error::Data`] for runs that are conditioned differently.
+pub fn identify_datasets(
+    spec: ModelSpec,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<Identified, Error> {
+    check_options(spec, options)?;
+    let drive = check_drives(spec, datasets.iter().map(|d| (d.name.as_str(), d.drive)))?;
+    check_rows(datasets)?;
+    if let Some(other) = datasets.iter().find(|d| d.conditioning != datasets[0].conditioning) {
+        return Err(Error::Data {
+            message: format!(
+                "runs {} and {} are conditioned differently: a model holds for one conditioning",
+                datasets[0].name, other.name
+            ),
+        });
+    }
+    fit(spec, drive, datasets, options, watch)
 }
 
 /// Fits a model to conditioned runs.
@@ -260,8 +294,29 @@ fn fit(
             let details = report::Details { converged: found.converged, ..Default::default() };
             (ForceModel::Tsk(found.model), found.offsets_n, details)
         }
-        (Structure::Arx | Structure::FuzzyTanh, drive) => {
-            let fitted = arx::fit(datasets, drive, watch)?;
+        (Structure::Boada, drive) => {
+            let fitted = lazy::fit(datasets, drive, options.seed, watch)?;
+            let details = report::Details {
+                restart_rsse_n: fitted.restart_rsse_n,
+                converged: true,
+                ..Default::default()
+            };
+            (ForceModel::Lazy(fitted.model), fitted.offsets_n, details)
+        }
+        (Structure::Network(structure), drive) => {
+            let restarts = options.restarts.div_ceil(network::RESTARTS_PER_RESTART);
+            let fitted = network::fit(datasets, structure, drive, restarts, options.seed, watch)?;
+            let details = report::Details {
+                restart_rsse_n: fitted.restart_rsse_n,
+                warnings: fitted.warnings,
+                converged: true,
+                ..Default::default()
+            };
+            (ForceModel::Network(fitted.model), fitted.offsets_n, details)
+        }
+        (Structure::Arx | Structure::Savaresi | Structure::FuzzyTanh, drive) => {
+            let lags = if spec.structure() == Structure::Savaresi { SAVARESI_LAGS } else { LAGS };
+            let fitted = arx::fit(datasets, lags, drive, watch)?;
             let details = report::Details { rank: Some(fitted.rank), converged: true, ..Default::default() };
             (ForceModel::Arx(fitted.model), fitted.offsets_n, details)
         }
@@ -269,6 +324,23 @@ fn fit(
     let (force, offsets_n, details) = found;
     let model = model(force, datasets[0].conditioning, datasets);
     Ok(report::assemble(model, datasets, &offsets_n, details))
+}
+
+/// Refuses settings that mean nothing, or that the structure would ignore.
+fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
+    Error::check("degree", options.degree as f64, "1 to 4", |d| (1.0..=4.0).contains(&d))?;
+    if let Loss::Huber { threshold_n } = options.loss {
+        Error::check("huber", threshold_n, "positive and finite", |t| t > 0.0)?;
+        if !matches!(spec.structure(), Structure::FuzzyTanh | Structure::Law(_)) {
+            return Err(Error::Data {
+                message: format!(
+                    "{} is fitted by squares alone; leave Huber's loss out",
+                    spec.structure().name()
+                ),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// How well a model of this kind can do on `datasets`: mean ESR of the runs after a few restarts.
@@ -346,16 +418,22 @@ fn datasets(
     // In parallel, yet the error that is reported is the first run's.
     let results: Vec<Result<Dataset, Error>> = runs.par_iter().map(one).collect();
     let datasets = results.into_iter().collect::<Result<Vec<Dataset>, Error>>()?;
-    if let Some(still) = datasets.iter().find(|d| d.counted() == 0) {
-        return Err(Error::Data {
+    check_rows(&datasets)?;
+    Ok(datasets)
+}
+
+/// Refuses runs without a row that counts.
+fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
+    match datasets.iter().find(|d| d.counted() == 0) {
+        None => Ok(()),
+        Some(still) => Err(Error::Data {
             message: format!(
                 "run {}: no sample counts: it is too short for the filter to settle, or force and \
                  displacement do not overlap in time",
                 still.name
             ),
-        });
+        }),
     }
-    Ok(datasets)
 }
 
 /// Membership functions as given, or from the drive of the rows that count.
@@ -381,31 +459,35 @@ fn model(force: ForceModel, conditioning: Conditioning, datasets: &[Dataset]) ->
     }
 }
 
-/// The kind of drive that the model gets from the runs; `None` for a passive model.
-fn check_drives(spec: ModelSpec, runs: &[Run]) -> Result<Option<DriveKind>, Error> {
-    let Some(first) = runs.first() else {
+/// The kind of drive that the model gets from the runs, each by its name and drive; `None` for a passive model.
+fn check_drives<'a>(
+    spec: ModelSpec,
+    runs: impl Iterator<Item = (&'a str, Option<DriveKind>)>,
+) -> Result<Option<DriveKind>, Error> {
+    let mut runs = runs.peekable();
+    if runs.peek().is_none() {
         return Err(Error::Data { message: "there are no runs to identify from".to_owned() });
-    };
+    }
     if !spec.wants_drive() {
         return Ok(None);
     }
-    let missing = |run: &Run| Error::MissingChannel {
-        run: run.name.clone(),
-        channel: "current_a or command_v",
-        needed_by: "the model".to_owned(),
-    };
-    let wanted = first.drive_kind().ok_or_else(|| missing(first))?;
-    for run in runs {
-        let found = run.drive_kind().ok_or_else(|| missing(run))?;
+    let mut wanted: Option<DriveKind> = None;
+    for (name, drive) in runs {
+        let found = drive.ok_or_else(|| Error::MissingChannel {
+            run: name.to_owned(),
+            channel: "current_a or command_v",
+            needed_by: "the model".to_owned(),
+        })?;
+        let wanted = *wanted.get_or_insert(found);
         if found != wanted {
             return Err(Error::WrongDrive {
-                run: run.name.clone(),
+                run: name.to_owned(),
                 found: found.name(),
                 wanted: wanted.name(),
             });
         }
     }
-    Ok(Some(wanted))
+    Ok(wanted)
 }
 
 /// Mean of the runs' offsets, weighted by the rows that count, N.

@@ -1,13 +1,14 @@
 //! What an identification found, and how well it fits the runs it was found on.
 
-use super::dataset::{Dataset, Row};
+use super::dataset::Dataset;
 use super::levels::Memberships;
+use super::score::{sound, walk};
 use super::search::Found;
 use super::velocity::VelocityTrial;
-use crate::condition::{ApplyTo, LowPassState};
-use crate::force::{ForceModel, FreeRun, History, Inputs};
+use crate::force::ForceModel;
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::{Expected, Model};
+use std::ops::ControlFlow;
 
 /// An identified model.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,13 +34,17 @@ pub struct Identified {
     pub rank: Option<usize>,
     /// The parameters of a nonlinear fit, with their standard errors.
     pub parameters: Vec<ParameterValue>,
-    /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh). When many come close to
+    /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh); of its free run over
+    /// the held-back rows (networks), or of each choice of metric and neighbours (boada). When many come close to
     /// the first, the minimum is well found.
     pub restart_rsse_n: Vec<f64>,
     /// Parameters that ended on a bound: the data ask for a value that means nothing, or none at all.
     pub active_bounds: Vec<ActiveBound>,
-    /// False when the last fit ran out of evaluations before it converged.
+    /// False when the last fit ran out of evaluations before it converged. Networks end by their held-back rows
+    /// and not by converging: always true.
     pub converged: bool,
+    /// What must be known before the model is used, such as a free run that diverges; whole sentences.
+    pub warnings: Vec<String>,
 }
 
 /// How one training run came out.
@@ -89,6 +94,7 @@ pub(super) struct Details {
     pub(super) restart_rsse_n: Vec<f64>,
     pub(super) active_bounds: Vec<ActiveBound>,
     pub(super) converged: bool,
+    pub(super) warnings: Vec<String>,
 }
 
 impl Details {
@@ -163,51 +169,27 @@ pub(super) fn assemble(
         restart_rsse_n: details.restart_rsse_n,
         active_bounds: details.active_bounds,
         converged: details.converged,
+        warnings: details.warnings,
     }
-}
-
-/// The figures, unless the sum ran off.
-fn sound(sum: &ErrorSum) -> Option<Fit> {
-    sum.fit().filter(|fit| fit.rsse_n.is_finite())
 }
 
 /// Runs `force` over the rows, free and one step ahead, and adds the errors of those that count to each of
 /// `sums`.
 fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
-    let filter = dataset.conditioning.low_pass();
-    let filters_output = dataset.conditioning.apply_to == ApplyTo::Output;
-    let (mut free, mut output, mut history) = (FreeRun::default(), None, History::default());
     let mut last_force_n = f64::NAN;
-    for row in &dataset.rows {
+    let done = walk(force, dataset, |row, predicted| {
         if row.dt_s.is_none() {
-            (free, output, history, last_force_n) = (FreeRun::default(), None, History::default(), f64::NAN);
+            last_force_n = f64::NAN;
         }
-        let inputs = row.inputs();
-        let driven = force.drive().is_none() || row.drive.is_finite();
-        let mut free_n =
-            if driven { force.free_run(&mut free, &inputs).filter(|f| f.is_finite()) } else { None };
-        if let (Some(raw), true) = (free_n, filters_output) {
-            let fresh = output.is_none();
-            let state = output.get_or_insert_with(LowPassState::default);
-            free_n = Some(filter.step(state, row.dt_s.filter(|_| !fresh), raw));
-        }
-        let stepped_n = one_step(force, &mut history, row, &inputs);
         if row.counts {
             for errors in sums.iter_mut() {
-                errors.free_run.add(row.force_n, free_n.unwrap_or(f64::NAN));
-                errors.one_step.add(row.force_n, stepped_n);
+                errors.free_run.add(row.force_n, predicted.free_run_n);
+                errors.one_step.add(row.force_n, predicted.one_step_n);
                 errors.persistence.add(row.force_n, last_force_n);
             }
         }
         last_force_n = row.force_n;
-    }
-}
-
-/// Prediction from the measured forces before this row, N; NaN while there are none, or for a model without
-/// them.
-fn one_step(force: &ForceModel, history: &mut History, row: &Row, inputs: &Inputs) -> f64 {
-    history.push_inputs(inputs);
-    let predicted_n = force.predict_n(history).unwrap_or(f64::NAN);
-    history.push_force(row.force_n);
-    predicted_n
+        ControlFlow::Continue(())
+    });
+    debug_assert!(done.is_continue(), "nothing ends the walk early");
 }

@@ -1,7 +1,7 @@
 //! Which model to identify: a structure by its name in the contract, and the form in which the drive enters.
 
 use crate::error::Error;
-use crate::force::{Law, TskKind};
+use crate::force::{Law, NetworkStructure, TskKind};
 use crate::preset::edit_distance;
 
 /// A structure of the thesis or of the literature that it reviews.
@@ -9,8 +9,14 @@ use crate::preset::edit_distance;
 pub enum Structure {
     /// Auto-regression with exogenous inputs (thesis 4.3, 4.4).
     Arx,
+    /// The same with two lags of each signal (thesis 2.8).
+    Savaresi,
     /// Fuzzy sets over the drive, a tanh function under each (thesis 4.8).
     FuzzyTanh,
+    /// Recursive lazy learning.
+    Boada,
+    /// An autoregressive network.
+    Network(NetworkStructure),
     /// A law of force.
     Law(Law),
     /// Fuzzy rules on a grid: ANFIS and its relatives.
@@ -39,7 +45,8 @@ impl Structure {
     /// All structures, in the order of the contract.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let mut all = vec![Self::Arx, Self::FuzzyTanh];
+        let mut all = vec![Self::Arx, Self::Savaresi, Self::FuzzyTanh, Self::Boada];
+        all.extend(NetworkStructure::ALL.map(Self::Network));
         all.extend(Law::ALL.map(Self::Law));
         all.extend(TskKind::ALL.map(Self::Tsk));
         all
@@ -50,7 +57,10 @@ impl Structure {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Arx => "arx",
+            Self::Savaresi => "savaresi",
             Self::FuzzyTanh => "fuzzy-tanh",
+            Self::Boada => "boada",
+            Self::Network(network) => network.name(),
             Self::Law(law) => law.name(),
             Self::Tsk(kind) => kind.name(),
         }
@@ -60,11 +70,12 @@ impl Structure {
     #[must_use]
     pub const fn forms(self) -> &'static [Form] {
         match self {
-            Self::Arx | Self::Tsk(_) => &[Form::Passive, Form::SemiActive],
+            Self::Arx | Self::Savaresi | Self::Boada | Self::Network(_) | Self::Tsk(_) => {
+                &[Form::Passive, Form::SemiActive]
+            }
             Self::FuzzyTanh => &[Form::SemiActive],
             // Fuzzy sets over the tanh function are the fuzzy-tanh model.
             Self::Law(Law::Sp) => &[Form::Passive, Form::SemiActive],
-            #[allow(unreachable_patterns)]
             Self::Law(_) => &[Form::Passive, Form::SemiActive, Form::Fuzzy],
         }
     }
@@ -152,7 +163,7 @@ impl ModelSpec {
     /// True when the model predicts from measured force (and so holds at one rate).
     #[must_use]
     pub const fn feeds_on_force(self) -> bool {
-        matches!(self.structure, Structure::Arx)
+        matches!(self.structure, Structure::Arx | Structure::Savaresi | Structure::Network(_))
     }
 
     /// True when the model takes a drive.

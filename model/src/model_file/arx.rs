@@ -1,8 +1,8 @@
-//! Parameters of an ARX model in a model file.
+//! Parameters of an ARX model in a model file, `arx` or `savaresi`: three or two coefficients a signal.
 
 use super::{drive_error, table_into};
 use crate::error::Error;
-use crate::force::{Arx, LAGS};
+use crate::force::{Arx, LAGS, SAVARESI_LAGS};
 use crate::sample::DriveKind;
 use crate::units::Second;
 use serde::{Deserialize, Serialize};
@@ -15,18 +15,18 @@ pub(super) struct Parameters {
     /// Half a unit of the last digit when the coefficients were copied from print; absent when they are exact.
     #[serde(default, skip_serializing_if = "is_zero")]
     coefficient_resolution: f64,
-    /// a1..a3.
-    force_lags: [f64; LAGS],
-    /// a4..a6.
-    displacement_lags_n_m: [f64; LAGS],
-    /// a7..a9.
-    velocity_lags_n_s_m: [f64; LAGS],
-    /// a10..a12 on current.
+    /// Those of F_{k-1}, F_{k-2}, ...
+    force_lags: Vec<f64>,
+    /// Those of x_k, x_{k-1}, ...
+    displacement_lags_n_m: Vec<f64>,
+    /// Those of v_k, v_{k-1}, ...
+    velocity_lags_n_s_m: Vec<f64>,
+    /// Those of i_k, i_{k-1}, ... when i is a current.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    current_lags_n_a: Option<[f64; LAGS]>,
-    /// a10..a12 on command voltage.
+    current_lags_n_a: Option<Vec<f64>>,
+    /// The same when it is a command voltage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    voltage_lags_n_v: Option<[f64; LAGS]>,
+    voltage_lags_n_v: Option<Vec<f64>>,
 }
 
 /// The keys, for "did you mean".
@@ -48,23 +48,24 @@ fn is_zero(value: &f64) -> bool {
 
 impl Parameters {
     pub(super) fn of(arx: &Arx) -> Self {
-        let lags = |kind| arx.drive_lags().filter(|(k, _)| *k == kind).map(|(_, lags)| lags);
+        let list = |lags: [f64; LAGS]| lags[..arx.lags()].to_vec();
+        let drive = |kind| arx.drive_lags().filter(|(k, _)| *k == kind).map(|(_, lags)| list(lags));
         Self {
             sample_period_s: arx.sample_period().get(),
             force_offset_n: arx.force_offset_n(),
             coefficient_resolution: arx.resolution(),
-            force_lags: arx.force_lags(),
-            displacement_lags_n_m: arx.displacement_lags_n_m(),
-            velocity_lags_n_s_m: arx.velocity_lags_n_s_m(),
-            current_lags_n_a: lags(DriveKind::CoilCurrent),
-            voltage_lags_n_v: lags(DriveKind::CommandVoltage),
+            force_lags: list(arx.force_lags()),
+            displacement_lags_n_m: list(arx.displacement_lags_n_m()),
+            velocity_lags_n_s_m: list(arx.velocity_lags_n_s_m()),
+            current_lags_n_a: drive(DriveKind::CoilCurrent),
+            voltage_lags_n_v: drive(DriveKind::CommandVoltage),
         }
     }
 }
 
-pub(super) fn read(drive: Option<DriveKind>, table: &toml::Table) -> Result<Arx, Error> {
+pub(super) fn read(lags: usize, drive: Option<DriveKind>, table: &toml::Table) -> Result<Arx, Error> {
     let p: Parameters = table_into("parameters", table.clone(), &KEYS)?;
-    let lags = match (drive, p.current_lags_n_a, p.voltage_lags_n_v) {
+    let driven = match (drive, p.current_lags_n_a, p.voltage_lags_n_v) {
         (None, None, None) => None,
         (Some(kind @ DriveKind::CoilCurrent), Some(lags), None)
         | (Some(kind @ DriveKind::CommandVoltage), None, Some(lags)) => Some((kind, lags)),
@@ -79,13 +80,37 @@ pub(super) fn read(drive: Option<DriveKind>, table: &toml::Table) -> Result<Arx,
     };
     let resolution =
         Error::check("coefficient_resolution", p.coefficient_resolution, "zero or positive", |r| r >= 0.0)?;
-    Arx::new(
-        p.force_lags,
-        p.displacement_lags_n_m,
-        p.velocity_lags_n_s_m,
-        lags,
-        Second(p.sample_period_s),
-        p.force_offset_n,
-    )
-    .map(|arx| arx.with_resolution(resolution))
+    let period = Second(p.sample_period_s);
+    let (force, x, v) = (&p.force_lags, &p.displacement_lags_n_m, &p.velocity_lags_n_s_m);
+    let arx = if lags == SAVARESI_LAGS {
+        let driven = driven.map(|(kind, list)| Ok((kind, coefficients("drive lags", &list)?))).transpose()?;
+        Arx::savaresi(
+            coefficients("force_lags", force)?,
+            coefficients("displacement_lags_n_m", x)?,
+            coefficients("velocity_lags_n_s_m", v)?,
+            driven,
+            period,
+            p.force_offset_n,
+        )?
+    } else {
+        let driven = driven.map(|(kind, list)| Ok((kind, coefficients("drive lags", &list)?))).transpose()?;
+        Arx::new(
+            coefficients("force_lags", force)?,
+            coefficients("displacement_lags_n_m", x)?,
+            coefficients("velocity_lags_n_s_m", v)?,
+            driven,
+            period,
+            p.force_offset_n,
+        )?
+    };
+    Ok(arx.with_resolution(resolution))
+}
+
+/// The list as so many coefficients.
+fn coefficients<const N: usize>(name: &str, list: &[f64]) -> Result<[f64; N], Error> {
+    list.try_into().map_err(|_| Error::Length {
+        name: format!("parameters.{name}"),
+        found: list.len(),
+        expected: N.to_string(),
+    })
 }

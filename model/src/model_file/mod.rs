@@ -18,12 +18,14 @@
 mod arx;
 mod fuzzy_tanh;
 mod law;
+mod lazy;
 mod memberships;
+mod network;
 mod tsk;
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::{ForceModel, Law, TskKind};
+use crate::force::{ForceModel, LAGS, Law, NetworkStructure, SAVARESI_LAGS, TskKind};
 use crate::metrics::Fit;
 use crate::model::{Envelope, Expected, Model};
 use crate::preset::edit_distance;
@@ -99,6 +101,8 @@ enum Parameters {
     Arx(arx::Parameters),
     FuzzyTanh(fuzzy_tanh::Parameters),
     Law(law::Parameters),
+    Lazy(lazy::Parameters),
+    Network(network::Parameters),
     Tsk(tsk::Parameters),
 }
 
@@ -108,6 +112,8 @@ impl Parameters {
             ForceModel::Arx(model) => Self::Arx(arx::Parameters::of(model)),
             ForceModel::FuzzyTanh(model) => Self::FuzzyTanh(fuzzy_tanh::Parameters::of(model)),
             ForceModel::Law(model) => Self::Law(law::Parameters::of(model)),
+            ForceModel::Lazy(model) => Self::Lazy(lazy::Parameters::of(model)),
+            ForceModel::Network(model) => Self::Network(network::Parameters::of(model)),
             ForceModel::Tsk(model) => Self::Tsk(tsk::Parameters::of(model)),
         }
     }
@@ -186,12 +192,17 @@ impl ModelFile {
             )));
         }
         let force = match read.model.as_str() {
-            "arx" => ForceModel::Arx(arx::read(read.drive, &read.parameters)?),
+            "arx" => ForceModel::Arx(arx::read(LAGS, read.drive, &read.parameters)?),
+            "savaresi" => ForceModel::Arx(arx::read(SAVARESI_LAGS, read.drive, &read.parameters)?),
             "fuzzy-tanh" => ForceModel::FuzzyTanh(fuzzy_tanh::read(read.drive, &read.parameters)?),
-            name => match (Law::named(name), TskKind::from_name(name)) {
-                (Some(law), _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
-                (_, Some(kind)) => ForceModel::Tsk(tsk::read(kind, read.drive, &read.parameters)?),
-                (None, None) => return Err(unknown_model(name)),
+            "boada" => ForceModel::Lazy(lazy::read(read.drive, &read.parameters)?),
+            name => match (Law::named(name), TskKind::from_name(name), NetworkStructure::named(name)) {
+                (Some(law), _, _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
+                (_, Some(kind), _) => ForceModel::Tsk(tsk::read(kind, read.drive, &read.parameters)?),
+                (_, _, Some(structure)) => {
+                    ForceModel::Network(network::read(structure, read.drive, &read.parameters)?)
+                }
+                (None, None, None) => return Err(unknown_model(name)),
             },
         };
         let mut table = read.conditioning;
@@ -210,8 +221,9 @@ impl ModelFile {
 }
 
 fn unknown_model(name: &str) -> Error {
-    let mut known = vec!["arx", "fuzzy-tanh"];
+    let mut known = vec!["arx", "savaresi", "fuzzy-tanh", "boada"];
     known.extend(Law::ALL.map(Law::name));
+    known.extend(NetworkStructure::ALL.map(NetworkStructure::name));
     known.extend(TskKind::ALL.map(TskKind::name));
     file_error(format!("model is \"{name}\"; known are {}", known.join(", ")))
 }

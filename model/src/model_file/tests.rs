@@ -1,7 +1,9 @@
 //! Files in and out, and what is said of broken ones.
 
 use super::*;
+use crate::force::{Arx, Lazy, LazyMetric, LazyPoint, Network, NetworkScaling, Normalisation};
 use crate::preset;
+use crate::units::Second;
 
 fn file(name: &str) -> ModelFile {
     ModelFile { model: preset::load(name).expect("preset"), provenance: Provenance::default() }
@@ -53,4 +55,82 @@ fn other_errors_name_the_key() {
     }
     let message = error_of("schema = ");
     assert!(message.contains("line 1"), "{message}");
+}
+
+/// A file with `force` in place of the preset's model.
+fn file_of(force: ForceModel) -> ModelFile {
+    let preset = file("thesis/fuzzy-tanh/rp3-cs");
+    ModelFile { model: Model { force, ..preset.model }, ..preset }
+}
+
+fn networks() -> Vec<ForceModel> {
+    let mut all = Vec::new();
+    for structure in NetworkStructure::ALL {
+        for drive in [None, Some(DriveKind::CoilCurrent), Some(DriveKind::CommandVoltage)] {
+            let weights: Vec<f64> =
+                (0..structure.weights(drive.is_some())).map(|k| f64::from(k as u32).sin() / 3.0).collect();
+            let scaling = NetworkScaling {
+                displacement_m: Normalisation { mean: 1e-4, deviation: 0.006 },
+                velocity_m_s: Normalisation { mean: -0.002, deviation: 0.07 },
+                drive: drive.map(|kind| (kind, Normalisation { mean: 0.9, deviation: 0.6 })),
+                force_deviation_n: 410.0,
+            };
+            let network = Network::new(structure, scaling, &weights, Second(1.0 / 512.0), 31.0);
+            all.push(ForceModel::Network(network.expect("a network")));
+        }
+    }
+    all
+}
+
+fn lazies() -> Vec<ForceModel> {
+    let point = |k: u32| LazyPoint {
+        displacement_m: 0.01 * f64::from(k).sin(),
+        velocity_m_s: 0.2 * f64::from(7 * k).cos(),
+        drive: 0.0,
+        force_n: 300.0 * f64::from(3 * k).sin(),
+    };
+    let of = |drive: Option<DriveKind>| {
+        let drive_scale = drive.map(|kind| (kind, 0.7));
+        let points: Vec<LazyPoint> = (0..40)
+            .map(|k| LazyPoint { drive: drive.map_or(0.0, |_| f64::from(k % 5) * 0.4), ..point(k) })
+            .collect();
+        let metric = LazyMetric { displacement_scale_m: 0.01, velocity_scale_m_s: 0.1, drive_scale };
+        ForceModel::Lazy(Lazy::new(metric, [6, 24], &points, 12.5).expect("a model"))
+    };
+    vec![of(None), of(Some(DriveKind::CoilCurrent)), of(Some(DriveKind::CommandVoltage))]
+}
+
+#[test]
+fn models_that_learn_from_data_survive_the_file_bit_for_bit() {
+    let savaresi = |drive| {
+        Arx::savaresi([1.6, -0.7], [4e3, -3e3], [250.0, 80.0], drive, Second(0.002), 9.0).expect("a model")
+    };
+    let arx = [None, Some((DriveKind::CoilCurrent, [30.0, -4.0]))].map(|d| ForceModel::Arx(savaresi(d)));
+    for force in networks().into_iter().chain(lazies()).chain(arx) {
+        let written = file_of(force);
+        let text = written.to_toml().expect("writes");
+        let read = ModelFile::from_toml(&text).unwrap_or_else(|e| panic!("{}: {e}\n{text}", force.name()));
+        assert!(read == written, "{}", force.name());
+    }
+}
+
+#[test]
+fn a_broken_network_or_memory_is_refused_by_name() {
+    let text = |force: ForceModel| file_of(force).to_toml().expect("writes");
+    let (network, lazy) = (text(networks()[1]), text(lazies()[1]));
+    for (text, from, to, expected) in [
+        (&network, "force_deviation_n = 410.0", "force_deviation_n = 0.0", "force_deviation_n is 0"),
+        (&network, "force_deviation_n", "force_deviation_lbf", "did you mean force_deviation_n?"),
+        (&network, "hidden_biases = [", "hidden_biases = [0.0, ", "hidden_biases has 16 values"),
+        (&network, "hidden_weights = [[", "hidden_weights = [[0.0, ", "hidden_weights[0] has 21 values"),
+        (&network, "current_mean_a", "voltage_mean_v", "current_mean_a and current_deviation_a"),
+        (&network, "drive = \"current_a\"\n", "", "drive is absent"),
+        (&lazy, "neighbours = [6, 24]", "neighbours = [6, 60]", "neighbours[1] is 60"),
+        (&lazy, "points_force_n = [", "points_force_n = [0.0, ", "points_force_n has 41 values"),
+        (&lazy, "current_scale_a", "voltage_scale_v", "current_scale_a and points_current_a"),
+    ] {
+        assert!(text.contains(from), "the test must change the file: {from}");
+        let message = error_of(&text.replacen(from, to, 1));
+        assert!(message.contains(expected), "{to}: {message}");
+    }
 }

@@ -13,11 +13,6 @@ const RESOLUTION: f64 = 0.0005;
 /// Sample rate of the thesis' rig, Hz.
 const RATE_HZ: f64 = 512.0;
 
-/// One-step RSSE of each row on its own training data, lbf (table 4.1).
-const PASSIVE_RSSE_LBF: [f64; 8] = [11.19, 9.87, 11.02, 10.47, 11.42, 0.84, 1.28, 1.24];
-/// The same for the semi-active form (table 4.2).
-const SEMI_ACTIVE_RSSE_LBF: [f64; 8] = [11.18, 9.86, 11.02, 10.46, 11.40, 0.84, 1.22, 1.09];
-
 #[rustfmt::skip]
 const PASSIVE: [[f64; 9]; 8] = [
     [1.308, -0.543, 0.198, 38.484, -0.447, -49.072, 8.956, -4.039, -3.938], // RP-ICPS
@@ -42,17 +37,17 @@ const SEMI_ACTIVE: [[f64; 12]; 8] = [
     [2.248, -1.639, 0.389, 679.039, -1037.871, 358.646, -18.202, 31.743, -14.151, 533.283, -1058.675, 525.392], // RP3-CS
 ];
 
-/// The passive model of experiment number `row` and its one-step RSSE in newtons.
-pub(super) fn passive(row: usize) -> Option<(Arx, f64)> {
+/// The passive model of experiment number `row`.
+pub(super) fn passive(row: usize) -> Option<Arx> {
     let c = PASSIVE.get(row)?;
-    Some((build(c[..9].try_into().ok()?, None)?, PASSIVE_RSSE_LBF[row] * N_PER_LBF))
+    build(c[..9].try_into().ok()?, None)
 }
 
-/// The semi-active model of experiment number `row` and its one-step RSSE in newtons.
-pub(super) fn semi_active(row: usize) -> Option<(Arx, f64)> {
+/// The semi-active model of experiment number `row`.
+pub(super) fn semi_active(row: usize) -> Option<Arx> {
     let c = SEMI_ACTIVE.get(row)?;
     let drive = [c[9], c[10], c[11]].map(|a| a * N_PER_LBF);
-    Some((build(c[..9].try_into().ok()?, Some(drive))?, SEMI_ACTIVE_RSSE_LBF[row] * N_PER_LBF))
+    build(c[..9].try_into().ok()?, Some(drive))
 }
 
 fn build(c: [f64; 9], drive: Option<[f64; LAGS]>) -> Option<Arx> {

@@ -1,9 +1,13 @@
 //! The thesis' published models, by name.
 //!
 //! - `thesis/arx-passive/<experiment>` and `thesis/arx-semi-active/<experiment>`: 16 ARX rows
+//! - `thesis/sp-passive/<experiment>` and `thesis/sp-semi-active/<experiment>`: 16 tanh laws
 //! - `thesis/fuzzy-tanh/<rp1-cs|rp2-cs|rp3-cs>`: three current-fuzzy tanh models
 //! - `thesis/fuzzy-tanh/<set>/<level>a`: one of their 21 functions alone, e.g. `thesis/fuzzy-tanh/rp3-cs/1.2a`
 //! - `thesis/anfis/<experiment>`: eight ANFIS models of 27 rules
+//!
+//! The 16 phase-transition relations (`thesis/p-passive/...`, `thesis/p-semi-active/...`) cannot run, and are
+//! had by [`phase`] alone. [`published`] holds the error figures that the thesis prints.
 //!
 //! All were identified at 512 Hz on displacement that had passed two poles at 20 Hz, velocity being the
 //! backward difference. They describe one damper (an ACDelco MagneRide unit, 0 to 2.5 A, up to about
@@ -12,14 +16,19 @@
 mod anfis_rows;
 mod arx_rows;
 mod fuzzy_rows;
+mod p_rows;
+pub mod published;
+mod sp_rows;
 
 pub use fuzzy_rows::{CENTRES_A, SIGMA_A};
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::{ForceModel, FuzzyTanh, Membership};
+use crate::force::{ForceModel, FuzzyTanh, Membership, Phase};
+use crate::identify::Form;
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::DriveKind;
+use crate::units::N_PER_LBF;
 
 /// The thesis' experiments, in the order of its tables, in lower case as preset names have them.
 pub const EXPERIMENTS: [&str; 8] =
@@ -40,8 +49,8 @@ pub const BEST_ANFIS: &str = "thesis/anfis/rp1-cs";
 /// Names of all presets.
 #[must_use]
 pub fn names() -> Vec<String> {
-    let mut names = Vec::with_capacity(40);
-    for form in ["arx-passive", "arx-semi-active", "anfis"] {
+    let mut names = Vec::with_capacity(64);
+    for form in ["arx-passive", "arx-semi-active", "sp-passive", "sp-semi-active", "anfis"] {
         names.extend(EXPERIMENTS.iter().map(|experiment| format!("thesis/{form}/{experiment}")));
     }
     for set in &EXPERIMENTS[5..] {
@@ -56,13 +65,39 @@ pub fn names() -> Vec<String> {
 /// # Errors
 /// [`Error::UnknownPreset`] with the nearest name.
 pub fn load(name: &str) -> Result<Model, Error> {
-    find(name).ok_or_else(|| Error::UnknownPreset {
+    find(name).ok_or_else(|| unknown(name, names()))
+}
+
+/// Names of the phase-transition relations.
+#[must_use]
+pub fn phase_names() -> Vec<String> {
+    let of_form = |form| EXPERIMENTS.iter().map(move |experiment| format!("thesis/{form}/{experiment}"));
+    ["p-passive", "p-semi-active"].into_iter().flat_map(of_form).collect()
+}
+
+/// The phase-transition relation called `name`; it relates force to motion, but cannot run.
+///
+/// # Errors
+/// [`Error::UnknownPreset`] with the nearest name.
+pub fn phase(name: &str) -> Result<Phase, Error> {
+    let found = || {
+        let (form, experiment) = name.strip_prefix("thesis/")?.split_once('/')?;
+        let row = EXPERIMENTS.iter().position(|known| *known == experiment)?;
+        match form {
+            "p-passive" => p_rows::passive(row),
+            "p-semi-active" => p_rows::semi_active(row),
+            _ => None,
+        }
+    };
+    found().ok_or_else(|| unknown(name, phase_names()))
+}
+
+fn unknown(name: &str, known: Vec<String>) -> Error {
+    let nearest = known.into_iter().min_by_key(|known| edit_distance(known, name));
+    Error::UnknownPreset {
         name: name.to_owned(),
-        nearest: names()
-            .into_iter()
-            .min_by_key(|known| edit_distance(known, name))
-            .unwrap_or_else(|| BEST_FUZZY_TANH.to_owned()),
-    })
+        nearest: nearest.unwrap_or_else(|| BEST_FUZZY_TANH.to_owned()),
+    }
 }
 
 fn find(name: &str) -> Option<Model> {
@@ -74,11 +109,20 @@ fn find(name: &str) -> Option<Model> {
     let row = EXPERIMENTS.iter().position(|known| *known == experiment)?;
     let half = SPANS_M[row] / 2.0;
     let span = Envelope { displacement_m: Some([-half, half]), ..Envelope::default() };
-    let ((force, expected), envelope) = match (form, level) {
-        ("arx-passive", None) => (arx(arx_rows::passive(row)?), span),
-        ("arx-semi-active", None) => (arx(arx_rows::semi_active(row)?), span),
+    let identified =
+        |model, form| Some(published::identification(model, form, experiment)?.rsse_lbf * N_PER_LBF);
+    let one_step = |form| Expected { one_step_rsse_n: identified("arx", form), ..Expected::default() };
+    let free_run = |form| Expected { free_run_rsse_n: identified("sp", form), ..Expected::default() };
+    let mut envelope = span;
+    let (force, expected) = match (form, level) {
+        ("arx-passive", None) => (ForceModel::Arx(arx_rows::passive(row)?), one_step(Form::Passive)),
+        ("arx-semi-active", None) => {
+            (ForceModel::Arx(arx_rows::semi_active(row)?), one_step(Form::SemiActive))
+        }
+        ("sp-passive", None) => (ForceModel::Law(sp_rows::passive(row)?), free_run(Form::Passive)),
+        ("sp-semi-active", None) => (ForceModel::Law(sp_rows::semi_active(row)?), free_run(Form::SemiActive)),
         ("fuzzy-tanh", level) => {
-            let (model, rsse_n) = fuzzy_rows::model(row.checked_sub(5)?)?;
+            let model = fuzzy_rows::model(row.checked_sub(5)?)?;
             let model = match level {
                 None => model,
                 Some(level) => {
@@ -86,11 +130,15 @@ fn find(name: &str) -> Option<Model> {
                     single(&model, j)?
                 }
             };
-            (free_running(ForceModel::FuzzyTanh(model), rsse_n), span)
+            // The thesis prints no figure on the training data, but the average over all experiments.
+            let average = published::cross_validation("fuzzy-tanh", Form::SemiActive, experiment)?;
+            let free_run_rsse_n = Some(average.rsse_lbf * N_PER_LBF);
+            (ForceModel::FuzzyTanh(model), Expected { free_run_rsse_n, ..Expected::default() })
         }
         ("anfis", None) => {
-            let (model, envelope, rsse_n) = anfis_rows::model(row)?;
-            (free_running(ForceModel::Tsk(model), rsse_n), envelope)
+            let (model, own, rsse_n) = anfis_rows::model(row)?;
+            envelope = own;
+            (ForceModel::Tsk(model), Expected { free_run_rsse_n: Some(rsse_n), ..Expected::default() })
         }
         _ => return None,
     };
@@ -101,14 +149,6 @@ fn find(name: &str) -> Option<Model> {
         envelope: Envelope { drive: force.drive().map(|_| [0.0, 2.5]), ..envelope },
         expected,
     })
-}
-
-fn arx((arx, rsse_n): (crate::force::Arx, f64)) -> (ForceModel, Expected) {
-    (ForceModel::Arx(arx), Expected { free_run_rsse_n: None, one_step_rsse_n: Some(rsse_n) })
-}
-
-fn free_running(force: ForceModel, rsse_n: f64) -> (ForceModel, Expected) {
-    (force, Expected { free_run_rsse_n: Some(rsse_n), one_step_rsse_n: None })
 }
 
 /// Function `j` of `model` alone, the same at any current.

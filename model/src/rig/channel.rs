@@ -1,17 +1,21 @@
 //! The measurement chain: what the logger writes for what the rig does.
 //!
 //! ```text
-//! reading = q round((value + offset + sigma n) / q),        n normal with deviation 1
+//! reading = q round((filtered value + offset + drift t + sigma n) / q),        n normal with deviation 1
 //! ```
 //!
-//! sigma is a channel's noise, q its step of quantisation; both may be zero. Noise is white: the chain has no
-//! filter of its own, as the thesis' force channel has none. The figures of [`Channels::default`] are of the
+//! sigma is a channel's noise, q its step of quantisation; both may be zero. Displacement, current and force
+//! may each have an anti-alias filter (second-order Butterworth); by default none has, as the thesis' force
+//! channel has none. Noise is that of what is logged: white, behind the filter. The figures of [`Channels::default`] are of the
 //! order of a servo-hydraulic bench's LVDT, load cell, 1 ohm shunt and type J thermocouple read with 16 bit.
 
 use super::noise::normal;
+use super::second_order::SecondOrder;
+use super::signal::RATE_HZ;
+use crate::Error;
 use rand::Rng;
 
-/// Noise and quantisation of each channel.
+/// Noise, quantisation and filter of each channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Channels {
     /// Noise of displacement, in metres (standard deviation).
@@ -28,10 +32,22 @@ pub struct Channels {
     pub force_step_n: f64,
     /// Offset of the load cell, in newtons.
     pub force_offset_n: f64,
+    /// Drift of the load cell, in newtons a second.
+    pub force_drift_n_s: f64,
+    /// Time by which the force channel is late against the others, in seconds; negative for early.
+    pub force_delay_s: f64,
+    /// Anti-alias filter of displacement.
+    pub displacement_filter: Option<SecondOrder>,
+    /// Anti-alias filter of current.
+    pub current_filter: Option<SecondOrder>,
+    /// Anti-alias filter of force.
+    pub force_filter: Option<SecondOrder>,
     /// Noise of the case thermocouple, in kelvin.
     pub case_noise_k: f64,
     /// Quantisation of the case temperature, in kelvin.
     pub case_step_k: f64,
+    /// True when a second thermocouple, equal to the case's, logs the room (`ambient_temp_c`).
+    pub ambient: bool,
 }
 
 impl Channels {
@@ -46,7 +62,76 @@ impl Channels {
         force_offset_n: 0.0,
         case_noise_k: 0.0,
         case_step_k: 0.0,
+        force_drift_n_s: 0.0,
+        force_delay_s: 0.0,
+        displacement_filter: None,
+        current_filter: None,
+        force_filter: None,
+        ambient: false,
     };
+
+    /// These channels with the room's thermocouple logged too, as the thesis' logger does.
+    #[must_use]
+    pub fn with_ambient(self) -> Self {
+        Self { ambient: true, ..self }
+    }
+
+    /// Checks that every field is a number and noises, steps and filters are possible.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] names the first field that is not.
+    pub fn check(&self) -> Result<(), Error> {
+        for (name, value) in [
+            ("displacement_noise_m", self.displacement_noise_m),
+            ("displacement_step_m", self.displacement_step_m),
+            ("current_noise_a", self.current_noise_a),
+            ("current_step_a", self.current_step_a),
+            ("force_noise_n", self.force_noise_n),
+            ("force_step_n", self.force_step_n),
+            ("case_noise_k", self.case_noise_k),
+            ("case_step_k", self.case_step_k),
+        ] {
+            Error::check(name, value, "0 or above", |x| x >= 0.0)?;
+        }
+        Error::check("force_offset_n", self.force_offset_n, "a finite number", |_| true)?;
+        Error::check("force_drift_n_s", self.force_drift_n_s, "a finite number", |_| true)?;
+        Error::check("force_delay_s", self.force_delay_s, "between -1 and 1 s", |d| d.abs() <= 1.0)?;
+        let filters = [self.displacement_filter, self.current_filter, self.force_filter];
+        filters.iter().flatten().try_for_each(SecondOrder::check)
+    }
+}
+
+/// `values`, one a sample, `delay_s` seconds late: straight lines between samples, ends held.
+pub(super) fn delayed(values: &[f64], delay_s: f64) -> Vec<f64> {
+    let last = values.len().saturating_sub(1);
+    (0..values.len())
+        .map(|k| {
+            let at = (k as f64 - delay_s * RATE_HZ).clamp(0.0, last as f64);
+            let (before, share) = (at as usize, at.fract());
+            values[before] + share * (values[(before + 1).min(last)] - values[before])
+        })
+        .collect()
+}
+
+/// `values` as the filter, if there is one, lets them through.
+pub(super) fn filtered(values: Vec<f64>, filter: Option<SecondOrder>) -> Vec<f64> {
+    match filter {
+        Some(filter) => filter.filter(&values),
+        None => values,
+    }
+}
+
+impl Channels {
+    /// Rod force as it comes to the converter: late, filtered, with the load cell's drift.
+    pub(super) fn force_signal(&self, force_n: Vec<f64>) -> Vec<f64> {
+        let late = if self.force_delay_s == 0.0 { force_n } else { delayed(&force_n, self.force_delay_s) };
+        let mut signal = filtered(late, self.force_filter);
+        if self.force_drift_n_s != 0.0 {
+            let drift = self.force_drift_n_s / RATE_HZ;
+            signal.iter_mut().enumerate().for_each(|(k, force)| *force += drift * k as f64);
+        }
+        signal
+    }
 }
 
 impl Default for Channels {
@@ -58,9 +143,9 @@ impl Default for Channels {
             current_step_a: 1e-4,
             force_noise_n: 3.0,
             force_step_n: 0.5,
-            force_offset_n: 0.0,
             case_noise_k: 0.1,
             case_step_k: 0.05,
+            ..Self::PERFECT
         }
     }
 }
@@ -95,6 +180,28 @@ mod tests {
         let mean = readings.iter().sum::<f64>() / 2e4;
         let std = (readings.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / 2e4).sqrt();
         assert!((mean - 110.0).abs() < 0.1 && (std - 3.0).abs() < 0.06, "{mean} {std}");
+    }
+
+    #[test]
+    fn force_is_late_or_early_by_its_delay_and_drifts() {
+        let ramp: Vec<f64> = (0..512).map(f64::from).collect();
+        let late = Channels { force_delay_s: 2.5 / RATE_HZ, ..Channels::PERFECT }.force_signal(ramp.clone());
+        let early =
+            Channels { force_delay_s: -3.0 / RATE_HZ, ..Channels::PERFECT }.force_signal(ramp.clone());
+        assert_eq!((late[0], late[100], early[100], early[511]), (0.0, 97.5, 103.0, 511.0));
+        let drifting = Channels { force_drift_n_s: 2.0, ..Channels::PERFECT }.force_signal(vec![1.0; 513]);
+        assert_eq!((drifting[0], drifting[512]), (1.0, 3.0));
+        assert_eq!(Channels::PERFECT.force_signal(ramp.clone()), ramp);
+    }
+
+    #[test]
+    fn channels_that_cannot_be_are_refused_by_field() {
+        assert_eq!(Channels::default().check(), Ok(()));
+        let refused = |channels: Channels| channels.check().err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(refused(Channels { force_noise_n: -1.0, ..Channels::PERFECT }).starts_with("force_noise_n"));
+        assert!(refused(Channels { force_delay_s: 2.0, ..Channels::PERFECT }).starts_with("force_delay_s"));
+        let filter = Some(SecondOrder::butterworth(0.0));
+        assert!(refused(Channels { force_filter: filter, ..Channels::PERFECT }).starts_with("corner_hz"));
     }
 
     #[test]

@@ -9,8 +9,14 @@
 //! | PRBS | two levels by a maximum-length binary sequence, each bit held for some samples |
 //!
 //! The thesis prints alpha = 0.01 for APRBS, which by its own rule would be white noise: 0.99 is meant (mean
-//! hold 100 samples, 0.195 s). It does not give the normal distribution's mean and deviation: 1.1 and 0.55 A
-//! reproduce those of its recorded currents (about 1.1 and 0.5 A after bounding).
+//! hold 100 samples, 0.195 s). It does not give the normal distribution's mean and deviation: 1.2 and 0.5 A
+//! reproduce, after bounding, those of its long record (1.19 and 0.47 A, from the input ranges of its ANFIS
+//! models when the record reaches both bounds; its record of 30 s, 150 draws, has 1.07 and 0.50 A).
+//!
+//! Of PRBS it says two levels "bound between 0 and 2.5 A". The recorded current cannot have had these two as its
+//! levels: its range is -0.84 to 1.89 standard deviations about the mean, and two levels have the product -1,
+//! not -1.59. Mean and deviation (0.77 and 0.92 A) are those of two levels 0 and 1.86 A with peaks up to 2.5 A:
+//! these levels are taken here.
 
 use super::noise::normal;
 use super::signal::RATE_HZ;
@@ -70,9 +76,9 @@ impl Current {
     pub const ICPS: Self = Self::Icps { low_a: 0.0, high_a: 2.5, hold_s: 0.2 };
     /// The thesis' APRBS: 0 to 2.5 A, mean hold 100 samples.
     pub const APRBS: Self =
-        Self::Aprbs { low_a: 0.0, high_a: 2.5, mean_a: 1.1, deviation_a: 0.55, hold_probability: 0.99 };
-    /// The thesis' PRBS: 0 and 2.5 A, each bit held 100 samples.
-    pub const PRBS: Self = Self::Prbs { low_a: 0.0, high_a: 2.5, hold_samples: 100 };
+        Self::Aprbs { low_a: 0.0, high_a: 2.5, mean_a: 1.2, deviation_a: 0.5, hold_probability: 0.99 };
+    /// The thesis' PRBS: 0 and 1.86 A (see the top of this file), each bit held 100 samples.
+    pub const PRBS: Self = Self::Prbs { low_a: 0.0, high_a: 1.86, hold_samples: 100 };
 
     /// The thesis' stepped signal: [`STEPS_A`].
     #[must_use]
@@ -202,17 +208,17 @@ mod tests {
         let mean_hold = RUN as f64 / holds.len() as f64;
         assert!((mean_hold - 100.0).abs() < 6.0, "{mean_hold}");
         let (mean, std) = mean_and_std(&command);
-        assert!((mean - 1.13).abs() < 0.05 && (std - 0.51).abs() < 0.03, "{mean} {std}");
+        assert!((mean - 1.2).abs() < 0.05 && (std - 0.47).abs() < 0.03, "{mean} {std}");
         assert!(command.iter().all(|i| (0.0..=2.5).contains(i)));
     }
 
     #[test]
     fn prbs_has_two_levels_in_equal_parts_and_holds_multiples_of_100_samples() {
         let command = command(&Current::PRBS, RUN);
-        assert!(command.iter().all(|&i| i == 0.0 || i == 2.5));
+        assert!(command.iter().all(|&i| i == 0.0 || i == 1.86));
         assert!(holds(&command)[..100].iter().all(|n| n % 100 == 0));
         let (mean, _) = mean_and_std(&command);
-        assert!((mean - 1.25).abs() < 0.1, "{mean}");
+        assert!((mean - 0.93).abs() < 0.07, "{mean}");
     }
 
     #[test]

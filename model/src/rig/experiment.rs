@@ -1,68 +1,164 @@
-//! Experiments of the thesis (Table 3.2), by name: what the actuator and the current do, and how long.
+//! Experiments by name: what the actuator and the current do, how long, and how often.
+//!
+//! The eight of the thesis (Table 3.2), the ten of the first paper (Table II), and a sine, a chirp and the plain
+//! road.
+//!
+//! Table 3.2 gives signals, replicates, durations, maximum frequencies and spans; these are taken as they are.
+//! It does not give how much of a road's power lies low ([`Road::level_hz`]): that is set for each experiment
+//! so that the force has the standard deviation of the thesis' runs, see [`super::Plant`]. The first paper gives
+//! signals, replicates, a band (0.5 to 14.5 Hz), a range (40 mm) and currents up to 4 A; the rest is ours. Its
+//! plant is calibrated up to 2.5 A, beyond that it extrapolates.
 
 use super::current::Current;
+use super::second_order::SecondOrder;
 use super::signal::{Displacement, RATE_HZ, Road};
+use super::wave::Wave;
+use crate::Error;
 
 /// A planned run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment {
-    /// Name, as in Table 3.2 where it is one of those.
+    /// Name, as in its table where it is one of those.
     pub name: String,
-    /// What the actuator does.
+    /// What the actuator does, or is told to do when there is a servo.
     pub displacement: Displacement,
     /// What the current does.
     pub current: Current,
     /// Duration in seconds.
     pub duration_s: f64,
+    /// How often it was done.
+    pub replicates: u32,
+    /// How the actuator follows its set point; `None` when `displacement` is already what it does.
+    pub servo: Option<SecondOrder>,
     /// Seed of the excitation, when it shall not be the run's own: runs with one pattern and seeds of their
     /// own are replicates, equal but for the noise of their sensors.
     pub pattern: Option<u64>,
 }
 
-/// One row of Table 3.2: name, current, duration (s), maximum frequency (Hz), span (m).
-type Row = (&'static str, fn() -> Current, f64, f64, f64);
+/// One row of Table 3.2: name, current, replicates, duration (s), maximum frequency (Hz), span (m); and the
+/// frequency below which the road is level (Hz), which is ours.
+type Row = (&'static str, fn() -> Current, u32, f64, f64, f64, f64);
 
-const TABLE: [Row; 8] = [
-    ("RP-ICPS", || Current::ICPS, 30.0, 5.5, 0.026_416),
-    ("RP-APRBS", || Current::APRBS, 30.0, 4.5, 0.027_432),
-    ("RP-PRBS", || Current::PRBS, 30.0, 4.2, 0.029_718),
-    ("RP-APRBS-L", || Current::APRBS, 600.0, 4.5, 0.027_432),
-    ("RP-ICPS-L", || Current::ICPS, 600.0, 5.5, 0.025_908),
-    ("RP1-CS", Current::stepped, 210.0, 5.5, 0.033_528),
-    ("RP2-CS", Current::stepped, 210.0, 4.5, 0.033_274),
-    ("RP3-CS", Current::stepped, 210.0, 4.5, 0.036_068),
+const THESIS: [Row; 8] = [
+    ("RP-ICPS", || Current::ICPS, 11, 30.0, 5.5, 0.026_416, 2.0),
+    ("RP-APRBS", || Current::APRBS, 11, 30.0, 4.5, 0.027_432, 3.0),
+    ("RP-PRBS", || Current::PRBS, 11, 30.0, 4.2, 0.029_718, 1.5),
+    ("RP-APRBS-L", || Current::APRBS, 3, 600.0, 4.5, 0.027_432, 4.0),
+    ("RP-ICPS-L", || Current::ICPS, 4, 600.0, 5.5, 0.025_908, 3.0),
+    ("RP1-CS", Current::stepped, 1, 210.0, 5.5, 0.033_528, 1.35),
+    ("RP2-CS", Current::stepped, 1, 210.0, 4.5, 0.033_274, 1.65),
+    ("RP3-CS", Current::stepped, 1, 210.0, 4.5, 0.036_068, 1.5),
 ];
+
+/// One row of Table II of the first paper: name, displacement, current, replicates.
+type PaperRow = (&'static str, Displacement, fn() -> Current, u32);
+
+const PAPER1: [PaperRow; 10] = [
+    ("paper1-1", AM, paper_steps, 11),
+    ("paper1-2", TPNVS, paper_steps, 11),
+    ("paper1-3", SFS, paper_steps, 7),
+    ("paper1-4", FM, || PAPER_ICPS, 10),
+    ("paper1-5", PAPER_ROAD, || PAPER_APRBS, 11),
+    ("paper1-6", SFS, || PAPER_CONSTANT, 7),
+    ("paper1-7", AM, || PAPER_CONSTANT, 7),
+    ("paper1-8", TPNVS, || PAPER_CONSTANT, 7),
+    ("paper1-9", FM, || PAPER_CONSTANT, 7),
+    ("paper1-10", PAPER_ROAD, || PAPER_CONSTANT, 7),
+];
+
+/// Seven equal holds up to the first paper's 4 A.
+fn paper_steps() -> Current {
+    Current::Stepped { levels_a: vec![0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0] }
+}
+
+const PAPER_ICPS: Current = Current::Icps { low_a: 0.0, high_a: 4.0, hold_s: 0.2 };
+const PAPER_APRBS: Current =
+    Current::Aprbs { low_a: 0.0, high_a: 4.0, mean_a: 2.0, deviation_a: 0.8, hold_probability: 0.99 };
+const PAPER_CONSTANT: Current = Current::Constant { current_a: 1.2 };
+const AM: Displacement = Displacement::Wave(Wave::AmplitudeModulated {
+    amplitude_m: 0.02,
+    depth: 0.8,
+    carrier_hz: 2.0,
+    modulation_hz: 0.2,
+});
+const FM: Displacement = Displacement::Wave(Wave::FrequencyModulated {
+    amplitude_m: 0.004,
+    carrier_hz: 7.5,
+    deviation_hz: 7.0,
+    modulation_hz: 0.1,
+});
+const SFS: Displacement =
+    Displacement::Wave(Wave::SteppedFrequency { amplitude_m: 0.0025, low_hz: 0.5, high_hz: 14.5, steps: 8 });
+const TPNVS: Displacement =
+    Displacement::Wave(Wave::Slopes { amplitude_m: 0.015, slowest_m_s: 0.03, fastest_m_s: 0.24, slopes: 8 });
+/// Amplitudes up to 0.5 in, as the second paper says of the same bench.
+const PAPER_ROAD: Displacement = Displacement::Road(Road {
+    f_min_hz: 0.5,
+    f_max_hz: 14.5,
+    level_hz: 2.0,
+    span_m: Some(0.0254),
+    ..Road::SMOOTH_HIGHWAY
+});
 
 impl Experiment {
     /// Names that [`Experiment::thesis`] knows, in the order of Table 3.2.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        TABLE.iter().map(|row| row.0)
+        THESIS.iter().map(|row| row.0)
+    }
+
+    /// Names that [`Experiment::paper1`] knows, in the order of its Table II.
+    pub fn paper1_names() -> impl Iterator<Item = &'static str> {
+        PAPER1.iter().map(|row| row.0)
     }
 
     /// The thesis' experiment called `name`; `None` when there is no such experiment.
     #[must_use]
     pub fn thesis(name: &str) -> Option<Self> {
-        let &(name, current, duration_s, band_hz, span_m) = TABLE.iter().find(|row| row.0 == name)?;
-        let road = Road { level_hz: LEVEL_HZ, band_hz, span_m: Some(span_m), ..Road::SMOOTH_HIGHWAY };
-        Some(Self {
-            name: name.to_owned(),
-            displacement: Displacement::Road(road),
-            current: current(),
-            duration_s,
-            pattern: None,
-        })
+        let &(name, current, replicates, duration_s, band_hz, span_m, level_hz) =
+            THESIS.iter().find(|row| row.0.eq_ignore_ascii_case(name))?;
+        let road = Road { level_hz, band_hz, span_m: Some(span_m), ..Road::SMOOTH_HIGHWAY };
+        let plan = Self::new(name, Displacement::Road(road), current(), duration_s);
+        Some(Self { replicates, ..plan })
+    }
+
+    /// The first paper's experiment called `name` (`paper1-1` to `paper1-10`); `None` when there is no such
+    /// experiment. Those with a stepped current take 210 s, the others 30 s.
+    #[must_use]
+    pub fn paper1(name: &str) -> Option<Self> {
+        let &(name, displacement, current, replicates) =
+            PAPER1.iter().find(|row| row.0.eq_ignore_ascii_case(name))?;
+        let current = current();
+        let duration_s = if matches!(current, Current::Stepped { .. }) { 210.0 } else { 30.0 };
+        Some(Self { replicates, ..Self::new(name, displacement, current, duration_s) })
+    }
+
+    /// One run of 30 s, or as long as `duration_s` says, with an ideal actuator.
+    #[must_use]
+    pub fn new(name: &str, displacement: Displacement, current: Current, duration_s: f64) -> Self {
+        let name = name.to_owned();
+        Self { name, displacement, current, duration_s, replicates: 1, servo: None, pattern: None }
     }
 
     /// A sine with a constant current: what maps of force over velocity are made from.
     #[must_use]
     pub fn sine(amplitude_m: f64, frequency_hz: f64, current_a: f64, duration_s: f64) -> Self {
-        Self {
-            name: format!("sine {frequency_hz} Hz {current_a} A"),
-            displacement: Displacement::Sine { amplitude_m, frequency_hz },
-            current: Current::Constant { current_a },
-            duration_s,
-            pattern: None,
-        }
+        let name = format!("sine {frequency_hz} Hz {current_a} A");
+        let displacement = Displacement::Sine { amplitude_m, frequency_hz };
+        Self::new(&name, displacement, Current::Constant { current_a }, duration_s)
+    }
+
+    /// A chirp over the whole run with a constant current.
+    #[must_use]
+    pub fn chirp(amplitude_m: f64, from_hz: f64, to_hz: f64, current_a: f64, duration_s: f64) -> Self {
+        let displacement = Displacement::Wave(Wave::Chirp { amplitude_m, from_hz, to_hz });
+        Self::new("chirp", displacement, Current::Constant { current_a }, duration_s)
+    }
+
+    /// The plain road (smooth highway at 25 mph in the standard form, not scaled) with a constant current.
+    #[must_use]
+    pub fn road(current_a: f64, duration_s: f64) -> Self {
+        let displacement = Displacement::Road(Road::SMOOTH_HIGHWAY);
+        Self::new("road", displacement, Current::Constant { current_a }, duration_s)
     }
 
     /// This experiment with another duration in seconds. Steps of a stepped current share it equally.
@@ -77,16 +173,44 @@ impl Experiment {
         Self { pattern: Some(pattern), ..self }
     }
 
+    /// This experiment with an actuator that follows its set point as `servo` does. A road's own roll-off,
+    /// which stands for the servo's gain where there is none, is taken off.
+    #[must_use]
+    pub fn with_servo(mut self, servo: SecondOrder) -> Self {
+        if let Displacement::Road(road) = &mut self.displacement {
+            road.servo_hz = f64::INFINITY;
+        }
+        Self { servo: Some(servo), ..self }
+    }
+
     /// Number of samples; none for a duration that is not a positive number.
     #[must_use]
     pub fn samples(&self) -> usize {
         // The cast takes anything negative or not a number to zero.
         (self.duration_s * RATE_HZ).round() as usize
     }
-}
 
-/// Frequency in hertz below which the thesis' roads are taken as level; see [`super::signal`].
-const LEVEL_HZ: f64 = 2.0;
+    /// Checks that the experiment can be done: a duration of 0.1 s to 1 day, amplitudes and frequencies that
+    /// are possible, a current of 0 to 5 A.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] names the field.
+    pub fn check(&self) -> Result<(), Error> {
+        Error::check("duration_s", self.duration_s, "0.1 to 86400 s", |t| (0.1..=86_400.0).contains(&t))?;
+        match self.displacement {
+            Displacement::Wave(wave) => wave.check()?,
+            Displacement::Sine { amplitude_m, frequency_hz } => {
+                let same = Wave::Chirp { amplitude_m, from_hz: frequency_hz, to_hz: frequency_hz };
+                same.check()?;
+            }
+            Displacement::Road(_) => {}
+        }
+        if let Current::Constant { current_a } = self.current {
+            Error::check("current_a", current_a, "0 to 5 A", |i| (0.0..=5.0).contains(&i))?;
+        }
+        self.servo.map_or(Ok(()), |servo| servo.check())
+    }
+}
 
 #[cfg(test)]
 mod tests {
@@ -94,11 +218,32 @@ mod tests {
 
     #[test]
     fn every_name_is_an_experiment() {
-        assert_eq!(Experiment::names().count(), 8);
-        for name in Experiment::names() {
-            assert_eq!(Experiment::thesis(name).map(|e| e.name).as_deref(), Some(name));
+        for (names, find, count) in [
+            (Experiment::names().collect::<Vec<_>>(), Experiment::thesis as fn(&str) -> Option<_>, 8),
+            (Experiment::paper1_names().collect(), Experiment::paper1, 10),
+        ] {
+            assert_eq!(names.len(), count);
+            for name in names {
+                let found = find(name);
+                assert_eq!(found.as_ref().map(|e| e.name.as_str()), Some(name));
+                assert_eq!(found.map(|e| e.check()), Some(Ok(())), "{name}");
+                assert_eq!(find(&name.to_uppercase()), find(&name.to_lowercase()), "{name}");
+            }
         }
         assert_eq!(Experiment::thesis("RP-XYZ"), None);
+        assert_eq!(Experiment::paper1("paper1-11"), None);
+    }
+
+    #[test]
+    fn replicates_are_those_of_the_tables() {
+        let of = |names: Vec<&str>, find: fn(&str) -> Option<Experiment>| -> Vec<u32> {
+            names.into_iter().filter_map(find).map(|e| e.replicates).collect()
+        };
+        let thesis = of(Experiment::names().collect(), Experiment::thesis);
+        assert_eq!(thesis, [11, 11, 11, 3, 4, 1, 1, 1]);
+        assert_eq!(thesis.iter().sum::<u32>(), 43);
+        let paper = of(Experiment::paper1_names().collect(), Experiment::paper1);
+        assert_eq!(paper, [11, 11, 7, 10, 11, 7, 7, 7, 7, 7]);
     }
 
     #[test]
@@ -107,5 +252,14 @@ mod tests {
         assert_eq!(samples(7.0), Some(7 * 512));
         assert_eq!(samples(-1.0), Some(0));
         assert_eq!(samples(f64::NAN), Some(0));
+    }
+
+    #[test]
+    fn what_cannot_be_done_is_refused_by_field() {
+        let refused = |e: Experiment| e.check().err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(refused(Experiment::road(1.0, -1.0)).starts_with("duration_s"));
+        assert!(refused(Experiment::road(9.0, 1.0)).starts_with("current_a"));
+        assert!(refused(Experiment::sine(0.0, 1.0, 0.0, 1.0)).starts_with("amplitude_m"));
+        assert!(refused(Experiment::chirp(0.01, 1.0, 1e6, 0.0, 1.0)).starts_with("to_hz"));
     }
 }

@@ -36,6 +36,7 @@ pub(super) struct Integrator<'a> {
     driver_quarter: f64,
     rise_half: f64,
     fall_half: f64,
+    fluid_half: f64,
 }
 
 impl<'a> Integrator<'a> {
@@ -51,6 +52,7 @@ impl<'a> Integrator<'a> {
             driver_quarter: kept(step_s / 4.0, plant.driver_lag_s),
             rise_half: kept(step_s / 2.0, plant.coil_rise_s),
             fall_half: kept(step_s / 2.0, plant.coil_fall_s),
+            fluid_half: kept(step_s / 2.0, plant.fluid_lag_s),
         }
     }
 
@@ -65,17 +67,17 @@ impl<'a> Integrator<'a> {
     /// One sub-step; `motion` is displacement and velocity at its start, middle and end.
     fn sub_step(&self, state: &mut PlantState, motion: [(f64, f64); 3], command_a: f64) {
         let plant = self.plant;
-        let ((x_start, v_start), (x_middle, _), (x_end, _)) = (motion[0], motion[1], motion[2]);
+        let ((x_start, v_start), (x_middle, v_middle), (x_end, v_end)) = (motion[0], motion[1], motion[2]);
         let t = state.temperature_c;
         let force = plant.force_n(state, x_start, v_start);
         let heat = force * v_start + plant.coil_ohm * state.driver_a * state.driver_a;
         let lost = plant.heat_transfer_w_k * (t - plant.ambient_c);
 
-        let start = plant.valve(state.effective_a, t);
+        let start = plant.valve(state.fluid_a, t).scaled(plant.lean(x_start, v_start));
         self.half_lag(state, command_a);
-        let middle = plant.valve(state.effective_a, t);
+        let middle = plant.valve(state.fluid_a, t).scaled(plant.lean(x_middle, v_middle));
         self.half_lag(state, command_a);
-        let end = plant.valve(state.effective_a, t);
+        let end = plant.valve(state.fluid_a, t).scaled(plant.lean(x_end, v_end));
 
         let now = [state.dashpot_m, state.behind_compliance_m, state.hysteresis_m];
         let h = self.step_s;
@@ -88,7 +90,8 @@ impl<'a> Integrator<'a> {
         state.temperature_c = t + h * (heat - lost) / plant.heat_capacity_j_k;
     }
 
-    /// Half a sub-step of driver and coil. The coil sees the driver's current in the middle of the half.
+    /// Half a sub-step of driver, coil, core and fluid. The coil sees the driver's current in the middle of the
+    /// half; core and fluid see what comes before them at its end.
     fn half_lag(&self, state: &mut PlantState, command_a: f64) {
         let toward = command_a - state.driver_a;
         let driver_middle = command_a - toward * self.driver_quarter;
@@ -96,6 +99,11 @@ impl<'a> Integrator<'a> {
         let gap = driver_middle - state.effective_a;
         let kept = if gap > 0.0 { self.rise_half } else { self.fall_half };
         state.effective_a = driver_middle - gap * kept;
+        let (low, high) =
+            (state.effective_a - self.plant.remanence_a, state.effective_a + self.plant.remanence_a);
+        // Not `clamp`, which panics on what is not a number.
+        state.core_a = state.core_a.max(low).min(high);
+        state.fluid_a = state.core_a - (state.core_a - state.fluid_a) * self.fluid_half;
     }
 }
 

@@ -1,8 +1,8 @@
 //! The virtual rig: a made-up test bench that writes runs as a measured one would.
 //!
 //! ```text
-//! experiment -> displacement, current command -> plant -> force, driver's current, temperature
-//!                                                        -> measurement chain -> Run
+//! experiment -> set point, current command -> servo -> plant -> force, driver's current, temperature
+//!                                                             -> measurement chain -> Run
 //! ```
 //!
 //! The demo replays such a run, and tests of identification and diagnosis use them by the hundred, because
@@ -19,42 +19,68 @@
 pub mod channel;
 pub mod current;
 pub mod experiment;
+pub mod inject;
 mod integrate;
 mod noise;
 pub mod plant;
+pub mod replicate;
+pub mod response;
+pub mod second_order;
 pub mod signal;
+pub mod wave;
 
 pub use channel::Channels;
 pub use current::Current;
 pub use experiment::Experiment;
 pub use plant::Plant;
+pub use replicate::{Drift, Pattern};
+pub use second_order::SecondOrder;
 pub use signal::{Displacement, Motion, Road};
+pub use wave::Wave;
 
 use crate::sample::{DriveKind, Run, Stamp, Trace};
-use channel::Sensor;
+use channel::{Sensor, filtered};
 use noise::{Purpose, stream};
 use rand_pcg::Pcg64Mcg;
 
 /// Nanoseconds from sample to sample: 1/512 s is a whole number of them.
 const PERIOD_NS: i64 = 1_953_125;
 
-/// Case temperature is logged once in this many samples (4 Hz): a case does not change faster.
+/// Temperatures are logged once in this many samples (4 Hz): neither case nor room changes faster.
 const CASE_EVERY: usize = 128;
 
 /// Runs `experiment` on `plant`, measured by `channels`, and returns the recording, at 512 Hz from stamp
 /// zero.
 ///
 /// Displacement is relative, with zero mean; the drive is the driver's measured coil current, which knows
-/// nothing of the coil's lag. Everything random follows from `seed`: the same arguments give the same run,
+/// nothing of the coil's lag. An experiment with a servo logs the set point too (`setpoint_m`, without noise),
+/// and channels with a room thermocouple its reading (`ambient_temp_c`). Everything random follows from `seed`: the same arguments give the same run,
 /// and runs that differ in `plant` or `channels` alone have the same excitation. A plant that fails
 /// [`Plant::check`] may give forces that are not finite.
 #[must_use]
 pub fn record(experiment: &Experiment, plant: &Plant, channels: &Channels, seed: u64) -> Run {
+    record_while(experiment, plant, channels, seed, &mut |_| true).unwrap_or_default()
+}
+
+/// As [`record`], but asks `go_on` once a second of the run, with the seconds done (0 while the excitation is
+/// made), and gives up with `None` when it says no.
+pub fn record_while(
+    experiment: &Experiment,
+    plant: &Plant,
+    channels: &Channels,
+    seed: u64,
+    go_on: &mut dyn FnMut(f64) -> bool,
+) -> Option<Run> {
     let samples = experiment.samples();
     let pattern = experiment.pattern.unwrap_or(seed);
-    let motion = experiment.displacement.motion(samples, &mut stream(pattern, Purpose::Displacement));
+    let rng = &mut stream(pattern, Purpose::Displacement);
+    let set = experiment.displacement.motion_while(samples, rng, &mut || go_on(0.0))?;
     let command_a = experiment.current.command_a(samples, &mut stream(pattern, Purpose::Current));
-    let response = plant.respond(&motion, &command_a, plant::SUB_STEPS);
+    let (motion, set_point) = match experiment.servo {
+        Some(servo) => (servo.follow(&set), Some(set)),
+        None => (set, None),
+    };
+    let response = plant.respond_while(&motion, &command_a, plant::SUB_STEPS, go_on)?;
 
     let displacement =
         Sensor { noise: channels.displacement_noise_m, step: channels.displacement_step_m, offset: 0.0 };
@@ -68,15 +94,31 @@ pub fn record(experiment: &Experiment, plant: &Plant, channels: &Channels, seed:
     let trace = |values: &[f64], every: usize, sensor: Sensor, purpose: Purpose| {
         measured(values, every, sensor, stream(seed, purpose))
     };
-    Run {
-        name: format!("rig {} seed {seed}", experiment.name),
-        displacement_m: trace(&motion.displacement_m, 1, displacement, Purpose::DisplacementNoise),
-        velocity_m_s: None,
-        drive: Some((DriveKind::CoilCurrent, trace(&response.driver_a, 1, current, Purpose::CurrentNoise))),
-        force_n: Some(trace(&response.force_n, 1, force, Purpose::ForceNoise)),
-        case_temp_c: Some(trace(&response.temperature_c, CASE_EVERY, case, Purpose::CaseNoise)),
-        other: Vec::new(),
+    let mut other = Vec::new();
+    if let Some(set) = set_point {
+        // A command, not a measurement: as the supervisor sent it.
+        let exact = Sensor { noise: 0.0, step: 0.0, offset: 0.0 };
+        other.push((
+            "setpoint_m".to_owned(),
+            trace(&set.displacement_m, 1, exact, Purpose::DisplacementNoise),
+        ));
     }
+    if channels.ambient {
+        let room = vec![plant.ambient_c; samples];
+        other.push(("ambient_temp_c".to_owned(), trace(&room, CASE_EVERY, case, Purpose::AmbientNoise)));
+    }
+    let x = filtered(motion.displacement_m, channels.displacement_filter);
+    let i = filtered(response.driver_a, channels.current_filter);
+    let f = channels.force_signal(response.force_n);
+    Some(Run {
+        name: format!("rig {} seed {seed}", experiment.name),
+        displacement_m: trace(&x, 1, displacement, Purpose::DisplacementNoise),
+        velocity_m_s: None,
+        drive: Some((DriveKind::CoilCurrent, trace(&i, 1, current, Purpose::CurrentNoise))),
+        force_n: Some(trace(&f, 1, force, Purpose::ForceNoise)),
+        case_temp_c: Some(trace(&response.temperature_c, CASE_EVERY, case, Purpose::CaseNoise)),
+        other,
+    })
 }
 
 /// One channel as logged: every `every`-th value, as the sensor reads it.

@@ -13,6 +13,8 @@ pub(super) enum Purpose {
     CurrentNoise = 4,
     ForceNoise = 5,
     CaseNoise = 6,
+    AmbientNoise = 7,
+    Drift = 8,
 }
 
 /// The generator of a purpose.

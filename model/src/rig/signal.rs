@@ -1,4 +1,4 @@
-//! Displacement of the rig's actuator: a road profile, and a sine.
+//! Displacement of the rig's actuator: a road profile, a sine, and the waves of [`super::wave`].
 //!
 //! ```text
 //! x(t) = sum_j a_j cos(2 pi f_j t - phi_j),       f_j = f_min + (j - 1) df,  df = (f_max - f_min) / n
@@ -20,11 +20,15 @@
 //! The sum is scaled to a wanted span, faded in from rest and out to rest, and has zero mean.
 //!
 //! Source: thesis 3.3, 3.4 and Table 3.1 (100 harmonics, 0.2 to 20.5 Hz, smooth highway at 25 mph), with the
-//! standard form of the spectrum. Two additions are ours. The plain power law puts so much of its power at
+//! standard form of the spectrum. The thesis prints Cr w_c^(-N) / V, with the constant w_c = 0.5 cycles/ft in
+//! place of the running frequency: a level spectrum that does not know f, with a standard deviation of 0.02 in
+//! where its recorded runs have 0.16 to 0.20 in. The standard form gives 0.22 in: it is what must be meant, and
+//! [`Road::SMOOTH_HIGHWAY`] is that plain road. Two additions are ours. The plain power law puts so much of its power at
 //! 0.2 Hz that velocity is 6 to 8 1/s times displacement (standard deviations), where the thesis' recorded
 //! runs have 14 to 16 1/s and nothing much above 4 to 6 Hz: `level_hz` and `band_hz` bring that about, as a
 //! car's body does, which does not follow the slow waves of a road with the stroke of its dampers.
 
+use super::wave::Wave;
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
@@ -61,22 +65,36 @@ pub enum Displacement {
         /// Frequency in hertz.
         frequency_hz: f64,
     },
+    /// A modulated or stepped sine, a chirp, or triangles.
+    Wave(Wave),
 }
 
 impl Displacement {
     /// The motion over `samples` samples. The random phases of a road come from `rng`; a sine draws nothing.
     #[must_use]
     pub fn motion(&self, samples: usize, rng: &mut impl Rng) -> Motion {
-        match *self {
-            Self::Road(road) => road.motion(samples, rng),
+        self.motion_while(samples, rng, &mut || true).unwrap_or_default()
+    }
+
+    /// As [`Displacement::motion`], but asks `go_on` once a second of a road's run, and gives up with `None`
+    /// when it says no: a long road takes most of a second to make.
+    pub fn motion_while(
+        &self,
+        samples: usize,
+        rng: &mut impl Rng,
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Option<Motion> {
+        Some(match *self {
+            Self::Road(road) => return road.motion(samples, rng, go_on),
             Self::Sine { amplitude_m, frequency_hz } => {
                 // A quarter turn behind the cosine: starts at zero.
                 let tone = Tone { amplitude_m, frequency_hz, phase_rad: TAU / 4.0 };
-                let mut motion = sum_of(&[tone], samples);
+                let mut motion = sum_of(&[tone], samples, go_on)?;
                 remove_mean(&mut motion.displacement_m);
                 motion
             }
-        }
+            Self::Wave(wave) => wave.motion(samples, rng),
+        })
     }
 }
 
@@ -130,7 +148,7 @@ impl Road {
         self.roughness_ft * speed_ft_s.powf(self.exponent - 1.0) / level * M_PER_FT * M_PER_FT
     }
 
-    fn motion(&self, samples: usize, rng: &mut impl Rng) -> Motion {
+    fn motion(&self, samples: usize, rng: &mut impl Rng, go_on: &mut dyn FnMut() -> bool) -> Option<Motion> {
         let step_hz = (self.f_max_hz - self.f_min_hz) / f64::from(self.harmonics);
         let tones: Vec<Tone> = (0..self.harmonics)
             .map(|j| {
@@ -141,7 +159,7 @@ impl Road {
                 Tone { amplitude_m, frequency_hz, phase_rad: TAU * rng.random::<f64>() }
             })
             .collect();
-        let mut motion = sum_of(&tones, samples);
+        let mut motion = sum_of(&tones, samples, go_on)?;
         if let Some(wanted) = self.span_m {
             let span = span(&motion.displacement_m);
             // A run too short to move has no span to scale.
@@ -149,7 +167,7 @@ impl Road {
             motion.displacement_m.iter_mut().chain(&mut motion.velocity_m_s).for_each(|x| *x *= gain);
         }
         remove_mean(&mut motion.displacement_m);
-        motion
+        Some(motion)
     }
 }
 
@@ -161,12 +179,14 @@ struct Tone {
     phase_rad: f64,
 }
 
-/// Sum of harmonics, faded in and out, with its exact derivative.
-fn sum_of(tones: &[Tone], samples: usize) -> Motion {
-    let mut motion =
-        Motion { displacement_m: Vec::with_capacity(samples), velocity_m_s: Vec::with_capacity(samples) };
-    for k in 0..samples {
-        let t = k as f64 / RATE_HZ;
+/// Sum of harmonics, faded in and out, with its exact derivative; `None` when `go_on` said no.
+fn sum_of(tones: &[Tone], samples: usize, go_on: &mut dyn FnMut() -> bool) -> Option<Motion> {
+    let mut going = true;
+    let motion = sampled(samples, |t| {
+        going = going && (t.fract() != 0.0 || go_on());
+        if !going {
+            return (0.0, 0.0);
+        }
         let (mut x, mut v) = (0.0, 0.0);
         for tone in tones {
             let omega = TAU * tone.frequency_hz;
@@ -174,6 +194,17 @@ fn sum_of(tones: &[Tone], samples: usize) -> Motion {
             x += tone.amplitude_m * cos;
             v -= tone.amplitude_m * omega * sin;
         }
+        (x, v)
+    });
+    going.then_some(motion)
+}
+
+/// Displacement and velocity at each sample's time in seconds, faded in and out. Times come in order.
+pub(super) fn sampled(samples: usize, mut at: impl FnMut(f64) -> (f64, f64)) -> Motion {
+    let mut motion =
+        Motion { displacement_m: Vec::with_capacity(samples), velocity_m_s: Vec::with_capacity(samples) };
+    for k in 0..samples {
+        let (x, v) = at(k as f64 / RATE_HZ);
         let (fade, slope) = fade(k, samples);
         motion.displacement_m.push(fade * x);
         motion.velocity_m_s.push(fade * v + slope * x);
@@ -209,7 +240,8 @@ fn span(values: &[f64]) -> f64 {
     high - low
 }
 
-fn remove_mean(values: &mut [f64]) {
+/// Takes the mean off.
+pub(super) fn remove_mean(values: &mut [f64]) {
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     values.iter_mut().for_each(|x| *x -= mean);
 }

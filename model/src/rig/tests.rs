@@ -93,6 +93,107 @@ fn force_on_a_road_has_the_thesis_standard_deviation() -> Outcome {
     Ok(())
 }
 
+#[test]
+fn every_experiment_has_about_the_thesis_force() -> Outcome {
+    // lbf; the long experiments are too long for a test, the example `rig_calibration` prints them.
+    for (name, wanted_lbf, seeds) in [
+        ("RP-ICPS", 93.67, 8),
+        ("RP-APRBS", 94.72, 8),
+        ("RP-PRBS", 77.73, 8),
+        ("RP1-CS", 94.84, 2),
+        ("RP2-CS", 94.73, 2),
+        ("RP3-CS", 97.49, 2),
+    ] {
+        let mut variance = 0.0;
+        for seed in 0..seeds {
+            let run = record(&thesis(name)?, &Plant::default(), &Channels::default(), seed);
+            variance += std(force(&run)?).powi(2) / seeds as f64;
+        }
+        let off = variance.sqrt() / N_PER_LBF / wanted_lbf - 1.0;
+        assert!(off.abs() < if seeds == 8 { 0.06 } else { 0.12 }, "{name}: {:.1} %", 100.0 * off);
+    }
+    Ok(())
+}
+
+#[test]
+fn a_servo_delays_the_actuator_and_logs_its_set_point() -> Outcome {
+    let ideal = thesis("RP-ICPS")?.with_duration_s(10.0);
+    let run = record(
+        &ideal.clone().with_servo(SecondOrder::SERVO),
+        &Plant::default(),
+        &Channels::PERFECT.with_ambient(),
+        1,
+    );
+    let set = run.other.iter().find(|(name, _)| name == "setpoint_m").ok_or("no set point")?;
+    let room = run.other.iter().find(|(name, _)| name == "ambient_temp_c").ok_or("no room temperature")?;
+    assert!(room.1.values.len() == 40 && room.1.values.iter().all(|t| *t == 23.0));
+    let (set, x) = (&set.1.values, &run.displacement_m.values);
+    // 2 zeta / w is 15 ms, 7.7 samples: the actuator is the set point of 8 samples ago, but for its roll-off.
+    let late = |by: usize| std(&difference(&set[..set.len() - by], &x[by..])) / std(set);
+    assert!(late(8) < 0.06 && late(0) > 0.15 && late(16) > 0.15, "{} {} {}", late(0), late(8), late(16));
+    assert!(x[0] == set[0] && (x[x.len() - 1] - x[x.len() - 2]).abs() < 2e-6);
+    // Without a servo the road has the servo's gain, so that both move about the same.
+    let without = record(&ideal, &Plant::default(), &Channels::PERFECT, 1);
+    assert!(without.other.is_empty());
+    assert!((std(&without.displacement_m.values) / std(x) - 1.0).abs() < 0.05);
+    Ok(())
+}
+
+#[test]
+fn channel_filters_delay_what_is_logged_and_nothing_else() -> Outcome {
+    let filter = Some(SecondOrder::with_delay_s(0.01));
+    let experiment = thesis("RP-ICPS")?.with_duration_s(10.0);
+    let run = |channels| record(&experiment, &Plant::default(), &channels, 1);
+    let plain = run(Channels::PERFECT);
+    let slow = run(Channels { force_filter: filter, ..Channels::PERFECT });
+    assert_eq!((&plain.displacement_m, &plain.drive), (&slow.displacement_m, &slow.drive));
+    let late = |by: usize| {
+        let (before, after) = (force(&plain).unwrap_or_default(), force(&slow).unwrap_or_default());
+        std(&difference(&before[..before.len() - by], &after[by..]))
+    };
+    assert!(late(5) < late(0) && late(5) < late(12));
+    let slow = run(Channels { displacement_filter: filter, current_filter: filter, ..Channels::PERFECT });
+    assert!(plain.force_n == slow.force_n && plain.drive != slow.drive);
+    assert_ne!(plain.displacement_m, slow.displacement_m);
+    Ok(())
+}
+
+#[test]
+fn a_recording_can_be_given_up() -> Outcome {
+    let experiment = thesis("RP-ICPS")?;
+    let mut seen = Vec::new();
+    let run = record_while(&experiment, &Plant::default(), &Channels::default(), 1, &mut |done_s| {
+        seen.push(done_s);
+        done_s < 3.0
+    });
+    seen.dedup();
+    assert_eq!((run, seen), (None, vec![0.0, 1.0, 2.0, 3.0]));
+    // Also while the road is made.
+    let mut asked = 0;
+    let plant = Plant::default();
+    let run = record_while(&experiment, &plant, &Channels::default(), 1, &mut |_| {
+        asked += 1;
+        asked < 5
+    });
+    assert_eq!((run, asked), (None, 5));
+    Ok(())
+}
+
+#[test]
+fn every_paper_experiment_runs() -> Outcome {
+    for name in Experiment::paper1_names() {
+        let experiment = Experiment::paper1(name).ok_or("a known name")?;
+        experiment.check()?;
+        let run = record(&experiment.with_duration_s(14.0), &Plant::default(), &Channels::default(), 1);
+        let (force, x) = (force(&run)?, &run.displacement_m.values);
+        // Within the bench's range of 40 mm, and forces of a damper of this size.
+        assert!(x.iter().all(|x| x.abs() <= 0.0205), "{name}");
+        assert!((50.0..2000.0).contains(&std(force)), "{name}: {} N", std(force));
+        assert!(force.iter().all(|f| f.abs() < 6e3), "{name}");
+    }
+    Ok(())
+}
+
 /// Thesis Table D.1, RP3-CS: A1 (lbf), A2 (lbf s/in), A3 (s/in), kappa (1/s) for each current.
 const RP3_CS: [[f64; 4]; 7] = [
     [17.0222, 3.3977, 2.6617, -1.186518],
@@ -299,6 +400,11 @@ fn the_rig_uses_nothing_that_it_is_there_to_test() {
         include_str!("integrate.rs"),
         include_str!("channel.rs"),
         include_str!("experiment.rs"),
+        include_str!("inject.rs"),
+        include_str!("replicate.rs"),
+        include_str!("response.rs"),
+        include_str!("second_order.rs"),
+        include_str!("wave.rs"),
     ];
     for module in ["force", "effect", "condition", "identify", "pipeline", "preset", "diagnose"] {
         assert!(files.iter().all(|file| !file.contains(&format!("crate::{module}"))), "{module}");

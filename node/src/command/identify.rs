@@ -7,11 +7,13 @@ use crate::error::NodeError;
 use crate::report::identify::SteppedRun;
 use crate::report::{self, Recording};
 use clap::ValueEnum;
+use clap::builder::PossibleValuesParser;
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
-    DatasetOptions, GivenMemberships, Identified, ModelSpec, Options, Progress, Watch, identify,
+    DatasetOptions, Form, GivenMemberships, Identified, Loss, ModelSpec, Options, ParameterValue, Progress,
+    Structure, Watch, identify,
 };
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
@@ -30,11 +32,20 @@ use std::time::{Instant, SystemTime};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model to identify.
-    #[arg(long, value_enum)]
-    pub model: ModelArg,
-    /// ARX without the drive (9 coefficients instead of 12).
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(names()))]
+    pub model: String,
+    /// The form without the drive.
     #[arg(long)]
     pub passive: bool,
+    /// Fuzzy sets over the drive in place of polynomials, for a law of force (sp, kwok, bouc-wen, ...).
+    #[arg(long, conflicts_with = "passive")]
+    pub fuzzy: bool,
+    /// Degree of the polynomials over the drive, for a law of force.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=4))]
+    pub degree: u8,
+    /// Minimise Huber's loss in place of squares: residuals beyond N newtons count for little.
+    #[arg(long, value_name = "N")]
+    pub huber: Option<f64>,
     /// Runs to fit: CSV files, rosbag2 directories, .mcap files.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
@@ -85,13 +96,9 @@ pub struct Args {
     pub load: RunArgs,
 }
 
-/// Models that can be identified.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum ModelArg {
-    /// Auto-regression with exogenous inputs.
-    Arx,
-    /// Fuzzy sets over the drive, a tanh function under each.
-    FuzzyTanh,
+/// Names of all models that can be identified.
+fn names() -> Vec<&'static str> {
+    Structure::all().into_iter().map(Structure::name).collect()
 }
 
 /// Where the low-pass sits.
@@ -134,7 +141,26 @@ struct Report<'a> {
     validation: Option<Scores>,
     runs: Vec<RunReport<'a>>,
     active_bounds: Vec<String>,
+    estimates: Vec<Estimate<'a>>,
     restart_rsse_n: &'a [f64],
+}
+
+/// A parameter with its standard error; `null` where the runs do not determine it.
+#[derive(Debug, Serialize)]
+struct Estimate<'a> {
+    parameter: &'a str,
+    value: f64,
+    standard_error: Option<f64>,
+}
+
+impl<'a> Estimate<'a> {
+    fn of(parameter: &'a ParameterValue) -> Self {
+        Self {
+            parameter: &parameter.name,
+            value: parameter.value,
+            standard_error: Some(parameter.standard_error).filter(|error| error.is_finite()),
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -170,11 +196,12 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let (runs, hashes): (Vec<Run>, Vec<String>) =
         loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
     let start = Instant::now();
-    let spec = match (args.model, args.passive) {
-        (ModelArg::Arx, true) => ModelSpec::ARX_PASSIVE,
-        (ModelArg::Arx, false) => ModelSpec::ARX_SEMI_ACTIVE,
-        (ModelArg::FuzzyTanh, _) => ModelSpec::FUZZY_TANH,
+    let form = match (args.passive, args.fuzzy) {
+        (true, _) => Form::Passive,
+        (false, true) => Form::Fuzzy,
+        (false, false) => Form::SemiActive,
     };
+    let spec = ModelSpec::named(&args.model, form)?;
     let mut found = fit(spec, &runs, args, around)?;
     let seconds = start.elapsed().as_secs_f64();
     let held_out = args
@@ -189,7 +216,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let report = Report {
         schema: "mr-damper/identify/1",
         model: found.model.force.name(),
-        form: if found.model.force.drive().is_some() { "semi_active" } else { "passive" },
+        form: spec.form().name(),
         parameters: found.model.force.parameter_count(),
         restarts: args.restarts,
         seed: args.seed,
@@ -212,6 +239,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         validation,
         runs: found.runs.iter().map(run_report).collect(),
         active_bounds: found.active_bounds.iter().map(|b| format!("{} = {}", b.parameter, b.value)).collect(),
+        estimates: found.parameters.iter().map(Estimate::of).collect(),
         restart_rsse_n: &found.restart_rsse_n,
     };
     if let Some(path) = &args.report {
@@ -254,6 +282,12 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
             ..DatasetOptions::default()
         },
         memberships: args.centres.clone().map(|centres| GivenMemberships { centres, sigma: args.sigma }),
+        degree: usize::from(args.degree),
+        loss: match args.huber {
+            Some(threshold_n) => Loss::Huber { threshold_n },
+            None => Loss::Squares,
+        },
+        most_rows: None,
         restarts: args.restarts,
         seed: args.seed,
     };
@@ -310,7 +344,7 @@ fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Op
         tool: concat!("mr-damper ", env!("CARGO_PKG_VERSION")).to_owned(),
         date: now.to_rfc3339_opts(chrono::SecondsFormat::Secs, true),
         seed: args.seed,
-        restarts: if args.model == ModelArg::FuzzyTanh { args.restarts } else { 0 },
+        restarts: u32::try_from(found.restart_rsse_n.len()).unwrap_or(args.restarts),
         rank: found.rank.and_then(|rank| u32::try_from(rank).ok()),
         runs: found
             .runs
@@ -377,6 +411,14 @@ fn remarks(report: &Report<'_>) -> Vec<String> {
         .into_iter()
         .collect();
     let bounds = report.active_bounds.iter();
+    let vague = |e: &&Estimate<'_>| e.standard_error.is_none_or(|error| error > 0.5 * e.value.abs());
+    let vague: Vec<&str> = report.estimates.iter().filter(vague).map(|e| e.parameter).collect();
+    if !vague.is_empty() {
+        remarks.push(format!(
+            "known to no better than half their value, from these runs: {} (standard errors: --json)",
+            vague.join(", ")
+        ));
+    }
     remarks.extend(bounds.map(|bound| format!("on its bound: {bound} (the runs do not determine it)")));
     remarks
 }

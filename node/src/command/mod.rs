@@ -1,5 +1,6 @@
 //! The commands, one file each: its arguments, and what it does with them.
 
+pub mod compare;
 pub mod convert;
 pub mod demo;
 pub mod evaluate;
@@ -10,6 +11,7 @@ pub mod presets;
 pub mod record;
 pub mod replay;
 pub mod run_args;
+pub mod simulate;
 
 use crate::config::RosArgs;
 use crate::interrupt::Interrupt;

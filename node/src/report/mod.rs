@@ -1,16 +1,20 @@
 //! Reports: one HTML file each, with everything in it, readable without a network.
 //!
-//! [`plot`] draws, [`page`] sets the page, [`table`] its tables; they know nothing of dampers. One file a report
-//! puts them together: [`demo`], [`identify`].
+//! [`plot`], [`box_plot`] and [`scatter`] draw, [`page`] sets the page, [`table`] its tables; they know nothing of dampers. One file a report
+//! puts them together: [`demo`], [`identify`], [`compare`].
 
+pub mod box_plot;
+pub mod compare;
 pub mod correlate;
 pub mod demo;
 pub mod identify;
+mod log_axis;
 pub mod page;
 mod panels;
 pub mod plot;
 pub mod recording;
 mod scale;
+pub mod scatter;
 pub mod summary;
 pub mod table;
 

@@ -6,19 +6,28 @@
 //! fuzzy           F = sum_s w_s(i) f(p_s; x, v, a) + F0,  w_s: Gaussian sets, see [`FuzzySets`]
 //! ```
 //!
-//! A **law** f is a force of an MR damper at one current: one file each, with its equation and the meaning of its
-//! parameters p. It knows nothing of current. How current enters is the **dependence**, one mechanism that any
-//! law can use: polynomials on the parameters (thesis 4.5) or fuzzy sets over the outputs (thesis 4.8).
+//! A **law** f is a force of an MR damper at one current: one file each, with its equation and the meaning of
+//! its parameters p. It knows nothing of current. How current enters is the **dependence**, one mechanism
+//! that any law can use: polynomials on the parameters (thesis 4.5) or fuzzy sets over the outputs (thesis
+//! 4.8).
 //!
 //! Every law has its derivatives by its parameters written out; tests hold them against automatic
 //! differentiation of the same equation.
 
+mod arctan;
+mod bouc_wen;
+mod cesmeci_engin;
+mod choi;
+mod jet;
+mod kwok;
+mod li;
 mod sp;
 
 use super::Inputs;
 use super::sets::{FuzzySets, MAX_FUNCTIONS};
 use crate::error::Error;
 use crate::sample::DriveKind;
+use jet::Jet;
 use num_dual::DualNum;
 
 /// What an equation is written over: `f64`, or a dual number in tests of its derivatives.
@@ -32,13 +41,27 @@ pub const MAX_COEFFICIENTS: usize = 160;
 /// The highest power of the drive.
 pub const MAX_DEGREE: usize = 4;
 /// The most hidden variables that a law has.
-pub const MAX_HIDDEN: usize = 2;
+pub const MAX_HIDDEN: usize = 3;
+/// Directions in which a law with memory is differentiated: its parameters, then its hidden variables.
+const DIRECTIONS: usize = bouc_wen::PARAMETERS.len() + MAX_HIDDEN;
 
 /// A law of force at one current.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Law {
     /// Semi-phenomenological hyperbolic tangent (Guo et al.).
     Sp,
+    /// Modified Bouc-Wen (Spencer et al.): the law with memory.
+    BoucWen,
+    /// Hyperbolic tangent with hysteresis from the sign of displacement (Kwok et al.).
+    Kwok,
+    /// Sigmoid, one branch for rising and one for falling velocity (Li et al.).
+    Li,
+    /// Arctangent shifted by the sign of acceleration, with inertia (Cesmeci and Engin).
+    CesmeciEngin,
+    /// Polynomial of the velocity, one branch for rising and one for falling velocity (Choi et al.).
+    Choi,
+    /// Semi-phenomenological with an arctangent.
+    Arctan,
 }
 
 /// One parameter of a law: its name with the unit, and where to look for it.
@@ -59,6 +82,33 @@ pub struct Parameter {
     pub kind: Kind,
 }
 
+impl Parameter {
+    const fn new(name: &'static str, scale: Scale, start: [f64; 2], kind: Kind) -> Self {
+        Self { name, scale, bounds: [f64::NEG_INFINITY, f64::INFINITY], start, kind }
+    }
+
+    /// One that force is linear in, without bounds.
+    const fn linear(name: &'static str, scale: Scale, start: [f64; 2]) -> Self {
+        Self::new(name, scale, start, Kind::Linear)
+    }
+
+    /// One that force is not linear in, without bounds.
+    const fn nonlinear(name: &'static str, scale: Scale, start: [f64; 2]) -> Self {
+        Self::new(name, scale, start, Kind::Nonlinear)
+    }
+
+    /// One that others make up for, without bounds.
+    const fn gauge(name: &'static str, scale: Scale, start: [f64; 2]) -> Self {
+        Self::new(name, scale, start, Kind::Gauge)
+    }
+
+    /// The same with bounds.
+    const fn within(mut self, lower: f64, upper: f64) -> Self {
+        self.bounds = [lower, upper];
+        self
+    }
+}
+
 /// How the force depends on a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
@@ -66,8 +116,8 @@ pub enum Kind {
     Linear,
     /// Force is not linear in it: its start is drawn.
     Nonlinear,
-    /// Only its change with the drive matters, since it comes as a ratio with another one: the constant part
-    /// stays at its start, the middle of the range.
+    /// Only its change with the drive matters, since another one makes up for it (they come as a ratio): the
+    /// constant part stays at its start, the middle of the range.
     Gauge,
 }
 
@@ -101,13 +151,20 @@ pub type Hidden = [f64; MAX_HIDDEN];
 
 impl Law {
     /// All laws.
-    pub const ALL: [Self; 1] = [Self::Sp];
+    pub const ALL: [Self; 7] =
+        [Self::Sp, Self::BoucWen, Self::Kwok, Self::Li, Self::CesmeciEngin, Self::Choi, Self::Arctan];
 
     /// The name, as in the contract.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Sp => "sp",
+            Self::BoucWen => "bouc-wen",
+            Self::Kwok => "kwok",
+            Self::Li => "li",
+            Self::CesmeciEngin => "cesmeci-engin",
+            Self::Choi => "choi",
+            Self::Arctan => "arctan",
         }
     }
 
@@ -122,34 +179,130 @@ impl Law {
     pub const fn parameters(self) -> &'static [Parameter] {
         match self {
             Self::Sp => &sp::PARAMETERS,
+            Self::BoucWen => &bouc_wen::PARAMETERS,
+            Self::Kwok => &kwok::PARAMETERS,
+            Self::Li => &li::PARAMETERS,
+            Self::CesmeciEngin => &cesmeci_engin::PARAMETERS,
+            Self::Choi => &choi::PARAMETERS,
+            Self::Arctan => &arctan::PARAMETERS,
         }
     }
 
     /// True when the force depends on what was before.
     #[must_use]
     pub const fn has_memory(self) -> bool {
-        match self {
-            Self::Sp => false,
-        }
+        matches!(self, Self::BoucWen)
     }
 
-    /// Force in newtons with parameters `p` (as many as [`Law::parameters`]), advancing `hidden` by one sample.
-    /// Not finite when an input that the law needs is not.
+    /// Force in newtons with parameters `p` (as many as [`Law::parameters`]), advancing `hidden` by one
+    /// sample. Not finite when an input that the law needs is not; `hidden` then stays.
     #[inline]
     #[must_use]
-    pub fn force_n(self, p: &[f64], inputs: &Inputs, _hidden: &mut Hidden) -> f64 {
+    pub fn force_n(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64 {
         match self {
             Self::Sp => sp::force_n(p, inputs),
+            Self::BoucWen => bouc_wen::step(p, inputs, hidden),
+            Self::Kwok => kwok::force_n(p, inputs),
+            Self::Li => li::force_n(p, inputs),
+            Self::CesmeciEngin => cesmeci_engin::force_n(p, inputs),
+            Self::Choi => choi::force_n(p, inputs),
+            Self::Arctan => arctan::force_n(p, inputs),
         }
     }
 
-    /// Force in newtons, and its derivatives by the parameters into `gradient`, for a law without memory.
+    /// Force in newtons, and its derivatives by the parameters into `gradient` (at least as long as
+    /// [`Law::parameters`]). A law with memory is taken at the first sample after a start; what comes after
+    /// is for [`Law::sensitivity`].
     #[inline]
     pub fn gradient(self, p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
         match self {
             Self::Sp => sp::gradient(p, inputs, gradient),
+            Self::Kwok => kwok::gradient(p, inputs, gradient),
+            Self::Li => li::gradient(p, inputs, gradient),
+            Self::CesmeciEngin => cesmeci_engin::gradient(p, inputs, gradient),
+            Self::Choi => choi::gradient(p, inputs, gradient),
+            Self::Arctan => arctan::gradient(p, inputs, gradient),
+            Self::BoucWen => {
+                let first = Inputs { dt_s: None, ..*inputs };
+                let found = self.sensitivity(p, &first, &mut Hidden::default());
+                gradient[..p.len()].copy_from_slice(&found.force_by_parameter[..p.len()]);
+                found.force_n
+            }
         }
     }
+
+    /// Force in newtons, advancing `hidden` by one sample as [`Law::force_n`] does, with the derivatives of
+    /// both.
+    ///
+    /// Along a run, with S the derivatives of the hidden variables by the parameters (zero before the first
+    /// sample): `dF = force_by_parameter + force_by_hidden S`, then
+    /// `S = hidden_by_parameter + hidden_by_hidden S`.
+    #[inline]
+    #[must_use]
+    pub fn sensitivity(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> Sensitivity {
+        let mut found = Sensitivity::default();
+        if !self.has_memory() {
+            found.force_n = self.gradient(p, inputs, &mut found.force_by_parameter);
+            return found;
+        }
+        let n = p.len();
+        let mut q = [Jet::<DIRECTIONS>::from(0.0); bouc_wen::PARAMETERS.len()];
+        for (j, (jet, value)) in q.iter_mut().zip(p).enumerate() {
+            *jet = Jet::variable(*value, j);
+        }
+        let mut next: [Jet<DIRECTIONS>; MAX_HIDDEN] =
+            std::array::from_fn(|h| Jet::variable(hidden[h], n + h));
+        let force = bouc_wen::step(&q, inputs, &mut next);
+        found.force_n = force.re;
+        found.force_by_parameter[..n].copy_from_slice(&force.by[..n]);
+        found.force_by_hidden.copy_from_slice(&force.by[n..]);
+        for (h, jet) in next.iter().enumerate() {
+            hidden[h] = jet.re;
+            found.hidden_by_parameter[h][..n].copy_from_slice(&jet.by[..n]);
+            found.hidden_by_hidden[h].copy_from_slice(&jet.by[n..]);
+        }
+        found
+    }
+}
+
+/// One sample of a law with its derivatives; see [`Law::sensitivity`]. Entries beyond the law's parameters,
+/// and all that concern hidden variables of a law without memory, are zero.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Sensitivity {
+    /// Force, N.
+    pub force_n: f64,
+    /// Derivatives of the force by the parameters, the hidden variables before the sample held.
+    pub force_by_parameter: [f64; MAX_PARAMETERS],
+    /// Derivatives of the force by the hidden variables before the sample.
+    pub force_by_hidden: [f64; MAX_HIDDEN],
+    /// Derivatives of each hidden variable after the sample by the parameters.
+    pub hidden_by_parameter: [[f64; MAX_PARAMETERS]; MAX_HIDDEN],
+    /// Derivatives of each hidden variable after the sample by those before it.
+    pub hidden_by_hidden: [[f64; MAX_HIDDEN]; MAX_HIDDEN],
+}
+
+/// The side of the loop that a law with two branches is on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Branch {
+    /// Acceleration positive, or exactly zero.
+    Rising,
+    /// Acceleration negative.
+    Falling,
+}
+
+impl Branch {
+    /// `None` when the acceleration is not known.
+    #[inline]
+    fn of(inputs: &Inputs) -> Option<Self> {
+        let a = inputs.acceleration_m_s2;
+        (!a.is_nan()).then_some(if a < 0.0 { Self::Falling } else { Self::Rising })
+    }
+}
+
+/// -1, 0 or 1; NaN for NaN.
+#[inline]
+fn sign(x: f64) -> f64 {
+    if x == 0.0 { 0.0 } else { x.signum() }
 }
 
 /// How the parameters of a law follow the drive.

@@ -9,6 +9,12 @@ use proptest::prelude::*;
 fn on_duals(law: Law, p: &[Dual64], inputs: &Inputs) -> Dual64 {
     match law {
         Law::Sp => sp::force_n(p, inputs),
+        Law::Kwok => kwok::force_n(p, inputs),
+        Law::Li => li::force_n(p, inputs),
+        Law::CesmeciEngin => cesmeci_engin::force_n(p, inputs),
+        Law::Choi => choi::force_n(p, inputs),
+        Law::Arctan => arctan::force_n(p, inputs),
+        Law::BoucWen => unreachable!("its sensitivities are held against differences"),
     }
 }
 
@@ -135,4 +141,45 @@ fn the_quick_tanh_is_tanh() {
         assert!((tanh(z) - z.tanh()).abs() < 4e-16, "{z}");
     }
     assert_eq!((tanh(1e6), tanh(-1e6), tanh(0.0)), (1.0, -1.0, 0.0));
+}
+
+#[test]
+fn without_acceleration_laws_that_need_it_have_no_force() {
+    for law in Law::ALL {
+        let p = sensible(law, &[0.5; MAX_PARAMETERS]);
+        let inputs = |acceleration_m_s2| Inputs {
+            dt_s: None,
+            displacement_m: 0.003,
+            velocity_m_s: 0.1,
+            acceleration_m_s2,
+            drive: 0.0,
+        };
+        let needs = matches!(law, Law::Li | Law::CesmeciEngin | Law::Choi);
+        let force = law.force_n(&p, &inputs(f64::NAN), &mut Hidden::default());
+        assert_eq!(force.is_nan(), needs, "{}", law.name());
+        let mut gradient = [0.0; MAX_PARAMETERS];
+        assert_eq!(law.gradient(&p, &inputs(f64::NAN), &mut gradient).is_nan(), needs, "{}", law.name());
+        // Exactly zero is on the rising branch.
+        let at = |a| law.force_n(&p, &inputs(a), &mut Hidden::default());
+        assert_eq!(at(0.0), at(f64::MIN_POSITIVE), "{}", law.name());
+    }
+}
+
+#[test]
+fn a_law_without_memory_has_nothing_hidden() {
+    let inputs = Inputs {
+        dt_s: Some(0.002),
+        displacement_m: 0.003,
+        velocity_m_s: 0.1,
+        acceleration_m_s2: 1.0,
+        drive: 0.0,
+    };
+    for law in Law::ALL.into_iter().filter(|law| !law.has_memory()) {
+        let p = sensible(law, &[0.3; MAX_PARAMETERS]);
+        let (mut hidden, mut gradient) = (Hidden::default(), [0.0; MAX_PARAMETERS]);
+        let found = law.sensitivity(&p, &inputs, &mut hidden);
+        let force_n = law.gradient(&p, &inputs, &mut gradient);
+        assert_eq!(found, Sensitivity { force_n, force_by_parameter: gradient, ..Sensitivity::default() });
+        assert_eq!(hidden, Hidden::default());
+    }
 }

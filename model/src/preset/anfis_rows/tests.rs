@@ -52,8 +52,7 @@ fn the_surfaces_are_those_of_a_damper() {
 fn scales_agree_with_the_fuzzy_tanh_models_of_the_same_data() {
     // The two were identified apart from each other: a wrong scale of force, velocity or current would show.
     for (k, name) in EXPERIMENTS[5..].iter().enumerate() {
-        let (anfis, (tanh, _)) =
-            (anfis(&format!("thesis/anfis/{name}")), fuzzy_rows::model(k).expect("a model"));
+        let (anfis, tanh) = (anfis(&format!("thesis/anfis/{name}")), fuzzy_rows::model(k).expect("a model"));
         for i in [0.8, 1.6, 2.5] {
             for v in [-0.15, -0.1, -0.05, 0.05, 0.1, 0.15] {
                 let (a, t) = (force_n(&anfis, 0.0, v, i), tanh.force_n(0.0, v, i));

@@ -1,0 +1,231 @@
+//! Comparison of models: each identified on each experiment's first replicate, and tested on all others.
+//!
+//! ```text
+//! experiment = replicates 1, 2, ...          one conditioning for all: rows are made once and shared by all models
+//! cell       = one model on one experiment:  identify on its first replicate,
+//!                                            score on every other replicate of every experiment (cross-validation)
+//! ```
+//!
+//! Cells do not know of each other: they can run in any order, on any number of threads, now or after a restart of
+//! the program, and give the same figures. A model that cannot be identified on an experiment gives a cell with
+//! the reason, and no error: the others go on.
+//!
+//! **Which rows count**: those of [`Dataset`] that do (force known, filters settled, damper moving). **Offset**: a
+//! session's force offset (gas preload, zero of the load cell) is identified with the model, and the model keeps it
+//! in every test, so a drift of the zero between sessions counts as an error. The thesis has no offset at all.
+//! **Divergence**: a free run that leaves the finite numbers, or goes beyond a hundred times the largest measured
+//! force, is reported as diverged and never as a figure. **Predictors** never mix: a model that feeds on force has a
+//! figure running free and another one step ahead, and the latter means something only beside persistence.
+
+mod rank;
+mod summary;
+
+pub use rank::{BoxPlot, kendall_tau};
+pub use summary::{Class, Row, Summary};
+
+use crate::error::Error;
+use crate::identify::{self, Dataset, ModelSpec, Options, Scores, Watch};
+use crate::metrics::Fit;
+use crate::model::Model;
+use serde::{Deserialize, Serialize};
+
+/// Runs of one excitation. The first replicate is for identification.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Experiment {
+    /// Its name.
+    pub name: String,
+    /// Its replicates, at least one.
+    pub replicates: Vec<Replicate>,
+}
+
+/// One run of an experiment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Replicate {
+    /// Its number, as it is reported.
+    pub number: u32,
+    /// Its rows.
+    pub data: Dataset,
+}
+
+/// One piece of work: a model on an experiment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Cell {
+    /// The model.
+    pub spec: ModelSpec,
+    /// Index of the experiment.
+    pub experiment: usize,
+}
+
+/// What a model is given to predict a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Predictor {
+    /// Displacement and drive alone.
+    FreeRun,
+    /// The measured force up to the sample before as well.
+    OneStep,
+}
+
+/// One figure, or why there is none.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Figure {
+    /// How the model was used.
+    pub predictor: Predictor,
+    /// Root mean squared error, N; `None` without a figure.
+    pub rsse_n: Option<f64>,
+    /// Error power over force variance; `None` without a figure, or when the force never varied.
+    pub esr: Option<f64>,
+    /// Why there is no figure: `diverged`, or the reason in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+/// The figures of one test.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Test {
+    /// Name of the experiment.
+    pub tested_on: String,
+    /// Number of its replicate.
+    pub replicate: u32,
+    /// One figure for each way in which the model can be used.
+    pub figures: Vec<Figure>,
+}
+
+/// A cell that is done.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Finished {
+    /// Name of the model.
+    pub model: String,
+    /// How the drive enters it: `passive`, `semi_active`, `fuzzy`.
+    pub form: String,
+    /// Name of the experiment.
+    pub trained_on: String,
+    /// Numbers that were identified; `None` without a model.
+    pub parameters: Option<usize>,
+    /// Figures on the training run; empty without a model.
+    pub identification: Vec<Figure>,
+    /// Figures on all other runs; empty without a model.
+    pub cross_validation: Vec<Test>,
+    /// Why there is no model.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
+}
+
+/// Persistence on one run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Persistence {
+    /// Name of the experiment.
+    pub experiment: String,
+    /// Number of its replicate.
+    pub replicate: u32,
+    /// Root mean squared error, N.
+    pub rsse_n: Option<f64>,
+    /// Error power over force variance.
+    pub esr: Option<f64>,
+}
+
+/// All cells of `specs` on `experiments`, experiment by experiment.
+#[must_use]
+pub fn cells(specs: &[ModelSpec], experiments: usize) -> Vec<Cell> {
+    (0..experiments)
+        .flat_map(|experiment| specs.iter().map(move |spec| Cell { spec: *spec, experiment }))
+        .collect()
+}
+
+/// Does one cell: identifies on the experiment's first replicate, and tests on every other run. The model comes
+/// along, where there is one.
+///
+/// # Errors
+/// [`Error::Cancelled`] alone; what else goes wrong stands in the cell.
+///
+/// # Panics
+/// When the cell's experiment is none of `experiments`.
+pub fn run(
+    cell: Cell,
+    experiments: &[Experiment],
+    options: &Options,
+    watch: &Watch,
+) -> Result<(Finished, Option<Model>), Error> {
+    let experiment = &experiments[cell.experiment];
+    let mut finished = Finished {
+        model: cell.spec.structure().name().to_owned(),
+        form: cell.spec.form().name().to_owned(),
+        trained_on: experiment.name.clone(),
+        parameters: None,
+        identification: Vec::new(),
+        cross_validation: Vec::new(),
+        failure: None,
+    };
+    let found = match experiment.replicates.first() {
+        Some(first) => {
+            identify::identify_datasets(cell.spec, std::slice::from_ref(&first.data), options, watch)
+                .map(|found| (found.model, &first.data))
+        }
+        None => Err(Error::Data { message: format!("experiment {}: has no runs", experiment.name) }),
+    };
+    let (model, training) = match found {
+        Ok(found) => found,
+        Err(Error::Cancelled) => return Err(Error::Cancelled),
+        Err(error) => {
+            finished.failure = Some(error.to_string());
+            return Ok((finished, None));
+        }
+    };
+    finished.parameters = Some(model.force.parameter_count());
+    finished.identification = figures(&model, training, watch)?;
+    for (index, tested) in experiments.iter().enumerate() {
+        for (place, replicate) in tested.replicates.iter().enumerate() {
+            if (index, place) != (cell.experiment, 0) {
+                finished.cross_validation.push(Test {
+                    tested_on: tested.name.clone(),
+                    replicate: replicate.number,
+                    figures: figures(&model, &replicate.data, watch)?,
+                });
+            }
+        }
+    }
+    Ok((finished, Some(model)))
+}
+
+/// Persistence on every run.
+#[must_use]
+pub fn persistence(experiments: &[Experiment]) -> Vec<Persistence> {
+    let one = |experiment: &Experiment, replicate: &Replicate| {
+        let fit = identify::persistence(&replicate.data);
+        Persistence {
+            experiment: experiment.name.clone(),
+            replicate: replicate.number,
+            rsse_n: fit.map(|fit| fit.rsse_n),
+            esr: fit.map(|fit| fit.esr).filter(|esr| esr.is_finite()),
+        }
+    };
+    experiments.iter().flat_map(|e| e.replicates.iter().map(move |r| one(e, r))).collect()
+}
+
+/// What `model` makes of `dataset`, each way in which it can be used.
+fn figures(model: &Model, dataset: &Dataset, watch: &Watch) -> Result<Vec<Figure>, Error> {
+    let feeds_on_force = model.force.force_fed_period().is_some();
+    let scored = match identify::score(&model.force, dataset, watch) {
+        Err(Error::Cancelled) => return Err(Error::Cancelled),
+        scored => scored,
+    };
+    let figure = |predictor, pick: fn(&Scores) -> Option<Fit>| match &scored {
+        Ok(scores) => {
+            let fit = pick(scores);
+            let note = match (fit, predictor) {
+                (None, Predictor::FreeRun) if scores.diverged => Some("diverged".to_owned()),
+                (None, _) => Some("the model gave no force on a row that counts".to_owned()),
+                (Some(fit), _) if !fit.esr.is_finite() => Some("the measured force never varies".to_owned()),
+                (Some(_), _) => None,
+            };
+            let esr = fit.map(|fit| fit.esr).filter(|esr| esr.is_finite());
+            Figure { predictor, rsse_n: fit.map(|fit| fit.rsse_n), esr, note }
+        }
+        Err(error) => Figure { predictor, rsse_n: None, esr: None, note: Some(error.to_string()) },
+    };
+    let mut figures = vec![figure(Predictor::FreeRun, |scores| scores.free_run)];
+    if feeds_on_force {
+        figures.push(figure(Predictor::OneStep, |scores| scores.one_step));
+    }
+    Ok(figures)
+}

@@ -1,0 +1,141 @@
+//! What many cells say together: means over tests, the best training experiment, and the order of the models.
+
+use super::{BoxPlot, Finished, Predictor};
+
+/// A model used in one way: figures of different predictors are never put in one order.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Class {
+    /// How the model is used.
+    pub predictor: Predictor,
+    /// Name of the model.
+    pub model: String,
+    /// How the drive enters it.
+    pub form: String,
+}
+
+/// Cross-validation of a model that was trained on one experiment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// Name of the experiment.
+    pub trained_on: String,
+    /// Mean RSSE over all tests, N; `None` when a test has no figure, since a mean over the others would flatter.
+    pub mean_rsse_n: Option<f64>,
+    /// Mean ESR over all tests; `None` as above.
+    pub mean_esr: Option<f64>,
+    /// Number of tests.
+    pub tests: usize,
+    /// Tests without a figure: diverged, or the run does not suit the model.
+    pub without: usize,
+}
+
+/// Cross-validation of a model over all training experiments.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Summary {
+    /// The model.
+    pub class: Class,
+    /// Numbers that were identified (in the last cell that has a model).
+    pub parameters: usize,
+    /// One row for each training experiment that gave a model.
+    pub rows: Vec<Row>,
+    /// ESR of every test that has one.
+    pub esr: Vec<f64>,
+    /// Tests without a figure.
+    pub without: usize,
+    /// Training experiments that gave no model, with the reason.
+    pub failures: Vec<(String, String)>,
+}
+
+impl Summary {
+    /// Summaries of all models: first the predictors apart, then by the best training experiment's mean ESR, best
+    /// first; those without any such mean at the end.
+    #[must_use]
+    pub fn of(cells: &[Finished]) -> Vec<Self> {
+        let mut all: Vec<Self> = Vec::new();
+        for cell in cells {
+            for figure in &cell.identification {
+                let row = Row::of(cell, figure.predictor);
+                let summary = entry(&mut all, cell, figure.predictor);
+                summary.parameters = cell.parameters.unwrap_or(summary.parameters);
+                summary.without += row.without;
+                summary.rows.push(row);
+                summary.esr.extend(figures(cell, figure.predictor).filter_map(|(_, esr)| esr));
+            }
+        }
+        for cell in cells {
+            if let Some(why) = &cell.failure {
+                entry(&mut all, cell, Predictor::FreeRun)
+                    .failures
+                    .push((cell.trained_on.clone(), why.clone()));
+            }
+        }
+        all.sort_by(|a, b| {
+            let mean = |summary: &Self| summary.best().and_then(|row| row.mean_esr).unwrap_or(f64::INFINITY);
+            a.class
+                .predictor
+                .cmp(&b.class.predictor)
+                .then(mean(a).total_cmp(&mean(b)))
+                .then(a.class.cmp(&b.class))
+        });
+        all
+    }
+
+    /// The row of the training experiment with the least mean ESR; `None` when no row has one.
+    #[must_use]
+    pub fn best(&self) -> Option<&Row> {
+        let with = self.rows.iter().filter(|row| row.mean_esr.is_some());
+        with.min_by(|a, b| a.mean_esr.unwrap_or(f64::NAN).total_cmp(&b.mean_esr.unwrap_or(f64::NAN)))
+    }
+
+    /// Box plot of the ESR of all tests that have one.
+    #[must_use]
+    pub fn spread(&self) -> Option<BoxPlot> {
+        BoxPlot::of(self.esr.iter().copied())
+    }
+
+    /// Median ESR with tests that have no figure counted as worse than all others; `None` when it is one of those.
+    #[must_use]
+    pub fn median_esr(&self) -> Option<f64> {
+        let mut all = self.esr.clone();
+        all.resize(self.esr.len() + self.without, f64::INFINITY);
+        all.sort_by(f64::total_cmp);
+        let (low, high) = (*all.get(all.len().checked_sub(1)? / 2)?, *all.get(all.len() / 2)?);
+        Some(0.5 * (low + high)).filter(|median| median.is_finite())
+    }
+}
+
+impl Row {
+    fn of(cell: &Finished, predictor: Predictor) -> Self {
+        let (mut rsse_n, mut esr, mut tests, mut with) = (0.0, 0.0, 0_usize, 0_usize);
+        for found in figures(cell, predictor) {
+            tests += 1;
+            if let (Some(r), Some(e)) = found {
+                (rsse_n, esr, with) = (rsse_n + r, esr + e, with + 1);
+            }
+        }
+        let mean = |sum: f64| (tests > 0 && with == tests).then(|| sum / tests as f64);
+        Self {
+            trained_on: cell.trained_on.clone(),
+            mean_rsse_n: mean(rsse_n),
+            mean_esr: mean(esr),
+            tests,
+            without: tests - with,
+        }
+    }
+}
+
+/// RSSE and ESR of the cell's tests.
+fn figures(cell: &Finished, predictor: Predictor) -> impl Iterator<Item = (Option<f64>, Option<f64>)> {
+    let all = cell.cross_validation.iter().flat_map(|test| &test.figures);
+    all.filter(move |figure| figure.predictor == predictor).map(|figure| (figure.rsse_n, figure.esr))
+}
+
+/// The summary of the cell's model, new where there is none yet.
+fn entry<'a>(all: &'a mut Vec<Summary>, cell: &Finished, predictor: Predictor) -> &'a mut Summary {
+    let class = Class { predictor, model: cell.model.clone(), form: cell.form.clone() };
+    let index = all.iter().position(|summary| summary.class == class).unwrap_or_else(|| {
+        let (rows, esr, failures) = (Vec::new(), Vec::new(), Vec::new());
+        all.push(Summary { class, parameters: 0, rows, esr, without: 0, failures });
+        all.len() - 1
+    });
+    &mut all[index]
+}

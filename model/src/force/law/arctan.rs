@@ -1,0 +1,45 @@
+//! Semi-phenomenological law with an arctangent in place of the hyperbolic tangent (the thesis' outlook; the
+//! step is that of Cesmeci and Engin, thesis 2.6).
+//!
+//! ```text
+//! f = (2/pi) A1 atan(A3 u) + A2 u,      u = v + kappa x,      kappa = V0/X0
+//! ```
+//!
+//! | symbol | parameter | unit | meaning |
+//! |---|---|---|---|
+//! | A1 | `yield_force_n` | N | height of the step |
+//! | A2 | `post_yield_damping_n_s_m` | N·s/m | slope beyond the yield |
+//! | A3 | `pre_yield_slope_s_m` | s/m | steepness of the step |
+//! | V0, X0 | `coupling_velocity_m_s`, `coupling_stroke_m` | m/s, m | width of the loop, as their ratio |
+//! | x, v | inputs | m, m/s | displacement and velocity, positive in extension |
+//!
+//! Parameters are those of [`sp`](super::sp). An arctangent reaches its height more slowly (as 1/u) than a
+//! tanh: a rounder knee.
+
+use super::{Inputs, Scalar};
+use std::f64::consts::FRAC_2_PI;
+
+pub(super) use super::sp::PARAMETERS;
+
+#[inline]
+pub(super) fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
+    let u = p[3] / p[4] * inputs.displacement_m + inputs.velocity_m_s;
+    p[0] * FRAC_2_PI * (p[2] * u).atan() + p[1] * u
+}
+
+#[inline]
+pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
+    let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
+    let kappa = p[3] / p[4];
+    let u = v + kappa * x;
+    let z = p[2] * u;
+    let t = FRAC_2_PI * z.atan();
+    let step = p[0] * FRAC_2_PI / (1.0 + z * z);
+    let by_u = step * p[2] + p[1];
+    gradient[0] = t;
+    gradient[1] = u;
+    gradient[2] = step * u;
+    gradient[3] = by_u * x / p[4];
+    gradient[4] = -by_u * x * kappa / p[4];
+    p[0] * t + p[1] * u
+}

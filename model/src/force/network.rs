@@ -1,0 +1,545 @@
+//! Autoregressive feed-forward networks: `wang-liao` (recurrent direct model) and `chen`.
+//!
+//! ```text
+//! u   = [ x_k .. x_{k-p+1}, v_k .. v_{k-p+1}, (i_k .. i_{k-q+1},) F_{k-1} .. F_{k-r} ],  each as (s - mean) / deviation
+//! h_j = tanh( sum_i W_ji u_i + b_j )                          j = 1 .. H
+//! F_k = F0 + deviation_F ( sum_j c_j h_j + c_0 )
+//! ```
+//!
+//! | symbol | field | unit | meaning |
+//! |---|---|---|---|
+//! | x, v | history | m, m/s | displacement from the rest position, velocity; positive in extension |
+//! | i | history | A or V | drive: coil current, or command voltage; semi-active form only |
+//! | F | history | N | force with the session's offset in: measured (one step ahead) or predicted (free run) |
+//! | W, b, c | `weights` | 1 | weights of normalised signals |
+//! | mean, deviation | `Scaling` | of the signal | mean and standard deviation of the training data |
+//! | F0 | `force_offset_n` | N | mean force of the session; the mean by which forces are normalised |
+//!
+//! | structure | lags of x, v, i, F | hidden | source |
+//! |---|---|---|---|
+//! | `wang-liao` passive | 5, 5, -, 5 | 15 | Wang and Liao: a recurrent direct model, 15 inputs, no current |
+//! | `wang-liao` semi-active | 5, 5, 5, 5 | 15 | our extension: five lags of the drive as further inputs |
+//! | `chen` semi-active | 2, 2, 2, 1 | 25 | Chen: 7 inputs |
+//! | `chen` passive | 2, 2, -, 1 | 25 | the same without the drive |
+//!
+//! The hidden function is tanh. A logistic one gives the same set of models: sigma(z) = (1 + tanh(z/2)) / 2, and
+//! the factors go into the weights.
+//!
+//! The lags are of samples, so that a network holds at one rate only. Beyond its training data it saturates:
+//! it extrapolates to a constant, and nothing says that this constant is right.
+
+use super::history::{DEPTH, History, known};
+use crate::error::Error;
+use crate::sample::DriveKind;
+use crate::units::Second;
+
+/// The most inputs of a network.
+pub const MAX_NETWORK_INPUTS: usize = 20;
+/// The most hidden neurons of a network.
+pub const MAX_NETWORK_HIDDEN: usize = 25;
+/// Hidden neurons with padding to whole vectors; the weights of the padding are zero.
+const LANES: usize = MAX_NETWORK_HIDDEN.next_multiple_of(PER_VECTOR);
+/// Lanes that loops take at once: 32 bytes.
+const PER_VECTOR: usize = 4;
+
+/// Which network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum NetworkStructure {
+    /// Five lags of each signal, 15 hidden neurons.
+    WangLiao,
+    /// Two lags of each input, one of force, 25 hidden neurons.
+    Chen,
+}
+
+impl NetworkStructure {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::WangLiao, Self::Chen];
+
+    /// The structure called `name`, as in the contract.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|structure| structure.name() == name)
+    }
+
+    /// The model's name, as in the contract: `wang-liao`, `chen`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::WangLiao => "wang-liao",
+            Self::Chen => "chen",
+        }
+    }
+
+    /// Samples of displacement, of velocity and (in the semi-active form) of drive among the inputs.
+    #[must_use]
+    pub const fn input_lags(self) -> usize {
+        match self {
+            Self::WangLiao => 5,
+            Self::Chen => 2,
+        }
+    }
+
+    /// Samples of past force among the inputs.
+    #[must_use]
+    pub const fn force_lags(self) -> usize {
+        match self {
+            Self::WangLiao => 5,
+            Self::Chen => 1,
+        }
+    }
+
+    /// Hidden neurons.
+    #[must_use]
+    pub const fn hidden(self) -> usize {
+        match self {
+            Self::WangLiao => 15,
+            Self::Chen => 25,
+        }
+    }
+
+    /// Inputs of the passive form, or of the semi-active one (`driven`).
+    #[must_use]
+    pub const fn inputs(self, driven: bool) -> usize {
+        let signals = if driven { 3 } else { 2 };
+        signals * self.input_lags() + self.force_lags()
+    }
+
+    /// Weights of the passive form, or of the semi-active one (`driven`): W, b, c and c_0.
+    #[must_use]
+    pub const fn weights(self, driven: bool) -> usize {
+        self.hidden() * (self.inputs(driven) + 2) + 1
+    }
+}
+
+/// Mean and standard deviation by which one signal is normalised, in the signal's unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Normalisation {
+    /// Mean of the training data.
+    pub mean: f64,
+    /// Standard deviation of the training data; positive.
+    pub deviation: f64,
+}
+
+impl Normalisation {
+    /// The normalised value.
+    #[inline]
+    #[must_use]
+    pub const fn apply(&self, value: f64) -> f64 {
+        (value - self.mean) / self.deviation
+    }
+
+    /// The check that every model with normalised inputs makes of its own.
+    pub(super) fn check(&self, mean_name: &str, deviation_name: &str) -> Result<(), Error> {
+        Error::check(mean_name, self.mean, "finite", |_| true)?;
+        Error::check(deviation_name, self.deviation, "positive and finite", |d| d > 0.0)?;
+        Ok(())
+    }
+}
+
+/// How the signals are normalised.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NetworkScaling {
+    /// Displacement, m.
+    pub displacement_m: Normalisation,
+    /// Velocity, m/s.
+    pub velocity_m_s: Normalisation,
+    /// Drive, A or V, with its kind; `None` for the passive form.
+    pub drive: Option<(DriveKind, Normalisation)>,
+    /// Standard deviation of force, N; its mean is the force offset.
+    pub force_deviation_n: f64,
+}
+
+/// An autoregressive network with one hidden layer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Network {
+    structure: NetworkStructure,
+    scaling: NetworkScaling,
+    inputs: usize,
+    /// Row by input, column by hidden neuron.
+    hidden: [[f64; LANES]; MAX_NETWORK_INPUTS],
+    hidden_bias: [f64; LANES],
+    output: [f64; LANES],
+    output_bias: f64,
+    sample_period_s: f64,
+    force_offset_n: f64,
+}
+
+impl Network {
+    /// A network from its normalised `weights`: W input by input (the weights of one input to all hidden neurons
+    /// side by side), then b, then c, then c_0. The inputs come in the order of the equation above.
+    ///
+    /// # Errors
+    /// When there is another number of weights than [`NetworkStructure::weights`] says, a number is not finite, or a
+    /// deviation or the sample period is not positive.
+    pub fn new(
+        structure: NetworkStructure,
+        scaling: NetworkScaling,
+        weights: &[f64],
+        sample_period: Second,
+        force_offset_n: f64,
+    ) -> Result<Self, Error> {
+        let driven = scaling.drive.is_some();
+        let count = structure.weights(driven);
+        if weights.len() != count {
+            return Err(Error::Length {
+                name: "weights".to_owned(),
+                found: weights.len(),
+                expected: count.to_string(),
+            });
+        }
+        scaling.displacement_m.check("displacement_mean_m", "displacement_deviation_m")?;
+        scaling.velocity_m_s.check("velocity_mean_m_s", "velocity_deviation_m_s")?;
+        if let Some((kind, drive)) = scaling.drive {
+            let unit = if kind == DriveKind::CoilCurrent { "current_a" } else { "command_v" };
+            drive.check(&format!("{unit} mean"), &format!("{unit} deviation"))?;
+        }
+        Error::check("force_deviation_n", scaling.force_deviation_n, "positive and finite", |d| d > 0.0)?;
+        Error::check("force_offset_n", force_offset_n, "finite", |_| true)?;
+        let sample_period_s =
+            Error::check("sample_period_s", sample_period.get(), "positive and finite", |t| t > 0.0)?;
+        for (j, weight) in weights.iter().enumerate() {
+            Error::check(&format!("weights[{j}]"), *weight, "finite", |_| true)?;
+        }
+        let network = Self {
+            structure,
+            scaling,
+            inputs: structure.inputs(driven),
+            hidden: [[0.0; LANES]; MAX_NETWORK_INPUTS],
+            hidden_bias: [0.0; LANES],
+            output: [0.0; LANES],
+            output_bias: 0.0,
+            sample_period_s,
+            force_offset_n,
+        };
+        Ok(network.with_weights(weights))
+    }
+
+    /// The same network with other weights, as many as it has.
+    pub(crate) fn with_weights(mut self, weights: &[f64]) -> Self {
+        let hidden = self.structure.hidden();
+        let (last, rows) = weights.split_last().unwrap_or((&0.0, &[]));
+        let mut rows = rows.chunks_exact(hidden);
+        for to in self.hidden[..self.inputs].iter_mut().chain([&mut self.hidden_bias, &mut self.output]) {
+            if let Some(from) = rows.next() {
+                to[..hidden].copy_from_slice(from);
+            }
+        }
+        self.output_bias = *last;
+        self
+    }
+
+    /// The normalised weights, in the order of [`Network::new`].
+    #[must_use]
+    pub fn weights(&self) -> Vec<f64> {
+        let rows = self.hidden[..self.inputs].iter().chain([&self.hidden_bias, &self.output]);
+        let hidden = self.structure.hidden();
+        rows.flat_map(|row| row[..hidden].iter().copied()).chain([self.output_bias]).collect()
+    }
+
+    /// Which network it is.
+    #[must_use]
+    pub const fn structure(&self) -> NetworkStructure {
+        self.structure
+    }
+
+    /// How its signals are normalised.
+    #[must_use]
+    pub const fn scaling(&self) -> NetworkScaling {
+        self.scaling
+    }
+
+    /// Which drive the model wants; `None` for the passive form.
+    #[must_use]
+    pub const fn drive(&self) -> Option<DriveKind> {
+        match self.scaling.drive {
+            Some((kind, _)) => Some(kind),
+            None => None,
+        }
+    }
+
+    /// Number of inputs.
+    #[must_use]
+    pub const fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Number of weights.
+    #[must_use]
+    pub const fn parameter_count(&self) -> usize {
+        self.structure.weights(self.scaling.drive.is_some())
+    }
+
+    /// The sample period that the weights hold at.
+    #[must_use]
+    pub const fn sample_period(&self) -> Second {
+        Second(self.sample_period_s)
+    }
+
+    /// Force offset of the session, N.
+    #[must_use]
+    pub const fn force_offset_n(&self) -> f64 {
+        self.force_offset_n
+    }
+
+    /// The same model with another session's force offset, N.
+    #[must_use]
+    pub const fn with_force_offset_n(mut self, force_offset_n: f64) -> Self {
+        self.force_offset_n = force_offset_n;
+        self
+    }
+
+    /// The predicted force in newtons, or `None` while something that the model needs is unknown.
+    #[inline]
+    #[must_use]
+    pub fn predict_n(&self, history: &History) -> Option<f64> {
+        let mut inputs = [0.0; MAX_NETWORK_INPUTS];
+        if !self.gather(history, &mut inputs) {
+            return None;
+        }
+        let (output, _) = self.forward(&inputs[..self.inputs]);
+        Some(self.force_offset_n + self.scaling.force_deviation_n * output)
+    }
+
+    /// The network's inputs from `history`; false when one is unknown.
+    #[inline]
+    fn gather(&self, history: &History, inputs: &mut [f64; MAX_NETWORK_INPUTS]) -> bool {
+        let (lags, force_lags) = (self.structure.input_lags(), self.structure.force_lags());
+        let force = Normalisation { mean: self.force_offset_n, deviation: self.scaling.force_deviation_n };
+        let mut at = 0;
+        let mut complete = true;
+        let mut take = |slots: &[f64; DEPTH], count: usize, by: Normalisation| {
+            complete &= known(slots, count);
+            for (to, from) in inputs[at..at + count].iter_mut().zip(slots) {
+                *to = by.apply(*from);
+            }
+            at += count;
+        };
+        take(&history.displacement_m, lags, self.scaling.displacement_m);
+        take(&history.velocity_m_s, lags, self.scaling.velocity_m_s);
+        if let Some((_, drive)) = self.scaling.drive {
+            take(&history.drive, lags, drive);
+        }
+        take(&history.force_n, force_lags, force);
+        complete
+    }
+
+    /// The normalised output for normalised `inputs`, and the values of the hidden neurons.
+    #[inline]
+    pub(crate) fn forward(&self, inputs: &[f64]) -> (f64, [f64; LANES]) {
+        let lanes = self.structure.hidden().next_multiple_of(PER_VECTOR);
+        let mut hidden = self.hidden_bias;
+        for (input, weights) in inputs.iter().zip(&self.hidden) {
+            for (sum, weight) in hidden[..lanes].iter_mut().zip(&weights[..lanes]) {
+                *sum += input * weight;
+            }
+        }
+        let mut sums = [0.0; PER_VECTOR];
+        for (values, weights) in
+            hidden[..lanes].chunks_exact_mut(PER_VECTOR).zip(self.output.chunks_exact(PER_VECTOR))
+        {
+            for ((value, weight), sum) in values.iter_mut().zip(weights).zip(&mut sums) {
+                *value = tanh(*value);
+                *sum += *value * weight;
+            }
+        }
+        (sums.iter().sum::<f64>() + self.output_bias, hidden)
+    }
+
+    /// The normalised output for normalised `inputs`, with its derivatives by every weight (in the order of
+    /// [`Network::new`]) and by every input: back-propagation.
+    ///
+    /// ```text
+    /// d/dc_j = h_j      d/dc_0 = 1      delta_j = c_j (1 - h_j^2)
+    /// d/dW_ji = delta_j u_i      d/db_j = delta_j      d/du_i = sum_j delta_j W_ji
+    /// ```
+    ///
+    /// # Panics
+    /// When a slice is shorter than the inputs or the weights.
+    #[inline]
+    pub fn gradient(&self, inputs: &[f64], by_weight: &mut [f64], by_input: &mut [f64]) -> f64 {
+        let count = self.structure.hidden();
+        let (output, hidden) = self.forward(&inputs[..self.inputs]);
+        let mut delta = [0.0; LANES];
+        for ((delta, value), weight) in delta.iter_mut().zip(&hidden).zip(&self.output) {
+            *delta = weight * (1.0 - value * value);
+        }
+        let mut rows = by_weight.chunks_exact_mut(count);
+        for ((input, weights), by_input) in inputs.iter().zip(&self.hidden).zip(by_input) {
+            let mut sums = [0.0; PER_VECTOR];
+            for (weights, delta) in weights.chunks_exact(PER_VECTOR).zip(delta.chunks_exact(PER_VECTOR)) {
+                for ((sum, weight), delta) in sums.iter_mut().zip(weights).zip(delta) {
+                    *sum += weight * delta;
+                }
+            }
+            *by_input = sums.iter().sum();
+            for (to, delta) in rows.next().into_iter().flatten().zip(&delta) {
+                *to = input * delta;
+            }
+        }
+        for values in [&delta, &hidden] {
+            for (to, value) in rows.next().into_iter().flatten().zip(values) {
+                *to = *value;
+            }
+        }
+        by_weight[self.parameter_count() - 1] = 1.0;
+        output
+    }
+}
+
+/// tanh to 3e-16, without branches or calls, so that loops over it become vector instructions.
+///
+/// ```text
+/// tanh z = 1 - 2 / (e^(2z) + 1),   e^y = 2^n e^r,   n = round(y / ln 2),   |r| <= ln 2 / 2:  Taylor to r^12
+/// ```
+#[inline]
+fn tanh(z: f64) -> f64 {
+    // Adding it pushes the fraction out of the mantissa: what is left in the lowest bits is the whole number.
+    const ROUND: f64 = 6_755_399_441_055_744.0;
+    const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
+    const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
+    // 1/12!, 1/11!, ... 1/2!, 1, 1
+    const TAYLOR: [f64; 13] = [
+        1.0 / 479_001_600.0,
+        1.0 / 39_916_800.0,
+        1.0 / 3_628_800.0,
+        1.0 / 362_880.0,
+        1.0 / 40_320.0,
+        1.0 / 5_040.0,
+        1.0 / 720.0,
+        1.0 / 120.0,
+        1.0 / 24.0,
+        1.0 / 6.0,
+        0.5,
+        1.0,
+        1.0,
+    ];
+    // Beyond 20 tanh is 1 to the last digit. A NaN stays one.
+    let y = 2.0 * z.clamp(-20.0, 20.0);
+    let shifted = y * std::f64::consts::LOG2_E + ROUND;
+    let n = shifted - ROUND;
+    let r = (y - n * LN_2_HIGH) - n * LN_2_LOW;
+    let mut series = 0.0;
+    for coefficient in TAYLOR {
+        series = series * r + coefficient;
+    }
+    let exp = f64::from_bits(series.to_bits().wrapping_add(shifted.to_bits() << 52));
+    1.0 - 2.0 / (exp + 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use num_dual::{Dual64, DualNum};
+    use proptest::prelude::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    const ONE: Normalisation = Normalisation { mean: 0.0, deviation: 1.0 };
+
+    fn network(structure: NetworkStructure, driven: bool, seed: u64) -> Network {
+        let mut random = Pcg64Mcg::seed_from_u64(seed);
+        let weights: Vec<f64> =
+            (0..structure.weights(driven)).map(|_| 2.0 * random.random::<f64>() - 1.0).collect();
+        let scaling = NetworkScaling {
+            displacement_m: Normalisation { mean: 0.001, deviation: 0.005 },
+            velocity_m_s: Normalisation { mean: -0.01, deviation: 0.1 },
+            drive: driven.then_some((DriveKind::CoilCurrent, Normalisation { mean: 0.8, deviation: 0.5 })),
+            force_deviation_n: 400.0,
+        };
+        Network::new(structure, scaling, &weights, Second(1.0 / 512.0), 35.0).expect("a network")
+    }
+
+    /// The equation at the head of this file, for any kind of number.
+    fn by_the_equation<D: DualNum + Copy>(hidden: usize, weights: &[D], inputs: &[D]) -> D {
+        let n = inputs.len();
+        (0..hidden).fold(weights[hidden * (n + 2)], |sum, j| {
+            let z = (0..n).fold(weights[hidden * n + j], |z, i| z + weights[hidden * i + j] * inputs[i]);
+            sum + weights[hidden * (n + 1) + j] * z.tanh()
+        })
+    }
+
+    #[test]
+    fn tanh_is_tanh() {
+        for k in -400_000..=400_000 {
+            let z = f64::from(k) * 6.1e-5;
+            assert!((tanh(z) - z.tanh()).abs() < 4e-16, "{z}");
+        }
+        assert_eq!((tanh(1e300), tanh(f64::NEG_INFINITY)), (1.0, -1.0));
+        assert!(tanh(f64::NAN).is_nan());
+    }
+
+    #[test]
+    fn gradient_is_that_of_the_equation() {
+        let mut random = Pcg64Mcg::seed_from_u64(3);
+        for structure in [NetworkStructure::WangLiao, NetworkStructure::Chen] {
+            for driven in [false, true] {
+                let network = network(structure, driven, 7);
+                let (n, weights) = (structure.inputs(driven), network.weights());
+                let inputs: Vec<f64> = (0..n).map(|_| 3.0 * random.random::<f64>() - 1.5).collect();
+                let (mut by_weight, mut by_input) = (vec![0.0; weights.len()], vec![0.0; n]);
+                let output = network.gradient(&inputs, &mut by_weight, &mut by_input);
+                for which in 0..weights.len() + n {
+                    let dual = |(k, value): (usize, &f64)| Dual64::new(*value, f64::from(k == which));
+                    let weights: Vec<Dual64> = weights.iter().enumerate().map(dual).collect();
+                    let inputs: Vec<Dual64> =
+                        inputs.iter().enumerate().map(|(k, v)| dual((k + by_weight.len(), v))).collect();
+                    let truth = by_the_equation(structure.hidden(), &weights, &inputs);
+                    let found = by_weight.iter().chain(&by_input).nth(which).expect("as many");
+                    assert!((truth.eps - found).abs() < 1e-13, "{structure:?} {which}: {truth} {found}");
+                    assert!((truth.re - output).abs() < 1e-13);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn prediction_normalises_and_orders_the_lags() {
+        for structure in [NetworkStructure::WangLiao, NetworkStructure::Chen] {
+            let network = network(structure, true, 11);
+            let history = History {
+                force_n: [100.0, -50.0, 25.0, 310.0, 8.0],
+                displacement_m: [0.001, 0.002, -0.003, 0.004, 0.0],
+                velocity_m_s: [0.05, 0.04, 0.03, -0.02, 0.2],
+                drive: [0.5, 1.0, 1.5, 2.0, 0.1],
+            };
+            let (p, r) = (structure.input_lags(), structure.force_lags());
+            let inputs: Vec<f64> = history.displacement_m[..p]
+                .iter()
+                .map(|x| (x - 0.001) / 0.005)
+                .chain(history.velocity_m_s[..p].iter().map(|v| (v + 0.01) / 0.1))
+                .chain(history.drive[..p].iter().map(|i| (i - 0.8) / 0.5))
+                .chain(history.force_n[..r].iter().map(|f| (f - 35.0) / 400.0))
+                .collect();
+            let truth = 35.0 + 400.0 * by_the_equation(structure.hidden(), &network.weights(), &inputs);
+            let found = network.predict_n(&history).expect("all is known");
+            assert!((found - truth).abs() < 1e-9, "{found} {truth}");
+            let unknown = History { force_n: [f64::NAN; DEPTH], ..history };
+            assert_eq!(network.predict_n(&unknown), None);
+        }
+    }
+
+    #[test]
+    fn what_makes_no_network_is_refused() {
+        let scaling =
+            NetworkScaling { displacement_m: ONE, velocity_m_s: ONE, drive: None, force_deviation_n: 1.0 };
+        let make = |scaling, count: usize, weight: f64| {
+            Network::new(NetworkStructure::WangLiao, scaling, &vec![weight; count], Second(0.002), 0.0)
+        };
+        assert!(make(scaling, 256, 0.1).is_ok());
+        let text = make(scaling, 255, 0.1).expect_err("too few").to_string();
+        assert_eq!(text, "weights has 255 values, but 256 are needed");
+        let text = make(scaling, 256, f64::NAN).expect_err("not finite").to_string();
+        assert!(text.contains("weights[0] is NaN"), "{text}");
+        let still = Normalisation { deviation: 0.0, ..ONE };
+        let text = make(NetworkScaling { displacement_m: still, ..scaling }, 256, 0.1).expect_err("still");
+        assert!(text.to_string().contains("displacement_deviation_m is 0"), "{text}");
+    }
+
+    proptest! {
+        #[test]
+        fn weights_come_back(seed: u64, driven: bool) {
+            let network = network(NetworkStructure::Chen, driven, seed);
+            prop_assert_eq!(network.with_weights(&network.weights()), network);
+        }
+    }
+}

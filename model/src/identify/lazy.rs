@@ -1,0 +1,290 @@
+//! Identification of the lazy learner: which points to remember, how to measure distance, how many neighbours.
+//!
+//! ```text
+//! points      k-means: m centres of the rows, seeded as k-means++; a point is the mean of its rows, force too
+//! metric      s_x = sd(x) / w_x,  s_v = sd(v),  s_i = sd(i) / w_i;     w and the neighbours from a grid
+//! ```
+//!
+//! Means of rows near to each other are less noisy than any of them. Rows number thousands and points 256, so
+//! a local regression meets dozens of rows in each point.
+//!
+//! Every fifth stretch of rows is held back at first: of all metrics and ranges of neighbours those are taken
+//! that predict it best from a memory of the other rows. The memory is then made anew from all rows. Each
+//! metric has random numbers of its own, and sums are added in a fixed order: results do not depend on the
+//! number of threads.
+//!
+//! Each run has its force offset, from a rough model ([`session_offsets_n`]); at the end the mean error is added.
+
+use super::dataset::Dataset;
+use super::network::{is_constant, normalisation};
+use super::offsets::session_offsets_n;
+use super::{Progress, Watch};
+use crate::error::Error;
+use crate::force::{Lazy, LazyMetric, LazyPoint, MAX_POINTS};
+use crate::sample::DriveKind;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Weights of displacement, and of drive, against velocity.
+const DISPLACEMENT_WEIGHTS: [f64; 3] = [0.15, 0.4, 1.0];
+const DRIVE_WEIGHTS: [f64; 3] = [0.5, 1.0, 2.0];
+/// Ranges of neighbours.
+const NEIGHBOURS: [[usize; 2]; 5] = [[5, 8], [6, 12], [8, 16], [8, 32], [16, 32]];
+/// Rows of a stretch of which every fifth is held back.
+const STRETCH: usize = 512;
+/// Rows that a point is the mean of, at least on average; fewer rows make fewer points.
+const ROWS_PER_POINT: usize = 8;
+/// The least points worth a model.
+const LEAST_POINTS: usize = 32;
+/// Rows that a grid's memory is made of, and that it is judged by.
+const GRID_ROWS: [usize; 2] = [8192, 1024];
+/// Rounds of k-means: on the grid, and for the model.
+const ROUNDS: [usize; 2] = [4, 12];
+/// Rows that are assigned side by side. Fixed, so that sums do not depend on threads.
+const CHUNK: usize = 2048;
+
+/// What came out.
+#[derive(Debug, Clone)]
+pub(super) struct Fitted {
+    /// The model, its offset the mean of the runs' offsets.
+    pub(super) model: Lazy,
+    /// Offset of each run, N.
+    pub(super) offsets_n: Vec<f64>,
+    /// RSSE on the held-back rows of each metric and range of neighbours, N, best first.
+    pub(super) restart_rsse_n: Vec<f64>,
+}
+
+/// Fits a passive (`drive` is `None`) or semi-active lazy learner to `datasets`.
+pub(super) fn fit(
+    datasets: &[Dataset],
+    drive: Option<DriveKind>,
+    seed: u64,
+    watch: &Watch,
+) -> Result<Fitted, Error> {
+    let rough_n = session_offsets_n(datasets, drive.is_some());
+    let rows = rows(datasets, drive.is_some(), &rough_n);
+    if rows.len() < LEAST_POINTS * ROWS_PER_POINT {
+        return Err(Error::Data {
+            message: format!(
+                "{} samples are too few for a boada model, which remembers the means of {ROWS_PER_POINT} or more ({} \
+                 are needed); add runs, or count samples at rest too",
+                rows.len(),
+                LEAST_POINTS * ROWS_PER_POINT
+            ),
+        });
+    }
+    let deviations = Deviations::of(datasets, drive)?;
+    let (metric, neighbours, restart_rsse_n) = choose(&rows, &deviations, seed, watch)?;
+    watch.report(Progress::Polish { done: 0, of: 1 });
+    let points = memory(&rows, &metric, MAX_POINTS.min(rows.len() / ROWS_PER_POINT), ROUNDS[1], seed, watch);
+    let points = points.ok_or(Error::Cancelled)?;
+    watch.report(Progress::Polish { done: 1, of: 1 });
+
+    let model = Lazy::new(metric, neighbours, &points, 0.0)?;
+    let error = |run: usize| {
+        let counted = datasets[run].rows.iter().filter(|row| row.counts);
+        let errors = counted
+            .map(|row| {
+                row.force_n - rough_n[run] - model.force_n(row.displacement_m, row.velocity_m_s, row.drive)
+            })
+            .filter(|e| e.is_finite());
+        let (sum, count) = errors.fold((0.0, 0.0), |(sum, count), e| (sum + e, count + 1.0));
+        if count > 0.0 { sum / count } else { 0.0 }
+    };
+    let errors_n: Vec<f64> = (0..datasets.len()).into_par_iter().map(error).collect();
+    let offsets_n: Vec<f64> = rough_n.iter().zip(errors_n).map(|(mean, error)| mean + error).collect();
+    let model = model.with_force_offset_n(super::mean_offset(datasets, &offsets_n));
+    Ok(Fitted { model, offsets_n, restart_rsse_n })
+}
+
+/// The rows that count, each run less its offset.
+fn rows(datasets: &[Dataset], driven: bool, rough_n: &[f64]) -> Vec<LazyPoint> {
+    let all = datasets.iter().zip(rough_n).flat_map(|(d, mean)| d.rows.iter().map(move |row| (row, mean)));
+    let counted = all.filter(|(row, _)| row.counts && (!driven || row.drive.is_finite()));
+    let point = |(row, mean): (&super::Row, &f64)| LazyPoint {
+        displacement_m: row.displacement_m,
+        velocity_m_s: row.velocity_m_s,
+        drive: if driven { row.drive } else { 0.0 },
+        force_n: row.force_n - mean,
+    };
+    counted.map(point).collect()
+}
+
+/// Standard deviations of the inputs.
+struct Deviations {
+    displacement_m: f64,
+    velocity_m_s: f64,
+    drive: Option<(DriveKind, f64)>,
+}
+
+impl Deviations {
+    fn of(datasets: &[Dataset], drive: Option<DriveKind>) -> Result<Self, Error> {
+        let displacement = normalisation(datasets, |_, row| row.displacement_m);
+        let velocity = normalisation(datasets, |_, row| row.velocity_m_s);
+        let force = normalisation(datasets, |_, row| row.force_n);
+        if [&displacement, &velocity, &force].into_iter().any(is_constant) {
+            return Err(Error::Data {
+                message:
+                    "force or displacement never varies in these runs: nothing can be identified from them"
+                        .to_owned(),
+            });
+        }
+        let drive = drive.map(|kind| (kind, normalisation(datasets, |_, row| row.drive)));
+        if let Some((kind, n)) = drive
+            && is_constant(&n)
+        {
+            return Err(Error::Data {
+                message: format!(
+                    "{kind} is {} throughout these runs: a boada model cannot learn what it does; add runs at \
+                     other levels, or identify the passive form",
+                    (n.mean * 1e6).round() / 1e6
+                ),
+            });
+        }
+        Ok(Self {
+            displacement_m: displacement.deviation,
+            velocity_m_s: velocity.deviation,
+            drive: drive.map(|(kind, n)| (kind, n.deviation)),
+        })
+    }
+
+    fn metric(&self, displacement_weight: f64, drive_weight: f64) -> LazyMetric {
+        LazyMetric {
+            displacement_scale_m: self.displacement_m / displacement_weight,
+            velocity_scale_m_s: self.velocity_m_s,
+            drive_scale: self.drive.map(|(kind, deviation)| (kind, deviation / drive_weight)),
+        }
+    }
+
+    /// The metrics of the grid.
+    fn metrics(&self) -> Vec<LazyMetric> {
+        let drive_weights = if self.drive.is_some() { &DRIVE_WEIGHTS[..] } else { &[1.0] };
+        let of = |x: f64| drive_weights.iter().map(move |i| self.metric(x, *i));
+        DISPLACEMENT_WEIGHTS.into_iter().flat_map(of).collect()
+    }
+}
+
+/// The metric and the range of neighbours that predict held-back rows best, and the errors of all, best first.
+fn choose(
+    rows: &[LazyPoint],
+    deviations: &Deviations,
+    seed: u64,
+    watch: &Watch,
+) -> Result<(LazyMetric, [usize; 2], Vec<f64>), Error> {
+    let held_back = |k: usize| (k / STRETCH.min(rows.len() / 5)) % 5 == 3;
+    let thinned = |held: bool, most: usize| {
+        let these: Vec<LazyPoint> =
+            (0..rows.len()).filter(|k| held_back(*k) == held).map(|k| rows[k]).collect();
+        let every = these.len().div_ceil(most).max(1);
+        these.into_iter().step_by(every).collect::<Vec<_>>()
+    };
+    let (training, test) = (thinned(false, GRID_ROWS[0]), thinned(true, GRID_ROWS[1]));
+    let count = MAX_POINTS.min(training.len() / ROWS_PER_POINT).max(NEIGHBOURS[4][1]);
+    let metrics = deviations.metrics();
+    let done = AtomicUsize::new(0);
+    let of = metrics.len() as u32;
+    let one = |metric: &LazyMetric| {
+        let points = memory(&training, metric, count, ROUNDS[0], seed, watch)?;
+        let mut outcomes = Vec::new();
+        for neighbours in NEIGHBOURS {
+            let model = Lazy::new(*metric, neighbours, &points, 0.0).ok()?;
+            let error = |p: &LazyPoint| p.force_n - model.force_n(p.displacement_m, p.velocity_m_s, p.drive);
+            let mean = test.iter().map(|p| error(p).powi(2)).sum::<f64>() / test.len().max(1) as f64;
+            outcomes.push((mean.sqrt(), *metric, neighbours));
+        }
+        watch.report(Progress::Restart { done: done.fetch_add(1, Ordering::Relaxed) as u32 + 1, of });
+        Some(outcomes)
+    };
+    let outcomes: Option<Vec<_>> = metrics.par_iter().map(one).collect();
+    let mut outcomes: Vec<_> = outcomes.ok_or(Error::Cancelled)?.into_iter().flatten().collect();
+    outcomes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (_, metric, neighbours) = outcomes[0];
+    Ok((metric, neighbours, outcomes.iter().map(|(error, _, _)| *error).collect()))
+}
+
+/// `count` points that stand for `rows`; `None`: cancelled.
+fn memory(
+    rows: &[LazyPoint],
+    metric: &LazyMetric,
+    count: usize,
+    rounds: usize,
+    seed: u64,
+    watch: &Watch,
+) -> Option<Vec<LazyPoint>> {
+    let drive_scale = metric.drive_scale.map_or(1.0, |(_, scale)| scale);
+    let scaled = |p: &LazyPoint| {
+        [
+            p.displacement_m / metric.displacement_scale_m,
+            p.velocity_m_s / metric.velocity_scale_m_s,
+            p.drive / drive_scale,
+        ]
+    };
+    let places: Vec<[f64; 3]> = rows.iter().map(scaled).collect();
+    let mut points: Vec<LazyPoint> = seeds(&places, count, seed).into_iter().map(|k| rows[k]).collect();
+    for _ in 0..rounds {
+        if watch.is_cancelled() {
+            return None;
+        }
+        let centres: Vec<[f64; 3]> = points.iter().map(scaled).collect();
+        let chunks = rows.par_chunks(CHUNK).zip(places.par_chunks(CHUNK));
+        let sums: Vec<Vec<[f64; 5]>> = chunks.map(|(rows, places)| sums(rows, places, &centres)).collect();
+        for (j, point) in points.iter_mut().enumerate() {
+            let mut sum = [0.0; 5];
+            for chunk in &sums {
+                sum.iter_mut().zip(chunk[j]).for_each(|(to, from)| *to += from);
+            }
+            // A centre that no row is nearest to stays where it is.
+            if sum[4] > 0.0 {
+                let [displacement_m, velocity_m_s, drive, force_n] = [0, 1, 2, 3].map(|c| sum[c] / sum[4]);
+                *point = LazyPoint { displacement_m, velocity_m_s, drive, force_n };
+            }
+        }
+    }
+    Some(points)
+}
+
+fn squared_distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)
+}
+
+/// Rows to start from, as k-means++ has it: each drawn in proportion to its squared distance to those before.
+fn seeds(places: &[[f64; 3]], count: usize, seed: u64) -> Vec<usize> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut found = vec![random.random_range(0..places.len())];
+    let mut squares = vec![f64::INFINITY; places.len()];
+    while found.len() < count {
+        let last = places[found[found.len() - 1]];
+        let mut sum = 0.0;
+        for (square, place) in squares.iter_mut().zip(places) {
+            *square = square.min(squared_distance(place, &last));
+            sum += *square;
+        }
+        let mut left = random.random::<f64>() * sum;
+        let drawn = squares.iter().position(|square| {
+            left -= square;
+            left < 0.0
+        });
+        // Rounding can leave a remainder at the end; rows that are all the same leave nothing to draw.
+        found.push(drawn.unwrap_or(places.len() - 1));
+    }
+    found
+}
+
+/// Sums of x, v, i, F and their number for each centre, over the rows nearest to it.
+fn sums(rows: &[LazyPoint], places: &[[f64; 3]], centres: &[[f64; 3]]) -> Vec<[f64; 5]> {
+    let mut sums = vec![[0.0; 5]; centres.len()];
+    for (row, place) in rows.iter().zip(places) {
+        let (mut nearest, mut least) = (0, f64::INFINITY);
+        for (j, centre) in centres.iter().enumerate() {
+            let square = squared_distance(place, centre);
+            if square < least {
+                (nearest, least) = (j, square);
+            }
+        }
+        let values = [row.displacement_m, row.velocity_m_s, row.drive, row.force_n, 1.0];
+        sums[nearest].iter_mut().zip(values).for_each(|(to, from)| *to += from);
+    }
+    sums
+}

@@ -1,0 +1,308 @@
+//! Identification of the phase-transition relation P (thesis 4.6, 4.7): linear least squares.
+//!
+//! ```text
+//! F_k = p1 v_k + p2 F'_k + p3 F''_k + p4 F_k^3 + p5 F_k^5 + e_k,      p_j a polynomial in the drive
+//! ```
+//!
+//! F counts from the mean of its run, which stands for the session's offset. Derivatives of the measured
+//! force are central differences over a few samples to either side, within one segment: **not causal**, they
+//! use force that comes after the instant. The figures are `same_instant`: force explained by itself. They
+//! say how well the relation holds, not how well force is predicted, and must not stand in one column with a
+//! free run.
+//!
+//! Noise in F enters the regressors, F'' above all, and draws their coefficients to zero. A longer reach of
+//! the differences reads less noise and rounds off what is faster than the reach.
+
+use super::arx::{fold, solve};
+use super::{Dataset, Watch};
+use crate::error::Error;
+use crate::force::{ForceMotion, PHASE_PARAMETERS, Phase};
+use crate::metrics::{ErrorSum, Fit};
+use crate::sample::DriveKind;
+use nalgebra::{DMatrix, DVector};
+
+/// Rows of a panel.
+const PANEL: usize = 1024;
+/// Rows that a coefficient wants at least.
+const ROWS_PER_PARAMETER: usize = 10;
+
+/// Settings of an identification of P.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PhaseOptions {
+    /// What the parameters are polynomials in; `None` for the passive form.
+    pub drive: Option<DriveKind>,
+    /// Degree of the polynomials, 1 to 4; the thesis has 2. Without a drive it is not used.
+    pub degree: usize,
+    /// Reach of the central differences of force to either side, s; one sample at least.
+    pub reach_s: f64,
+}
+
+impl Default for PhaseOptions {
+    fn default() -> Self {
+        Self { drive: None, degree: 2, reach_s: 0.01 }
+    }
+}
+
+/// What an identification of P found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IdentifiedPhase {
+    /// The relation.
+    pub phase: Phase,
+    /// What was taken off each run's force, N: its mean.
+    pub offsets_n: Vec<f64>,
+    /// Error of the relation at the instants that it was fitted to; no prediction error.
+    pub same_instant: Fit,
+    /// Independent regressors; fewer than coefficients when the drive never varies.
+    pub rank: usize,
+}
+
+/// Fits P to `datasets`.
+///
+/// # Errors
+/// [`Error::Data`] without datasets, with too few rows, or force that never varies; [`Error::WrongDrive`]
+/// when a run is not driven by `options.drive`; [`Error::OutOfRange`] for options that mean nothing;
+/// [`Error::Cancelled`].
+pub fn identify_phase(
+    datasets: &[Dataset],
+    options: &PhaseOptions,
+    watch: &Watch,
+) -> Result<IdentifiedPhase, Error> {
+    Error::check("reach_s", options.reach_s, "positive and finite", |s| s > 0.0)?;
+    let copies = match options.drive {
+        Some(kind) => {
+            Error::check("degree", options.degree as f64, "1 to 4", |d| (1.0..=4.0).contains(&d))?;
+            check_drives(datasets, kind)?;
+            options.degree + 1
+        }
+        None => 1,
+    };
+    let n = PHASE_PARAMETERS * copies;
+    let offsets_n: Vec<f64> = datasets.iter().map(mean_force).collect();
+    let of_run =
+        |(dataset, offset_n): (&Dataset, &f64)| instants(dataset, *offset_n, options.reach_s, copies);
+    let instants: Vec<Vec<Instant>> = datasets.iter().zip(&offsets_n).map(of_run).collect();
+    let count: usize = instants.iter().map(Vec::len).sum();
+    if count < ROWS_PER_PARAMETER * n {
+        return Err(Error::Data {
+            message: format!(
+                "{count} samples with force to either side are too few for {n} coefficients of p ({} are needed)",
+                ROWS_PER_PARAMETER * n
+            ),
+        });
+    }
+    let mut triangle = DMatrix::<f64>::zeros(0, n + 1);
+    let mut panel = Vec::with_capacity(PANEL);
+    for chunk in instants.iter().flat_map(|run| run.chunks(PANEL)) {
+        panel.extend(chunk.iter().map(|instant| instant.row(copies)));
+        fold(&mut triangle, &mut panel);
+        if watch.is_cancelled() {
+            return Err(Error::Cancelled);
+        }
+    }
+    let (coefficients, rank) = solve(&triangle, &DVector::zeros(n))?;
+    let phase = Phase::new(options.drive, coefficients.as_slice())?;
+    let mut sum = ErrorSum::default();
+    for at in instants.iter().flatten() {
+        sum.add(at.force.force_n, phase.same_instant_n(at.velocity_m_s, &at.force, at.drive));
+    }
+    let same_instant = sum.fit().ok_or_else(|| Error::Data { message: "there are no samples".to_owned() })?;
+    Ok(IdentifiedPhase { phase, offsets_n, same_instant, rank })
+}
+
+/// A row that takes part.
+struct Instant {
+    velocity_m_s: f64,
+    drive: f64,
+    force: ForceMotion,
+}
+
+impl Instant {
+    /// Regressors copy by copy, and the force behind them.
+    fn row(&self, copies: usize) -> DVector<f64> {
+        let f = self.force.force_n;
+        let terms = [self.velocity_m_s, self.force.rate_n_s, self.force.curvature_n_s2, f.powi(3), f.powi(5)];
+        let mut row = DVector::zeros(PHASE_PARAMETERS * copies + 1);
+        let mut power = 1.0;
+        for copy in 0..copies {
+            for (j, term) in terms.iter().enumerate() {
+                row[PHASE_PARAMETERS * copy + j] = term * power;
+            }
+            power *= self.drive;
+        }
+        row[PHASE_PARAMETERS * copies] = f;
+        row
+    }
+}
+
+fn check_drives(datasets: &[Dataset], kind: DriveKind) -> Result<(), Error> {
+    for dataset in datasets {
+        match dataset.drive {
+            Some(found) if found == kind => {}
+            Some(found) => {
+                return Err(Error::WrongDrive {
+                    run: dataset.name.clone(),
+                    found: found.name(),
+                    wanted: kind.name(),
+                });
+            }
+            None => {
+                return Err(Error::MissingChannel {
+                    run: dataset.name.clone(),
+                    channel: kind.name(),
+                    needed_by: "the semi-active form of p".to_owned(),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Mean force of the rows that count, N; zero without any.
+fn mean_force(dataset: &Dataset) -> f64 {
+    let mut sum = ErrorSum::default();
+    dataset.rows.iter().filter(|row| row.counts).for_each(|row| sum.add(row.force_n, 0.0));
+    sum.mean_error_n()
+}
+
+/// Rows that count and have force at `reach_s` to either side in their segment.
+fn instants(dataset: &Dataset, offset_n: f64, reach_s: f64, copies: usize) -> Vec<Instant> {
+    let rows = &dataset.rows;
+    let apart_s = |a: usize, b: usize| rows[b].stamp.since(rows[a].stamp).get();
+    // A hair of slack, so that jitter of the stamps does not change the number of samples.
+    let reach_s = reach_s * (1.0 + 1e-6);
+    let mut found = Vec::with_capacity(rows.len());
+    let (mut first, mut from) = (0, 0);
+    for k in 0..rows.len() {
+        if rows[k].dt_s.is_none() {
+            (first, from) = (k, k);
+        }
+        while from + 1 < k && apart_s(from, k) > reach_s {
+            from += 1;
+        }
+        if k == first || !rows[k].counts {
+            continue;
+        }
+        // As many samples after as before.
+        let from = from.min(k - 1);
+        let to = k + (k - from);
+        if to >= rows.len() || rows[k + 1..=to].iter().any(|row| row.dt_s.is_none()) {
+            continue;
+        }
+        let (before_s, after_s) = (apart_s(from, k), apart_s(k, to));
+        let before = (rows[k].force_n - rows[from].force_n) / before_s;
+        let after = (rows[to].force_n - rows[k].force_n) / after_s;
+        let span_s = before_s + after_s;
+        let force = ForceMotion {
+            force_n: rows[k].force_n - offset_n,
+            rate_n_s: (before * after_s + after * before_s) / span_s,
+            curvature_n_s2: 2.0 * (after - before) / span_s,
+        };
+        let instant = Instant { velocity_m_s: rows[k].velocity_m_s, drive: rows[k].drive, force };
+        if instant.row(copies).iter().all(|v| v.is_finite()) {
+            found.push(instant);
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::condition::Conditioning;
+    use crate::identify::Row;
+    use crate::model::Envelope;
+    use crate::preset;
+    use crate::sample::Stamp;
+
+    const OFFSET_N: f64 = 40.0;
+
+    /// Eight seconds at 2 kHz of a force of whole periods, and the velocity that `phase` relates it to.
+    fn dataset(phase: &Phase) -> Dataset {
+        let parts = [(200.0, 0.5), (120.0, 1.75), (60.0, 3.25)];
+        let row = |k: usize| {
+            let t = k as f64 * 5e-4;
+            let mut force = ForceMotion { force_n: 0.0, rate_n_s: 0.0, curvature_n_s2: 0.0 };
+            for (size, hz) in parts {
+                let omega = std::f64::consts::TAU * hz;
+                force.force_n += size * (omega * t).sin();
+                force.rate_n_s += size * omega * (omega * t).cos();
+                force.curvature_n_s2 -= size * omega * omega * (omega * t).sin();
+            }
+            let drive = 1.2 + (0.9 * t).sin();
+            Row {
+                stamp: Stamp::from_nanos(k as i64 * 500_000),
+                dt_s: (k > 0).then_some(5e-4),
+                displacement_m: 0.0,
+                velocity_m_s: phase.velocity_m_s(&force, drive),
+                acceleration_m_s2: f64::NAN,
+                drive,
+                force_n: force.force_n + OFFSET_N,
+                raw_force_n: force.force_n + OFFSET_N,
+                counts: true,
+            }
+        };
+        Dataset {
+            name: "made".to_owned(),
+            drive: Some(DriveKind::CoilCurrent),
+            conditioning: Conditioning::default(),
+            rate_hz: 2_000.0,
+            rows: (0..16_000).map(row).collect(),
+            envelope: Envelope::default(),
+        }
+    }
+
+    #[test]
+    fn recovers_the_relation_that_made_the_data() {
+        for (name, drive) in [
+            ("thesis/p-passive/rp-icps", None),
+            ("thesis/p-semi-active/rp-icps-l", Some(DriveKind::CoilCurrent)),
+        ] {
+            let truth = preset::phase(name).expect("a preset");
+            let options = PhaseOptions { drive, reach_s: 1e-3, ..PhaseOptions::default() };
+            let found = identify_phase(&[dataset(&truth)], &options, &Watch::none()).expect("identified");
+            assert_eq!(found.rank, truth.parameter_count());
+            assert!((found.offsets_n[0] - OFFSET_N).abs() < 0.01);
+            assert!(found.same_instant.esr < 1e-8, "{:?}", found.same_instant);
+            for i in [0.4, 1.2, 2.0] {
+                let pairs = found.phase.parameters_at(i).into_iter().zip(truth.parameters_at(i));
+                for ((one, other), what) in pairs.zip(crate::force::PHASE_NAMES) {
+                    assert!((one - other).abs() < 5e-3 * other.abs(), "{name} {what} {i} A: {one}, {other}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn differences_do_not_cross_a_gap() {
+        let truth = preset::phase("thesis/p-passive/rp1-cs").expect("a preset");
+        let mut with_gap = dataset(&truth);
+        // A second segment, whose force has nothing to do with the first one's.
+        with_gap.rows.truncate(4_000);
+        with_gap.rows[2_000].dt_s = None;
+        for row in &mut with_gap.rows[..2_000] {
+            row.force_n = OFFSET_N;
+        }
+        let reach_s = 4.0 * 5e-4;
+        let found = instants(&with_gap, OFFSET_N, reach_s, 1);
+        assert!(found[..1_995].iter().all(|at| at.force.rate_n_s == 0.0 && at.force.curvature_n_s2 == 0.0));
+        // Of each segment the ends are left out: one sample before, four after.
+        assert_eq!(found.len(), 4_000 - 2 * (1 + 4));
+    }
+
+    #[test]
+    fn what_is_missing_is_named() {
+        let truth = preset::phase("thesis/p-passive/rp1-cs").expect("a preset");
+        let mut short = dataset(&truth);
+        short.rows.truncate(40);
+        let error = |data: &Dataset, options: PhaseOptions| {
+            identify_phase(std::slice::from_ref(data), &options, &Watch::none())
+                .expect_err("refused")
+                .to_string()
+        };
+        assert!(error(&short, PhaseOptions::default()).contains("too few for 5 coefficients"));
+        let on_voltage = PhaseOptions { drive: Some(DriveKind::CommandVoltage), ..PhaseOptions::default() };
+        assert!(error(&dataset(&truth), on_voltage).contains("current_a"));
+        let nowhere = PhaseOptions { reach_s: 0.0, ..PhaseOptions::default() };
+        assert!(error(&dataset(&truth), nowhere).contains("reach_s is 0"));
+    }
+}

@@ -1,0 +1,145 @@
+//! Parameters of a network in a model file.
+
+use super::{drive_error, table_into};
+use crate::error::Error;
+use crate::force::{Network, NetworkScaling, NetworkStructure, Normalisation};
+use crate::sample::DriveKind;
+use crate::units::Second;
+use serde::{Deserialize, Serialize};
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Parameters {
+    sample_period_s: f64,
+    /// Also the mean by which forces are normalised.
+    force_offset_n: f64,
+    force_deviation_n: f64,
+    displacement_mean_m: f64,
+    displacement_deviation_m: f64,
+    velocity_mean_m_s: f64,
+    velocity_deviation_m_s: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    current_mean_a: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    current_deviation_a: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    voltage_mean_v: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    voltage_deviation_v: Option<f64>,
+    /// A list for each hidden neuron: its weights of the inputs.
+    hidden_weights: Vec<Vec<f64>>,
+    /// One for each hidden neuron.
+    hidden_biases: Vec<f64>,
+    /// One for each hidden neuron.
+    output_weights: Vec<f64>,
+    output_bias: f64,
+}
+
+/// The keys, for "did you mean".
+const KEYS: [&str; 15] = [
+    "sample_period_s",
+    "force_offset_n",
+    "force_deviation_n",
+    "displacement_mean_m",
+    "displacement_deviation_m",
+    "velocity_mean_m_s",
+    "velocity_deviation_m_s",
+    "current_mean_a",
+    "current_deviation_a",
+    "voltage_mean_v",
+    "voltage_deviation_v",
+    "hidden_weights",
+    "hidden_biases",
+    "output_weights",
+    "output_bias",
+];
+
+impl Parameters {
+    pub(super) fn of(network: &Network) -> Self {
+        let (hidden, inputs) = (network.structure().hidden(), network.inputs());
+        let weights = network.weights();
+        let scaling = network.scaling();
+        let drive = |kind| scaling.drive.filter(|(k, _)| *k == kind).map(|(_, drive)| drive);
+        let (current, voltage) = (drive(DriveKind::CoilCurrent), drive(DriveKind::CommandVoltage));
+        let row = |j| (0..inputs).map(|i| weights[i * hidden + j]).collect();
+        Self {
+            sample_period_s: network.sample_period().get(),
+            force_offset_n: network.force_offset_n(),
+            force_deviation_n: scaling.force_deviation_n,
+            displacement_mean_m: scaling.displacement_m.mean,
+            displacement_deviation_m: scaling.displacement_m.deviation,
+            velocity_mean_m_s: scaling.velocity_m_s.mean,
+            velocity_deviation_m_s: scaling.velocity_m_s.deviation,
+            current_mean_a: current.map(|n| n.mean),
+            current_deviation_a: current.map(|n| n.deviation),
+            voltage_mean_v: voltage.map(|n| n.mean),
+            voltage_deviation_v: voltage.map(|n| n.deviation),
+            hidden_weights: (0..hidden).map(row).collect(),
+            hidden_biases: weights[inputs * hidden..][..hidden].to_vec(),
+            output_weights: weights[(inputs + 1) * hidden..][..hidden].to_vec(),
+            output_bias: weights[(inputs + 2) * hidden],
+        }
+    }
+}
+
+/// The drive's normalisation from what the file has of both units.
+pub(super) fn drive_normalisation(
+    drive: Option<DriveKind>,
+    current: (Option<f64>, Option<f64>),
+    voltage: (Option<f64>, Option<f64>),
+) -> Result<Option<(DriveKind, Normalisation)>, Error> {
+    match (drive, current, voltage) {
+        (None, (None, None), (None, None)) => Ok(None),
+        (Some(kind @ DriveKind::CoilCurrent), (Some(mean), Some(deviation)), (None, None))
+        | (Some(kind @ DriveKind::CommandVoltage), (None, None), (Some(mean), Some(deviation))) => {
+            Ok(Some((kind, Normalisation { mean, deviation })))
+        }
+        _ => {
+            let wanted = match drive {
+                None => "neither mean nor deviation of current or voltage",
+                Some(DriveKind::CoilCurrent) => "current_mean_a and current_deviation_a, and none of voltage",
+                Some(DriveKind::CommandVoltage) => {
+                    "voltage_mean_v and voltage_deviation_v, and none of current"
+                }
+            };
+            Err(drive_error(drive, wanted))
+        }
+    }
+}
+
+pub(super) fn read(
+    structure: NetworkStructure,
+    drive: Option<DriveKind>,
+    table: &toml::Table,
+) -> Result<Network, Error> {
+    let p: Parameters = table_into("parameters", table.clone(), &KEYS)?;
+    let drive = drive_normalisation(
+        drive,
+        (p.current_mean_a, p.current_deviation_a),
+        (p.voltage_mean_v, p.voltage_deviation_v),
+    )?;
+    let (hidden, inputs) = (structure.hidden(), structure.inputs(drive.is_some()));
+    let check = |name: String, found: usize, expected: usize, what: &str| {
+        if found == expected {
+            return Ok(());
+        }
+        Err(Error::Length { name, found, expected: format!("{expected} ({what})") })
+    };
+    let neurons = "one for each hidden neuron";
+    check("parameters.hidden_weights".to_owned(), p.hidden_weights.len(), hidden, neurons)?;
+    check("parameters.hidden_biases".to_owned(), p.hidden_biases.len(), hidden, neurons)?;
+    check("parameters.output_weights".to_owned(), p.output_weights.len(), hidden, neurons)?;
+    for (j, row) in p.hidden_weights.iter().enumerate() {
+        check(format!("parameters.hidden_weights[{j}]"), row.len(), inputs, "one for each input")?;
+    }
+    let mut weights: Vec<f64> =
+        (0..inputs).flat_map(|i| p.hidden_weights.iter().map(move |row| row[i])).collect();
+    weights.extend(p.hidden_biases.iter().chain(&p.output_weights).chain([&p.output_bias]));
+    let scaling = NetworkScaling {
+        displacement_m: Normalisation { mean: p.displacement_mean_m, deviation: p.displacement_deviation_m },
+        velocity_m_s: Normalisation { mean: p.velocity_mean_m_s, deviation: p.velocity_deviation_m_s },
+        drive,
+        force_deviation_n: p.force_deviation_n,
+    };
+    Network::new(structure, scaling, &weights, Second(p.sample_period_s), p.force_offset_n)
+}

@@ -1,0 +1,250 @@
+//! Effects put into the rig on purpose, by the ids under which a diagnosis names them.
+//!
+//! Each sets one thing in the plant or the measuring chain; size 0 takes it away (also the coil's lag and the
+//! thermal fade that the default plant has). Where there is a choice, the rig's form is not the one that the
+//! diagnosis tries: asymmetry and position act on the valve, not on the force, a dead zone is play before the
+//! compliance, a load cell's own low-pass is of second order.
+
+use super::channel::Channels;
+use super::plant::Plant;
+use super::second_order::SecondOrder;
+use crate::Error;
+
+/// An effect that can be put in.
+#[derive(Debug, Clone, Copy)]
+pub struct Effect {
+    /// Its id.
+    pub id: &'static str,
+    /// Unit of its size.
+    pub unit: &'static str,
+    /// Least and greatest size.
+    pub range: (f64, f64),
+    /// What it is, in a line.
+    pub what: &'static str,
+    apply: fn(&mut Plant, &mut Channels, f64),
+}
+
+/// Distance in metres that turns the stiffness of a gas spring into its force at rest: 20 kN/m go with 500 N.
+const GAS_STROKE_M: f64 = 0.025;
+
+/// All effects, in the order of the effect library; the last three are the rig's own.
+pub const EFFECTS: [Effect; 18] = [
+    Effect {
+        id: "coil_lag",
+        unit: "s",
+        range: (0.0, 0.1),
+        what: "lag of the coil, for rise and fall (default plant: 0.012)",
+        apply: |plant, _, size| (plant.coil_rise_s, plant.coil_fall_s) = (size, size),
+    },
+    Effect {
+        id: "remanence",
+        unit: "A",
+        range: (0.0, 1.0),
+        what: "play of the core's magnetisation, to either side",
+        apply: |plant, _, size| plant.remanence_a = size,
+    },
+    Effect {
+        id: "thermal_fade",
+        unit: "1/K",
+        range: (-0.02, 0.02),
+        what: "change of yield force and damping with temperature (default plant: -0.002)",
+        apply: |plant, _, size| (plant.yield_fade_per_k, plant.viscous_fade_per_k) = (size, size),
+    },
+    Effect {
+        id: "gas_spring",
+        unit: "N/m",
+        range: (0.0, 5e4),
+        what: "stiffness of the gas; its force at rest is 0.025 m times that",
+        apply: |plant, _, size| {
+            (plant.gas_stiffness_n_m, plant.gas_force_n) = (size, GAS_STROKE_M * size);
+        },
+    },
+    Effect {
+        id: "inertia",
+        unit: "kg",
+        range: (0.0, 20.0),
+        what: "mass that moves with the load cell",
+        apply: |plant, _, size| plant.mass_kg = size,
+    },
+    Effect {
+        id: "friction",
+        unit: "N",
+        range: (0.0, 1000.0),
+        what: "Coulomb friction of the seals",
+        apply: |plant, _, size| plant.friction_n = size,
+    },
+    Effect {
+        id: "asymmetry",
+        unit: "-",
+        range: (-0.4, 0.4),
+        what: "share by which the valve is stiffer in extension, and softer in compression",
+        apply: |plant, _, size| plant.asymmetry = size,
+    },
+    Effect {
+        id: "force_lag",
+        unit: "s",
+        range: (0.0, 0.1),
+        what: "first-order lag of the rod force",
+        apply: |plant, _, size| plant.force_lag_s = size,
+    },
+    Effect {
+        id: "sensor_delay",
+        unit: "s",
+        range: (-0.1, 0.1),
+        what: "time by which the force channel is late; negative for early",
+        apply: |_, channels, size| channels.force_delay_s = size,
+    },
+    Effect {
+        id: "deadzone",
+        unit: "m",
+        range: (0.0, 0.01),
+        what: "free play between rod and valve",
+        apply: |plant, _, size| plant.free_play_m = size,
+    },
+    Effect {
+        id: "end_stop",
+        unit: "m",
+        range: (0.0, 0.1),
+        what: "displacement beyond which end stops of 200 kN/m push back; 0 for none",
+        apply: |plant, _, size| plant.end_stop_m = if size > 0.0 { size } else { f64::INFINITY },
+    },
+    Effect {
+        id: "load_cell_drift",
+        unit: "N/s",
+        range: (-10.0, 10.0),
+        what: "drift of the load cell",
+        apply: |_, channels, size| channels.force_drift_n_s = size,
+    },
+    Effect {
+        id: "position_dependence",
+        unit: "1/m",
+        range: (-20.0, 20.0),
+        what: "growth of the valve's force with displacement",
+        apply: |plant, _, size| plant.position_per_m = size,
+    },
+    Effect {
+        id: "velocity_saturation",
+        unit: "N s2/m2",
+        range: (-2000.0, 2e4),
+        what: "added force proportional to v |v|",
+        apply: |plant, _, size| plant.quadratic_n_s2_m2 = size,
+    },
+    Effect {
+        id: "anti_alias_mismatch",
+        unit: "s",
+        range: (0.0, 0.1),
+        what: "delay of the force channel's own low-pass (second order)",
+        apply: |_, channels, size| {
+            channels.force_filter = (size > 0.0).then(|| SecondOrder::with_delay_s(size));
+        },
+    },
+    Effect {
+        id: "fluid_lag",
+        unit: "s",
+        range: (0.0, 0.1),
+        what: "lag of the fluid behind the core, beyond the coil's",
+        apply: |plant, _, size| plant.fluid_lag_s = size,
+    },
+    Effect {
+        id: "compliance",
+        unit: "m/N",
+        range: (0.0, 1e-5),
+        what: "compliance in series with the valve (default plant, and least: 1.7e-7)",
+        apply: |plant, _, size| {
+            plant.series_stiffness_n_m = 1.0 / size.max(1.0 / Plant::default().series_stiffness_n_m);
+        },
+    },
+    Effect {
+        id: "warm_start",
+        unit: "K",
+        range: (-40.0, 80.0),
+        what: "temperature of the damper at the start, above the room's",
+        apply: |plant, _, size| plant.start_c = plant.ambient_c + size,
+    },
+];
+
+/// Puts the effect called `id` with its size, in its unit, into plant and channels.
+///
+/// # Errors
+/// [`Error::Data`] when there is no such effect, with all there are; [`Error::OutOfRange`] when the size is not
+/// in its range, or the plant cannot be integrated with it.
+pub fn inject(id: &str, size: f64, plant: &mut Plant, channels: &mut Channels) -> Result<(), Error> {
+    let Some(effect) = EFFECTS.iter().find(|effect| effect.id == id) else {
+        let known: Vec<&str> = EFFECTS.iter().map(|effect| effect.id).collect();
+        let message = format!("the rig has no effect \"{id}\"; it has {}", known.join(", "));
+        return Err(Error::Data { message });
+    };
+    let (low, high) = effect.range;
+    if !(low..=high).contains(&size) {
+        let message = format!("effect {id} is {size} {}, but must be {low} to {high}", effect.unit);
+        return Err(Error::Data { message });
+    }
+    (effect.apply)(plant, channels, size);
+    plant.check()?;
+    channels.check()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::{Experiment, record};
+
+    fn force(plant: &Plant, channels: &Channels) -> Vec<f64> {
+        let run = Experiment::thesis("RP3-CS")
+            .map(|e| record(&e.with_duration_s(14.0), plant, channels, 1))
+            .unwrap_or_default();
+        run.force_n.map(|trace| trace.values).unwrap_or_default()
+    }
+
+    #[test]
+    fn every_effect_is_seen_in_the_force_and_zero_takes_it_away() {
+        let plain = force(&Plant::plain(), &Channels::PERFECT);
+        let sizes = [
+            0.01, 0.2, -0.02, 5e3, 2.0, 50.0, 0.2, 0.005, 0.004, 0.001, 0.015, 1.0, 5.0, 1e3, 0.005, 0.01,
+            1e-6, 20.0,
+        ];
+        for (effect, size) in EFFECTS.iter().zip(sizes) {
+            let with = |size: f64| {
+                let (mut plant, mut channels) = (Plant::plain(), Channels::PERFECT);
+                if effect.id == "warm_start" {
+                    plant = plant.with_temperature_fade_per_k(-0.002);
+                }
+                assert_eq!(inject(effect.id, size, &mut plant, &mut channels), Ok(()), "{}", effect.id);
+                force(&plant, &channels)
+            };
+            let change = |force: &[f64]| {
+                let squares = force.iter().zip(&plain).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+                (squares / plain.len() as f64).sqrt()
+            };
+            let (there, away) = (change(&with(size)), change(&with(0.0)));
+            assert!((3.0..200.0).contains(&there), "{}: {there} N", effect.id);
+            // A warm start is judged on a damper that fades, so a cold one fades a little too.
+            let least = if effect.id == "warm_start" { 2.0 } else { 1e-6 };
+            assert!(away < least, "{}: {away} N without it", effect.id);
+        }
+    }
+
+    #[test]
+    fn every_range_can_be_integrated_to_its_ends() {
+        for effect in EFFECTS {
+            for size in [effect.range.0, effect.range.1] {
+                let (mut plant, mut channels) = (Plant::default(), Channels::default());
+                assert_eq!(inject(effect.id, size, &mut plant, &mut channels), Ok(()), "{}", effect.id);
+                let force = force(&plant, &channels);
+                assert!(force.iter().all(|f| f.abs() < 2e4), "{} {size}", effect.id);
+            }
+        }
+    }
+
+    #[test]
+    fn unknown_effects_and_sizes_out_of_range_are_refused_with_what_to_do() {
+        let (mut plant, mut channels) = (Plant::default(), Channels::default());
+        let mut refused = |id: &str, size| {
+            inject(id, size, &mut plant, &mut channels).err().map(|e| e.to_string()).unwrap_or_default()
+        };
+        let unknown = refused("stiction", 1.0);
+        assert!(unknown.contains("stiction") && unknown.contains("coil_lag, remanence"), "{unknown}");
+        assert_eq!(refused("friction", -1.0), "effect friction is -1 N, but must be 0 to 1000");
+        assert!(refused("coil_lag", f64::NAN).contains("NaN"));
+    }
+}

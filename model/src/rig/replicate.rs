@@ -1,0 +1,155 @@
+//! Replicates: the same experiment done again.
+//!
+//! The thesis fits the first replicate of an experiment and cross-validates with the others. Its bench read the
+//! patterns from a file and was told how often to repeat it, so its replicates shared their excitation. A model
+//! that is cross-validated on the excitation that it was fitted to is asked nothing new: its error there is its
+//! error on the first replicate but for noise. So [`Pattern::New`], another excitation of the same kind for each
+//! replicate, is the default here, and [`Pattern::Same`] is the thesis' way, from which a noise floor can be
+//! had. Either way sensor noise is new, and by [`Drift`] the damper is not quite as it was.
+
+use super::channel::Channels;
+use super::experiment::Experiment;
+use super::noise::{Purpose, normal, stream};
+use super::plant::{Plant, Saturation};
+
+/// What replicates share.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Pattern {
+    /// The kind of their excitation: each has random phases and currents of its own.
+    #[default]
+    New,
+    /// The excitation itself, that of the first replicate.
+    Same,
+}
+
+/// The seed of replicate `number` (from 1) of the experiment called `name`, in a set with the seed `set`.
+///
+/// Different experiments, replicates and sets have different seeds, so that none shares its excitation with
+/// another by accident. Below 2^63, so that it fits wherever a signed integer does.
+#[must_use]
+pub fn seed(name: &str, number: u32, set: u64) -> u64 {
+    // FNV-1a over the name, then the finaliser of SplitMix64 so that neighbours have nothing in common.
+    let named = name.bytes().fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
+        (hash ^ u64::from(byte.to_ascii_lowercase())).wrapping_mul(0x0100_0000_01b3)
+    });
+    let mut z = (named ^ set.wrapping_mul(0x9e37_79b9_7f4a_7c15))
+        .wrapping_add(u64::from(number).wrapping_mul(0xd1b5_4a32_d192_ed03));
+    z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    (z ^ z >> 31) >> 1
+}
+
+impl Experiment {
+    /// Replicate `number` (from 1) in the set with the seed `set`: the experiment with its pattern fixed, and
+    /// the seed with which to record it. The first replicate is the same for both kinds of `pattern`.
+    #[must_use]
+    pub fn replicate(&self, number: u32, set: u64, pattern: Pattern) -> (Self, u64) {
+        let seed_of = |number| seed(&self.name, number, set);
+        let excitation = match pattern {
+            Pattern::New => seed_of(number),
+            Pattern::Same => seed_of(1),
+        };
+        (self.clone().with_pattern(excitation), seed_of(number))
+    }
+}
+
+/// How much damper, room and load cell differ from run to run (standard deviations). The figures of the default
+/// are ours: those of a bench that is used over a day.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drift {
+    /// Temperature of the damper at the start, in kelvin.
+    pub start_k: f64,
+    /// Temperature of the room, in kelvin.
+    pub ambient_k: f64,
+    /// Yield force, and independently of it both dampings, as a share.
+    pub strength: f64,
+    /// Offset of the load cell, in newtons.
+    pub offset_n: f64,
+}
+
+impl Drift {
+    /// Every run alike.
+    pub const NONE: Self = Self { start_k: 0.0, ambient_k: 0.0, strength: 0.0, offset_n: 0.0 };
+
+    /// Plant and channels as they are in the run with the seed `seed`.
+    #[must_use]
+    pub fn apply(&self, plant: Plant, channels: Channels, seed: u64) -> (Plant, Channels) {
+        let mut rng = stream(seed, Purpose::Drift);
+        // Three deviations at most: a run is ordinary, not an outlier.
+        let mut draw = |deviation: f64| deviation * normal(&mut rng).clamp(-3.0, 3.0);
+        let scaled =
+            |s: Saturation, by: f64| Saturation { at_zero: s.at_zero * by, growth: s.growth * by, ..s };
+        let (start_k, ambient_k) = (draw(self.start_k), draw(self.ambient_k));
+        let (yielding, viscous) = (1.0 + draw(self.strength), 1.0 + draw(self.strength));
+        let plant = Plant {
+            start_c: plant.start_c + start_k,
+            ambient_c: plant.ambient_c + ambient_k,
+            yield_n: scaled(plant.yield_n, yielding),
+            viscous_n_s_m: scaled(plant.viscous_n_s_m, viscous),
+            roll_off_n_s_m: scaled(plant.roll_off_n_s_m, viscous),
+            ..plant
+        };
+        let force_offset_n = channels.force_offset_n + draw(self.offset_n);
+        (plant, Channels { force_offset_n, ..channels })
+    }
+}
+
+impl Default for Drift {
+    fn default() -> Self {
+        Self { start_k: 2.0, ambient_k: 0.5, strength: 0.01, offset_n: 2.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::record;
+    use std::collections::HashSet;
+
+    #[test]
+    fn no_two_runs_share_a_seed() {
+        let mut seeds = HashSet::new();
+        for set in 0..20 {
+            for name in Experiment::names().chain(Experiment::paper1_names()) {
+                for number in 1..=20 {
+                    let seed = seed(name, number, set);
+                    assert!(seed < 1 << 63);
+                    assert!(seeds.insert(seed), "{name} {number} of {set}");
+                }
+            }
+        }
+        assert_eq!(seed("RP-ICPS", 3, 1), seed("rp-icps", 3, 1));
+    }
+
+    #[test]
+    fn replicates_have_new_patterns_or_the_first_one_s() {
+        let plan = Experiment::thesis("RP-ICPS").map(|e| e.with_duration_s(2.0)).into_iter();
+        for plan in plan {
+            let drive = |number, pattern| {
+                let (experiment, seed) = plan.replicate(number, 7, pattern);
+                let run = record(&experiment, &Plant::default(), &Channels::PERFECT, seed);
+                (run.drive, run.displacement_m)
+            };
+            assert_eq!(drive(1, Pattern::New), drive(1, Pattern::Same));
+            assert_eq!(drive(1, Pattern::Same), drive(2, Pattern::Same));
+            assert_ne!(drive(1, Pattern::New), drive(2, Pattern::New));
+        }
+    }
+
+    #[test]
+    fn a_bench_drifts_by_its_deviations_and_a_steady_one_does_not() {
+        let (plant, channels) = (Plant::default(), Channels::default());
+        assert_eq!(Drift::NONE.apply(plant, channels, 5), (plant, channels));
+        assert_eq!(Drift::default().apply(plant, channels, 5), Drift::default().apply(plant, channels, 5));
+        let runs: Vec<_> = (0..4000).map(|seed| Drift::default().apply(plant, channels, seed)).collect();
+        let deviation = |of: &dyn Fn(&(Plant, Channels)) -> f64, nominal: f64| {
+            (runs.iter().map(|run| (of(run) - nominal).powi(2)).sum::<f64>() / 4000.0).sqrt()
+        };
+        let near = |found: f64, wanted: f64| assert!((found / wanted - 1.0).abs() < 0.05, "{found} {wanted}");
+        near(deviation(&|run| run.0.start_c, plant.start_c), 2.0);
+        near(deviation(&|run| run.0.yield_n.growth / plant.yield_n.growth, 1.0), 0.01);
+        near(deviation(&|run| run.0.viscous_n_s_m.at_zero / plant.viscous_n_s_m.at_zero, 1.0), 0.01);
+        near(deviation(&|run| run.1.force_offset_n, 0.0), 2.0);
+        assert!(runs.iter().all(|run| run.0.check().is_ok()));
+    }
+}

@@ -1,0 +1,171 @@
+//! Comparison of models on short runs of the rig.
+
+use mr_damper_model::Error;
+use mr_damper_model::compare::{
+    Cell, Experiment, Finished, Predictor, Replicate, Summary, cells, persistence, run,
+};
+use mr_damper_model::condition::Conditioning;
+use mr_damper_model::force::{Arx, ForceModel};
+use mr_damper_model::identify::{
+    Dataset, DatasetOptions, ModelSpec, Options, Watch, identify, identify_datasets, score,
+};
+use mr_damper_model::rig::{self, Channels, Plant};
+use mr_damper_model::sample::Run;
+use mr_damper_model::units::Second;
+use rayon::prelude::*;
+use std::sync::atomic::AtomicBool;
+
+const SPECS: [ModelSpec; 3] = [ModelSpec::ARX_PASSIVE, ModelSpec::ARX_SEMI_ACTIVE, ModelSpec::FUZZY_TANH];
+
+fn options() -> Options {
+    Options { conditioning: Conditioning::THESIS, choose_velocity: false, restarts: 3, ..Options::default() }
+}
+
+fn recorded(name: &str, replicate: u32) -> Run {
+    let experiment = rig::Experiment::thesis(name).expect("a thesis experiment").with_duration_s(6.0);
+    rig::record(&experiment.with_pattern(7), &Plant::default(), &Channels::default(), u64::from(replicate))
+}
+
+fn dataset(run: &Run) -> Dataset {
+    Dataset::from_run(run, &Conditioning::THESIS, &DatasetOptions::default()).expect("a sound run")
+}
+
+/// Two experiments of two replicates.
+fn experiments() -> Vec<Experiment> {
+    let replicate = |name, number| Replicate { number, data: dataset(&recorded(name, number)) };
+    ["RP-ICPS", "RP1-CS"]
+        .map(|name| Experiment {
+            name: name.to_owned(),
+            replicates: vec![replicate(name, 1), replicate(name, 2)],
+        })
+        .to_vec()
+}
+
+fn all(experiments: &[Experiment]) -> Vec<Finished> {
+    let one = |cell: &Cell| run(*cell, experiments, &options(), &Watch::none()).expect("not cancelled").0;
+    cells(&SPECS, experiments.len()).par_iter().map(one).collect()
+}
+
+#[test]
+fn identification_figures_are_those_of_identify_to_the_last_bit() {
+    let experiments = experiments();
+    for spec in SPECS {
+        let (finished, model) = run(Cell { spec, experiment: 0 }, &experiments, &options(), &Watch::none())
+            .expect("not cancelled");
+        let found =
+            identify(spec, &[recorded("RP-ICPS", 1)], &options(), &Watch::none()).expect("a sound run");
+        assert_eq!(model, Some(found.model));
+        assert_eq!(finished.parameters, Some(found.model.force.parameter_count()));
+        for figure in &finished.identification {
+            let fit = match figure.predictor {
+                Predictor::FreeRun => found.free_run,
+                Predictor::OneStep => found.one_step,
+            };
+            assert_eq!((figure.rsse_n, figure.esr), (fit.map(|f| f.rsse_n), fit.map(|f| f.esr)), "{spec:?}");
+        }
+        // ARX feeds on force and so has two figures, the other one.
+        assert_eq!(finished.identification.len(), if spec == ModelSpec::FUZZY_TANH { 1 } else { 2 });
+    }
+}
+
+#[test]
+fn every_other_run_is_a_test_and_the_training_run_is_none() {
+    let experiments = experiments();
+    let finished = &all(&experiments)[SPECS.len()];
+    assert_eq!(finished.trained_on, "RP1-CS");
+    let tests: Vec<_> =
+        finished.cross_validation.iter().map(|t| (t.tested_on.as_str(), t.replicate)).collect();
+    assert_eq!(tests, [("RP-ICPS", 1), ("RP-ICPS", 2), ("RP1-CS", 2)]);
+    // The replicate differs in its noise alone, so the test on it is near the identification.
+    let (own, test) = (&finished.identification[1], &finished.cross_validation[2].figures[1]);
+    let ratio = test.esr.expect("a figure") / own.esr.expect("a figure");
+    assert!((ratio - 1.0).abs() < 0.05, "{ratio}");
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let experiments = experiments();
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| all(&experiments))
+    };
+    assert_eq!(on(1), on(4));
+}
+
+#[test]
+fn a_model_that_cannot_be_identified_is_a_cell_with_the_reason() {
+    let mut experiments = experiments();
+    let mut driveless = recorded("RP-ICPS", 1);
+    driveless.drive = None;
+    experiments[0].replicates[0].data = dataset(&driveless);
+    let finished = all(&experiments);
+    let failure = finished[1].failure.as_deref().expect("a semi-active model without drive");
+    assert!(failure.contains("current_a"), "{failure}");
+    assert!(finished[1].identification.is_empty() && finished[1].cross_validation.is_empty());
+    // The passive one does not need it, and models trained elsewhere say why that one test has no figure.
+    assert!(finished[0].failure.is_none());
+    let note = finished[4].cross_validation[0].figures[0].note.as_deref();
+    assert!(note.is_some_and(|note| note.contains("current_a")), "{note:?}");
+
+    let summaries = Summary::of(&finished);
+    let semi_active: Vec<_> = summaries.iter().filter(|s| s.class.form == "semi_active").collect();
+    assert!(semi_active.iter().all(|s| s.best().is_none()), "a mean without one test would flatter");
+    assert!(semi_active.iter().any(|s| s.failures.len() == 1));
+}
+
+#[test]
+fn a_diverging_free_run_is_no_figure() {
+    let data = dataset(&recorded("RP-ICPS", 1));
+    let grows = Arx::new([1.02, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0; 3], None, Second(1.0 / 512.0), 0.0)
+        .expect("finite coefficients");
+    let scores = score(&ForceModel::Arx(grows), &data, &Watch::none()).expect("it runs");
+    assert!(scores.diverged && scores.free_run.is_none() && scores.free_run_without_offset.is_none());
+    assert!(scores.one_step.is_some(), "one step ahead it is fed with measured force");
+    let holds = Arx::new([0.5, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0; 3], None, Second(1.0 / 512.0), 0.0)
+        .expect("finite coefficients");
+    let scores = score(&ForceModel::Arx(holds), &data, &Watch::none()).expect("it runs");
+    assert!(!scores.diverged && scores.free_run.is_some());
+    let other_rate = Arx::new([0.5, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0; 3], None, Second(0.01), 0.0)
+        .expect("finite coefficients");
+    let refused = score(&ForceModel::Arx(other_rate), &data, &Watch::none());
+    assert!(refused.is_err_and(|e| e.to_string().contains("100.000000 Hz")));
+}
+
+#[test]
+fn summaries_hold_means_and_keep_predictors_apart() {
+    let experiments = experiments();
+    let finished = all(&experiments);
+    let summaries = Summary::of(&finished);
+    assert!(summaries.is_sorted_by_key(|s| s.class.predictor));
+    assert_eq!(summaries.len(), 5, "three running free, two one step ahead");
+    let passive = |s: &&Summary| s.class.form == "passive" && s.class.predictor == Predictor::OneStep;
+    let arx = summaries.iter().find(passive);
+    let row = &arx.expect("arx steps").rows[0];
+    let esr = finished[0].cross_validation.iter().map(|t| t.figures[1].esr.expect("a figure"));
+    assert_eq!((row.tests, row.without), (3, 0));
+    assert!((row.mean_esr.expect("all tests have one") - esr.sum::<f64>() / 3.0).abs() < 1e-15);
+    for pair in summaries.windows(2).filter(|p| p[0].class.predictor == p[1].class.predictor) {
+        let mean = |s: &Summary| s.best().and_then(|row| row.mean_esr);
+        assert!(mean(&pair[0]) <= mean(&pair[1]), "best first");
+    }
+    let still = persistence(&experiments);
+    assert_eq!(still.len(), 4);
+    let found = identify_datasets(
+        SPECS[0],
+        std::slice::from_ref(&experiments[0].replicates[0].data),
+        &options(),
+        &Watch::none(),
+    );
+    let wanted = found.expect("a sound run").persistence.map(|fit| fit.esr);
+    assert_eq!(still[0].esr, wanted);
+}
+
+#[test]
+fn a_raised_flag_ends_a_cell() {
+    let cancel = AtomicBool::new(true);
+    let watch = Watch { cancel: Some(&cancel), progress: None };
+    for spec in SPECS {
+        let found = run(Cell { spec, experiment: 0 }, &experiments(), &options(), &watch);
+        assert_eq!(found.err(), Some(Error::Cancelled), "{spec:?}");
+    }
+}

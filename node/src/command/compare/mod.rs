@@ -1,0 +1,333 @@
+//! `mr-damper compare`: every model on every experiment, each tested on all others.
+
+mod output;
+mod pictures;
+mod runs;
+mod state;
+mod tables;
+mod work;
+
+use crate::command::Surroundings;
+use crate::command::identify::FilterArg;
+use crate::command::run_args::RunArgs;
+use crate::error::NodeError;
+use crate::report::compare::published::Published;
+use clap::builder::PossibleValuesParser;
+use indicatif::{ProgressBar, ProgressStyle};
+use mr_damper_model::compare::{self, Cell, Experiment, Summary};
+use mr_damper_model::condition::{ApplyTo, Conditioning};
+use mr_damper_model::identify::{DatasetOptions, Form, ModelSpec, Options, Structure, Watch};
+use mr_damper_model::model_file::{ModelFile, Provenance};
+use runs::{Planned, Source};
+use state::{Ground, Line, State};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+use work::in_parallel;
+
+/// Identify every model on every experiment and test it on all others.
+///
+/// RUNS_DIR holds run files: those that differ in a trailing -NN alone (rp-icps-01.csv, rp-icps-02.csv) are replicates
+/// of one experiment, and so are the runs of a sub-folder. Each model is identified on the first replicate of each
+/// experiment and tested on every other run. What is done is kept in a file while it works: after Ctrl-C the same
+/// command goes on where it was.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Folder with runs.
+    #[arg(value_name = "RUNS_DIR")]
+    pub runs: PathBuf,
+    /// Models to compare; by default all.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = PossibleValuesParser::new(names()))]
+    pub models: Vec<String>,
+    /// Only the forms without the drive.
+    #[arg(long, conflicts_with = "semi_active_only")]
+    pub passive_only: bool,
+    /// Only the forms with the drive.
+    #[arg(long)]
+    pub semi_active_only: bool,
+    /// Experiments to take, by name in any case; by default all.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    pub experiments: Vec<String>,
+    /// Random starting points of a nonlinear fit.
+    #[arg(long, value_name = "N", default_value_t = 25)]
+    pub restarts: u32,
+    /// Seed of the starting points.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Most rows that a nonlinear fit is finished on; a longer run is sampled. Tests always take all rows.
+    #[arg(long, value_name = "N", default_value_t = 30_000)]
+    pub most_rows: usize,
+    /// Where the second-order low-pass sits; the thesis' own place by default.
+    #[arg(long, value_enum, default_value_t = FilterArg::Inputs)]
+    pub filter: FilterArg,
+    /// Corner of the low-pass, Hz.
+    #[arg(long, value_name = "HZ", default_value_t = 20.0)]
+    pub cutoff: f64,
+    /// Thin runs to this rate first, Hz.
+    #[arg(long, value_name = "HZ")]
+    pub rate: Option<f64>,
+    /// Count all samples, not only those in which the damper moves.
+    #[arg(long)]
+    pub all_samples: bool,
+    /// Write a report with pictures, as one HTML file.
+    #[arg(long, value_name = "R.html")]
+    pub report: Option<PathBuf>,
+    /// Write the figures as JSON to a file, or with - to stdout.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    pub json: Option<PathBuf>,
+    /// File that keeps finished work, for going on after an interrupt, and stays there; by default
+    /// compare.partial.jsonl beside the JSON or the report, which goes when all is done.
+    #[arg(long, value_name = "FILE")]
+    pub resume: Option<PathBuf>,
+    /// How runs are read.
+    #[command(flatten)]
+    pub load: RunArgs,
+}
+
+/// Names of all models.
+fn names() -> Vec<&'static str> {
+    Structure::all().into_iter().map(Structure::name).collect()
+}
+
+/// All that is compared.
+struct Work {
+    specs: Vec<ModelSpec>,
+    experiments: Vec<Experiment>,
+    sources: Vec<Source>,
+    options: Options,
+    threads: usize,
+}
+
+/// Compares and reports.
+///
+/// # Errors
+/// When the folder holds no runs, a run does not load or cannot be conditioned, or a file cannot be written; when
+/// interrupted, in which case the finished work is kept.
+pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    let started = Instant::now();
+    let work = prepare(args, around)?;
+    let path = state_path(args);
+    let state = State::open(&path)?;
+    let lines = match do_cells(&work, &state, around) {
+        Err(NodeError::Interrupted) => {
+            eprintln!("what is done is kept in {}: the same command goes on from there", path.display());
+            return Err(NodeError::Interrupted);
+        }
+        lines => lines?,
+    };
+    let cells: Vec<_> = lines.iter().map(|line| line.cell.clone()).collect();
+    let done = output::Done {
+        summaries: Summary::of(&cells),
+        persistence: compare::persistence(&work.experiments),
+        published: published(&work.experiments),
+        seconds: started.elapsed().as_secs_f64(),
+        cells,
+        lines,
+    };
+    output::write(args, &work, &done)?;
+    if args.resume.is_none() {
+        std::fs::remove_file(&path).map_err(NodeError::io(format!("removing {}", path.display())))?;
+    }
+    Ok(())
+}
+
+/// The thesis' figures, when one of the experiments bears the name of one of its own.
+fn published(experiments: &[Experiment]) -> Option<Published> {
+    let thesis = Published::thesis();
+    experiments.iter().any(|experiment| thesis.knows(&experiment.name)).then_some(thesis)
+}
+
+/// Where finished work is kept.
+fn state_path(args: &Args) -> PathBuf {
+    const NAME: &str = "compare.partial.jsonl";
+    let beside = args.json.as_deref().filter(|path| *path != Path::new("-")).or(args.report.as_deref());
+    args.resume
+        .clone()
+        .unwrap_or_else(|| beside.map_or(PathBuf::from(NAME), |path| path.with_file_name(NAME)))
+}
+
+fn prepare(args: &Args, around: &Surroundings) -> Result<Work, NodeError> {
+    let specs = specs(args)?;
+    let planned = chosen(runs::discover(&args.runs)?, &args.experiments)?;
+    let options = Options {
+        conditioning: Conditioning {
+            apply_to: match args.filter {
+                FilterArg::Inputs => ApplyTo::Inputs,
+                FilterArg::Output => ApplyTo::Output,
+                FilterArg::None => ApplyTo::None,
+            },
+            cutoff_hz: args.cutoff,
+            ..Conditioning::THESIS
+        },
+        choose_velocity: false,
+        dataset: DatasetOptions {
+            moving_only: !args.all_samples,
+            rate_hz: args.rate,
+            ..DatasetOptions::default()
+        },
+        most_rows: Some(args.most_rows),
+        restarts: args.restarts,
+        seed: args.seed,
+        ..Options::default()
+    };
+    options.conditioning.validate()?;
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let files: usize = planned.iter().map(|p| p.replicates.len()).sum();
+    let bar = bar(around, files, "reading runs [{bar:40}] {pos}/{len}");
+    let (experiments, sources) = runs::load(
+        &planned,
+        &args.load,
+        (&options.conditioning, &options.dataset),
+        threads,
+        (around.interrupt.flag(), &|| bar.inc(1)),
+    )?;
+    bar.finish_and_clear();
+    if files == 1 {
+        tracing::warn!("there is one run alone: models are identified, but nothing is left to test them on");
+    }
+    Ok(Work { specs, experiments, sources, options, threads })
+}
+
+/// The models that are asked for, in every form that is asked for.
+fn specs(args: &Args) -> Result<Vec<ModelSpec>, NodeError> {
+    let wanted = |spec: &ModelSpec| {
+        let named = args.models.is_empty() || args.models.iter().any(|name| name == spec.structure().name());
+        let passive = spec.form() == Form::Passive;
+        named && (passive || !args.passive_only) && (!passive || !args.semi_active_only)
+    };
+    let specs: Vec<ModelSpec> = ModelSpec::all().into_iter().filter(wanted).collect();
+    if specs.is_empty() {
+        return Err(NodeError::Failed(format!(
+            "{} has no form {} the drive: leave --{} out",
+            args.models.join(", "),
+            if args.passive_only { "without" } else { "with" },
+            if args.passive_only { "passive-only" } else { "semi-active-only" }
+        )));
+    }
+    Ok(specs)
+}
+
+/// The experiments that are asked for.
+fn chosen(planned: Vec<Planned>, names: &[String]) -> Result<Vec<Planned>, NodeError> {
+    let known = |name: &String| planned.iter().any(|p| p.name.eq_ignore_ascii_case(name));
+    if let Some(unknown) = names.iter().find(|name| !known(name)) {
+        let all: Vec<&str> = planned.iter().map(|p| p.name.as_str()).collect();
+        return Err(NodeError::Failed(format!(
+            "there is no experiment {unknown} in the folder; there are {}",
+            all.join(", ")
+        )));
+    }
+    let wanted = |p: &Planned| names.is_empty() || names.iter().any(|name| p.name.eq_ignore_ascii_case(name));
+    Ok(planned.into_iter().filter(wanted).collect())
+}
+
+fn bar(around: &Surroundings, length: usize, template: &str) -> ProgressBar {
+    let bar = if around.quiet { ProgressBar::hidden() } else { ProgressBar::new(length as u64) };
+    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar
+}
+
+/// Does all cells, or takes them from `state`; in the order of [`compare::cells`].
+fn do_cells(work: &Work, state: &State, around: &Surroundings) -> Result<Vec<Line>, NodeError> {
+    let cells = compare::cells(&work.specs, work.experiments.len());
+    let ground = Ground::new(&work.options, &work.sources);
+    let keys: Vec<String> =
+        cells.iter().map(|cell| ground.key(cell.spec, &work.experiments[cell.experiment].name)).collect();
+    let known = keys.iter().filter(|key| state.get(key).is_some()).count();
+    if known > 0 {
+        tracing::info!(done = known, of = cells.len(), "going on with what an earlier run has done");
+    }
+    let bar = bar(around, cells.len(), "{msg} [{bar:40}] {pos}/{len}, {prefix} left");
+    let left = TimeLeft::new(&cells, &keys, state, work.threads);
+    bar.set_position(known as u64);
+    bar.set_prefix("?");
+    let one = |index: usize| -> Result<Line, NodeError> {
+        let (cell, key) = (cells[index], &keys[index]);
+        if let Some(line) = state.get(key) {
+            return Ok(line.clone());
+        }
+        if around.interrupt.is_raised() {
+            return Err(NodeError::Interrupted);
+        }
+        bar.set_message(format!("{} ({})", cell.spec.structure().name(), cell.spec.form().name()));
+        let line = do_cell(work, cell, key, around)?;
+        state.add(&line)?;
+        bar.set_prefix(left.after(index, line.seconds));
+        bar.inc(1);
+        Ok(line)
+    };
+    let lines = in_parallel(cells.len(), work.threads, one).into_iter().collect();
+    bar.finish_and_clear();
+    lines
+}
+
+fn do_cell(work: &Work, cell: Cell, key: &str, around: &Surroundings) -> Result<Line, NodeError> {
+    let watch = Watch { cancel: Some(around.interrupt.flag()), progress: None };
+    let start = Instant::now();
+    let (finished, model) =
+        compare::run(cell, &work.experiments, &work.options, &watch).map_err(|error| match error {
+            mr_damper_model::Error::Cancelled => NodeError::Interrupted,
+            error => error.into(),
+        })?;
+    let file = |model| ModelFile { model, provenance: Provenance::default() }.to_toml();
+    Ok(Line {
+        key: key.to_owned(),
+        seconds: start.elapsed().as_secs_f64(),
+        cell: finished,
+        model: model.map(file).transpose()?,
+    })
+}
+
+/// Time left: what each model took on the experiments that are done is what it will take on the others.
+struct TimeLeft<'a> {
+    cells: &'a [Cell],
+    threads: usize,
+    so_far: Mutex<SoFar>,
+}
+
+/// What is known of the time that cells take.
+#[derive(Default)]
+struct SoFar {
+    /// Which cells are done.
+    done: Vec<bool>,
+    /// Seconds and number of the finished cells of each model.
+    took: HashMap<ModelSpec, (f64, f64)>,
+}
+
+impl SoFar {
+    fn add(&mut self, spec: ModelSpec, seconds: f64) {
+        let of = self.took.entry(spec).or_default();
+        *of = (of.0 + seconds, of.1 + 1.0);
+    }
+
+    /// Seconds that a cell of `spec` will take; as the mean of all where none is done.
+    fn estimate(&self, spec: ModelSpec) -> f64 {
+        let all = || self.took.values().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        let (seconds, cells) = self.took.get(&spec).copied().unwrap_or_else(all);
+        seconds / f64::max(cells, 1.0)
+    }
+}
+
+impl<'a> TimeLeft<'a> {
+    fn new(cells: &'a [Cell], keys: &[String], state: &State, threads: usize) -> Self {
+        let mut so_far = SoFar::default();
+        for (cell, line) in cells.iter().zip(keys.iter().map(|key| state.get(key))) {
+            so_far.done.push(line.is_some());
+            if let Some(line) = line {
+                so_far.add(cell.spec, line.seconds);
+            }
+        }
+        Self { cells, threads, so_far: Mutex::new(so_far) }
+    }
+
+    /// In words, after cell `index` took `seconds`.
+    fn after(&self, index: usize, seconds: f64) -> String {
+        let mut so_far = self.so_far.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        so_far.done[index] = true;
+        so_far.add(self.cells[index].spec, seconds);
+        let open = self.cells.iter().zip(&so_far.done).filter(|(_, done)| !**done);
+        let seconds = open.map(|(cell, _)| so_far.estimate(cell.spec)).sum::<f64>() / self.threads as f64;
+        indicatif::HumanDuration(Duration::from_secs_f64(seconds.max(0.0))).to_string()
+    }
+}

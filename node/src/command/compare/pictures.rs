@@ -1,0 +1,194 @@
+//! What the report draws: the best models beside measured force, over time and over velocity.
+
+use crate::report::compare::order::name;
+use crate::report::compare::{Curve, Picture, StepTime};
+use crate::report::plot::binned_mean;
+use mr_damper_model::compare::{Experiment, Predictor, Replicate, Summary};
+use mr_damper_model::force::ForceModel;
+use mr_damper_model::identify::{Dataset, MembershipSource, Memberships, Row, sum_of_free_run, walk};
+use mr_damper_model::model::Model;
+use std::hint::black_box;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// Models in a picture.
+const MODELS: usize = 3;
+/// Length of a picture over time, s.
+const TIME_S: f64 = 2.0;
+/// Currents that get a picture over velocity.
+const CURRENTS: usize = 6;
+/// Dots of one such picture.
+const DOTS: usize = 700;
+/// Bins of velocity that a model's line goes through, and points that a bin wants.
+const BINS: usize = 40;
+const PER_BIN: usize = 5;
+/// Rows that a step is timed over, and how often.
+const TIMED_ROWS: usize = 20_480;
+const PASSES: usize = 7;
+
+/// A model to draw.
+pub(super) struct Drawn {
+    name: String,
+    model: Model,
+}
+
+/// The models that are best at running free, each as trained on its best experiment; `find` gives a model by name,
+/// form and training experiment.
+pub(super) fn best(summaries: &[Summary], find: impl Fn(&str, &str, &str) -> Option<Model>) -> Vec<Drawn> {
+    let free = summaries.iter().filter(|s| s.class.predictor == Predictor::FreeRun);
+    let mut seen: Vec<&str> = Vec::new();
+    let drawn = free.filter_map(|summary| {
+        let (class, row) = (&summary.class, summary.best()?);
+        let model = find(&class.model, &class.form, &row.trained_on)?;
+        // One form of each: the others would cover it.
+        if seen.contains(&class.model.as_str()) {
+            return None;
+        }
+        seen.push(&class.model);
+        Some(Drawn { name: format!("{}, trained on {}", name(class), row.trained_on), model })
+    });
+    drawn.take(MODELS).collect()
+}
+
+/// Two seconds from the middle of the last replicate of the first and of the last experiment.
+pub(super) fn force_time(experiments: &[Experiment], drawn: &[Drawn]) -> Vec<Picture> {
+    let mut chosen: Vec<&Experiment> = experiments.first().into_iter().chain(experiments.last()).collect();
+    chosen.dedup_by(|a, b| a.name == b.name);
+    let pictures = chosen.into_iter().filter_map(|experiment| {
+        let replicate = experiment.replicates.last()?;
+        let rows = &replicate.data.rows;
+        let (start, middle) = (rows.first()?.stamp, rows[rows.len() / 2].stamp);
+        let inside = |row: &Row| row.stamp.since(middle).get().abs() <= TIME_S / 2.0;
+        let seconds = |row: &Row| row.stamp.since(start).get();
+        let measured = rows.iter().filter(|row| inside(row)).map(|row| (seconds(row), row.force_n)).collect();
+        let curve = |drawn: &Drawn| Curve {
+            name: drawn.name.clone(),
+            lines: vec![predicted(drawn, &replicate.data, |row, force_n| {
+                inside(row).then(|| (seconds(row), force_n))
+            })],
+        };
+        let title = format!("{}, replicate {}", experiment.name, replicate.number);
+        Some(Picture { title, measured, models: drawn.iter().map(curve).collect() })
+    });
+    if drawn.is_empty() { Vec::new() } else { pictures.collect() }
+}
+
+/// What a free run of the model makes of the rows that `pick` takes.
+fn predicted(
+    drawn: &Drawn,
+    data: &Dataset,
+    mut pick: impl FnMut(&Row, f64) -> Option<(f64, f64)>,
+) -> Vec<(f64, f64)> {
+    let mut points = Vec::new();
+    let suits = drawn.model.force.drive().is_none_or(|kind| data.drive == Some(kind));
+    if suits {
+        let _ = walk(&drawn.model.force, data, |row, predicted| {
+            points.extend(pick(row, predicted.free_run_n));
+            ControlFlow::Continue(())
+        });
+    }
+    points
+}
+
+/// Force over velocity at six currents, and what they are: steps of the current in the experiment that has most of
+/// them, or bins of it where no experiment has any.
+pub(super) fn force_velocity(experiments: &[Experiment], drawn: &[Drawn]) -> (Vec<Picture>, String) {
+    let Some((experiment, replicate, ranges, stepped)) = currents(experiments) else {
+        return (Vec::new(), String::new());
+    };
+    let unit = replicate.data.drive.map_or(String::new(), |kind| kind.unit_suffix().to_uppercase());
+    let picture = |[low, high]: &[f64; 2]| {
+        let inside = |row: &Row| row.counts && (*low..=*high).contains(&row.drive);
+        let rows: Vec<&Row> = replicate.data.rows.iter().filter(|row| inside(row)).collect();
+        let every = rows.len().div_ceil(DOTS).max(1);
+        let measured = rows.iter().step_by(every).map(|row| (row.velocity_m_s, row.force_n)).collect();
+        let curve = |drawn: &Drawn| {
+            let branch = |sign: f64| {
+                let points = predicted(drawn, &replicate.data, |row, force_n| {
+                    (inside(row) && sign * row.acceleration_m_s2 > 0.0).then_some((row.velocity_m_s, force_n))
+                });
+                binned_mean(&points, BINS, PER_BIN)
+            };
+            Curve { name: drawn.name.clone(), lines: vec![branch(1.0), branch(-1.0)] }
+        };
+        let title = if stepped {
+            format!("{:.1} {unit}", 0.5 * (low + high))
+        } else {
+            format!("{low:.2} to {high:.2} {unit}")
+        };
+        Picture { title, measured, models: drawn.iter().map(curve).collect() }
+    };
+    let caption = format!(
+        "{}, replicate {}, {}. Dots are measured; each model has two lines, the means of what it says while velocity \
+         rises and while it falls, so that a loop shows as the gap between them.",
+        experiment.name,
+        replicate.number,
+        if stepped { "at steps of its drive" } else { "in equal ranges of its drive (it is never held)" }
+    );
+    (ranges.iter().map(picture).collect(), caption)
+}
+
+type Currents<'a> = (&'a Experiment, &'a Replicate, Vec<[f64; 2]>, bool);
+
+/// The run to draw force over velocity of, and the ranges of its drive.
+fn currents(experiments: &[Experiment]) -> Option<Currents<'_>> {
+    let counted =
+        |data: &Dataset| data.rows.iter().filter(|row| row.counts).map(|row| row.drive).collect::<Vec<_>>();
+    let mut stepped: Option<(usize, &Experiment, Memberships)> = None;
+    for experiment in experiments {
+        let Some(first) = experiment.replicates.first() else { continue };
+        let Some(kind) = first.data.drive else { continue };
+        let Ok(found) = Memberships::from_drive(kind, counted(&first.data)) else { continue };
+        let levels = if found.source == MembershipSource::Levels { found.centres.len() } else { 0 };
+        if levels > stepped.as_ref().map_or(2, |best| best.0) {
+            stepped = Some((levels, experiment, found));
+        }
+    }
+    if let Some((levels, experiment, found)) = stepped {
+        let gap = found.centres.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+        let of = levels.min(CURRENTS);
+        // Six of seven: the middle one is left out.
+        let pick = |k: usize| found.centres[(k * (levels - 1) + (of - 1) / 2) / (of - 1).max(1)];
+        let ranges = (0..of).map(|k| [pick(k) - 0.25 * gap, pick(k) + 0.25 * gap]).collect();
+        return Some((experiment, experiment.replicates.first()?, ranges, true));
+    }
+    let with_drive = |e: &&Experiment| e.replicates.first().is_some_and(|r| r.data.envelope.drive.is_some());
+    let longest = experiments
+        .iter()
+        .filter(with_drive)
+        .max_by_key(|e| e.replicates.first().map(|r| r.data.rows.len()))?;
+    let first = longest.replicates.first()?;
+    let [low, high] = first.data.envelope.drive?;
+    let width = (high - low) / CURRENTS as f64;
+    let ranges = if width > 1e-3 * high.abs() {
+        (0..CURRENTS).map(|k| [low + k as f64 * width, low + (k + 1) as f64 * width]).collect()
+    } else {
+        vec![[low, high]]
+    };
+    Some((longest, first, ranges, false))
+}
+
+/// Time of a step of each model running free on this thread: the median of several passes over the same rows.
+pub(super) fn step_times<'a>(
+    models: impl Iterator<Item = (&'a str, &'a str, &'a Model)>,
+    data: &Dataset,
+) -> Vec<StepTime> {
+    let rows = &data.rows[..data.rows.len().min(TIMED_ROWS)];
+    let time = |force: &ForceModel| {
+        let start = Instant::now();
+        black_box(sum_of_free_run(black_box(force), rows));
+        start.elapsed().as_secs_f64() * 1e9 / rows.len().max(1) as f64
+    };
+    let median = |force: &ForceModel| {
+        let mut passes: Vec<f64> = (0..PASSES).map(|_| time(force)).collect();
+        passes.sort_by(f64::total_cmp);
+        passes[PASSES / 2]
+    };
+    models
+        .map(|(model, form, found)| StepTime {
+            model: model.to_owned(),
+            form: form.to_owned(),
+            ns_per_step: median(&found.force),
+        })
+        .collect()
+}

@@ -1,0 +1,144 @@
+//! Tables on the terminal. Figures of the two predictors stand in tables of their own.
+
+use super::output::Done;
+use crate::report::compare::StepTime;
+use mr_damper_model::compare::{Class, Predictor, Summary};
+use mr_damper_model::units::N_PER_LBF;
+use std::fmt::Write;
+
+/// What is compared, in a line.
+pub(super) fn headline(models: usize, experiments: usize, runs: usize) -> String {
+    let plural = |count: usize, one: &str| format!("{count} {one}{}", if count == 1 { "" } else { "s" });
+    format!("{} on {}, {}", plural(models, "model"), plural(experiments, "experiment"), plural(runs, "run"))
+}
+
+/// All tables.
+pub(super) fn text(done: &Done, times: &[StepTime]) -> String {
+    let mut text = String::new();
+    for (predictor, heading) in
+        [(Predictor::FreeRun, "running free"), (Predictor::OneStep, "one step ahead of measured force")]
+    {
+        if done.cells.iter().any(|c| c.identification.iter().any(|f| f.predictor == predictor)) {
+            let _ = writeln!(text, "\nIdentification, {heading}");
+            identification(&mut text, done, predictor);
+            let _ = writeln!(text, "\nCross-validation, {heading}, best first");
+            cross_validation(&mut text, done, predictor, times);
+        }
+    }
+    let failures = done.cells.iter().filter_map(|c| Some((c, c.failure.as_ref()?)));
+    for (cell, why) in failures {
+        let _ = writeln!(text, "{} ({}) on {}: {why}", cell.model, cell.form, cell.trained_on);
+    }
+    let _ = writeln!(text, "\n{:.1} s", done.seconds);
+    text
+}
+
+fn cell(value: Option<f64>, width: usize, decimals: usize) -> String {
+    value.map_or(format!("{:>width$}", "-"), |value| format!("{value:width$.decimals$}"))
+}
+
+fn identification(text: &mut String, done: &Done, predictor: Predictor) {
+    let one_step = predictor == Predictor::OneStep;
+    let _ = write!(
+        text,
+        "  {:<14} {:<12} {:<12} {:>9} {:>8} {:>8}",
+        "model", "form", "experiment", "RSSE N", "lbf", "ESR"
+    );
+    let _ = write!(text, "{}", if one_step { "  persistence" } else { "" });
+    let published = done.published.is_some();
+    let _ = writeln!(text, "{}", if published { "   thesis N      lbf      ESR" } else { "" });
+    for finished in &done.cells {
+        for figure in finished.identification.iter().filter(|f| f.predictor == predictor) {
+            let _ = write!(
+                text,
+                "  {:<14} {:<12} {:<12} {} {} {}",
+                finished.model,
+                finished.form,
+                finished.trained_on,
+                cell(figure.rsse_n, 9, 2),
+                cell(figure.rsse_n.map(|n| n / N_PER_LBF), 8, 2),
+                cell(figure.esr, 8, 4)
+            );
+            if one_step {
+                let still = done.persistence.iter().find(|p| p.experiment == finished.trained_on);
+                let _ = write!(text, " {}", cell(still.and_then(|p| p.esr), 12, 4));
+            }
+            if let Some(published) = &done.published {
+                let class = Class { predictor, model: finished.model.clone(), form: finished.form.clone() };
+                let found = published.row(&class, &finished.trained_on).and_then(|row| row.identification);
+                let rsse_n = found.map(|f| f.rsse_n);
+                let _ = write!(
+                    text,
+                    "  {} {} {}",
+                    cell(rsse_n, 9, 2),
+                    cell(rsse_n.map(|n| n / N_PER_LBF), 8, 2),
+                    cell(found.map(|f| f.esr), 8, 4)
+                );
+            }
+            let _ = writeln!(
+                text,
+                "{}",
+                figure.note.as_deref().map_or(String::new(), |note| format!("  {note}"))
+            );
+        }
+    }
+}
+
+fn cross_validation(text: &mut String, done: &Done, predictor: Predictor, times: &[StepTime]) {
+    let _ = write!(
+        text,
+        "  {:<14} {:<12} {:<12} {:>9} {:>9} {:>8} {:>10} {:>8}",
+        "model", "form", "best on", "mean ESR", "RSSE N", "lbf", "median ESR", "ns/step"
+    );
+    let published = done.published.is_some();
+    let _ = writeln!(text, "{}", if published { "  thesis ESR (its best)" } else { "" });
+    for summary in done.summaries.iter().filter(|s| s.class.predictor == predictor && !s.rows.is_empty()) {
+        let _ = writeln!(text, "{}", cross_validation_line(summary, done, times));
+    }
+    if predictor == Predictor::OneStep {
+        let mean = |pick: fn(&mr_damper_model::compare::Persistence) -> Option<f64>| {
+            let values: Vec<f64> = done.persistence.iter().filter_map(pick).collect();
+            (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+        };
+        let rsse_n = mean(|p| p.rsse_n);
+        let _ = writeln!(
+            text,
+            "  {:<14} {:<12} {:<12} {} {} {}",
+            "persistence",
+            "",
+            "",
+            cell(mean(|p| p.esr), 9, 4),
+            cell(rsse_n, 9, 2),
+            cell(rsse_n.map(|n| n / N_PER_LBF), 8, 2)
+        );
+    }
+}
+
+fn cross_validation_line(summary: &Summary, done: &Done, times: &[StepTime]) -> String {
+    let (class, best) = (&summary.class, summary.best());
+    let rsse_n = best.and_then(|row| row.mean_rsse_n);
+    let time = times.iter().find(|t| t.model == class.model && t.form == class.form);
+    let mut line = format!(
+        "  {:<14} {:<12} {:<12} {} {} {} {} {}",
+        class.model,
+        class.form,
+        best.map_or("-", |row| &row.trained_on),
+        cell(best.and_then(|row| row.mean_esr), 9, 4),
+        cell(rsse_n, 9, 2),
+        cell(rsse_n.map(|n| n / N_PER_LBF), 8, 2),
+        cell(summary.median_esr(), 10, 4),
+        cell(time.map(|t| t.ns_per_step), 8, 0)
+    );
+    if let Some((on, esr)) = done.published.as_ref().and_then(|published| published.best(class)) {
+        let _ = write!(line, "  {esr:.4} ({on})");
+    }
+    if summary.without > 0 {
+        let _ = write!(
+            line,
+            "  {} of {} tests without figure",
+            summary.without,
+            summary.without + summary.esr.len()
+        );
+    }
+    line
+}

@@ -1,0 +1,307 @@
+//! The report of a comparison: which model predicts best, trained on what, at what cost.
+
+pub mod order;
+pub mod published;
+mod tables;
+
+use super::box_plot::{self, BoxRow};
+use super::page::{page, section};
+use super::plot::{Ink, Plot, Series, Shape};
+use super::scatter::{self, Named};
+use super::table::{facts, table};
+use maud::{Markup, PreEscaped, html};
+use mr_damper_model::compare::{BoxPlot, Finished, Persistence, Predictor, Summary};
+use published::Published;
+use serde::Serialize;
+
+/// Colours of the models in a picture, in the order of their places.
+const INKS: [Ink; 3] = [Ink::Estimate, Ink::Trend, Ink::Level(2)];
+
+/// What a step of a model costs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StepTime {
+    /// Name of the model.
+    pub model: String,
+    /// How the drive enters it.
+    pub form: String,
+    /// Time of a step running free, ns.
+    pub ns_per_step: f64,
+}
+
+/// Some points of a model.
+pub type Points = Vec<(f64, f64)>;
+
+/// What a model says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Curve {
+    /// Name of the model.
+    pub name: String,
+    /// Lines, each in order of x.
+    pub lines: Vec<Points>,
+}
+
+/// A picture with measured points and those of a few models, best first.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// What it shows.
+    pub title: String,
+    /// What was measured.
+    pub measured: Points,
+    /// The models.
+    pub models: Vec<Curve>,
+}
+
+/// All that the report tells.
+#[derive(Debug, Clone, Default)]
+pub struct Outcome<'a> {
+    /// The comparison in a sentence.
+    pub what: String,
+    /// What was run.
+    pub facts: Vec<(String, String)>,
+    /// The cells.
+    pub cells: &'a [Finished],
+    /// What they say together, best first.
+    pub summaries: &'a [Summary],
+    /// Persistence on every run.
+    pub persistence: &'a [Persistence],
+    /// Published figures to hold them against.
+    pub published: Option<&'a Published>,
+    /// What steps cost.
+    pub step_times: &'a [StepTime],
+    /// Force over time.
+    pub force_time: Vec<Picture>,
+    /// Force over velocity, one picture a current.
+    pub force_velocity: Vec<Picture>,
+    /// What the force-velocity pictures are of.
+    pub force_velocity_caption: String,
+}
+
+impl Outcome<'_> {
+    /// Time of a step, ns.
+    #[must_use]
+    pub fn ns_per_step(&self, model: &str, form: &str) -> Option<f64> {
+        self.step_times.iter().find(|s| s.model == model && s.form == form).map(|s| s.ns_per_step)
+    }
+
+    /// Mean ESR and RSSE of persistence over all runs.
+    fn persistence_means(&self) -> Option<(f64, f64)> {
+        let with: Vec<(f64, f64)> =
+            self.persistence.iter().filter_map(|p| Some((p.esr?, p.rsse_n?))).collect();
+        let count = with.len() as f64;
+        let sum = with.iter().fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+        (count > 0.0).then(|| (sum.0 / count, sum.1 / count))
+    }
+}
+
+/// The report as one HTML file.
+#[must_use]
+pub fn html(outcome: &Outcome<'_>) -> String {
+    let body = html! {
+        (section("What was run", &facts(&outcome.facts)))
+        (section("Best first", &tables::best(outcome)))
+        @if let Some(published) = outcome.published { (section("Order of the models against the thesis", &against(outcome, published))) }
+        (section("Spread over all tests", &boxes(outcome)))
+        (section("Error against time", &pareto(outcome)))
+        (section("Force over time", &force_time(outcome)))
+        @if !outcome.force_velocity.is_empty() { (section("Force over velocity", &force_velocity(outcome))) }
+        (section("Cross-validation", &tables::cross_validation(outcome)))
+        (section("Identification", &tables::identification(outcome)))
+    };
+    page("MR damper models: comparison", &outcome.what, &body)
+}
+
+fn against(outcome: &Outcome<'_>, published: &Published) -> Markup {
+    let Some(orders) = order::orders(outcome.summaries, published, outcome.persistence) else {
+        return html! { p { "None of the published models is in this comparison." } };
+    };
+    let places = {
+        let mut here: Vec<f64> = orders.ranked.iter().filter_map(|r| Some(r.here.as_ref()?.1)).collect();
+        here.sort_by(f64::total_cmp);
+        here
+    };
+    let row = |(place, r): (usize, &order::Ranked)| {
+        let here = r.here.as_ref();
+        let own = here.and_then(|(_, esr)| places.iter().position(|p| p == esr)).map(|p| (p + 1).to_string());
+        vec![
+            (place + 1).to_string(),
+            order::name(&r.class),
+            format!("{:.4}", r.published.1),
+            r.published.0.clone(),
+            own.unwrap_or("–".to_owned()),
+            here.map_or("–".to_owned(), |(_, esr)| format!("{esr:.4}")),
+            here.map_or("–".to_owned(), |(on, _)| on.clone()),
+        ]
+    };
+    let columns = [
+        "#place in the thesis",
+        "=model",
+        "#mean ESR",
+        "trained on",
+        "#place here",
+        "#mean ESR",
+        "trained on",
+    ];
+    let rows: Vec<Vec<String>> = orders.ranked.iter().enumerate().map(row).collect();
+    let tau = |tau: Option<f64>| {
+        tau.map_or("not defined".to_owned(), |tau| format!("{tau:+.2}").replace('-', "\u{2212}"))
+    };
+    html! {
+        (table(&columns, &rows))
+        p { "Models are ordered by the mean ESR over all tests of their best training experiment. Each is used as it was "
+            "when it was published: an ARX one step ahead, all others running free. Rank correlation of the two orders "
+            "(Kendall's tau; 1: the same, 0: none, \u{2212}1: the reverse): " strong { (tau(orders.tau)) }
+            "; with every model running free here: " strong { (tau(orders.tau_free_run)) } "." }
+        ul { @for remark in &orders.remarks { li { (remark) } } }
+    }
+}
+
+fn boxes(outcome: &Outcome<'_>) -> Markup {
+    let rows = |predictor: Predictor, form: &str| -> Vec<BoxRow> {
+        let of = outcome.summaries.iter().filter(|s| s.class.predictor == predictor && s.class.form == form);
+        let mut rows: Vec<BoxRow> = of
+            .map(|summary| BoxRow {
+                name: summary.class.model.clone(),
+                numbers: summary.spread(),
+                remark: match (summary.without, summary.esr.len()) {
+                    (0, 0) => "no figure".to_owned(),
+                    (0, _) => String::new(),
+                    (n, _) => format!("{n} without figure"),
+                },
+                yardstick: false,
+            })
+            .collect();
+        if predictor == Predictor::OneStep && !rows.is_empty() {
+            rows.push(BoxRow {
+                name: "persistence".to_owned(),
+                numbers: BoxPlot::of(outcome.persistence.iter().filter_map(|p| p.esr)),
+                remark: String::new(),
+                yardstick: true,
+            });
+        }
+        rows
+    };
+    // Pictures of one predictor share their axis, so that forms can be held against each other.
+    let pictures = |predictor: Predictor, label: &str, forms: [(&str, &str); 3]| {
+        let all = forms.map(|(form, heading)| (heading, rows(predictor, form)));
+        let span: Vec<f64> = all.iter().flat_map(|(_, rows)| box_plot::values(rows)).collect();
+        html! {
+            @for (heading, rows) in all.iter().filter(|(_, rows)| !rows.is_empty()) {
+                h3 { (heading) }
+                figure { (PreEscaped(box_plot::svg(heading, label, rows, span.iter().copied()))) }
+            }
+        }
+    };
+    html! {
+        p { "ESR of every test of every training experiment: box from lower to upper quartile with the median in it, "
+            "whiskers to the last test within one and a half box lengths, dots beyond. Quartiles are interpolated "
+            "between order statistics. Further left is better; the axis is logarithmic." }
+        (pictures(Predictor::FreeRun, "ESR, free run", [
+            ("semi_active", "Running free, with drive"),
+            ("fuzzy", "Running free, fuzzy sets over the drive"),
+            ("passive", "Running free, without drive (passive)"),
+        ]))
+        (pictures(Predictor::OneStep, "ESR, one step", [
+            ("semi_active", "One step ahead of measured force, with drive"),
+            ("fuzzy", "One step ahead of measured force, fuzzy sets over the drive"),
+            ("passive", "One step ahead of measured force, without drive"),
+        ]))
+    }
+}
+
+fn pareto(outcome: &Outcome<'_>) -> Markup {
+    let ink = |form: &str| match form {
+        "passive" => "level0",
+        "fuzzy" => "level2",
+        _ => "estimate",
+    };
+    let point = |summary: &Summary| {
+        let class = &summary.class;
+        Some(Named {
+            name: class.model.clone(),
+            x: outcome.ns_per_step(&class.model, &class.form)?,
+            y: summary.median_esr()?,
+            ink: ink(&class.form),
+        })
+    };
+    let free = outcome.summaries.iter().filter(|s| s.class.predictor == Predictor::FreeRun);
+    let (points, without): (Vec<_>, Vec<_>) = free.map(|s| (s, point(s))).partition(|(_, p)| p.is_some());
+    let points: Vec<Named> = points.into_iter().filter_map(|(_, point)| point).collect();
+    let without: Vec<String> = without.iter().map(|(s, _)| order::name(&s.class)).collect();
+    html! {
+        p.legend {
+            @for (class, name) in [("estimate", "with drive"), ("level2", "fuzzy sets over the drive"), ("level0", "passive")] {
+                @if points.iter().any(|p| p.ink == class) { span { i class=(format!("key dot {class}")) {} (name) } }
+            }
+        }
+        figure {
+            (PreEscaped(scatter::svg("Median free-run ESR against time of a step", "time of a step, ns", "median ESR, free run", &points)))
+            figcaption { "Median over all tests, those without a figure counted as the worst, against the time of a free "
+                "run's step on one thread of this machine. No model beats those on the stairs in both. Names that would "
+                "cover others are left out; the table has all." }
+        }
+        @if !without.is_empty() { p { "Without a median: " (without.join(", ")) "." } }
+    }
+}
+
+fn series(picture: &Picture, shape: Shape) -> Vec<Series> {
+    let measured =
+        Series { name: "measured".to_owned(), ink: Ink::Measured, shape, points: picture.measured.clone() };
+    let line = |(index, points): (usize, &Points), curve: &Curve, ink| Series {
+        // One entry in the legend is enough.
+        name: if index == 0 { curve.name.clone() } else { String::new() },
+        ink,
+        shape: Shape::Line,
+        points: points.clone(),
+    };
+    let models = picture.models.iter().zip(INKS);
+    let models =
+        models.flat_map(|(curve, ink)| curve.lines.iter().enumerate().map(move |l| line(l, curve, ink)));
+    std::iter::once(measured).chain(models).collect()
+}
+
+fn force_time(outcome: &Outcome<'_>) -> Markup {
+    let plot = |picture: &Picture| Plot {
+        description: picture.title.clone(),
+        x_label: "time, s".to_owned(),
+        y_label: "force, N".to_owned(),
+        height: 280.0,
+        series: series(picture, Shape::Line),
+        ..Plot::default()
+    };
+    html! {
+        @for picture in &outcome.force_time { (plot(picture).figure(&picture.title)) }
+        @if outcome.force_time.is_empty() { p { "No model runs free on these runs." } }
+    }
+}
+
+fn force_velocity(outcome: &Outcome<'_>) -> Markup {
+    let all = || {
+        outcome
+            .force_velocity
+            .iter()
+            .flat_map(|p| p.models.iter().flat_map(|m| &m.lines).chain([&p.measured]))
+    };
+    let bound = |pick: fn(&(f64, f64)) -> f64| {
+        all().flatten().map(|p| pick(p).abs()).filter(|v| v.is_finite()).fold(0.0, f64::max) * 1.03
+    };
+    let (v, f) = (bound(|p| p.0).max(1e-6), bound(|p| p.1).max(1e-6));
+    let plot = |picture: &Picture| Plot {
+        description: format!("Force over velocity at {}", picture.title),
+        x_label: "velocity, m/s".to_owned(),
+        y_label: "force, N".to_owned(),
+        x_range: Some((-v, v)),
+        y_range: Some((-f, f)),
+        height: 380.0,
+        series: series(picture, Shape::Dots),
+        ..Plot::default()
+    };
+    html! {
+        p { (outcome.force_velocity_caption) }
+        @for pair in outcome.force_velocity.chunks(2) {
+            div.pair { @for picture in pair { (plot(picture).figure(&picture.title)) } }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

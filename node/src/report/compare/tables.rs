@@ -1,0 +1,218 @@
+//! Tables of a comparison. Figures of one predictor never share a column with those of the other.
+
+use super::super::table::table;
+use super::Outcome;
+use super::order;
+use super::published::Figures;
+use maud::{Markup, html};
+use mr_damper_model::compare::{Class, Figure, Finished, Predictor, Summary};
+use mr_damper_model::units::N_PER_LBF;
+
+/// What stands where there is no figure.
+const NONE: &str = "–";
+
+/// The predictors, with a heading each.
+const PREDICTORS: [(Predictor, &str); 2] = [
+    (Predictor::FreeRun, "Running free: displacement and drive alone"),
+    (Predictor::OneStep, "One step ahead of measured force, beside persistence"),
+];
+
+fn number(value: Option<f64>, decimals: usize) -> String {
+    value.map_or(NONE.to_owned(), |value| format!("{value:.decimals$}"))
+}
+
+fn rsse(rsse_n: Option<f64>) -> String {
+    rsse_n.map_or(NONE.to_owned(), |n| format!("{n:.1} ({:.2})", n / N_PER_LBF))
+}
+
+/// The models by their best training experiment.
+pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
+    let row = |(place, summary): (usize, &Summary)| {
+        let (class, best) = (&summary.class, summary.best());
+        vec![
+            (place + 1).to_string(),
+            class.model.clone(),
+            class.form.replace('_', "-"),
+            if summary.rows.is_empty() { NONE.to_owned() } else { summary.parameters.to_string() },
+            best.map_or(NONE.to_owned(), |row| row.trained_on.clone()),
+            number(best.and_then(|row| row.mean_esr), 4),
+            rsse(best.and_then(|row| row.mean_rsse_n)),
+            number(summary.median_esr(), 4),
+            (summary.without + summary.failures.len()).to_string(),
+            number(outcome.ns_per_step(&class.model, &class.form), 0),
+        ]
+    };
+    let columns = [
+        "#",
+        "=model",
+        "=form",
+        "#para\u{ad}meters",
+        "=best on",
+        "#mean ESR",
+        "#mean RSSE, N (lbf)",
+        "#median ESR",
+        "#without figure",
+        "#ns a step",
+    ];
+    html! {
+        @for (predictor, heading) in PREDICTORS {
+            @let of = outcome.summaries.iter().filter(|s| s.class.predictor == predictor);
+            @let rows: Vec<_> = of.enumerate().map(row).collect();
+            @if !rows.is_empty() {
+                h3 { (heading) }
+                (table(&columns, &rows))
+                @if predictor == Predictor::OneStep { (persistence(outcome)) }
+            }
+        }
+        p { em { "Best on" } " is the training experiment with the least mean ESR; both means are its own, and the median is over "
+            "all training experiments. Means are over all tests: every replicate of every experiment but the one run that was trained on. A model with a "
+            "test that has no figure (a diverged free run) has no mean. "
+            em { "Without figure" } " counts such tests, and training runs that gave no model. The model keeps the force "
+            "offset of its training run." }
+        (failures(outcome))
+    }
+}
+
+fn persistence(outcome: &Outcome<'_>) -> Markup {
+    html! {
+        @if let Some((esr, rsse_n)) = outcome.persistence_means() {
+            p { "Persistence (the force stays what it was one sample ago), mean over all runs: ESR "
+                strong { (format!("{esr:.4}")) } ", RSSE " (rsse(Some(rsse_n))) ". A one-step figure above that is worth nothing." }
+        }
+    }
+}
+
+fn failures(outcome: &Outcome<'_>) -> Markup {
+    let all =
+        outcome.summaries.iter().flat_map(|s| s.failures.iter().map(move |(on, why)| (&s.class, on, why)));
+    let rows: Vec<Vec<String>> =
+        all.map(|(class, on, why)| vec![order::name(class), on.clone(), why.clone()]).collect();
+    html! {
+        @if !rows.is_empty() {
+            h3 { "Models that could not be identified" }
+            (table(&["=model", "=on", "because"], &rows))
+        }
+    }
+}
+
+/// Training experiments, in the order of the cells.
+fn experiments<'a>(outcome: &Outcome<'a>) -> Vec<&'a str> {
+    let mut names: Vec<&str> = Vec::new();
+    for cell in outcome.cells {
+        if !names.contains(&cell.trained_on.as_str()) {
+            names.push(&cell.trained_on);
+        }
+    }
+    names
+}
+
+/// Means over all tests, by model and training experiment: the thesis' tables 5.1 and 5.2.
+pub(super) fn cross_validation(outcome: &Outcome<'_>) -> Markup {
+    let experiments = experiments(outcome);
+    let numbered: Vec<String> = experiments.iter().map(|name| format!("#{name}")).collect();
+    let mut columns = vec!["=model"];
+    columns.extend(numbered.iter().map(String::as_str));
+    let rows = |predictor: Predictor, show: fn(Option<Figures>) -> String| {
+        let mut rows = Vec::new();
+        for summary in outcome.summaries.iter().filter(|s| s.class.predictor == predictor) {
+            let here = |on: &&str| {
+                let row = summary.rows.iter().find(|row| row.trained_on == *on);
+                let mean = row.and_then(|row| Some(Figures { rsse_n: row.mean_rsse_n?, esr: row.mean_esr? }));
+                match row {
+                    Some(row) if row.without > 0 => format!("{} of {} failed", row.without, row.tests),
+                    _ => show(mean),
+                }
+            };
+            let name = order::name(&summary.class);
+            rows.push(std::iter::once(name).chain(experiments.iter().map(here)).collect::<Vec<_>>());
+            let thesis = |on: &&str| outcome.published?.row(&summary.class, on)?.cross_validation;
+            if experiments.iter().any(|on| thesis(on).is_some()) {
+                let cells = experiments.iter().map(|on| show(thesis(on)));
+                rows.push(std::iter::once("\u{2003}thesis".to_owned()).chain(cells).collect());
+            }
+        }
+        rows
+    };
+    html! {
+        p { "Mean over all tests by training experiment (columns)." }
+        @for (predictor, heading) in PREDICTORS {
+            @let in_newton = rows(predictor, |f| rsse(f.map(|f| f.rsse_n)));
+            @if !in_newton.is_empty() {
+                h3 { (heading) ": RSSE, N (lbf)" }
+                (table(&columns, &in_newton))
+                h3 { (heading) ": ESR" }
+                (table(&columns, &rows(predictor, |f| number(f.map(|f| f.esr), 4))))
+                @if predictor == Predictor::OneStep { (persistence(outcome)) }
+            }
+        }
+    }
+}
+
+/// Figures on the training runs, model by model: the thesis' tables 4.1 to 4.7.
+pub(super) fn identification(outcome: &Outcome<'_>) -> Markup {
+    let mut models: Vec<(&str, &str)> = Vec::new();
+    for cell in outcome.cells {
+        let key = (cell.model.as_str(), cell.form.as_str());
+        if !models.contains(&key) {
+            models.push(key);
+        }
+    }
+    html! {
+        p { "Each model on the run that it was identified from." }
+        @for key in models {
+            @let cells: Vec<&Finished> = outcome.cells.iter().filter(|c| (c.model.as_str(), c.form.as_str()) == key).collect();
+            @for (predictor, _) in PREDICTORS {
+                @let class = Class { predictor, model: key.0.to_owned(), form: key.1.to_owned() };
+                @let any = cells.iter().any(|c| c.identification.iter().any(|f| f.predictor == predictor));
+                @if any { (one_model(outcome, &class, &cells)) }
+            }
+        }
+    }
+}
+
+fn one_model(outcome: &Outcome<'_>, class: &Class, cells: &[&Finished]) -> Markup {
+    let one_step = class.predictor == Predictor::OneStep;
+    let thesis = |cell: &Finished| outcome.published?.row(class, &cell.trained_on)?.identification;
+    let published = cells.iter().any(|cell| thesis(cell).is_some());
+    let mut columns = vec!["=experiment", "#RSSE, N", "#RSSE, lbf", "#ESR"];
+    if one_step {
+        columns.push("#ESR of persistence");
+    }
+    if published {
+        columns.extend(["#thesis: RSSE, N", "#lbf", "#ESR"]);
+    }
+    let row = |cell: &&Finished| {
+        let figure: Option<&Figure> = cell.identification.iter().find(|f| f.predictor == class.predictor);
+        let rsse_n = figure.and_then(|f| f.rsse_n);
+        let why = figure.and_then(|f| f.note.clone()).or(cell.failure.as_ref().map(|_| "failed".to_owned()));
+        let esr = figure.and_then(|f| f.esr);
+        let mut row = vec![
+            cell.trained_on.clone(),
+            number(rsse_n, 1),
+            number(rsse_n.map(|n| n / N_PER_LBF), 2),
+            if let (None, Some(why)) = (esr, why) { why } else { number(esr, 4) },
+        ];
+        if one_step {
+            let still = outcome.persistence.iter().find(|p| p.experiment == cell.trained_on);
+            row.push(number(still.and_then(|p| p.esr), 4));
+        }
+        if published {
+            let found = thesis(cell);
+            row.push(number(found.map(|f| f.rsse_n), 1));
+            row.push(number(found.map(|f| f.rsse_n / N_PER_LBF), 2));
+            row.push(number(found.map(|f| f.esr), 4));
+        }
+        row
+    };
+    let parameters = cells.iter().find_map(|cell| cell.parameters);
+    let how = if one_step { "one step ahead" } else { "running free" };
+    html! {
+        details open[published] {
+            summary {
+                (class.model) " (" (class.form.replace('_', "-")) "), " (how)
+                @if let Some(n) = parameters { ", " (n) " parameters" }
+            }
+            (table(&columns, &cells.iter().map(row).collect::<Vec<_>>()))
+        }
+    }
+}

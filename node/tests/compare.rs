@@ -1,0 +1,169 @@
+//! `compare` from a shell: tables, JSON as contracted, going on after an interrupt, bad input.
+
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_node::run::{SaveOptions, save};
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+/// Two experiments of the rig with two replicates each.
+fn runs(dir: &Path) {
+    for (name, stem) in [("RP-ICPS", "rp-icps"), ("RP1-CS", "rp1-cs")] {
+        for replicate in 1..=2 {
+            let experiment = Experiment::thesis(name).expect("a thesis experiment");
+            let experiment = experiment.with_duration_s(6.0).with_pattern(5);
+            let run = record(&experiment, &Plant::default(), &Channels::default(), replicate);
+            let path = dir.join(format!("{stem}-{replicate:02}.csv"));
+            save(&run, &path, &SaveOptions::default()).expect("room in the temporary directory");
+        }
+    }
+}
+
+fn compare(dir: &Path, more: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
+    command.arg("compare").arg(dir.join("runs")).args(["--restarts", "2", "--quiet"]).args(more);
+    command.current_dir(dir).output().expect("it runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn temporary() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    runs(&dir.path().join("runs"));
+    dir
+}
+
+#[test]
+fn the_json_is_as_contracted_and_the_tables_hold_its_figures() {
+    let dir = temporary();
+    let more = ["--models", "arx,fuzzy-tanh", "--json", "r.json", "--report", "r.html"];
+    let output = compare(dir.path(), &more);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let json = std::fs::read_to_string(dir.path().join("r.json")).expect("a file");
+    let json: Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(json["schema"], "mr-damper/compare/1");
+
+    let rows = |key: &str| json[key].as_array().unwrap_or_else(|| panic!("{key} is a list")).clone();
+    // ARX in two forms with two predictors, fuzzy-tanh with one; on two experiments.
+    assert_eq!(rows("identification").len(), 10);
+    for row in rows("identification") {
+        for key in ["rsse_n", "esr", "seconds"] {
+            assert!(row[key].as_f64().is_some_and(|v| v > 0.0), "{key}: {row:#}");
+        }
+        assert!(row["parameters"].as_u64().is_some() && row["restarts"] == 2);
+        assert!(["RP-ICPS", "RP1-CS"].contains(&row["experiment"].as_str().expect("a name")));
+    }
+    // Each of five ways on each of two experiments is tested on the three other runs.
+    assert_eq!(rows("cross_validation").len(), 30);
+    for row in rows("cross_validation") {
+        assert!(["passive", "semi_active"].contains(&row["form"].as_str().expect("a form")));
+        assert!(["free_run", "one_step"].contains(&row["predictor"].as_str().expect("a predictor")));
+        assert!(row["esr"].as_f64().is_some() && row["rsse_n"].as_f64().is_some(), "{row:#}");
+        let training = row["trained_on"] == row["tested_on"] && row["replicate"] == 1;
+        assert!(!training, "{row:#}");
+    }
+    let persistence: Vec<Value> = rows("persistence").iter().map(|row| row["experiment"].clone()).collect();
+    assert_eq!(persistence, ["RP-ICPS", "RP1-CS"]);
+    assert!(rows("models").iter().all(|row| row["ns_per_step"].as_f64().is_some_and(|ns| ns > 0.0)));
+
+    let table = text(&output.stdout);
+    let first = &rows("identification")[0];
+    assert!(table.contains(&format!("{:.4}", first["esr"].as_f64().expect("a figure"))), "{table}");
+    let (free, stepped) = table.split_once("one step ahead").expect("two predictors");
+    assert!(
+        free.contains("fuzzy-tanh") && !stepped.contains("fuzzy-tanh") && stepped.contains("persistence")
+    );
+    let page = std::fs::read_to_string(dir.path().join("r.html")).expect("a report");
+    for word in ["RP1-CS", "Persistence", "fuzzy-tanh (semi-active)", "Force over velocity", "<svg"] {
+        assert!(page.contains(word), "{word} is missing in the report");
+    }
+    for word in ["http", "src=", "NaN", "inf "] {
+        assert!(!page.contains(word), "{word} in the report");
+    }
+    assert!(!dir.path().join("compare.partial.jsonl").exists(), "all is done: nothing to go on with");
+}
+
+#[test]
+fn the_same_command_goes_on_and_a_changed_option_does_not() {
+    let dir = temporary();
+    let state = dir.path().join("state.jsonl");
+    let lines = || std::fs::read_to_string(&state).expect("the state").lines().count();
+    let more = ["--models", "arx", "--passive-only", "--resume", "state.jsonl", "--json"];
+    let figures = |output: &Output| -> Value {
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let json: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
+        // Seconds and all: what is not done again has taken no other time.
+        json["identification"].clone()
+    };
+    let first = figures(&compare(dir.path(), &more));
+    assert_eq!(lines(), 2);
+    // As an interrupt leaves it: one cell done.
+    let kept = std::fs::read_to_string(&state).expect("the state");
+    let half: String = kept.lines().take(1).map(|line| format!("{line}\n")).collect();
+    std::fs::write(&state, half).expect("room");
+    let second = figures(&compare(dir.path(), &more));
+    assert_eq!(lines(), 2);
+    let seconds = |rows: &Value| {
+        rows.as_array().expect("rows").iter().filter(|r| first.as_array().expect("rows").contains(r)).count()
+    };
+    assert_eq!(seconds(&second), 2, "the two figures of the kept cell are the same with their seconds");
+
+    let mut changed = more.to_vec();
+    changed.extend(["-", "--cutoff", "25"]);
+    figures(&compare(dir.path(), &changed));
+    assert_eq!(lines(), 4, "another corner of the filter is other work");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_it_at_once_and_says_how_to_go_on() {
+    let dir = temporary();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
+    command.arg("compare").arg(dir.path().join("runs")).args(["--quiet", "--restarts", "100000"]);
+    let child = command
+        .args(["--models", "arx,fuzzy-tanh", "--json", "r.json"])
+        .current_dir(dir.path())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("it runs");
+    let state = dir.path().join("compare.partial.jsonl");
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while std::fs::read_to_string(&state).map_or(true, |text| text.lines().count() < 2) {
+        assert!(Instant::now() < deadline, "the cells of ARX take no time");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let killed = Instant::now();
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
+    let output = child.wait_with_output().expect("it ends");
+    // A second on an idle machine; tests run on busy ones.
+    assert!(killed.elapsed() < Duration::from_secs(5), "{:?}", killed.elapsed());
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output.stderr).contains("the same command goes on"), "{}", text(&output.stderr));
+    assert!(state.exists() && !dir.path().join("r.json").exists());
+}
+
+#[test]
+fn bad_input_is_said_plainly() {
+    let dir = temporary();
+    let fails = |more: &[&str], code: i32, wanted: &str| {
+        let output = compare(dir.path(), more);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        assert!(said.contains(wanted), "{wanted}: {said}");
+    };
+    fails(&["--models", "arks"], 2, "arx");
+    fails(&["--experiments", "RP-XYZ"], 1, "there are RP-ICPS, RP1-CS");
+    fails(&["--models", "fuzzy-tanh", "--passive-only"], 1, "passive-only");
+    fails(&["--models", "arx", "--rate", "100"], 1, "100");
+    let empty = tempfile::tempdir().expect("a temporary directory");
+    std::fs::create_dir(empty.path().join("runs")).expect("room");
+    let output = compare(empty.path(), &[]);
+    assert!(!output.status.success() && text(&output.stderr).contains("holds no runs"));
+    let absent = tempfile::tempdir().expect("a temporary directory");
+    let output = compare(absent.path(), &[]);
+    assert!(!output.status.success() && text(&output.stderr).contains("runs"));
+}
