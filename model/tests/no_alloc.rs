@@ -5,9 +5,10 @@ mod common;
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use common::{preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
+use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
 use mr_damper_model::preset::{BEST_ARX, BEST_FUZZY_TANH};
-use mr_damper_model::sample::{Reading, Stamp};
+use mr_damper_model::sample::{DriveKind, Reading, Stamp};
 use mr_damper_model::units::Metre;
 
 #[global_allocator]
@@ -58,5 +59,35 @@ fn the_hot_path_does_not_allocate() {
             pipeline.swap(models).expect("the same models");
         });
         assert!(counts.iter().all(|n| *n > 0), "every kind of event was made: {counts:?}");
+    }
+}
+
+#[test]
+fn no_law_allocates() {
+    let drive = DriveKind::CoilCurrent;
+    let sets = FuzzySets::new(Membership { drive, sigma: 0.4 }, &[0.0, 1.0, 2.0]).expect("sets");
+    for law in Law::ALL {
+        for dependence in
+            [Dependence::None, Dependence::Polynomial { drive, degree: 2 }, Dependence::Fuzzy(sets)]
+        {
+            // Any positive numbers will do.
+            let coefficients = vec![1.0; law.parameters().len() * dependence.copies()];
+            let model = LawModel::new(law, dependence, &coefficients, 0.0).expect("as many as it takes");
+            let mut sum = 0.0;
+            assert_no_alloc(|| {
+                let mut state = LawState::default();
+                for k in 0..100 {
+                    let inputs = Inputs {
+                        dt_s: (k > 0).then_some(0.002),
+                        displacement_m: 1e-4 * f64::from(k),
+                        velocity_m_s: 0.05,
+                        acceleration_m_s2: f64::from(50 - k),
+                        drive: 0.02 * f64::from(k),
+                    };
+                    sum += model.force_n(&inputs, &mut state);
+                }
+            });
+            assert!(sum.is_finite(), "{} {}", law.name(), dependence.name());
+        }
     }
 }

@@ -61,7 +61,7 @@ pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
 pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase};
 pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
-pub use score::{Predicted, Scores, persistence, score, walk};
+pub use score::{Predicted, Scores, persistence, score, sum_of_free_run, walk};
 pub use spec::{Form, ModelSpec, Structure};
 pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;

@@ -158,6 +158,14 @@ pub fn walk(
     ControlFlow::Continue(())
 }
 
+/// Steps `force` over `rows` as they come, free and from one fresh state, and adds up what it says, N: the bare cost of
+/// a model, for measuring its time.
+#[must_use]
+pub fn sum_of_free_run(force: &ForceModel, rows: &[Row]) -> f64 {
+    let mut state = FreeRun::default();
+    rows.iter().filter_map(|row| force.free_run(&mut state, &row.inputs())).sum()
+}
+
 /// Prediction from the measured forces before this row, N; NaN while there are none.
 fn one_step(force: &ForceModel, history: &mut History, row: &Row, inputs: &Inputs) -> f64 {
     history.push_inputs(inputs);

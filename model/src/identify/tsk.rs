@@ -1,7 +1,7 @@
 //! Identification of TSK fuzzy models: hybrid learning after Jang (1993).
 //!
 //! ```text
-//! S(m, c) = sum (F / std - o_run - sum_r w_r(m) f_r(c))^2 + lambda N |c - c0|^2
+//! S(m, c) = sum (F / std - o_run - sum_r w_r(m) f_r(c))^2 + lambda |c - c0|^2
 //! ```
 //!
 //! Each epoch solves for the conclusions c at fixed memberships m by linear least squares, and then moves the
@@ -12,14 +12,21 @@
 //! how the conclusions will answer:
 //!
 //! ```text
-//! J'J = D'D - (phi'D)' (phi'phi + lambda N)^-1 (phi'D),    J'r = D'r,    D = d(sum_r w_r f_r)/dm
+//! J'J = D'D - (phi'D)' (phi'phi + lambda)^-1 (phi'D),    J'r = D'r,    D = d(sum_r w_r f_r)/dm
 //! ```
 //!
-//! Its damping takes the place of Jang's step length, and an epoch that would raise the error is taken back.
-//! [`Learning::Gradient`] is Jang's own rule, for comparison.
+//! Its damping takes the place of Jang's step length, and an epoch that would raise the cost is taken back. Ten
+//! such epochs fit better than fifty of Jang's, and about as well as four hundred. [`Learning::Gradient`] is
+//! Jang's own rule, for comparison.
 //!
-//! A rule in a corner that no row reaches has conclusions that no row determines. The term lambda draws them to
-//! c0, the linear function that fits all rows best; where rows speak, it is far below what they say. The offset
+//! A rule in a corner that few rows reach has conclusions that these few determine badly: left alone they grow to
+//! a hundred times the force and fit noise. The term lambda draws them to c0, the linear function that fits all
+//! rows best. It is fifteen times the error power that the fit leaves, as an honest prior on a conclusion is: on
+//! a virtual damper the ESR of runs not seen falls by a third, and far off the data the model is linear. Where
+//! the error vanishes, so does the draw.
+//!
+//! Centres stay within half a spacing of the uniform grid and widths within a factor of two, so that sets keep
+//! their order and their meaning; wider bounds fit the training rows hardly better and others worse. The offset
 //! of each run is eliminated by taking out its means. A low-pass on the output is left out on both sides, model
 //! and measurement, which moves the minimum little.
 
@@ -39,11 +46,16 @@ use crate::metrics::ErrorSum;
 use crate::sample::DriveKind;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use premises::{Axis, Premises};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use sums::{Linear, Rows, Sums};
 
-/// Weight of the draw to the linear function, as a share of the rows, in normalised units.
-const RIDGE: f64 = 1e-7;
+/// Rows with the fit's own error that a conclusion one standard deviation of the force away from the linear
+/// function counts as much as. Rows of a smooth motion repeat each other, so it is more than one.
+const PRIOR_ROWS: f64 = 15.0;
+/// Least weight of the draw, as a share of the rows, which keeps the equations solvable.
+const LEAST_RIDGE: f64 = 1e-10;
+/// Share to which the error power must have fallen for a lighter draw to be worth another go.
+const LIGHTER: f64 = 0.5;
 /// Rows that a parameter wants at least.
 const ROWS_PER_PARAMETER: usize = 3;
 /// A channel whose standard deviation is below this share of its largest value is constant.
@@ -93,8 +105,8 @@ pub struct FittedTsk {
     pub model: Tsk,
     /// Offset of each run, N.
     pub offsets_n: Vec<f64>,
-    /// RSSE after each epoch (or generation), N; an epoch that was taken back repeats the one before. The
-    /// first is that of the uniform grid.
+    /// RSSE after each epoch, N; an epoch that was taken back repeats the one before. The first is that of the
+    /// uniform grid. Of an evolution: after each generation, on its sample of the rows.
     pub epoch_rsse_n: Vec<f64>,
     /// False when the epochs ran out before the error stalled.
     pub converged: bool,
@@ -114,26 +126,27 @@ pub fn fit_tsk(
 ) -> Result<FittedTsk, Error> {
     let data = Data::new(datasets, kind, drive, watch)?;
     let premises = &data.premises;
-    let learner = Learner { data: &data, epochs: options.epochs.max(1), watch, costs: RefCell::default() };
+    let ridge = data.ridge(data.power(&premises.start(), LEAST_RIDGE)?);
+    let mut learner = Learner {
+        data: &data,
+        ridge,
+        epochs: options.epochs.max(1),
+        watch,
+        lowest: Cell::new(f64::INFINITY),
+        errors: RefCell::default(),
+    };
     let (parameters, converged) = match (kind, options.learning) {
         (TskKind::Evolved, _) => {
-            (evolve::evolve(&data, &options.evolution, watch, &mut learner.costs.borrow_mut())?, true)
+            let errors = &mut learner.errors.borrow_mut();
+            (evolve::evolve(&data, ridge, &options.evolution, watch, errors)?, true)
         }
-        (_, Learning::GaussNewton) => {
-            let stop = Stop { evaluations: options.epochs.max(1), cost: STALLED, step: STALLED };
-            let minimum = minimise(&learner, &premises.start(), &premises.bounds(), &stop);
-            minimum.map(|m| (m.parameters, m.converged)).ok_or(Error::Cancelled)?
-        }
+        (_, Learning::GaussNewton) => learner.learn()?,
         (_, Learning::Gradient) => learner.descend().ok_or(Error::Cancelled)?,
     };
     let rows = data.sums.rows() as f64;
-    let mut lowest = f64::INFINITY;
-    let rsse_n = |cost: &f64| {
-        lowest = lowest.min(*cost);
-        data.scale_n * (lowest / rows).sqrt()
-    };
-    let epoch_rsse_n = learner.costs.borrow().iter().map(rsse_n).collect();
-    let (model, offsets_n) = data.model(kind, &parameters)?;
+    let errors = learner.errors.into_inner();
+    let epoch_rsse_n = errors.iter().map(|error| data.scale_n * (error / rows).sqrt()).collect();
+    let (model, offsets_n) = data.model(kind, &parameters, learner.ridge)?;
     Ok(FittedTsk { model, offsets_n, epoch_rsse_n, converged })
 }
 
@@ -146,7 +159,8 @@ pub(super) fn grid_esr(
     watch: &Watch,
 ) -> Result<f64, Error> {
     let data = Data::new(datasets, kind, drive, watch)?;
-    let (model, _) = data.model(kind, &data.premises.start())?;
+    let start = data.premises.start();
+    let (model, _) = data.model(kind, &start, data.ridge(data.power(&start, LEAST_RIDGE)?))?;
     let structure = kind.structure(drive);
     let esr = |dataset: &Dataset| {
         let mut errors = ErrorSum::default();
@@ -190,6 +204,8 @@ impl<'a> Data<'a> {
     ) -> Result<Self, Error> {
         let structure = kind.structure(drive);
         let columns: Vec<Columns> = datasets.iter().map(|d| Columns::of(d, &structure)).collect();
+        let found = columns.iter().map(|c| c.force_n.len()).sum();
+        check_size(kind, &structure, found)?;
         let mut axes = Vec::with_capacity(structure.len());
         for (j, (signal, sets)) in structure.iter().enumerate() {
             let (mean, std_dev, range) =
@@ -227,24 +243,8 @@ impl<'a> Data<'a> {
             counted: columns.iter().map(|c| c.force_n.len() as f64).collect(),
             premises,
         };
-        data.check_size(kind)?;
         data.take_out_linear();
         Ok(data)
-    }
-
-    fn check_size(&self, kind: TskKind) -> Result<(), Error> {
-        let parameters = self.sums.len() + self.premises.len();
-        let (found, needed) = (self.sums.rows(), ROWS_PER_PARAMETER * parameters);
-        if found >= needed {
-            return Ok(());
-        }
-        Err(Error::Data {
-            message: format!(
-                "{} has {parameters} parameters and needs {needed} samples that count, but the runs hold \
-                 {found}; add or lengthen runs",
-                kind.name()
-            ),
-        })
     }
 
     /// Fits the linear function of the inputs and takes it out of the targets. Conclusions that no row
@@ -285,10 +285,23 @@ impl<'a> Data<'a> {
         }
     }
 
+    /// Weight of the draw to the linear function, as a share of the rows, where the fit leaves `power`.
+    fn ridge(&self, power: f64) -> f64 {
+        (PRIOR_ROWS * power / self.sums.rows() as f64).max(LEAST_RIDGE)
+    }
+
+    /// Mean squared error that the conclusions leave at the memberships `parameters`.
+    fn power(&self, parameters: &[f64], ridge: f64) -> Result<f64, Error> {
+        let inputs = self.premises.inputs(parameters)?;
+        let solved = self.solve(&self.sums, &inputs, ridge).ok_or(Error::Cancelled)?;
+        Ok((self.sums.power() - solved.linear.rhs.dot(&solved.conclusions)).max(0.0)
+            / self.sums.rows() as f64)
+    }
+
     /// The conclusions that fit best, with what led to them. `None`: cancelled.
-    fn solve(&self, sums: &Sums, inputs: &[TskInput]) -> Option<Solved> {
+    fn solve(&self, sums: &Sums, inputs: &[TskInput], ridge: f64) -> Option<Solved> {
         let linear = sums.linear(inputs)?;
-        let mut ridge = RIDGE * sums.rows() as f64;
+        let mut ridge = ridge * sums.rows() as f64;
         loop {
             let mut square = linear.square.clone();
             (0..square.nrows()).for_each(|j| square[(j, j)] += ridge);
@@ -304,15 +317,10 @@ impl<'a> Data<'a> {
         }
     }
 
-    /// What |c - c0|^2 costs.
-    fn ridge_cost(&self, sums: &Sums, conclusions: &DVector<f64>) -> f64 {
-        RIDGE * sums.rows() as f64 * conclusions.norm_squared()
-    }
-
     /// The model at the memberships `parameters`, and the runs' offsets in newtons.
-    fn model(&self, kind: TskKind, parameters: &[f64]) -> Result<(Tsk, Vec<f64>), Error> {
+    fn model(&self, kind: TskKind, parameters: &[f64], ridge: f64) -> Result<(Tsk, Vec<f64>), Error> {
         let inputs = self.premises.inputs(parameters)?;
-        let solved = self.solve(&self.sums, &inputs).ok_or(Error::Cancelled)?;
+        let solved = self.solve(&self.sums, &inputs, ridge).ok_or(Error::Cancelled)?;
         let rules = self.sums.rules();
         let mut conclusions = Vec::with_capacity(self.sums.len());
         for rule in 0..rules {
@@ -346,6 +354,26 @@ impl<'a> Data<'a> {
         let peak = |i: usize, input: &TskInput| input.sets().nth(at[i]).map_or(0.0, |set| set.top());
         inputs.iter().enumerate().map(|(i, input)| self.slopes[i] * peak(i, input)).sum()
     }
+}
+
+/// Refuses too few rows.
+fn check_size(kind: TskKind, structure: &[(Signal, usize)], found: usize) -> Result<(), Error> {
+    let rules: usize = structure.iter().map(|(_, sets)| sets).product();
+    let memberships: usize = structure.iter().map(|(_, sets)| 2 * sets).sum();
+    let parameters = rules * kind.order().width(structure.len()) + memberships;
+    let needed = ROWS_PER_PARAMETER * parameters;
+    if found >= needed {
+        return Ok(());
+    }
+    let names: Vec<&str> = structure.iter().map(|(signal, _)| signal.name()).collect();
+    Err(Error::Data {
+        message: format!(
+            "{} has {parameters} parameters and needs {needed} samples that count and have {}, but the runs hold \
+             {found}; add or lengthen runs",
+            kind.name(),
+            names.join(", ")
+        ),
+    })
 }
 
 /// The columns of one run that count.
@@ -400,17 +428,21 @@ fn force_of(dataset: &Dataset, row: &Row) -> f64 {
 /// Learning of memberships by derivatives.
 struct Learner<'a> {
     data: &'a Data<'a>,
+    /// Weight of the draw to the linear function, as a share of the rows.
+    ridge: f64,
     epochs: usize,
     watch: &'a Watch<'a>,
-    /// Cost of each epoch.
-    costs: RefCell<Vec<f64>>,
+    /// Lowest cost so far, with the draw.
+    lowest: Cell<f64>,
+    /// Sum of squared errors where the cost was lowest, after each epoch.
+    errors: RefCell<Vec<f64>>,
 }
 
 impl Problem for Learner<'_> {
     fn normal(&self, parameters: &[f64]) -> Option<Normal> {
         let data = self.data;
         let inputs = data.premises.inputs(parameters).ok()?;
-        let solved = data.solve(&data.sums, &inputs)?;
+        let solved = data.solve(&data.sums, &inputs, self.ridge)?;
         let links = data.premises.links(parameters);
         let slopes = data.sums.nonlinear(
             &inputs,
@@ -420,15 +452,40 @@ impl Problem for Learner<'_> {
             &solved.linear.run_sums,
         )?;
         let answered = solved.factors.l_dirty().solve_lower_triangular(&slopes.cross)?;
-        let cost = slopes.cost + data.ridge_cost(&data.sums, &solved.conclusions);
-        let mut costs = self.costs.borrow_mut();
-        costs.push(slopes.cost);
-        self.watch.report(Progress::Epoch { done: costs.len() as u32, of: self.epochs as u32 });
+        let drawn = self.ridge * data.sums.rows() as f64 * solved.conclusions.norm_squared();
+        let cost = slopes.cost + drawn;
+        let mut errors = self.errors.borrow_mut();
+        let before = errors.last().copied().filter(|_| cost >= self.lowest.get());
+        errors.push(before.unwrap_or(slopes.cost));
+        self.lowest.set(cost.min(self.lowest.get()));
+        self.watch.report(Progress::Epoch { done: errors.len() as u32, of: self.epochs as u32 });
         Some(Normal { cost, square: slopes.square - answered.tr_mul(&answered), gradient: slopes.gradient })
     }
 }
 
 impl Learner<'_> {
+    /// Levenberg and Marquardt's steps until the error stalls. When it has fallen so far that the draw is far
+    /// too heavy for it, learning goes on with a lighter one.
+    fn learn(&mut self) -> Result<(Vec<f64>, bool), Error> {
+        let bounds = self.data.premises.bounds();
+        let mut here = self.data.premises.start();
+        loop {
+            let done = self.errors.borrow().len();
+            self.lowest.set(f64::INFINITY);
+            let stop = Stop { evaluations: self.epochs - done, cost: STALLED, step: STALLED };
+            let minimum = minimise(self, &here, &bounds, &stop).ok_or(Error::Cancelled)?;
+            here = minimum.parameters;
+            let lighter = self.data.ridge(self.data.power(&here, self.ridge)?);
+            if !minimum.converged
+                || lighter > LIGHTER * self.ridge
+                || self.errors.borrow().len() >= self.epochs
+            {
+                return Ok((here, minimum.converged));
+            }
+            self.ridge = lighter;
+        }
+    }
+
     /// Jang's rule: steps of one length down the gradient; the length grows by a tenth after four epochs that
     /// each did better, and shrinks by a tenth after two that did better and worse in turn. Steps are in
     /// spacings of the grid. Returns the best memberships. `None`: cancelled.

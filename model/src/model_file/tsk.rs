@@ -82,6 +82,11 @@ impl Parameters {
 }
 
 pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table) -> Result<Tsk, Error> {
+    let names = table.get("inputs").and_then(toml::Value::as_array);
+    let takes_drive = names.is_some_and(|names| names.iter().any(|name| name.as_str() == Some("drive")));
+    if takes_drive != drive.is_some() {
+        return Err(drive_error(drive, "an input \"drive\" exactly when there is a drive"));
+    }
     let signals = signals(drive);
     let keys: Vec<String> = signals
         .iter()
@@ -94,9 +99,6 @@ pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table)
         .collect();
     let known: Vec<&str> = KEYS.into_iter().chain(keys.iter().map(String::as_str)).collect();
     let p: Parameters = table_into("parameters", table.clone(), &known)?;
-    if p.inputs.iter().any(|name| name == "drive") != drive.is_some() {
-        return Err(drive_error(drive, "an input \"drive\" exactly when there is a drive"));
-    }
     let order = match p.order.as_str() {
         "first" => Order::First,
         "constant" => Order::Constant,

@@ -29,14 +29,18 @@ pub struct BoxRow {
     pub yardstick: bool,
 }
 
-/// The drawing of `rows` over an axis labelled `label`.
-#[must_use]
-pub fn svg(description: &str, label: &str, rows: &[BoxRow]) -> String {
-    let values = rows.iter().filter_map(|row| row.numbers.as_ref()).flat_map(|numbers| {
+/// Every number that rows show, for an axis that several drawings share.
+pub fn values(rows: &[BoxRow]) -> impl Iterator<Item = f64> {
+    rows.iter().filter_map(|row| row.numbers.as_ref()).flat_map(|numbers| {
         let ends = [numbers.lower_whisker, numbers.upper_whisker];
         ends.into_iter().chain(numbers.outliers.iter().copied())
-    });
-    let scale = log_scale(values, LEFT, WIDTH - RIGHT);
+    })
+}
+
+/// The drawing of `rows` over an axis labelled `label` that holds the values `span`.
+#[must_use]
+pub fn svg(description: &str, label: &str, rows: &[BoxRow], span: impl Iterator<Item = f64>) -> String {
+    let scale = log_scale(span, LEFT, WIDTH - RIGHT);
     let bottom = TOP + ROW * rows.len() as f64;
     let mut svg = String::new();
     let (description, label) = (html! { (description) }.into_string(), html! { (label) }.into_string());
@@ -132,12 +136,12 @@ mod tests {
             row("persistence", &[0.01, 0.012, 0.013]),
             row("a < b", &[]),
         ];
-        insta::assert_snapshot!(svg("ESR of two models", "ESR", &rows).replace('>', ">\n"));
+        insta::assert_snapshot!(svg("ESR of two models", "ESR", &rows, values(&rows)).replace('>', ">\n"));
     }
 
     #[test]
     fn nothing_is_still_a_drawing() {
-        let svg = svg("", "ESR", &[]);
+        let svg = svg("", "ESR", &[], std::iter::empty());
         assert!(svg.ends_with("</svg>") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
     }
 }

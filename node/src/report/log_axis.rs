@@ -15,6 +15,7 @@ pub(super) fn log_scale(values: impl Iterator<Item = f64>, place_from: f64, plac
 /// there is room.
 pub(super) fn log_ticks(scale: &Scale) -> Vec<(f64, String)> {
     let factors: &[f64] = match scale.to - scale.from {
+        span if span <= 0.7 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0],
         span if span <= 1.6 => &[1.0, 2.0, 5.0],
         span if span <= 3.0 => &[1.0, 3.0],
         _ => &[1.0],
@@ -30,8 +31,10 @@ pub(super) fn log_ticks(scale: &Scale) -> Vec<(f64, String)> {
 /// `factor` times ten to the power of `decade`, written out while that is short.
 fn label(factor: f64, decade: i32) -> String {
     match decade {
-        -4..=-1 => format!("{:.*}", decade.unsigned_abs() as usize, factor * 10_f64.powi(decade)),
-        0..=5 => format!("{:.0}", factor * 10_f64.powi(decade)),
+        -4..=5 => {
+            let decimals = (-decade).max(0) as usize + usize::from(factor.fract() > 0.0 && decade <= 0);
+            format!("{:.decimals$}", factor * 10_f64.powi(decade))
+        }
         _ => format!("{factor:.0}e{decade}"),
     }
 }
@@ -48,6 +51,7 @@ mod tests {
     #[test]
     fn ticks_are_decades_with_steps_between_where_there_is_room() {
         assert_eq!(labels(&[0.01, 0.3]), ["0.01", "0.02", "0.05", "0.1", "0.2"]);
+        assert_eq!(labels(&[0.1, 0.2]), ["0.1", "0.15", "0.2"]);
         assert_eq!(labels(&[0.001, 0.5]), ["0.001", "0.003", "0.01", "0.03", "0.1", "0.3"]);
         assert_eq!(labels(&[5.0, 4e5]), ["10", "100", "1000", "10000", "100000"]);
         assert!(!labels(&[0.04, 0.04]).is_empty());

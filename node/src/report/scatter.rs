@@ -61,7 +61,8 @@ pub fn svg(description: &str, x_label: &str, y_label: &str, points: &[Named]) ->
         if let Some((class, at, up, area)) = free_place(&points[index].name, places[index], &taken) {
             taken.push(area);
             let name = html! { (points[index].name) }.into_string();
-            let _ = write!(svg, "<text class=\"label {class}\" x=\"{at:.1}\" y=\"{up:.1}\">{name}</text>");
+            let _ =
+                write!(svg, "<text class=\"label halo {class}\" x=\"{at:.1}\" y=\"{up:.1}\">{name}</text>");
         }
     }
     svg.push_str("</svg>");

@@ -2,18 +2,24 @@
 
 use maud::{Markup, html};
 
-/// A table; columns whose name starts with `#` hold numbers and are set to the right.
+/// A table; columns whose name starts with `#` hold numbers and are set to the right, those with `=` are kept on one
+/// line.
 #[must_use]
 pub fn table(columns: &[&str], rows: &[Vec<String>]) -> Markup {
-    let numeric: Vec<bool> = columns.iter().map(|name| name.starts_with('#')).collect();
+    let class = |name: &&str| match name.chars().next() {
+        Some('#') => Some("num"),
+        Some('=') => Some("keep"),
+        _ => None,
+    };
+    let classes: Vec<Option<&str>> = columns.iter().map(class).collect();
     html! {
         div.scroll {
             table {
-                thead { tr { @for name in columns {
-                    th.num[name.starts_with('#')] { (name.trim_start_matches('#')) }
+                thead { tr { @for (name, class) in columns.iter().zip(&classes) {
+                    th class=[class] { (name.trim_start_matches(['#', '='])) }
                 } } }
                 tbody { @for row in rows {
-                    tr { @for (cell, numeric) in row.iter().zip(&numeric) { td.num[*numeric] { (cell) } } }
+                    tr { @for (cell, class) in row.iter().zip(&classes) { td class=[class] { (cell) } } }
                 } }
             }
         }

@@ -265,7 +265,7 @@ impl<'a> Table<'a> {
         let mut run = Run { name: path.display().to_string(), ..Run::default() };
         let mut drives: [Option<(String, Trace)>; 2] = [None, None];
         for Reading { header, column, trace, empty } in self.columns {
-            if empty > 0 && !matches!(column, Column::Time) {
+            if empty > 0 && !matches!(column, Column::Time) && !is_slower(&trace, empty) {
                 notes.push(Note::EmptyCells { column: header.clone(), count: empty });
             }
             // A column of empty cells alone is a channel that was not recorded.
@@ -365,4 +365,13 @@ fn missing(no_time: bool, columns: &[Reading]) -> String {
 /// A decimal number, finite or not; `None` when the text is no number.
 fn number(field: &[u8]) -> Option<f64> {
     std::str::from_utf8(field).ok()?.parse().ok()
+}
+
+/// True when a channel was logged evenly at a fraction of the rows' rate, as a thermocouple is: `empty` cells
+/// between its samples are no holes.
+fn is_slower(trace: &Trace, empty: usize) -> bool {
+    let steps = || trace.stamps.windows(2).map(|pair| pair[1].since(pair[0]).get());
+    let (least, most) =
+        steps().fold((f64::INFINITY, 0.0_f64), |(least, most), s| (least.min(s), most.max(s)));
+    trace.len() > 2 && empty > trace.len() && most <= 1.01 * least
 }

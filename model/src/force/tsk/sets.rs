@@ -3,14 +3,15 @@
 //! ```text
 //! u      = (raw - mean) / std_dev
 //! g_j(u) = exp(-(u - c_j)^2 / (2 s_j^2))                          Gaussian
-//! g_j(u) = max(0, min((u - a_j)/(b_j - a_j), (d_j - u)/(d_j - b_j)))   triangle with feet a, d and peak b
+//! g_j(u) = max(0, min((u - a_j)/(b_j - a_j), (d_j - u)/(d_j - b_j)))   triangle: feet a, d, peak b
 //! w_j(u) = g_j / sum_k g_k
 //! ```
 //!
 //! Strengths of Gaussians are taken relative to the strongest one: far outside all of them the exponentials
 //! underflow and a plain quotient would be 0/0, while relative to the strongest the weights go over to that
-//! set alone: the nearest one, or very far out the widest. Triangles are shoulders at the ends: below its peak the first is one, and so is the last above
-//! its peak. In a gap that no triangle reaches, the set with the nearest peak counts alone.
+//! set alone: the nearest one, or very far out the widest. Triangles are shoulders at the ends: below its peak
+//! the first is one, and so is the last above its peak. In a gap that no triangle reaches, the set with the
+//! nearest peak counts alone.
 
 use super::Signal;
 use crate::error::Error;
@@ -161,7 +162,8 @@ impl TskInput {
         (raw - self.mean) / self.std_dev
     }
 
-    /// Weights of the sets at the normalised value `u`: positive or zero, with sum one; NaN when `u` is not finite.
+    /// Weights of the sets at the normalised value `u`: positive or zero, with sum one; NaN when `u` is not
+    /// finite.
     #[inline]
     #[must_use]
     pub fn weights(&self, u: f64) -> [f64; MAX_SETS] {

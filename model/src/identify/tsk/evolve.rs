@@ -36,6 +36,7 @@ impl Default for Evolution {
 /// scaled to all rows, to `costs`.
 pub(super) fn evolve(
     data: &Data,
+    ridge: f64,
     settings: &Evolution,
     watch: &Watch,
     costs: &mut Vec<f64>,
@@ -49,10 +50,9 @@ pub(super) fn evolve(
     let bounds = data.premises.bounds();
     let cost = |parameters: &[f64]| -> Option<f64> {
         let inputs = data.premises.inputs(parameters).ok()?;
-        let solved = data.solve(&sample, &inputs)?;
-        // The residual's power, from the normal equations: what the targets have less what is explained.
-        let power: f64 = sample.runs.iter().flat_map(|run| &run.target).map(|t| t * t).sum();
-        Some(power - solved.linear.rhs.dot(&solved.conclusions))
+        let solved = data.solve(&sample, &inputs, ridge)?;
+        // What the targets have less what is explained.
+        Some(sample.power() - solved.linear.rhs.dot(&solved.conclusions))
     };
     let size = settings.population.max(4);
     let first = |index: usize| {

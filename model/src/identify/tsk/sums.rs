@@ -105,6 +105,11 @@ impl Sums<'_> {
         self.runs.iter().map(|rows| rows.target.len()).sum()
     }
 
+    /// Sum of the squared targets.
+    pub(super) fn power(&self) -> f64 {
+        self.runs.iter().flat_map(|run| &run.target).map(|t| t * t).sum()
+    }
+
     /// Does `one` on every chunk, in order. `None`: cancelled.
     fn chunks<T: Send>(&self, one: impl Fn(usize, Range<usize>) -> T + Sync) -> Option<Vec<T>> {
         let mut work = Vec::new();

@@ -4,8 +4,8 @@ use crate::report::compare::order::name;
 use crate::report::compare::{Curve, Picture, StepTime};
 use crate::report::plot::binned_mean;
 use mr_damper_model::compare::{Experiment, Predictor, Replicate, Summary};
-use mr_damper_model::force::{ForceModel, FreeRun};
-use mr_damper_model::identify::{Dataset, MembershipSource, Memberships, Row, walk};
+use mr_damper_model::force::ForceModel;
+use mr_damper_model::identify::{Dataset, MembershipSource, Memberships, Row, sum_of_free_run, walk};
 use mr_damper_model::model::Model;
 use std::hint::black_box;
 use std::ops::ControlFlow;
@@ -36,9 +36,15 @@ pub(super) struct Drawn {
 /// form and training experiment.
 pub(super) fn best(summaries: &[Summary], find: impl Fn(&str, &str, &str) -> Option<Model>) -> Vec<Drawn> {
     let free = summaries.iter().filter(|s| s.class.predictor == Predictor::FreeRun);
+    let mut seen: Vec<&str> = Vec::new();
     let drawn = free.filter_map(|summary| {
         let (class, row) = (&summary.class, summary.best()?);
         let model = find(&class.model, &class.form, &row.trained_on)?;
+        // One form of each: the others would cover it.
+        if seen.contains(&class.model.as_str()) {
+            return None;
+        }
+        seen.push(&class.model);
         Some(Drawn { name: format!("{}, trained on {}", name(class), row.trained_on), model })
     });
     drawn.take(MODELS).collect()
@@ -170,10 +176,7 @@ pub(super) fn step_times<'a>(
     let rows = &data.rows[..data.rows.len().min(TIMED_ROWS)];
     let time = |force: &ForceModel| {
         let start = Instant::now();
-        let mut state = FreeRun::default();
-        for row in rows {
-            black_box(force.free_run(&mut state, black_box(&row.inputs())));
-        }
+        black_box(sum_of_free_run(black_box(force), rows));
         start.elapsed().as_secs_f64() * 1e9 / rows.len().max(1) as f64
     };
     let median = |force: &ForceModel| {

@@ -3,6 +3,7 @@
 use super::work::in_parallel;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
+use crate::run::{self, Note};
 use mr_damper_model::compare::{Experiment, Replicate};
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::identify::{Dataset, DatasetOptions};
@@ -147,7 +148,16 @@ pub(super) fn load(
         if cancel.load(Ordering::Relaxed) {
             return Err(NodeError::Interrupted);
         }
-        let loaded = read.load(files[index].2)?;
+        let path = files[index].2;
+        let loaded = run::load(path, &read.options())?;
+        for note in &loaded.notes {
+            // Slow channels leave cells empty in every run of a rig: forty such lines would hide the others.
+            if matches!(note, Note::EmptyCells { .. }) {
+                tracing::debug!(run = %path.display(), "{note}");
+            } else {
+                tracing::warn!(run = %path.display(), "{note}");
+            }
+        }
         let mut data = Dataset::from_run(&loaded.run, conditioning, options)?;
         data.rows.shrink_to_fit();
         done();

@@ -134,7 +134,7 @@ fn against(outcome: &Outcome<'_>, published: &Published) -> Markup {
     };
     let columns = [
         "#place in the thesis",
-        "model",
+        "=model",
         "#mean ESR",
         "trained on",
         "#place here",
@@ -180,11 +180,14 @@ fn boxes(outcome: &Outcome<'_>) -> Markup {
         }
         rows
     };
-    let picture = |heading: &str, rows: Vec<BoxRow>, label: &str| {
+    // Pictures of one predictor share their axis, so that forms can be held against each other.
+    let pictures = |predictor: Predictor, label: &str, forms: [(&str, &str); 3]| {
+        let all = forms.map(|(form, heading)| (heading, rows(predictor, form)));
+        let span: Vec<f64> = all.iter().flat_map(|(_, rows)| box_plot::values(rows)).collect();
         html! {
-            @if !rows.is_empty() {
+            @for (heading, rows) in all.iter().filter(|(_, rows)| !rows.is_empty()) {
                 h3 { (heading) }
-                figure { (PreEscaped(box_plot::svg(heading, label, &rows))) }
+                figure { (PreEscaped(box_plot::svg(heading, label, rows, span.iter().copied()))) }
             }
         }
     };
@@ -192,11 +195,16 @@ fn boxes(outcome: &Outcome<'_>) -> Markup {
         p { "ESR of every test of every training experiment: box from lower to upper quartile with the median in it, "
             "whiskers to the last test within one and a half box lengths, dots beyond. Quartiles are interpolated "
             "between order statistics. Further left is better; the axis is logarithmic." }
-        (picture("Running free, with drive", rows(Predictor::FreeRun, "semi_active"), "ESR, free run"))
-        (picture("Running free, fuzzy sets over the drive", rows(Predictor::FreeRun, "fuzzy"), "ESR, free run"))
-        (picture("Running free, without drive (passive)", rows(Predictor::FreeRun, "passive"), "ESR, free run"))
-        (picture("One step ahead of measured force, with drive", rows(Predictor::OneStep, "semi_active"), "ESR, one step"))
-        (picture("One step ahead of measured force, without drive", rows(Predictor::OneStep, "passive"), "ESR, one step"))
+        (pictures(Predictor::FreeRun, "ESR, free run", [
+            ("semi_active", "Running free, with drive"),
+            ("fuzzy", "Running free, fuzzy sets over the drive"),
+            ("passive", "Running free, without drive (passive)"),
+        ]))
+        (pictures(Predictor::OneStep, "ESR, one step", [
+            ("semi_active", "One step ahead of measured force, with drive"),
+            ("fuzzy", "One step ahead of measured force, fuzzy sets over the drive"),
+            ("passive", "One step ahead of measured force, without drive"),
+        ]))
     }
 }
 

@@ -115,25 +115,28 @@ fn one_step(
         .fold(f64::INFINITY, f64::min);
     let still: Vec<f64> = persistence.iter().filter_map(|p| p.esr).collect();
     let still = still.iter().sum::<f64>() / still.len().max(1) as f64;
+    let leading: Vec<String> = stepped
+        .clone()
+        .filter(|r| r.here.as_ref().is_some_and(|(_, esr)| *esr < best_free))
+        .map(|r| name(&r.class))
+        .collect();
+    if !leading.is_empty() && still > 0.0 && still < best_free {
+        remarks.push(format!(
+            "{}: given the measured force up to the sample before, as no other model is. Persistence, which knows \
+             nothing of dampers, has a mean ESR of {still:.4} that way and would stand before every model that runs \
+             free (the best: {best_free:.4}). The place in front is that of the input.",
+            leading.join(", ")
+        ));
+    }
     for r in stepped {
         let Some((_, esr)) = &r.here else { continue };
-        if *esr < best_free && still < best_free && still > 0.0 {
-            remarks.push(format!(
-                "{} is given the measured force up to the sample before; no other model is. Persistence, which knows \
-                 nothing of dampers, has a mean ESR of {still:.4} that way and would stand before every model that \
-                 runs free (the best: {best_free:.4}). The place of {} is that of its input.",
-                name(&r.class),
-                r.class.model
-            ));
-        }
+        let own = name(&Class { predictor: Predictor::FreeRun, ..r.class.clone() });
         match free(&r.class) {
-            Some((_, own)) if own > *esr => remarks.push(format!(
-                "Running free, as the others do, {} ({}) has a mean ESR of {own:.4} in place of {esr:.4}.",
-                r.class.model, r.class.form
+            Some((_, free)) if free > *esr => remarks.push(format!(
+                "Running free, as the others do, {own} has a mean ESR of {free:.4} in place of {esr:.4}."
             )),
             None => remarks.push(format!(
-                "Running free, {} ({}) has no mean: it diverges in some test, or has no figure there.",
-                r.class.model, r.class.form
+                "Running free, {own} has no mean: it diverges in some test, or has no figure there."
             )),
             Some(_) => {}
         }
@@ -260,7 +263,8 @@ mod tests {
             "2 of 3 pairs",
             "sp (passive) is before anfis (passive) in the thesis (0.0770 against 0.0860)",
             "within 15 %",
-            "Persistence, which knows nothing of dampers, has a mean ESR of 0.0200",
+            "arx (passive, one step ahead): given the measured force",
+            "has a mean ESR of 0.0200 that way",
             "Running free, as the others do, arx (passive) has a mean ESR of 0.3000 in place of 0.0040",
             "anfis (passive) predicts best when trained on RP-ICPS (varying current); in the thesis on RP1-CS",
             "p (passive) has no place here: it was not part of this comparison",

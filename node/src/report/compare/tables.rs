@@ -44,13 +44,13 @@ pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
     };
     let columns = [
         "#",
-        "model",
-        "form",
-        "#parameters",
-        "best trained on",
-        "#its mean ESR",
-        "#its mean RSSE, N (lbf)",
-        "#median ESR, all training",
+        "=model",
+        "=form",
+        "#para\u{ad}meters",
+        "=best on",
+        "#mean ESR",
+        "#mean RSSE, N (lbf)",
+        "#median ESR",
         "#without figure",
         "#ns a step",
     ];
@@ -64,7 +64,8 @@ pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
                 @if predictor == Predictor::OneStep { (persistence(outcome)) }
             }
         }
-        p { "Means are over all tests: every replicate of every experiment but the one that was trained on. A model with a "
+        p { em { "Best on" } " is the training experiment with the least mean ESR; both means are its own, and the median is over "
+            "all training experiments. Means are over all tests: every replicate of every experiment but the one run that was trained on. A model with a "
             "test that has no figure (a diverged free run) has no mean. "
             em { "Without figure" } " counts such tests, and training runs that gave no model. The model keeps the force "
             "offset of its training run." }
@@ -89,7 +90,7 @@ fn failures(outcome: &Outcome<'_>) -> Markup {
     html! {
         @if !rows.is_empty() {
             h3 { "Models that could not be identified" }
-            (table(&["model", "on", "because"], &rows))
+            (table(&["=model", "=on", "because"], &rows))
         }
     }
 }
@@ -109,7 +110,7 @@ fn experiments<'a>(outcome: &Outcome<'a>) -> Vec<&'a str> {
 pub(super) fn cross_validation(outcome: &Outcome<'_>) -> Markup {
     let experiments = experiments(outcome);
     let numbered: Vec<String> = experiments.iter().map(|name| format!("#{name}")).collect();
-    let mut columns = vec!["model"];
+    let mut columns = vec!["=model"];
     columns.extend(numbered.iter().map(String::as_str));
     let rows = |predictor: Predictor, show: fn(Option<Figures>) -> String| {
         let mut rows = Vec::new();
@@ -173,7 +174,7 @@ fn one_model(outcome: &Outcome<'_>, class: &Class, cells: &[&Finished]) -> Marku
     let one_step = class.predictor == Predictor::OneStep;
     let thesis = |cell: &Finished| outcome.published?.row(class, &cell.trained_on)?.identification;
     let published = cells.iter().any(|cell| thesis(cell).is_some());
-    let mut columns = vec!["experiment", "#RSSE, N", "#RSSE, lbf", "#ESR"];
+    let mut columns = vec!["=experiment", "#RSSE, N", "#RSSE, lbf", "#ESR"];
     if one_step {
         columns.push("#ESR of persistence");
     }

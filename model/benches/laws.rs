@@ -1,0 +1,93 @@
+//! Time of one sample of each law: alone, with polynomials over the current, with fuzzy sets, and with its
+//! derivatives. Figures are per sample.
+//!
+//! ```text
+//! cargo bench -p mr-damper-model --bench laws
+//! ```
+
+use divan::Bencher;
+use divan::counter::ItemsCount;
+use mr_damper_model::force::law::Hidden;
+use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
+use mr_damper_model::sample::DriveKind;
+
+const SAMPLES: usize = 512;
+const RATE_HZ: f64 = 512.0;
+const DRIVE: DriveKind = DriveKind::CoilCurrent;
+
+fn main() {
+    divan::main();
+}
+
+/// One second of a sine of 15 mm at 2 Hz, the current going up and down.
+fn motion() -> Vec<Inputs> {
+    let omega = std::f64::consts::TAU * 2.0;
+    let at = |k: usize| {
+        let t = k as f64 / RATE_HZ;
+        Inputs {
+            dt_s: (k > 0).then_some(1.0 / RATE_HZ),
+            displacement_m: 0.015 * (omega * t).sin(),
+            velocity_m_s: 0.015 * omega * (omega * t).cos(),
+            acceleration_m_s2: -0.015 * omega * omega * (omega * t).sin(),
+            drive: 1.2 + (3.0 * t).sin(),
+        }
+    };
+    (0..SAMPLES).map(at).collect()
+}
+
+/// Parameters in the middle of where a fit would start, on a damper of 1 kN, 15 mm, 0.2 m/s, 2 m/s².
+fn parameters(law: Law) -> Vec<f64> {
+    let value = |p: &mr_damper_model::force::law::Parameter| {
+        let scale = 1e3_f64.powi(p.scale.force)
+            * 0.015_f64.powi(p.scale.displacement)
+            * 0.2_f64.powi(p.scale.velocity)
+            * 2_f64.powi(p.scale.acceleration);
+        let [low, high] = p.start;
+        scale * if low > 0.0 { (low * high).sqrt() } else { 0.3 * low + 0.7 * high }
+    };
+    law.parameters().iter().map(value).collect()
+}
+
+fn run(bencher: Bencher, law: Law, dependence: Dependence) {
+    let copies = match dependence {
+        Dependence::Fuzzy(_) => parameters(law).repeat(dependence.copies()),
+        _ => {
+            let mut powers = parameters(law);
+            powers.resize(law.parameters().len() * dependence.copies(), 0.0);
+            powers
+        }
+    };
+    let model = LawModel::new(law, dependence, &copies, 0.0).expect("as many as it takes");
+    let motion = motion();
+    bencher.counter(ItemsCount::new(SAMPLES)).bench(|| {
+        let mut state = LawState::default();
+        motion.iter().map(|inputs| model.force_n(divan::black_box(inputs), &mut state)).sum::<f64>()
+    });
+}
+
+#[divan::bench(args = Law::ALL)]
+fn passive(bencher: Bencher, law: Law) {
+    run(bencher, law, Dependence::None);
+}
+
+#[divan::bench(args = Law::ALL)]
+fn quadratic(bencher: Bencher, law: Law) {
+    run(bencher, law, Dependence::Polynomial { drive: DRIVE, degree: 2 });
+}
+
+#[divan::bench(args = Law::ALL)]
+fn seven_sets(bencher: Bencher, law: Law) {
+    let centres = [0.0, 0.4, 0.8, 1.2, 1.6, 2.1, 2.5];
+    let sets = FuzzySets::new(Membership { drive: DRIVE, sigma: 0.2 }, &centres).expect("centres increase");
+    run(bencher, law, Dependence::Fuzzy(sets));
+}
+
+#[divan::bench(args = Law::ALL)]
+fn with_derivatives(bencher: Bencher, law: Law) {
+    let (p, motion) = (parameters(law), motion());
+    bencher.counter(ItemsCount::new(SAMPLES)).bench(|| {
+        let mut hidden = Hidden::default();
+        let step = |inputs| law.sensitivity(&p, divan::black_box(inputs), &mut hidden).force_by_parameter[0];
+        motion.iter().map(step).sum::<f64>()
+    });
+}
