@@ -64,8 +64,9 @@ pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
                 @if predictor == Predictor::OneStep { (persistence(outcome)) }
             }
         }
-        p { em { "Best on" } " is the training experiment with the least mean ESR; both means are its own, and the median is over "
-            "all training experiments. Means are over all tests: every replicate of every experiment but the one run that was trained on. A model with a "
+        p { em { "Best on" } " is the training experiment with the least mean ESR; both means are its own, and the median "
+            "is over all training experiments. Means are over all tests: every replicate of every experiment but the one "
+            "run that was trained on. A model with a "
             "test that has no figure (a diverged free run) has no mean. "
             em { "Without figure" } " counts such tests, and training runs that gave no model. The model keeps the force "
             "offset of its training run." }
@@ -77,7 +78,8 @@ fn persistence(outcome: &Outcome<'_>) -> Markup {
     html! {
         @if let Some((esr, rsse_n)) = outcome.persistence_means() {
             p { "Persistence (the force stays what it was one sample ago), mean over all runs: ESR "
-                strong { (format!("{esr:.4}")) } ", RSSE " (rsse(Some(rsse_n))) ". A one-step figure above that is worth nothing." }
+                strong { (format!("{esr:.4}")) } ", RSSE " (rsse(Some(rsse_n)))
+                ". A one-step figure above that is worth nothing." }
         }
     }
 }
