@@ -140,6 +140,23 @@ fn hubers_loss_is_not_led_astray() {
 }
 
 #[test]
+fn a_degree_that_the_levels_do_not_carry_is_lowered_and_said() {
+    let two = |t: f64| if (t / 0.3) as usize % 2 == 0 { 0.0 } else { 1.0 };
+    let truth = model(Law::Sp, Form::SemiActive);
+    let mut made = made_by(truth, 5, |_| 0.0);
+    let (_, drive) = made.drive.as_mut().expect("made");
+    for (stamp, value) in drive.stamps.iter().zip(&mut drive.values) {
+        *value = two(stamp.nanos() as f64 * 1e-9);
+    }
+    let found = find(Law::Sp, Form::SemiActive, made, &Options { degree: 3, restarts: 2, ..options() });
+    assert_eq!(found.model.force.parameter_count(), 10);
+    assert!(
+        found.warnings[0].contains("2 levels of current_a")
+            && found.warnings[0].contains("degree 1 in place of 3")
+    );
+}
+
+#[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let found = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
@@ -164,7 +181,7 @@ fn what_cannot_be_identified_is_said() {
 
     let level = run(Recipe { drive: |_| 0.5, ..Recipe::default() }, KIND, |_, v, _| 900.0 * v);
     let message = error(Form::SemiActive, level, &options());
-    assert!(message.contains("1 levels of current_a") && message.contains("passive"), "{message}");
+    assert!(message.contains("one level of current_a, 0.500") && message.contains("passive"), "{message}");
 
     let still = run(Recipe::default(), KIND, |_, _, _| 12.0);
     let message = error(Form::Passive, still, &options());

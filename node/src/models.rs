@@ -3,6 +3,7 @@
 use crate::config::Config;
 use crate::error::NodeError;
 use crate::wire::ModelNames;
+use mr_damper_model::force::ForceModel;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::ModelFile;
 use mr_damper_model::pipeline::Models;
@@ -53,7 +54,8 @@ pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
         "none" => None,
         // A thesis preset describes the thesis' damper, and so does the thesis' ARX. For another damper it
         // would be a guess.
-        "auto" if alone.seeded.is_some() => Some(config.model.as_str()),
+        // Networks feed on force as well, but one step ahead they are no better than persistence.
+        "auto" if matches!(alone.free.force, ForceModel::Arx(_)) => Some(config.model.as_str()),
         "auto" if config.model.starts_with("thesis/") => Some(preset::BEST_ARX),
         "auto" => None,
         name => Some(name),

@@ -109,6 +109,9 @@ pub struct Finished {
     pub identification: Vec<Figure>,
     /// Figures on all other runs; empty without a model.
     pub cross_validation: Vec<Test>,
+    /// What is to be said of the identification.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// Why there is no model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
@@ -157,6 +160,7 @@ pub fn run(
         parameters: None,
         identification: Vec::new(),
         cross_validation: Vec::new(),
+        warnings: Vec::new(),
         failure: None,
     };
     if !cell.spec.structure().can_run() {
@@ -166,11 +170,11 @@ pub fn run(
     let found = match experiment.replicates.first() {
         Some(first) => {
             identify::identify_datasets(cell.spec, std::slice::from_ref(&first.data), options, watch)
-                .map(|found| (found.model, &first.data))
+                .map(|found| (found.model, found.warnings, &first.data))
         }
         None => Err(Error::Data { message: format!("experiment {}: has no runs", experiment.name) }),
     };
-    let (model, training) = match found {
+    let (model, warnings, training) = match found {
         Ok(found) => found,
         Err(Error::Cancelled) => return Err(Error::Cancelled),
         Err(error) => {
@@ -178,6 +182,7 @@ pub fn run(
             return Ok((finished, None));
         }
     };
+    finished.warnings = warnings;
     finished.parameters = Some(model.force.parameter_count());
     finished.identification = figures(&model, training, watch)?;
     for (index, tested) in experiments.iter().enumerate() {

@@ -286,7 +286,16 @@ fn fit(
             }
             let (model, found) = law::fit(datasets, law, dependence, options, watch)?;
             let names: Vec<&str> = law.parameters().iter().map(|p| p.name).collect();
-            let details = report::Details::of(&found, &names);
+            let mut details = report::Details::of(&found, &names);
+            if let Dependence::Polynomial { drive, degree } = dependence
+                && degree < options.degree
+            {
+                details.warnings.push(format!(
+                    "the runs hold {} levels of {drive}: polynomials over it have degree {degree} in place of {}",
+                    degree + 1,
+                    options.degree
+                ));
+            }
             let details = memberships.into_iter().fold(details, report::Details::with_memberships);
             (ForceModel::Law(model), found.offsets_n, details)
         }
@@ -388,8 +397,7 @@ fn dependence(
 ) -> Result<(Dependence, Option<Memberships>), Error> {
     match (form, drive) {
         (Form::SemiActive, Some(drive)) => {
-            let degree = options.degree;
-            check_levels(drive, datasets, degree)?;
+            let degree = usable_degree(drive, datasets, options.degree)?;
             Ok((Dependence::Polynomial { drive, degree }, None))
         }
         (Form::Fuzzy, Some(drive)) => {
@@ -400,20 +408,21 @@ fn dependence(
     }
 }
 
-/// Refuses a polynomial through fewer levels of the drive than it has coefficients.
-fn check_levels(drive: DriveKind, datasets: &[Dataset], degree: usize) -> Result<(), Error> {
+/// The highest degree up to `degree` that the levels of the drive determine.
+fn usable_degree(drive: DriveKind, datasets: &[Dataset], degree: usize) -> Result<usize, Error> {
     let counted = datasets.iter().flat_map(|d| &d.rows).filter(|row| row.counts);
-    let Ok(found) = Memberships::from_drive(drive, counted.map(|row| row.drive)) else { return Ok(()) };
-    if found.source == MembershipSource::Levels && found.centres.len() <= degree {
-        return Err(Error::Data {
+    let Ok(found) = Memberships::from_drive(drive, counted.map(|row| row.drive)) else { return Ok(degree) };
+    match (found.source, found.centres.len()) {
+        (MembershipSource::Levels, 1) => Err(Error::Data {
             message: format!(
-                "the runs hold {} levels of {drive}, too few for polynomials of degree {degree} over it; add \
-                 runs at other levels, take a lower degree, or a passive model",
-                found.centres.len()
+                "the runs hold one level of {drive}, {:.3}: how force depends on it cannot be told; add runs at other \
+                 levels, or take the passive form",
+                found.centres[0]
             ),
-        });
+        }),
+        (MembershipSource::Levels, levels) => Ok(degree.min(levels - 1)),
+        _ => Ok(degree),
     }
-    Ok(())
 }
 
 /// Conditions the runs. Each must have rows that count.

@@ -141,6 +141,7 @@ struct Report<'a> {
     validation: Option<Scores>,
     runs: Vec<RunReport<'a>>,
     active_bounds: Vec<String>,
+    warnings: &'a [String],
     estimates: Vec<Estimate<'a>>,
     restart_rsse_n: &'a [f64],
 }
@@ -239,6 +240,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         validation,
         runs: found.runs.iter().map(run_report).collect(),
         active_bounds: found.active_bounds.iter().map(|b| format!("{} = {}", b.parameter, b.value)).collect(),
+        warnings: &found.warnings,
         estimates: found.parameters.iter().map(Estimate::of).collect(),
         restart_rsse_n: &found.restart_rsse_n,
     };
@@ -410,6 +412,7 @@ fn remarks(report: &Report<'_>) -> Vec<String> {
         })
         .into_iter()
         .collect();
+    remarks.extend(report.warnings.iter().cloned());
     let bounds = report.active_bounds.iter();
     let vague = |e: &&Estimate<'_>| e.standard_error.is_none_or(|error| error > 0.5 * e.value.abs());
     let vague: Vec<&str> = report.estimates.iter().filter(vague).map(|e| e.parameter).collect();

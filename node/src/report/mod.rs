@@ -1,7 +1,7 @@
 //! Reports: one HTML file each, with everything in it, readable without a network.
 //!
-//! [`plot`], [`box_plot`] and [`scatter`] draw, [`page`] sets the page, [`table`] its tables; they know nothing of dampers. One file a report
-//! puts them together: [`demo`], [`identify`], [`compare`].
+//! [`plot`], [`box_plot`] and [`scatter`] draw, [`page`] sets the page, [`table`] its tables; they know nothing of
+//! dampers. One file a report puts them together: [`demo`], [`identify`], [`compare`].
 
 pub mod box_plot;
 pub mod compare;

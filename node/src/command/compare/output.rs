@@ -151,7 +151,8 @@ fn outcome<'a>(
     let conditioning = &work.options.conditioning;
     let runs = |e: &mr_damper_model::compare::Experiment| {
         let seconds = e.replicates.first().map_or(0.0, |r| r.data.rows.len() as f64 / r.data.rate_hz);
-        format!("{} ({} runs of {seconds:.0} s)", e.name, e.replicates.len())
+        let count = e.replicates.len();
+        format!("{} ({count} run{} of {seconds:.0} s)", e.name, if count == 1 { "" } else { "s" })
     };
     Outcome {
         what: tables::headline(work.specs.len(), work.experiments.len(), work.sources.len()),

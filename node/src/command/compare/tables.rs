@@ -27,6 +27,11 @@ pub(super) fn text(done: &Done, times: &[StepTime]) -> String {
             cross_validation(&mut text, done, predictor, times);
         }
     }
+    for cell in &done.cells {
+        for warning in &cell.warnings {
+            let _ = writeln!(text, "{} ({}) on {}: {warning}", cell.model, cell.form, cell.trained_on);
+        }
+    }
     let failures = done.cells.iter().filter_map(|c| Some((c, c.failure.as_ref()?)));
     for (cell, why) in failures {
         let _ = writeln!(text, "{} ({}) on {}: {why}", cell.model, cell.form, cell.trained_on);

@@ -17,6 +17,10 @@ use serde::Serialize;
 /// Colours of the models in a picture, in the order of their places.
 const INKS: [Ink; 3] = [Ink::Estimate, Ink::Trend, Ink::Level(2)];
 
+/// Classes of ink by form of the model, and what they are called.
+const FORM_INKS: [(&str, &str); 3] =
+    [("estimate", "with drive"), ("level2", "fuzzy sets over the drive"), ("level0", "passive")];
+
 /// What a step of a model costs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StepTime {
@@ -99,7 +103,9 @@ pub fn html(outcome: &Outcome<'_>) -> String {
     let body = html! {
         (section("What was run", &facts(&outcome.facts)))
         (section("Best first", &tables::best(outcome)))
-        @if let Some(published) = outcome.published { (section("Order of the models against the thesis", &against(outcome, published))) }
+        @if let Some(published) = outcome.published {
+            (section("Order of the models against the thesis", &against(outcome, published)))
+        }
         (section("Spread over all tests", &boxes(outcome)))
         (section("Error against time", &pareto(outcome)))
         (section("Force over time", &force_time(outcome)))
@@ -147,10 +153,12 @@ fn against(outcome: &Outcome<'_>, published: &Published) -> Markup {
     };
     html! {
         (table(&columns, &rows))
-        p { "Models are ordered by the mean ESR over all tests of their best training experiment. Each is used as it was "
+        p {
+            "Models are ordered by the mean ESR over all tests of their best training experiment. Each is used as it was "
             "when it was published: an ARX one step ahead, p given the force itself, all others running free. Rank correlation of the two orders "
             "(Kendall's tau; 1: the same, 0: none, \u{2212}1: the reverse): " strong { (tau(orders.tau)) }
-            "; with every model running free here: " strong { (tau(orders.tau_free_run)) } "." }
+            "; with every model running free here: " strong { (tau(orders.tau_free_run)) } "."
+        }
         ul { @for remark in &orders.remarks { li { (remark) } } }
     }
 }
@@ -229,15 +237,22 @@ fn pareto(outcome: &Outcome<'_>) -> Markup {
     let without: Vec<String> = without.iter().map(|(s, _)| order::name(&s.class)).collect();
     html! {
         p.legend {
-            @for (class, name) in [("estimate", "with drive"), ("level2", "fuzzy sets over the drive"), ("level0", "passive")] {
+            @for (class, name) in FORM_INKS {
                 @if points.iter().any(|p| p.ink == class) { span { i class=(format!("key dot {class}")) {} (name) } }
             }
         }
         figure {
-            (PreEscaped(scatter::svg("Median free-run ESR against time of a step", "time of a step, ns", "median ESR, free run", &points)))
-            figcaption { "Median over all tests, those without a figure counted as the worst, against the time of a free "
-                "run's step on one thread of this machine. No model beats those on the stairs in both. Names that would "
-                "cover others are left out; the table has all." }
+            (PreEscaped(scatter::svg(
+                "Median free-run ESR against time of a step",
+                "time of a step, ns",
+                "median ESR, free run",
+                &points,
+            )))
+            figcaption {
+                "Median over all tests, those without a figure counted as the worst, against the time of a free run's "
+                "step on one thread of this machine. No model beats those on the stairs in both. Names that would cover "
+                "others are left out; the table has all."
+            }
         }
         @if !without.is_empty() { p { "Without a median: " (without.join(", ")) "." } }
     }

@@ -68,8 +68,9 @@ pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
                 @if predictor == Predictor::OneStep { (persistence(outcome)) }
             }
         }
-        p { em { "Best on" } " is the training experiment with the least mean ESR; both means are its own, and the median is over "
-            "all training experiments. Means are over all tests: every replicate of every experiment but the one run that was trained on. A model with a "
+        p { em { "Best on" } " is the training experiment with the least mean ESR; both means are its own, and the median "
+            "is over all training experiments. Means are over all tests: every replicate of every experiment but the one "
+            "run that was trained on. A model with a "
             "test that has no figure (a diverged free run) has no mean. "
             em { "Without figure" } " counts such tests, and training runs that gave no model. The model keeps the force "
             "offset of its training run." }
@@ -81,7 +82,8 @@ fn persistence(outcome: &Outcome<'_>) -> Markup {
     html! {
         @if let Some((esr, rsse_n)) = outcome.persistence_means() {
             p { "Persistence (the force stays what it was one sample ago), mean over all runs: ESR "
-                strong { (format!("{esr:.4}")) } ", RSSE " (rsse(Some(rsse_n))) ". A one-step figure above that is worth nothing." }
+                strong { (format!("{esr:.4}")) } ", RSSE " (rsse(Some(rsse_n)))
+                ". A one-step figure above that is worth nothing." }
         }
     }
 }
@@ -91,10 +93,21 @@ fn failures(outcome: &Outcome<'_>) -> Markup {
         outcome.summaries.iter().flat_map(|s| s.failures.iter().map(move |(on, why)| (&s.class, on, why)));
     let rows: Vec<Vec<String>> =
         all.map(|(class, on, why)| vec![order::name(class), on.clone(), why.clone()]).collect();
+    let said = outcome.cells.iter().flat_map(|cell| cell.warnings.iter().map(move |warning| (cell, warning)));
+    let remarks: Vec<Vec<String>> = said
+        .map(|(cell, warning)| {
+            let model = format!("{} ({})", cell.model, cell.form.replace('_', "-"));
+            vec![model, cell.trained_on.clone(), warning.clone()]
+        })
+        .collect();
     html! {
         @if !rows.is_empty() {
             h3 { "Models that could not be identified" }
             (table(&["=model", "=on", "because"], &rows))
+        }
+        @if !remarks.is_empty() {
+            h3 { "Remarks on identifications" }
+            (table(&["=model", "=on", "=remark"], &remarks))
         }
     }
 }

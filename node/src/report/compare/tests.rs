@@ -24,6 +24,7 @@ fn cell(model: &str, on: &str, tested: &str, free: [Option<f64>; 2], stepped: Op
             Test { tested_on: on.to_owned(), replicate: 2, figures: figures(free[0]) },
             Test { tested_on: tested.to_owned(), replicate: 1, figures: figures(free[1]) },
         ],
+        warnings: Vec::new(),
         failure: None,
     }
 }
