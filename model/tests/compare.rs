@@ -7,7 +7,7 @@ use mr_damper_model::compare::{
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::force::{Arx, ForceModel};
 use mr_damper_model::identify::{
-    Dataset, DatasetOptions, ModelSpec, Options, Watch, identify, identify_datasets, score,
+    Dataset, DatasetOptions, Form, ModelSpec, Options, Structure, Watch, identify, identify_datasets, score,
 };
 use mr_damper_model::rig::{self, Channels, Plant};
 use mr_damper_model::sample::Run;
@@ -60,6 +60,7 @@ fn identification_figures_are_those_of_identify_to_the_last_bit() {
             let fit = match figure.predictor {
                 Predictor::FreeRun => found.free_run,
                 Predictor::OneStep => found.one_step,
+                Predictor::SameInstant => panic!("that is of the relation which makes no model"),
             };
             assert_eq!((figure.rsse_n, figure.esr), (fit.map(|f| f.rsse_n), fit.map(|f| f.esr)), "{spec:?}");
         }
@@ -167,5 +168,26 @@ fn a_raised_flag_ends_a_cell() {
     for spec in SPECS {
         let found = run(Cell { spec, experiment: 0 }, &experiments(), &options(), &watch);
         assert_eq!(found.err(), Some(Error::Cancelled), "{spec:?}");
+    }
+}
+
+#[test]
+fn the_relation_that_cannot_run_has_figures_of_its_own_kind() {
+    let experiments = experiments();
+    for form in [Form::Passive, Form::SemiActive] {
+        let spec = ModelSpec::new(Structure::Phase, form).expect("a form");
+        let (finished, model) = run(Cell { spec, experiment: 0 }, &experiments, &options(), &Watch::none())
+            .expect("not cancelled");
+        assert_eq!((model, finished.failure), (None, None));
+        let tests = finished.cross_validation.iter().flat_map(|test| &test.figures);
+        let all: Vec<_> = finished.identification.iter().chain(tests).collect();
+        assert!(all.len() > 1);
+        for figure in all {
+            assert_eq!(figure.predictor, Predictor::SameInstant);
+            assert!(figure.esr.is_some_and(|esr| (0.0..1.0).contains(&esr)), "{figure:?}");
+        }
+        let error =
+            identify(spec, &[recorded("RP-ICPS", 1)], &options(), &Watch::none()).expect_err("no model");
+        assert!(error.to_string().contains("cannot be made into a model that runs"), "{error}");
     }
 }

@@ -5,7 +5,7 @@ mod identify_support;
 use identify_support::{Recipe, run, truth};
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::force::{Arx, ForceModel, History, Inputs};
-use mr_damper_model::identify::{DatasetOptions, Identified, ModelSpec, Options, Watch, identify};
+use mr_damper_model::identify::{DatasetOptions, Form, Identified, ModelSpec, Options, Watch, identify};
 use mr_damper_model::sample::{DriveKind, Run, Stamp};
 use mr_damper_model::units::Second;
 use rand::{RngExt, SeedableRng};
@@ -255,4 +255,31 @@ fn what_cannot_be_fitted_is_refused() {
     let free = [Run { drive: None, ..made(8.0) }];
     let found = identify(ModelSpec::ARX_PASSIVE, &free, &options(VelocitySource::Backward), &Watch::none());
     assert_eq!(found.expect("identifies").model.force.drive(), None);
+}
+
+#[test]
+fn savaresi_has_two_lags_and_comes_back() {
+    let drive = Some((KIND, [30.0, -12.0]));
+    let model = Arx::savaresi([1.3, -0.4], [4000.0, -3500.0], [300.0, 90.0], drive, Second(1.0 / 500.0), 0.0)
+        .expect("a model");
+    assert_eq!((model.name(), model.parameter_count()), ("savaresi", 8));
+    let runs = [arx_run(
+        &model,
+        2.0,
+        Recipe { offset_n: 45.0, drive: steps, duration_s: 20.0, ..Recipe::default() },
+    )];
+    let spec = ModelSpec::named("savaresi", Form::SemiActive).expect("a model");
+    let found =
+        identify(spec, &runs, &options(VelocitySource::Measured), &Watch::none()).expect("identifies");
+    let a = arx(&found);
+    assert_eq!((found.model.force.name(), found.rank, a.lags()), ("savaresi", Some(8), 2));
+    assert!((a.force_offset_n() - 45.0).abs() < 1.5);
+    for (found, truth) in a.force_lags().iter().zip([1.3, -0.4, 0.0]) {
+        assert!((found - truth).abs() < 0.03, "{:?}", a.force_lags());
+    }
+    let passive = ModelSpec::named("savaresi", Form::Passive).expect("a model");
+    let found = identify(passive, &runs, &options(VelocitySource::Backward), &Watch::none());
+    // With a backward difference x_k, x_{k-1} and v_k are one too many.
+    let found = found.expect("identifies");
+    assert_eq!((found.rank, found.model.force.parameter_count()), (Some(5), 6));
 }

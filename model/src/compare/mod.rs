@@ -15,7 +15,8 @@
 //! in every test, so a drift of the zero between sessions counts as an error. The thesis has no offset at all.
 //! **Divergence**: a free run that leaves the finite numbers, or goes beyond a hundred times the largest measured
 //! force, is reported as diverged and never as a figure. **Predictors** never mix: a model that feeds on force has a
-//! figure running free and another one step ahead, and the latter means something only beside persistence.
+//! figure running free and another one step ahead, and the latter means something only beside persistence. The
+//! phase-transition relation, which cannot run, has figures of a third kind: it is given the force that it explains.
 
 mod rank;
 mod summary;
@@ -24,7 +25,7 @@ pub use rank::{BoxPlot, kendall_tau};
 pub use summary::{Class, Row, Summary};
 
 use crate::error::Error;
-use crate::identify::{self, Dataset, ModelSpec, Options, Scores, Watch};
+use crate::identify::{self, Dataset, ModelSpec, Options, PhaseOptions, Scores, Watch};
 use crate::metrics::Fit;
 use crate::model::Model;
 use serde::{Deserialize, Serialize};
@@ -64,6 +65,8 @@ pub enum Predictor {
     FreeRun,
     /// The measured force up to the sample before as well.
     OneStep,
+    /// The measured force of the sample itself and its derivatives: how well a relation holds, and no prediction.
+    SameInstant,
 }
 
 /// One figure, or why there is none.
@@ -156,6 +159,10 @@ pub fn run(
         cross_validation: Vec::new(),
         failure: None,
     };
+    if !cell.spec.structure().can_run() {
+        phase_cell(cell, experiments, options, watch, &mut finished)?;
+        return Ok((finished, None));
+    }
     let found = match experiment.replicates.first() {
         Some(first) => {
             identify::identify_datasets(cell.spec, std::slice::from_ref(&first.data), options, watch)
@@ -185,6 +192,68 @@ pub fn run(
         }
     }
     Ok((finished, Some(model)))
+}
+
+/// Does a cell of the phase-transition relation, which makes no model: its figures say how well it holds.
+fn phase_cell(
+    cell: Cell,
+    experiments: &[Experiment],
+    options: &Options,
+    watch: &Watch,
+    finished: &mut Finished,
+) -> Result<(), Error> {
+    let Some(first) = experiments[cell.experiment].replicates.first() else {
+        finished.failure = Some(format!("experiment {}: has no runs", finished.trained_on));
+        return Ok(());
+    };
+    let drive = if cell.spec.wants_drive() { first.data.drive } else { None };
+    let settings = PhaseOptions { drive, degree: options.degree, ..PhaseOptions::default() };
+    let missing = cell.spec.wants_drive() && drive.is_none();
+    let found = match missing {
+        true => Err(Error::MissingChannel {
+            run: first.data.name.clone(),
+            channel: "current_a or command_v",
+            needed_by: "the semi-active form of p".to_owned(),
+        }),
+        false => identify::identify_phase(std::slice::from_ref(&first.data), &settings, watch),
+    };
+    let found = match found {
+        Ok(found) => found,
+        Err(Error::Cancelled) => return Err(Error::Cancelled),
+        Err(error) => {
+            finished.failure = Some(error.to_string());
+            return Ok(());
+        }
+    };
+    let figure = |fit: Option<Fit>, note: Option<String>| Figure {
+        predictor: Predictor::SameInstant,
+        rsse_n: fit.map(|fit| fit.rsse_n),
+        esr: fit.map(|fit| fit.esr).filter(|esr| esr.is_finite()),
+        note,
+    };
+    finished.parameters = Some(found.phase.parameter_count());
+    finished.identification = vec![figure(Some(found.same_instant), None)];
+    for (index, tested) in experiments.iter().enumerate() {
+        for (place, replicate) in tested.replicates.iter().enumerate() {
+            if (index, place) == (cell.experiment, 0) {
+                continue;
+            }
+            if watch.is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+            let figure = match identify::score_phase(&found.phase, &replicate.data, &settings) {
+                Ok(Some(fit)) => figure(Some(fit), None),
+                Ok(None) => figure(None, Some("no force to either side of any row that counts".to_owned())),
+                Err(error) => figure(None, Some(error.to_string())),
+            };
+            finished.cross_validation.push(Test {
+                tested_on: tested.name.clone(),
+                replicate: replicate.number,
+                figures: vec![figure],
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Persistence on every run.

@@ -249,30 +249,31 @@ fn regression(rows: &[[f64; COEFFICIENTS]], forces: &[f64], least: usize) -> f64
     // Seen from the nearest point's force, so that the prior pulls towards it and not towards zero.
     let base = forces[0];
     let mut b = [0.0; COEFFICIENTS];
+    // F_j - z_j' b and 1 - z_j' V z_j of the points so far: a new point changes both by its own z alone.
+    let (mut residuals, mut left_out) = ([0.0; MAX_NEIGHBOURS], [0.0; MAX_NEIGHBOURS]);
     let (mut best, mut found) = (f64::INFINITY, 0.0);
-    for k in 0..rows.len() {
-        let z = &rows[k];
+    for (k, (z, force)) in rows.iter().zip(forces).enumerate() {
         let vz = times(&v, z);
         let share = 1.0 / (1.0 + dot(&vz, z));
-        let innovation = (forces[k] - base) - dot(&b, z);
+        let innovation = force - base - dot(&b, z);
         for i in 0..COEFFICIENTS {
             b[i] += vz[i] * share * innovation;
             for j in 0..COEFFICIENTS {
                 v[i][j] -= vz[i] * vz[j] * share;
             }
         }
-        if k + 1 < least {
-            continue;
+        for ((z, residual), left_out) in rows[..k].iter().zip(&mut residuals).zip(&mut left_out) {
+            let common = dot(&vz, z);
+            *residual -= common * share * innovation;
+            *left_out += common * common * share;
         }
-        let mut press = 0.0;
-        for (z, force) in rows[..=k].iter().zip(forces) {
-            // What the prior's rounding could take below zero stays above it.
-            let left_out = (1.0 - dot(&times(&v, z), z)).max(1e-6);
-            press += (((force - base) - dot(&b, z)) / left_out).powi(2);
-        }
-        press /= (k + 1) as f64;
-        if press < best {
-            (best, found) = (press, b[0]);
+        (residuals[k], left_out[k]) = (innovation * share, share);
+        if k + 1 >= least {
+            let squares = residuals[..=k].iter().zip(&left_out).map(|(r, l)| (r / l).powi(2));
+            let press = squares.sum::<f64>() / (k + 1) as f64;
+            if press < best {
+                (best, found) = (press, b[0]);
+            }
         }
     }
     base + found

@@ -59,7 +59,7 @@ mod velocity;
 
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
-pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase};
+pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase, score_phase};
 pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
 pub use score::{Predicted, Scores, persistence, score, sum_of_free_run, walk};
 pub use spec::{Form, ModelSpec, Structure};
@@ -201,7 +201,7 @@ impl Watch<'_> {
         self.cancel.unwrap_or(&NEVER)
     }
 
-    fn is_cancelled(&self) -> bool {
+    pub(crate) fn is_cancelled(&self) -> bool {
         self.flag().load(Ordering::Relaxed)
     }
 
@@ -272,6 +272,7 @@ fn fit(
     watch: &Watch,
 ) -> Result<Identified, Error> {
     let found = match (spec.structure(), drive) {
+        (Structure::Phase, _) => return Err(cannot_run()),
         (Structure::FuzzyTanh, Some(kind)) => {
             let memberships = memberships(kind, datasets, options)?;
             let (model, found) = fuzzy_tanh::fit(datasets, &memberships, options, watch)?;
@@ -326,8 +327,21 @@ fn fit(
     Ok(report::assemble(model, datasets, &offsets_n, details))
 }
 
+/// Why P makes no model.
+fn cannot_run() -> Error {
+    Error::Data {
+            message: "p cannot be made into a model that runs: it explains the force by the measured force itself at the same \
+                      instant, and run forward it diverges (both roots of 1 - p2 s - p3 s^2 lie in the right half plane). \
+                      `compare` shows how well it holds; sp is the nearest that runs"
+                .to_owned(),
+        }
+}
+
 /// Refuses settings that mean nothing, or that the structure would ignore.
 fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
+    if !spec.structure().can_run() {
+        return Err(cannot_run());
+    }
     Error::check("degree", options.degree as f64, "1 to 4", |d| (1.0..=4.0).contains(&d))?;
     if let Loss::Huber { threshold_n } = options.loss {
         Error::check("huber", threshold_n, "positive and finite", |t| t > 0.0)?;

@@ -109,6 +109,22 @@ pub fn identify_phase(
     Ok(IdentifiedPhase { phase, offsets_n, same_instant, rank })
 }
 
+/// How well `phase` holds on `dataset`, with the settings that it was identified with: no prediction error.
+/// `None` when no row has force to either side, or the relation has no finite force.
+///
+/// # Errors
+/// [`Error::MissingChannel`] and [`Error::WrongDrive`] when the run lacks the drive of the relation.
+pub fn score_phase(phase: &Phase, dataset: &Dataset, options: &PhaseOptions) -> Result<Option<Fit>, Error> {
+    if let Some(kind) = options.drive {
+        check_drives(std::slice::from_ref(dataset), kind)?;
+    }
+    let mut sum = ErrorSum::default();
+    for at in instants(dataset, mean_force(dataset), options.reach_s, 1) {
+        sum.add(at.force.force_n, phase.same_instant_n(at.velocity_m_s, &at.force, at.drive));
+    }
+    Ok(sum.fit().filter(|fit| fit.rsse_n.is_finite()))
+}
+
 /// A row that takes part.
 struct Instant {
     velocity_m_s: f64,

@@ -2,7 +2,8 @@
 //!
 //! Parameters that the force is linear in follow from the others by a linear solve. A restart draws the others,
 //! solves for the linear ones, and lets all go. Restarts work on a sample of the rows, side by side; the best
-//! distinct ones are then finished on all rows. Each restart has random numbers of its own and sums are added
+//! distinct ones are then finished on all rows. Of a model with memory, whose rows are dear, only the promising
+//! restarts are brought to their end. Each restart has random numbers of its own and sums are added
 //! in a fixed order, so that results do not depend on the number of threads.
 
 use super::dataset::Dataset;
@@ -22,6 +23,11 @@ const RESTART_ROWS: usize = 8192;
 const POLISHED: usize = 3;
 /// Restarts when conditionings are compared.
 const SCOUTS: u32 = 4;
+/// Evaluations after which restarts of a model with memory are compared: a row of such a model costs a hundred
+/// times that of another, and most starts are lost by then.
+const ROUGH: usize = 15;
+/// One of so many of them goes on.
+const PROMISING: usize = 5;
 /// Costs closer than this share are the same minimum.
 const SAME: f64 = 1e-4;
 /// Rounds of reweighting for a robust loss.
@@ -121,13 +127,17 @@ fn explore<'a, S: Sought>(
     seed: u64,
     watch: &'a Watch,
 ) -> Result<(RowProblem<'a, S>, Vec<Minimum>), Error> {
-    let sample = RowProblem::sample(datasets, sought.clone(), RESTART_ROWS, seed, watch.flag());
+    let rows = if sought.has_memory() { RESTART_ROWS / 2 } else { RESTART_ROWS };
+    let sample = RowProblem::sample(datasets, sought.clone(), rows, seed, watch.flag());
     let bounds = sought.bounds();
     let done = AtomicUsize::new(0);
     let restarts = restarts.max(1);
+    let staged = sought.has_memory();
+    let full = Stop { evaluations: 120, cost: 1e-7, step: 1e-7 };
+    let first = Stop { evaluations: if staged { ROUGH } else { full.evaluations }, ..full };
     let one = |restart| {
         let start = start(&sample, sought, restart, seed)?;
-        let minimum = minimise(&sample, &start, &bounds, &Stop { evaluations: 120, cost: 1e-7, step: 1e-7 })?;
+        let minimum = minimise(&sample, &start, &bounds, &first)?;
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         watch.report(Progress::Restart { done: done as u32, of: restarts });
         Some(minimum)
@@ -137,6 +147,13 @@ fn explore<'a, S: Sought>(
     // A stable sort: of equal costs the earlier restart stays ahead, whatever thread it ran on. What is not
     // finite goes last.
     outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    if staged {
+        let promising = outcomes.len().div_ceil(PROMISING);
+        let on = |rough: &Minimum| minimise(&sample, &rough.parameters, &bounds, &full);
+        let finished: Option<Vec<Minimum>> = outcomes[..promising].par_iter().map(on).collect();
+        outcomes.splice(..promising, finished.ok_or(Error::Cancelled)?);
+        outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    }
     Ok((sample, outcomes))
 }
 

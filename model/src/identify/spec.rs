@@ -11,6 +11,8 @@ pub enum Structure {
     Arx,
     /// The same with two lags of each signal (thesis 2.8).
     Savaresi,
+    /// The phase-transition relation P (thesis 4.6), which cannot run: see [`crate::force::Phase`].
+    Phase,
     /// Fuzzy sets over the drive, a tanh function under each (thesis 4.8).
     FuzzyTanh,
     /// Recursive lazy learning.
@@ -45,7 +47,7 @@ impl Structure {
     /// All structures, in the order of the contract.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let mut all = vec![Self::Arx, Self::Savaresi, Self::FuzzyTanh, Self::Boada];
+        let mut all = vec![Self::Arx, Self::Savaresi, Self::Phase, Self::FuzzyTanh, Self::Boada];
         all.extend(NetworkStructure::ALL.map(Self::Network));
         all.extend(Law::ALL.map(Self::Law));
         all.extend(TskKind::ALL.map(Self::Tsk));
@@ -58,6 +60,7 @@ impl Structure {
         match self {
             Self::Arx => "arx",
             Self::Savaresi => "savaresi",
+            Self::Phase => "p",
             Self::FuzzyTanh => "fuzzy-tanh",
             Self::Boada => "boada",
             Self::Network(network) => network.name(),
@@ -66,11 +69,17 @@ impl Structure {
         }
     }
 
+    /// False for a relation that explains measured force and predicts none: it makes no model that can run.
+    #[must_use]
+    pub const fn can_run(self) -> bool {
+        !matches!(self, Self::Phase)
+    }
+
     /// Forms that the structure comes in.
     #[must_use]
     pub const fn forms(self) -> &'static [Form] {
         match self {
-            Self::Arx | Self::Savaresi | Self::Boada | Self::Network(_) | Self::Tsk(_) => {
+            Self::Arx | Self::Savaresi | Self::Phase | Self::Boada | Self::Network(_) | Self::Tsk(_) => {
                 &[Form::Passive, Form::SemiActive]
             }
             Self::FuzzyTanh => &[Form::SemiActive],

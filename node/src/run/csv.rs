@@ -369,9 +369,9 @@ fn number(field: &[u8]) -> Option<f64> {
 
 /// True when a channel was logged evenly at a fraction of the rows' rate, as a thermocouple is: `empty` cells
 /// between its samples are no holes.
-fn is_slower(trace: &Trace, empty: usize) -> bool {
+fn is_slower(trace: &Trace, empty: u64) -> bool {
     let steps = || trace.stamps.windows(2).map(|pair| pair[1].since(pair[0]).get());
     let (least, most) =
         steps().fold((f64::INFINITY, 0.0_f64), |(least, most), s| (least.min(s), most.max(s)));
-    trace.len() > 2 && empty > trace.len() && most <= 1.01 * least
+    trace.len() > 2 && empty > trace.len() as u64 && most <= 1.01 * least
 }

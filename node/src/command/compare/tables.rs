@@ -1,4 +1,4 @@
-//! Tables on the terminal. Figures of the two predictors stand in tables of their own.
+//! Tables on the terminal. Figures of each predictor stand in a table of their own.
 
 use super::output::Done;
 use crate::report::compare::StepTime;
@@ -15,9 +15,11 @@ pub(super) fn headline(models: usize, experiments: usize, runs: usize) -> String
 /// All tables.
 pub(super) fn text(done: &Done, times: &[StepTime]) -> String {
     let mut text = String::new();
-    for (predictor, heading) in
-        [(Predictor::FreeRun, "running free"), (Predictor::OneStep, "one step ahead of measured force")]
-    {
+    for (predictor, heading) in [
+        (Predictor::FreeRun, "running free"),
+        (Predictor::OneStep, "one step ahead of measured force"),
+        (Predictor::SameInstant, "given the measured force of the same instant (no prediction)"),
+    ] {
         if done.cells.iter().any(|c| c.identification.iter().any(|f| f.predictor == predictor)) {
             let _ = writeln!(text, "\nIdentification, {heading}");
             identification(&mut text, done, predictor);

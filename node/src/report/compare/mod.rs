@@ -148,7 +148,7 @@ fn against(outcome: &Outcome<'_>, published: &Published) -> Markup {
     html! {
         (table(&columns, &rows))
         p { "Models are ordered by the mean ESR over all tests of their best training experiment. Each is used as it was "
-            "when it was published: an ARX one step ahead, all others running free. Rank correlation of the two orders "
+            "when it was published: an ARX one step ahead, p given the force itself, all others running free. Rank correlation of the two orders "
             "(Kendall's tau; 1: the same, 0: none, \u{2212}1: the reverse): " strong { (tau(orders.tau)) }
             "; with every model running free here: " strong { (tau(orders.tau_free_run)) } "." }
         ul { @for remark in &orders.remarks { li { (remark) } } }

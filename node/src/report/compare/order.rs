@@ -66,7 +66,7 @@ pub fn orders(summaries: &[Summary], published: &Published, persistence: &[Persi
     let mut remarks = pairs(&ranked);
     remarks.extend(one_step(&ranked, free, persistence));
     remarks.extend(other_training(&ranked));
-    remarks.extend(missing(&ranked, summaries, published));
+    remarks.extend(missing(&ranked, summaries));
     Some(Orders { tau: kendall_tau(&both), tau_free_run: kendall_tau(&all_free), ranked, remarks })
 }
 
@@ -128,6 +128,12 @@ fn one_step(
             leading.join(", ")
         ));
     }
+    for r in ranked.iter().filter(|r| r.class.predictor == Predictor::SameInstant && r.here.is_some()) {
+        remarks.push(format!(
+            "{}: the force is explained by itself and nothing is predicted, so its place beside the others says little.",
+            name(&r.class)
+        ));
+    }
     for r in stepped {
         let Some((_, esr)) = &r.here else { continue };
         let own = name(&Class { predictor: Predictor::FreeRun, ..r.class.clone() });
@@ -168,13 +174,8 @@ fn other_training(ranked: &[Ranked]) -> Vec<String> {
 }
 
 /// Published models without a mean here, with the reason.
-fn missing(ranked: &[Ranked], summaries: &[Summary], published: &Published) -> Vec<String> {
+fn missing(ranked: &[Ranked], summaries: &[Summary]) -> Vec<String> {
     let why = |class: &Class| {
-        let known =
-            published.row(class, &published.best(class).map_or(String::new(), |(on, _)| on.to_owned()));
-        if let Some(why) = known.and_then(|row| row.why_not) {
-            return why.to_owned();
-        }
         let of = |s: &&Summary| s.class.model == class.model && s.class.form == class.form;
         match summaries.iter().find(of) {
             None => "it was not part of this comparison".to_owned(),
@@ -191,7 +192,11 @@ fn missing(ranked: &[Ranked], summaries: &[Summary], published: &Published) -> V
 /// Model, form and predictor in a few words.
 #[must_use]
 pub fn name(class: &Class) -> String {
-    let how = if class.predictor == Predictor::OneStep { ", one step ahead" } else { "" };
+    let how = match class.predictor {
+        Predictor::FreeRun => "",
+        Predictor::OneStep => ", one step ahead",
+        Predictor::SameInstant => ", given the force of the same instant",
+    };
     format!("{} ({}{how})", class.model, class.form.replace('_', "-"))
 }
 
@@ -213,7 +218,6 @@ mod tests {
             experiment: on.to_owned(),
             identification: None,
             cross_validation: Some(Figures { rsse_n: 100.0, esr }),
-            why_not: None,
         }
     }
 

@@ -5,20 +5,13 @@ use mr_damper_model::identify::Form;
 use mr_damper_model::preset::{EXPERIMENTS, published};
 use mr_damper_model::units::N_PER_LBF;
 
-/// Models of the thesis, with what they were given when their figures were made; and why there can be no figure of
-/// ours.
-const THESIS: [(&str, Predictor, Option<&str>); 5] = [
-    ("arx", Predictor::OneStep, None),
-    ("sp", Predictor::FreeRun, None),
-    (
-        "p",
-        Predictor::FreeRun,
-        Some(
-            "its published figures explain the force by the force itself at the same instant; it cannot be run forward",
-        ),
-    ),
-    ("anfis", Predictor::FreeRun, None),
-    ("fuzzy-tanh", Predictor::FreeRun, None),
+/// Models of the thesis, with what they were given when their figures were made.
+const THESIS: [(&str, Predictor); 5] = [
+    ("arx", Predictor::OneStep),
+    ("sp", Predictor::FreeRun),
+    ("p", Predictor::SameInstant),
+    ("anfis", Predictor::FreeRun),
+    ("fuzzy-tanh", Predictor::FreeRun),
 ];
 
 /// RSSE in newtons and ESR, as published.
@@ -45,8 +38,6 @@ pub struct PublishedRow {
     pub identification: Option<Figures>,
     /// Mean over all other runs (thesis tables 5.1 and 5.2).
     pub cross_validation: Option<Figures>,
-    /// Why the model has no figures here, where that is known beforehand.
-    pub why_not: Option<&'static str>,
 }
 
 /// All published figures.
@@ -63,7 +54,7 @@ impl Published {
         let figures =
             |found: published::Published| Figures { rsse_n: found.rsse_lbf * N_PER_LBF, esr: found.esr };
         let mut rows = Vec::new();
-        for (model, predictor, why_not) in THESIS {
+        for (model, predictor) in THESIS {
             for form in [Form::Passive, Form::SemiActive] {
                 rows.extend(EXPERIMENTS.iter().filter_map(|experiment| {
                     let identification = published::identification(model, form, experiment).map(figures);
@@ -75,7 +66,6 @@ impl Published {
                         experiment: experiment.to_uppercase(),
                         identification,
                         cross_validation,
-                        why_not,
                     })
                 }));
             }
@@ -123,7 +113,7 @@ mod tests {
             thesis.best(&class).expect("a figure")
         };
         assert_eq!(best("arx", Predictor::OneStep).1, 0.0163);
-        assert_eq!(best("p", Predictor::FreeRun), ("RP-ICPS", 0.0723));
+        assert_eq!(best("p", Predictor::SameInstant), ("RP-ICPS", 0.0723));
         assert_eq!(best("sp", Predictor::FreeRun), ("RP-ICPS-L", 0.0771));
         assert_eq!(best("anfis", Predictor::FreeRun), ("RP1-CS", 0.0864));
         assert_eq!(best("fuzzy-tanh", Predictor::FreeRun), ("RP3-CS", 0.0993));

@@ -1,4 +1,4 @@
-//! Tables of a comparison. Figures of one predictor never share a column with those of the other.
+//! Tables of a comparison. Figures of one predictor never share a column with those of another.
 
 use super::super::table::table;
 use super::Outcome;
@@ -12,9 +12,13 @@ use mr_damper_model::units::N_PER_LBF;
 const NONE: &str = "–";
 
 /// The predictors, with a heading each.
-const PREDICTORS: [(Predictor, &str); 2] = [
+const PREDICTORS: [(Predictor, &str); 3] = [
     (Predictor::FreeRun, "Running free: displacement and drive alone"),
     (Predictor::OneStep, "One step ahead of measured force, beside persistence"),
+    (
+        Predictor::SameInstant,
+        "Given the measured force of the same instant: how well a relation holds, no prediction",
+    ),
 ];
 
 fn number(value: Option<f64>, decimals: usize) -> String {

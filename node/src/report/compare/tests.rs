@@ -54,7 +54,6 @@ fn with_outcome(check: impl Fn(&Outcome<'_>)) {
             experiment: "A".to_owned(),
             identification: Some(Figures { rsse_n: 117.7, esr: 0.0801 }),
             cross_validation: Some(Figures { rsse_n: 111.65, esr: 0.0813 }),
-            why_not: None,
         }],
     };
     let wave =
