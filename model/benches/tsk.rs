@@ -21,7 +21,7 @@ fn main() {
 const DRIVE: Option<DriveKind> = Some(DriveKind::CoilCurrent);
 
 /// One force of the thesis' best ANFIS: 27 rules.
-#[divan::bench(sample_count = 1000)]
+#[divan::bench(sample_count = 200, sample_size = 200)]
 fn step_anfis(bencher: Bencher) {
     let ForceModel::Tsk(model) = preset::load(preset::BEST_ANFIS).expect("a preset").force else {
         panic!("no ANFIS")
@@ -31,7 +31,7 @@ fn step_anfis(bencher: Bencher) {
 }
 
 /// One force of 125 rules under triangles.
-#[divan::bench(sample_count = 1000)]
+#[divan::bench(sample_count = 200, sample_size = 200)]
 fn step_tsk_555(bencher: Bencher) {
     let data = [peers::synth(0)];
     let options = TskOptions { epochs: 1, ..TskOptions::default() };

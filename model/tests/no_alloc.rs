@@ -7,7 +7,7 @@ use common::{preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
-use mr_damper_model::preset::{BEST_ARX, BEST_FUZZY_TANH};
+use mr_damper_model::preset::{BEST_ANFIS, BEST_ARX, BEST_FUZZY_TANH};
 use mr_damper_model::sample::{DriveKind, Reading, Stamp};
 use mr_damper_model::units::Metre;
 
@@ -21,7 +21,8 @@ fn the_hot_path_does_not_allocate() {
     slope.conditioning.apply_to = ApplyTo::Output;
     let both =
         Models::alone(preset(BEST_FUZZY_TANH)).with_seeded(preset(BEST_ARX)).expect("both want a current");
-    for models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope)] {
+    let anfis = Models::alone(preset(BEST_ANFIS));
+    for models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope), anfis] {
         let mut pipeline = Pipeline::new(models, Settings::default()).expect("presets run");
         let mut counts = [0_u32; 5];
         assert_no_alloc(|| {
