@@ -118,6 +118,7 @@ mod tests {
             parameters: None,
             identification: Vec::new(),
             cross_validation: Vec::new(),
+            warnings: Vec::new(),
             failure: Some("too little data".to_owned()),
         };
         Line { key: key.to_owned(), seconds: 0.1, cell, model: None }
