@@ -64,7 +64,7 @@ fn semi_active(bencher: Bencher, structure: NetworkStructure) {
     run(bencher, network(structure, true));
 }
 
-#[divan::bench(args = [8, 16, 32])]
+#[divan::bench(args = [8, 12, 16])]
 fn boada(bencher: Bencher, neighbours: usize) {
     let point = |k: usize| {
         let k = k as f64;

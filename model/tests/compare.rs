@@ -37,13 +37,14 @@ fn experiments() -> Vec<Experiment> {
         .map(|name| Experiment {
             name: name.to_owned(),
             replicates: vec![replicate(name, 1), replicate(name, 2)],
+            training: 1,
         })
         .to_vec()
 }
 
 fn all(experiments: &[Experiment]) -> Vec<Finished> {
     let one = |cell: &Cell| run(*cell, experiments, &options(), &Watch::none()).expect("not cancelled").0;
-    cells(&SPECS, experiments.len()).par_iter().map(one).collect()
+    cells(&SPECS, experiments).par_iter().map(one).collect()
 }
 
 #[test]

@@ -167,3 +167,32 @@ fn bad_input_is_said_plainly() {
     let output = compare(absent.path(), &[]);
     assert!(!output.status.success() && text(&output.stderr).contains("runs"));
 }
+
+#[test]
+fn named_runs_train_together_and_are_tested_one_by_one() {
+    let dir = temporary();
+    let run = |name: &str| dir.path().join("runs").join(name).display().to_string();
+    let given = |train: &[&str], test: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
+        command.args(["compare", "--models", "sp,p", "--restarts", "2", "--quiet", "--json"]);
+        command.arg("--train").args(train.iter().map(|name| run(name)));
+        command.arg("--test").args(test.iter().map(|name| run(name)));
+        command.current_dir(dir.path()).output().expect("it runs")
+    };
+    let output = given(&["rp-icps-01.csv", "rp1-cs-01.csv"], &["rp-icps-02.csv", "rp1-cs-02.csv"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let json: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
+    let rows = |key: &str| json[key].as_array().unwrap_or_else(|| panic!("{key} is a list")).clone();
+    // Two models in two forms each; the relation that cannot run has figures of its own kind.
+    assert_eq!(rows("identification").len(), 4);
+    assert!(rows("identification").iter().all(|row| row["experiment"] == "training"));
+    for (row, tested) in rows("cross_validation").iter().zip(["rp-icps-02", "rp1-cs-02"].iter().cycle()) {
+        assert_eq!(row["tested_on"], **tested, "{row:#}");
+        let predictor = if row["model"] == "p" { "same_instant" } else { "free_run" };
+        assert!(row["predictor"] == predictor && row["esr"].as_f64().is_some(), "{row:#}");
+    }
+
+    let twice = given(&["rp-icps-01.csv"], &["rp-icps-01.csv"]);
+    assert_eq!(twice.status.code(), Some(1));
+    assert!(text(&twice.stderr).contains("rp-icps-01.csv is named twice"), "{}", text(&twice.stderr));
+}

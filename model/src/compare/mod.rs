@@ -1,8 +1,8 @@
-//! Comparison of models: each identified on each experiment's first replicate, and tested on all others.
+//! Comparison of models: each identified on an experiment's training runs, and tested on all others.
 //!
 //! ```text
 //! experiment = replicates 1, 2, ...          one conditioning for all: rows are made once and shared by all models
-//! cell       = one model on one experiment:  identify on its first replicate,
+//! cell       = one model on one experiment:  identify on its training runs (mostly the first replicate alone),
 //!                                            score on every other replicate of every experiment (cross-validation)
 //! ```
 //!
@@ -29,14 +29,17 @@ use crate::identify::{self, Dataset, ModelSpec, Options, PhaseOptions, Scores, W
 use crate::metrics::Fit;
 use crate::model::Model;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
-/// Runs of one excitation. The first replicate is for identification.
+/// Runs that belong together: replicates of one excitation, or runs that train a model together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment {
     /// Its name.
     pub name: String,
     /// Its replicates, at least one.
     pub replicates: Vec<Replicate>,
+    /// How many of them, from the first, a model is identified on; none for an experiment that is a test alone.
+    pub training: usize,
 }
 
 /// One run of an experiment.
@@ -130,15 +133,17 @@ pub struct Persistence {
     pub esr: Option<f64>,
 }
 
-/// All cells of `specs` on `experiments`, experiment by experiment.
+/// All cells of `specs` on those of `experiments` that train, experiment by experiment.
 #[must_use]
-pub fn cells(specs: &[ModelSpec], experiments: usize) -> Vec<Cell> {
-    (0..experiments)
+pub fn cells(specs: &[ModelSpec], experiments: &[Experiment]) -> Vec<Cell> {
+    let training = experiments.iter().enumerate().filter(|(_, experiment)| experiment.training > 0);
+    training
+        .map(|(index, _)| index)
         .flat_map(|experiment| specs.iter().map(move |spec| Cell { spec: *spec, experiment }))
         .collect()
 }
 
-/// Does one cell: identifies on the experiment's first replicate, and tests on every other run. The model comes
+/// Does one cell: identifies on the experiment's training runs, and tests on every other run. The model comes
 /// along, where there is one.
 ///
 /// # Errors
@@ -167,14 +172,12 @@ pub fn run(
         phase_cell(cell, experiments, options, watch, &mut finished)?;
         return Ok((finished, None));
     }
-    let found = match experiment.replicates.first() {
-        Some(first) => {
-            identify::identify_datasets(cell.spec, std::slice::from_ref(&first.data), options, watch)
-                .map(|found| (found.model, found.warnings, &first.data))
-        }
-        None => Err(Error::Data { message: format!("experiment {}: has no runs", experiment.name) }),
+    let training = experiment.training_runs();
+    let found = match training.as_ref() {
+        [] => Err(Error::Data { message: format!("experiment {}: has no training runs", experiment.name) }),
+        runs => identify::identify_datasets(cell.spec, runs, options, watch),
     };
-    let (model, warnings, training) = match found {
+    let found = match found {
         Ok(found) => found,
         Err(Error::Cancelled) => return Err(Error::Cancelled),
         Err(error) => {
@@ -182,21 +185,47 @@ pub fn run(
             return Ok((finished, None));
         }
     };
-    finished.warnings = warnings;
+    let model = found.model;
+    finished.warnings = found.warnings;
     finished.parameters = Some(model.force.parameter_count());
-    finished.identification = figures(&model, training, watch)?;
-    for (index, tested) in experiments.iter().enumerate() {
-        for (place, replicate) in tested.replicates.iter().enumerate() {
-            if (index, place) != (cell.experiment, 0) {
-                finished.cross_validation.push(Test {
-                    tested_on: tested.name.clone(),
-                    replicate: replicate.number,
-                    figures: figures(&model, &replicate.data, watch)?,
-                });
-            }
-        }
+    let scores = Scores {
+        free_run: found.free_run,
+        free_run_without_offset: found.free_run,
+        diverged: found.free_run.is_none(),
+        one_step: found.one_step,
+    };
+    finished.identification = figures(&model, Ok(scores));
+    for (tested, replicate) in tests(cell, experiments) {
+        let scored = match identify::score(&model.force, &replicate.data, watch) {
+            Err(Error::Cancelled) => return Err(Error::Cancelled),
+            scored => scored,
+        };
+        finished.cross_validation.push(Test {
+            tested_on: tested.name.clone(),
+            replicate: replicate.number,
+            figures: figures(&model, scored),
+        });
     }
     Ok((finished, Some(model)))
+}
+
+impl Experiment {
+    /// The training runs, beside each other as a fit takes them.
+    fn training_runs(&self) -> Cow<'_, [Dataset]> {
+        let runs = &self.replicates[..self.training.min(self.replicates.len())];
+        match runs {
+            [one] => Cow::Borrowed(std::slice::from_ref(&one.data)),
+            several => several.iter().map(|replicate| replicate.data.clone()).collect(),
+        }
+    }
+}
+
+/// All runs that the cell's model is not identified on, with their experiments.
+fn tests(cell: Cell, experiments: &[Experiment]) -> impl Iterator<Item = (&Experiment, &Replicate)> {
+    experiments.iter().enumerate().flat_map(move |(index, experiment)| {
+        let skipped = if index == cell.experiment { experiment.training } else { 0 };
+        experiment.replicates.iter().skip(skipped).map(move |replicate| (experiment, replicate))
+    })
 }
 
 /// Does a cell of the phase-transition relation, which makes no model: its figures say how well it holds.
@@ -207,20 +236,21 @@ fn phase_cell(
     watch: &Watch,
     finished: &mut Finished,
 ) -> Result<(), Error> {
-    let Some(first) = experiments[cell.experiment].replicates.first() else {
-        finished.failure = Some(format!("experiment {}: has no runs", finished.trained_on));
+    let training = experiments[cell.experiment].training_runs();
+    let Some(first) = training.first() else {
+        finished.failure = Some(format!("experiment {}: has no training runs", finished.trained_on));
         return Ok(());
     };
-    let drive = if cell.spec.wants_drive() { first.data.drive } else { None };
+    let drive = if cell.spec.wants_drive() { first.drive } else { None };
     let settings = PhaseOptions { drive, degree: options.degree, ..PhaseOptions::default() };
     let missing = cell.spec.wants_drive() && drive.is_none();
     let found = match missing {
         true => Err(Error::MissingChannel {
-            run: first.data.name.clone(),
+            run: first.name.clone(),
             channel: "current_a or command_v",
             needed_by: "the semi-active form of p".to_owned(),
         }),
-        false => identify::identify_phase(std::slice::from_ref(&first.data), &settings, watch),
+        false => identify::identify_phase(&training, &settings, watch),
     };
     let found = match found {
         Ok(found) => found,
@@ -238,25 +268,20 @@ fn phase_cell(
     };
     finished.parameters = Some(found.phase.parameter_count());
     finished.identification = vec![figure(Some(found.same_instant), None)];
-    for (index, tested) in experiments.iter().enumerate() {
-        for (place, replicate) in tested.replicates.iter().enumerate() {
-            if (index, place) == (cell.experiment, 0) {
-                continue;
-            }
-            if watch.is_cancelled() {
-                return Err(Error::Cancelled);
-            }
-            let figure = match identify::score_phase(&found.phase, &replicate.data, &settings) {
-                Ok(Some(fit)) => figure(Some(fit), None),
-                Ok(None) => figure(None, Some("no force to either side of any row that counts".to_owned())),
-                Err(error) => figure(None, Some(error.to_string())),
-            };
-            finished.cross_validation.push(Test {
-                tested_on: tested.name.clone(),
-                replicate: replicate.number,
-                figures: vec![figure],
-            });
+    for (tested, replicate) in tests(cell, experiments) {
+        if watch.is_cancelled() {
+            return Err(Error::Cancelled);
         }
+        let figure = match identify::score_phase(&found.phase, &replicate.data, &settings) {
+            Ok(Some(fit)) => figure(Some(fit), None),
+            Ok(None) => figure(None, Some("no force to either side of any row that counts".to_owned())),
+            Err(error) => figure(None, Some(error.to_string())),
+        };
+        finished.cross_validation.push(Test {
+            tested_on: tested.name.clone(),
+            replicate: replicate.number,
+            figures: vec![figure],
+        });
     }
     Ok(())
 }
@@ -276,13 +301,9 @@ pub fn persistence(experiments: &[Experiment]) -> Vec<Persistence> {
     experiments.iter().flat_map(|e| e.replicates.iter().map(move |r| one(e, r))).collect()
 }
 
-/// What `model` makes of `dataset`, each way in which it can be used.
-fn figures(model: &Model, dataset: &Dataset, watch: &Watch) -> Result<Vec<Figure>, Error> {
+/// Figures from the scores of `model`, for each way in which it can be used.
+fn figures(model: &Model, scored: Result<Scores, Error>) -> Vec<Figure> {
     let feeds_on_force = model.force.force_fed_period().is_some();
-    let scored = match identify::score(&model.force, dataset, watch) {
-        Err(Error::Cancelled) => return Err(Error::Cancelled),
-        scored => scored,
-    };
     let figure = |predictor, pick: fn(&Scores) -> Option<Fit>| match &scored {
         Ok(scores) => {
             let fit = pick(scores);
@@ -301,5 +322,5 @@ fn figures(model: &Model, dataset: &Dataset, watch: &Watch) -> Result<Vec<Figure
     if feeds_on_force {
         figures.push(figure(Predictor::OneStep, |scores| scores.one_step));
     }
-    Ok(figures)
+    figures
 }

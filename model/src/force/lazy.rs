@@ -30,7 +30,7 @@ use crate::sample::DriveKind;
 /// The most points of a memory.
 pub const MAX_POINTS: usize = 256;
 /// The most points of a local regression.
-pub const MAX_NEIGHBOURS: usize = 32;
+pub const MAX_NEIGHBOURS: usize = 16;
 /// The least points of a local regression: one more than it has coefficients.
 pub const MIN_NEIGHBOURS: usize = 5;
 
@@ -97,10 +97,10 @@ impl Lazy {
                 scale,
             )?;
         }
-        Error::check("neighbours[0]", neighbours[0] as f64, "5 to 32", |k| {
+        Error::check("neighbours[0]", neighbours[0] as f64, "5 to 16", |k| {
             (MIN_NEIGHBOURS as f64..=MAX_NEIGHBOURS as f64).contains(&k)
         })?;
-        Error::check("neighbours[1]", neighbours[1] as f64, "at least neighbours[0], at most 32", |k| {
+        Error::check("neighbours[1]", neighbours[1] as f64, "at least neighbours[0], at most 16", |k| {
             (neighbours[0] as f64..=MAX_NEIGHBOURS as f64).contains(&k)
         })?;
         if !(neighbours[1]..=MAX_POINTS).contains(&points.len()) {
@@ -354,10 +354,10 @@ mod tests {
     #[test]
     fn a_plane_is_met_and_the_passive_form_is_blind_to_drive() {
         let plane = |x: f64, v: f64, i: f64| 3000.0 * x + 700.0 * v + 90.0 * i + 5.0;
-        let model = Lazy::new(metric(true), [6, 20], &memory(1, plane), 40.0).expect("a model");
+        let model = Lazy::new(metric(true), [6, 14], &memory(1, plane), 40.0).expect("a model");
         let found = model.force_n(0.004, -0.12, 0.3);
         assert!((found - plane(0.004, -0.12, 0.3) - 40.0).abs() < 0.1, "{found}");
-        let passive = Lazy::new(metric(false), [6, 20], &memory(1, |x, v, _| plane(x, v, 0.0)), 40.0);
+        let passive = Lazy::new(metric(false), [6, 14], &memory(1, |x, v, _| plane(x, v, 0.0)), 40.0);
         let passive = passive.expect("a model");
         let found = passive.force_n(0.004, -0.12, f64::NAN);
         assert!((found - plane(0.004, -0.12, 0.0) - 40.0).abs() < 0.1, "{found}");
@@ -370,13 +370,13 @@ mod tests {
         let refused = |metric, neighbours, points: &[LazyPoint]| {
             Lazy::new(metric, neighbours, points, 0.0).expect_err("refused").to_string()
         };
-        assert!(refused(metric(true), [4, 20], &points).contains("neighbours[0] is 4"));
+        assert!(refused(metric(true), [4, 14], &points).contains("neighbours[0] is 4"));
         assert!(refused(metric(true), [8, 7], &points).contains("neighbours[1] is 7"));
-        assert!(refused(metric(true), [8, 20], &points[..19]).contains("the memory has 19 values"));
+        assert!(refused(metric(true), [8, 15], &points[..14]).contains("the memory has 14 values"));
         let flat = LazyMetric { velocity_scale_m_s: 0.0, ..metric(true) };
-        assert!(refused(flat, [8, 20], &points).contains("velocity_scale_m_s is 0"));
+        assert!(refused(flat, [8, 15], &points).contains("velocity_scale_m_s is 0"));
         let broken = [LazyPoint { force_n: f64::NAN, ..points[0] }; 30];
-        assert!(refused(metric(true), [8, 20], &broken).contains("points: force_n[0] is NaN"));
+        assert!(refused(metric(true), [8, 15], &broken).contains("points: force_n[0] is NaN"));
     }
 
     proptest! {
@@ -386,7 +386,7 @@ mod tests {
             if same {
                 points = vec![points[0]; 40];
             }
-            let model = Lazy::new(metric(true), [5, 32], &points, 0.0).expect("a model");
+            let model = Lazy::new(metric(true), [5, 16], &points, 0.0).expect("a model");
             prop_assert!(model.force_n(x, v, i).is_finite());
         }
 

@@ -31,7 +31,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const DISPLACEMENT_WEIGHTS: [f64; 3] = [0.15, 0.4, 1.0];
 const DRIVE_WEIGHTS: [f64; 3] = [0.5, 1.0, 2.0];
 /// Ranges of neighbours.
-const NEIGHBOURS: [[usize; 2]; 5] = [[5, 8], [6, 12], [8, 16], [8, 32], [16, 32]];
+const NEIGHBOURS: [[usize; 2]; 3] = [[5, 8], [6, 12], [8, 16]];
 /// Rows of a stretch of which every fifth is held back.
 const STRETCH: usize = 512;
 /// Rows that a point is the mean of, at least on average; fewer rows make fewer points.
@@ -181,7 +181,7 @@ fn choose(
         these.into_iter().step_by(every).collect::<Vec<_>>()
     };
     let (training, test) = (thinned(false, GRID_ROWS[0]), thinned(true, GRID_ROWS[1]));
-    let count = MAX_POINTS.min(training.len() / ROWS_PER_POINT).max(NEIGHBOURS[4][1]);
+    let count = MAX_POINTS.min(training.len() / ROWS_PER_POINT).max(NEIGHBOURS[NEIGHBOURS.len() - 1][1]);
     let metrics = deviations.metrics();
     let done = AtomicUsize::new(0);
     let of = metrics.len() as u32;

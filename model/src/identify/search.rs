@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Rows that restarts work on.
 const RESTART_ROWS: usize = 8192;
-/// Restarts that are finished on all rows.
+/// Restarts that are finished on all rows, of a model without memory.
 const POLISHED: usize = 3;
 /// Restarts when conditionings are compared.
 const SCOUTS: u32 = 4;
@@ -86,10 +86,15 @@ pub(super) fn search<S: Sought>(
         _ => RowProblem::new(datasets, sought.clone(), watch.flag()),
     };
     let bounds = sought.bounds();
-    let stop = Stop::default();
+    // What a row costs decides how many candidates are finished, and how finely.
+    let (polished, stop) = if sought.has_memory() {
+        (1, Stop { evaluations: 60, cost: 1e-8, step: 1e-8 })
+    } else {
+        (POLISHED, Stop::default())
+    };
     let mut best: Option<Minimum> = None;
-    let candidates = outcomes.len().min(POLISHED);
-    for (index, outcome) in outcomes.iter().take(POLISHED).enumerate() {
+    let candidates = outcomes.len().min(polished);
+    for (index, outcome) in outcomes.iter().take(polished).enumerate() {
         watch.report(Progress::Polish { done: index as u32, of: candidates as u32 });
         let minimum = minimise(&problem, &outcome.parameters, &bounds, &stop).ok_or(Error::Cancelled)?;
         if minimum.cost.is_finite() && best.as_ref().is_none_or(|best| minimum.cost < best.cost) {

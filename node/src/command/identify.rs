@@ -1,15 +1,15 @@
 //! `mr-damper identify`: a model from recorded runs.
 
 use crate::command::Surroundings;
+use crate::command::conditioning::{FilterArg, VelocityArg, velocity_text};
 use crate::command::output;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::report::identify::SteppedRun;
 use crate::report::{self, Recording};
-use clap::ValueEnum;
 use clap::builder::PossibleValuesParser;
 use indicatif::{ProgressBar, ProgressStyle};
-use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
+use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
     DatasetOptions, Form, GivenMemberships, Identified, Loss, ModelSpec, Options, ParameterValue, Progress,
@@ -73,9 +73,10 @@ pub struct Args {
     /// Corner of the low-pass, Hz.
     #[arg(long, value_name = "HZ", default_value_t = 20.0)]
     pub cutoff: f64,
-    /// Where velocity comes from.
-    #[arg(long, value_enum, default_value_t = VelocityArg::Auto)]
-    pub velocity: VelocityArg,
+    /// Where velocity comes from; by default the difference or slope that fits the runs best, and for models that
+    /// feed on force the backward difference.
+    #[arg(long, value_enum)]
+    pub velocity: Option<VelocityArg>,
     /// Window of the slope when --velocity is slope, s.
     #[arg(long, value_name = "S", default_value_t = 0.01)]
     pub slope_window: f64,
@@ -99,30 +100,6 @@ pub struct Args {
 /// Names of all models that can be identified.
 fn names() -> Vec<&'static str> {
     Structure::all().into_iter().map(Structure::name).collect()
-}
-
-/// Where the low-pass sits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum FilterArg {
-    /// On displacement.
-    Inputs,
-    /// On the model's force and the force it is compared with.
-    Output,
-    /// Nowhere.
-    None,
-}
-
-/// Where velocity comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum VelocityArg {
-    /// For fuzzy-tanh the difference or slope that fits the runs best; for ARX the backward difference.
-    Auto,
-    /// Backward difference of displacement.
-    Backward,
-    /// Least-squares slope over a trailing window.
-    Slope,
-    /// The runs' own velocity.
-    Measured,
 }
 
 #[derive(Debug, Serialize)]
@@ -223,12 +200,12 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         seed: args.seed,
         seconds,
         rank: found.rank,
-        velocity: velocity(found.model.conditioning.velocity, found.model.conditioning.slope_window_s),
+        velocity: velocity_text(found.model.conditioning.velocity, found.model.conditioning.slope_window_s),
         velocity_trials: found
             .velocity_trials
             .iter()
             .map(|trial| VelocityReport {
-                velocity: velocity(trial.velocity, trial.slope_window_s),
+                velocity: velocity_text(trial.velocity, trial.slope_window_s),
                 mean_esr: trial.mean_esr,
             })
             .collect(),
@@ -264,20 +241,12 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Result<Identified, NodeError> {
     let options = Options {
         conditioning: Conditioning {
-            apply_to: match args.filter {
-                FilterArg::Inputs => ApplyTo::Inputs,
-                FilterArg::Output => ApplyTo::Output,
-                FilterArg::None => ApplyTo::None,
-            },
+            apply_to: args.filter.into(),
             cutoff_hz: args.cutoff,
-            velocity: match args.velocity {
-                VelocityArg::Auto | VelocityArg::Backward => VelocitySource::Backward,
-                VelocityArg::Slope => VelocitySource::Slope,
-                VelocityArg::Measured => VelocitySource::Measured,
-            },
+            velocity: args.velocity.map_or(VelocitySource::Backward, VelocitySource::from),
             slope_window_s: args.slope_window,
         },
-        choose_velocity: args.velocity == VelocityArg::Auto,
+        choose_velocity: args.velocity.is_none(),
         dataset: DatasetOptions {
             moving_only: !args.all_samples,
             rate_hz: args.rate,
@@ -364,15 +333,6 @@ fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Op
         validation_free_run: validation.and_then(|v| v.free_run),
         validation_one_step: validation.and_then(|v| v.one_step),
         persistence: found.persistence,
-    }
-}
-
-/// A derivative in words.
-fn velocity(source: VelocitySource, slope_window_s: f64) -> String {
-    match source {
-        VelocitySource::Backward => "backward difference".to_owned(),
-        VelocitySource::Slope => format!("slope over {slope_window_s} s"),
-        VelocitySource::Measured => "measured".to_owned(),
     }
 }
 

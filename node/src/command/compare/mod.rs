@@ -8,14 +8,14 @@ mod tables;
 mod work;
 
 use crate::command::Surroundings;
-use crate::command::identify::FilterArg;
+use crate::command::conditioning::{FilterArg, VelocityArg};
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::report::compare::published::Published;
 use clap::builder::PossibleValuesParser;
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::compare::{self, Cell, Experiment, Summary};
-use mr_damper_model::condition::{ApplyTo, Conditioning};
+use mr_damper_model::condition::Conditioning;
 use mr_damper_model::identify::{DatasetOptions, Form, ModelSpec, Options, Structure, Watch};
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use runs::{Planned, Source};
@@ -35,8 +35,14 @@ use work::in_parallel;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Folder with runs.
-    #[arg(value_name = "RUNS_DIR")]
-    pub runs: PathBuf,
+    #[arg(value_name = "RUNS_DIR", required_unless_present = "train")]
+    pub runs: Option<PathBuf>,
+    /// In place of a folder: runs that each model is identified on, all together.
+    #[arg(long, value_name = "RUN", num_args = 1.., conflicts_with_all = ["runs", "experiments"], requires = "test")]
+    pub train: Vec<PathBuf>,
+    /// Runs that it is tested on.
+    #[arg(long, value_name = "RUN", num_args = 1.., requires = "train")]
+    pub test: Vec<PathBuf>,
     /// Models to compare; by default all.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = PossibleValuesParser::new(names()))]
     pub models: Vec<String>,
@@ -64,6 +70,12 @@ pub struct Args {
     /// Corner of the low-pass, Hz.
     #[arg(long, value_name = "HZ", default_value_t = 20.0)]
     pub cutoff: f64,
+    /// Where velocity comes from, for all models alike.
+    #[arg(long, value_enum, default_value_t = VelocityArg::Backward)]
+    pub velocity: VelocityArg,
+    /// Window of the slope when --velocity is slope, s.
+    #[arg(long, value_name = "S", default_value_t = 0.01)]
+    pub slope_window: f64,
     /// Thin runs to this rate first, Hz.
     #[arg(long, value_name = "HZ")]
     pub rate: Option<f64>,
@@ -149,16 +161,16 @@ fn state_path(args: &Args) -> PathBuf {
 
 fn prepare(args: &Args, around: &Surroundings) -> Result<Work, NodeError> {
     let specs = specs(args)?;
-    let planned = chosen(runs::discover(&args.runs)?, &args.experiments)?;
+    let planned = match &args.runs {
+        Some(dir) => chosen(runs::discover(dir)?, &args.experiments)?,
+        None => runs::given(&args.train, &args.test)?,
+    };
     let options = Options {
         conditioning: Conditioning {
-            apply_to: match args.filter {
-                FilterArg::Inputs => ApplyTo::Inputs,
-                FilterArg::Output => ApplyTo::Output,
-                FilterArg::None => ApplyTo::None,
-            },
+            apply_to: args.filter.into(),
             cutoff_hz: args.cutoff,
-            ..Conditioning::THESIS
+            velocity: args.velocity.into(),
+            slope_window_s: args.slope_window,
         },
         choose_velocity: false,
         dataset: DatasetOptions {
@@ -230,7 +242,7 @@ fn bar(around: &Surroundings, length: usize, template: &str) -> ProgressBar {
 
 /// Does all cells, or takes them from `state`; in the order of [`compare::cells`].
 fn do_cells(work: &Work, state: &State, around: &Surroundings) -> Result<Vec<Line>, NodeError> {
-    let cells = compare::cells(&work.specs, work.experiments.len());
+    let cells = compare::cells(&work.specs, &work.experiments);
     let ground = Ground::new(&work.options, &work.sources);
     let keys: Vec<String> =
         cells.iter().map(|cell| ground.key(cell.spec, &work.experiments[cell.experiment].name)).collect();

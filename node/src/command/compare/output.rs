@@ -2,6 +2,7 @@
 
 use super::state::Line;
 use super::{Args, Work, pictures, tables};
+use crate::command::conditioning::velocity_text;
 use crate::command::output;
 use crate::error::NodeError;
 use crate::report::compare::published::Published;
@@ -159,12 +160,20 @@ fn outcome<'a>(
         facts: vec![
             fact("experiments", work.experiments.iter().map(runs).collect::<Vec<_>>().join(", ")),
             fact("rows", format!("{rows} in all")),
-            fact("folder", args.runs.display().to_string()),
+            fact(
+                "runs",
+                match &args.runs {
+                    Some(dir) => dir.display().to_string(),
+                    None => format!("{} train together, {} test", args.train.len(), args.test.len()),
+                },
+            ),
             fact(
                 "filter",
                 format!(
-                    "{:?} at {} Hz, velocity by backward difference",
-                    conditioning.apply_to, conditioning.cutoff_hz
+                    "{:?} at {} Hz, velocity by {}",
+                    conditioning.apply_to,
+                    conditioning.cutoff_hz,
+                    velocity_text(conditioning.velocity, conditioning.slope_window_s)
                 )
                 .to_lowercase(),
             ),

@@ -8,7 +8,7 @@ use mr_damper_model::compare::{Experiment, Replicate};
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::identify::{Dataset, DatasetOptions};
 use mr_damper_model::rig;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -22,6 +22,8 @@ pub(super) struct Planned {
     pub(super) name: String,
     /// Number and path of each replicate.
     pub(super) replicates: Vec<(u32, PathBuf)>,
+    /// How many of them, from the first, train.
+    pub(super) training: usize,
 }
 
 /// A run with what it was read from.
@@ -69,6 +71,31 @@ pub(super) fn discover(dir: &Path) -> Result<Vec<Planned>, NodeError> {
     Ok(planned)
 }
 
+/// One experiment of all of `train`, and one for each of `test`.
+///
+/// # Errors
+/// When a run is on both sides, or twice on one.
+pub(super) fn given(train: &[PathBuf], test: &[PathBuf]) -> Result<Vec<Planned>, NodeError> {
+    let mut seen = BTreeSet::new();
+    for path in train.iter().chain(test) {
+        let whole = path.canonicalize().map_err(NodeError::io(format!("opening {}", path.display())))?;
+        if !seen.insert(whole) {
+            return Err(NodeError::Failed(format!(
+                "{} is named twice: a run either trains or tests, once",
+                path.display()
+            )));
+        }
+    }
+    let training = Planned {
+        name: "training".to_owned(),
+        replicates: (1..).zip(train.iter().cloned()).collect(),
+        training: train.len(),
+    };
+    let alone =
+        |path: &PathBuf| Planned { name: stem(path), replicates: vec![(1, path.clone())], training: 0 };
+    Ok(std::iter::once(training).chain(test.iter().map(alone)).collect())
+}
+
 fn plan(dir: &Path, name: &str, runs: Vec<(Option<u32>, PathBuf)>) -> Result<Planned, NodeError> {
     // Without a number in every name, the order of names numbers them.
     let numbered = runs.iter().all(|(number, _)| number.is_some());
@@ -89,7 +116,7 @@ fn plan(dir: &Path, name: &str, runs: Vec<(Option<u32>, PathBuf)>) -> Result<Pla
         });
     }
     let known = rig::Experiment::names().find(|known| known.eq_ignore_ascii_case(name));
-    Ok(Planned { name: known.unwrap_or(name).to_owned(), replicates })
+    Ok(Planned { name: known.unwrap_or(name).to_owned(), replicates, training: 1 })
 }
 
 /// What a folder holds, by name, but for hidden files.
@@ -140,15 +167,16 @@ pub(super) fn load(
     threads: usize,
     (cancel, done): (&AtomicBool, &(dyn Fn() + Sync)),
 ) -> Result<(Vec<Experiment>, Vec<Source>), NodeError> {
-    let files: Vec<(&str, u32, &Path)> = planned
-        .iter()
-        .flat_map(|p| p.replicates.iter().map(|(number, path)| (p.name.as_str(), *number, path.as_path())))
-        .collect();
+    let of = |(place, p): (usize, &'_ Planned)| {
+        let runs = p.replicates.iter();
+        runs.map(|(number, path)| (place, p.name.clone(), *number, path.clone())).collect::<Vec<_>>()
+    };
+    let files: Vec<(usize, String, u32, PathBuf)> = planned.iter().enumerate().flat_map(of).collect();
     let rows = in_parallel(files.len(), threads, |index| -> Result<(Dataset, String), NodeError> {
         if cancel.load(Ordering::Relaxed) {
             return Err(NodeError::Interrupted);
         }
-        let path = files[index].2;
+        let path = &files[index].3;
         let loaded = run::load(path, &read.options())?;
         for note in &loaded.notes {
             // Slow channels leave cells empty in every run of a rig: forty such lines would hide the others.
@@ -163,15 +191,14 @@ pub(super) fn load(
         done();
         Ok((data, loaded.sha256_hex()))
     });
-    let (mut experiments, mut sources): (Vec<Experiment>, Vec<Source>) = (Vec::new(), Vec::new());
-    for ((name, number, _), found) in files.iter().zip(rows) {
+    let empty =
+        |p: &Planned| Experiment { name: p.name.clone(), replicates: Vec::new(), training: p.training };
+    let mut experiments: Vec<Experiment> = planned.iter().map(empty).collect();
+    let mut sources = Vec::new();
+    for ((place, name, number, _), found) in files.iter().zip(rows) {
         let (data, sha256) = found?;
-        let replicate = Replicate { number: *number, data };
-        match experiments.last_mut().filter(|last| last.name == *name) {
-            Some(last) => last.replicates.push(replicate),
-            None => experiments.push(Experiment { name: (*name).to_owned(), replicates: vec![replicate] }),
-        }
-        sources.push(Source { experiment: (*name).to_owned(), replicate: *number, sha256 });
+        experiments[*place].replicates.push(Replicate { number: *number, data });
+        sources.push(Source { experiment: name.clone(), replicate: *number, sha256 });
     }
     Ok((experiments, sources))
 }
