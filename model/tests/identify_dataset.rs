@@ -130,3 +130,25 @@ fn only_the_moving_part_counts() {
         set(DatasetOptions { rate_hz: Some(250.0), moving_only: false, ..DatasetOptions::default() });
     assert_eq!((thinned.counted(), thinned.rate_hz.round()), (1998, 250.0));
 }
+
+#[test]
+fn stretches_are_whole_segments_from_all_over_the_run() {
+    let trace = |f: fn(f64) -> f64| Trace {
+        stamps: (0..20_000).map(|k| Stamp::from_nanos(k * 1_000_000)).collect(),
+        values: (0..20_000).map(|k| f(f64::from(k) * 1e-3)).collect(),
+    };
+    let run = Run {
+        name: "long".to_owned(),
+        displacement_m: trace(|t| 0.01 * (6.0 * t).sin()),
+        force_n: Some(trace(|t| 100.0 * (6.0 * t).cos())),
+        ..Run::default()
+    };
+    let all = Dataset::from_run(&run, &Conditioning::default(), &DatasetOptions::default()).expect("rows");
+    let some = all.stretches(4);
+    let starts = some.rows.iter().filter(|row| row.dt_s.is_none()).count();
+    assert_eq!((some.rows.len(), starts), (5 * 1024, 5), "one stretch of 1024 rows from each 4096");
+    assert!(some.rows.windows(2).all(|pair| pair[0].stamp < pair[1].stamp));
+    let last = some.rows[some.rows.len() - 1].stamp.nanos();
+    assert!(last > 18_000_000_000, "the end of the run has its say: {last}");
+    assert_eq!(all.stretches(1).rows.len(), all.rows.len());
+}

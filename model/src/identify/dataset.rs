@@ -14,6 +14,8 @@ use crate::sample::{DriveKind, Reading, Run, Stamp, Trace};
 const MOVING_SHARE: f64 = 0.05;
 /// Time before and after a moving sample that counts as moving, s.
 const MOVING_MARGIN_S: f64 = 0.1;
+/// Rows of a stretch that is taken whole.
+const STRETCH: usize = 1024;
 /// Reach of the central difference that speed is judged by, to either side, s.
 const SPEED_REACH_S: f64 = 0.01;
 /// Departure of a run's rate from a whole multiple of the asked one up to which it is thinned, relative.
@@ -134,6 +136,24 @@ impl Dataset {
             rows,
             envelope,
         })
+    }
+
+    /// About one in `every` of the rows, in whole stretches from all over the run, each a segment of its own: what
+    /// a model learns from that needs rows in sequence, when the run is longer than it can use.
+    #[must_use]
+    pub fn stretches(&self, every: usize) -> Self {
+        let mut rows = Vec::with_capacity(self.rows.len() / every.max(1) + STRETCH);
+        for group in self.rows.chunks(STRETCH * every.max(1)) {
+            let from = (group.len() - group.len().min(STRETCH)) / 2;
+            let first = rows.len();
+            rows.extend_from_slice(&group[from..(from + STRETCH).min(group.len())]);
+            rows[first].dt_s = None;
+        }
+        Self { rows, ..self.clone_without_rows() }
+    }
+
+    fn clone_without_rows(&self) -> Self {
+        Self { name: self.name.clone(), rows: Vec::new(), ..*self }
     }
 
     /// Number of rows that count.

@@ -72,6 +72,7 @@ use crate::force::{Dependence, ForceModel, LAGS, Law, SAVARESI_LAGS};
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::{DriveKind, Run};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Membership centres and width, when they are given rather than taken from the data.
@@ -101,8 +102,8 @@ pub struct Options {
     pub degree: usize,
     /// What of the residuals is minimised.
     pub loss: Loss,
-    /// Most rows that a nonlinear fit is finished on; beyond it a sample of about that many is taken. `None`:
-    /// all rows, however many.
+    /// Most rows that a nonlinear fit is finished on, and that networks and rules learn from; beyond it a sample of
+    /// about that many is taken. `None`: all rows, however many.
     pub most_rows: Option<usize>,
     /// Restarts of a nonlinear fit; at least one is made.
     pub restarts: u32,
@@ -271,6 +272,8 @@ fn fit(
     options: &Options,
     watch: &Watch,
 ) -> Result<Identified, Error> {
+    let all = datasets;
+    let datasets = &*shortened(spec, all, options);
     let found = match (spec.structure(), drive) {
         (Structure::Phase, _) => return Err(cannot_run()),
         (Structure::FuzzyTanh, Some(kind)) => {
@@ -332,8 +335,22 @@ fn fit(
         }
     };
     let (force, offsets_n, details) = found;
-    let model = model(force, datasets[0].conditioning, datasets);
-    Ok(report::assemble(model, datasets, &offsets_n, details))
+    let model = model(force, all[0].conditioning, all);
+    Ok(report::assemble(model, all, &offsets_n, details))
+}
+
+/// The datasets that a model learns from: stretches of them where `most_rows` asks for fewer rows. Linear
+/// regressions take all rows, and searches draw samples of their own.
+fn shortened<'a>(spec: ModelSpec, datasets: &'a [Dataset], options: &Options) -> Cow<'a, [Dataset]> {
+    let learns = matches!(spec.structure(), Structure::Tsk(_) | Structure::Boada | Structure::Network(_));
+    let rows: usize = datasets.iter().map(Dataset::counted).sum();
+    match options.most_rows.filter(|most| learns && rows > *most) {
+        Some(most) => {
+            let every = rows.div_ceil(most.max(1));
+            datasets.iter().map(|dataset| dataset.stretches(every)).collect()
+        }
+        None => Cow::Borrowed(datasets),
+    }
 }
 
 /// Why P makes no model.
