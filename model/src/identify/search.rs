@@ -132,7 +132,7 @@ fn explore<'a, S: Sought>(
     seed: u64,
     watch: &'a Watch,
 ) -> Result<(RowProblem<'a, S>, Vec<Minimum>), Error> {
-    let rows = if sought.has_memory() { RESTART_ROWS / 2 } else { RESTART_ROWS };
+    let rows = if sought.has_memory() { RESTART_ROWS / 4 } else { RESTART_ROWS };
     let sample = RowProblem::sample(datasets, sought.clone(), rows, seed, watch.flag());
     let bounds = sought.bounds();
     let done = AtomicUsize::new(0);
