@@ -141,7 +141,7 @@ fn hubers_loss_is_not_led_astray() {
 
 #[test]
 fn a_degree_that_the_levels_do_not_carry_is_lowered_and_said() {
-    let two = |t: f64| if (t / 0.3) as usize % 2 == 0 { 0.0 } else { 1.0 };
+    let two = |t: f64| [0.0, 1.0][(t / 0.3) as usize % 2];
     let truth = model(Law::Sp, Form::SemiActive);
     let mut made = made_by(truth, 5, |_| 0.0);
     let (_, drive) = made.drive.as_mut().expect("made");
