@@ -95,7 +95,7 @@ fn lazies() -> Vec<ForceModel> {
             .map(|k| LazyPoint { drive: drive.map_or(0.0, |_| f64::from(k % 5) * 0.4), ..point(k) })
             .collect();
         let metric = LazyMetric { displacement_scale_m: 0.01, velocity_scale_m_s: 0.1, drive_scale };
-        ForceModel::Lazy(Lazy::new(metric, [6, 24], &points, 12.5).expect("a model"))
+        ForceModel::Lazy(Lazy::new(metric, [6, 14], &points, 12.5).expect("a model"))
     };
     vec![of(None), of(Some(DriveKind::CoilCurrent)), of(Some(DriveKind::CommandVoltage))]
 }
@@ -125,7 +125,7 @@ fn a_broken_network_or_memory_is_refused_by_name() {
         (&network, "hidden_weights = [[", "hidden_weights = [[0.0, ", "hidden_weights[0] has 21 values"),
         (&network, "current_mean_a", "voltage_mean_v", "current_mean_a and current_deviation_a"),
         (&network, "drive = \"current_a\"\n", "", "drive is absent"),
-        (&lazy, "neighbours = [6, 24]", "neighbours = [6, 60]", "neighbours[1] is 60"),
+        (&lazy, "neighbours = [6, 14]", "neighbours = [6, 60]", "neighbours[1] is 60"),
         (&lazy, "points_force_n = [", "points_force_n = [0.0, ", "points_force_n has 41 values"),
         (&lazy, "current_scale_a", "voltage_scale_v", "current_scale_a and points_current_a"),
     ] {
