@@ -2,7 +2,7 @@
 //!
 //! Figures of different predictors are not comparable: `arx` is one step ahead of measured force, `p`
 //! explains force by itself at the same instant, and `sp`, `anfis` and `fuzzy-tanh` run free. Names of models
-//! are those of the contract; experiments as in [`EXPERIMENTS`](super::EXPERIMENTS), in either case.
+//! are those of the contract; experiments as in [`EXPERIMENTS`], in either case.
 //!
 //! Kept as printed. Where two figures of the source contradict each other, [`Published::doubt`] says which
 //! digit is probably wrong.
