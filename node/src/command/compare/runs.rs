@@ -3,7 +3,6 @@
 use super::work::in_parallel;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
-use crate::run::{self, Note};
 use mr_damper_model::compare::{Experiment, Replicate};
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::identify::{Dataset, DatasetOptions};
@@ -177,15 +176,7 @@ pub(super) fn load(
             return Err(NodeError::Interrupted);
         }
         let path = &files[index].3;
-        let loaded = run::load(path, &read.options())?;
-        for note in &loaded.notes {
-            // Slow channels leave cells empty in every run of a rig: forty such lines would hide the others.
-            if matches!(note, Note::EmptyCells { .. }) {
-                tracing::debug!(run = %path.display(), "{note}");
-            } else {
-                tracing::warn!(run = %path.display(), "{note}");
-            }
-        }
+        let loaded = read.load(path)?;
         let mut data = Dataset::from_run(&loaded.run, conditioning, options)?;
         data.rows.shrink_to_fit();
         done();

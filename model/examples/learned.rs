@@ -1,8 +1,8 @@
-//! Identifies the networks from one made-up run, and shows how they run on another: free, one step ahead, and what
-//! persistence (the force stays what it was) would give.
+//! Identifies the models that learn from data alone (networks, lazy learning) from one made-up run, and shows how
+//! they run on another: free, one step ahead, and what persistence (the force stays what it was) would give.
 //!
 //! ```text
-//! cargo run --release -p mr-damper-model --example network
+//! cargo run --release -p mr-damper-model --example learned
 //! ```
 
 use mr_damper_model::condition::Conditioning;
@@ -18,13 +18,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let [training, test] =
         [1, 2].map(|seed| record(&experiment, &Plant::default(), &Channels::default(), seed));
     let options = Options { conditioning: Conditioning::THESIS, ..Options::default() };
-    for name in ["wang-liao", "chen"] {
+    for name in ["wang-liao", "chen", "boada"] {
         for form in [Form::Passive, Form::SemiActive] {
             let begin = Instant::now();
             let spec = ModelSpec::named(name, form)?;
             let found = identify(spec, std::slice::from_ref(&training), &options, &Watch::none())?;
             println!("{name} {}: identified in {:.2} s", form.name(), begin.elapsed().as_secs_f64());
-            println!("  restarts, RSSE on held-back rows: {:.1?} N", found.restart_rsse_n);
+            println!("  candidates, RSSE on held-back rows: {:.1?} N", found.restart_rsse_n);
             for warning in &found.warnings {
                 println!("  {warning}");
             }
