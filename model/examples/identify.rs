@@ -1,20 +1,28 @@
-//! Identifies both models from two made-up runs and prints what was found.
+//! Identifies the models that the node runs by itself, and what the thesis leaves as future work (sets that are free,
+//! ARX whose coefficients follow the current), from two made-up runs, and prints what was found.
 //!
 //! ```text
 //! cargo run --release -p mr-damper-model --example identify
 //! ```
 
 use mr_damper_model::force::ForceModel;
-use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
+use mr_damper_model::identify::{Form, ModelSpec, Options, Placement, Watch, identify};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let experiment = Experiment::thesis("RP3-CS").ok_or("the rig knows its experiments")?;
     let runs: Vec<_> =
         (1..=2).map(|seed| record(&experiment, &Plant::default(), &Channels::default(), seed)).collect();
-    for spec in [ModelSpec::ARX_SEMI_ACTIVE, ModelSpec::FUZZY_TANH] {
-        let found = identify(spec, &runs, &Options::default(), &Watch::none())?;
-        println!("{}", found.model.force.name());
+    for (name, form, placement) in [
+        ("arx", Form::SemiActive, Placement::FromRuns),
+        ("savaresi", Form::SemiActive, Placement::FromRuns),
+        ("lpv", Form::SemiActive, Placement::FromRuns),
+        ("fuzzy-tanh", Form::SemiActive, Placement::FromRuns),
+        ("fuzzy-tanh", Form::FreeFuzzy, Placement::Even(4)),
+    ] {
+        let options = Options { placement, ..Options::default() };
+        let found = identify(ModelSpec::named(name, form)?, &runs, &options, &Watch::none())?;
+        println!("{name} ({})", form.name());
         for (name, fit) in [
             ("free run", found.free_run),
             ("one step ahead", found.one_step),
@@ -32,8 +40,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 println!("  rank {:?}, poles {:.4?}", found.rank, arx.pole_moduli());
             }
             ForceModel::FuzzyTanh(fuzzy) => {
-                for (centre, f) in fuzzy.centres().iter().zip(fuzzy.functions()) {
-                    println!("  {centre:.2} A: {f:.4?}");
+                let sets = fuzzy.sets().centres().iter().zip(fuzzy.sets().sigmas());
+                for ((centre, sigma), f) in sets.zip(fuzzy.functions()) {
+                    println!("  {centre:.2} A, width {sigma:.2} A: {f:.4?}");
                 }
             }
             other => println!("  {} parameters", other.parameter_count()),

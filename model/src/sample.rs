@@ -235,6 +235,14 @@ impl Trace {
         self.stamps.is_empty()
     }
 
+    /// The samples from `from` on and before `to`.
+    #[must_use]
+    pub fn between(&self, from: Stamp, to: Stamp) -> Self {
+        let at = |limit: Stamp| self.stamps.partition_point(|stamp| *stamp < limit);
+        let range = at(from)..at(to).max(at(from));
+        Self { stamps: self.stamps[range.clone()].to_vec(), values: self.values[range].to_vec() }
+    }
+
     /// Mean rate over the trace, in hertz; `None` with fewer than two samples.
     #[must_use]
     pub fn mean_rate_hz(&self) -> Option<f64> {
@@ -277,6 +285,21 @@ impl Run {
         match (self.displacement_m.stamps.first(), self.displacement_m.stamps.last()) {
             (Some(first), Some(last)) => last.since(*first),
             _ => Second(0.0),
+        }
+    }
+
+    /// The part of the run from `from` on and before `to`, every channel of it.
+    #[must_use]
+    pub fn between(&self, from: Stamp, to: Stamp) -> Self {
+        let cut = |trace: &Trace| trace.between(from, to);
+        Self {
+            name: self.name.clone(),
+            displacement_m: cut(&self.displacement_m),
+            velocity_m_s: self.velocity_m_s.as_ref().map(cut),
+            drive: self.drive.as_ref().map(|(kind, trace)| (*kind, cut(trace))),
+            force_n: self.force_n.as_ref().map(cut),
+            case_temp_c: self.case_temp_c.as_ref().map(cut),
+            other: self.other.iter().map(|(name, trace)| (name.clone(), cut(trace))).collect(),
         }
     }
 

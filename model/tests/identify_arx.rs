@@ -248,7 +248,7 @@ fn what_cannot_be_fitted_is_refused() {
     let text = refused(&[made(8.0)], &output);
     assert!(text.contains("apply_to = inputs or none, not output"), "{text}");
     let text = refused(&[made(0.2)], &options(VelocitySource::Backward));
-    assert!(text.contains("too few for 12 ARX coefficients"), "{text}");
+    assert!(text.contains("too few for 12 arx coefficients"), "{text}");
     let text = refused(&[Run { drive: None, ..made(8.0) }], &options(VelocitySource::Backward));
     assert!(text.contains("has no current_a or command_v"), "{text}");
     // The passive form needs no drive.

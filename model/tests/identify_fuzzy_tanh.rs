@@ -7,7 +7,7 @@ use mr_damper_model::Error;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::force::{ForceModel, FuzzyTanh};
 use mr_damper_model::identify::{
-    GivenMemberships, Identified, MembershipSource, ModelSpec, Options, Progress, Watch, identify,
+    Identified, MembershipSource, ModelSpec, Options, Placement, Progress, Watch, identify,
 };
 use mr_damper_model::sample::{DriveKind, Run};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -62,7 +62,7 @@ fn parameters_and_offsets_come_back_from_runs_of_other_rates_and_drives() {
         let (model, true_model) = (fuzzy(&found), truth(kind));
         assert_eq!(model.drive(), kind);
         assert_eq!(found.memberships.as_ref().expect("sets").source, MembershipSource::Levels);
-        assert_eq!((model.centres(), model.sigma()), (true_model.centres(), true_model.sigma()));
+        assert_eq!(model.sets(), true_model.sets());
         for (f, t) in model.functions().iter().zip(true_model.functions()) {
             assert!((f.yield_force_n / t.yield_force_n - 1.0).abs() < 0.02, "{f:?} {t:?}");
             assert!(
@@ -161,11 +161,14 @@ fn velocity_is_chosen_by_the_data() {
 fn centres_can_be_given_but_must_see_data() {
     let runs = runs(DriveKind::CoilCurrent, 4.0);
     let given = |centres: &[f64]| Options {
-        memberships: Some(GivenMemberships { centres: centres.to_vec(), sigma: Some(0.2) }),
+        placement: Placement::Given { centres: centres.to_vec(), sigma: Some(0.2) },
         ..options()
     };
     let found = find(&runs, &given(&[0.0, 1.0]));
-    assert_eq!((fuzzy(&found).centres(), fuzzy(&found).sigma()), (&[0.0, 1.0][..], 0.2));
+    assert_eq!(
+        (fuzzy(&found).sets().centres(), fuzzy(&found).sets().sigmas()),
+        (&[0.0, 1.0][..], &[0.2; 2][..])
+    );
     let error = identify(ModelSpec::FUZZY_TANH, &runs, &given(&[0.0, 1.0, 2.5]), &Watch::none())
         .expect_err("no data");
     assert!(error.to_string().contains("near current_a = 2.5"), "{error}");

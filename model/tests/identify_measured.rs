@@ -91,7 +91,7 @@ fn find(spec: ModelSpec, runs: &[Run]) -> Identified {
 
 fn centres(found: &Identified) -> Vec<f64> {
     match found.model.force {
-        ForceModel::FuzzyTanh(fuzzy) => fuzzy.centres().to_vec(),
+        ForceModel::FuzzyTanh(fuzzy) => fuzzy.sets().centres().to_vec(),
         _ => panic!("asked for fuzzy-tanh"),
     }
 }

@@ -47,8 +47,8 @@ fn the_json_is_as_contracted_and_the_tables_hold_its_figures() {
     assert_eq!(json["schema"], "mr-damper/compare/1");
 
     let rows = |key: &str| json[key].as_array().unwrap_or_else(|| panic!("{key} is a list")).clone();
-    // ARX in two forms with two predictors, fuzzy-tanh with one; on two experiments.
-    assert_eq!(rows("identification").len(), 10);
+    // ARX in two forms with two predictors, fuzzy-tanh in two with one; on two experiments.
+    assert_eq!(rows("identification").len(), 12);
     for row in rows("identification") {
         for key in ["rsse_n", "esr", "seconds"] {
             assert!(row[key].as_f64().is_some_and(|v| v > 0.0), "{key}: {row:#}");
@@ -56,10 +56,10 @@ fn the_json_is_as_contracted_and_the_tables_hold_its_figures() {
         assert!(row["parameters"].as_u64().is_some() && row["restarts"] == 2);
         assert!(["RP-ICPS", "RP1-CS"].contains(&row["experiment"].as_str().expect("a name")));
     }
-    // Each of five ways on each of two experiments is tested on the three other runs.
-    assert_eq!(rows("cross_validation").len(), 30);
+    // Each of six ways on each of two experiments is tested on the three other runs.
+    assert_eq!(rows("cross_validation").len(), 36);
     for row in rows("cross_validation") {
-        assert!(["passive", "semi_active"].contains(&row["form"].as_str().expect("a form")));
+        assert!(["passive", "semi_active", "free_fuzzy"].contains(&row["form"].as_str().expect("a form")));
         assert!(["free_run", "one_step"].contains(&row["predictor"].as_str().expect("a predictor")));
         assert!(row["esr"].as_f64().is_some() && row["rsse_n"].as_f64().is_some(), "{row:#}");
         let training = row["trained_on"] == row["tested_on"] && row["replicate"] == 1;

@@ -6,7 +6,7 @@ use mr_damper_model::sample::DriveKind;
 use mr_damper_msgs::standard::{Float64, JointState};
 use mr_damper_msgs::{Displacement, Force, Message, cdr};
 use mr_damper_node::run::{
-    BagOptions, BagWriter, LoadOptions, Note, RunError, SaveOptions, Sync, Topic, convert, load, save,
+    BagOptions, BagWriter, LoadOptions, Note, Part, RunError, SaveOptions, Sync, Topic, convert, load, save,
 };
 use run_support::*;
 use std::fmt::Write as _;
@@ -35,7 +35,11 @@ fn csv_to_bag_and_back_is_byte_identical() {
     std::fs::write(&csv, canonical(500)).expect("written");
     for (name, compress) in [("zstd", true), ("plain", false)] {
         let bag = dir.path().join(name);
-        let options = SaveOptions { namespace: "front_left".into(), bag: small_chunks(compress) };
+        let options = SaveOptions {
+            namespace: "front_left".into(),
+            bag: small_chunks(compress),
+            ..SaveOptions::default()
+        };
         convert(&csv, &bag, &plain(), &options).expect("to a bag");
         for source in [bag.clone(), mcap_of(&bag)] {
             let loaded = convert(&source, &back, &plain(), &SaveOptions::default()).expect("back");
@@ -54,6 +58,28 @@ fn csv_to_bag_and_back_is_byte_identical() {
         );
         let options = LoadOptions { drive: Some(DriveKind::CommandVoltage), ..plain() };
         assert_eq!(load(&bag, &options).expect("loads").run.drive_kind(), Some(DriveKind::CommandVoltage));
+    }
+}
+
+#[test]
+fn parts_of_a_run_make_the_whole() {
+    let dir = temporary();
+    let path = |name: &str| dir.path().join(name);
+    std::fs::write(path("in.csv"), canonical(500)).expect("written");
+    // Rows are 1.234567 ms apart: row 200 comes at 0.2469134 s.
+    let part = |name: &str, start_s, duration_s| {
+        let options = SaveOptions { part: Part { start_s, duration_s }, ..SaveOptions::default() };
+        convert(&path("in.csv"), &path(name), &plain(), &options)
+            .map(|_| std::fs::read_to_string(path(name)).expect("read"))
+    };
+    let (first, second) = (part("a.csv", 0.0, Some(0.246_913_4)), part("b.csv", 0.246_913_4, None));
+    let (first, second) = (first.expect("the first part"), second.expect("the second part"));
+    assert_eq!((first.lines().count(), second.lines().count()), (201, 301), "with a header each");
+    let rows: Vec<&str> = first.lines().chain(second.lines().skip(1)).collect();
+    assert_eq!(rows, canonical(500).lines().collect::<Vec<_>>());
+    for (start_s, name) in [(0.7, "beyond.csv"), (-1.0, "before.csv"), (f64::NAN, "nowhere.csv")] {
+        let error = part(name, start_s, Some(1.0)).expect_err("nothing there").to_string();
+        assert!(error.contains("0.616 s of displacement"), "{error}");
     }
 }
 

@@ -3,7 +3,7 @@
 //! ```text
 //! F     = sum_j w_j(i) f_j / sum_j w_j(i) + F0
 //! f_j   = A1_j tanh(A3_j u_j) + A2_j u_j,      u_j = v + kappa_j x
-//! w_j   = exp(-(i - c_j)^2 / (2 sigma^2))
+//! w_j   = exp(-(i - c_j)^2 / (2 sigma_j^2))
 //! ```
 //!
 //! | symbol | field | unit | meaning |
@@ -14,7 +14,7 @@
 //! | A2 | `post_yield_damping_n_s_m` | N·s/m | slope beyond the yield |
 //! | A3 | `pre_yield_slope_s_m` | s/m | steepness of the step |
 //! | kappa | `coupling_per_s` | 1/s | displacement that counts as velocity: the width of the loop |
-//! | c, sigma | `Membership` | A or V | centre and width of the Gaussian sets |
+//! | c, sigma | `FuzzySets` | A or V | centre and width of the Gaussian sets |
 //! | F0 | `force_offset_n` | N | mean force of the session (gas preload, load cell zero) |
 //!
 //! The thesis prints the coupling as two columns, X0 and V0, of which only a ratio matters, and its formula
@@ -23,7 +23,7 @@
 //! the recorded velocity, as it does when displacement is low-passed and force is not. Sigma is printed
 //! as "variance 0.2"; it is taken as a standard deviation of 0.2 A and is a setting here.
 
-use super::sets::{FuzzySets, MAX_FUNCTIONS, Membership};
+use super::sets::{FuzzySets, MAX_FUNCTIONS};
 use crate::error::Error;
 use crate::sample::DriveKind;
 
@@ -59,18 +59,11 @@ pub struct FuzzyTanh {
 }
 
 impl FuzzyTanh {
-    /// A model with one tanh function under each membership centre.
+    /// A model with one tanh function under each of `sets`.
     ///
     /// # Errors
-    /// When there are no functions, more than [`MAX_FUNCTIONS`], another number of centres than functions,
-    /// centres that do not increase, a sigma that is not positive, or a number that is not finite.
-    pub fn new(
-        membership: Membership,
-        centres: &[f64],
-        functions: &[TanhFunction],
-        force_offset_n: f64,
-    ) -> Result<Self, Error> {
-        let sets = FuzzySets::new(membership, centres)?;
+    /// When there are more or fewer functions than sets, or a number is not finite.
+    pub fn new(sets: FuzzySets, functions: &[TanhFunction], force_offset_n: f64) -> Result<Self, Error> {
         if functions.len() != sets.len() {
             return Err(Error::Length {
                 name: "yield_force_n".to_owned(),
@@ -104,18 +97,6 @@ impl FuzzyTanh {
     #[must_use]
     pub const fn sets(&self) -> &FuzzySets {
         &self.sets
-    }
-
-    /// Width of the memberships, in the unit of the drive.
-    #[must_use]
-    pub const fn sigma(&self) -> f64 {
-        self.sets.sigma()
-    }
-
-    /// Centres of the memberships, in the unit of the drive, increasing.
-    #[must_use]
-    pub fn centres(&self) -> &[f64] {
-        self.sets.centres()
     }
 
     /// The tanh functions, one under each centre.

@@ -5,24 +5,29 @@
 //! swapped in between two samples without an allocation.
 
 mod arx;
+mod dependence;
 mod fuzzy_tanh;
 mod history;
 pub mod law;
 mod lazy;
+mod lpv;
 mod network;
 mod phase;
 mod sets;
 pub(crate) mod tsk;
 
 pub use arx::{Arx, LAGS, SAVARESI_LAGS};
+pub use dependence::{Dependence, MAX_DEGREE};
 pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
 pub use history::{DEPTH, History};
-pub use law::{Dependence, Law, LawModel, LawState, Sensitivity};
+pub use law::{Law, LawModel, LawState, Sensitivity};
 pub use lazy::{Lazy, LazyMetric, LazyPoint, MAX_NEIGHBOURS, MAX_POINTS, MIN_NEIGHBOURS};
+pub use lpv::{LPV_REGRESSORS, Lpv};
 pub use network::{
     MAX_NETWORK_HIDDEN, MAX_NETWORK_INPUTS, Network, NetworkScaling, NetworkStructure, Normalisation,
 };
 pub use phase::{CannotRun, ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase, Root};
+pub(crate) use sets::blend;
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 pub use tsk::{
     MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
@@ -43,6 +48,8 @@ pub enum ForceModel {
     Arx(Arx),
     /// Fuzzy sets over the drive, a tanh function under each.
     FuzzyTanh(FuzzyTanh),
+    /// Auto-regression whose coefficients follow the drive; can be fed with measured force.
+    Lpv(Lpv),
     /// An autoregressive network; can be fed with measured force.
     Network(Network),
     /// Recursive lazy learning.
@@ -81,6 +88,7 @@ impl ForceModel {
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Arx(arx) => arx.name(),
+            Self::Lpv(_) => "lpv",
             Self::Network(network) => network.structure().name(),
             Self::FuzzyTanh(_) => "fuzzy-tanh",
             Self::Lazy(_) => "boada",
@@ -94,6 +102,7 @@ impl ForceModel {
     pub const fn drive(&self) -> Option<DriveKind> {
         match self {
             Self::Arx(arx) => arx.drive(),
+            Self::Lpv(lpv) => lpv.dependence().drive(),
             Self::Network(network) => network.drive(),
             Self::Lazy(lazy) => lazy.drive(),
             Self::FuzzyTanh(fuzzy) => Some(fuzzy.drive()),
@@ -107,6 +116,7 @@ impl ForceModel {
     pub const fn parameter_count(&self) -> usize {
         match self {
             Self::Arx(arx) => arx.parameter_count(),
+            Self::Lpv(lpv) => lpv.parameter_count(),
             Self::Network(network) => network.parameter_count(),
             Self::Lazy(lazy) => lazy.parameter_count(),
             Self::FuzzyTanh(fuzzy) => fuzzy.parameter_count(),
@@ -120,6 +130,7 @@ impl ForceModel {
     pub const fn force_offset_n(&self) -> f64 {
         match self {
             Self::Arx(arx) => arx.force_offset_n(),
+            Self::Lpv(lpv) => lpv.force_offset_n(),
             Self::Network(network) => network.force_offset_n(),
             Self::Lazy(lazy) => lazy.force_offset_n(),
             Self::FuzzyTanh(fuzzy) => fuzzy.force_offset_n(),
@@ -133,6 +144,7 @@ impl ForceModel {
     pub const fn with_force_offset_n(self, force_offset_n: f64) -> Self {
         match self {
             Self::Arx(arx) => Self::Arx(arx.with_force_offset_n(force_offset_n)),
+            Self::Lpv(lpv) => Self::Lpv(lpv.with_force_offset_n(force_offset_n)),
             Self::Network(network) => Self::Network(network.with_force_offset_n(force_offset_n)),
             Self::Lazy(lazy) => Self::Lazy(lazy.with_force_offset_n(force_offset_n)),
             Self::FuzzyTanh(fuzzy) => Self::FuzzyTanh(fuzzy.with_force_offset_n(force_offset_n)),
@@ -147,6 +159,7 @@ impl ForceModel {
     pub const fn force_fed_period(&self) -> Option<Second> {
         match self {
             Self::Arx(arx) => Some(arx.sample_period()),
+            Self::Lpv(lpv) => Some(lpv.sample_period()),
             Self::Network(network) => Some(network.sample_period()),
             Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
         }
@@ -158,7 +171,12 @@ impl ForceModel {
     pub fn dc_is_meaningful(&self) -> bool {
         match self {
             Self::Arx(arx) => arx.dc_is_meaningful(),
-            Self::FuzzyTanh(_) | Self::Law(_) | Self::Network(_) | Self::Lazy(_) | Self::Tsk(_) => true,
+            Self::Lpv(_)
+            | Self::FuzzyTanh(_)
+            | Self::Law(_)
+            | Self::Network(_)
+            | Self::Lazy(_)
+            | Self::Tsk(_) => true,
         }
     }
 
@@ -169,6 +187,7 @@ impl ForceModel {
     pub fn predict_n(&self, history: &History) -> Option<f64> {
         match self {
             Self::Arx(arx) => arx.predict_n(history),
+            Self::Lpv(lpv) => lpv.predict_n(history),
             Self::Network(network) => network.predict_n(history),
             Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
         }
@@ -185,7 +204,7 @@ impl ForceModel {
             Self::Lazy(lazy) => Some(lazy.force_n(inputs.displacement_m, inputs.velocity_m_s, inputs.drive)),
             Self::Law(model) => Some(model.force_n(inputs, &mut state.law)),
             Self::Tsk(model) => Some(model.force_n(inputs)),
-            Self::Arx(_) | Self::Network(_) => {
+            Self::Arx(_) | Self::Lpv(_) | Self::Network(_) => {
                 state.history.push_inputs(inputs);
                 let predicted = self.predict_n(&state.history);
                 // At rest the damper's force is its offset: the neutral start of a free run.

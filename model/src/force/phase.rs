@@ -23,7 +23,7 @@
 //! its static curve v(F) folds back in many sets, so that one velocity has three forces.
 //! [`Phase::cannot_run`] works both out.
 
-use super::law::MAX_DEGREE;
+use super::dependence::MAX_DEGREE;
 use crate::error::Error;
 use crate::sample::DriveKind;
 

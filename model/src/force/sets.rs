@@ -1,10 +1,11 @@
-//! Fuzzy sets over the drive (thesis 4.8): Gaussian memberships with one width.
+//! Fuzzy sets over the drive (thesis 4.8): Gaussian memberships.
 //!
 //! ```text
-//! w_j(i) = exp(-(i - c_j)^2 / (2 sigma^2)) / sum_k exp(-(i - c_k)^2 / (2 sigma^2))
+//! w_j(i) = g_j / sum_k g_k,      g_j = exp(-(i - c_j)^2 / (2 sigma_j^2))
 //! ```
 //!
-//! Every model whose functions stand side by side over the current is blended by these.
+//! Every model whose functions stand side by side over the current is blended by these. In the thesis all widths
+//! sigma are one; sets whose centres and widths were identified have each their own.
 
 use crate::error::Error;
 use crate::sample::DriveKind;
@@ -12,7 +13,7 @@ use crate::sample::DriveKind;
 /// The most fuzzy sets that one model can hold.
 pub const MAX_FUNCTIONS: usize = 16;
 
-/// Gaussian membership functions over the drive.
+/// What Gaussian membership functions of one width have in common.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Membership {
     /// What is fuzzified: current in A, or command voltage in V.
@@ -21,25 +22,35 @@ pub struct Membership {
     pub sigma: f64,
 }
 
-/// Memberships with their centres.
+/// Memberships with their centres and widths.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FuzzySets {
-    membership: Membership,
+    drive: DriveKind,
     len: usize,
     centres: [f64; MAX_FUNCTIONS],
+    sigmas: [f64; MAX_FUNCTIONS],
 }
 
 impl FuzzySets {
-    /// One set around each of `centres`.
+    /// One set around each of `centres`, all of one width.
     ///
     /// # Errors
-    /// When there are no centres or more than [`MAX_FUNCTIONS`], when they do not increase, when sigma is not
-    /// positive, or a number is not finite.
+    /// As [`FuzzySets::with_widths`].
     pub fn new(membership: Membership, centres: &[f64]) -> Result<Self, Error> {
         let unit = membership.drive.unit_suffix();
         Error::check(&format!("membership_sigma_{unit}"), membership.sigma, "positive and finite", |s| {
             s > 0.0
         })?;
+        Self::with_widths(membership.drive, centres, &vec![membership.sigma; centres.len()])
+    }
+
+    /// One set around each of `centres`, each with its standard deviation from `sigmas`; both in the unit of `drive`.
+    ///
+    /// # Errors
+    /// When there are no centres or more than [`MAX_FUNCTIONS`], when they do not increase, when there are more or
+    /// fewer sigmas, one is not positive, or a number is not finite.
+    pub fn with_widths(drive: DriveKind, centres: &[f64], sigmas: &[f64]) -> Result<Self, Error> {
+        let unit = drive.unit_suffix();
         if centres.is_empty() || centres.len() > MAX_FUNCTIONS {
             return Err(Error::Length {
                 name: format!("membership_centres_{unit}"),
@@ -47,26 +58,39 @@ impl FuzzySets {
                 expected: format!("1 to {MAX_FUNCTIONS}"),
             });
         }
+        if sigmas.len() != centres.len() {
+            return Err(Error::Length {
+                name: format!("membership_sigma_{unit}"),
+                found: sigmas.len(),
+                expected: format!("one for all, or {} (one for each centre)", centres.len()),
+            });
+        }
         Error::check(&format!("membership_centres_{unit}[0]"), centres[0], "finite", |_| true)?;
         for (j, pair) in centres.windows(2).enumerate() {
             let name = format!("membership_centres_{unit}[{}]", j + 1);
             Error::check(&name, pair[1], "greater than the centre before it", |c| c > pair[0])?;
         }
-        let mut sets = Self { membership, len: centres.len(), centres: [0.0; MAX_FUNCTIONS] };
+        for (j, sigma) in sigmas.iter().enumerate() {
+            let name = format!("membership_sigma_{unit}[{j}]");
+            Error::check(&name, *sigma, "positive and finite", |s| s > 0.0)?;
+        }
+        let mut sets =
+            Self { drive, len: centres.len(), centres: [0.0; MAX_FUNCTIONS], sigmas: [1.0; MAX_FUNCTIONS] };
         sets.centres[..centres.len()].copy_from_slice(centres);
+        sets.sigmas[..sigmas.len()].copy_from_slice(sigmas);
         Ok(sets)
     }
 
     /// Which drive the sets are over.
     #[must_use]
     pub const fn drive(&self) -> DriveKind {
-        self.membership.drive
+        self.drive
     }
 
-    /// Width of the sets, in the unit of the drive.
+    /// Standard deviations of the sets, in the unit of the drive.
     #[must_use]
-    pub const fn sigma(&self) -> f64 {
-        self.membership.sigma
+    pub fn sigmas(&self) -> &[f64] {
+        &self.sigmas[..self.len]
     }
 
     /// Number of sets.
@@ -82,30 +106,36 @@ impl FuzzySets {
         &self.centres[..self.len]
     }
 
-    /// Normalised firing strengths of the sets at drive `i`: they are positive and sum to one.
-    ///
-    /// Strengths are taken relative to the nearest set. Far outside the centres all exponentials underflow,
-    /// and a plain quotient would be 0/0; relative to the nearest set the model goes over to that set's
-    /// function instead.
+    /// Normalised firing strengths of the sets at drive `i`: they are positive and sum to one; entries beyond
+    /// [`FuzzySets::len`] are zero. NaN for a drive that is not finite.
     #[inline]
     #[must_use]
     pub fn weights(&self, i: f64) -> [f64; MAX_FUNCTIONS] {
-        let mut weights = [0.0; MAX_FUNCTIONS];
-        let scale = -0.5 / (self.membership.sigma * self.membership.sigma);
-        let mut nearest = f64::INFINITY;
-        for (weight, centre) in weights.iter_mut().zip(self.centres()) {
-            let distance = i - centre;
-            *weight = distance * distance;
-            nearest = nearest.min(*weight);
-        }
-        let mut sum = 0.0;
-        for weight in &mut weights[..self.len] {
-            *weight = (scale * (*weight - nearest)).exp();
-            sum += *weight;
-        }
-        for weight in &mut weights[..self.len] {
-            *weight /= sum;
-        }
-        weights
+        blend(i, self.centres(), self.sigmas())
     }
+}
+
+/// Weights of Gaussian sets at drive `i`, as many as there are `centres`, at most [`MAX_FUNCTIONS`].
+///
+/// Strengths are taken relative to the strongest set. Far outside the centres all exponentials underflow, and a plain
+/// quotient would be 0/0; relative to the strongest set the model goes over to that set's function instead.
+#[inline]
+pub(crate) fn blend(i: f64, centres: &[f64], sigmas: &[f64]) -> [f64; MAX_FUNCTIONS] {
+    let mut weights = [0.0; MAX_FUNCTIONS];
+    let mut strongest = f64::INFINITY;
+    for (weight, (centre, sigma)) in weights.iter_mut().zip(centres.iter().zip(sigmas)) {
+        let distance = (i - centre) / sigma;
+        *weight = distance * distance;
+        strongest = strongest.min(*weight);
+    }
+    let len = centres.len().min(MAX_FUNCTIONS);
+    let mut sum = 0.0;
+    for weight in &mut weights[..len] {
+        *weight = (-0.5 * (*weight - strongest)).exp();
+        sum += *weight;
+    }
+    for weight in &mut weights[..len] {
+        *weight /= sum;
+    }
+    weights
 }

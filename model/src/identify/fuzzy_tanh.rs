@@ -1,6 +1,7 @@
 //! Identification of the fuzzy-tanh model: what is sought, within which bounds, and from where.
 
 use super::dataset::Dataset;
+use super::free_sets::FreeSets;
 use super::levels::Memberships;
 use super::row_problem::Columns;
 use super::scales::Scales;
@@ -14,20 +15,54 @@ use crate::force::{FuzzyTanh, TanhFunction};
 pub(super) const NAMES: [&str; PER_FUNCTION] =
     ["yield_force_n", "post_yield_damping_n_s_m", "pre_yield_slope_s_m", "coupling_per_s"];
 
+/// What came out.
+pub(super) struct Fitted {
+    /// The model, its offset the mean of the runs' offsets.
+    pub(super) model: FuzzyTanh,
+    /// Its sets.
+    pub(super) memberships: Memberships,
+    /// What the search found: functions, and behind them sets where they were free.
+    pub(super) found: Found,
+}
+
 /// Fits the model to `datasets`, which have drives of the memberships' kind.
 pub(super) fn fit(
     datasets: &[Dataset],
-    memberships: &Memberships,
+    memberships: Memberships,
     options: &Options,
     watch: &Watch,
-) -> Result<(FuzzyTanh, Found), Error> {
-    let sought = sought(datasets, memberships)?;
+) -> Result<Fitted, Error> {
+    let sought = sought(datasets, &memberships)?;
     memberships.check_support(datasets, PER_FUNCTION)?;
     let found = search::search(datasets, &sought, options, watch)?;
-    let functions: Vec<TanhFunction> = found.natural.chunks_exact(PER_FUNCTION).map(function).collect();
-    let offset_n = super::mean_offset(datasets, &found.offsets_n);
-    let model = FuzzyTanh::new(memberships.membership, &memberships.centres, &functions, offset_n)?;
-    Ok((model, found))
+    let model = model(datasets, &memberships, &found.natural, &found)?;
+    Ok(Fitted { model, memberships, found })
+}
+
+/// The same with centres and widths free, from those of `start`; the drive takes on so many `levels`.
+pub(super) fn fit_free(
+    datasets: &[Dataset],
+    start: &Memberships,
+    levels: Option<usize>,
+    options: &Options,
+    watch: &Watch,
+) -> Result<Fitted, Error> {
+    let sought = FreeSets::new(sought(datasets, start)?, start.sets, levels)?;
+    start.check_support(datasets, PER_FUNCTION)?;
+    let found = search::search(datasets, &sought, options, watch)?;
+    let memberships = sought.found(&found.natural)?;
+    let model = model(datasets, &memberships, sought.own(&found.natural), &found)?;
+    Ok(Fitted { model, memberships, found })
+}
+
+fn model(
+    datasets: &[Dataset],
+    memberships: &Memberships,
+    natural: &[f64],
+    found: &Found,
+) -> Result<FuzzyTanh, Error> {
+    let functions: Vec<TanhFunction> = natural.chunks_exact(PER_FUNCTION).map(function).collect();
+    FuzzyTanh::new(memberships.sets, &functions, super::mean_offset(datasets, &found.offsets_n))
 }
 
 /// Mean of the runs' ESR after a few restarts on a sample of the rows.
@@ -43,7 +78,7 @@ pub(super) fn sample_esr(
 }
 
 fn sought(datasets: &[Dataset], memberships: &Memberships) -> Result<TanhColumns, Error> {
-    Ok(TanhColumns { sets: memberships.sets()?, scales: Scales::of(datasets)? })
+    Ok(TanhColumns { sets: memberships.sets, scales: Scales::of(datasets)? })
 }
 
 fn function(p: &[f64]) -> TanhFunction {

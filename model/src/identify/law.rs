@@ -16,6 +16,8 @@
 //! drive.
 
 use super::dataset::Dataset;
+use super::free_sets::{Blended, FreeSets};
+use super::levels::Memberships;
 use super::row_problem::Columns;
 use super::scales::Scales;
 use super::search::{self, Found, Sought};
@@ -23,7 +25,7 @@ use super::tanh_columns::push_weights;
 use super::{Options, Watch};
 use crate::error::Error;
 use crate::force::law::{Hidden, Kind, MAX_HIDDEN, MAX_PARAMETERS, Sensitivity};
-use crate::force::{Dependence, Inputs, Law, LawModel};
+use crate::force::{Dependence, FuzzySets, Inputs, Law, LawModel, MAX_FUNCTIONS};
 
 /// Share of a gauge parameter's constant that each higher power may add over the range of the drive: its sum
 /// stays away from zero.
@@ -46,6 +48,25 @@ pub(super) fn fit(
     let found = search::search(datasets, &sought, options, watch)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
     Ok((LawModel::new(law, dependence, &found.natural, offset_n)?, found))
+}
+
+/// Fits `law` under fuzzy sets with free centres and widths, from those of `start`; the drive takes on so many `levels`.
+pub(super) fn fit_free(
+    datasets: &[Dataset],
+    law: Law,
+    start: FuzzySets,
+    levels: Option<usize>,
+    options: &Options,
+    watch: &Watch,
+) -> Result<(LawModel, Found, Memberships), Error> {
+    let inner = LawColumns { law, dependence: Dependence::Fuzzy(start), scales: Scales::of(datasets)? };
+    let sought = FreeSets::new(inner, start, levels)?;
+    check_rows(datasets, sought.parameters())?;
+    let found = search::search(datasets, &sought, options, watch)?;
+    let memberships = sought.found(&found.natural)?;
+    let offset_n = super::mean_offset(datasets, &found.offsets_n);
+    let dependence = Dependence::Fuzzy(memberships.sets);
+    Ok((LawModel::new(law, dependence, sought.own(&found.natural), offset_n)?, found, memberships))
 }
 
 /// Refuses runs with hardly more rows than parameters.
@@ -96,37 +117,6 @@ impl LawColumns {
             p.iter_mut().zip(copy).for_each(|(p, c)| *p += c * power);
         }
         p
-    }
-
-    /// A row of a law with memory. With fuzzy sets each set has hidden variables of its own, which go on
-    /// whether the set has weight or not, as they do in the model.
-    fn row_with_memory(
-        &self,
-        memory: &mut Memory,
-        inputs: &Inputs,
-        basis: &[f64],
-        natural: &[f64],
-        columns: &mut [f64],
-    ) -> f64 {
-        let n = self.per_copy();
-        if !matches!(self.dependence, Dependence::Fuzzy(_)) {
-            let p = self.at_drive(natural, basis);
-            let found = self.law.sensitivity(&p[..n], inputs, &mut memory.hidden[0]);
-            for (copy, power) in basis.iter().enumerate() {
-                let own = copy * n..(copy + 1) * n;
-                carry(&found, *power, &mut memory.slopes[own.clone()], &mut columns[own]);
-            }
-            return found.force_n;
-        }
-        let mut force = 0.0;
-        for (set, &weight) in basis.iter().enumerate() {
-            let own = set * n..(set + 1) * n;
-            let found = self.law.sensitivity(&natural[own.clone()], inputs, &mut memory.hidden[set]);
-            carry(&found, 1.0, &mut memory.slopes[own.clone()], &mut columns[own.clone()]);
-            columns[own].iter_mut().for_each(|column| *column *= weight);
-            force += weight * found.force_n;
-        }
-        force
     }
 }
 
@@ -198,24 +188,57 @@ impl Columns for LawColumns {
         natural: &[f64],
         columns: &mut [f64],
     ) -> f64 {
-        let n = self.per_copy();
-        if self.has_memory() {
-            return self.row_with_memory(memory, inputs, basis, natural, columns);
-        }
         if matches!(self.dependence, Dependence::Fuzzy(_)) {
-            let sets = columns.chunks_exact_mut(n).zip(natural.chunks_exact(n)).zip(basis);
-            let mut force = 0.0;
-            for ((columns, p), &weight) in sets.filter(|(_, weight)| **weight != 0.0) {
-                force += weight * self.law.gradient(p, inputs, columns);
-                columns.iter_mut().for_each(|column| *column *= weight);
-            }
-            return force;
+            return self.row_by_set(memory, inputs, basis, natural, columns, &mut [0.0; MAX_FUNCTIONS]);
         }
+        let n = self.per_copy();
         let p = self.at_drive(natural, basis);
+        if self.has_memory() {
+            let found = self.law.sensitivity(&p[..n], inputs, &mut memory.hidden[0]);
+            for (copy, power) in basis.iter().enumerate() {
+                let own = copy * n..(copy + 1) * n;
+                carry(&found, *power, &mut memory.slopes[own.clone()], &mut columns[own]);
+            }
+            return found.force_n;
+        }
         let mut gradient = [0.0; MAX_PARAMETERS];
         let force = self.law.gradient(&p[..n], inputs, &mut gradient[..n]);
         for (columns, power) in columns.chunks_exact_mut(n).zip(basis) {
             columns.iter_mut().zip(&gradient).for_each(|(column, g)| *column = g * power);
+        }
+        force
+    }
+}
+
+/// A row of a law under sets, with or without memory. Each set has hidden variables of its own, which go on whether
+/// the set has weight or not, as they do in the model.
+impl Blended for LawColumns {
+    #[inline]
+    fn row_by_set(
+        &self,
+        memory: &mut Memory,
+        inputs: &Inputs,
+        weights: &[f64],
+        natural: &[f64],
+        columns: &mut [f64],
+        forces: &mut [f64],
+    ) -> f64 {
+        let n = self.per_copy();
+        let mut force = 0.0;
+        for (set, (&weight, own_force)) in weights.iter().zip(forces).enumerate() {
+            let own = set * n..(set + 1) * n;
+            let (p, columns) = (&natural[own.clone()], &mut columns[own.clone()]);
+            if self.has_memory() {
+                let found = self.law.sensitivity(p, inputs, &mut memory.hidden[set]);
+                carry(&found, 1.0, &mut memory.slopes[own], columns);
+                *own_force = found.force_n;
+            } else if weight == 0.0 {
+                continue;
+            } else {
+                *own_force = self.law.gradient(p, inputs, columns);
+            }
+            columns.iter_mut().for_each(|column| *column *= weight);
+            force += weight * *own_force;
         }
         force
     }

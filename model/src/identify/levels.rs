@@ -38,10 +38,8 @@ const EVEN_SETS: usize = 7;
 /// Membership functions over the drive, and how they came about.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Memberships {
-    /// Kind of drive, and sigma in its unit.
-    pub membership: Membership,
-    /// Centres, increasing, in the drive's unit.
-    pub centres: Vec<f64>,
+    /// The sets.
+    pub sets: FuzzySets,
     /// Where they come from.
     pub source: MembershipSource,
 }
@@ -57,35 +55,29 @@ pub enum MembershipSource {
     Thesis,
     /// Evenly over the range of the data.
     Even,
+    /// Sought together with the model.
+    Identified,
 }
 
 impl Memberships {
     /// Refuses data that some set, with `per_set` parameters under it, hardly sees.
     pub(super) fn check_support(&self, datasets: &[Dataset], per_set: usize) -> Result<(), Error> {
-        let sets = self.sets()?;
+        let sets = &self.sets;
         let mut support = vec![0.0; sets.len()];
         let counted = datasets.iter().flat_map(|d| &d.rows).filter(|row| row.counts && row.drive.is_finite());
         for row in counted {
             support.iter_mut().zip(sets.weights(row.drive)).for_each(|(sum, weight)| *sum += weight);
         }
         let least = (per_set * ROWS_PER_PARAMETER) as f64;
-        let poor = support.iter().zip(&self.centres).find(|(support, _)| **support < least);
+        let poor = support.iter().zip(sets.centres()).find(|(support, _)| **support < least);
         let Some((support, centre)) = poor else { return Ok(()) };
         Err(Error::Data {
             message: format!(
                 "too few samples near {} = {centre}: they weigh {support:.1}, but a function needs {least}; add \
                  runs, or choose membership centres that the runs reach",
-                self.membership.drive
+                sets.drive()
             ),
         })
-    }
-
-    /// The sets.
-    ///
-    /// # Errors
-    /// When the centres or the width make no sets.
-    pub fn sets(&self) -> Result<FuzzySets, Error> {
-        FuzzySets::new(self.membership, &self.centres)
     }
 
     /// Chooses centres and width for drive values in A or V, in any order; those not finite are left out.
@@ -97,26 +89,41 @@ impl Memberships {
     /// # Errors
     /// [`Error::Data`] when there are no values.
     pub fn from_drive(kind: DriveKind, values: impl IntoIterator<Item = f64>) -> Result<Self, Error> {
-        let mut values: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
-        if values.is_empty() {
-            return Err(Error::Data {
-                message: format!("there are no {kind} values to place memberships by"),
-            });
-        }
-        values.sort_by(f64::total_cmp);
-        let quantile = |q: f64| values[((values.len() - 1) as f64 * q).round() as usize];
-        let (low, high) = (quantile(TAIL), quantile(1.0 - TAIL));
-        let (centres, sigma, source) = if let Some(levels) = find_levels(&values, high - low) {
+        let values = Values::new(kind, values)?;
+        let [low, high] = values.range();
+        let (centres, sigma, source) = if let Some(levels) = find_levels(&values.sorted, high - low) {
             let sigma = level_sigma(&levels);
             (levels, sigma, MembershipSource::Levels)
         } else if kind == DriveKind::CoilCurrent && fills_thesis_range(low, high) {
             (CENTRES_A.to_vec(), SIGMA_A, MembershipSource::Thesis)
         } else {
-            let spacing = (high - low) / (EVEN_SETS - 1) as f64;
-            let centres = (0..EVEN_SETS).map(|j| low + spacing * j as f64).collect();
-            (centres, spacing / 2.0, MembershipSource::Even)
+            return values.evenly(EVEN_SETS);
         };
-        Ok(Self { membership: Membership { drive: kind, sigma }, centres, source })
+        Ok(Self { sets: FuzzySets::new(Membership { drive: kind, sigma }, &centres)?, source })
+    }
+
+    /// `count` sets evenly over the range of drive values in A or V, in any order; those not finite are left out.
+    /// Sigma is half the spacing.
+    ///
+    /// # Errors
+    /// [`Error::Data`] when there are no values, or they do not vary; [`Error::Length`] for more than
+    /// [`MAX_FUNCTIONS`] sets, or fewer than two.
+    pub fn even(kind: DriveKind, values: impl IntoIterator<Item = f64>, count: usize) -> Result<Self, Error> {
+        if !(2..=MAX_FUNCTIONS).contains(&count) {
+            return Err(Error::Length {
+                name: "sets".to_owned(),
+                found: count,
+                expected: format!("2 to {MAX_FUNCTIONS}"),
+            });
+        }
+        Values::new(kind, values)?.evenly(count)
+    }
+
+    /// Levels that drive values in A or V take on, in any order; `None` when they roam.
+    pub(super) fn levels(kind: DriveKind, values: impl IntoIterator<Item = f64>) -> Option<Vec<f64>> {
+        let values = Values::new(kind, values).ok()?;
+        let [low, high] = values.range();
+        find_levels(&values.sorted, high - low)
     }
 
     /// Takes centres as given; without `sigma`, by the rule for levels.
@@ -138,8 +145,50 @@ impl Memberships {
         }
         let sigma = sigma.unwrap_or_else(|| level_sigma(centres));
         Error::check("sigma", sigma, "positive and finite", |s| s > 0.0)?;
-        let membership = Membership { drive: kind, sigma };
-        Ok(Self { membership, centres: centres.to_vec(), source: MembershipSource::Given })
+        let sets = FuzzySets::new(Membership { drive: kind, sigma }, centres)?;
+        Ok(Self { sets, source: MembershipSource::Given })
+    }
+}
+
+/// Values of a drive.
+struct Values {
+    kind: DriveKind,
+    /// At least one, all finite.
+    sorted: Vec<f64>,
+}
+
+impl Values {
+    fn new(kind: DriveKind, values: impl IntoIterator<Item = f64>) -> Result<Self, Error> {
+        let mut sorted: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
+        if sorted.is_empty() {
+            return Err(Error::Data {
+                message: format!("there are no {kind} values to place memberships by"),
+            });
+        }
+        sorted.sort_by(f64::total_cmp);
+        Ok(Self { kind, sorted })
+    }
+
+    /// Ends of the values, strays left out.
+    fn range(&self) -> [f64; 2] {
+        let quantile = |q: f64| self.sorted[((self.sorted.len() - 1) as f64 * q).round() as usize];
+        [quantile(TAIL), quantile(1.0 - TAIL)]
+    }
+
+    fn evenly(&self, count: usize) -> Result<Memberships, Error> {
+        let [low, high] = self.range();
+        let spacing = (high - low) / (count - 1) as f64;
+        if spacing <= 0.0 {
+            return Err(Error::Data {
+                message: format!(
+                    "{} stays at {low}: {count} sets cannot stand side by side; add runs at other levels",
+                    self.kind
+                ),
+            });
+        }
+        let centres: Vec<f64> = (0..count).map(|j| low + spacing * j as f64).collect();
+        let membership = Membership { drive: self.kind, sigma: spacing / 2.0 };
+        Ok(Memberships { sets: FuzzySets::new(membership, &centres)?, source: MembershipSource::Even })
     }
 }
 
@@ -249,8 +298,11 @@ mod tests {
 
     fn assert_levels(found: &Memberships, levels: &[f64], tolerance: f64) {
         assert_eq!(found.source, MembershipSource::Levels, "{found:?}");
-        assert_eq!(found.centres.len(), levels.len(), "{found:?}");
-        assert!(found.centres.iter().zip(levels).all(|(a, b)| (a - b).abs() <= tolerance), "{found:?}");
+        assert_eq!(found.sets.len(), levels.len(), "{found:?}");
+        assert!(
+            found.sets.centres().iter().zip(levels).all(|(a, b)| (a - b).abs() <= tolerance),
+            "{found:?}"
+        );
     }
 
     #[test]
@@ -294,7 +346,7 @@ mod tests {
         for (level, noise) in [(0.0, 0.0), (0.0, 0.004), (0.5, 0.03), (1.98, 0.001), (2.5, 0.04)] {
             let found = found(DriveKind::CoilCurrent, around(level, noise, 5000, &mut random));
             assert_levels(&found, &[level], noise.max(1e-9));
-            assert!(found.membership.sigma > 0.0);
+            assert!(found.sets.sigmas()[0] > 0.0);
         }
     }
 
@@ -313,7 +365,7 @@ mod tests {
         for values in [uniform, sine, steps] {
             let found = found(DriveKind::CoilCurrent, values);
             assert_eq!(found.source, MembershipSource::Thesis);
-            assert_eq!((found.centres.as_slice(), found.membership.sigma), (&CENTRES_A[..], SIGMA_A));
+            assert_eq!((found.sets.centres(), found.sets.sigmas()), (&CENTRES_A[..], &[SIGMA_A; 7][..]));
         }
     }
 
@@ -329,12 +381,12 @@ mod tests {
         ] {
             let found =
                 found(kind, (0..20_000).map(|_| low + (high - low) * random.random::<f64>()).collect());
-            assert_eq!((found.source, found.centres.len()), (MembershipSource::Even, EVEN_SETS), "{found:?}");
+            assert_eq!((found.source, found.sets.len()), (MembershipSource::Even, EVEN_SETS), "{found:?}");
             let spacing = (high - low) / 6.0;
-            for (j, centre) in found.centres.iter().enumerate() {
+            for (j, centre) in found.sets.centres().iter().enumerate() {
                 assert!((centre - low - spacing * j as f64).abs() < 0.1 * spacing, "{found:?}");
             }
-            assert!((found.membership.sigma / spacing - 0.5).abs() < 0.01, "{found:?}");
+            assert!((found.sets.sigmas()[0] / spacing - 0.5).abs() < 0.01, "{found:?}");
         }
     }
 
@@ -345,6 +397,10 @@ mod tests {
         assert!(Memberships::given(DriveKind::CoilCurrent, &[], None).is_err());
         assert!(Memberships::given(DriveKind::CoilCurrent, &[0.0, 1.0], Some(0.0)).is_err());
         let given = Memberships::given(DriveKind::CoilCurrent, &[0.0, 1.0], None).expect("sets");
-        assert_eq!((given.source, given.membership.sigma), (MembershipSource::Given, 0.5));
+        assert_eq!((given.source, given.sets.sigmas()[0]), (MembershipSource::Given, 0.5));
+        assert!(Memberships::even(DriveKind::CoilCurrent, [0.5; 9], 3).is_err(), "no range");
+        assert!(Memberships::even(DriveKind::CoilCurrent, [0.0, 1.0], 1).is_err());
+        let even = Memberships::even(DriveKind::CoilCurrent, [0.0, 1.0], 3).expect("sets");
+        assert_eq!((even.sets.centres(), even.sets.sigmas()), (&[0.0, 0.5, 1.0][..], &[0.25; 3][..]));
     }
 }

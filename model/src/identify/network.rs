@@ -29,7 +29,7 @@ use super::dataset::{Dataset, Row};
 use super::least_squares::{Normal, Problem, Stop, minimise};
 use super::offsets::session_offsets_n;
 use super::unrolled::{Stretch, Table, Tape, Unrolled};
-use super::{Progress, Watch, arx};
+use super::{Progress, Watch, regression};
 use crate::error::Error;
 use crate::force::{Network, NetworkScaling, NetworkStructure, Normalisation};
 use crate::metrics::ErrorSum;
@@ -99,7 +99,7 @@ pub(super) fn fit(
     seed: u64,
     watch: &Watch,
 ) -> Result<Fitted, Error> {
-    let rate_hz = arx::common_rate(datasets, structure.name())?;
+    let rate_hz = regression::common_rate(datasets, structure.name())?;
     // Before anything is said of the channels: ten samples of them say nothing.
     let counted: usize = datasets.iter().map(Dataset::counted).sum();
     check_rows([counted, counted], structure, structure.weights(drive.is_some()))?;

@@ -13,16 +13,14 @@
 //! Noise in F enters the regressors, F'' above all, and draws their coefficients to zero. A longer reach of
 //! the differences reads less noise and rounds off what is faster than the reach.
 
-use super::arx::{fold, solve};
+use super::regression::Triangle;
 use super::{Dataset, Watch};
 use crate::error::Error;
 use crate::force::{ForceMotion, PHASE_PARAMETERS, Phase};
 use crate::metrics::{ErrorSum, Fit};
 use crate::sample::DriveKind;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
-/// Rows of a panel.
-const PANEL: usize = 1024;
 /// Rows that a coefficient wants at least.
 const ROWS_PER_PARAMETER: usize = 10;
 
@@ -90,16 +88,16 @@ pub fn identify_phase(
             ),
         });
     }
-    let mut triangle = DMatrix::<f64>::zeros(0, n + 1);
-    let mut panel = Vec::with_capacity(PANEL);
-    for chunk in instants.iter().flat_map(|run| run.chunks(PANEL)) {
-        panel.extend(chunk.iter().map(|instant| instant.row(copies)));
-        fold(&mut triangle, &mut panel);
+    let mut triangle = Triangle::new(n + 1);
+    for run in &instants {
+        for instant in run {
+            triangle.push(instant.row(copies).iter().copied());
+        }
         if watch.is_cancelled() {
             return Err(Error::Cancelled);
         }
     }
-    let (coefficients, rank) = solve(&triangle, &DVector::zeros(n))?;
+    let (coefficients, rank) = triangle.solve(&DVector::zeros(n))?;
     let phase = Phase::new(options.drive, coefficients.as_slice())?;
     let mut sum = ErrorSum::default();
     for at in instants.iter().flatten() {

@@ -98,9 +98,9 @@ pub(super) struct Details {
 }
 
 impl Details {
-    /// What a search found of parameters called `names`, copy after copy.
-    pub(super) fn of(found: &Found, names: &[&str]) -> Self {
-        let name = |j: usize| format!("{}[{}]", names[j % names.len()], j / names.len());
+    /// What a search found of parameters called `names`.
+    pub(super) fn of(found: &Found, names: &[String]) -> Self {
+        let name = |j: usize| names[j].clone();
         let parameter = |(j, (value, error)): (usize, (&f64, &f64))| ParameterValue {
             name: name(j),
             value: *value,
@@ -117,9 +117,18 @@ impl Details {
         }
     }
 
-    pub(super) fn with_memberships(self, memberships: Memberships) -> Self {
-        Self { memberships: Some(memberships), ..self }
+    pub(super) fn with_memberships(self, memberships: Option<Memberships>) -> Self {
+        Self { memberships, ..self }
     }
+}
+
+/// Names of parameters that come in so many copies.
+pub(super) fn names_of_copies<'a>(
+    names: impl Iterator<Item = &'a str> + Clone,
+    copies: usize,
+) -> Vec<String> {
+    let copy = |copy: usize| names.clone().map(move |name| format!("{name}[{copy}]"));
+    (0..copies).flat_map(copy).collect()
 }
 
 /// Sums of error: running free, one step ahead, persistence.

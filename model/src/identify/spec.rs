@@ -11,6 +11,8 @@ pub enum Structure {
     Arx,
     /// The same with two lags of each signal (thesis 2.8).
     Savaresi,
+    /// Auto-regression whose coefficients follow the drive (future work in the thesis).
+    Lpv,
     /// The phase-transition relation P (thesis 4.6), which cannot run: see [`crate::force::Phase`].
     Phase,
     /// Fuzzy sets over the drive, a tanh function under each (thesis 4.8).
@@ -32,8 +34,10 @@ pub enum Form {
     Passive,
     /// As the structure has it: drive terms of ARX, polynomials on the parameters of a law, sets of fuzzy-tanh.
     SemiActive,
-    /// Fuzzy sets over the outputs of a law.
+    /// Fuzzy sets over the drive, the whole structure under each, where that is not how the structure has it anyway.
     Fuzzy,
+    /// Fuzzy sets whose centres and widths are identified too.
+    FreeFuzzy,
 }
 
 /// Which model to identify.
@@ -47,7 +51,7 @@ impl Structure {
     /// All structures, in the order of the contract.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let mut all = vec![Self::Arx, Self::Savaresi, Self::Phase, Self::FuzzyTanh, Self::Boada];
+        let mut all = vec![Self::Arx, Self::Savaresi, Self::Lpv, Self::Phase, Self::FuzzyTanh, Self::Boada];
         all.extend(NetworkStructure::ALL.map(Self::Network));
         all.extend(Law::ALL.map(Self::Law));
         all.extend(TskKind::ALL.map(Self::Tsk));
@@ -60,6 +64,7 @@ impl Structure {
         match self {
             Self::Arx => "arx",
             Self::Savaresi => "savaresi",
+            Self::Lpv => "lpv",
             Self::Phase => "p",
             Self::FuzzyTanh => "fuzzy-tanh",
             Self::Boada => "boada",
@@ -82,22 +87,25 @@ impl Structure {
             Self::Arx | Self::Savaresi | Self::Phase | Self::Boada | Self::Network(_) | Self::Tsk(_) => {
                 &[Form::Passive, Form::SemiActive]
             }
-            Self::FuzzyTanh => &[Form::SemiActive],
+            // Its passive form is arx.
+            Self::Lpv => &[Form::SemiActive, Form::Fuzzy],
+            Self::FuzzyTanh => &[Form::SemiActive, Form::FreeFuzzy],
             // Fuzzy sets over the tanh function are the fuzzy-tanh model.
             Self::Law(Law::Sp) => &[Form::Passive, Form::SemiActive],
-            Self::Law(_) => &[Form::Passive, Form::SemiActive, Form::Fuzzy],
+            Self::Law(_) => &[Form::Passive, Form::SemiActive, Form::Fuzzy, Form::FreeFuzzy],
         }
     }
 }
 
 impl Form {
-    /// The name in reports: `passive`, `semi_active`, `fuzzy`.
+    /// The name in reports: `passive`, `semi_active`, `fuzzy`, `free_fuzzy`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Passive => "passive",
             Self::SemiActive => "semi_active",
             Self::Fuzzy => "fuzzy",
+            Self::FreeFuzzy => "free_fuzzy",
         }
     }
 }
@@ -172,7 +180,16 @@ impl ModelSpec {
     /// True when the model predicts from measured force (and so holds at one rate).
     #[must_use]
     pub const fn feeds_on_force(self) -> bool {
-        matches!(self.structure, Structure::Arx | Structure::Savaresi | Structure::Network(_))
+        matches!(
+            self.structure,
+            Structure::Arx | Structure::Savaresi | Structure::Lpv | Structure::Network(_)
+        )
+    }
+
+    /// True when the model has fuzzy sets over the drive that can be placed.
+    #[must_use]
+    pub const fn has_sets(self) -> bool {
+        matches!(self.structure, Structure::FuzzyTanh) || matches!(self.form, Form::Fuzzy | Form::FreeFuzzy)
     }
 
     /// True when the model takes a drive.

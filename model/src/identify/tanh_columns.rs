@@ -9,9 +9,10 @@
 //! Weights w do not depend on what is sought and are computed once. A3 enters by its logarithm: it is positive,
 //! and steps in it are ratios.
 
+use super::free_sets::Blended;
 use super::row_problem::Columns;
 use super::scales::Scales;
-use crate::force::{FuzzySets, Inputs};
+use crate::force::{FuzzySets, Inputs, MAX_FUNCTIONS};
 
 /// Parameters of one function: A1, A2, ln A3, kappa.
 pub(super) const PER_FUNCTION: usize = 4;
@@ -70,10 +71,25 @@ impl Columns for TanhColumns {
         natural: &[f64],
         columns: &mut [f64],
     ) -> f64 {
+        self.row_by_set(&mut (), inputs, weights, natural, columns, &mut [0.0; MAX_FUNCTIONS])
+    }
+}
+
+impl Blended for TanhColumns {
+    #[inline]
+    fn row_by_set(
+        &self,
+        (): &mut (),
+        inputs: &Inputs,
+        weights: &[f64],
+        natural: &[f64],
+        columns: &mut [f64],
+        forces: &mut [f64],
+    ) -> f64 {
         let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
         let mut force = 0.0;
         let functions = columns.chunks_exact_mut(PER_FUNCTION).zip(natural.chunks_exact(PER_FUNCTION));
-        for ((column, p), &w) in functions.zip(weights) {
+        for (((column, p), &w), own) in functions.zip(weights).zip(forces) {
             if w == 0.0 {
                 continue;
             }
@@ -81,7 +97,8 @@ impl Columns for TanhColumns {
             let u = v + kappa * x;
             let t = crate::force::law::tanh(a3 * u);
             let slope = a1 * a3 * (1.0 - t * t);
-            force += w * (a1 * t + a2 * u);
+            *own = a1 * t + a2 * u;
+            force += w * *own;
             column[0] = w * t;
             column[1] = w * u;
             column[2] = w * slope * u;

@@ -3,7 +3,7 @@
 use super::memberships::{self, Memberships};
 use super::{file_error, table_into};
 use crate::error::Error;
-use crate::force::{FuzzyTanh, Membership, TanhFunction};
+use crate::force::{FuzzyTanh, TanhFunction};
 use crate::sample::DriveKind;
 use serde::{Deserialize, Serialize};
 
@@ -66,6 +66,5 @@ pub(super) fn read(drive: Option<DriveKind>, table: &toml::Table) -> Result<Fuzz
             coupling_per_s: p.coupling_per_s[j],
         })
         .collect();
-    let membership = Membership { drive, sigma: sets.sigma() };
-    FuzzyTanh::new(membership, sets.centres(), &functions, p.force_offset_n)
+    FuzzyTanh::new(sets, &functions, p.force_offset_n)
 }

@@ -70,19 +70,7 @@ pub(super) fn read(law: Law, drive: Option<DriveKind>, table: &toml::Table) -> R
         Ok((name, value.as_slice()))
     };
     let first = values(0)?.1.len();
-    let dependence = match (p.dependence.as_str(), drive) {
-        ("none", None) => Dependence::None,
-        ("polynomial", Some(drive)) => Dependence::Polynomial { drive, degree: first.saturating_sub(1) },
-        ("fuzzy", Some(drive)) => Dependence::Fuzzy(p.memberships.read(drive)?),
-        ("none" | "polynomial" | "fuzzy", _) => {
-            return Err(drive_error(drive, "dependence = \"none\" without a drive, or another with one"));
-        }
-        (other, _) => {
-            return Err(file_error(format!(
-                "parameters.dependence is \"{other}\", but must be none, polynomial or fuzzy"
-            )));
-        }
-    };
+    let dependence = dependence(&p.dependence, drive, first, &p.memberships)?;
     let copies = dependence.copies();
     let mut coefficients = vec![0.0; copies * parameters.len()];
     for j in 0..parameters.len() {
@@ -99,4 +87,26 @@ pub(super) fn read(law: Law, drive: Option<DriveKind>, table: &toml::Table) -> R
         }
     }
     LawModel::new(law, dependence, &coefficients, p.force_offset_n)
+}
+
+/// The dependence called `name`; of a polynomial there are `copies` coefficients a parameter.
+pub(super) fn dependence(
+    name: &str,
+    drive: Option<DriveKind>,
+    copies: usize,
+    memberships: &Memberships,
+) -> Result<Dependence, Error> {
+    Ok(match (name, drive) {
+        ("none", None) => Dependence::None,
+        ("polynomial", Some(drive)) => Dependence::Polynomial { drive, degree: copies.saturating_sub(1) },
+        ("fuzzy", Some(drive)) => Dependence::Fuzzy(memberships.read(drive)?),
+        ("none" | "polynomial" | "fuzzy", _) => {
+            return Err(drive_error(drive, "dependence = \"none\" without a drive, or another with one"));
+        }
+        (other, _) => {
+            return Err(file_error(format!(
+                "parameters.dependence is \"{other}\", but must be none, polynomial or fuzzy"
+            )));
+        }
+    })
 }

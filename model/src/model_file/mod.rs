@@ -19,6 +19,7 @@ mod arx;
 mod fuzzy_tanh;
 mod law;
 mod lazy;
+mod lpv;
 mod memberships;
 mod network;
 mod tsk;
@@ -102,6 +103,7 @@ enum Parameters {
     FuzzyTanh(fuzzy_tanh::Parameters),
     Law(law::Parameters),
     Lazy(lazy::Parameters),
+    Lpv(lpv::Parameters),
     Network(network::Parameters),
     Tsk(tsk::Parameters),
 }
@@ -113,6 +115,7 @@ impl Parameters {
             ForceModel::FuzzyTanh(model) => Self::FuzzyTanh(fuzzy_tanh::Parameters::of(model)),
             ForceModel::Law(model) => Self::Law(law::Parameters::of(model)),
             ForceModel::Lazy(model) => Self::Lazy(lazy::Parameters::of(model)),
+            ForceModel::Lpv(model) => Self::Lpv(lpv::Parameters::of(model)),
             ForceModel::Network(model) => Self::Network(network::Parameters::of(model)),
             ForceModel::Tsk(model) => Self::Tsk(tsk::Parameters::of(model)),
         }
@@ -195,6 +198,7 @@ impl ModelFile {
             "arx" => ForceModel::Arx(arx::read(LAGS, read.drive, &read.parameters)?),
             "savaresi" => ForceModel::Arx(arx::read(SAVARESI_LAGS, read.drive, &read.parameters)?),
             "fuzzy-tanh" => ForceModel::FuzzyTanh(fuzzy_tanh::read(read.drive, &read.parameters)?),
+            "lpv" => ForceModel::Lpv(lpv::read(read.drive, &read.parameters)?),
             "boada" => ForceModel::Lazy(lazy::read(read.drive, &read.parameters)?),
             name => match (Law::named(name), TskKind::from_name(name), NetworkStructure::named(name)) {
                 (Some(law), _, _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
@@ -221,7 +225,7 @@ impl ModelFile {
 }
 
 fn unknown_model(name: &str) -> Error {
-    let mut known = vec!["arx", "savaresi", "fuzzy-tanh", "boada"];
+    let mut known = vec!["arx", "savaresi", "lpv", "fuzzy-tanh", "boada"];
     known.extend(Law::ALL.map(Law::name));
     known.extend(NetworkStructure::ALL.map(NetworkStructure::name));
     known.extend(TskKind::ALL.map(TskKind::name));

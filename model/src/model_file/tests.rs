@@ -1,7 +1,10 @@
 //! Files in and out, and what is said of broken ones.
 
 use super::*;
-use crate::force::{Arx, Lazy, LazyMetric, LazyPoint, Network, NetworkScaling, Normalisation};
+use crate::force::{
+    Arx, Dependence, FuzzySets, FuzzyTanh, Lazy, LazyMetric, LazyPoint, Lpv, Network, NetworkScaling,
+    Normalisation,
+};
 use crate::preset;
 use crate::units::Second;
 
@@ -100,13 +103,33 @@ fn lazies() -> Vec<ForceModel> {
     vec![of(None), of(Some(DriveKind::CoilCurrent)), of(Some(DriveKind::CommandVoltage))]
 }
 
+fn lpvs() -> Vec<ForceModel> {
+    let widths = FuzzySets::with_widths(DriveKind::CommandVoltage, &[0.0, 1.5, 2.0], &[0.5, 0.2, 0.1]);
+    let polynomial = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 2 };
+    let of = |dependence| {
+        let coefficients: Vec<f64> = (0..27).map(|k| f64::from(k).sin() * 30.0).collect();
+        ForceModel::Lpv(Lpv::new(dependence, &coefficients, Second(0.002), -3.5).expect("a model"))
+    };
+    vec![of(polynomial), of(Dependence::Fuzzy(widths.expect("sets")))]
+}
+
+/// A fuzzy-tanh model whose sets have each a width of its own.
+fn of_unlike_widths() -> ForceModel {
+    let ForceModel::FuzzyTanh(model) = file("thesis/fuzzy-tanh/rp3-cs").model.force else {
+        panic!("a preset")
+    };
+    let sigmas = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7];
+    let sets = FuzzySets::with_widths(model.drive(), model.sets().centres(), &sigmas).expect("sets");
+    ForceModel::FuzzyTanh(FuzzyTanh::new(sets, model.functions(), 4.0).expect("a model"))
+}
+
 #[test]
 fn models_that_learn_from_data_survive_the_file_bit_for_bit() {
     let savaresi = |drive| {
         Arx::savaresi([1.6, -0.7], [4e3, -3e3], [250.0, 80.0], drive, Second(0.002), 9.0).expect("a model")
     };
     let arx = [None, Some((DriveKind::CoilCurrent, [30.0, -4.0]))].map(|d| ForceModel::Arx(savaresi(d)));
-    for force in networks().into_iter().chain(lazies()).chain(arx) {
+    for force in networks().into_iter().chain(lazies()).chain(arx).chain(lpvs()).chain([of_unlike_widths()]) {
         let written = file_of(force);
         let text = written.to_toml().expect("writes");
         let read = ModelFile::from_toml(&text).unwrap_or_else(|e| panic!("{}: {e}\n{text}", force.name()));
@@ -115,9 +138,10 @@ fn models_that_learn_from_data_survive_the_file_bit_for_bit() {
 }
 
 #[test]
-fn a_broken_network_or_memory_is_refused_by_name() {
+fn a_broken_one_of_them_is_refused_by_name() {
     let text = |force: ForceModel| file_of(force).to_toml().expect("writes");
     let (network, lazy) = (text(networks()[1]), text(lazies()[1]));
+    let (lpv, widths) = (text(lpvs()[0]), text(of_unlike_widths()));
     for (text, from, to, expected) in [
         (&network, "force_deviation_n = 410.0", "force_deviation_n = 0.0", "force_deviation_n is 0"),
         (&network, "force_deviation_n", "force_deviation_lbf", "did you mean force_deviation_n?"),
@@ -127,6 +151,16 @@ fn a_broken_network_or_memory_is_refused_by_name() {
         (&network, "drive = \"current_a\"\n", "", "drive is absent"),
         (&lazy, "neighbours = [6, 14]", "neighbours = [6, 60]", "neighbours[1] is 60"),
         (&lazy, "points_force_n = [", "points_force_n = [0.0, ", "points_force_n has 41 values"),
+        (&lpv, "force_lags = [[", "force_lags = [[0.0, ", "parameters.force_lags[1] has 3 values"),
+        (
+            &lpv,
+            "velocity_lags_n_s_m = [[",
+            "velocity_lags_n_s_m = [[0.0, ",
+            "velocity_lags_n_s_m[0] has 4 values",
+        ),
+        (&lpv, "dependence = \"polynomial\"", "dependence = \"none\"", "drive is \"current_a\""),
+        (&widths, "membership_sigma_a = [", "membership_sigma_a = [0.3, ", "membership_sigma_a has 8 values"),
+        (&widths, "membership_sigma_a = [0.1", "membership_sigma_a = [0.0", "membership_sigma_a[0] is 0"),
         (&lazy, "current_scale_a", "voltage_scale_v", "current_scale_a and points_current_a"),
     ] {
         assert!(text.contains(from), "the test must change the file: {from}");

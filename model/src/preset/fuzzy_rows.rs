@@ -3,7 +3,8 @@
 //! Columns as printed: A1 lbf, A2 lbf·s/in, A3 s/in, X0, V0. Only the ratio X0/V0 = kappa (1/s) matters; see
 //! `force::fuzzy_tanh` on why it is this ratio and not its inverse. Centres 0 to 2.5 A, sigma .2 A.
 
-use crate::force::{FuzzyTanh, Membership, TanhFunction};
+use crate::error::Error;
+use crate::force::{FuzzySets, FuzzyTanh, Membership, TanhFunction};
 use crate::sample::DriveKind;
 use crate::units::{M_PER_IN, N_M_PER_LBF_IN, N_PER_LBF};
 
@@ -51,7 +52,11 @@ pub(super) fn model(set: usize) -> Option<FuzzyTanh> {
         pre_yield_slope_s_m: a3 / M_PER_IN,
         coupling_per_s: x0 / v0,
     });
-    let membership = Membership { drive: DriveKind::CoilCurrent, sigma: SIGMA_A };
     // The table holds finite numbers only, so building cannot fail; a `None` would show in every test.
-    FuzzyTanh::new(membership, &CENTRES_A, &functions, 0.0).ok()
+    FuzzyTanh::new(sets(&CENTRES_A).ok()?, &functions, 0.0).ok()
+}
+
+/// Sets of the thesis' width around `centres`, A.
+pub(super) fn sets(centres: &[f64]) -> Result<FuzzySets, Error> {
+    FuzzySets::new(Membership { drive: DriveKind::CoilCurrent, sigma: SIGMA_A }, centres)
 }

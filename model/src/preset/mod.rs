@@ -24,10 +24,9 @@ pub use fuzzy_rows::{CENTRES_A, SIGMA_A};
 
 use crate::condition::Conditioning;
 use crate::error::Error;
-use crate::force::{ForceModel, FuzzyTanh, Membership, Phase};
+use crate::force::{ForceModel, FuzzyTanh, Phase};
 use crate::identify::Form;
 use crate::model::{Envelope, Expected, Model};
-use crate::sample::DriveKind;
 use crate::units::N_PER_LBF;
 
 /// The thesis' experiments, in the order of its tables, in lower case as preset names have them.
@@ -153,9 +152,8 @@ fn find(name: &str) -> Option<Model> {
 
 /// Function `j` of `model` alone, the same at any current.
 fn single(model: &FuzzyTanh, j: usize) -> Option<FuzzyTanh> {
-    let membership = Membership { drive: DriveKind::CoilCurrent, sigma: SIGMA_A };
-    let (centres, functions) = (model.centres().get(j..=j)?, model.functions().get(j..=j)?);
-    FuzzyTanh::new(membership, centres, functions, 0.0).ok()
+    let (centres, functions) = (model.sets().centres().get(j..=j)?, model.functions().get(j..=j)?);
+    FuzzyTanh::new(fuzzy_rows::sets(centres).ok()?, functions, 0.0).ok()
 }
 
 /// Levenshtein distance, to suggest a name.

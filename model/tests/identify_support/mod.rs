@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test binary uses its share")]
 
-use mr_damper_model::force::{FuzzyTanh, Membership, TanhFunction};
+use mr_damper_model::force::{FuzzySets, FuzzyTanh, Membership, TanhFunction};
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -83,6 +83,6 @@ pub(crate) fn truth(kind: DriveKind) -> FuzzyTanh {
         function(400.0, 900.0, 45.0, -1.2),
         function(800.0, 1100.0, 38.0, 0.8),
     ];
-    FuzzyTanh::new(Membership { drive: kind, sigma: 0.25 }, &[0.0, 0.5, 1.0], &functions, 0.0)
-        .expect("a model")
+    let sets = FuzzySets::new(Membership { drive: kind, sigma: 0.25 }, &[0.0, 0.5, 1.0]).expect("sets");
+    FuzzyTanh::new(sets, &functions, 0.0).expect("a model")
 }

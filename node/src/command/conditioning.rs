@@ -1,7 +1,55 @@
-//! Conditioning as the command line has it.
+//! How runs become rows, as the command line has it.
 
 use clap::ValueEnum;
-use mr_damper_model::condition::{ApplyTo, VelocitySource};
+use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
+use mr_damper_model::identify::DatasetOptions;
+
+/// Filter, derivative, rate, and which samples count.
+#[derive(Debug, clap::Args)]
+pub struct ConditioningArgs {
+    /// Where the second-order low-pass sits; by default nowhere, and in `compare` on the inputs, the thesis' own place.
+    #[arg(long, value_enum)]
+    pub filter: Option<FilterArg>,
+    /// Corner of the low-pass, Hz.
+    #[arg(long, value_name = "HZ", default_value_t = 20.0)]
+    pub cutoff: f64,
+    /// Where velocity comes from; by default the difference or slope that fits the runs best. Models that feed on force,
+    /// and all in `compare`, have the backward difference.
+    #[arg(long, value_enum)]
+    pub velocity: Option<VelocityArg>,
+    /// Window of the slope when --velocity is slope, s.
+    #[arg(long, value_name = "S", default_value_t = 0.01)]
+    pub slope_window: f64,
+    /// Thin runs to this rate first, Hz.
+    #[arg(long, value_name = "HZ")]
+    pub rate: Option<f64>,
+    /// Count all samples, not only those in which the damper moves.
+    #[arg(long)]
+    pub all_samples: bool,
+}
+
+impl ConditioningArgs {
+    /// The conditioning, with `filter` where none was asked for.
+    ///
+    /// # Errors
+    /// When a number is out of its range.
+    pub fn conditioning(&self, filter: FilterArg) -> Result<Conditioning, mr_damper_model::Error> {
+        let conditioning = Conditioning {
+            apply_to: self.filter.unwrap_or(filter).into(),
+            cutoff_hz: self.cutoff,
+            velocity: self.velocity.unwrap_or(VelocityArg::Backward).into(),
+            slope_window_s: self.slope_window,
+        };
+        conditioning.validate()?;
+        Ok(conditioning)
+    }
+
+    /// Which samples make rows.
+    #[must_use]
+    pub fn dataset(&self) -> DatasetOptions {
+        DatasetOptions { moving_only: !self.all_samples, rate_hz: self.rate, ..DatasetOptions::default() }
+    }
+}
 
 /// Where the low-pass sits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

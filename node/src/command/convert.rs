@@ -3,12 +3,13 @@
 use crate::command::Surroundings;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
-use crate::run::{self, SaveOptions};
+use crate::run::{self, Part, SaveOptions};
 use std::path::PathBuf;
 
 /// Convert a run between CSV and rosbag2 (MCAP), without loss.
 ///
-/// A target that ends in .csv becomes a CSV file, any other a rosbag2 directory.
+/// A target that ends in .csv becomes a CSV file, any other a rosbag2 directory. With --start and --duration a part of
+/// the run is cut out, such as one half to identify from and one to test on.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// CSV file, rosbag2 directory, or .mcap file.
@@ -20,6 +21,12 @@ pub struct Args {
     /// Namespace of the topics in a bag that is written, e.g. /front_left.
     #[arg(long, value_name = "NS", default_value = "")]
     pub namespace: String,
+    /// Begin this many seconds into the run.
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    pub start: f64,
+    /// Write this many seconds; by default to the end.
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
@@ -30,20 +37,17 @@ pub struct Args {
 /// # Errors
 /// When the run does not load, or the target exists or cannot be written.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
-    let save = SaveOptions { namespace: args.namespace.clone(), ..SaveOptions::default() };
+    let part = Part { start_s: args.start, duration_s: args.duration };
+    let save = SaveOptions { namespace: args.namespace.clone(), part, ..SaveOptions::default() };
     let loaded = run::convert(&args.input, &args.output, &args.load.options(), &save)?;
     for note in &loaded.notes {
         tracing::warn!(run = %args.input.display(), "{note}");
     }
     if !around.quiet {
-        let run = &loaded.run;
-        eprintln!(
-            "{}: {} displacements, {:.1} s, written to {}",
-            args.input.display(),
-            run.displacement_m.len(),
-            run.duration().get(),
-            args.output.display()
-        );
+        let (run, output) = (&loaded.run, args.output.display());
+        let (count, length_s) = (run.displacement_m.len(), run.duration().get());
+        let what = if part == Part::default() { "written to" } else { "a part of it written to" };
+        eprintln!("{}: {count} displacements, {length_s:.1} s, {what} {output}", args.input.display());
     }
     Ok(())
 }

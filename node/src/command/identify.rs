@@ -1,7 +1,7 @@
 //! `mr-damper identify`: a model from recorded runs.
 
 use crate::command::Surroundings;
-use crate::command::conditioning::{FilterArg, VelocityArg, velocity_text};
+use crate::command::conditioning::{ConditioningArgs, FilterArg, velocity_text};
 use crate::command::output;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
@@ -9,11 +9,10 @@ use crate::report::identify::SteppedRun;
 use crate::report::{self, Recording};
 use clap::builder::PossibleValuesParser;
 use indicatif::{ProgressBar, ProgressStyle};
-use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
-    DatasetOptions, Form, GivenMemberships, Identified, Loss, ModelSpec, Options, ParameterValue, Progress,
-    Structure, Watch, identify,
+    Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Progress, Structure, Watch,
+    identify,
 };
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
@@ -37,10 +36,10 @@ pub struct Args {
     /// The form without the drive.
     #[arg(long)]
     pub passive: bool,
-    /// Fuzzy sets over the drive in place of polynomials, for a law of force (sp, kwok, bouc-wen, ...).
+    /// Fuzzy sets over the drive in place of polynomials, for a law of force (kwok, bouc-wen, ...) or lpv.
     #[arg(long, conflicts_with = "passive")]
     pub fuzzy: bool,
-    /// Degree of the polynomials over the drive, for a law of force.
+    /// Degree of the polynomials over the drive, for a law of force or lpv.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=4))]
     pub degree: u8,
     /// Minimise Huber's loss in place of squares: residuals beyond N newtons count for little.
@@ -67,25 +66,15 @@ pub struct Args {
     /// Width (standard deviation) of the memberships, in A or V; by default half the centres' spacing.
     #[arg(long, value_name = "S", requires = "centres")]
     pub sigma: Option<f64>,
-    /// Where the second-order low-pass sits.
-    #[arg(long, value_enum, default_value_t = FilterArg::None)]
-    pub filter: FilterArg,
-    /// Corner of the low-pass, Hz.
-    #[arg(long, value_name = "HZ", default_value_t = 20.0)]
-    pub cutoff: f64,
-    /// Where velocity comes from; by default the difference or slope that fits the runs best, and for models that
-    /// feed on force the backward difference.
-    #[arg(long, value_enum)]
-    pub velocity: Option<VelocityArg>,
-    /// Window of the slope when --velocity is slope, s.
-    #[arg(long, value_name = "S", default_value_t = 0.01)]
-    pub slope_window: f64,
-    /// Thin runs to this rate first, Hz.
-    #[arg(long, value_name = "HZ")]
-    pub rate: Option<f64>,
-    /// Fit all samples, not only those in which the damper moves.
-    #[arg(long)]
-    pub all_samples: bool,
+    /// So many fuzzy sets, evenly over the range of the drive.
+    #[arg(long, value_name = "N", conflicts_with = "centres")]
+    pub sets: Option<usize>,
+    /// Identify centres and widths of the fuzzy sets too; those that would stand fixed are where the search starts.
+    #[arg(long, conflicts_with = "passive")]
+    pub free_sets: bool,
+    /// How runs become rows.
+    #[command(flatten)]
+    pub conditioning: ConditioningArgs,
     /// Write a report with pictures, as one HTML file.
     #[arg(long, value_name = "R.html")]
     pub report: Option<PathBuf>,
@@ -174,10 +163,11 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let (runs, hashes): (Vec<Run>, Vec<String>) =
         loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
     let start = Instant::now();
-    let form = match (args.passive, args.fuzzy) {
-        (true, _) => Form::Passive,
-        (false, true) => Form::Fuzzy,
-        (false, false) => Form::SemiActive,
+    let form = match (args.passive, args.fuzzy, args.free_sets) {
+        (true, _, _) => Form::Passive,
+        (false, _, true) => Form::FreeFuzzy,
+        (false, true, false) => Form::Fuzzy,
+        (false, false, false) => Form::SemiActive,
     };
     let spec = ModelSpec::named(&args.model, form)?;
     let mut found = fit(spec, &runs, args, around)?;
@@ -240,19 +230,14 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 
 fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Result<Identified, NodeError> {
     let options = Options {
-        conditioning: Conditioning {
-            apply_to: args.filter.into(),
-            cutoff_hz: args.cutoff,
-            velocity: args.velocity.map_or(VelocitySource::Backward, VelocitySource::from),
-            slope_window_s: args.slope_window,
+        conditioning: args.conditioning.conditioning(FilterArg::None)?,
+        choose_velocity: args.conditioning.velocity.is_none(),
+        dataset: args.conditioning.dataset(),
+        placement: match (&args.centres, args.sets) {
+            (Some(centres), _) => Placement::Given { centres: centres.clone(), sigma: args.sigma },
+            (None, Some(sets)) => Placement::Even(sets),
+            (None, None) => Placement::FromRuns,
         },
-        choose_velocity: args.velocity.is_none(),
-        dataset: DatasetOptions {
-            moving_only: !args.all_samples,
-            rate_hz: args.rate,
-            ..DatasetOptions::default()
-        },
-        memberships: args.centres.clone().map(|centres| GivenMemberships { centres, sigma: args.sigma }),
         degree: usize::from(args.degree),
         loss: match args.huber {
             Some(threshold_n) => Loss::Huber { threshold_n },
@@ -262,7 +247,6 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
         restarts: args.restarts,
         seed: args.seed,
     };
-    options.conditioning.validate()?;
     let bar = if around.quiet { ProgressBar::hidden() } else { ProgressBar::new(0) };
     let style = ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len}, {eta} left");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));

@@ -37,7 +37,8 @@ pub use bag_write::{BagOptions, BagSummary, BagWriter, Sync, Topic, TopicId};
 pub use error::{Note, RunError};
 
 use hash::{Hash, HashingReader};
-use mr_damper_model::sample::{DriveKind, Run, Trace};
+use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
+use std::borrow::Cow;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -64,6 +65,41 @@ pub struct SaveOptions {
     pub namespace: String,
     /// Bags: chunks, compression and sync.
     pub bag: BagOptions,
+    /// What of the run is written.
+    pub part: Part,
+}
+
+/// A part of a run, by the time since its first displacement; by default all of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Part {
+    /// Where it begins, s.
+    pub start_s: f64,
+    /// How long it is, s; `None`: to the end.
+    pub duration_s: Option<f64>,
+}
+
+impl Part {
+    /// The part of `run`, or what is wrong with it.
+    fn of<'a>(&self, run: &'a Run, path: &Path) -> Result<Cow<'a, Run>, RunError> {
+        if *self == Self::default() {
+            return Ok(Cow::Borrowed(run));
+        }
+        let first = run.displacement_m.stamps.first().copied().unwrap_or_default();
+        let at = |seconds: f64| first.shifted((seconds * 1e9).round() as i64);
+        let to = self.duration_s.map_or(Stamp::from_nanos(i64::MAX), |length| at(self.start_s + length));
+        let cut = run.between(at(self.start_s), to);
+        if self.start_s >= 0.0 && !cut.displacement_m.is_empty() {
+            return Ok(Cow::Owned(cut));
+        }
+        Err(RunError::Unwritable {
+            path: path.to_owned(),
+            what: format!("the part from {} s on", self.start_s),
+            why: format!(
+                "the run has {:.3} s of displacement, and none of it is there",
+                run.duration().get()
+            ),
+        })
+    }
 }
 
 /// A run with what was noted while reading it.
@@ -135,6 +171,7 @@ pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunErro
     if path.symlink_metadata().is_ok() {
         return Err(RunError::Exists { path: path.to_owned() });
     }
+    let run = &*options.part.of(run, path)?;
     match extension(path).as_str() {
         "csv" => write_file(path, |sink| csv_write::write(run, path, sink)),
         "" => bag_save::save(run, path, &options.namespace, options.bag.clone()),

@@ -24,9 +24,9 @@ mod li;
 mod sp;
 
 use super::Inputs;
-use super::sets::{FuzzySets, MAX_FUNCTIONS};
+use super::dependence::Dependence;
+use super::sets::MAX_FUNCTIONS;
 use crate::error::Error;
-use crate::sample::DriveKind;
 use jet::Jet;
 use num_dual::DualNum;
 
@@ -38,8 +38,6 @@ impl<T: DualNum<Primitive = f64> + Copy> Scalar for T {}
 pub const MAX_PARAMETERS: usize = 14;
 /// The most coefficients of one model: parameters times sets, or times powers of the drive.
 pub const MAX_COEFFICIENTS: usize = 160;
-/// The highest power of the drive.
-pub const MAX_DEGREE: usize = 4;
 /// The most hidden variables that a law has.
 pub const MAX_HIDDEN: usize = 3;
 /// Directions in which a law with memory is differentiated: its parameters, then its hidden variables.
@@ -305,54 +303,6 @@ fn sign(x: f64) -> f64 {
     if x == 0.0 { 0.0 } else { x.signum() }
 }
 
-/// How the parameters of a law follow the drive.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Dependence {
-    /// Not at all: a passive model.
-    None,
-    /// As polynomials.
-    Polynomial {
-        /// What the polynomials are in.
-        drive: DriveKind,
-        /// Their degree, 1 to [`MAX_DEGREE`].
-        degree: usize,
-    },
-    /// One full set of parameters under each fuzzy set; forces are blended.
-    Fuzzy(FuzzySets),
-}
-
-impl Dependence {
-    /// Which drive it is on; `None` for a passive model.
-    #[must_use]
-    pub const fn drive(&self) -> Option<DriveKind> {
-        match self {
-            Self::None => None,
-            Self::Polynomial { drive, .. } => Some(*drive),
-            Self::Fuzzy(sets) => Some(sets.drive()),
-        }
-    }
-
-    /// Coefficients behind each parameter: one, one for each power, or one for each set.
-    #[must_use]
-    pub const fn copies(&self) -> usize {
-        match self {
-            Self::None => 1,
-            Self::Polynomial { degree, .. } => *degree + 1,
-            Self::Fuzzy(sets) => sets.len(),
-        }
-    }
-
-    /// The name in model files: `none`, `polynomial`, `fuzzy`.
-    #[must_use]
-    pub const fn name(&self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Polynomial { .. } => "polynomial",
-            Self::Fuzzy(_) => "fuzzy",
-        }
-    }
-}
-
 /// A law with its coefficients and its dependence on the drive: a model that can run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LawModel {
@@ -376,16 +326,14 @@ impl LawModel {
     ///
     /// # Errors
     /// When the number of coefficients is not parameters times copies, is beyond [`MAX_COEFFICIENTS`], the
-    /// degree is not 1 to [`MAX_DEGREE`], or a number is not finite.
+    /// degree is not 1 to [`super::MAX_DEGREE`], or a number is not finite.
     pub fn new(
         law: Law,
         dependence: Dependence,
         coefficients: &[f64],
         force_offset_n: f64,
     ) -> Result<Self, Error> {
-        if let Dependence::Polynomial { degree, .. } = dependence {
-            Error::check("degree", degree as f64, "1 to 4", |d| (1.0..=MAX_DEGREE as f64).contains(&d))?;
-        }
+        dependence.check()?;
         let parameters = law.parameters();
         let wanted = parameters.len() * dependence.copies();
         if coefficients.len() != wanted || wanted > MAX_COEFFICIENTS {

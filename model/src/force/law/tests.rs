@@ -1,7 +1,8 @@
 //! What holds for every law: derivatives, dependence on the drive, one gauge of names.
 
 use super::*;
-use crate::force::Membership;
+use crate::force::{FuzzySets, Membership};
+use crate::sample::DriveKind;
 use num_dual::Dual64;
 use proptest::prelude::*;
 

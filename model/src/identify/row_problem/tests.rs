@@ -32,7 +32,7 @@ fn made(apply_to: ApplyTo) -> (Vec<Dataset>, Memberships) {
 
 fn columns(datasets: &[Dataset], memberships: &Memberships) -> TanhColumns {
     let scales = Scales::of(datasets).expect("moving data");
-    TanhColumns { sets: memberships.sets().expect("sets"), scales }
+    TanhColumns { sets: memberships.sets, scales }
 }
 
 const POINT: [f64; 12] = [80.0, 400.0, 3.9, -0.5, 300.0, 600.0, 3.2, 1.5, 650.0, -200.0, 2.5, 4.0];
@@ -74,7 +74,7 @@ fn the_square_is_that_of_the_jacobian() {
                 coupling_per_s: p[3],
             })
             .collect();
-        let model = FuzzyTanh::new(memberships.membership, &memberships.centres, &functions, 0.0);
+        let model = FuzzyTanh::new(memberships.sets, &functions, 0.0);
         let model = model.expect("a model");
         let one = |dataset: &Dataset| {
             let rows = dataset.rows.iter().filter(|row| row.counts);

@@ -8,15 +8,14 @@ mod tables;
 mod work;
 
 use crate::command::Surroundings;
-use crate::command::conditioning::{FilterArg, VelocityArg};
+use crate::command::conditioning::{ConditioningArgs, FilterArg};
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::report::compare::published::Published;
 use clap::builder::PossibleValuesParser;
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::compare::{self, Cell, Experiment, Summary};
-use mr_damper_model::condition::Conditioning;
-use mr_damper_model::identify::{DatasetOptions, Form, ModelSpec, Options, Structure, Watch};
+use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch};
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use runs::{Planned, Source};
 use state::{Ground, Line, State};
@@ -64,24 +63,9 @@ pub struct Args {
     /// Most rows that a nonlinear fit is finished on; a longer run is sampled. Tests always take all rows.
     #[arg(long, value_name = "N", default_value_t = 30_000)]
     pub most_rows: usize,
-    /// Where the second-order low-pass sits; the thesis' own place by default.
-    #[arg(long, value_enum, default_value_t = FilterArg::Inputs)]
-    pub filter: FilterArg,
-    /// Corner of the low-pass, Hz.
-    #[arg(long, value_name = "HZ", default_value_t = 20.0)]
-    pub cutoff: f64,
-    /// Where velocity comes from, for all models alike.
-    #[arg(long, value_enum, default_value_t = VelocityArg::Backward)]
-    pub velocity: VelocityArg,
-    /// Window of the slope when --velocity is slope, s.
-    #[arg(long, value_name = "S", default_value_t = 0.01)]
-    pub slope_window: f64,
-    /// Thin runs to this rate first, Hz.
-    #[arg(long, value_name = "HZ")]
-    pub rate: Option<f64>,
-    /// Count all samples, not only those in which the damper moves.
-    #[arg(long)]
-    pub all_samples: bool,
+    /// How runs become rows.
+    #[command(flatten)]
+    pub conditioning: ConditioningArgs,
     /// Write a report with pictures, as one HTML file.
     #[arg(long, value_name = "R.html")]
     pub report: Option<PathBuf>,
@@ -166,24 +150,14 @@ fn prepare(args: &Args, around: &Surroundings) -> Result<Work, NodeError> {
         None => runs::given(&args.train, &args.test)?,
     };
     let options = Options {
-        conditioning: Conditioning {
-            apply_to: args.filter.into(),
-            cutoff_hz: args.cutoff,
-            velocity: args.velocity.into(),
-            slope_window_s: args.slope_window,
-        },
+        conditioning: args.conditioning.conditioning(FilterArg::Inputs)?,
         choose_velocity: false,
-        dataset: DatasetOptions {
-            moving_only: !args.all_samples,
-            rate_hz: args.rate,
-            ..DatasetOptions::default()
-        },
+        dataset: args.conditioning.dataset(),
         most_rows: Some(args.most_rows),
         restarts: args.restarts,
         seed: args.seed,
         ..Options::default()
     };
-    options.conditioning.validate()?;
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let files: usize = planned.iter().map(|p| p.replicates.len()).sum();
     let bar = bar(around, files, "reading runs [{bar:40}] {pos}/{len}");

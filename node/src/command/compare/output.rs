@@ -179,7 +179,8 @@ fn outcome<'a>(
             ),
             fact(
                 "rows that count",
-                if args.all_samples { "all" } else { "those in which the damper moves" }.to_owned(),
+                if args.conditioning.all_samples { "all" } else { "those in which the damper moves" }
+                    .to_owned(),
             ),
             fact("restarts", format!("{}, seed {}", args.restarts, args.seed)),
             fact("most rows of a nonlinear fit", args.most_rows.to_string()),
@@ -206,8 +207,8 @@ fn report<'a>(args: &Args, work: &'a Work, done: &'a Done, times: &'a [StepTime]
             restarts: args.restarts,
             seed: args.seed,
             most_rows: args.most_rows,
-            moving_only: !args.all_samples,
-            rate_hz: args.rate,
+            moving_only: !args.conditioning.all_samples,
+            rate_hz: args.conditioning.rate,
             conditioning: work.options.conditioning,
         },
         experiments: replicates

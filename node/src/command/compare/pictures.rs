@@ -139,16 +139,16 @@ fn currents(experiments: &[Experiment]) -> Option<Currents<'_>> {
         let Some(first) = experiment.replicates.first() else { continue };
         let Some(kind) = first.data.drive else { continue };
         let Ok(found) = Memberships::from_drive(kind, counted(&first.data)) else { continue };
-        let levels = if found.source == MembershipSource::Levels { found.centres.len() } else { 0 };
+        let levels = if found.source == MembershipSource::Levels { found.sets.len() } else { 0 };
         if levels > stepped.as_ref().map_or(2, |best| best.0) {
             stepped = Some((levels, experiment, found));
         }
     }
     if let Some((levels, experiment, found)) = stepped {
-        let gap = found.centres.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+        let gap = found.sets.centres().windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
         let of = levels.min(CURRENTS);
         // Six of seven: the middle one is left out.
-        let pick = |k: usize| found.centres[(k * (levels - 1) + (of - 1) / 2) / (of - 1).max(1)];
+        let pick = |k: usize| found.sets.centres()[(k * (levels - 1) + (of - 1) / 2) / (of - 1).max(1)];
         let ranges = (0..of).map(|k| [pick(k) - 0.25 * gap, pick(k) + 0.25 * gap]).collect();
         return Some((experiment, experiment.replicates.first()?, ranges, true));
     }

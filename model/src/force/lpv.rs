@@ -1,0 +1,160 @@
+//! Linear parameter-varying ARX: an auto-regression whose coefficients follow the drive (future work in the thesis).
+//!
+//! ```text
+//! F_k = F0 + sum_{l=1..3} a_l(i_k) (F_{k-l} - F0) + b_l(i_k) x_{k-l+1} + c_l(i_k) v_{k-l+1}
+//! a_l(i) = sum_d a_ld i^d                 polynomials, or
+//! a_l(i) = sum_s w_s(i) a_ls              fuzzy sets over the drive
+//! ```
+//!
+//! F is force, N; x displacement, m; v velocity, m/s; i the drive, A or V, at this very sample; F0 the session's
+//! offset, N; k counts samples of period Ts, so the coefficients hold at one rate only.
+//!
+//! Where the semi-active ARX adds terms in the current, which shift the force by the same amount in both directions
+//! of motion, here the current changes the dynamics: gain and poles. It stays linear in displacement and velocity,
+//! so that the knee of the force-velocity curve comes in through the measured force alone: one step ahead it is
+//! good, running free it is a damper without a knee. Each frozen current gives a plain ARX ([`Lpv::frozen`]); that
+//! all of them are stable does not make the model so, but one that is not warns.
+
+use super::arx::{Arx, LAGS};
+use super::dependence::Dependence;
+use super::history::{History, known};
+use super::sets::MAX_FUNCTIONS;
+use crate::error::Error;
+use crate::units::Second;
+
+/// Regressors of the model: lags of force, displacement and velocity.
+pub const LPV_REGRESSORS: usize = 3 * LAGS;
+/// The most coefficients of a model.
+const MAX_COEFFICIENTS: usize = LPV_REGRESSORS * MAX_FUNCTIONS;
+
+/// The LPV model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lpv {
+    dependence: Dependence,
+    /// Copy by copy: three force lags, three displacement lags (N/m), three velocity lags (N s/m).
+    coefficients: [f64; MAX_COEFFICIENTS],
+    sample_period_s: f64,
+    force_offset_n: f64,
+}
+
+impl Lpv {
+    /// A model from its coefficients in SI units, copy by copy (a power of the drive or a fuzzy set each), of each
+    /// three force lags, three displacement lags (N/m) and three velocity lags (N·s/m), per power of the drive.
+    ///
+    /// # Errors
+    /// When the number of coefficients is not [`LPV_REGRESSORS`] times the copies, the dependence is none (that is
+    /// the passive ARX), a number is not finite or the sample period is not positive.
+    pub fn new(
+        dependence: Dependence,
+        coefficients: &[f64],
+        sample_period: Second,
+        force_offset_n: f64,
+    ) -> Result<Self, Error> {
+        dependence.check()?;
+        if dependence.drive().is_none() {
+            return Err(Error::Data {
+                message: "an lpv model without a drive is the passive arx: take that".to_owned(),
+            });
+        }
+        let wanted = LPV_REGRESSORS * dependence.copies();
+        if coefficients.len() != wanted {
+            return Err(Error::Length {
+                name: "coefficients of lpv".to_owned(),
+                found: coefficients.len(),
+                expected: format!("{wanted} ({LPV_REGRESSORS} regressors times {})", dependence.copies()),
+            });
+        }
+        for (index, value) in coefficients.iter().enumerate() {
+            let (copy, regressor) = (index / LPV_REGRESSORS, index % LPV_REGRESSORS);
+            let list = ["force_lags", "displacement_lags_n_m", "velocity_lags_n_s_m"][regressor / LAGS];
+            let name = format!("{list}[{}][{copy}]", regressor % LAGS);
+            Error::check(&name, *value, "finite", |_| true)?;
+        }
+        Error::check("force_offset_n", force_offset_n, "finite", |_| true)?;
+        let sample_period_s =
+            Error::check("sample_period_s", sample_period.get(), "positive and finite", |t| t > 0.0)?;
+        let mut model =
+            Self { dependence, coefficients: [0.0; MAX_COEFFICIENTS], sample_period_s, force_offset_n };
+        model.coefficients[..wanted].copy_from_slice(coefficients);
+        Ok(model)
+    }
+
+    /// How the coefficients follow the drive.
+    #[must_use]
+    pub const fn dependence(&self) -> &Dependence {
+        &self.dependence
+    }
+
+    /// All coefficients, copy by copy; see [`Lpv::new`].
+    #[must_use]
+    pub fn coefficients(&self) -> &[f64] {
+        &self.coefficients[..self.parameter_count()]
+    }
+
+    /// Nine for each copy.
+    #[must_use]
+    pub const fn parameter_count(&self) -> usize {
+        LPV_REGRESSORS * self.dependence.copies()
+    }
+
+    /// The sample period that the coefficients hold at.
+    #[must_use]
+    pub const fn sample_period(&self) -> Second {
+        Second(self.sample_period_s)
+    }
+
+    /// Force offset of the session, N.
+    #[must_use]
+    pub const fn force_offset_n(&self) -> f64 {
+        self.force_offset_n
+    }
+
+    /// The same model with another session's force offset, N.
+    #[must_use]
+    pub const fn with_force_offset_n(mut self, force_offset_n: f64) -> Self {
+        self.force_offset_n = force_offset_n;
+        self
+    }
+
+    /// The coefficients at drive `i`.
+    #[inline]
+    fn coefficients_at(&self, i: f64) -> [f64; LPV_REGRESSORS] {
+        let mut at = [0.0; LPV_REGRESSORS];
+        for (copy, weight) in self.coefficients().chunks_exact(LPV_REGRESSORS).zip(self.dependence.weights(i))
+        {
+            at.iter_mut().zip(copy).for_each(|(sum, coefficient)| *sum += weight * coefficient);
+        }
+        at
+    }
+
+    /// The passive ARX that the model is while the drive stays at `i`, in the unit of its drive.
+    ///
+    /// # Errors
+    /// When `i` is not finite, or so large that a coefficient is not.
+    pub fn frozen(&self, i: f64) -> Result<Arx, Error> {
+        let at = self.coefficients_at(i);
+        let of = |signal: usize| std::array::from_fn(|lag| at[signal * LAGS + lag]);
+        Arx::new(of(0), of(1), of(2), None, self.sample_period(), self.force_offset_n)
+    }
+
+    /// The predicted force in newtons, or `None` while something that the model needs is unknown.
+    #[inline]
+    #[must_use]
+    pub fn predict_n(&self, history: &History) -> Option<f64> {
+        let ready = known(&history.force_n, LAGS)
+            && known(&history.displacement_m, LAGS)
+            && known(&history.velocity_m_s, LAGS)
+            && known(&history.drive, 1);
+        if !ready {
+            return None;
+        }
+        let [a1, a2, a3, b1, b2, b3, c1, c2, c3] = self.coefficients_at(history.drive[0]);
+        let mut force = self.force_offset_n;
+        for (lag, [a, b, c]) in [[a1, b1, c1], [a2, b2, c2], [a3, b3, c3]].into_iter().enumerate() {
+            force += a * (history.force_n[lag] - self.force_offset_n)
+                + b * history.displacement_m[lag]
+                + c * history.velocity_m_s[lag];
+        }
+        Some(force)
+    }
+}

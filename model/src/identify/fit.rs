@@ -1,0 +1,257 @@
+//! Which fit serves which structure, and what it needs besides rows: fuzzy sets, degrees, samples.
+
+use super::dataset::{self, Dataset};
+use super::free_sets;
+use super::levels::Memberships;
+use super::report::{self, Details, Identified, names_of_copies};
+use super::spec::{Form, ModelSpec, Structure};
+use super::tsk::{TskOptions, fit_tsk};
+use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, network, tsk};
+use crate::condition::Conditioning;
+use crate::error::Error;
+use crate::force::{Dependence, ForceModel, LAGS, Law, NetworkStructure, SAVARESI_LAGS, TskKind};
+use crate::model::{Envelope, Expected, Model};
+use crate::sample::DriveKind;
+use std::borrow::Cow;
+
+/// A model that was fitted, the offset of each run in N, and what else came out.
+type Fitted = (ForceModel, Vec<f64>, Details);
+
+/// Fits a model to conditioned runs.
+pub(super) fn fit(
+    spec: ModelSpec,
+    drive: Option<DriveKind>,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<Identified, Error> {
+    let all = datasets;
+    let job = Job { spec, drive, datasets: &shortened(spec, all, options), options, watch };
+    let (force, offsets_n, details) = match spec.structure() {
+        Structure::Phase => return Err(cannot_run()),
+        Structure::Arx => job.arx(LAGS)?,
+        Structure::Savaresi => job.arx(SAVARESI_LAGS)?,
+        Structure::Lpv => job.lpv()?,
+        Structure::FuzzyTanh => job.fuzzy_tanh()?,
+        Structure::Law(law) => job.law(law)?,
+        Structure::Tsk(kind) => job.tsk(kind)?,
+        Structure::Boada => job.lazy()?,
+        Structure::Network(structure) => job.network(structure)?,
+    };
+    let model = model(force, all[0].conditioning, all);
+    Ok(report::assemble(model, all, &offsets_n, details))
+}
+
+/// How well a model of this kind can do on `datasets`: mean ESR of the runs after a few restarts.
+pub(super) fn sample_esr(
+    spec: ModelSpec,
+    drive: Option<DriveKind>,
+    datasets: &[Dataset],
+    options: &Options,
+    watch: &Watch,
+) -> Result<f64, Error> {
+    let job = Job { spec, drive, datasets, options, watch };
+    match (spec.structure(), drive) {
+        (Structure::Law(law), _) => {
+            let (dependence, _) = job.dependence()?;
+            law::sample_esr(datasets, law, dependence, options.seed, watch)
+        }
+        (Structure::Tsk(kind), drive) => tsk::grid_esr(datasets, kind, drive, watch),
+        (_, Some(kind)) => fuzzy_tanh::sample_esr(datasets, &job.memberships(kind)?, options.seed, watch),
+        (_, None) => law::sample_esr(datasets, Law::Sp, Dependence::None, options.seed, watch),
+    }
+}
+
+/// All that a fit is given.
+struct Job<'a> {
+    spec: ModelSpec,
+    drive: Option<DriveKind>,
+    datasets: &'a [Dataset],
+    options: &'a Options,
+    watch: &'a Watch<'a>,
+}
+
+impl Job<'_> {
+    fn arx(&self, lags: usize) -> Result<Fitted, Error> {
+        let fitted = arx::fit(self.datasets, lags, self.drive, self.watch)?;
+        let details = Details { rank: Some(fitted.rank), converged: true, ..Details::default() };
+        Ok((ForceModel::Arx(fitted.model), fitted.offsets_n, details))
+    }
+
+    fn lpv(&self) -> Result<Fitted, Error> {
+        let (dependence, memberships) = self.dependence()?;
+        if let Some(memberships) = &memberships {
+            memberships.check_support(self.datasets, 3 * LAGS)?;
+        }
+        let fitted = lpv::fit(self.datasets, dependence, self.watch)?;
+        let mut warnings = self.lowered_degree(&dependence);
+        warnings.extend(fitted.warnings);
+        let details =
+            Details { rank: Some(fitted.rank), converged: true, memberships, warnings, ..Details::default() };
+        Ok((ForceModel::Lpv(fitted.model), fitted.offsets_n, details))
+    }
+
+    fn fuzzy_tanh(&self) -> Result<Fitted, Error> {
+        let Some(kind) = self.drive else { return Err(needs_drive("fuzzy-tanh")) };
+        let memberships = self.memberships(kind)?;
+        let levels = self.levels(kind);
+        let names = names_of_copies(fuzzy_tanh::NAMES.into_iter(), memberships.sets.len());
+        let (fitted, names) = if self.spec.form() == Form::FreeFuzzy {
+            let names = [names, free_sets::names(&memberships.sets)].concat();
+            (fuzzy_tanh::fit_free(self.datasets, &memberships, levels, self.options, self.watch)?, names)
+        } else {
+            (fuzzy_tanh::fit(self.datasets, memberships, self.options, self.watch)?, names)
+        };
+        let details = Details::of(&fitted.found, &names).with_memberships(Some(fitted.memberships));
+        Ok((ForceModel::FuzzyTanh(fitted.model), fitted.found.offsets_n, details))
+    }
+
+    fn law(&self, law: Law) -> Result<Fitted, Error> {
+        let (dependence, mut memberships) = self.dependence()?;
+        if let Some(memberships) = &memberships {
+            memberships.check_support(self.datasets, law.parameters().len())?;
+        }
+        let mut names = names_of_copies(law.parameters().iter().map(|p| p.name), dependence.copies());
+        let (model, found) = match (self.spec.form(), &memberships) {
+            (Form::FreeFuzzy, Some(start)) => {
+                names.extend(free_sets::names(&start.sets));
+                let levels = self.levels(start.sets.drive());
+                let (model, found, sets) =
+                    law::fit_free(self.datasets, law, start.sets, levels, self.options, self.watch)?;
+                memberships = Some(sets);
+                (model, found)
+            }
+            _ => law::fit(self.datasets, law, dependence, self.options, self.watch)?,
+        };
+        let mut details = Details::of(&found, &names).with_memberships(memberships);
+        details.warnings.extend(self.lowered_degree(&dependence));
+        Ok((ForceModel::Law(model), found.offsets_n, details))
+    }
+
+    fn tsk(&self, kind: TskKind) -> Result<Fitted, Error> {
+        let found = fit_tsk(self.datasets, kind, self.drive, &TskOptions::of(self.options), self.watch)?;
+        let details = Details { converged: found.converged, ..Details::default() };
+        Ok((ForceModel::Tsk(found.model), found.offsets_n, details))
+    }
+
+    fn lazy(&self) -> Result<Fitted, Error> {
+        let fitted = lazy::fit(self.datasets, self.drive, self.options.seed, self.watch)?;
+        let details =
+            Details { restart_rsse_n: fitted.restart_rsse_n, converged: true, ..Details::default() };
+        Ok((ForceModel::Lazy(fitted.model), fitted.offsets_n, details))
+    }
+
+    fn network(&self, structure: NetworkStructure) -> Result<Fitted, Error> {
+        let restarts = self.options.restarts.div_ceil(network::RESTARTS_PER_RESTART);
+        let seed = self.options.seed;
+        let fitted = network::fit(self.datasets, structure, self.drive, restarts, seed, self.watch)?;
+        let details = Details {
+            restart_rsse_n: fitted.restart_rsse_n,
+            warnings: fitted.warnings,
+            converged: true,
+            ..Details::default()
+        };
+        Ok((ForceModel::Network(fitted.model), fitted.offsets_n, details))
+    }
+
+    /// How parameters follow the drive in the form that is asked for; and the memberships, where there are sets.
+    fn dependence(&self) -> Result<(Dependence, Option<Memberships>), Error> {
+        match (self.spec.form(), self.drive) {
+            (Form::SemiActive, Some(drive)) => {
+                let degree = self.usable_degree(drive)?;
+                Ok((Dependence::Polynomial { drive, degree }, None))
+            }
+            (Form::Fuzzy | Form::FreeFuzzy, Some(drive)) => {
+                let memberships = self.memberships(drive)?;
+                Ok((Dependence::Fuzzy(memberships.sets), Some(memberships)))
+            }
+            (Form::Passive, _) | (_, None) => Ok((Dependence::None, None)),
+        }
+    }
+
+    /// The drive of the rows that count.
+    fn drives(&self) -> impl Iterator<Item = f64> {
+        self.datasets.iter().flat_map(|d| &d.rows).filter(|row| row.counts).map(|row| row.drive)
+    }
+
+    /// Number of levels that the drive takes on; `None` when it roams.
+    fn levels(&self, kind: DriveKind) -> Option<usize> {
+        Memberships::levels(kind, self.drives()).map(|levels| levels.len())
+    }
+
+    /// The highest degree up to the one asked for that the levels of the drive determine.
+    fn usable_degree(&self, kind: DriveKind) -> Result<usize, Error> {
+        match Memberships::levels(kind, self.drives()).as_deref() {
+            Some([level]) => Err(Error::Data {
+                message: format!(
+                    "the runs hold one level of {kind}, {level:.3}: how force depends on it cannot be told; add runs at \
+                     other levels, or take the passive form"
+                ),
+            }),
+            Some(levels) => Ok(self.options.degree.min(levels.len() - 1)),
+            None => Ok(self.options.degree),
+        }
+    }
+
+    /// A warning when the degree of polynomials is lower than what was asked for.
+    fn lowered_degree(&self, dependence: &Dependence) -> Vec<String> {
+        let &Dependence::Polynomial { drive, degree } = dependence else { return Vec::new() };
+        let asked = self.options.degree;
+        let text = || {
+            let levels = degree + 1;
+            format!(
+                "the runs hold {levels} levels of {drive}: polynomials over it have degree {degree} in place of {asked}"
+            )
+        };
+        (degree < asked).then(text).into_iter().collect()
+    }
+
+    /// Fuzzy sets where the options put them.
+    fn memberships(&self, kind: DriveKind) -> Result<Memberships, Error> {
+        match &self.options.placement {
+            Placement::Given { centres, sigma } => Memberships::given(kind, centres, *sigma),
+            Placement::Even(count) => Memberships::even(kind, self.drives(), *count),
+            Placement::FromRuns => Memberships::from_drive(kind, self.drives()),
+        }
+    }
+}
+
+/// The datasets that a model learns from: stretches of them where `most_rows` asks for fewer rows. Linear
+/// regressions take all rows, and searches draw samples of their own.
+fn shortened<'a>(spec: ModelSpec, datasets: &'a [Dataset], options: &Options) -> Cow<'a, [Dataset]> {
+    let learns = matches!(spec.structure(), Structure::Tsk(_) | Structure::Boada | Structure::Network(_));
+    let rows: usize = datasets.iter().map(Dataset::counted).sum();
+    match options.most_rows.filter(|most| learns && rows > *most) {
+        Some(most) => {
+            let every = rows.div_ceil(most.max(1));
+            datasets.iter().map(|dataset| dataset.stretches(every)).collect()
+        }
+        None => Cow::Borrowed(datasets),
+    }
+}
+
+/// Why P makes no model.
+pub(super) fn cannot_run() -> Error {
+    Error::Data {
+        message: "p cannot be made into a model that runs: it explains the force by the measured force itself at the \
+                  same instant, and run forward it diverges (both roots of 1 - p2 s - p3 s^2 lie in the right half \
+                  plane). `compare` shows how well it holds; sp is the nearest that runs"
+            .to_owned(),
+    }
+}
+
+fn needs_drive(model: &str) -> Error {
+    Error::Data { message: format!("{model} has no form without a drive; take sp --passive") }
+}
+
+/// The model with what the rows say about it.
+fn model(force: ForceModel, conditioning: Conditioning, datasets: &[Dataset]) -> Model {
+    let envelope = datasets.iter().fold(Envelope::default(), |all, d| dataset::union(&all, &d.envelope));
+    Model {
+        force,
+        conditioning,
+        rate_hz: datasets.iter().map(|d| d.rate_hz).fold(f64::INFINITY, f64::min),
+        envelope: Envelope { drive: envelope.drive.filter(|_| force.drive().is_some()), ..envelope },
+        expected: Expected::default(),
+    }
+}

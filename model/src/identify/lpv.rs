@@ -1,0 +1,59 @@
+//! Identification of the LPV model: the regression of [`super::regression`], every regressor weighed by what its copy
+//! counts for at the drive.
+
+use super::Watch;
+use super::dataset::Dataset;
+use super::regression::{Regression, common_rate};
+use crate::error::Error;
+use crate::force::{Dependence, LAGS, Lpv};
+use crate::units::Second;
+
+/// Drives at which poles are looked at, over the range that the runs hold.
+const FROZEN: usize = 51;
+
+/// What came out.
+pub(super) struct Fitted {
+    /// The model, its offset the mean of the runs' offsets.
+    pub(super) model: Lpv,
+    /// Offset of each run, N.
+    pub(super) offsets_n: Vec<f64>,
+    /// Rank of the regression.
+    pub(super) rank: usize,
+    /// What must be known of the model.
+    pub(super) warnings: Vec<String>,
+}
+
+/// Fits an LPV model with `dependence`, which is on a drive, to `datasets`.
+pub(super) fn fit(datasets: &[Dataset], dependence: Dependence, watch: &Watch) -> Result<Fitted, Error> {
+    let period_s = 1.0 / common_rate(datasets, "lpv")?;
+    let regression = Regression { model: "lpv", period_s, lags: LAGS, dependence, drive_lags: false };
+    let found = regression.fit(datasets, watch)?;
+    let offset_n = super::mean_offset(datasets, &found.offsets_n);
+    let model = Lpv::new(dependence, found.coefficients.as_slice(), Second(period_s), offset_n)?;
+    Ok(Fitted { warnings: unstable(&model, datasets)?, model, offsets_n: found.offsets_n, rank: found.rank })
+}
+
+/// A warning when some frozen drive within the runs' range has a pole that is not inside the unit circle.
+fn unstable(model: &Lpv, datasets: &[Dataset]) -> Result<Vec<String>, Error> {
+    let ranges = datasets.iter().filter_map(|d| d.envelope.drive);
+    let (low, high) = ranges.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), [a, b]| (l.min(a), h.max(b)));
+    let mut worst = (0.0, low);
+    for k in 0..FROZEN {
+        let drive = low + (high - low) * k as f64 / (FROZEN - 1) as f64;
+        let modulus = model.frozen(drive)?.pole_moduli()[0];
+        if modulus > worst.0 {
+            worst = (modulus, drive);
+        }
+    }
+    let (modulus, drive) = worst;
+    let name = model.dependence().drive().map_or("the drive", crate::sample::DriveKind::name);
+    Ok((modulus >= 1.0)
+        .then(|| {
+            format!(
+                "at {name} = {drive:.3} a pole has the modulus {modulus:.4}: one step ahead the model holds, but its \
+                 free run diverges there"
+            )
+        })
+        .into_iter()
+        .collect())
+}

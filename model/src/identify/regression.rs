@@ -1,0 +1,286 @@
+//! Linear regression of the force on its own lags and those of the inputs, by panels of QR, then SVD of what is left.
+//!
+//! ```text
+//! F_k - z_run = phi_k . a + c_run + e_k,      phi_k = w_1 psi_k, ..., w_C psi_k [, i_k, i_{k-1}, ...]
+//! psi_k       = F_{k-1} - z_run, ..., x_k, ..., v_k, ...          w = w(i_k), one for plain ARX
+//! ```
+//!
+//! The constant c of a run belongs to that run alone. Taking each run's means out of F and phi gives the same
+//! a as a column of ones for each run would, and keeps the regression at its 9 or 12 columns. Rows are folded
+//! into a small triangle by QR, a panel at a time; the triangle's SVD then gives rank and minimum-norm
+//! solution. With v the backward difference of x the rank is at most 7 of 9 (10 of 12): a4..a9 share what
+//! five numbers determine.
+//!
+//! The run's zero z is its mean force where coefficients follow the drive, because c would then follow it too; it is
+//! nothing for a plain ARX, whose c takes it in.
+//!
+//! Stamps jitter by their rounding. A difference quotient over the stamped step would then differ from
+//! x_k - x_{k-1} by that jitter, and the regression would take it for two independent signals with huge,
+//! meaningless coefficients. So a backward difference is brought to the nominal period here.
+
+use super::Watch;
+use super::dataset::Dataset;
+use crate::condition::{ApplyTo, VelocitySource};
+use crate::error::Error;
+use crate::force::Dependence;
+use nalgebra::{DMatrix, DVector};
+
+/// Rows of a panel: large enough to keep QR busy, small enough for the second-level cache.
+const PANEL: usize = 1024;
+/// Singular values below this share of the largest count as zero. Columns have unit norm.
+const RANK_TOLERANCE: f64 = 1e-10;
+/// A column whose norm is below this share of its mean's is constant.
+const ROUNDING: f64 = 1e-11;
+/// Rates of the runs may differ by this share.
+const RATE_TOLERANCE: f64 = 0.01;
+/// A step may differ from the period by this share (jitter); else a sample was lost.
+const STEP_TOLERANCE: f64 = 0.25;
+/// Rows that a coefficient wants at least.
+const ROWS_PER_PARAMETER: usize = 10;
+
+/// Which rows there are, and what is in them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Regression {
+    /// Name of the model, for messages.
+    pub(super) model: &'static str,
+    /// Nominal period, s.
+    pub(super) period_s: f64,
+    /// Lags of each signal.
+    pub(super) lags: usize,
+    /// How coefficients of force, displacement and velocity follow the drive.
+    pub(super) dependence: Dependence,
+    /// True when lags of the drive are regressors too.
+    pub(super) drive_lags: bool,
+}
+
+/// What a regression came to.
+pub(super) struct Regressed {
+    /// The coefficients: those of each copy, then those of the drive's lags.
+    pub(super) coefficients: DVector<f64>,
+    /// Offset of each run, N.
+    pub(super) offsets_n: Vec<f64>,
+    /// Rank of the regression.
+    pub(super) rank: usize,
+}
+
+/// The rows of one run in short.
+struct Means {
+    /// What is taken out of every force, N.
+    zero_n: f64,
+    rows: usize,
+    /// Mean of the regressors, and of the force behind them.
+    mean: DVector<f64>,
+    /// Mean of 1 - a1 - a2 - a3 needs these: mean weight of each copy.
+    weights: DVector<f64>,
+}
+
+impl Regression {
+    /// Regressors of one copy.
+    const fn per_copy(&self) -> usize {
+        3 * self.lags
+    }
+
+    /// All regressors.
+    const fn columns(&self) -> usize {
+        self.per_copy() * self.dependence.copies() + if self.drive_lags { self.lags } else { 0 }
+    }
+
+    /// Fits the coefficients to `datasets`.
+    pub(super) fn fit(&self, datasets: &[Dataset], watch: &Watch) -> Result<Regressed, Error> {
+        let n = self.columns();
+        let means: Vec<Means> = datasets.iter().map(|d| self.means(d)).collect();
+        let rows: usize = means.iter().map(|means| means.rows).sum();
+        if rows < ROWS_PER_PARAMETER * n {
+            return Err(Error::Data {
+                message: format!(
+                    "{rows} samples with {} before them are too few for {n} {} coefficients ({} are needed); add \
+                     runs, or count samples at rest too",
+                    self.lags,
+                    self.model,
+                    ROWS_PER_PARAMETER * n
+                ),
+            });
+        }
+        let mut triangle = Triangle::new(n + 1);
+        for (dataset, means) in datasets.iter().zip(&means) {
+            self.each(dataset, means.zero_n, |row, _| {
+                triangle.push(row.iter().zip(means.mean.iter()).map(|(value, mean)| value - mean));
+            });
+            if watch.is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+        }
+        // What centring leaves of a constant column is rounding, and no signal.
+        let mut rounding = DVector::<f64>::zeros(n);
+        for means in &means {
+            let root = (means.rows as f64).sqrt();
+            rounding += means.mean.rows(0, n).map(|m| ROUNDING * m.abs() * root);
+        }
+        let (coefficients, rank) = triangle.solve(&rounding)?;
+        let runs = datasets.iter().zip(&means);
+        let offsets_n = runs.map(|(dataset, means)| self.offset_n(&coefficients, dataset, means)).collect();
+        Ok(Regressed { coefficients, offsets_n, rank })
+    }
+
+    /// The force offset of a run, N, from its constant.
+    fn offset_n(&self, coefficients: &DVector<f64>, dataset: &Dataset, means: &Means) -> f64 {
+        let n = self.columns();
+        let lag_sum = |copy: usize| coefficients.rows(copy * self.per_copy(), self.lags).sum();
+        let gap = 1.0 - means.weights.iter().enumerate().map(|(c, w)| w * lag_sum(c)).sum::<f64>();
+        let constant = means.mean[n] - coefficients.dot(&means.mean.rows(0, n));
+        // Where 1 - a1 - a2 - a3 is nearly zero the quotient means nothing, and shows it by leaving the
+        // forces that the run holds. The run's mean then serves: the prediction hardly depends on it.
+        let mean_n = means.zero_n + means.mean[n];
+        let [low, high] = dataset.envelope.force_n.unwrap_or([mean_n; 2]);
+        let offset = means.zero_n + constant / gap;
+        if (low..=high).contains(&offset) { offset } else { mean_n }
+    }
+
+    /// Calls `take` with each complete row: the regressors, the force behind them, and the weights of the copies.
+    fn each(&self, dataset: &Dataset, zero_n: f64, mut take: impl FnMut(&[f64], &[f64])) {
+        let backward = dataset.conditioning.velocity == VelocitySource::Backward;
+        let uniform = |dt_s: f64| (dt_s / self.period_s - 1.0).abs() <= STEP_TOLERANCE;
+        let (n, lags, per_copy, copies) =
+            (self.columns(), self.lags, self.per_copy(), self.dependence.copies());
+        let mut out = vec![0.0; n + 1];
+        for rows in dataset.rows.windows(lags + 1).filter(|rows| rows[lags].counts) {
+            if !rows[1..].iter().all(|row| row.dt_s.is_some_and(uniform)) {
+                continue;
+            }
+            let weights = self.dependence.weights(rows[lags].drive);
+            for lag in 0..lags {
+                let row = &rows[lags - lag];
+                let stretch = if backward { row.dt_s.unwrap_or(self.period_s) / self.period_s } else { 1.0 };
+                for (copy, weight) in weights[..copies].iter().enumerate() {
+                    let own = copy * per_copy + lag;
+                    out[own] = weight * (rows[lags - 1 - lag].force_n - zero_n);
+                    out[own + lags] = weight * row.displacement_m;
+                    out[own + 2 * lags] = weight * (row.velocity_m_s * stretch);
+                }
+                if self.drive_lags {
+                    out[copies * per_copy + lag] = row.drive;
+                }
+            }
+            out[n] = rows[lags].force_n - zero_n;
+            if out.iter().all(|v| v.is_finite()) {
+                take(&out, &weights[..copies]);
+            }
+        }
+    }
+
+    /// A run in short.
+    fn means(&self, dataset: &Dataset) -> Means {
+        let counted = || dataset.rows.iter().filter(|row| row.counts && row.force_n.is_finite());
+        let zero_n = match self.dependence {
+            Dependence::None => 0.0,
+            _ => counted().map(|row| row.force_n).sum::<f64>() / counted().count().max(1) as f64,
+        };
+        let mut mean = DVector::<f64>::zeros(self.columns() + 1);
+        let mut weights = DVector::<f64>::zeros(self.dependence.copies());
+        let mut rows = 0;
+        self.each(dataset, zero_n, |row, copies| {
+            rows += 1;
+            mean.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+            weights.iter_mut().zip(copies).for_each(|(sum, weight)| *sum += weight);
+        });
+        let count = rows.max(1) as f64;
+        Means { zero_n, rows, mean: mean / count, weights: weights / count }
+    }
+}
+
+/// The rate of all datasets, for a model called `model` that holds at one rate.
+pub(super) fn common_rate(datasets: &[Dataset], model: &str) -> Result<f64, Error> {
+    let first = &datasets[0];
+    if first.conditioning.apply_to == ApplyTo::Output {
+        return Err(Error::output_filter_on_force_fed(model));
+    }
+    let off = |d: &&Dataset| (d.rate_hz / first.rate_hz - 1.0).abs() > RATE_TOLERANCE;
+    if let Some(other) = datasets.iter().find(off) {
+        return Err(Error::Data {
+            message: format!(
+                "the {model} model holds at one rate, but run {} is at {:.6} Hz and run {} at {:.6} Hz; identify \
+                 them apart, or ask for a rate of which both are whole multiples",
+                first.name, first.rate_hz, other.name, other.rate_hz
+            ),
+        });
+    }
+    Ok(datasets.iter().map(|d| d.rate_hz).sum::<f64>() / datasets.len() as f64)
+}
+
+/// The triangle of a QR decomposition that rows are folded into, a panel at a time.
+pub(super) struct Triangle {
+    width: usize,
+    factor: DMatrix<f64>,
+    /// Rows that wait, one behind the other.
+    panel: Vec<f64>,
+}
+
+impl Triangle {
+    /// No rows yet; each will have so many numbers, the last of them what is regressed.
+    pub(super) fn new(width: usize) -> Self {
+        Self { width, factor: DMatrix::zeros(0, width), panel: Vec::with_capacity(PANEL * width) }
+    }
+
+    /// Takes a row in.
+    pub(super) fn push(&mut self, row: impl IntoIterator<Item = f64>) {
+        self.panel.extend(row);
+        if self.panel.len() >= PANEL * self.width {
+            self.fold();
+        }
+    }
+
+    /// Puts the panel under the triangle and makes it a triangle again.
+    fn fold(&mut self) {
+        let (above, below) = (self.factor.nrows(), self.panel.len() / self.width);
+        if below == 0 {
+            return;
+        }
+        let mut stacked = DMatrix::zeros(above + below, self.width);
+        stacked.rows_mut(0, above).copy_from(&self.factor);
+        for (i, row) in self.panel.chunks_exact(self.width).enumerate() {
+            for (j, value) in row.iter().enumerate() {
+                stacked[(above + i, j)] = *value;
+            }
+        }
+        self.factor = stacked.qr().unpack_r();
+        self.panel.clear();
+    }
+
+    /// Minimum-norm solution of the least squares, and the rank. Columns no longer than `rounding` are zero.
+    pub(super) fn solve(mut self, rounding: &DVector<f64>) -> Result<(DVector<f64>, usize), Error> {
+        self.fold();
+        solve(&self.factor, rounding)
+    }
+}
+
+/// Minimum-norm solution of the triangle's least squares, and the rank. Columns no longer than `rounding` are
+/// zero.
+fn solve(triangle: &DMatrix<f64>, rounding: &DVector<f64>) -> Result<(DVector<f64>, usize), Error> {
+    let n = triangle.ncols() - 1;
+    let force = triangle.column(n).into_owned();
+    let mut regressors = triangle.columns(0, n).into_owned();
+    // Columns of unit norm: else newtons would count for more than metres in the rank and in the norm.
+    let norms = regressors.column_iter().map(|column| column.norm());
+    let scales: Vec<f64> = norms.zip(rounding).map(|(norm, r)| if norm > *r { norm } else { 0.0 }).collect();
+    for (mut column, scale) in regressors.column_iter_mut().zip(&scales) {
+        if *scale > 0.0 {
+            column /= *scale;
+        } else {
+            column.fill(0.0);
+        }
+    }
+    let svd = regressors.svd(true, true);
+    let largest = svd.singular_values.max();
+    let tolerance = RANK_TOLERANCE * largest;
+    let rank = svd.rank(tolerance);
+    let solution = svd
+        .solve(&force, tolerance)
+        .ok()
+        .filter(|s| rank > 0 && s.iter().all(|v| v.is_finite()))
+        .ok_or_else(|| Error::Data {
+            message: "force and displacement never vary in these runs: nothing can be identified from them"
+                .to_owned(),
+        })?;
+    let unscaled = |(value, scale): (&f64, &f64)| if *scale > 0.0 { value / scale } else { 0.0 };
+    Ok((DVector::from_iterator(n, solution.iter().zip(&scales).map(unscaled)), rank))
+}
