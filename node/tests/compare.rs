@@ -50,14 +50,19 @@ fn the_json_is_as_contracted_and_the_tables_hold_its_figures() {
     // ARX in two forms with two predictors, fuzzy-tanh in two with one; on two experiments.
     assert_eq!(rows("identification").len(), 12);
     for row in rows("identification") {
+        // Seven levels do not say where seven sets stand: there is a reason in place of figures.
+        if row["form"] == "free_fuzzy" && row["experiment"] == "RP1-CS" {
+            assert!(row["note"].as_str().is_some_and(|note| note.contains("cannot be placed")), "{row:#}");
+            continue;
+        }
         for key in ["rsse_n", "esr", "seconds"] {
             assert!(row[key].as_f64().is_some_and(|v| v > 0.0), "{key}: {row:#}");
         }
         assert!(row["parameters"].as_u64().is_some() && row["restarts"] == 2);
         assert!(["RP-ICPS", "RP1-CS"].contains(&row["experiment"].as_str().expect("a name")));
     }
-    // Each of six ways on each of two experiments is tested on the three other runs.
-    assert_eq!(rows("cross_validation").len(), 36);
+    // Each of eleven models with figures is tested on the three other runs.
+    assert_eq!(rows("cross_validation").len(), 33);
     for row in rows("cross_validation") {
         assert!(["passive", "semi_active", "free_fuzzy"].contains(&row["form"].as_str().expect("a form")));
         assert!(["free_run", "one_step"].contains(&row["predictor"].as_str().expect("a predictor")));
@@ -74,7 +79,7 @@ fn the_json_is_as_contracted_and_the_tables_hold_its_figures() {
     assert!(table.contains(&format!("{:.4}", first["esr"].as_f64().expect("a figure"))), "{table}");
     let (free, stepped) = table.split_once("one step ahead").expect("two predictors");
     assert!(
-        free.contains("fuzzy-tanh") && !stepped.contains("fuzzy-tanh") && stepped.contains("persistence")
+        free.contains("fuzzy-tanh") && !stepped.contains("  fuzzy-tanh") && stepped.contains("persistence")
     );
     let page = std::fs::read_to_string(dir.path().join("r.html")).expect("a report");
     for word in ["RP1-CS", "Persistence", "fuzzy-tanh (semi-active)", "Force over velocity", "<svg"] {

@@ -132,7 +132,10 @@ impl FuzzyTanh {
         let weights = self.sets.weights(i);
         let mut force = 0.0;
         for (weight, function) in weights.iter().zip(self.functions()) {
-            force += weight * function.force_n(x_m, v_m_s);
+            // NaN, of a drive that is not known, must come through.
+            if *weight != 0.0 {
+                force += weight * function.force_n(x_m, v_m_s);
+            }
         }
         force + self.force_offset_n
     }

@@ -10,6 +10,8 @@
 use crate::error::Error;
 use crate::sample::DriveKind;
 
+/// Share of the strongest set's strength below which a set is out.
+const LEAST_STRENGTH: f64 = 1e-7;
 /// The most fuzzy sets that one model can hold.
 pub const MAX_FUNCTIONS: usize = 16;
 
@@ -106,7 +108,7 @@ impl FuzzySets {
         &self.centres[..self.len]
     }
 
-    /// Normalised firing strengths of the sets at drive `i`: they are positive and sum to one; entries beyond
+    /// Normalised firing strengths of the sets at drive `i`: they are not negative and sum to one; entries beyond
     /// [`FuzzySets::len`] are zero. NaN for a drive that is not finite.
     #[inline]
     #[must_use]
@@ -118,7 +120,9 @@ impl FuzzySets {
 /// Weights of Gaussian sets at drive `i`, as many as there are `centres`, at most [`MAX_FUNCTIONS`].
 ///
 /// Strengths are taken relative to the strongest set. Far outside the centres all exponentials underflow, and a plain
-/// quotient would be 0/0; relative to the strongest set the model goes over to that set's function instead.
+/// quotient would be 0/0; relative to the strongest set the model goes over to that set's function instead. A set with
+/// less than [`LEAST_STRENGTH`] of the strongest has no say at all: it would add less than any load cell resolves, but
+/// what stands under a set that no data reach may be anything.
 #[inline]
 pub(crate) fn blend(i: f64, centres: &[f64], sigmas: &[f64]) -> [f64; MAX_FUNCTIONS] {
     let mut weights = [0.0; MAX_FUNCTIONS];
@@ -132,6 +136,9 @@ pub(crate) fn blend(i: f64, centres: &[f64], sigmas: &[f64]) -> [f64; MAX_FUNCTI
     let mut sum = 0.0;
     for weight in &mut weights[..len] {
         *weight = (-0.5 * (*weight - strongest)).exp();
+        if *weight < LEAST_STRENGTH {
+            *weight = 0.0;
+        }
         sum += *weight;
     }
     for weight in &mut weights[..len] {

@@ -15,7 +15,6 @@
 use super::levels::{MembershipSource, Memberships};
 use super::row_problem::Columns;
 use super::search::Sought;
-use super::tanh_columns::LEAST_WEIGHT;
 use crate::error::Error;
 use crate::force::{FuzzySets, Inputs, MAX_FUNCTIONS, blend};
 
@@ -152,8 +151,7 @@ impl<S: Blended> Columns for FreeSets<S> {
     ) -> f64 {
         let (own, sets) = natural.split_at(self.inner.parameters());
         let (centres, sigmas) = sets.split_at(self.count());
-        let mut weights = blend(inputs.drive, centres, sigmas);
-        weights.iter_mut().filter(|weight| **weight < LEAST_WEIGHT).for_each(|weight| *weight = 0.0);
+        let weights = blend(inputs.drive, centres, sigmas);
         let (columns, of_sets) = columns.split_at_mut(own.len());
         let mut forces = [0.0; MAX_FUNCTIONS];
         let weights = &weights[..self.count()];
@@ -265,7 +263,7 @@ mod tests {
                     .map(|(k, p)| if k == j { Dual64::from(*p).derivative() } else { Dual64::from(*p) })
                     .collect();
                 let exact = equation(&dual, x, v, i);
-                // Weights below 1e-7 are taken as zero, and forces here reach some kilonewtons.
+                // Strengths below 1e-7 are taken as zero, and forces here reach some kilonewtons.
                 let slack = 1e-2 + 1e-9 * exact.eps.abs();
                 prop_assert!((force - exact.re).abs() < 1e-2, "{force} {}", exact.re);
                 prop_assert!((column - exact.eps).abs() <= slack, "{j}: {column} {}", exact.eps);

@@ -43,11 +43,35 @@ pub(super) fn fit(
     options: &Options,
     watch: &Watch,
 ) -> Result<(LawModel, Found), Error> {
-    let sought = LawColumns { law, dependence, scales: Scales::of(datasets)? };
+    let scales = Scales::of(datasets)?;
+    let mut sought = LawColumns { law, dependence, scales, seed: None };
     check_rows(datasets, sought.parameters())?;
+    if let (Dependence::Fuzzy(sets), true) = (dependence, law.has_memory()) {
+        sought.seed = Some(seed(datasets, law, &sets, scales, options, watch)?);
+    }
     let found = search::search(datasets, &sought, options, watch)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
     Ok((LawModel::new(law, dependence, &found.natural, offset_n)?, found))
+}
+
+/// Parameters under each of `sets` from a fit with straight lines over the drive. A law with memory has so many of
+/// them under sets, and so dear rows, that a search from random points does not get there; it goes on from the seed alone.
+fn seed(
+    datasets: &[Dataset],
+    law: Law,
+    sets: &FuzzySets,
+    scales: Scales,
+    options: &Options,
+    watch: &Watch,
+) -> Result<Seed, Error> {
+    let dependence = Dependence::Polynomial { drive: sets.drive(), degree: 1 };
+    let lines = LawColumns { law, dependence, scales, seed: None };
+    let found = search::search(datasets, &lines, options, watch)?;
+    let mut seed = [[0.0; MAX_PARAMETERS]; MAX_FUNCTIONS];
+    for (own, centre) in seed.iter_mut().zip(sets.centres()) {
+        *own = lines.at_drive(&found.natural, &[1.0, *centre]);
+    }
+    Ok(seed)
 }
 
 /// Fits `law` under fuzzy sets with free centres and widths, from those of `start`; the drive takes on so many `levels`.
@@ -59,7 +83,8 @@ pub(super) fn fit_free(
     options: &Options,
     watch: &Watch,
 ) -> Result<(LawModel, Found, Memberships), Error> {
-    let inner = LawColumns { law, dependence: Dependence::Fuzzy(start), scales: Scales::of(datasets)? };
+    let inner =
+        LawColumns { law, dependence: Dependence::Fuzzy(start), scales: Scales::of(datasets)?, seed: None };
     let sought = FreeSets::new(inner, start, levels)?;
     check_rows(datasets, sought.parameters())?;
     let found = search::search(datasets, &sought, options, watch)?;
@@ -92,9 +117,12 @@ pub(super) fn sample_esr(
     seed: u64,
     watch: &Watch,
 ) -> Result<f64, Error> {
-    let sought = LawColumns { law, dependence, scales: Scales::of(datasets)? };
+    let sought = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None };
     search::sample_esr(datasets, &sought, seed, watch)
 }
+
+/// Where the parameters of each set start from.
+type Seed = [[f64; MAX_PARAMETERS]; MAX_FUNCTIONS];
 
 /// A law as the solver sees it.
 #[derive(Debug, Clone, Copy)]
@@ -102,6 +130,8 @@ pub(super) struct LawColumns {
     law: Law,
     dependence: Dependence,
     scales: Scales,
+    /// Where to go on from, where that is known.
+    seed: Option<Seed>,
 }
 
 impl LawColumns {
@@ -237,6 +267,10 @@ impl Blended for LawColumns {
             } else {
                 *own_force = self.law.gradient(p, inputs, columns);
             }
+            if weight == 0.0 {
+                columns.fill(0.0);
+                continue;
+            }
             columns.iter_mut().for_each(|column| *column *= weight);
             force += weight * *own_force;
         }
@@ -255,6 +289,7 @@ impl Sought for LawColumns {
                 let [low, high] = match (constant, parameter.kind) {
                     (true, Kind::Gauge) => [middle, middle],
                     (true, _) => parameter.bounds,
+                    (false, _) if !parameter.follows_drive => [0.0, 0.0],
                     (false, Kind::Gauge) => [-GAUGE_SHARE * middle, GAUGE_SHARE * middle],
                     (false, _) => {
                         let width = parameter.bounds[1] - parameter.bounds[0];
@@ -294,6 +329,14 @@ impl Sought for LawColumns {
             }
         }
         start
+    }
+
+    fn seeded(&self) -> Option<Vec<f64>> {
+        let own = |(j, bounds): (usize, [f64; 2])| {
+            let value = self.seed.as_ref()?[j / self.per_copy()][j % self.per_copy()];
+            Some(value.clamp(bounds[0], bounds[1]))
+        };
+        self.bounds().into_iter().enumerate().map(own).collect()
     }
 
     fn settle(&self, _start: &mut [f64]) {}

@@ -2,8 +2,8 @@
 //!
 //! Parameters that the force is linear in follow from the others by a linear solve. A restart draws the others,
 //! solves for the linear ones, and lets all go. Restarts work on a sample of the rows, side by side; the best
-//! distinct ones are then finished on all rows. Of a model with memory, whose rows are dear, only the promising
-//! restarts are brought to their end. Each restart has random numbers of its own and sums are added
+//! distinct ones are then finished on all rows. Most starts are lost after a few evaluations: only the promising
+//! ones are brought to their end. Each restart has random numbers of its own and sums are added
 //! in a fixed order, so that results do not depend on the number of threads.
 
 use super::dataset::Dataset;
@@ -17,17 +17,18 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Rows that restarts work on.
-const RESTART_ROWS: usize = 8192;
+/// Rows that restarts work on; half as many where a model has memory, whose rows are dear.
+const RESTART_ROWS: usize = 4096;
 /// Restarts that are finished on all rows, of a model without memory.
 const POLISHED: usize = 3;
 /// Restarts when conditionings are compared.
 const SCOUTS: u32 = 4;
-/// Evaluations after which restarts of a model with memory are compared: a row of such a model costs a hundred
-/// times that of another, and most starts are lost by then.
+/// Evaluations after which restarts are compared.
 const ROUGH: usize = 15;
 /// One of so many of them goes on.
-const PROMISING: usize = 5;
+const PROMISING: usize = 4;
+/// Outcomes of a model with memory that are tried on all rows.
+const JUDGED: usize = 6;
 /// Costs closer than this share are the same minimum.
 const SAME: f64 = 1e-4;
 /// Rounds of reweighting for a robust loss.
@@ -44,6 +45,10 @@ pub(super) trait Sought: Columns + Clone {
     /// A starting point with the linear parameters zero. Restart 0 is the plain guess; others draw from
     /// `uniform(low, high)`.
     fn draw(&self, restart: u32, uniform: &mut dyn FnMut(f64, f64) -> f64) -> Vec<f64>;
+    /// A point to go on from, where one is known: then there are no restarts.
+    fn seeded(&self) -> Option<Vec<f64>> {
+        None
+    }
     /// Mends a start after its linear parameters were solved for.
     fn settle(&self, start: &mut [f64]);
     /// Derivatives of the natural parameters by the sought ones.
@@ -73,9 +78,17 @@ pub(super) fn search<S: Sought>(
     options: &Options,
     watch: &Watch,
 ) -> Result<Found, Error> {
-    let (sample, mut outcomes) = explore(datasets, sought, options.restarts, options.seed, watch)?;
-    let sampled = sample.counted().max(1) as f64;
-    let restart_rsse_n = outcomes.iter().map(|m| (m.cost / sampled).sqrt()).collect();
+    let (restart_rsse_n, mut outcomes) = match sought.seeded() {
+        Some(parameters) => {
+            let seed = Minimum { parameters, cost: f64::INFINITY, evaluations: 0, converged: false };
+            (Vec::new(), vec![seed])
+        }
+        None => {
+            let (sample, outcomes) = explore(datasets, sought, options.restarts, options.seed, watch)?;
+            let sampled = sample.counted().max(1) as f64;
+            (outcomes.iter().map(|m| (m.cost / sampled).sqrt()).collect(), outcomes)
+        }
+    };
     outcomes.dedup_by(|b, a| (b.cost - a.cost).abs() <= SAME * a.cost);
 
     let counted: usize = datasets.iter().map(Dataset::counted).sum();
@@ -92,13 +105,28 @@ pub(super) fn search<S: Sought>(
     } else {
         (POLISHED, Stop::default())
     };
+    // A model with memory can hold on stretches and run off over a whole run: all rows have the last word.
+    let whole = sought.has_memory().then(|| RowProblem::new(datasets, sought.clone(), watch.flag()));
+    let judged = |minimum: Minimum| -> Result<Minimum, Error> {
+        let Some(whole) = &whole else { return Ok(minimum) };
+        let cost = whole.normal(&minimum.parameters).ok_or(Error::Cancelled)?.cost;
+        Ok(Minimum { cost, ..minimum })
+    };
+    if whole.is_some() {
+        outcomes.truncate(JUDGED);
+        outcomes = outcomes.into_iter().map(judged).collect::<Result<_, _>>()?;
+        outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    }
     let mut best: Option<Minimum> = None;
     let candidates = outcomes.len().min(polished);
-    for (index, outcome) in outcomes.iter().take(polished).enumerate() {
+    for (index, outcome) in outcomes.into_iter().take(polished).enumerate() {
         watch.report(Progress::Polish { done: index as u32, of: candidates as u32 });
         let minimum = minimise(&problem, &outcome.parameters, &bounds, &stop).ok_or(Error::Cancelled)?;
-        if minimum.cost.is_finite() && best.as_ref().is_none_or(|best| minimum.cost < best.cost) {
-            best = Some(minimum);
+        let unpolished = whole.is_some().then_some(outcome);
+        for minimum in [Some(judged(minimum)?), unpolished].into_iter().flatten() {
+            if minimum.cost.is_finite() && best.as_ref().is_none_or(|best| minimum.cost < best.cost) {
+                best = Some(minimum);
+            }
         }
     }
     let mut best = best.ok_or_else(|| Error::Data {
@@ -132,14 +160,13 @@ fn explore<'a, S: Sought>(
     seed: u64,
     watch: &'a Watch,
 ) -> Result<(RowProblem<'a, S>, Vec<Minimum>), Error> {
-    let rows = if sought.has_memory() { RESTART_ROWS / 4 } else { RESTART_ROWS };
+    let rows = if sought.has_memory() { RESTART_ROWS / 2 } else { RESTART_ROWS };
     let sample = RowProblem::sample(datasets, sought.clone(), rows, seed, watch.flag());
     let bounds = sought.bounds();
     let done = AtomicUsize::new(0);
     let restarts = restarts.max(1);
-    let staged = sought.has_memory();
     let full = Stop { evaluations: 120, cost: 1e-7, step: 1e-7 };
-    let first = Stop { evaluations: if staged { ROUGH } else { full.evaluations }, ..full };
+    let first = Stop { evaluations: ROUGH, ..full };
     let one = |restart| {
         let start = start(&sample, sought, restart, seed)?;
         let minimum = minimise(&sample, &start, &bounds, &first)?;
@@ -152,13 +179,11 @@ fn explore<'a, S: Sought>(
     // A stable sort: of equal costs the earlier restart stays ahead, whatever thread it ran on. What is not
     // finite goes last.
     outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    if staged {
-        let promising = outcomes.len().div_ceil(PROMISING);
-        let on = |rough: &Minimum| minimise(&sample, &rough.parameters, &bounds, &full);
-        let finished: Option<Vec<Minimum>> = outcomes[..promising].par_iter().map(on).collect();
-        outcomes.splice(..promising, finished.ok_or(Error::Cancelled)?);
-        outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    }
+    let promising = outcomes.len().div_ceil(PROMISING);
+    let on = |rough: &Minimum| minimise(&sample, &rough.parameters, &bounds, &full);
+    let finished: Option<Vec<Minimum>> = outcomes[..promising].par_iter().map(on).collect();
+    outcomes.splice(..promising, finished.ok_or(Error::Cancelled)?);
+    outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     Ok((sample, outcomes))
 }
 

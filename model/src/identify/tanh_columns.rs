@@ -16,8 +16,6 @@ use crate::force::{FuzzySets, Inputs, MAX_FUNCTIONS};
 
 /// Parameters of one function: A1, A2, ln A3, kappa.
 pub(super) const PER_FUNCTION: usize = 4;
-/// Weights below this share add less than any load cell resolves and are taken as zero.
-pub(super) const LEAST_WEIGHT: f64 = 1e-7;
 
 /// The model's sets, and the scales of what is sought.
 #[derive(Debug, Clone, Copy)]
@@ -28,8 +26,7 @@ pub(super) struct TanhColumns {
 
 /// Appends the weights of `sets` at `drive`.
 pub(super) fn push_weights(sets: &FuzzySets, drive: f64, basis: &mut Vec<f64>) {
-    let weights = sets.weights(drive);
-    basis.extend(weights[..sets.len()].iter().map(|w| if *w < LEAST_WEIGHT { 0.0 } else { *w }));
+    basis.extend(&sets.weights(drive)[..sets.len()]);
 }
 
 impl Columns for TanhColumns {

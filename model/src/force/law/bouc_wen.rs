@@ -23,7 +23,9 @@
 //! session that every model here has. z has no unit, so that no parameter has a broken one: the source's z is
 //! a length, and its alpha times that unit of length is ours. The scale of z is free: s z for z, with
 //! alpha/s, s A, and gamma and beta times s^(1-n), is the same damper, so A is a gauge. z stays bounded, by
-//! (A/(beta + gamma))^(1/n), only when beta + gamma > 0.
+//! (A/(beta + gamma))^(1/n), only when beta + gamma > 0. As in the source, only alpha, c0 and c1 follow the drive
+//! when that is by polynomials: the others make the loop's shape, and a beta + gamma that crosses zero between two
+//! currents would let z grow without bound.
 //!
 //! # Integration
 //! The hidden variables are r = x - y, z, and the velocity of the sample before; r' = v - y' needs no
@@ -49,13 +51,21 @@ pub(super) const PARAMETERS: [Parameter; 9] = [
     Parameter::nonlinear("low_velocity_damping_n_s_m", Scale::new(1, 0, -1, 0), [1.0, 50.0])
         .within(1e-2, 1e4),
     Parameter::nonlinear("high_velocity_stiffness_n_m", Scale::new(1, -1, 0, 0), [0.01, 1.0])
-        .within(0.0, 1e2),
-    Parameter::linear("accumulator_stiffness_n_m", Scale::new(1, -1, 0, 0), [-0.2, 0.2]),
-    Parameter::nonlinear("hysteresis_force_n", Scale::new(1, 0, 0, 0), [0.2, 1.0]).within(0.0, 1e2),
-    Parameter::nonlinear("hysteresis_gamma_per_m", Scale::new(0, -1, 0, 0), [10.0, 1e3]).within(1e-2, 1e6),
-    Parameter::nonlinear("hysteresis_exponent", Scale::ONE, [1.0, 2.5]).within(1.0, 5.0),
-    Parameter::nonlinear("hysteresis_beta_per_m", Scale::new(0, -1, 0, 0), [10.0, 1e3]).within(0.0, 1e6),
-    Parameter::gauge("hysteresis_slope_per_m", Scale::new(0, -1, 0, 0), [100.0, 100.0]).within(1.0, 1e6),
+        .within(0.0, 1e2)
+        .at_any_drive(),
+    Parameter::linear("accumulator_stiffness_n_m", Scale::new(1, -1, 0, 0), [-0.2, 0.2]).at_any_drive(),
+    Parameter::nonlinear("hysteresis_force_n", Scale::new(1, 0, 0, 0), [0.1, 1.0]).within(0.0, 10.0),
+    // Near half the slope, together they hold z near one, and the hysteretic force near its parameter.
+    Parameter::nonlinear("hysteresis_gamma_per_m", Scale::new(0, -1, 0, 0), [20.0, 200.0])
+        .within(1e-2, 1e4)
+        .at_any_drive(),
+    Parameter::nonlinear("hysteresis_exponent", Scale::ONE, [1.0, 2.5]).within(1.0, 5.0).at_any_drive(),
+    Parameter::nonlinear("hysteresis_beta_per_m", Scale::new(0, -1, 0, 0), [20.0, 200.0])
+        .within(0.0, 1e4)
+        .at_any_drive(),
+    Parameter::gauge("hysteresis_slope_per_m", Scale::new(0, -1, 0, 0), [100.0, 100.0])
+        .within(1.0, 1e6)
+        .at_any_drive(),
 ];
 
 /// One sample: the force, and `hidden` advanced. With an input that is not finite the force is NaN and
@@ -152,9 +162,13 @@ impl<D: Real> Damper<D> {
         let slip_by_z = -(self.alpha * self.mobility);
         let bend = shape * self.n * power * slip;
         let rate_by_r = growth * slip_by_r;
-        let rate_by_z = growth * slip_by_z - if z.re() < 0.0 { -bend } else { bend };
-
         let dh = DIAGONAL * h;
+        // Where beta > gamma, z unloads ever faster for a while. With all of that in W, W can be singular and r fly
+        // away; the scheme keeps its order with any matrix in place of df/ds.
+        let decay = if z.re() < 0.0 { -bend } else { bend };
+        let least = -0.5 / dh;
+        let decay = if decay.re() > least { decay } else { D::from(least) };
+        let rate_by_z = growth * slip_by_z - decay;
         let one = D::from(1.0);
         let (w11, w12) = (one - slip_by_r * dh, -(slip_by_z * dh));
         let (w21, w22) = (-(rate_by_r * dh), one - rate_by_z * dh);

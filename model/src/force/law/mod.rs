@@ -78,11 +78,13 @@ pub struct Parameter {
     pub start: [f64; 2],
     /// How the force depends on it.
     pub kind: Kind,
+    /// False when polynomials leave it alone: it belongs to the damper, and not to the fluid in the field.
+    pub follows_drive: bool,
 }
 
 impl Parameter {
     const fn new(name: &'static str, scale: Scale, start: [f64; 2], kind: Kind) -> Self {
-        Self { name, scale, bounds: [f64::NEG_INFINITY, f64::INFINITY], start, kind }
+        Self { name, scale, bounds: [f64::NEG_INFINITY, f64::INFINITY], start, kind, follows_drive: true }
     }
 
     /// One that force is linear in, without bounds.
@@ -98,6 +100,12 @@ impl Parameter {
     /// One that others make up for, without bounds.
     const fn gauge(name: &'static str, scale: Scale, start: [f64; 2]) -> Self {
         Self::new(name, scale, start, Kind::Gauge)
+    }
+
+    /// The same at any drive.
+    const fn at_any_drive(mut self) -> Self {
+        self.follows_drive = false;
+        self
     }
 
     /// The same with bounds.
@@ -423,7 +431,17 @@ impl LawModel {
             Dependence::Fuzzy(sets) => {
                 let weights = sets.weights(inputs.drive);
                 let functions = self.coefficients().chunks_exact(n).zip(&mut state.hidden);
-                functions.zip(weights).map(|((p, hidden), w)| w * self.law.force_n(p, inputs, hidden)).sum()
+                let remembers = self.law.has_memory();
+                // A set without weight has no say, whatever it would say; but a law with memory goes on.
+                let said = |((p, hidden), weight): ((&[f64], &mut Hidden), f64)| match weight {
+                    0.0 if !remembers => 0.0,
+                    0.0 => {
+                        let _ = self.law.force_n(p, inputs, hidden);
+                        0.0
+                    }
+                    _ => weight * self.law.force_n(p, inputs, hidden),
+                };
+                functions.zip(weights).map(said).sum()
             }
         };
         force + self.force_offset_n

@@ -17,44 +17,14 @@
 //! current the ratio is a rational function, which is why both stand here. The thesis' columns are headed the
 //! other way round; the printed numbers need the reading above (see `preset`).
 
-use super::{Inputs, Kind, Parameter, Scalar, Scale};
+use super::{Inputs, Parameter, Scalar, Scale};
 
 pub(super) const PARAMETERS: [Parameter; 5] = [
-    Parameter {
-        name: "yield_force_n",
-        scale: Scale::new(1, 0, 0, 0),
-        bounds: [0.0, 5.0],
-        start: [0.3, 1.0],
-        kind: Kind::Linear,
-    },
-    Parameter {
-        name: "post_yield_damping_n_s_m",
-        scale: Scale::new(1, 0, -1, 0),
-        bounds: [f64::NEG_INFINITY, f64::INFINITY],
-        start: [0.0, 1.0],
-        kind: Kind::Linear,
-    },
-    Parameter {
-        name: "pre_yield_slope_s_m",
-        scale: Scale::new(0, 0, -1, 0),
-        bounds: [0.3, 1e3],
-        start: [1.0, 100.0],
-        kind: Kind::Nonlinear,
-    },
-    Parameter {
-        name: "coupling_velocity_m_s",
-        scale: Scale::new(0, 0, 1, 0),
-        bounds: [-2.0, 2.0],
-        start: [-0.5, 0.5],
-        kind: Kind::Nonlinear,
-    },
-    Parameter {
-        name: "coupling_stroke_m",
-        scale: Scale::new(0, 1, 0, 0),
-        bounds: [0.2, 5.0],
-        start: [1.0, 1.0],
-        kind: Kind::Gauge,
-    },
+    Parameter::linear("yield_force_n", Scale::new(1, 0, 0, 0), [0.3, 1.0]).within(0.0, 5.0),
+    Parameter::linear("post_yield_damping_n_s_m", Scale::new(1, 0, -1, 0), [0.0, 1.0]),
+    Parameter::nonlinear("pre_yield_slope_s_m", Scale::new(0, 0, -1, 0), [1.0, 100.0]).within(0.3, 1e3),
+    Parameter::nonlinear("coupling_velocity_m_s", Scale::new(0, 0, 1, 0), [-0.5, 0.5]).within(-2.0, 2.0),
+    Parameter::gauge("coupling_stroke_m", Scale::new(0, 1, 0, 0), [1.0, 1.0]).within(0.2, 5.0),
 ];
 
 #[inline]

@@ -51,6 +51,10 @@ pub struct Args {
     /// Only the forms with the drive.
     #[arg(long)]
     pub semi_active_only: bool,
+    /// Laws of force under fuzzy sets with free centres and widths too, which cost half as much again. (fuzzy-tanh
+    /// comes in that form anyway.)
+    #[arg(long, conflicts_with = "passive_only")]
+    pub free_sets: bool,
     /// Experiments to take, by name in any case; by default all.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub experiments: Vec<String>,
@@ -180,7 +184,11 @@ fn specs(args: &Args) -> Result<Vec<ModelSpec>, NodeError> {
     let wanted = |spec: &ModelSpec| {
         let named = args.models.is_empty() || args.models.iter().any(|name| name == spec.structure().name());
         let passive = spec.form() == Form::Passive;
-        named && (passive || !args.passive_only) && (!passive || !args.semi_active_only)
+        let dear = matches!(spec.structure(), Structure::Law(_)) && spec.form() == Form::FreeFuzzy;
+        named
+            && (passive || !args.passive_only)
+            && (!passive || !args.semi_active_only)
+            && (!dear || args.free_sets)
     };
     let specs: Vec<ModelSpec> = ModelSpec::all().into_iter().filter(wanted).collect();
     if specs.is_empty() {
