@@ -7,7 +7,7 @@ use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::force::{Dependence, ForceModel, Law, LawModel};
 use mr_damper_model::identify::{Dataset, DatasetOptions, Watch, score, walk};
 use mr_damper_model::model::{Envelope, Model};
-use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce};
+use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce, Validity};
 use mr_damper_model::preset;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::ops::ControlFlow;
@@ -182,6 +182,14 @@ fn thermal_fade_without_a_temperature_says_so() {
     let refused = evaluate(model, &run, never(), |_| true).expect_err("no temperature");
     assert_eq!(refused.to_string(), expected);
     assert!(live(model, &run).is_empty(), "no temperature, no force");
+    let mut pipeline = Pipeline::new(Models::alone(model), never()).expect("it runs");
+    for sample in run.samples() {
+        pipeline.step(&sample, &mut |event| {
+            if let Event::Estimate(e) = event {
+                assert!(e.reasons.has(Reasons::TEMPERATURE_MISSING) && e.validity == Validity::Invalid);
+            }
+        });
+    }
     // With one it extrapolates where the training was colder.
     let model =
         Model { envelope: Envelope { case_temp_c: Some([20.0, 30.0]), ..Envelope::default() }, ..model };

@@ -133,6 +133,9 @@ impl Inside<'_> {
     /// What [`Inside::finite`] would say, while nothing steps.
     pub(super) fn trial(&self, inputs: &Inputs) -> Option<f64> {
         let mut free = *self.free;
+        if self.effects.is_empty() {
+            return self.force.free_run(&mut free, inputs).filter(|force_n| force_n.is_finite());
+        }
         let mut states = [EffectState::default(); MAX_EFFECTS];
         let states = states.get_mut(..self.states.len())?;
         states.copy_from_slice(self.states);

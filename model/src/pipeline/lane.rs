@@ -156,6 +156,9 @@ impl FreeLane {
             *reasons |= Reasons::DRIVE_MISSING;
             return None;
         }
+        if given.case_temp_c.is_nan() && self.model.effects.need(Need::CaseTemperature) {
+            *reasons |= Reasons::TEMPERATURE_MISSING;
+        }
         let inputs = inputs?;
         if outside(&self.model, &inputs) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
