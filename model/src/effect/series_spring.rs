@@ -18,9 +18,8 @@
 //! F = f(x - e, v - e', a - e'')
 //! ```
 //!
-//! for F. A damper's force falls as F grows on the right, so the model's answer to a guess lies on the other side of
-//! the root: the two bracket it, and a secant that keeps the bracket (Illinois) with a bisection in every third step
-//! closes in. Around a model whose force falls steeply as speed grows (a spring cannot hold that) there may be no such
+//! for F: by secants from where the last two samples point, held between the nearest forces known to be too low and
+//! too high, and by halving between those where a secant does not halve the error. Around a model whose force falls steeply as speed grows (a spring cannot hold that) there may be no such
 //! force; then there is none. The model is tried on copies of its state, and steps once when F is found. The first sample takes the
 //! spring at rest (e' = e'' = 0). Where the model jumps (laws that branch by the sign of acceleration) F ends within
 //! the jump, as a spring would hold it.
@@ -33,10 +32,8 @@ use crate::force::Inputs;
 
 /// Most trials of the model a sample.
 const TRIALS: u32 = 48;
-/// Steps by which a bracket is sought, where the model's answer is none.
-const WIDENINGS: u32 = 12;
 /// Error of the force that is small enough: of the force, and of a newton.
-const TOLERANCE: f64 = 1e-11;
+const TOLERANCE: f64 = 1e-10;
 
 pub(super) const ABOUT: About = About {
     id: "force_lag",
@@ -66,7 +63,7 @@ pub(super) fn step(
         return inside.run(inputs);
     }
     let offset_n = inside.offset_n();
-    let [force_before_n, rate_m_s, _] = state.held;
+    let [force_before_n, rate_m_s, slope] = state.held;
     let stretch_m = |force_n: f64| compliance_m_n * (force_n - offset_n);
     let before = state.elapsed.since_s(inputs.dt_s).map(|since_s| Before {
         since_s,
@@ -89,9 +86,12 @@ pub(super) fn step(
             ..*inputs
         }
     };
-    let guess_n = if before.is_some() { force_before_n } else { offset_n };
-    let found = solve(guess_n, offset_n, |force_n| inside.trial(&behind(force_n)));
-    let force_n = found.unwrap_or(guess_n);
+    let (guess_n, slope) = match &before {
+        Some(b) => (force_before_n + b.rate_m_s / compliance_m_n * b.since_s, slope),
+        None => (offset_n, 1.0),
+    };
+    let found = solve(guess_n, slope, offset_n, |force_n| inside.trial(&behind(force_n)));
+    let (force_n, slope) = found.unwrap_or((guess_n, 1.0));
     // The model steps whether there is a force or not: it may be filling its history.
     let answer_n = inside.finite(&behind(force_n));
     if found.is_none() || answer_n.is_none() {
@@ -99,52 +99,44 @@ pub(super) fn step(
         return None;
     }
     state.elapsed.hit(inputs.dt_s);
-    state.held = [force_n, rates(force_n).0, 0.0];
-    found
+    state.held = [force_n, rates(force_n).0, slope];
+    Some(force_n)
 }
 
-/// Where `model(F) = F`, from `guess_n`; `None` when the model gives no force there, or there is no bracket.
-fn solve(guess_n: f64, offset_n: f64, model: impl Fn(f64) -> Option<f64>) -> Option<f64> {
-    let excess = |force_n: f64| model(force_n).map(|answer_n| force_n - answer_n);
-    let close =
-        |force_n: f64, excess_n: f64| excess_n.abs() <= TOLERANCE * ((force_n - offset_n).abs() + 1.0);
-    let (mut a, mut above_a) = (guess_n, excess(guess_n)?);
-    if close(a, above_a) {
-        return Some(a);
-    }
-    // The answer to the guess, and as far again where that is not across yet.
-    let (mut b, mut reach) = (a - above_a, -above_a);
-    let mut above_b = excess(b)?;
-    for _ in 0..WIDENINGS {
-        if close(b, above_b) {
-            return Some(b);
+/// Where `model(F) = F`, from `guess_n` and a `slope` of F - model(F) to begin with, both close from sample to sample;
+/// and the slope found. `None` when the model gives no force on the way, or the trials do not meet.
+fn solve(guess_n: f64, slope: f64, offset_n: f64, model: impl Fn(f64) -> Option<f64>) -> Option<(f64, f64)> {
+    let (mut force_n, mut slope) = (guess_n, slope);
+    // The root lies between, as far as is known.
+    let [mut low_n, mut high_n] = [f64::NEG_INFINITY, f64::INFINITY];
+    let (mut last, mut reach) = (None, 1.0);
+    for _ in 0..TRIALS {
+        let excess_n = force_n - model(force_n)?;
+        let tolerance_n = TOLERANCE * ((force_n - offset_n).abs() + 1.0);
+        if excess_n.abs() <= tolerance_n || high_n - low_n <= tolerance_n {
+            return Some((force_n, slope));
         }
-        if above_a * above_b < 0.0 {
-            break;
-        }
-        reach *= 2.0;
-        (a, above_a) = (b, above_b);
-        b += reach;
-        above_b = excess(b)?;
-    }
-    if above_a * above_b > 0.0 {
-        return None;
-    }
-    // Always a and b on either side; b is the newest.
-    for trial in 0..TRIALS {
-        let secant = b - above_b * (b - a) / (above_b - above_a);
-        let inside = secant > a.min(b) && secant < a.max(b);
-        let c = if inside && trial % 3 != 2 { secant } else { 0.5 * (a + b) };
-        let above_c = excess(c)?;
-        if close(c, above_c) || (b - a).abs() <= TOLERANCE * (1.0 + c.abs()) {
-            return Some(c);
-        }
-        if above_c * above_b < 0.0 {
-            (a, above_a) = (b, above_b);
+        if excess_n < 0.0 {
+            low_n = force_n;
         } else {
-            above_a *= 0.5;
+            high_n = force_n;
         }
-        (b, above_b) = (c, above_c);
+        let mut slow = false;
+        if let Some((before_n, excess_before_n)) = last {
+            let secant: f64 = (excess_n - excess_before_n) / (force_n - before_n);
+            slope = if secant > 0.0 { secant } else { 1.0 };
+            slow = excess_n.abs() > 0.5 * f64::abs(excess_before_n);
+        }
+        last = Some((force_n, excess_n));
+        let step_n = -excess_n / slope;
+        force_n = if high_n - low_n < f64::INFINITY {
+            let next_n = force_n + step_n;
+            if slow || next_n <= low_n || next_n >= high_n { 0.5 * (low_n + high_n) } else { next_n }
+        } else {
+            // Not across yet: further each time that this does not help.
+            reach = if slow { 2.0 * reach } else { 1.0 };
+            force_n + reach * step_n
+        };
     }
-    Some(0.5 * (a + b))
+    (high_n - low_n < f64::INFINITY).then_some((force_n, slope))
 }
