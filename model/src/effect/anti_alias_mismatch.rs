@@ -30,11 +30,8 @@ pub(super) fn step(
     inputs: &Inputs,
     inside: &mut Inside,
 ) -> Option<f64> {
-    let Some(force_n) = inside.finite(inputs) else {
-        state.elapsed.miss(inputs.dt_s);
-        return None;
-    };
-    match state.elapsed.hit(inputs.dt_s) {
+    let (force_n, since_s) = state.force_inside(inputs, inside)?;
+    match since_s {
         None => {
             state.lags = [Lag::at_rest(force_n); 2];
             Some(force_n)

@@ -51,12 +51,9 @@ pub(super) fn step(
     inputs: &Inputs,
     inside: &mut Inside,
 ) -> Option<f64> {
-    if !inputs.drive.is_finite() {
-        state.elapsed.miss(inputs.dt_s);
-        return inside.run(inputs);
-    }
+    let Some(since_s) = state.drive(inputs) else { return inside.run(inputs) };
     let lag = &mut state.lags[0];
-    let drive = match state.elapsed.hit(inputs.dt_s) {
+    let drive = match since_s {
         None => {
             *lag = super::Lag::at_rest(inputs.drive);
             inputs.drive

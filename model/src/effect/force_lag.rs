@@ -27,12 +27,9 @@ pub(super) const ABOUT: About = About {
 
 #[inline]
 pub(super) fn step(tau_s: f64, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
-    let Some(force_n) = inside.finite(inputs) else {
-        state.elapsed.miss(inputs.dt_s);
-        return None;
-    };
+    let (force_n, since_s) = state.force_inside(inputs, inside)?;
     let lag = &mut state.lags[0];
-    match state.elapsed.hit(inputs.dt_s) {
+    match since_s {
         None => {
             *lag = Lag::at_rest(force_n);
             Some(force_n)

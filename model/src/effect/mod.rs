@@ -54,8 +54,8 @@
 //! ```
 //!
 //! then one line each in [`Effect`], [`Effect::ALL`], `Effect::about` and `EffectModel::step` (the compiler asks
-//! for all but the second, a test for that). What it remembers goes into `state`: an `elapsed` that says how long
-//! ago the last good sample was, two first-order lags, three numbers, a delay line. File, model file, diagnosis,
+//! for all but the second, a test for that). What it remembers goes into `state`: two first-order lags, three
+//! numbers, a delay line; `state.force_inside` and `state.drive` say how long ago the last good sample was. File, model file, diagnosis,
 //! pipeline and the tests that hold for every effect then know it.
 
 mod anti_alias_mismatch;

@@ -33,11 +33,8 @@ pub(super) fn step(
     inputs: &Inputs,
     inside: &mut Inside,
 ) -> Option<f64> {
-    if !inputs.drive.is_finite() {
-        state.elapsed.miss(inputs.dt_s);
-        return inside.run(inputs);
-    }
-    let drive = match state.elapsed.hit(inputs.dt_s) {
+    let Some(since_s) = state.drive(inputs) else { return inside.run(inputs) };
+    let drive = match since_s {
         None => inputs.drive,
         Some(_) => play(state.held[0], inputs.drive, half_width),
     };

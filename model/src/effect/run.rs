@@ -104,6 +104,33 @@ pub(super) struct EffectState {
     pub(super) ring: Ring,
 }
 
+impl EffectState {
+    /// The force of what is inside, and the time since it last had one (`None`: the first one, or after a gap). A
+    /// sample without a force is waited out.
+    #[inline]
+    pub(super) fn force_inside(
+        &mut self,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<(f64, Option<f64>)> {
+        let force_n = inside.finite(inputs);
+        if force_n.is_none() {
+            self.elapsed.miss(inputs.dt_s);
+        }
+        Some((force_n?, self.elapsed.hit(inputs.dt_s)))
+    }
+
+    /// Whether the drive is there, and the time since it last was, likewise.
+    #[inline]
+    pub(super) fn drive(&mut self, inputs: &Inputs) -> Option<Option<f64>> {
+        if inputs.drive.is_finite() {
+            return Some(self.elapsed.hit(inputs.dt_s));
+        }
+        self.elapsed.miss(inputs.dt_s);
+        None
+    }
+}
+
 /// What an effect is around: the model with the effects before it, and what they remember.
 pub(super) struct Inside<'a> {
     force: &'a ForceModel,

@@ -42,11 +42,8 @@ pub(super) fn step(
             ..*inputs
         });
     }
-    let Some(force_n) = inside.finite(inputs) else {
-        state.elapsed.miss(inputs.dt_s);
-        return None;
-    };
-    match state.elapsed.hit(inputs.dt_s) {
+    let (force_n, since_s) = state.force_inside(inputs, inside)?;
+    match since_s {
         None => state.ring.restart(force_n),
         Some(since_s) => state.ring.push(since_s, force_n),
     }
