@@ -19,10 +19,11 @@
 //! ```
 //!
 //! for F: by secants from where the last two samples point, held between the nearest forces known to be too low and
-//! too high, and by halving between those where a secant does not halve the error. Around a model whose force falls steeply as speed grows (a spring cannot hold that) there may be no such
-//! force; then there is none. The model is tried on copies of its state, and steps once when F is found. The first sample takes the
-//! spring at rest (e' = e'' = 0). Where the model jumps (laws that branch by the sign of acceleration) F ends within
-//! the jump, as a spring would hold it.
+//! too high, and by halving between those where a secant does not halve the error. Around a model whose force falls
+//! steeply as speed grows (a spring cannot hold that) there may be no such force; then there is none. The model is
+//! tried on copies of its state, and steps once when F is found. The first sample takes the spring at rest
+//! (e' = e'' = 0). Where the model jumps (laws that branch by the sign of acceleration) F ends within the jump, as a
+//! spring would hold it.
 //!
 //! Source: Maxwell's element with the damper for its dashpot. Telling of it: a residual that goes with acceleration,
 //! the more so the larger the current.
