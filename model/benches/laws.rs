@@ -30,6 +30,7 @@ fn motion() -> Vec<Inputs> {
             velocity_m_s: 0.015 * omega * (omega * t).cos(),
             acceleration_m_s2: -0.015 * omega * omega * (omega * t).sin(),
             drive: 1.2 + (3.0 * t).sin(),
+            case_temp_c: f64::NAN,
         }
     };
     (0..SAMPLES).map(at).collect()

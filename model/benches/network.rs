@@ -27,6 +27,7 @@ fn inputs() -> Vec<Inputs> {
             velocity_m_s: 0.2 * (20.0 * t).cos(),
             acceleration_m_s2: -4.0 * (20.0 * t).sin(),
             drive: 1.0 + (7.0 * t).sin(),
+            case_temp_c: f64::NAN,
         }
     };
     (0..STEPS).map(at).collect()

@@ -43,6 +43,7 @@ fn cycle(model: &LawModel) -> Vec<(f64, f64)> {
             velocity_m_s: AMPLITUDE_M * omega * (omega * t).cos(),
             acceleration_m_s2: -AMPLITUDE_M * omega * omega * (omega * t).sin(),
             drive: f64::NAN,
+            case_temp_c: f64::NAN,
         };
         (inputs.velocity_m_s, model.force_n(&inputs, &mut state))
     };

@@ -4,6 +4,7 @@
 //! fed with the measured force of the samples before. One step stands beside **persistence** (the force stays
 //! what it was), because on smooth data even that has a tiny error.
 
+use crate::effect::Need;
 use crate::error::Error;
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::Model;
@@ -147,6 +148,11 @@ fn require_channels(model: &Model, run: &Run) -> Result<(), Error> {
     if model.conditioning.velocity == crate::condition::VelocitySource::Measured && run.velocity_m_s.is_none()
     {
         return Err(missing("velocity_m_s", "the model (conditioning.velocity is \"measured\")"));
+    }
+    if let Some(effect) = model.effects.needing(Need::CaseTemperature)
+        && run.case_temp_c.as_ref().is_none_or(crate::sample::Trace::is_empty)
+    {
+        return Err(missing("case_temp_c", &format!("the effect {}", effect.id())));
     }
     match (model.force.drive(), run.drive_kind()) {
         (Some(wanted), None) => Err(missing(wanted.name(), "the model")),

@@ -1,7 +1,8 @@
 //! A force model with all that is needed to run it: conditioning, training envelope, expected error.
 
 use crate::condition::Conditioning;
-use crate::force::ForceModel;
+use crate::effect::{Augmented, AugmentedState, Effects};
+use crate::force::{ForceModel, Inputs};
 use serde::{Deserialize, Serialize};
 
 /// A model as the pipeline runs it. `Copy`, without heap: it can be swapped in between two samples.
@@ -9,6 +10,8 @@ use serde::{Deserialize, Serialize};
 pub struct Model {
     /// The force model.
     pub force: ForceModel,
+    /// Effects around it.
+    pub effects: Effects,
     /// How its inputs are made.
     pub conditioning: Conditioning,
     /// Sample rate of its training data, Hz (the lowest where there were several).
@@ -17,6 +20,26 @@ pub struct Model {
     pub envelope: Envelope,
     /// Error to expect of it.
     pub expected: Expected,
+}
+
+impl Model {
+    /// The force model with its effects.
+    #[must_use]
+    pub const fn augmented(&self) -> Augmented {
+        Augmented::unchecked(self.force, self.effects)
+    }
+
+    /// Advances a free run by one sample; see [`Augmented::free_run`].
+    #[inline]
+    pub fn free_run(&self, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
+        self.effects.free_run(&self.force, state, inputs)
+    }
+
+    /// True when it can be seeded with measured force; see [`Augmented::feeds_on_force`].
+    #[must_use]
+    pub const fn feeds_on_force(&self) -> bool {
+        self.effects.is_empty() && self.force.force_fed_period().is_some()
+    }
 }
 
 /// Ranges that a model was trained on; outside them it extrapolates. `None`: not known.

@@ -120,16 +120,16 @@ fn a_diverging_free_run_is_no_figure() {
     let data = dataset(&recorded("RP-ICPS", 1));
     let grows = Arx::new([1.02, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0; 3], None, Second(1.0 / 512.0), 0.0)
         .expect("finite coefficients");
-    let scores = score(&ForceModel::Arx(grows), &data, &Watch::none()).expect("it runs");
+    let scores = score(&ForceModel::Arx(grows).into(), &data, &Watch::none()).expect("it runs");
     assert!(scores.diverged && scores.free_run.is_none() && scores.free_run_without_offset.is_none());
     assert!(scores.one_step.is_some(), "one step ahead it is fed with measured force");
     let holds = Arx::new([0.5, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0; 3], None, Second(1.0 / 512.0), 0.0)
         .expect("finite coefficients");
-    let scores = score(&ForceModel::Arx(holds), &data, &Watch::none()).expect("it runs");
+    let scores = score(&ForceModel::Arx(holds).into(), &data, &Watch::none()).expect("it runs");
     assert!(!scores.diverged && scores.free_run.is_some());
     let other_rate = Arx::new([0.5, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0; 3], None, Second(0.01), 0.0)
         .expect("finite coefficients");
-    let refused = score(&ForceModel::Arx(other_rate), &data, &Watch::none());
+    let refused = score(&ForceModel::Arx(other_rate).into(), &data, &Watch::none());
     assert!(refused.is_err_and(|e| e.to_string().contains("100.000000 Hz")));
 }
 

@@ -52,6 +52,7 @@ fn arx_run(model: &Arx, noise_n: f64, recipe: Recipe) -> Run {
             displacement_m: made.displacement_m.values[k],
             velocity_m_s: velocity.values[k],
             drive: drive.values[k],
+            case_temp_c: f64::NAN,
         });
         let f = model.predict_n(&history).unwrap_or(0.0) + noise_n * (2.0 * noise.random::<f64>() - 1.0);
         history.push_force(f);

@@ -4,6 +4,7 @@ mod identify_support;
 
 use identify_support::{Recipe, run, truth};
 use mr_damper_model::condition::{ApplyTo, Conditioning, LowPassState, VelocitySource};
+use mr_damper_model::effect::Effects;
 use mr_damper_model::force::ForceModel;
 use mr_damper_model::identify::{Dataset, DatasetOptions};
 use mr_damper_model::model::{Envelope, Expected, Model};
@@ -42,6 +43,7 @@ fn rows_are_those_of_the_live_pipeline() {
             let fuzzy = truth(KIND);
             let model = Model {
                 force: ForceModel::FuzzyTanh(fuzzy),
+                effects: Effects::NONE,
                 conditioning,
                 rate_hz: 500.0,
                 envelope: Envelope::default(),

@@ -65,6 +65,7 @@ fn made_by(model: &Lpv, noise_n: f64, recipe: Recipe) -> Run {
             displacement_m: made.displacement_m.values[k],
             velocity_m_s: velocity.values[k],
             drive: drive.values[k],
+            case_temp_c: f64::NAN,
         });
         let f = model.predict_n(&history).unwrap_or(0.0) + noise_n * (2.0 * noise.random::<f64>() - 1.0);
         history.push_force(f);
@@ -130,6 +131,7 @@ fn while_the_drive_stays_it_is_the_frozen_arx() {
                 velocity_m_s: 0.09 * (9.0 * t).cos(),
                 acceleration_m_s2: f64::NAN,
                 drive: 0.7,
+                case_temp_c: f64::NAN,
             };
             match (model.free_run(&mut a, &inputs), arx.free_run(&mut b, &inputs)) {
                 (Some(ours), Some(theirs)) => assert!((ours - theirs).abs() < 1e-9, "{k} {ours} {theirs}"),

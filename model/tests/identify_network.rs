@@ -74,6 +74,7 @@ fn network_run(structure: NetworkStructure) -> Run {
             velocity_m_s: made.velocity_m_s.as_ref().expect("made").values[k],
             acceleration_m_s2: f64::NAN,
             drive: made.drive.as_ref().expect("made").1.values[k],
+            case_temp_c: f64::NAN,
         };
         forces.values[k] = 25.0 + network.free_run(&mut state, &inputs).unwrap_or(0.0);
     }

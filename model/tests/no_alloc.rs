@@ -5,6 +5,7 @@ mod common;
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use common::{preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
+use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
 use mr_damper_model::preset::{BEST_ANFIS, BEST_ARX, BEST_FUZZY_TANH};
@@ -84,11 +85,54 @@ fn no_law_allocates() {
                         velocity_m_s: 0.05,
                         acceleration_m_s2: f64::from(50 - k),
                         drive: 0.02 * f64::from(k),
+                        case_temp_c: f64::NAN,
                     };
                     sum += model.force_n(&inputs, &mut state);
                 }
             });
             assert!(sum.is_finite(), "{} {}", law.name(), dependence.name());
+        }
+    }
+}
+
+/// Each effect alone, in twos behind a spring, which tries the model on copies, and as a spring around springs.
+#[test]
+fn no_effect_allocates() {
+    let force = preset(BEST_FUZZY_TANH).force;
+    let present = |effect: Effect| {
+        // Halfway to the upper end, or to the lower one where that is zero; any size of a scale will do.
+        let value = |p: &mr_damper_model::effect::Parameter| {
+            let [low, high] = p.range;
+            0.5 * if high > 0.0 { high } else { low }
+        };
+        let values: Vec<f64> = effect.parameters().iter().map(value).collect();
+        EffectModel::new(effect, &values).expect("within range")
+    };
+    let spring = EffectModel::new(Effect::SeriesSpring, &[1e-7]).expect("within range");
+    for effect in Effect::ALL {
+        let one = present(effect);
+        for effects in [vec![one], vec![one, present(Effect::SensorDelay), spring], vec![spring, one, spring]]
+        {
+            let effects = Effects::new(&effects).expect("few enough");
+            let model = Augmented::new(force, effects).expect("the model has a drive");
+            let mut forces = 0;
+            assert_no_alloc(|| {
+                let mut state = AugmentedState::default();
+                for k in 0..300 {
+                    let t = 0.002 * f64::from(k);
+                    let inputs = Inputs {
+                        // A gap, and a sample that is not known.
+                        dt_s: (k % 130 > 0).then_some(0.002),
+                        displacement_m: if k == 200 { f64::NAN } else { 0.01 * (20.0 * t).sin() },
+                        velocity_m_s: 0.2 * (20.0 * t).cos(),
+                        acceleration_m_s2: -4.0 * (20.0 * t).sin(),
+                        drive: 1.0 + (7.0 * t).sin(),
+                        case_temp_c: 40.0,
+                    };
+                    forces += u32::from(model.free_run(&mut state, &inputs).is_some());
+                }
+            });
+            assert!(forces >= 280, "{}: {forces}", effect.title());
         }
     }
 }

@@ -166,6 +166,8 @@ reasons! {
     DISPLACEMENT_LOST = 2048 "DISPLACEMENT_LOST",
     /// Samples were dropped because a queue was full.
     OVERLOAD = 4096 "OVERLOAD",
+    /// The model wants the case's temperature, and none was ever received.
+    TEMPERATURE_MISSING = 8192 "TEMPERATURE_MISSING",
 }
 
 impl Reasons {

@@ -55,7 +55,10 @@ pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
         // A thesis preset describes the thesis' damper, and so does the thesis' ARX. For another damper it
         // would be a guess.
         // Networks feed on force as well, but one step ahead they are no better than persistence.
-        "auto" if matches!(alone.free.force, ForceModel::Arx(_)) => Some(config.model.as_str()),
+        // With effects around it, ARX runs free only.
+        "auto" if matches!(alone.seeded.map(|model| model.force), Some(ForceModel::Arx(_))) => {
+            Some(config.model.as_str())
+        }
         "auto" if config.model.starts_with("thesis/") => Some(preset::BEST_ARX),
         "auto" => None,
         name => Some(name),

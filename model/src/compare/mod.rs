@@ -196,7 +196,7 @@ pub fn run(
     };
     finished.identification = figures(&model, Ok(scores));
     for (tested, replicate) in tests(cell, experiments) {
-        let scored = match identify::score(&model.force, &replicate.data, watch) {
+        let scored = match identify::score(&model.augmented(), &replicate.data, watch) {
             Err(Error::Cancelled) => return Err(Error::Cancelled),
             scored => scored,
         };

@@ -75,6 +75,7 @@ fn every_preset_has_the_same_surface_after_the_file_bit_for_bit() {
                 velocity_m_s: 0.2 * (0.7 * t).cos(),
                 acceleration_m_s2: f64::NAN,
                 drive: 1.25 + 1.25 * (0.11 * t).sin(),
+                case_temp_c: f64::NAN,
             };
             assert_eq!(back.force_n(&inputs).to_bits(), model.force_n(&inputs).to_bits());
         }

@@ -73,6 +73,8 @@ pub struct Inputs {
     pub acceleration_m_s2: f64,
     /// Drive in the unit of the model's [`DriveKind`]; ignored by models without one.
     pub drive: f64,
+    /// Temperature of the damper's case, °C; NaN when it is not known. No force model asks for it, an effect does.
+    pub case_temp_c: f64,
 }
 
 /// State of a model that runs free (never sees measured force).

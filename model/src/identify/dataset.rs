@@ -56,6 +56,8 @@ pub struct Row {
     pub acceleration_m_s2: f64,
     /// Drive, A or V.
     pub drive: f64,
+    /// Temperature of the case, °C, held between its readings.
+    pub case_temp_c: f64,
     /// Measured force at this stamp, N, comparable with the model's: low-passed when the conditioning filters
     /// the output.
     pub force_n: f64,
@@ -76,6 +78,7 @@ impl Row {
             velocity_m_s: self.velocity_m_s,
             acceleration_m_s2: self.acceleration_m_s2,
             drive: self.drive,
+            case_temp_c: self.case_temp_c,
         }
     }
 }
@@ -187,7 +190,7 @@ fn stride(run: &Run, rate_hz: Option<f64>) -> Result<usize, Error> {
 fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -> (Vec<Row>, Vec<f64>) {
     let low_pass = conditioning.low_pass();
     let mut motion = MotionState::default();
-    let (mut drive, mut velocity) = (Hold::default(), Hold::default());
+    let (mut drive, mut velocity, mut case_temp_c) = (Hold::default(), Hold::default(), Hold::default());
     let mut aligner = ForceAligner::<usize>::default();
     let mut rows = Vec::with_capacity(run.displacement_m.len() / every);
     let mut raw_m = Vec::with_capacity(rows.capacity());
@@ -201,7 +204,7 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
             Reading::Drive(d) => drive.push(stamp, d.get()),
             Reading::Velocity(v) => velocity.push(stamp, v.0),
             Reading::Force(f) => aligner.push_force(stamp, f.0),
-            Reading::CaseTemperature(_) => {}
+            Reading::CaseTemperature(t) => case_temp_c.push(stamp, t.0),
             Reading::Displacement(x) => {
                 count += 1;
                 if (count - 1) % every != 0 {
@@ -224,6 +227,7 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
                     velocity_m_s: m.velocity_m_s,
                     acceleration_m_s2: m.acceleration_m_s2,
                     drive: drive.at(stamp).map_or(f64::NAN, |(_, value)| value),
+                    case_temp_c: case_temp_c.at(stamp).map_or(f64::NAN, |(_, value)| value),
                     force_n: f64::NAN,
                     raw_force_n: f64::NAN,
                     counts: false,

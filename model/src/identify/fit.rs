@@ -8,6 +8,7 @@ use super::spec::{Form, ModelSpec, Structure};
 use super::tsk::{TskOptions, fit_tsk};
 use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, network, tsk};
 use crate::condition::Conditioning;
+use crate::effect::Effects;
 use crate::error::Error;
 use crate::force::{Dependence, ForceModel, LAGS, Law, NetworkStructure, SAVARESI_LAGS, TskKind};
 use crate::model::{Envelope, Expected, Model};
@@ -249,6 +250,7 @@ fn model(force: ForceModel, conditioning: Conditioning, datasets: &[Dataset]) ->
     let envelope = datasets.iter().fold(Envelope::default(), |all, d| dataset::union(&all, &d.envelope));
     Model {
         force,
+        effects: Effects::NONE,
         conditioning,
         rate_hz: datasets.iter().map(|d| d.rate_hz).fold(f64::INFINITY, f64::min),
         envelope: Envelope { drive: envelope.drive.filter(|_| force.drive().is_some()), ..envelope },

@@ -253,7 +253,7 @@ mod tests {
                 .zip(&shares)
                 .map(|([low, high], share)| low.max(-1e3) + (high.min(1e3) - low.max(-1e3)) * share)
                 .collect();
-            let inputs = Inputs { dt_s: Some(0.002), displacement_m: x, velocity_m_s: v, acceleration_m_s2: 0.0, drive: i };
+            let inputs = Inputs { dt_s: Some(0.002), displacement_m: x, velocity_m_s: v, acceleration_m_s2: 0.0, drive: i, case_temp_c: f64::NAN };
             let mut columns = vec![0.0; point.len()];
             let force = free.row(&mut (), &inputs, &[], &free.natural(&point), &mut columns);
             for (j, column) in columns.iter().enumerate() {

@@ -250,6 +250,7 @@ mod tests {
                 velocity_m_s: phase.velocity_m_s(&force, drive),
                 acceleration_m_s2: f64::NAN,
                 drive,
+                case_temp_c: f64::NAN,
                 force_n: force.force_n + OFFSET_N,
                 raw_force_n: force.force_n + OFFSET_N,
                 counts: true,

@@ -5,7 +5,7 @@ use super::levels::Memberships;
 use super::score::{sound, walk};
 use super::search::Found;
 use super::velocity::VelocityTrial;
-use crate::force::ForceModel;
+use crate::effect::Augmented;
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::{Expected, Model};
 use std::ops::ControlFlow;
@@ -150,7 +150,11 @@ pub(super) fn assemble(
     let mut runs = Vec::with_capacity(datasets.len());
     for (dataset, &force_offset_n) in datasets.iter().zip(offsets_n) {
         let mut own = Errors::default();
-        run_errors(&model.force.with_force_offset_n(force_offset_n), dataset, &mut [&mut own, &mut all]);
+        run_errors(
+            &model.augmented().with_force_offset_n(force_offset_n),
+            dataset,
+            &mut [&mut own, &mut all],
+        );
         runs.push(RunFit {
             name: dataset.name.clone(),
             samples: dataset.counted() as u64,
@@ -182,11 +186,11 @@ pub(super) fn assemble(
     }
 }
 
-/// Runs `force` over the rows, free and one step ahead, and adds the errors of those that count to each of
+/// Runs `model` over the rows, free and one step ahead, and adds the errors of those that count to each of
 /// `sums`.
-fn run_errors(force: &ForceModel, dataset: &Dataset, sums: &mut [&mut Errors]) {
+fn run_errors(model: &Augmented, dataset: &Dataset, sums: &mut [&mut Errors]) {
     let mut last_force_n = f64::NAN;
-    let done = walk(force, dataset, |row, predicted| {
+    let done = walk(model, dataset, |row, predicted| {
         if row.dt_s.is_none() {
             last_force_n = f64::NAN;
         }

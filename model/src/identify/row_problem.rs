@@ -115,6 +115,7 @@ impl Rows {
             velocity_m_s: self.velocity_m_s[k],
             acceleration_m_s2: self.acceleration_m_s2[k],
             drive: self.drive[k],
+            case_temp_c: f64::NAN,
         }
     }
 

@@ -7,8 +7,9 @@
 use super::Watch;
 use super::dataset::{Dataset, Row};
 use crate::condition::{ApplyTo, LowPassState};
+use crate::effect::{Augmented, AugmentedState, Need};
 use crate::error::Error;
-use crate::force::{ForceModel, FreeRun, History, Inputs};
+use crate::force::{ForceModel, History, Inputs};
 use crate::metrics::{ErrorSum, Fit};
 use std::ops::ControlFlow;
 
@@ -32,18 +33,19 @@ pub struct Scores {
     pub one_step: Option<Fit>,
 }
 
-/// Scores `force` on `dataset`.
+/// Scores `model` on `dataset`.
 ///
 /// # Errors
-/// [`Error::WrongDrive`] and [`Error::MissingChannel`] when the run does not hold the model's drive;
+/// [`Error::WrongDrive`] and [`Error::MissingChannel`] when the run does not hold the model's drive, or an effect's
+/// channel;
 /// [`Error::Data`] when a model that feeds on force holds at another rate; [`Error::Cancelled`].
-pub fn score(force: &ForceModel, dataset: &Dataset, watch: &Watch) -> Result<Scores, Error> {
-    check(force, dataset)?;
+pub fn score(model: &Augmented, dataset: &Dataset, watch: &Watch) -> Result<Scores, Error> {
+    check(model, dataset)?;
     let largest_n = dataset.envelope.force_n.map_or(0.0, |[low, high]| low.abs().max(high.abs()));
     let limit_n = DIVERGED * largest_n.max(1.0);
     let (mut free, mut stepped) = (ErrorSum::default(), ErrorSum::default());
     let (mut begun, mut diverged, mut left) = (false, false, CANCEL_EVERY);
-    let outcome = walk(force, dataset, |row, predicted| {
+    let outcome = walk(model, dataset, |row, predicted| {
         left -= 1;
         if left == 0 {
             left = CANCEL_EVERY;
@@ -85,8 +87,18 @@ pub fn persistence(dataset: &Dataset) -> Option<Fit> {
     sound(&sum)
 }
 
-/// That `force` can run on `dataset` at all.
-fn check(force: &ForceModel, dataset: &Dataset) -> Result<(), Error> {
+/// That `model` can run on `dataset` at all.
+fn check(model: &Augmented, dataset: &Dataset) -> Result<(), Error> {
+    let force = model.force();
+    if let Some(effect) = model.effects().needing(Need::CaseTemperature)
+        && dataset.rows.iter().all(|row| row.case_temp_c.is_nan())
+    {
+        return Err(Error::MissingChannel {
+            run: dataset.name.clone(),
+            channel: Need::CaseTemperature.name(),
+            needed_by: format!("the effect {}", effect.id()),
+        });
+    }
     if let Some(wanted) = force.drive() {
         let Some(found) = dataset.drive else {
             return Err(Error::MissingChannel {
@@ -122,31 +134,32 @@ fn check(force: &ForceModel, dataset: &Dataset) -> Result<(), Error> {
 pub struct Predicted {
     /// Running free, N; NaN while the history fills, without drive, or after the numbers ran off.
     pub free_run_n: f64,
-    /// One step ahead of measured force, N; NaN while the history fills, or for a model without force inputs.
+    /// One step ahead of measured force, N; NaN while the history fills, or for a model without force inputs or with
+    /// effects.
     pub one_step_n: f64,
     /// False when the model wants a drive and the row has none.
     pub driven: bool,
 }
 
-/// Steps `force` over all rows, free and one step ahead, each segment from a fresh state, and hands what it says to
+/// Steps `model` over all rows, free and one step ahead, each segment from a fresh state, and hands what it says to
 /// `take` until that breaks.
 pub fn walk(
-    force: &ForceModel,
+    model: &Augmented,
     dataset: &Dataset,
     mut take: impl FnMut(&Row, Predicted) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let filter = dataset.conditioning.low_pass();
     let filters_output = dataset.conditioning.apply_to == ApplyTo::Output;
-    let (mut free, mut output, mut history) = (FreeRun::default(), None, History::default());
-    let feeds_on_force = force.force_fed_period().is_some();
+    let (mut free, mut output, mut history) = (AugmentedState::default(), None, History::default());
+    let (force, feeds_on_force) = (model.force(), model.feeds_on_force());
     for row in &dataset.rows {
         if row.dt_s.is_none() {
-            (free, output, history) = (FreeRun::default(), None, History::default());
+            (free, output, history) = (AugmentedState::default(), None, History::default());
         }
         let inputs = row.inputs();
         let driven = force.drive().is_none() || row.drive.is_finite();
         let mut free_n =
-            if driven { force.free_run(&mut free, &inputs).filter(|f| f.is_finite()) } else { None };
+            if driven { model.free_run(&mut free, &inputs).filter(|f| f.is_finite()) } else { None };
         if let (Some(raw), true) = (free_n, filters_output) {
             let fresh = output.is_none();
             let state = output.get_or_insert_with(LowPassState::default);
@@ -158,12 +171,12 @@ pub fn walk(
     ControlFlow::Continue(())
 }
 
-/// Steps `force` over `rows` as they come, free and from one fresh state, and adds up what it says, N: the bare cost of
+/// Steps `model` over `rows` as they come, free and from one fresh state, and adds up what it says, N: the bare cost of
 /// a model, for measuring its time.
 #[must_use]
-pub fn sum_of_free_run(force: &ForceModel, rows: &[Row]) -> f64 {
-    let mut state = FreeRun::default();
-    rows.iter().filter_map(|row| force.free_run(&mut state, &row.inputs())).sum()
+pub fn sum_of_free_run(model: &Augmented, rows: &[Row]) -> f64 {
+    let mut state = AugmentedState::default();
+    rows.iter().filter_map(|row| model.free_run(&mut state, &row.inputs())).sum()
 }
 
 /// Prediction from the measured forces before this row, N; NaN while there are none.

@@ -4,7 +4,12 @@
 //! schema = "mr-damper/model/1"
 //! model = "fuzzy-tanh"
 //! drive = "current_a"          # or "command_v"; absent for a passive ARX
-//! effects = []                 # in order of application
+//! effects = []                 # none; or, in order of application:
+//!
+//! [[effects]]
+//! id = "coil_lag"              # see `crate::effect`
+//! form = "one_tau"             # where an id has more than one form
+//! tau_s = 0.01                 # parameters by name
 //!
 //! [parameters]                 # unit-suffixed names; see `Parameters`
 //! [conditioning]               # filter, derivative, rate
@@ -16,6 +21,7 @@
 //! Each kind of model has its table of parameters in a file of its own here. Reading is strict: an unknown key, a missing one, or a parameter in another unit is an error that names it.
 
 mod arx;
+mod effects;
 mod fuzzy_tanh;
 mod law;
 mod lazy;
@@ -128,7 +134,7 @@ struct Written<'a> {
     model: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
     drive: Option<DriveKind>,
-    effects: [&'a str; 0],
+    effects: Vec<effects::Written>,
     parameters: Parameters,
     conditioning: FileConditioning,
     envelope: Envelope,
@@ -160,12 +166,12 @@ impl ModelFile {
     /// # Errors
     /// When a number cannot be written as TOML.
     pub fn to_toml(&self) -> Result<String, Error> {
-        let Model { force, conditioning, rate_hz, envelope, expected } = self.model;
+        let Model { force, effects, conditioning, rate_hz, envelope, expected } = self.model;
         let written = Written {
             schema: SCHEMA,
             model: force.name(),
             drive: force.drive(),
-            effects: [],
+            effects: effects::write(&effects),
             parameters: Parameters::of(&force),
             conditioning: FileConditioning { rate_hz, conditioning },
             envelope,
@@ -186,12 +192,6 @@ impl ModelFile {
             return Err(file_error(format!(
                 "schema is \"{}\"; this version reads \"{SCHEMA}\"",
                 read.schema
-            )));
-        }
-        if !read.effects.is_empty() {
-            return Err(file_error(format!(
-                "effects holds {} entries, but this version knows no effects; use a newer mr-damper",
-                read.effects.len()
             )));
         }
         let force = match read.model.as_str() {
@@ -219,7 +219,9 @@ impl ModelFile {
         Error::check("conditioning.rate_hz", rate_hz, "positive and finite", |r| r > 0.0)?;
         let conditioning: Conditioning = table_into("conditioning", table, &[])?;
         conditioning.validate()?;
-        let model = Model { force, conditioning, rate_hz, envelope: read.envelope, expected: read.expected };
+        let effects = effects::read(&read.effects, &force)?;
+        let (envelope, expected) = (read.envelope, read.expected);
+        let model = Model { force, effects, conditioning, rate_hz, envelope, expected };
         Ok(Self { model, provenance: read.provenance })
     }
 }

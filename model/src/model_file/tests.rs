@@ -1,12 +1,14 @@
 //! Files in and out, and what is said of broken ones.
 
 use super::*;
+use crate::effect::{Effect, EffectModel, Effects};
 use crate::force::{
     Arx, Dependence, FuzzySets, FuzzyTanh, Lazy, LazyMetric, LazyPoint, Lpv, Network, NetworkScaling,
     Normalisation,
 };
 use crate::preset;
 use crate::units::Second;
+use proptest::prelude::*;
 
 fn file(name: &str) -> ModelFile {
     ModelFile { model: preset::load(name).expect("preset"), provenance: Provenance::default() }
@@ -50,7 +52,11 @@ fn other_errors_name_the_key() {
         ("model = \"fuzzy-tanh\"", "model = \"fuzzy\"", "model is \"fuzzy\""),
         ("rate_hz = 512.0", "rate_hz = 0.0", "conditioning.rate_hz is 0"),
         ("cutoff_hz = 20.0", "cutoff_rad_s = 20.0", "cutoff_rad_s"),
-        ("effects = []", "effects = [{id = \"coil_lag\"}]", "effects holds 1 entries"),
+        (
+            "effects = []",
+            "effects = [{id = \"coil_lg\"}]",
+            "effects[0].id is \"coil_lg\"; did you mean coil_lag?",
+        ),
     ] {
         assert!(text.contains(from), "the test must change the file: {from}");
         let message = error_of(&text.replace(from, to));
@@ -166,5 +172,107 @@ fn a_broken_one_of_them_is_refused_by_name() {
         assert!(text.contains(from), "the test must change the file: {from}");
         let message = error_of(&text.replacen(from, to, 1));
         assert!(message.contains(expected), "{to}: {message}");
+    }
+}
+
+/// An effect with the shares of its parameters' ranges.
+fn effect_at(index: usize, shares: [f64; 2]) -> EffectModel {
+    let effect = Effect::ALL[index % Effect::ALL.len()];
+    let value = |(p, share): (&crate::effect::Parameter, f64)| p.range[0] + share * (p.range[1] - p.range[0]);
+    let values: Vec<f64> = effect.parameters().iter().zip(shares).map(value).collect();
+    EffectModel::new(effect, &values).expect("within range")
+}
+
+fn file_with(effects: &[EffectModel]) -> ModelFile {
+    let plain = file("thesis/fuzzy-tanh/rp3-cs");
+    let effects = Effects::new(effects).expect("few enough");
+    ModelFile { model: Model { effects, ..plain.model }, ..plain }
+}
+
+#[test]
+fn effects_are_tables_in_order_of_application() {
+    let lag = EffectModel::new(Effect::CoilLagRiseFall, &[0.005, 0.019]).expect("within range");
+    let gas = EffectModel::new(Effect::GasSpring, &[1200.0]).expect("within range");
+    let text = file_with(&[lag, gas]).to_toml().expect("writes");
+    let effects: Vec<&str> = text.lines().skip_while(|l| *l != "[[effects]]").take(9).collect();
+    assert_eq!(
+        effects.join("\n"),
+        "[[effects]]\nid = \"coil_lag\"\nform = \"rise_fall\"\ntau_rise_s = 0.005\ntau_fall_s = 0.019\n\n\
+         [[effects]]\nid = \"gas_spring\"\nstiffness_n_m = 1200.0"
+    );
+    // Whole numbers may be written as such.
+    let read = ModelFile::from_toml(&text.replace("1200.0", "1200")).expect("reads");
+    assert_eq!(read, file_with(&[lag, gas]));
+}
+
+#[test]
+fn a_broken_effect_is_refused_by_name() {
+    let text = file("thesis/fuzzy-tanh/rp3-cs").to_toml().expect("writes");
+    let passive = "[[effects]]\nid = \"remanence\"\nhalf_width_drive = 0.1";
+    for (effects, expected) in [
+        (
+            "[[effects]]\nid = \"coil_lg\"",
+            "effects[0].id is \"coil_lg\"; did you mean coil_lag? (known are coil_lag, remanence,",
+        ),
+        ("[[effects]]\nid = 3", "effects[0].id is 3, not a text in quotes"),
+        ("[[effects]]\ntau_s = 0.01", "effects[0].id is missing"),
+        ("[[effects]]\nid = \"coil_lag\"\ntau_s = 0.01", "coil_lag needs form, one of one_tau, rise_fall"),
+        (
+            "[[effects]]\nid = \"force_lag\"\nform = \"two_pole\"",
+            "but force_lag has the forms first_order, series_spring",
+        ),
+        ("[[effects]]\nid = \"friction\"\nform = \"coulomb\"", "friction has one form only"),
+        (
+            "[[effects]]\nid = \"friction\"\nfriction_lbf = 3",
+            "effects[0].friction_lbf is unknown; did you mean friction_n?",
+        ),
+        ("[[effects]]\nid = \"friction\"", "effects[0].friction_n is missing"),
+        (
+            "[[effects]]\nid = \"friction\"\nfriction_n = \"3\"",
+            "effects[0].friction_n is \"3\", not a number",
+        ),
+        ("[[effects]]\nid = \"friction\"\nfriction_n = 3e3", "friction_n is 3000, but must be 0 to 200"),
+        ("[[effects]]\nid = \"friction\"\nfriction_n = nan", "friction_n is NaN"),
+        (
+            "[[effects]]\nid = \"friction\"\nfriction_n = 3\n[[effects]]\nid = \"end_stop\"\nstiffness_n_m = 1e5\nclearance_m = -1",
+            "effects[1]: effect end_stop: clearance_m is -1, but must be finite and at least 0",
+        ),
+        (passive.repeat(4).replace("0.1[[", "0.1\n[[").as_str(), "effects has 4 values, but at most 3"),
+        ("effects = 3", "effects"),
+    ] {
+        let message = error_of(&text.replace("effects = []", effects));
+        assert!(message.contains(expected), "{effects}: {message}");
+    }
+    let passive_model = file("thesis/sp-passive/rp3-cs");
+    let text = passive_model.to_toml().expect("writes").replace("effects = []", passive);
+    assert!(error_of(&text).contains("effect remanence acts on the drive, but the sp model has none"));
+}
+
+proptest! {
+    #[test]
+    fn any_effects_survive_the_file_bit_for_bit(
+        chosen in prop::collection::vec((0..Effect::ALL.len(), 0.0..=1.0f64, 0.0..=1.0f64), 0..=3),
+    ) {
+        let effects: Vec<EffectModel> = chosen.iter().map(|(index, a, b)| effect_at(*index, [*a, *b])).collect();
+        let written = file_with(&effects);
+        let read = ModelFile::from_toml(&written.to_toml().expect("writes"));
+        prop_assert_eq!(read, Ok(written));
+    }
+
+    /// Broken anywhere, a file is an error or a model that can be written again, never a panic.
+    #[test]
+    fn a_file_that_is_broken_at_random_is_an_error_or_a_model(
+        index in 0..Effect::ALL.len(),
+        at in 0.0..1.0f64,
+        length in 0..12_usize,
+        put in prop::sample::select(vec!["", "-", "9", "nan", "inf", "1e400", "\"", "[", "]", "\n", "= ", "_", "é", "[[effects]]\n"]),
+    ) {
+        let text = file_with(&[effect_at(index, [0.5, 0.5]), effect_at(index + 5, [0.3, 0.9])]).to_toml().expect("writes");
+        let (from, to) = (text.find("[[effects]]").expect("there"), text.find("[parameters]").expect("there"));
+        let start = from + ((to - from) as f64 * at) as usize;
+        let broken = format!("{}{put}{}", &text[..start], &text[(start + length).min(to)..]);
+        if let Ok(read) = ModelFile::from_toml(&broken) {
+            prop_assert_eq!(ModelFile::from_toml(&read.to_toml().expect("writes")), Ok(read));
+        }
     }
 }

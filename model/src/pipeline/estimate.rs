@@ -96,6 +96,7 @@ impl Pipeline {
                 .filter(|(at, _)| stamp.since(*at).get() <= self.settings.gap_s)
                 .map(|(_, v)| v),
             drive: drive.map_or(f64::NAN, |(_, value)| value),
+            case_temp_c: self.temperature.at(stamp).map_or(f64::NAN, |(_, value)| value),
         };
 
         let mut free_reasons = Reasons::NONE;

@@ -271,6 +271,8 @@ reasons! {
     DISPLACEMENT_LOST = 2048, Stale;
     /// Samples were lost because a queue was full.
     OVERLOAD = 4096, Degraded;
+    /// An effect around the model wants the case's temperature and none has come.
+    TEMPERATURE_MISSING = 8192, Invalid;
 }
 
 impl Reasons {

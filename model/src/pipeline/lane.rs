@@ -2,8 +2,9 @@
 
 use super::event::Reasons;
 use crate::condition::{ApplyTo, Conditioning, LowPass, LowPassState, MotionState};
+use crate::effect::{AugmentedState, Need};
 use crate::error::Error;
-use crate::force::{ForceModel, FreeRun, History, Inputs};
+use crate::force::{ForceModel, History, Inputs};
 use crate::model::{Envelope, Model};
 
 /// What both lanes are given at a displacement.
@@ -15,6 +16,8 @@ pub(super) struct Given {
     pub(super) measured_velocity_m_s: Option<f64>,
     /// NaN when there is none.
     pub(super) drive: f64,
+    /// NaN when it is not known.
+    pub(super) case_temp_c: f64,
 }
 
 /// Displacement path of a lane: conditioning, its memory, and how long it has been settling.
@@ -55,6 +58,7 @@ impl Front {
             velocity_m_s: motion.velocity_m_s,
             acceleration_m_s2: motion.acceleration_m_s2,
             drive: given.drive,
+            case_temp_c: given.case_temp_c,
         })
     }
 }
@@ -64,10 +68,13 @@ fn drive_is_there(model: &ForceModel, given: &Given) -> bool {
     model.drive().is_none() || given.drive.is_finite()
 }
 
-fn outside(envelope: &Envelope, model: &ForceModel, inputs: &Inputs) -> bool {
+fn outside(model: &Model, inputs: &Inputs) -> bool {
+    let envelope = &model.envelope;
     Envelope::leaves(envelope.displacement_m, inputs.displacement_m)
         || Envelope::leaves(envelope.velocity_m_s, inputs.velocity_m_s)
-        || (model.drive().is_some() && Envelope::leaves(envelope.drive, inputs.drive))
+        || (model.force.drive().is_some() && Envelope::leaves(envelope.drive, inputs.drive))
+        || (Envelope::leaves(envelope.case_temp_c, inputs.case_temp_c)
+            && model.effects.need(Need::CaseTemperature))
 }
 
 /// The lane that never sees measured force.
@@ -75,7 +82,7 @@ fn outside(envelope: &Envelope, model: &ForceModel, inputs: &Inputs) -> bool {
 pub(super) struct FreeLane {
     model: Model,
     front: Front,
-    state: FreeRun,
+    state: AugmentedState,
     output_filter: LowPassState,
     /// The measured force's own copy of the output filter, so that like is compared with like.
     force_filter: LowPassState,
@@ -86,10 +93,11 @@ pub(super) struct FreeLane {
 impl FreeLane {
     pub(super) fn new(model: Model) -> Result<Self, Error> {
         model.conditioning.validate()?;
+        model.effects.check(&model.force)?;
         refuse_filtered_arx(&model)?;
         Ok(Self {
             front: Front::new(model.conditioning),
-            state: FreeRun::default(),
+            state: AugmentedState::default(),
             output_filter: LowPassState::default(),
             force_filter: LowPassState::default(),
             fresh_output: true,
@@ -117,7 +125,12 @@ impl FreeLane {
     pub(super) fn inherit(&mut self, old: &Self) {
         if self.model.conditioning == old.model.conditioning {
             self.front = old.front.clone();
-            self.state = old.state;
+            // An effect's memory means the same for another strength of it, but not for another effect.
+            self.state = if self.model.effects.same_kinds(&old.model.effects) {
+                old.state
+            } else {
+                old.state.without_effects()
+            };
             self.output_filter = old.output_filter;
             self.force_filter = old.force_filter;
             self.fresh_output = old.fresh_output;
@@ -127,7 +140,7 @@ impl FreeLane {
 
     pub(super) fn reset(&mut self) {
         self.front = Front::new(self.model.conditioning);
-        self.state = FreeRun::default();
+        self.state = AugmentedState::default();
         self.fresh_output = true;
         self.fresh_force = true;
     }
@@ -143,11 +156,14 @@ impl FreeLane {
             *reasons |= Reasons::DRIVE_MISSING;
             return None;
         }
+        if given.case_temp_c.is_nan() && self.model.effects.need(Need::CaseTemperature) {
+            *reasons |= Reasons::TEMPERATURE_MISSING;
+        }
         let inputs = inputs?;
-        if outside(&self.model.envelope, &self.model.force, &inputs) {
+        if outside(&self.model, &inputs) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
-        let force_n = self.model.force.free_run(&mut self.state, &inputs).filter(|f| f.is_finite())?;
+        let force_n = self.model.free_run(&mut self.state, &inputs).filter(|f| f.is_finite())?;
         if self.model.conditioning.apply_to != ApplyTo::Output {
             return Some(force_n);
         }
@@ -197,6 +213,9 @@ impl SeededLane {
     /// A lane for `model`, or `None` when it does not feed on force.
     pub(super) fn new(model: Model) -> Result<Option<Self>, Error> {
         model.conditioning.validate()?;
+        if !model.feeds_on_force() {
+            return Ok(None);
+        }
         let Some(nominal) = model.force.force_fed_period() else { return Ok(None) };
         refuse_filtered_arx(&model)?;
         Ok(Some(Self {

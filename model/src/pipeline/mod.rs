@@ -48,17 +48,18 @@ pub struct Models {
 }
 
 impl Models {
-    /// The models for `free` alone: one that feeds on force is its own seeded one, any other has none.
+    /// The models for `free` alone: one that feeds on force is its own seeded one, any other has none. With effects
+    /// it only runs free.
     #[must_use]
     pub fn alone(free: Model) -> Self {
-        let seeded = free.force.force_fed_period().map(|_| free);
+        let seeded = free.feeds_on_force().then_some(free);
         Self { free, seeded }
     }
 
     /// The same models with another seeded one.
     ///
     /// # Errors
-    /// When `seeded` does not feed on force, or wants another drive than the free model.
+    /// When `seeded` does not feed on force, has effects, or wants another drive than the free model.
     pub fn with_seeded(self, seeded: Model) -> Result<Self, Error> {
         if seeded.force.force_fed_period().is_none() {
             return Err(Error::Data {
@@ -66,6 +67,13 @@ impl Models {
                     "arx_model is a {} model; only one that feeds on force (arx) can be seeded",
                     seeded.force.name()
                 ),
+            });
+        }
+        if !seeded.effects.is_empty() {
+            return Err(Error::Data {
+                message: "arx_model has effects, which a model that is seeded with measured force has in its input \
+                          already; take them out of its file, or give the file as model"
+                    .to_owned(),
             });
         }
         if let (Some(free), Some(arx)) = (self.free.force.drive(), seeded.force.drive())

@@ -23,6 +23,7 @@ mod sp_rows;
 pub use fuzzy_rows::{CENTRES_A, SIGMA_A};
 
 use crate::condition::Conditioning;
+use crate::effect::Effects;
 use crate::error::Error;
 use crate::force::{ForceModel, FuzzyTanh, Phase};
 use crate::identify::Form;
@@ -143,6 +144,7 @@ fn find(name: &str) -> Option<Model> {
     };
     Some(Model {
         force,
+        effects: Effects::NONE,
         conditioning: Conditioning::THESIS,
         rate_hz: 512.0,
         envelope: Envelope { drive: force.drive().map(|_| [0.0, 2.5]), ..envelope },

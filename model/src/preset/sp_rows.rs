@@ -106,6 +106,7 @@ mod tests {
             velocity_m_s: v * M_PER_IN,
             acceleration_m_s2: f64::NAN,
             drive,
+            case_temp_c: f64::NAN,
         };
         model.force_n(&inputs, &mut LawState::default()) / N_PER_LBF
     }

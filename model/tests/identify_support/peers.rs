@@ -75,6 +75,7 @@ pub(crate) fn synth(seed: u64) -> Dataset {
         acceleration_m_s2: a[k] * M_PER_IN,
         drive: i[k],
         force_n: force[k] * N_PER_LBF,
+        case_temp_c: f64::NAN,
         raw_force_n: force[k] * N_PER_LBF,
         counts: true,
     };

@@ -43,7 +43,7 @@ proptest! {
     ) {
         prop_assume!(!law.has_memory());
         let p = sensible(law, &share);
-        let inputs = Inputs { dt_s: Some(0.002), displacement_m: x, velocity_m_s: v, acceleration_m_s2: a, drive: 0.0 };
+        let inputs = Inputs { dt_s: Some(0.002), displacement_m: x, velocity_m_s: v, acceleration_m_s2: a, drive: 0.0, case_temp_c: f64::NAN };
         let mut gradient = [0.0; MAX_PARAMETERS];
         let force = law.gradient(&p, &inputs, &mut gradient);
         let plain = law.force_n(&p, &inputs, &mut Hidden::default());
@@ -71,7 +71,7 @@ proptest! {
         x in -0.02..0.02, v in -0.3..0.3, i in -1.0..4.0,
     ) {
         let p = sensible(law, &share);
-        let inputs = Inputs { dt_s: Some(0.002), displacement_m: x, velocity_m_s: v, acceleration_m_s2: 1.0, drive: i };
+        let inputs = Inputs { dt_s: Some(0.002), displacement_m: x, velocity_m_s: v, acceleration_m_s2: 1.0, drive: i, case_temp_c: f64::NAN };
         let alone = LawModel::new(law, Dependence::None, &p, 3.0).expect("a model");
         let force = alone.force_n(&inputs, &mut LawState::default());
         let mut powers = p.clone();
@@ -113,6 +113,7 @@ fn a_polynomial_is_a_polynomial() {
             velocity_m_s: 10.0,
             acceleration_m_s2: f64::NAN,
             drive,
+            case_temp_c: f64::NAN,
         };
         model.force_n(&inputs, &mut LawState::default())
     };
@@ -154,6 +155,7 @@ fn without_acceleration_laws_that_need_it_have_no_force() {
             velocity_m_s: 0.1,
             acceleration_m_s2,
             drive: 0.0,
+            case_temp_c: f64::NAN,
         };
         let needs = matches!(law, Law::Li | Law::CesmeciEngin | Law::Choi);
         let force = law.force_n(&p, &inputs(f64::NAN), &mut Hidden::default());
@@ -174,6 +176,7 @@ fn a_law_without_memory_has_nothing_hidden() {
         velocity_m_s: 0.1,
         acceleration_m_s2: 1.0,
         drive: 0.0,
+        case_temp_c: f64::NAN,
     };
     for law in Law::ALL.into_iter().filter(|law| !law.has_memory()) {
         let p = sensible(law, &[0.3; MAX_PARAMETERS]);

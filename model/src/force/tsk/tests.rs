@@ -109,7 +109,14 @@ fn dual(plain: &Plain<f64>) -> Plain<Dual64> {
 }
 
 fn at(x: f64, v: f64, i: f64) -> Inputs {
-    Inputs { dt_s: None, displacement_m: x, velocity_m_s: v, acceleration_m_s2: f64::NAN, drive: i }
+    Inputs {
+        dt_s: None,
+        displacement_m: x,
+        velocity_m_s: v,
+        acceleration_m_s2: f64::NAN,
+        drive: i,
+        case_temp_c: f64::NAN,
+    }
 }
 
 fn normalised(model: &Tsk, inputs: &Inputs) -> Vec<f64> {

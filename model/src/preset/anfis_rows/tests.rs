@@ -20,6 +20,7 @@ fn force_n(model: &Tsk, x: f64, v: f64, i: f64) -> f64 {
         velocity_m_s: v,
         acceleration_m_s2: f64::NAN,
         drive: i,
+        case_temp_c: f64::NAN,
     })
 }
 

@@ -4,7 +4,7 @@ use crate::report::compare::order::name;
 use crate::report::compare::{Curve, Picture, StepTime};
 use crate::report::plot::binned_mean;
 use mr_damper_model::compare::{Experiment, Predictor, Replicate, Summary};
-use mr_damper_model::force::ForceModel;
+use mr_damper_model::effect::Augmented;
 use mr_damper_model::identify::{Dataset, MembershipSource, Memberships, Row, sum_of_free_run, walk};
 use mr_damper_model::model::Model;
 use std::hint::black_box;
@@ -82,7 +82,7 @@ fn predicted(
     let mut points = Vec::new();
     let suits = drawn.model.force.drive().is_none_or(|kind| data.drive == Some(kind));
     if suits {
-        let _ = walk(&drawn.model.force, data, |row, predicted| {
+        let _ = walk(&drawn.model.augmented(), data, |row, predicted| {
             points.extend(pick(row, predicted.free_run_n));
             ControlFlow::Continue(())
         });
@@ -174,13 +174,13 @@ pub(super) fn step_times<'a>(
     data: &Dataset,
 ) -> Vec<StepTime> {
     let rows = &data.rows[..data.rows.len().min(TIMED_ROWS)];
-    let time = |force: &ForceModel| {
+    let time = |model: &Augmented| {
         let start = Instant::now();
-        black_box(sum_of_free_run(black_box(force), rows));
+        black_box(sum_of_free_run(black_box(model), rows));
         start.elapsed().as_secs_f64() * 1e9 / rows.len().max(1) as f64
     };
-    let median = |force: &ForceModel| {
-        let mut passes: Vec<f64> = (0..PASSES).map(|_| time(force)).collect();
+    let median = |model: &Augmented| {
+        let mut passes: Vec<f64> = (0..PASSES).map(|_| time(model)).collect();
         passes.sort_by(f64::total_cmp);
         passes[PASSES / 2]
     };
@@ -188,7 +188,7 @@ pub(super) fn step_times<'a>(
         .map(|(model, form, found)| StepTime {
             model: model.to_owned(),
             form: form.to_owned(),
-            ns_per_step: median(&found.force),
+            ns_per_step: median(&found.augmented()),
         })
         .collect()
 }

@@ -33,6 +33,7 @@ fn inputs(parts: Motion, k: usize) -> Inputs {
         velocity_m_s,
         acceleration_m_s2: f64::NAN,
         drive: 0.0,
+        case_temp_c: f64::NAN,
     }
 }
 

@@ -1,0 +1,31 @@
+//! Asymmetry: extension and compression meet unlike resistance.
+//!
+//! ```text
+//! F' = F0 + (F - F0) (1 + beta tanh(v / 5 mm/s))
+//! ```
+//!
+//! | symbol | parameter | unit | meaning |
+//! |---|---|---|---|
+//! | beta | `asymmetry` | - | share by which extension is stiffer, and compression softer |
+//! | v | input | m/s | velocity, positive in extension |
+//! | F0 | of the model | N | the session's offset, no force of the damper |
+
+use super::parts::{scaled, smooth_sign};
+use super::{About, EffectState, Inside, Parameter};
+use crate::force::Inputs;
+
+pub(super) const ABOUT: About = About {
+    id: "asymmetry",
+    form: None,
+    what: "the damper is stiffer in one direction than in the other",
+    parameters: &[Parameter::absolute("asymmetry", [-0.4, 0.4], 0.01)],
+    separated_by: "several currents and speeds in both directions: an offset does not grow with the force",
+    confounders: &["friction", "position_dependence", "velocity_saturation"],
+    needs: &[],
+};
+
+#[inline]
+pub(super) fn step(asymmetry: f64, _: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
+    let force_n = inside.run(inputs)?;
+    Some(scaled(force_n, inside.offset_n(), 1.0 + asymmetry * smooth_sign(inputs.velocity_m_s)))
+}

@@ -1,0 +1,63 @@
+//! Dead zone: free play between rod and piston.
+//!
+//! ```text
+//! y = max(x - g/2, min(x + g/2, y before)),   e = (y - y before) / (x - x before)
+//! F' = F0 + e (F - F0),   F: the model's at y, e v, e a
+//! ```
+//!
+//! | symbol | parameter | unit | meaning |
+//! |---|---|---|---|
+//! | g | `gap_m` | m | free play from one side to the other |
+//! | x, v, a | inputs | m, m/s, m/s² | displacement of the rod and its derivatives |
+//! | y | state | m | displacement of the piston |
+//! | e | state | - | share of the rod's step that the piston went along: 1 engaged, 0 within the gap |
+//! | F0 | of the model | N | the session's offset, no force of the damper |
+//!
+//! After each reversal the force is gone until the gap is crossed; the share makes it fade in the sample in which the
+//! rod leaves one side or meets the other, so that force is continuous in g. While the rod rests the share stays. The
+//! start is engaged, in the direction of motion.
+//!
+//! The force is continuous in g, but at g = 0 not in proportion to it: about a reversal the rod hardly moves, so that
+//! the least gap takes a while to cross. The probe is therefore as large as a gap that matters.
+
+use super::parts::{play, scaled};
+use super::{About, EffectState, Inside, Parameter};
+use crate::force::Inputs;
+
+pub(super) const ABOUT: About = About {
+    id: "deadzone",
+    form: None,
+    what: "free play: no force for a short way after each reversal",
+    parameters: &[Parameter::absolute("gap_m", [0.0, 3e-3], 3e-4)],
+    separated_by: "small and large strokes at equal speed: the way without force does not grow with the stroke",
+    confounders: &["friction", "force_lag"],
+    needs: &[],
+};
+
+#[inline]
+pub(super) fn step(gap_m: f64, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
+    let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
+    if !(x.is_finite() && v.is_finite()) {
+        state.elapsed.miss(inputs.dt_s);
+        inside.run(inputs);
+        return None;
+    }
+    let half_m = 0.5 * gap_m;
+    let (y, share) = match state.elapsed.hit(inputs.dt_s) {
+        None => (if v == 0.0 { x } else { x - half_m * v.signum() }, 1.0),
+        Some(_) => {
+            let [x_before, y_before, share] = state.held;
+            let (y, step_m) = (play(y_before, x, half_m), x - x_before);
+            let went = if step_m == 0.0 { share } else { ((y - y_before) / step_m).clamp(0.0, 1.0) };
+            (y, went)
+        }
+    };
+    state.held = [x, y, share];
+    let force_n = inside.run(&Inputs {
+        displacement_m: y,
+        velocity_m_s: share * v,
+        acceleration_m_s2: share * inputs.acceleration_m_s2,
+        ..*inputs
+    })?;
+    Some(scaled(force_n, inside.offset_n(), share))
+}

@@ -1,0 +1,41 @@
+//! End stop: a bumper near the ends of the stroke.
+//!
+//! ```text
+//! F' = F + k max(0, |x| - x0) sign(x)
+//! ```
+//!
+//! | symbol | parameter | unit | meaning |
+//! |---|---|---|---|
+//! | k | `stiffness_n_m` | N/m | stiffness of the bumper |
+//! | x0 | `clearance_m` | m | displacement at which it is met, to either side |
+//! | x | input | m | displacement, positive in extension |
+
+use super::{About, EffectState, Inside, Parameter};
+use crate::force::Inputs;
+use crate::force::law::Scale;
+
+pub(super) const ABOUT: About = About {
+    id: "end_stop",
+    form: None,
+    what: "a bumper pushes back near the ends of the stroke",
+    parameters: &[
+        Parameter::relative("stiffness_n_m", Scale::new(1, -1, 0, 0), [0.0, 1e3], 0.01),
+        Parameter::shape("clearance_m", Scale::new(0, 1, 0, 0), [0.2, 1.0], 0.8),
+    ],
+    separated_by: "strokes to the ends, slow and fast: the force does not depend on speed and current",
+    confounders: &["gas_spring", "position_dependence"],
+    needs: &[],
+};
+
+#[inline]
+pub(super) fn step(
+    [stiffness_n_m, clearance_m]: [f64; 2],
+    _: &mut EffectState,
+    inputs: &Inputs,
+    inside: &mut Inside,
+) -> Option<f64> {
+    let x = inputs.displacement_m;
+    // Not f64::max, which would make a zero of what is not known.
+    let beyond_m = if x.abs() <= clearance_m { 0.0 } else { (x.abs() - clearance_m).copysign(x) };
+    Some(inside.run(inputs)? + stiffness_n_m * beyond_m)
+}

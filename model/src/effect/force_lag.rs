@@ -1,0 +1,39 @@
+//! Lag of the force: it follows the model's only slowly.
+//!
+//! ```text
+//! tau dF'/dt = F - F'
+//! ```
+//!
+//! | symbol | parameter | unit | meaning |
+//! |---|---|---|---|
+//! | tau | `tau_s` | s | the fluid's own response, or a soft mount in front of a viscous damper |
+//!
+//! Exact for a force that runs straight from sample to sample; starts at rest at the first force. Where the lag is a
+//! spring in series, it shrinks with the damping and grows with the current: see the other form,
+//! [`super::Effect::SeriesSpring`].
+
+use super::{About, EffectState, Inside, Lag, Parameter};
+use crate::force::Inputs;
+
+pub(super) const ABOUT: About = About {
+    id: "force_lag",
+    form: Some("first_order"),
+    what: "force follows with one time constant",
+    parameters: &[Parameter::absolute("tau_s", [0.0, 15e-3], 5e-4)],
+    separated_by: "motion over a wide band with the current held, at several currents",
+    confounders: &["sensor_delay", "inertia", "anti_alias_mismatch", "coil_lag"],
+    needs: &[],
+};
+
+#[inline]
+pub(super) fn step(tau_s: f64, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
+    let (force_n, since_s) = state.force_inside(inputs, inside)?;
+    let lag = &mut state.lags[0];
+    match since_s {
+        None => {
+            *lag = Lag::at_rest(force_n);
+            Some(force_n)
+        }
+        Some(step_s) => Some(lag.step(state.coefficients[0].of(tau_s, step_s), force_n)),
+    }
+}

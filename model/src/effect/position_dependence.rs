@@ -1,0 +1,36 @@
+//! Dependence on position: the gap is not the same all along the stroke.
+//!
+//! ```text
+//! F' = F0 + (F - F0) max(0, 1 + gamma x)
+//! ```
+//!
+//! | symbol | parameter | unit | meaning |
+//! |---|---|---|---|
+//! | gamma | `growth_per_m` | 1/m | share by which the force grows with a metre of displacement |
+//! | x | input | m | displacement, positive in extension |
+//! | F0 | of the model | N | the session's offset, no force of the damper |
+
+use super::parts::scaled;
+use super::{About, EffectState, Inside, Parameter};
+use crate::force::Inputs;
+
+pub(super) const ABOUT: About = About {
+    id: "position_dependence",
+    form: None,
+    what: "force grows, or falls, along the stroke in proportion to itself",
+    parameters: &[Parameter::absolute("growth_per_m", [-10.0, 10.0], 0.1)],
+    separated_by: "the same speeds and currents about several mean positions",
+    confounders: &["gas_spring", "asymmetry", "end_stop"],
+    needs: &[],
+};
+
+#[inline]
+pub(super) fn step(
+    growth_per_m: f64,
+    _: &mut EffectState,
+    inputs: &Inputs,
+    inside: &mut Inside,
+) -> Option<f64> {
+    let force_n = inside.run(inputs)?;
+    Some(scaled(force_n, inside.offset_n(), 1.0 + growth_per_m * inputs.displacement_m))
+}

@@ -1,0 +1,349 @@
+//! Effects with their numbers, around a force model: what runs.
+
+use super::parts::{Coefficients, Elapsed, Lag, Ring};
+use super::{Effect, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need, coil_lag, end_stop};
+use super::{anti_alias_mismatch, asymmetry, deadzone, force_lag, friction, gas_spring, inertia};
+use super::{load_cell_drift, position_dependence, remanence, sensor_delay, series_spring};
+use super::{thermal_fade, velocity_saturation};
+use crate::error::Error;
+use crate::force::{ForceModel, FreeRun, Inputs};
+
+/// An effect with its parameters: one that can run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EffectModel {
+    effect: Effect,
+    /// In the order of [`Effect::parameters`]; zeros beyond.
+    parameters: [f64; MAX_EFFECT_PARAMETERS],
+}
+
+impl EffectModel {
+    /// `effect` with `parameters`, in the order of [`Effect::parameters`].
+    ///
+    /// # Errors
+    /// [`Error::Length`] when there are more or fewer than it has; [`Error::Data`] with the parameter and its range
+    /// when one is not within [`super::Parameter::allowed`].
+    pub fn new(effect: Effect, parameters: &[f64]) -> Result<Self, Error> {
+        let known = effect.parameters();
+        if parameters.len() != known.len() {
+            return Err(Error::Length {
+                name: format!("parameters of {}", effect.title()),
+                found: parameters.len(),
+                expected: known.len().to_string(),
+            });
+        }
+        for (parameter, value) in known.iter().zip(parameters) {
+            let [low, high] = parameter.allowed();
+            if !(value.is_finite() && (low..=high).contains(value)) {
+                let range = match (low.is_finite(), high.is_finite()) {
+                    (true, true) => format!("{low} to {high}"),
+                    (true, false) => format!("finite and at least {low}"),
+                    _ => "finite".to_owned(),
+                };
+                let message =
+                    format!("effect {}: {} is {value}, but must be {range}", effect.title(), parameter.name);
+                return Err(Error::Data { message });
+            }
+        }
+        let mut model = Self { effect, parameters: [0.0; MAX_EFFECT_PARAMETERS] };
+        model.parameters[..parameters.len()].copy_from_slice(parameters);
+        Ok(model)
+    }
+
+    /// With numbers of the library itself.
+    pub(super) const fn unchecked(effect: Effect, parameters: [f64; MAX_EFFECT_PARAMETERS]) -> Self {
+        Self { effect, parameters }
+    }
+
+    /// Which effect.
+    #[must_use]
+    pub const fn effect(&self) -> Effect {
+        self.effect
+    }
+
+    /// Its parameters, in the order of [`Effect::parameters`].
+    #[must_use]
+    pub fn parameters(&self) -> &[f64] {
+        &self.parameters[..self.effect.parameters().len()]
+    }
+
+    /// One sample: hands the effect's inputs to what is inside, and makes the effect's force of its force.
+    #[inline]
+    fn step(&self, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
+        let p = self.parameters;
+        let force_n = match self.effect {
+            Effect::CoilLag => coil_lag::step([p[0], p[0]], state, inputs, inside),
+            Effect::CoilLagRiseFall => coil_lag::step(p, state, inputs, inside),
+            Effect::Remanence => remanence::step(p[0], state, inputs, inside),
+            Effect::ThermalFade => thermal_fade::step(p[0], state, inputs, inside),
+            Effect::GasSpring => gas_spring::step(p[0], state, inputs, inside),
+            Effect::Inertia => inertia::step(p[0], state, inputs, inside),
+            Effect::Friction => friction::step(p[0], state, inputs, inside),
+            Effect::Asymmetry => asymmetry::step(p[0], state, inputs, inside),
+            Effect::ForceLag => force_lag::step(p[0], state, inputs, inside),
+            Effect::SeriesSpring => series_spring::step(p[0], state, inputs, inside),
+            Effect::SensorDelay => sensor_delay::step(p[0], state, inputs, inside),
+            Effect::Deadzone => deadzone::step(p[0], state, inputs, inside),
+            Effect::EndStop => end_stop::step(p, state, inputs, inside),
+            Effect::LoadCellDrift => load_cell_drift::step(p[0], state, inputs, inside),
+            Effect::PositionDependence => position_dependence::step(p[0], state, inputs, inside),
+            Effect::VelocitySaturation => velocity_saturation::step(p[0], state, inputs, inside),
+            Effect::AntiAliasMismatch => anti_alias_mismatch::step(p[0], state, inputs, inside),
+        };
+        force_n.filter(|force_n| force_n.is_finite())
+    }
+}
+
+/// What an effect remembers from sample to sample. One type for all, so that states are a plain array; each effect
+/// uses its share.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct EffectState {
+    pub(super) elapsed: Elapsed,
+    pub(super) lags: [Lag; 2],
+    pub(super) coefficients: [Coefficients; 2],
+    pub(super) held: [f64; 3],
+    pub(super) ring: Ring,
+}
+
+impl EffectState {
+    /// The force of what is inside, and the time since it last had one (`None`: the first one, or after a gap). A
+    /// sample without a force is waited out.
+    #[inline]
+    pub(super) fn force_inside(
+        &mut self,
+        inputs: &Inputs,
+        inside: &mut Inside,
+    ) -> Option<(f64, Option<f64>)> {
+        let force_n = inside.finite(inputs);
+        if force_n.is_none() {
+            self.elapsed.miss(inputs.dt_s);
+        }
+        Some((force_n?, self.elapsed.hit(inputs.dt_s)))
+    }
+
+    /// Whether the drive is there, and the time since it last was, likewise.
+    #[inline]
+    pub(super) fn drive(&mut self, inputs: &Inputs) -> Option<Option<f64>> {
+        if inputs.drive.is_finite() {
+            return Some(self.elapsed.hit(inputs.dt_s));
+        }
+        self.elapsed.miss(inputs.dt_s);
+        None
+    }
+}
+
+/// What an effect is around: the model with the effects before it, and what they remember.
+pub(super) struct Inside<'a> {
+    force: &'a ForceModel,
+    effects: &'a [EffectModel],
+    free: &'a mut FreeRun,
+    states: &'a mut [EffectState],
+}
+
+impl Inside<'_> {
+    /// Steps what is inside; the force may not be finite.
+    #[inline]
+    pub(super) fn run(&mut self, inputs: &Inputs) -> Option<f64> {
+        let Some((outermost, effects)) = self.effects.split_last() else {
+            return self.force.free_run(self.free, inputs);
+        };
+        let (own, states) = self.states.split_last_mut()?;
+        let mut inside = Inside { force: self.force, effects, free: &mut *self.free, states };
+        outermost.step(own, inputs, &mut inside)
+    }
+
+    /// Steps what is inside; `None` when the force is not finite.
+    #[inline]
+    pub(super) fn finite(&mut self, inputs: &Inputs) -> Option<f64> {
+        self.run(inputs).filter(|force_n| force_n.is_finite())
+    }
+
+    /// What [`Inside::finite`] would say, while nothing steps.
+    pub(super) fn trial(&self, inputs: &Inputs) -> Option<f64> {
+        let mut free = *self.free;
+        if self.effects.is_empty() {
+            return self.force.free_run(&mut free, inputs).filter(|force_n| force_n.is_finite());
+        }
+        let mut states = [EffectState::default(); MAX_EFFECTS];
+        let states = states.get_mut(..self.states.len())?;
+        states.copy_from_slice(self.states);
+        Inside { force: self.force, effects: self.effects, free: &mut free, states }.finite(inputs)
+    }
+
+    /// The session's force offset, N: no force of the damper.
+    #[inline]
+    pub(super) fn offset_n(&self) -> f64 {
+        self.force.force_offset_n()
+    }
+}
+
+/// Up to [`MAX_EFFECTS`] effects in order of application: the last one is the outermost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effects {
+    list: [EffectModel; MAX_EFFECTS],
+    len: usize,
+}
+
+impl Effects {
+    /// No effects: the model alone.
+    pub const NONE: Self = Self {
+        list: [EffectModel::unchecked(Effect::Friction, [0.0; MAX_EFFECT_PARAMETERS]); MAX_EFFECTS],
+        len: 0,
+    };
+
+    /// These effects, the first one nearest to the model.
+    ///
+    /// # Errors
+    /// [`Error::Length`] when there are more than [`MAX_EFFECTS`].
+    pub fn new(effects: &[EffectModel]) -> Result<Self, Error> {
+        let mut all = Self::NONE;
+        let Some(list) = all.list.get_mut(..effects.len()) else {
+            return Err(Error::Length {
+                name: "effects".to_owned(),
+                found: effects.len(),
+                expected: format!("at most {MAX_EFFECTS}"),
+            });
+        };
+        list.copy_from_slice(effects);
+        all.len = effects.len();
+        Ok(all)
+    }
+
+    /// The effects, in order of application.
+    #[must_use]
+    pub fn as_slice(&self) -> &[EffectModel] {
+        &self.list[..self.len]
+    }
+
+    /// True when there are none.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// True when one of them needs `need`.
+    #[must_use]
+    pub fn need(&self, need: Need) -> bool {
+        self.needing(need).is_some()
+    }
+
+    /// The first that needs `need`.
+    #[must_use]
+    pub fn needing(&self, need: Need) -> Option<Effect> {
+        self.as_slice().iter().map(EffectModel::effect).find(|effect| effect.needs().contains(&need))
+    }
+
+    /// True when the state of `other` means the same here: the same effects, whatever their parameters.
+    pub(crate) fn same_kinds(&self, other: &Self) -> bool {
+        self.as_slice().iter().map(EffectModel::effect).eq(other.as_slice().iter().map(EffectModel::effect))
+    }
+
+    /// Refuses effects that `force` has nothing for.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for an effect on the drive around a model without one.
+    pub fn check(&self, force: &ForceModel) -> Result<(), Error> {
+        match self.needing(Need::Drive) {
+            Some(effect) if force.drive().is_none() => Err(Error::Data {
+                message: format!(
+                    "effect {} acts on the drive, but the {} model has none: leave the effect out, or take a model \
+                     that follows the drive",
+                    effect.id(),
+                    force.name()
+                ),
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Advances `force` with these effects by one sample; see [`Augmented::free_run`].
+    #[inline]
+    pub fn free_run(&self, force: &ForceModel, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
+        if self.len == 0 {
+            return force.free_run(&mut state.free, inputs);
+        }
+        let states = &mut state.effects[..self.len];
+        Inside { force, effects: self.as_slice(), free: &mut state.free, states }.run(inputs)
+    }
+}
+
+impl Default for Effects {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
+/// A force model with effects around it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Augmented {
+    force: ForceModel,
+    effects: Effects,
+}
+
+/// State of an [`Augmented`] model that runs free: the model's, and each effect's.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct AugmentedState {
+    pub(crate) free: FreeRun,
+    effects: [EffectState; MAX_EFFECTS],
+}
+
+impl AugmentedState {
+    /// The same model state, every effect anew: for a model that is swapped in with other effects.
+    pub(crate) fn without_effects(&self) -> Self {
+        Self { free: self.free, ..Self::default() }
+    }
+}
+
+impl From<ForceModel> for Augmented {
+    /// The model without effects.
+    fn from(force: ForceModel) -> Self {
+        Self { force, effects: Effects::NONE }
+    }
+}
+
+impl Augmented {
+    /// `force` with `effects` around it.
+    ///
+    /// # Errors
+    /// Those of [`Effects::check`].
+    pub fn new(force: ForceModel, effects: Effects) -> Result<Self, Error> {
+        effects.check(&force)?;
+        Ok(Self { force, effects })
+    }
+
+    pub(crate) const fn unchecked(force: ForceModel, effects: Effects) -> Self {
+        Self { force, effects }
+    }
+
+    /// The model at the core.
+    #[must_use]
+    pub const fn force(&self) -> &ForceModel {
+        &self.force
+    }
+
+    /// The effects around it.
+    #[must_use]
+    pub const fn effects(&self) -> &Effects {
+        &self.effects
+    }
+
+    /// The same with another session's force offset, N.
+    #[must_use]
+    pub const fn with_force_offset_n(self, force_offset_n: f64) -> Self {
+        Self { force: self.force.with_force_offset_n(force_offset_n), ..self }
+    }
+
+    /// True when it can be fed with measured force, one step ahead: a model that can, without effects. What feeds
+    /// on measured force has the effects in its input already.
+    #[must_use]
+    pub const fn feeds_on_force(&self) -> bool {
+        self.effects.is_empty() && self.force.force_fed_period().is_some()
+    }
+
+    /// Advances a free run by one sample and returns the force in newtons, or `None` while the model's history is
+    /// still filling, and with effects whenever the force is not a finite number. Without effects it is
+    /// [`ForceModel::free_run`], bit for bit. Effects start anew where `dt_s` is `None`.
+    #[inline]
+    pub fn free_run(&self, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
+        self.effects.free_run(&self.force, state, inputs)
+    }
+}

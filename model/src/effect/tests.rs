@@ -1,0 +1,371 @@
+//! Rules that hold for every effect, and each effect against an oracle that shares no code with it.
+
+use super::*;
+use crate::force::{Dependence, ForceModel, FreeRun, Inputs, Law, LawModel};
+use crate::preset;
+use crate::sample::DriveKind;
+use proptest::prelude::*;
+
+mod responses;
+
+/// Force offset of the models below, N.
+const OFFSET_N: f64 = 31.0;
+
+fn law(law: Law, dependence: Dependence, coefficients: &[f64]) -> ForceModel {
+    ForceModel::Law(LawModel::new(law, dependence, coefficients, OFFSET_N).expect("a model"))
+}
+
+/// C v + offset.
+fn dashpot(damping_n_s_m: f64) -> ForceModel {
+    law(Law::Sp, Dependence::None, &[0.0, damping_n_s_m, 1.0, 0.0, 1.0])
+}
+
+/// (200 + 400 i) tanh(30 (v + 3 x)) + 700 (v + 3 x) + offset.
+fn tanh() -> ForceModel {
+    let drive = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
+    law(Law::Sp, drive, &[200.0, 700.0, 30.0, 3.0, 1.0, 400.0, 0.0, 0.0, 0.0, 0.0])
+}
+
+/// Bouc-Wen as in its own tests: memory inside.
+fn bouc_wen() -> ForceModel {
+    law(Law::BoucWen, Dependence::None, &[700.0, 8000.0, 300.0, 0.0, 400.0, 300.0, 1.2, 300.0, 400.0])
+}
+
+fn thesis(name: &str) -> ForceModel {
+    preset::load(name).expect("a preset").force
+}
+
+fn models() -> Vec<ForceModel> {
+    vec![tanh(), dashpot(900.0), bouc_wen(), thesis(preset::BEST_FUZZY_TANH), thesis(preset::BEST_ARX)]
+}
+
+/// A motion with a rate that jumps, a current that steps, and a case that grows warm.
+fn motion(count: usize) -> Vec<Inputs> {
+    let (mut t, mut before) = (0.0_f64, None);
+    let mut inputs = Vec::with_capacity(count);
+    for k in 0..count {
+        let dt = [0.002, 0.001, 0.0035][(k / 100) % 3];
+        t += dt;
+        let v = 0.072 * (9.0 * t).cos() + 0.062 * (31.0 * t).cos();
+        inputs.push(Inputs {
+            dt_s: (k > 0).then_some(dt),
+            displacement_m: 0.008 * (9.0 * t).sin() + 0.002 * (31.0 * t).sin(),
+            velocity_m_s: v,
+            acceleration_m_s2: before.map_or(f64::NAN, |before| (v - before) / dt),
+            drive: [0.4, 1.2, 2.1, 0.8][(t / 0.2) as usize % 4],
+            case_temp_c: 25.0 + 4.0 * t,
+        });
+        before = Some(v);
+    }
+    inputs
+}
+
+fn augmented(force: ForceModel, effects: &[EffectModel]) -> Augmented {
+    Augmented::new(force, Effects::new(effects).expect("few enough")).expect("they go together")
+}
+
+fn with(effect: Effect, parameters: &[f64]) -> EffectModel {
+    EffectModel::new(effect, parameters).expect("within range")
+}
+
+/// One that is plainly there: in the middle of what it may be.
+fn present(effect: Effect) -> EffectModel {
+    let value = |p: &Parameter| {
+        let [low, high] = p.range_at(size(p.scale));
+        if low < 0.0 && high <= 0.0 { 0.5 * low } else { 0.5 * (low.max(0.0) + high) }
+    };
+    with(effect, &effect.parameters().iter().map(value).collect::<Vec<_>>())
+}
+
+/// A damper of 1 kN, 10 mm and 0.2 m/s.
+fn size(scale: Scale) -> f64 {
+    1e3_f64.powi(scale.force) * 0.01_f64.powi(scale.displacement) * 0.2_f64.powi(scale.velocity)
+}
+
+fn run(model: &Augmented, inputs: &[Inputs]) -> Vec<f64> {
+    let mut state = AugmentedState::default();
+    inputs.iter().map(|inputs| model.free_run(&mut state, inputs).unwrap_or(f64::NAN)).collect()
+}
+
+/// The bits, so that what is not known compares too.
+fn bits(forces: &[f64]) -> Vec<u64> {
+    forces.iter().map(|f| if f.is_nan() { 0 } else { f.to_bits() }).collect()
+}
+
+fn suits(effect: Effect, force: &ForceModel) -> bool {
+    force.drive().is_some() || !effect.needs().contains(&Need::Drive)
+}
+
+#[test]
+fn without_effects_it_is_the_plain_model_bit_for_bit() {
+    let inputs = motion(500);
+    for force in models() {
+        let mut state = FreeRun::default();
+        let plain: Vec<f64> =
+            inputs.iter().map(|at| force.free_run(&mut state, at).unwrap_or(f64::NAN)).collect();
+        assert_eq!(bits(&plain), bits(&run(&force.into(), &inputs)), "{}", force.name());
+    }
+}
+
+#[test]
+fn a_neutral_effect_is_absent() {
+    let inputs = motion(1500);
+    for force in models() {
+        let plain = run(&force.into(), &inputs);
+        let largest_n = plain.iter().filter(|f| f.is_finite()).fold(0.0_f64, |most, f| most.max(f.abs()));
+        for effect in Effect::ALL.into_iter().filter(|effect| suits(*effect, &force)) {
+            let neutral = run(&augmented(force, &[effect.neutral(size)]), &inputs);
+            for (a, b) in plain.iter().zip(&neutral) {
+                let same = (a - b).abs() <= 1e-12 * largest_n || (a.is_nan() && b.is_nan());
+                assert!(same, "{} around {}: {a} {b}", effect.title(), force.name());
+            }
+        }
+    }
+}
+
+/// The limit is reached evenly: a hundredth of the probe changes a hundredth of what the probe changes.
+#[test]
+fn a_small_effect_is_in_proportion() {
+    let inputs = motion(1500);
+    let plain = run(&tanh().into(), &inputs);
+    let change = |model: EffectModel| {
+        let forces = run(&augmented(tanh(), &[model]), &inputs);
+        let squares = forces.iter().zip(&plain).map(|(a, b)| (a - b).powi(2)).filter(|s| s.is_finite());
+        squares.sum::<f64>().sqrt()
+    };
+    // Free play is no matter of degree: at a reversal the rod rests, so any gap takes it a while to cross.
+    for effect in Effect::ALL.into_iter().filter(|effect| *effect != Effect::Deadzone) {
+        for index in (0..effect.parameters().len()).filter(|j| !effect.parameters()[*j].is_shape()) {
+            let probe = effect.probe(index, size);
+            let small: Vec<f64> = (0..effect.parameters().len())
+                .map(|j| probe.parameters()[j] * if j == index { 0.01 } else { 1.0 })
+                .collect();
+            let ratio = change(probe) / change(with(effect, &small));
+            assert!((70.0..130.0).contains(&ratio), "{} {index}: {ratio}", effect.title());
+        }
+    }
+}
+
+#[test]
+fn every_effect_changes_the_force_and_is_deterministic() {
+    let inputs = motion(1500);
+    let plain = run(&tanh().into(), &inputs);
+    for effect in Effect::ALL {
+        let model = augmented(tanh(), &[present(effect)]);
+        let forces = run(&model, &inputs);
+        assert!(forces[1..].iter().all(|f| f.is_finite()), "{}", effect.title());
+        let most = forces[1..].iter().zip(&plain[1..]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(most > 0.05, "{}: {most} N", effect.title());
+        assert_eq!(bits(&forces), bits(&run(&model, &inputs)), "{}", effect.title());
+    }
+}
+
+#[test]
+fn a_gap_starts_every_effect_anew() {
+    let inputs = motion(900);
+    for effect in Effect::ALL {
+        let model = augmented(tanh(), &[present(effect)]);
+        let mut state = AugmentedState::default();
+        for at in &inputs {
+            model.free_run(&mut state, at);
+        }
+        let after: Vec<f64> =
+            inputs.iter().map(|at| model.free_run(&mut state, at).unwrap_or(f64::NAN)).collect();
+        assert_eq!(bits(&after), bits(&run(&model, &inputs)), "{}", effect.title());
+    }
+}
+
+/// Any input that is not known gives no force there, and a while later nobody can tell.
+#[test]
+fn what_is_not_known_gives_no_force_and_poisons_nothing() {
+    let inputs = motion(1500);
+    let spoil: [fn(&mut Inputs); 4] = [
+        |at| at.displacement_m = f64::NAN,
+        |at| at.velocity_m_s = f64::NAN,
+        |at| at.velocity_m_s = f64::INFINITY,
+        |at| at.drive = f64::NAN,
+    ];
+    for effect in Effect::ALL {
+        let model = augmented(tanh(), &[present(effect)]);
+        let sound = run(&model, &inputs);
+        for spoil in spoil {
+            let mut broken = inputs.clone();
+            broken[300..305].iter_mut().for_each(spoil);
+            let forces = run(&model, &broken);
+            assert!(forces[300..305].iter().all(|f| f.is_nan()), "{}", effect.title());
+            assert!(forces[305].is_finite(), "{}: {}", effect.title(), forces[305]);
+            for (a, b) in sound[1000..].iter().zip(&forces[1000..]) {
+                assert!((a - b).abs() < 1e-6 * (1.0 + a.abs()), "{}: {a} {b}", effect.title());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_model_that_fills_its_history_is_waited_for() {
+    let inputs = motion(600);
+    let force = thesis(preset::BEST_ARX);
+    let silent = run(&force.into(), &inputs).iter().take_while(|f| f.is_nan()).count();
+    assert!(silent > 0, "an ARX model has to fill its history");
+    for effect in Effect::ALL {
+        let forces = run(&augmented(force, &[present(effect)]), &inputs);
+        let late = forces.iter().take_while(|f| f.is_nan()).count();
+        assert!(late <= silent + 1, "{}: {late}", effect.title());
+        assert!(forces[late..].iter().all(|f| f.is_finite()), "{}", effect.title());
+    }
+}
+
+#[test]
+fn the_last_effect_is_the_outermost() {
+    let (asymmetry, gas) = (with(Effect::Asymmetry, &[0.3]), with(Effect::GasSpring, &[2e4]));
+    let at = Inputs {
+        dt_s: None,
+        displacement_m: 0.01,
+        velocity_m_s: 0.2,
+        acceleration_m_s2: 0.0,
+        drive: f64::NAN,
+        case_temp_c: f64::NAN,
+    };
+    let plain_n = 900.0 * 0.2;
+    let first = |effects: &[EffectModel]| run(&augmented(dashpot(900.0), effects), &[at])[0] - OFFSET_N;
+    // tanh(40) is one.
+    assert!((first(&[asymmetry, gas]) - (1.3 * plain_n + 200.0)).abs() < 1e-10);
+    assert!((first(&[gas, asymmetry]) - 1.3 * (plain_n + 200.0)).abs() < 1e-10);
+}
+
+#[test]
+fn the_library_is_consistent() {
+    for (index, effect) in Effect::ALL.into_iter().enumerate() {
+        let title = effect.title();
+        assert_eq!(
+            Effect::named(effect.id(), effect.form()),
+            Some(effect),
+            "{title} stands for itself alone"
+        );
+        let forms = Effect::ALL.iter().filter(|other| other.id() == effect.id()).count();
+        assert_eq!(effect.form().is_some(), forms > 1, "{title}: a form where there is more than one");
+        assert!(effect as usize == index, "{title}: ALL is in the order of the enum, and holds them all");
+        assert!(effect.parameters().len() <= MAX_EFFECT_PARAMETERS);
+        for id in effect.confounders() {
+            assert!(Effect::ALL.iter().any(|other| other.id() == *id), "{title}: {id}");
+            assert_ne!(*id, effect.id(), "{title}");
+        }
+        assert!(effect.parameters().iter().any(|p| !p.is_shape()), "{title}: something takes it away");
+        for p in effect.parameters() {
+            let [low, high] = p.range;
+            assert!(low < high && (low..=high).contains(&(p.neutral + p.probe)), "{title} {}", p.name);
+            assert!(p.probe.abs() <= 0.2 * low.abs().max(high.abs()), "{title} {}: a small step", p.name);
+        }
+        for index in 0..effect.parameters().len() {
+            let probe = effect.probe(index, size);
+            assert_eq!(EffectModel::new(effect, probe.parameters()), Ok(probe), "{title}");
+        }
+    }
+    // A variant that ALL lacks would make this number too small.
+    assert_eq!(Effect::AntiAliasMismatch as usize + 1, Effect::ALL.len());
+}
+
+#[test]
+fn names_ranges_and_words_are_reviewed() {
+    let mut table = String::new();
+    for effect in Effect::ALL {
+        table += &format!("{}: {}\n", effect.title(), effect.what());
+        for p in effect.parameters() {
+            let unit = if p.scale == Scale::ONE {
+                String::new()
+            } else {
+                format!("  of F^{} x^{} v^{}", p.scale.force, p.scale.displacement, p.scale.velocity)
+            };
+            let [low, high] = p.range;
+            let role =
+                if p.is_shape() { format!("held {}", p.neutral) } else { format!("probe {}", p.probe) };
+            table += &format!("    {} {low} to {high}{unit}, {role}\n", p.name);
+        }
+        let needs: Vec<&str> = effect.needs().iter().map(|need| need.name()).collect();
+        if !needs.is_empty() {
+            table += &format!("    needs {}\n", needs.join(", "));
+        }
+        table += &format!("    told apart by {}\n", effect.separated_by());
+        table += &format!("    looks like {}\n", effect.confounders().join(", "));
+    }
+    insta::assert_snapshot!(table);
+}
+
+#[test]
+fn numbers_out_of_range_are_refused_by_name() {
+    let refused = |effect, parameters: &[f64]| {
+        EffectModel::new(effect, parameters).expect_err("it is out of range").to_string()
+    };
+    assert_eq!(
+        refused(Effect::CoilLag, &[0.5]),
+        "effect coil_lag (one_tau): tau_s is 0.5, but must be 0 to 0.04"
+    );
+    assert!(refused(Effect::ThermalFade, &[0.001]).contains("fade_per_k is 0.001, but must be -0.01 to 0"));
+    assert!(refused(Effect::Friction, &[f64::NAN]).contains("friction_n is NaN"));
+    assert!(
+        refused(Effect::EndStop, &[-1.0, 0.01])
+            .contains("stiffness_n_m is -1, but must be finite and at least 0")
+    );
+    assert!(refused(Effect::VelocitySaturation, &[f64::INFINITY]).contains("must be finite"));
+    assert!(refused(Effect::CoilLagRiseFall, &[0.01]).contains("has 1 values, but 2 are needed"));
+    let four = [present(Effect::Friction); 4];
+    assert!(
+        Effects::new(&four).is_err_and(|e| e.to_string() == "effects has 4 values, but at most 3 are needed")
+    );
+    let lag = Effects::new(&[present(Effect::CoilLag)]).expect("one");
+    let refused = Augmented::new(dashpot(1.0), lag).expect_err("no drive to lag");
+    assert!(refused.to_string().contains("effect coil_lag acts on the drive, but the sp model has none"));
+}
+
+/// False where a spring stands around an effect that can make force fall as speed grows: there may be no force at
+/// which rod and piston agree.
+fn dissipates(effects: &[EffectModel]) -> bool {
+    let spring = effects.iter().rposition(|model| model.effect() == Effect::SeriesSpring).unwrap_or(0);
+    effects[..spring].iter().all(|model| {
+        !matches!(model.effect(), Effect::VelocitySaturation | Effect::PositionDependence | Effect::Asymmetry)
+    })
+}
+
+fn any_effect() -> impl Strategy<Value = EffectModel> {
+    (0..Effect::ALL.len(), 0.0..=1.0f64, 0.0..=1.0f64).prop_map(|(index, a, b)| {
+        let effect = Effect::ALL[index];
+        let value = |(p, share): (&Parameter, f64)| {
+            let [low, high] = p.allowed();
+            let [low, high] =
+                if high.is_finite() && low.is_finite() { [low, high] } else { p.range_at(size(p.scale)) };
+            low + share * (high - low)
+        };
+        let values: Vec<f64> = effect.parameters().iter().zip([a, b]).map(value).collect();
+        with(effect, &values)
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Three effects at random around any model, jerky inputs: a number, or none; the same each time.
+    #[test]
+    fn any_three_effects_run(
+        effects in prop::collection::vec(any_effect(), 1..=MAX_EFFECTS),
+        steps in prop::collection::vec((1e-5..0.1f64, -0.05..0.05f64, -2.0..2.0f64, -500.0..500.0f64, -3.0..3.0f64), 1..60),
+    ) {
+        let inputs: Vec<Inputs> = steps.iter().enumerate().map(|(k, (dt, x, v, a, i))| Inputs {
+            dt_s: (k > 0).then_some(*dt),
+            displacement_m: *x,
+            velocity_m_s: *v,
+            acceleration_m_s2: *a,
+            drive: *i,
+            case_temp_c: 20.0 + 10.0 * i,
+        }).collect();
+        for force in models() {
+            if effects.iter().all(|model| suits(model.effect(), &force)) {
+                let model = augmented(force, &effects);
+                let forces = run(&model, &inputs);
+                prop_assert_eq!(bits(&forces), bits(&run(&model, &inputs)));
+                if force == tanh() && dissipates(&effects) {
+                    prop_assert!(forces.iter().all(|f| f.is_finite() && f.abs() < 1e9), "{:?}", forces);
+                }
+            }
+        }
+    }
+}

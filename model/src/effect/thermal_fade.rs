@@ -1,0 +1,42 @@
+//! Thermal fade: the warm damper is weaker.
+//!
+//! ```text
+//! F' = F0 + (F - F0) max(0, 1 + alpha (T - 25 °C))
+//! ```
+//!
+//! | symbol | parameter | unit | meaning |
+//! |---|---|---|---|
+//! | alpha | `fade_per_k` | 1/K | share of the force that a kelvin takes: viscosity, mostly |
+//! | T | input | °C | temperature of the case, held between its readings |
+//! | F0 | of the model | N | the session's offset, no force of the damper |
+//!
+//! Without a temperature there is no force. Yield and viscous share fade alike here.
+
+use super::parts::scaled;
+use super::{About, EffectState, Inside, Need, Parameter};
+use crate::force::Inputs;
+
+/// Temperature at which the model holds as it is, °C.
+const REFERENCE_C: f64 = 25.0;
+
+pub(super) const ABOUT: About = About {
+    id: "thermal_fade",
+    form: None,
+    what: "force falls as the damper grows warm",
+    parameters: &[Parameter::absolute("fade_per_k", [-0.01, 0.0], -5e-4)],
+    separated_by: "the same motion and current, cold and warm",
+    confounders: &["load_cell_drift"],
+    needs: &[Need::CaseTemperature],
+};
+
+#[inline]
+pub(super) fn step(
+    fade_per_k: f64,
+    _: &mut EffectState,
+    inputs: &Inputs,
+    inside: &mut Inside,
+) -> Option<f64> {
+    let force_n = inside.run(inputs)?;
+    let factor = 1.0 + fade_per_k * (inputs.case_temp_c - REFERENCE_C);
+    Some(scaled(force_n, inside.offset_n(), factor))
+}

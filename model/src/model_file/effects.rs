@@ -1,0 +1,100 @@
+//! Effects in a model file: one table each, in order of application, parameters by name.
+
+use super::file_error;
+use crate::effect::{Effect, EffectModel, Effects};
+use crate::error::Error;
+use crate::force::ForceModel;
+use crate::preset::edit_distance;
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
+use toml::{Table, Value};
+
+/// One effect as it is written: id, form, then its parameters in their own order.
+#[derive(Debug)]
+pub(super) struct Written(EffectModel);
+
+impl Serialize for Written {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let effect = self.0.effect();
+        let mut map = serializer.serialize_map(None)?;
+        map.serialize_entry("id", effect.id())?;
+        if let Some(form) = effect.form() {
+            map.serialize_entry("form", form)?;
+        }
+        for (parameter, value) in effect.parameters().iter().zip(self.0.parameters()) {
+            map.serialize_entry(parameter.name, value)?;
+        }
+        map.end()
+    }
+}
+
+/// Their tables.
+pub(super) fn write(effects: &Effects) -> Vec<Written> {
+    effects.as_slice().iter().copied().map(Written).collect()
+}
+
+/// The effects that `tables` hold, as far as they go with `force`.
+pub(super) fn read(tables: &[Table], force: &ForceModel) -> Result<Effects, Error> {
+    let models: Vec<EffectModel> =
+        tables.iter().enumerate().map(|(index, table)| one(index, table)).collect::<Result<_, _>>()?;
+    let effects = Effects::new(&models)?;
+    effects.check(force)?;
+    Ok(effects)
+}
+
+fn one(index: usize, table: &Table) -> Result<EffectModel, Error> {
+    let at = format!("effects[{index}]");
+    let id = text(table, &at, "id")?.ok_or_else(|| file_error(format!("{at}.id is missing")))?;
+    let forms: Vec<Effect> = Effect::ALL.into_iter().filter(|effect| effect.id() == id).collect();
+    if forms.is_empty() {
+        return Err(unknown_id(&at, id));
+    }
+    let form = text(table, &at, "form")?;
+    let Some(effect) = forms.iter().copied().find(|effect| effect.form() == form) else {
+        let known: Vec<&str> = forms.iter().filter_map(|effect| effect.form()).collect();
+        return Err(file_error(match (known.is_empty(), form) {
+            (true, _) => format!("{at}: {id} has one form only; leave form out"),
+            (false, None) => format!("{at}: {id} needs form, one of {}", known.join(", ")),
+            (false, Some(form)) => {
+                format!("{at}.form is \"{form}\", but {id} has the forms {}", known.join(", "))
+            }
+        }));
+    };
+    let parameters = effect.parameters();
+    for key in table.keys().filter(|key| !["id", "form"].contains(&key.as_str())) {
+        if parameters.iter().all(|parameter| parameter.name != key) {
+            let nearest = parameters.iter().map(|p| p.name).min_by_key(|name| edit_distance(name, key));
+            return Err(file_error(format!(
+                "{at}.{key} is unknown; did you mean {}? (the suffix is the unit)",
+                nearest.unwrap_or("id")
+            )));
+        }
+    }
+    let mut values = Vec::with_capacity(parameters.len());
+    for parameter in parameters {
+        values.push(match table.get(parameter.name) {
+            Some(Value::Float(value)) => *value,
+            Some(Value::Integer(value)) => *value as f64,
+            Some(other) => {
+                return Err(file_error(format!("{at}.{} is {other}, not a number", parameter.name)));
+            }
+            None => return Err(file_error(format!("{at}.{} is missing", parameter.name))),
+        });
+    }
+    EffectModel::new(effect, &values).map_err(|e| file_error(format!("{at}: {e}")))
+}
+
+fn text<'a>(table: &'a Table, at: &str, key: &str) -> Result<Option<&'a str>, Error> {
+    match table.get(key) {
+        None => Ok(None),
+        Some(Value::String(text)) => Ok(Some(text)),
+        Some(other) => Err(file_error(format!("{at}.{key} is {other}, not a text in quotes"))),
+    }
+}
+
+fn unknown_id(at: &str, id: &str) -> Error {
+    let mut known: Vec<&str> = Effect::ALL.into_iter().map(Effect::id).collect();
+    known.dedup();
+    let nearest = known.iter().min_by_key(|name| edit_distance(name, id)).copied().unwrap_or_default();
+    file_error(format!("{at}.id is \"{id}\"; did you mean {nearest}? (known are {})", known.join(", ")))
+}

@@ -1,0 +1,230 @@
+//! Models with effects, as their users see them: the pipeline says what a walk over the rows says, swaps keep what
+//! means the same, and what an effect lacks is named.
+
+use mr_damper_model::condition::{ApplyTo, VelocitySource};
+use mr_damper_model::effect::{Effect, EffectModel, Effects};
+use mr_damper_model::evaluate::evaluate;
+use mr_damper_model::force::{Dependence, ForceModel, Law, LawModel};
+use mr_damper_model::identify::{Dataset, DatasetOptions, Watch, score, walk};
+use mr_damper_model::model::{Envelope, Model};
+use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce, Validity};
+use mr_damper_model::preset;
+use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
+use std::ops::ControlFlow;
+
+/// Every effect, plainly there.
+const PRESENT: [(Effect, &[f64]); 17] = [
+    (Effect::CoilLag, &[0.012]),
+    (Effect::CoilLagRiseFall, &[0.006, 0.019]),
+    (Effect::Remanence, &[0.15]),
+    (Effect::ThermalFade, &[-0.003]),
+    (Effect::GasSpring, &[6e3]),
+    (Effect::Inertia, &[1.5]),
+    (Effect::Friction, &[60.0]),
+    (Effect::Asymmetry, &[-0.12]),
+    (Effect::ForceLag, &[0.007]),
+    (Effect::SeriesSpring, &[3e-7]),
+    (Effect::SensorDelay, &[0.005]),
+    (Effect::Deadzone, &[8e-4]),
+    (Effect::EndStop, &[2e5, 0.008]),
+    (Effect::LoadCellDrift, &[0.2]),
+    (Effect::PositionDependence, &[4.0]),
+    (Effect::VelocitySaturation, &[900.0]),
+    (Effect::AntiAliasMismatch, &[0.009]),
+];
+
+fn all() -> Vec<EffectModel> {
+    PRESENT.iter().map(|(effect, p)| EffectModel::new(*effect, p).expect("within range")).collect()
+}
+
+fn of(effects: &[EffectModel]) -> Effects {
+    Effects::new(effects).expect("few enough")
+}
+
+/// The thesis' fuzzy-tanh model with `effects`.
+fn fuzzy(effects: &[EffectModel]) -> Model {
+    let plain = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
+    Model { effects: of(effects), envelope: Envelope::default(), ..plain }
+}
+
+/// Eight seconds at 512 Hz with a jittering rate and two gaps; a current in steps, a temperature once in a while, a
+/// force at its own stamps.
+fn recorded() -> Run {
+    let trace = |rate_hz: f64, jitter: i64, value: fn(f64) -> f64| {
+        let (mut stamps, mut values) = (Vec::new(), Vec::new());
+        for k in 0..(8.0 * rate_hz) as i64 {
+            let ns = (k as f64 / rate_hz * 1e9) as i64 + (k * k * 7919) % jitter.max(1);
+            let t = ns as f64 * 1e-9;
+            if (2.0..2.3).contains(&t) || (5.0..5.5).contains(&t) {
+                continue;
+            }
+            stamps.push(Stamp::from_nanos(ns));
+            values.push(value(t));
+        }
+        Trace { stamps, values }
+    };
+    Run {
+        name: "made".to_owned(),
+        displacement_m: trace(512.0, 300_000, |t| 0.008 * (9.0 * t).sin() + 0.002 * (31.0 * t).sin()),
+        drive: Some((
+            DriveKind::CoilCurrent,
+            trace(100.0, 0, |t| [0.4, 1.2, 2.1, 0.8][(t / 0.2) as usize % 4]),
+        )),
+        force_n: Some(trace(700.0, 100_000, |t| 400.0 * (9.0 * t).cos())),
+        case_temp_c: Some(trace(3.0, 0, |t| 25.0 + 2.0 * t)),
+        ..Run::default()
+    }
+}
+
+/// Never seeded, and nothing smoothed: estimates are the free run's own.
+fn never() -> Settings {
+    Settings { use_measured_force: UseForce::Never, bumpless_tau_s: 0.0, ..Settings::default() }
+}
+
+/// Stamp and bits of each force that the free lane said.
+fn live(model: Model, run: &Run) -> Vec<(Stamp, u64)> {
+    let mut pipeline = Pipeline::new(Models::alone(model), never()).expect("it runs");
+    let mut found = Vec::new();
+    for sample in run.samples() {
+        pipeline.step(&sample, &mut |event| {
+            if let Event::Estimate(e) = event
+                && e.mode == Mode::Model
+            {
+                found.push((e.stamp, e.force.get().to_bits()));
+            }
+        });
+    }
+    found
+}
+
+fn walked(model: &Model, run: &Run) -> Vec<(Stamp, u64)> {
+    let data = Dataset::from_run(run, &model.conditioning, &DatasetOptions::default()).expect("rows");
+    let mut found = Vec::new();
+    let done = walk(&model.augmented(), &data, |row, predicted| {
+        if predicted.free_run_n.is_finite() {
+            found.push((row.stamp, predicted.free_run_n.to_bits()));
+        }
+        ControlFlow::Continue(())
+    });
+    assert!(done.is_continue());
+    found
+}
+
+#[test]
+fn the_pipeline_is_a_walk_over_the_rows_bit_for_bit() {
+    let run = recorded();
+    let effects = all();
+    let mut lists: Vec<Vec<EffectModel>> = effects.iter().map(|effect| vec![*effect]).collect();
+    lists.push(vec![]);
+    // A spring around a lag and a filter, a delay around a spring, and every effect in threes.
+    lists.push(vec![effects[0], effects[16], effects[9]]);
+    lists.push(vec![effects[9], effects[3], effects[10]]);
+    lists.extend(effects.chunks(3).map(<[EffectModel]>::to_vec));
+    for list in lists {
+        for (apply_to, velocity) in [
+            (ApplyTo::Inputs, VelocitySource::Backward),
+            (ApplyTo::None, VelocitySource::Slope),
+            (ApplyTo::Output, VelocitySource::Slope),
+        ] {
+            let mut model = fuzzy(&list);
+            (model.conditioning.apply_to, model.conditioning.velocity) = (apply_to, velocity);
+            let (a, b) = (live(model, &run), walked(&model, &run));
+            assert!(a.len() > 3000, "{} estimates", a.len());
+            let differ = a.iter().zip(&b).filter(|(a, b)| a != b).count();
+            assert!(a.len() == b.len() && differ == 0, "{apply_to:?} {list:?}: {differ} of {}", a.len());
+        }
+    }
+}
+
+#[test]
+fn swapping_in_an_effect_makes_no_gap() {
+    let run = recorded();
+    let samples: Vec<_> = run.samples().collect();
+    let lag = |tau_s| [EffectModel::new(Effect::CoilLag, &[tau_s]).expect("within range")];
+    // Plain, then a lag, then another time constant of it, then a filter as well.
+    let filter = EffectModel::new(Effect::AntiAliasMismatch, &[0.006]).expect("within range");
+    let models = [fuzzy(&[]), fuzzy(&lag(0.01)), fuzzy(&lag(0.02)), fuzzy(&[lag(0.02)[0], filter])];
+    let settings = Settings { use_measured_force: UseForce::Never, ..Settings::default() };
+    let mut pipeline = Pipeline::new(Models::alone(models[0]), settings).expect("it runs");
+    let (mut estimates, mut last, mut largest) = (0, None, 0.0_f64);
+    for (k, sample) in samples.iter().enumerate().take(3500) {
+        if k % 800 == 700 {
+            pipeline.swap(Models::alone(models[(k / 800 + 1) % 4])).expect("it runs");
+        }
+        pipeline.step(sample, &mut |event| {
+            if let Event::Estimate(e) = event
+                && e.force.is_finite()
+            {
+                estimates += 1;
+                let t = sample.stamp.nanos();
+                if let Some((before, t_before)) = last
+                    && t - t_before < 4_000_000
+                {
+                    largest = largest.max(f64::abs(e.force.get() - before));
+                }
+                last = Some((e.force.get(), t));
+            }
+        });
+    }
+    assert!(estimates > 1200, "{estimates}");
+    // Steps of the current alone make up to 250 N a sample in the plain model.
+    assert!(largest < 300.0, "{largest} N from one sample to the next");
+}
+
+#[test]
+fn thermal_fade_without_a_temperature_says_so() {
+    let model = fuzzy(&[EffectModel::new(Effect::ThermalFade, &[-0.003]).expect("within range")]);
+    let run = Run { case_temp_c: None, ..recorded() };
+    let data = Dataset::from_run(&run, &model.conditioning, &DatasetOptions::default()).expect("rows");
+    let expected = "run made: has no case_temp_c, which the effect thermal_fade needs";
+    let refused = score(&model.augmented(), &data, &Watch::none()).expect_err("no temperature");
+    assert_eq!(refused.to_string(), expected);
+    let refused = evaluate(model, &run, never(), |_| true).expect_err("no temperature");
+    assert_eq!(refused.to_string(), expected);
+    assert!(live(model, &run).is_empty(), "no temperature, no force");
+    let mut pipeline = Pipeline::new(Models::alone(model), never()).expect("it runs");
+    for sample in run.samples() {
+        pipeline.step(&sample, &mut |event| {
+            if let Event::Estimate(e) = event {
+                assert!(e.reasons.has(Reasons::TEMPERATURE_MISSING) && e.validity == Validity::Invalid);
+            }
+        });
+    }
+    // With one it extrapolates where the training was colder.
+    let model =
+        Model { envelope: Envelope { case_temp_c: Some([20.0, 30.0]), ..Envelope::default() }, ..model };
+    let mut pipeline = Pipeline::new(Models::alone(model), never()).expect("it runs");
+    let (mut cold, mut hot) = (0, 0);
+    for sample in recorded().samples() {
+        pipeline.step(&sample, &mut |event| {
+            if let Event::Estimate(e) = event {
+                let count = if e.stamp.nanos() < 2_000_000_000 { &mut cold } else { &mut hot };
+                *count += u32::from(e.reasons.has(Reasons::OUTSIDE_ENVELOPE));
+            }
+        });
+    }
+    assert!(cold == 0 && hot > 1000, "{cold} {hot}");
+}
+
+/// A model that is fed with measured force has the effects in its input: with effects it runs free, and only free.
+#[test]
+fn a_model_with_effects_is_not_seeded() {
+    let arx = preset::load(preset::BEST_ARX).expect("a preset");
+    let with = Model { effects: of(&all()[4..5]), ..arx };
+    assert!(Models::alone(arx).seeded.is_some() && Models::alone(with).seeded.is_none());
+    let refused = Models::alone(fuzzy(&[])).with_seeded(with).expect_err("it has effects");
+    assert!(refused.to_string().contains("arx_model has effects"), "{refused}");
+    let steady = recorded().between(Stamp::from_nanos(2_400_000_000), Stamp::from_nanos(4_900_000_000));
+    let data = Dataset::from_run(&steady, &arx.conditioning, &DatasetOptions::default()).expect("rows");
+    let plain = score(&arx.augmented(), &data, &Watch::none()).expect("it runs");
+    let scores = score(&with.augmented(), &data, &Watch::none()).expect("it runs");
+    assert!(plain.one_step.is_some() && scores.one_step.is_none());
+}
+
+#[test]
+fn an_effect_on_the_drive_of_a_passive_model_is_refused() {
+    let law = LawModel::new(Law::Sp, Dependence::None, &[0.0, 900.0, 1.0, 0.0, 1.0], 0.0).expect("a law");
+    let model = Model { force: ForceModel::Law(law), ..fuzzy(&all()[..1]) };
+    let refused = Pipeline::new(Models::alone(model), never()).expect_err("no drive to lag");
+    assert!(refused.to_string().contains("effect coil_lag acts on the drive"), "{refused}");
+}
