@@ -33,7 +33,7 @@ compare() {
 }
 
 utfsm=$data/utfsm-mr
-compare utfsm "$utfsm"/sine-{25mm,10mm,5mm3hz}*.csv -- "$utfsm"/sine-{5mm4hz,2mm5hz}*.csv -- \
+compare utfsm "$utfsm"/sine-{10mm,25mm,5mm3hz}*.csv -- "$utfsm"/sine-{2mm5hz,5mm4hz}*.csv -- \
   --velocity slope --slope-window 0.01 --rate 200
 
 # Four levels of command voltage: each is held out once.
