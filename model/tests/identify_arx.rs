@@ -213,6 +213,7 @@ fn a_constant_drive_is_no_signal() {
             .expect("identifies")
     };
     let (found, without) = (fitted(40.0), fitted(0.0));
+    assert!(found.warnings[0].contains("one level of current_a, 3.212"), "{:?}", found.warnings);
     assert_eq!((found.rank, arx(&found).drive_lags()), (Some(7), Some((KIND, [0.0; 3]))));
     // The damper is no ARX, so some offset is left over without one; what was put in comes on top of it.
     let added = arx(&found).force_offset_n() - arx(&without).force_offset_n();
@@ -252,6 +253,9 @@ fn what_cannot_be_fitted_is_refused() {
     assert!(text.contains("too few for 12 arx coefficients"), "{text}");
     let text = refused(&[Run { drive: None, ..made(8.0) }], &options(VelocitySource::Backward));
     assert!(text.contains("has no current_a or command_v"), "{text}");
+    let dead = run(Recipe::default(), KIND, |_, _, _| 5.0);
+    let text = refused(&[dead], &options(VelocitySource::Backward));
+    assert!(text.contains("force_n never varies in these runs (it stays at 5 N)"), "{text}");
     // The passive form needs no drive.
     let free = [Run { drive: None, ..made(8.0) }];
     let found = identify(ModelSpec::ARX_PASSIVE, &free, &options(VelocitySource::Backward), &Watch::none());

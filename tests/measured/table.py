@@ -1,7 +1,5 @@
 """The table of README.md from the comparisons that tests/measured/run.sh made: free run on what was held out.
 
-The models that do best over all sets, those that are best on one, and ARX; the others stand in OUT/*.txt.
-
 usage: table.py OUT
 """
 
@@ -10,7 +8,6 @@ import sys
 from pathlib import Path
 
 COLUMNS = ["utfsm", "utfpr-0.00v", "utfpr-0.87v", "utfpr-1.98v", "utfpr-3.21v", "nees"]
-SHOWN = 8
 FORMS = {"semi_active": "", "fuzzy": " (fuzzy)", "free_fuzzy": " (free sets)"}
 
 
@@ -41,11 +38,7 @@ def main(out):
 
     print("| mean ESR, free run | " + " | ".join(COLUMNS) + " |")
     print("|---|" + "---|" * len(COLUMNS))
-    ranked = sorted(models, key=place)
-    shown = set(ranked[:SHOWN]) | {min(column, key=column.get) for column in free} | {("arx", "semi_active")}
-    for model in ranked:
-        if model not in shown:
-            continue
+    for model in sorted(models, key=place):
         cells = [
             "-" if model not in column else (f"**{column[model]:.3f}**" if column[model] == least else f"{column[model]:.3f}")
             for column, least in zip(free, best)

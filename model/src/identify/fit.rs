@@ -28,7 +28,7 @@ pub(super) fn fit(
 ) -> Result<Identified, Error> {
     let all = datasets;
     let job = Job { spec, drive, datasets: &shortened(spec, all, options), options, watch };
-    let (force, offsets_n, details) = match spec.structure() {
+    let (force, offsets_n, mut details) = match spec.structure() {
         Structure::Phase => return Err(cannot_run()),
         Structure::Arx => job.arx(LAGS)?,
         Structure::Savaresi => job.arx(SAVARESI_LAGS)?,
@@ -39,6 +39,13 @@ pub(super) fn fit(
         Structure::Boada => job.lazy()?,
         Structure::Network(structure) => job.network(structure)?,
     };
+    if let Some(level) = job.only_level().filter(|_| force.drive().is_some()) {
+        let drive = force.drive().map_or("the drive", DriveKind::name);
+        details.warnings.push(format!(
+            "the runs hold one level of {drive}, {level:.3}: the model is that of this level, and holds at no other; \
+             add runs at other levels, or take a passive form"
+        ));
+    }
     let model = model(force, all[0].conditioning, all);
     Ok(report::assemble(model, all, &offsets_n, details))
 }
@@ -173,6 +180,14 @@ impl Job<'_> {
     /// The drive of the rows that count.
     fn drives(&self) -> impl Iterator<Item = f64> {
         self.datasets.iter().flat_map(|d| &d.rows).filter(|row| row.counts).map(|row| row.drive)
+    }
+
+    /// The level of the drive, where it takes on one alone.
+    fn only_level(&self) -> Option<f64> {
+        match Memberships::levels(self.drive?, self.drives())?.as_slice() {
+            [level] => Some(*level),
+            _ => None,
+        }
     }
 
     /// Number of levels that the drive takes on; `None` when it roams.

@@ -73,7 +73,7 @@ impl Memberships {
         let Some((support, centre)) = poor else { return Ok(()) };
         Err(Error::Data {
             message: format!(
-                "too few samples near {} = {centre}: they weigh {support:.1}, but a function needs {least}; add \
+                "too few samples near {} = {centre:.3}: they weigh {support:.1}, but a function needs {least}; add \
                  runs, or choose membership centres that the runs reach",
                 sets.drive()
             ),

@@ -182,18 +182,28 @@ fn datasets(
     Ok(datasets)
 }
 
-/// Refuses runs without a row that counts.
+/// Refuses runs without a row that counts, and runs in which the force never varies.
 fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
-    match datasets.iter().find(|d| d.counted() == 0) {
-        None => Ok(()),
-        Some(still) => Err(Error::Data {
+    if let Some(still) = datasets.iter().find(|d| d.counted() == 0) {
+        return Err(Error::Data {
             message: format!(
-                "run {}: no sample counts: it is too short for the filter to settle, or force and \
-                 displacement do not overlap in time",
+                "run {}: no sample counts: the damper never moves, the run is too short for the filter to settle, or \
+                 force and displacement do not overlap in time",
                 still.name
             ),
-        }),
+        });
     }
+    let varies = |d: &Dataset| d.envelope.force_n.is_some_and(|[low, high]| high > low);
+    if datasets.iter().any(varies) {
+        return Ok(());
+    }
+    Err(Error::Data {
+        message: format!(
+            "force_n never varies in these runs (it stays at {} N): nothing can be identified from them; look at the \
+             load cell",
+            datasets[0].envelope.force_n.map_or(f64::NAN, |[low, _]| low)
+        ),
+    })
 }
 
 /// The kind of drive that the model gets from the runs, each by its name and drive; `None` for a passive model.
