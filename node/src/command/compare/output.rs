@@ -170,12 +170,11 @@ fn outcome<'a>(
             fact(
                 "filter",
                 format!(
-                    "{:?} at {} Hz, velocity by {}",
-                    conditioning.apply_to,
+                    "{} at {} Hz, velocity by {}",
+                    format!("{:?}", conditioning.apply_to).to_lowercase(),
                     conditioning.cutoff_hz,
                     velocity_text(conditioning.velocity, conditioning.slope_window_s)
-                )
-                .to_lowercase(),
+                ),
             ),
             fact(
                 "rows that count",
