@@ -42,9 +42,9 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let anfis =
         || fit_tsk(&datasets, TskKind::Anfis, Some(DriveKind::CoilCurrent), &tsk_options, &Watch::none());
 
-    // The least of five, on both sides: a fit of a few milliseconds feels every interruption.
+    // The least of twenty, on both sides: a fit of a few milliseconds feels every interruption.
     let (mut arx_s, mut arx) = timed(|| fit(ModelSpec::ARX_SEMI_ACTIVE))?;
-    for _ in 0..4 {
+    for _ in 0..19 {
         let (seconds, again) = timed(|| fit(ModelSpec::ARX_SEMI_ACTIVE))?;
         (arx_s, arx) = (arx_s.min(seconds), again);
     }

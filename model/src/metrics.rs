@@ -46,6 +46,20 @@ impl ErrorSum {
         self.error += error;
     }
 
+    /// Counts all that `other` has counted.
+    pub fn merge(&mut self, other: &Self) {
+        if other.count == 0 {
+            return;
+        }
+        let (ours, theirs) = (self.count as f64, other.count as f64);
+        let delta = other.mean - self.mean;
+        self.mean += delta * theirs / (ours + theirs);
+        self.spread += other.spread + delta * delta * ours * theirs / (ours + theirs);
+        self.count += other.count;
+        self.squared_error += other.squared_error;
+        self.error += other.error;
+    }
+
     /// Mean of measured minus predicted, N; zero without samples.
     #[must_use]
     pub fn mean_error_n(&self) -> f64 {
@@ -91,6 +105,28 @@ mod tests {
         assert_eq!(fit.samples, 3);
         let centred = sum.fit_without_offset().expect("three samples");
         assert!((centred.esr - (5.0 - 1.0 / 3.0) / 8.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn merged_sums_are_the_sum_of_all() {
+        let samples: Vec<(f64, f64)> =
+            (0..100).map(|k| (f64::from(k * 37 % 100), f64::from(k * 53 % 90))).collect();
+        let of = |samples: &[(f64, f64)]| {
+            let mut sum = ErrorSum::default();
+            samples.iter().for_each(|(measured, predicted)| sum.add(*measured, *predicted));
+            sum
+        };
+        let whole = of(&samples).fit().expect("samples");
+        let mut merged = ErrorSum::default();
+        for part in [&samples[..0], &samples[..30], &samples[30..31], &samples[31..]] {
+            merged.merge(&of(part));
+        }
+        let merged = merged.fit().expect("samples");
+        assert!(
+            (merged.esr / whole.esr - 1.0).abs() < 1e-14 && merged.samples == 100,
+            "{merged:?} {whole:?}"
+        );
+        assert!((merged.rsse_n / whole.rsse_n - 1.0).abs() < 1e-14);
     }
 
     #[test]

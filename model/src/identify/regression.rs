@@ -6,8 +6,9 @@
 //! ```
 //!
 //! The constant c of a run belongs to that run alone. Taking each run's means out of F and phi gives the same
-//! a as a column of ones for each run would, and keeps the regression at its 9 or 12 columns. Rows are folded
-//! into a small triangle by QR, a panel at a time; the triangle's SVD then gives rank and minimum-norm
+//! a as a column of ones for each run would, and keeps the regression at its 9 or 12 columns; in each run a column of
+//! ones in front takes them out. Rows are folded
+//! into a small triangle by QR, panel by panel; the triangle's SVD then gives rank and minimum-norm
 //! solution. With v the backward difference of x the rank is at most 7 of 9 (10 of 12): a4..a9 share what
 //! five numbers determine.
 //!
@@ -24,9 +25,15 @@ use crate::condition::{ApplyTo, VelocitySource};
 use crate::error::Error;
 use crate::force::Dependence;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use std::ops::Range;
 
-/// Rows of a panel: large enough to keep QR busy, small enough for the second-level cache.
-const PANEL: usize = 1024;
+/// Rows of a panel: large enough to keep QR busy, small enough for the first-level cache.
+const PANEL: usize = 128;
+/// Rows of one unit of parallel work.
+const CHUNK: usize = 2048;
+/// Panels that wait for each other.
+const PANELS: usize = 64;
 /// Singular values below this share of the largest count as zero. Columns have unit norm.
 const RANK_TOLERANCE: f64 = 1e-10;
 /// A column whose norm is below this share of its mean's is constant.
@@ -88,7 +95,17 @@ impl Regression {
     /// Fits the coefficients to `datasets`.
     pub(super) fn fit(&self, datasets: &[Dataset], watch: &Watch) -> Result<Regressed, Error> {
         let n = self.columns();
-        let means: Vec<Means> = datasets.iter().map(|d| self.means(d)).collect();
+        let (mut means, mut triangle) = (Vec::with_capacity(datasets.len()), Triangle::new(n + 1));
+        for dataset in datasets {
+            let (own, centred) = self.centred(dataset);
+            means.push(own);
+            for row in centred.row_iter() {
+                triangle.push(row.iter().copied());
+            }
+            if watch.is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+        }
         let rows: usize = means.iter().map(|means| means.rows).sum();
         if rows < ROWS_PER_PARAMETER * n {
             return Err(Error::Data {
@@ -100,15 +117,6 @@ impl Regression {
                     ROWS_PER_PARAMETER * n
                 ),
             });
-        }
-        let mut triangle = Triangle::new(n + 1);
-        for (dataset, means) in datasets.iter().zip(&means) {
-            self.each(dataset, means.zero_n, |row, _| {
-                triangle.push(row.iter().zip(means.mean.iter()).map(|(value, mean)| value - mean));
-            });
-            if watch.is_cancelled() {
-                return Err(Error::Cancelled);
-            }
         }
         // What centring leaves of a constant column is rounding, and no signal.
         let mut rounding = DVector::<f64>::zeros(n);
@@ -136,21 +144,77 @@ impl Regression {
         if (low..=high).contains(&offset) { offset } else { mean_n }
     }
 
-    /// Calls `take` with each complete row: the regressors, the force behind them, and the weights of the copies.
-    fn each(&self, dataset: &Dataset, zero_n: f64, mut take: impl FnMut(&[f64], &[f64])) {
+    /// A run in short, and the triangle of its rows less their means.
+    ///
+    /// A column of ones in front takes the means out: in the triangle of [1 phi F] the first row is the means, times the
+    /// root of the number of rows, and what is below and right of it the triangle of what is left.
+    fn centred(&self, dataset: &Dataset) -> (Means, DMatrix<f64>) {
+        let counted = || dataset.rows.iter().filter(|row| row.counts && row.force_n.is_finite());
+        let zero_n = match self.dependence {
+            Dependence::None => 0.0,
+            _ => counted().map(|row| row.force_n).sum::<f64>() / counted().count().max(1) as f64,
+        };
+        let (n, copies) = (self.columns(), self.dependence.copies());
+        // Cut where rows are, whatever the number of threads: the sums are always the same.
+        let part = |from: usize| {
+            let mut triangle = Triangle::new(n + 2);
+            let mut weights = DVector::<f64>::zeros(copies);
+            let mut rows = 0;
+            self.each(dataset, from..(from + CHUNK).min(dataset.rows.len()), zero_n, |row, of_copies| {
+                rows += 1;
+                triangle.push(std::iter::once(1.0).chain(row.iter().copied()));
+                weights.iter_mut().zip(of_copies).for_each(|(sum, weight)| *sum += weight);
+            });
+            (triangle.finish(), weights, rows)
+        };
+        let starts: Vec<usize> = (0..dataset.rows.len()).step_by(CHUNK).collect();
+        let parts: Vec<(DMatrix<f64>, DVector<f64>, usize)> = starts.into_par_iter().map(part).collect();
+        let (mut all, mut weights, mut rows) = (Triangle::new(n + 2), DVector::<f64>::zeros(copies), 0);
+        for (factor, of_part, count) in &parts {
+            factor.row_iter().for_each(|row| all.push(row.iter().copied()));
+            weights += of_part;
+            rows += count;
+        }
+        let factor = all.finish();
+        if rows == 0 {
+            let means = Means { zero_n, rows, mean: DVector::zeros(n + 1), weights };
+            return (means, DMatrix::zeros(0, n + 1));
+        }
+        let mean = factor.view((0, 1), (1, n + 1)).transpose() / factor[(0, 0)];
+        let below = factor.nrows() - 1;
+        let mean = DVector::from_iterator(n + 1, mean.iter().copied());
+        let centred = factor.view((1, 1), (below, n + 1)).into_owned();
+        (Means { zero_n, rows, mean, weights: weights / rows as f64 }, centred)
+    }
+
+    /// Calls `take` with each complete row among `range`: the regressors, the force behind them, and the weights of the
+    /// copies.
+    fn each(
+        &self,
+        dataset: &Dataset,
+        range: Range<usize>,
+        zero_n: f64,
+        mut take: impl FnMut(&[f64], &[f64]),
+    ) {
         let backward = dataset.conditioning.velocity == VelocitySource::Backward;
-        let uniform = |dt_s: f64| (dt_s / self.period_s - 1.0).abs() <= STEP_TOLERANCE;
+        let tolerance_s = STEP_TOLERANCE * self.period_s;
+        let uniform = |dt_s: f64| (dt_s - self.period_s).abs() <= tolerance_s;
         let (n, lags, per_copy, copies) =
             (self.columns(), self.lags, self.per_copy(), self.dependence.copies());
+        let frequency = 1.0 / self.period_s;
         let mut out = vec![0.0; n + 1];
-        for rows in dataset.rows.windows(lags + 1).filter(|rows| rows[lags].counts) {
+        for k in range {
+            if k < lags || !dataset.rows[k].counts {
+                continue;
+            }
+            let rows = &dataset.rows[k - lags..=k];
             if !rows[1..].iter().all(|row| row.dt_s.is_some_and(uniform)) {
                 continue;
             }
             let weights = self.dependence.weights(rows[lags].drive);
             for lag in 0..lags {
                 let row = &rows[lags - lag];
-                let stretch = if backward { row.dt_s.unwrap_or(self.period_s) / self.period_s } else { 1.0 };
+                let stretch = if backward { row.dt_s.unwrap_or(self.period_s) * frequency } else { 1.0 };
                 for (copy, weight) in weights[..copies].iter().enumerate() {
                     let own = copy * per_copy + lag;
                     out[own] = weight * (rows[lags - 1 - lag].force_n - zero_n);
@@ -166,25 +230,6 @@ impl Regression {
                 take(&out, &weights[..copies]);
             }
         }
-    }
-
-    /// A run in short.
-    fn means(&self, dataset: &Dataset) -> Means {
-        let counted = || dataset.rows.iter().filter(|row| row.counts && row.force_n.is_finite());
-        let zero_n = match self.dependence {
-            Dependence::None => 0.0,
-            _ => counted().map(|row| row.force_n).sum::<f64>() / counted().count().max(1) as f64,
-        };
-        let mut mean = DVector::<f64>::zeros(self.columns() + 1);
-        let mut weights = DVector::<f64>::zeros(self.dependence.copies());
-        let mut rows = 0;
-        self.each(dataset, zero_n, |row, copies| {
-            rows += 1;
-            mean.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
-            weights.iter_mut().zip(copies).for_each(|(sum, weight)| *sum += weight);
-        });
-        let count = rows.max(1) as f64;
-        Means { zero_n, rows, mean: mean / count, weights: weights / count }
     }
 }
 
@@ -207,43 +252,53 @@ pub(super) fn common_rate(datasets: &[Dataset], model: &str) -> Result<f64, Erro
     Ok(datasets.iter().map(|d| d.rate_hz).sum::<f64>() / datasets.len() as f64)
 }
 
-/// The triangle of a QR decomposition that rows are folded into, a panel at a time.
+/// The triangle of a QR decomposition that rows are folded into: panels side by side, then their triangles.
 pub(super) struct Triangle {
     width: usize,
     factor: DMatrix<f64>,
     /// Rows that wait, one behind the other.
-    panel: Vec<f64>,
+    waiting: Vec<f64>,
 }
 
 impl Triangle {
     /// No rows yet; each will have so many numbers, the last of them what is regressed.
     pub(super) fn new(width: usize) -> Self {
-        Self { width, factor: DMatrix::zeros(0, width), panel: Vec::with_capacity(PANEL * width) }
+        Self { width, factor: DMatrix::zeros(0, width), waiting: Vec::new() }
     }
 
     /// Takes a row in.
     pub(super) fn push(&mut self, row: impl IntoIterator<Item = f64>) {
-        self.panel.extend(row);
-        if self.panel.len() >= PANEL * self.width {
+        self.waiting.extend(row);
+        if self.waiting.len() >= PANELS * PANEL * self.width {
             self.fold();
         }
     }
 
-    /// Puts the panel under the triangle and makes it a triangle again.
+    /// Makes a triangle of each panel that waits, and one of them all. Panels are cut where rows are, whatever the
+    /// number of threads, and so is the result the same.
     fn fold(&mut self) {
-        let (above, below) = (self.factor.nrows(), self.panel.len() / self.width);
-        if below == 0 {
+        let width = self.width;
+        if self.waiting.is_empty() {
             return;
         }
-        let mut stacked = DMatrix::zeros(above + below, self.width);
-        stacked.rows_mut(0, above).copy_from(&self.factor);
-        for (i, row) in self.panel.chunks_exact(self.width).enumerate() {
-            for (j, value) in row.iter().enumerate() {
-                stacked[(above + i, j)] = *value;
-            }
+        let triangle =
+            |panel: &[f64]| DMatrix::from_row_slice(panel.len() / width, width, panel).qr().unpack_r();
+        let mut parts: Vec<DMatrix<f64>> = self.waiting.par_chunks(PANEL * width).map(triangle).collect();
+        self.waiting.clear();
+        parts.push(std::mem::replace(&mut self.factor, DMatrix::zeros(0, width)));
+        let mut stacked = DMatrix::zeros(parts.iter().map(DMatrix::nrows).sum(), width);
+        let mut from = 0;
+        for part in &parts {
+            stacked.rows_mut(from, part.nrows()).copy_from(part);
+            from += part.nrows();
         }
         self.factor = stacked.qr().unpack_r();
-        self.panel.clear();
+    }
+
+    /// The triangle of all rows; of fewer rows than columns, as many rows.
+    fn finish(mut self) -> DMatrix<f64> {
+        self.fold();
+        self.factor
     }
 
     /// Minimum-norm solution of the least squares, and the rank. Columns no longer than `rounding` are zero.

@@ -8,6 +8,7 @@ use super::velocity::VelocityTrial;
 use crate::effect::Augmented;
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::{Expected, Model};
+use rayon::prelude::*;
 use std::ops::ControlFlow;
 
 /// An identified model.
@@ -148,13 +149,14 @@ pub(super) fn assemble(
 ) -> Identified {
     let mut all = Errors::default();
     let mut runs = Vec::with_capacity(datasets.len());
-    for (dataset, &force_offset_n) in datasets.iter().zip(offsets_n) {
-        let mut own = Errors::default();
-        run_errors(
-            &model.augmented().with_force_offset_n(force_offset_n),
-            dataset,
-            &mut [&mut own, &mut all],
-        );
+    let of_run = |(dataset, offset_n): (&Dataset, &f64)| {
+        run_errors(&model.augmented().with_force_offset_n(*offset_n), dataset)
+    };
+    let of_runs: Vec<Errors> = datasets.par_iter().zip(offsets_n).map(of_run).collect();
+    for ((dataset, &force_offset_n), own) in datasets.iter().zip(offsets_n).zip(of_runs) {
+        all.free_run.merge(&own.free_run);
+        all.one_step.merge(&own.one_step);
+        all.persistence.merge(&own.persistence);
         runs.push(RunFit {
             name: dataset.name.clone(),
             samples: dataset.counted() as u64,
@@ -186,23 +188,21 @@ pub(super) fn assemble(
     }
 }
 
-/// Runs `model` over the rows, free and one step ahead, and adds the errors of those that count to each of
-/// `sums`.
-fn run_errors(model: &Augmented, dataset: &Dataset, sums: &mut [&mut Errors]) {
-    let mut last_force_n = f64::NAN;
+/// Errors of `model` on the rows that count, free and one step ahead.
+fn run_errors(model: &Augmented, dataset: &Dataset) -> Errors {
+    let (mut errors, mut last_force_n) = (Errors::default(), f64::NAN);
     let done = walk(model, dataset, |row, predicted| {
         if row.dt_s.is_none() {
             last_force_n = f64::NAN;
         }
         if row.counts {
-            for errors in sums.iter_mut() {
-                errors.free_run.add(row.force_n, predicted.free_run_n);
-                errors.one_step.add(row.force_n, predicted.one_step_n);
-                errors.persistence.add(row.force_n, last_force_n);
-            }
+            errors.free_run.add(row.force_n, predicted.free_run_n);
+            errors.one_step.add(row.force_n, predicted.one_step_n);
+            errors.persistence.add(row.force_n, last_force_n);
         }
         last_force_n = row.force_n;
         ControlFlow::Continue(())
     });
     debug_assert!(done.is_continue(), "nothing ends the walk early");
+    errors
 }
