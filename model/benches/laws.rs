@@ -5,35 +5,19 @@
 //! cargo bench -p mr-damper-model --bench laws
 //! ```
 
+mod motion;
+
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use motion::{SAMPLES, motion};
 use mr_damper_model::force::law::Hidden;
-use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
+use mr_damper_model::force::{Dependence, FuzzySets, Law, LawModel, LawState, Membership};
 use mr_damper_model::sample::DriveKind;
 
-const SAMPLES: usize = 512;
-const RATE_HZ: f64 = 512.0;
 const DRIVE: DriveKind = DriveKind::CoilCurrent;
 
 fn main() {
     divan::main();
-}
-
-/// One second of a sine of 15 mm at 2 Hz, the current going up and down.
-fn motion() -> Vec<Inputs> {
-    let omega = std::f64::consts::TAU * 2.0;
-    let at = |k: usize| {
-        let t = k as f64 / RATE_HZ;
-        Inputs {
-            dt_s: (k > 0).then_some(1.0 / RATE_HZ),
-            displacement_m: 0.015 * (omega * t).sin(),
-            velocity_m_s: 0.015 * omega * (omega * t).cos(),
-            acceleration_m_s2: -0.015 * omega * omega * (omega * t).sin(),
-            drive: 1.2 + (3.0 * t).sin(),
-            case_temp_c: f64::NAN,
-        }
-    };
-    (0..SAMPLES).map(at).collect()
 }
 
 /// Parameters in the middle of where a fit would start, on a damper of 1 kN, 15 mm, 0.2 m/s, 2 m/s².

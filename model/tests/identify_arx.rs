@@ -2,7 +2,7 @@
 
 mod identify_support;
 
-use identify_support::{Recipe, run, truth};
+use identify_support::{Recipe, fed_run, run, truth};
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::force::{Arx, ForceModel, History, Inputs};
 use mr_damper_model::identify::{DatasetOptions, Form, Identified, ModelSpec, Options, Watch, identify};
@@ -37,28 +37,9 @@ fn the_truth(semi_active: bool) -> Arx {
     .expect("a model")
 }
 
-/// A run whose force is that of `model` driven by the run's own velocity and by noise, `noise_n` a sample,
-/// plus the recipe's offset.
+/// A run whose force is that of `model`; see [`fed_run`].
 fn arx_run(model: &Arx, noise_n: f64, recipe: Recipe) -> Run {
-    let mut made = run(recipe, KIND, |_, _, _| 0.0);
-    let mut noise = Pcg64Mcg::seed_from_u64(recipe.seed);
-    let mut history = History::default();
-    let (velocity, drive) = (made.velocity_m_s.clone().expect("made"), made.drive.clone().expect("made").1);
-    let force = made.force_n.as_mut().expect("made");
-    for k in 0..force.len() {
-        history.push_inputs(&Inputs {
-            dt_s: None,
-            acceleration_m_s2: f64::NAN,
-            displacement_m: made.displacement_m.values[k],
-            velocity_m_s: velocity.values[k],
-            drive: drive.values[k],
-            case_temp_c: f64::NAN,
-        });
-        let f = model.predict_n(&history).unwrap_or(0.0) + noise_n * (2.0 * noise.random::<f64>() - 1.0);
-        history.push_force(f);
-        force.values[k] = f + recipe.offset_n;
-    }
-    made
+    fed_run(noise_n, recipe, KIND, |history| model.predict_n(history))
 }
 
 fn steps(t: f64) -> f64 {

@@ -2,9 +2,9 @@
 
 mod identify_support;
 
-use identify_support::{Recipe, run};
+use identify_support::{Recipe, run, tanh_function};
 use mr_damper_model::condition::{Conditioning, VelocitySource};
-use mr_damper_model::force::{Dependence, ForceModel, FuzzySets, FuzzyTanh, TanhFunction};
+use mr_damper_model::force::{Dependence, ForceModel, FuzzySets, FuzzyTanh};
 use mr_damper_model::identify::{
     Form, Identified, MembershipSource, ModelSpec, Options, Placement, Watch, identify,
 };
@@ -16,16 +16,10 @@ const SIGMAS: [f64; 3] = [0.2, 0.3, 0.5];
 
 /// Three sets of unlike widths that stand nowhere near an even grid.
 fn truth() -> FuzzyTanh {
-    let function = |a1, a2, a3, kappa| TanhFunction {
-        yield_force_n: a1,
-        post_yield_damping_n_s_m: a2,
-        pre_yield_slope_s_m: a3,
-        coupling_per_s: kappa,
-    };
     let functions = [
-        function(90.0, 500.0, 60.0, -0.6),
-        function(500.0, 900.0, 40.0, -1.2),
-        function(900.0, 1500.0, 30.0, 0.8),
+        tanh_function(90.0, 500.0, 60.0, -0.6),
+        tanh_function(500.0, 900.0, 40.0, -1.2),
+        tanh_function(900.0, 1500.0, 30.0, 0.8),
     ];
     let sets = FuzzySets::with_widths(KIND, &CENTRES, &SIGMAS).expect("sets");
     FuzzyTanh::new(sets, &functions, 0.0).expect("a model")

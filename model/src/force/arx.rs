@@ -206,19 +206,12 @@ impl Arx {
     #[inline]
     #[must_use]
     pub fn predict_n(&self, history: &History) -> Option<f64> {
-        let ready = known(&history.force_n, self.lags)
-            && known(&history.displacement_m, self.lags)
-            && known(&history.velocity_m_s, self.lags)
-            && (self.drive.is_none() || known(&history.drive, self.lags));
-        if !ready {
+        if self.drive.is_some() && !known(&history.drive, self.lags) {
             return None;
         }
-        let mut force = self.force_offset_n;
-        for j in 0..self.lags {
-            force += self.force[j] * (history.force_n[j] - self.force_offset_n)
-                + self.displacement_n_m[j] * history.displacement_m[j]
-                + self.velocity_n_s_m[j] * history.velocity_m_s[j];
-        }
+        let lags = ..self.lags;
+        let coefficients = [&self.force[lags], &self.displacement_n_m[lags], &self.velocity_n_s_m[lags]];
+        let mut force = history.regress(self.force_offset_n, coefficients)?;
         if let Some((_, coefficients)) = &self.drive {
             for (coefficient, drive) in coefficients[..self.lags].iter().zip(&history.drive) {
                 force += coefficient * drive;

@@ -61,6 +61,26 @@ impl History {
         }
     }
 
+    /// Force in newtons of a model that is linear in the newest lags of force (less `offset_n`), displacement and
+    /// velocity, as many as there are coefficients of each; `None` while one of them is not known.
+    #[inline]
+    pub(super) fn regress(&self, offset_n: f64, [force, x, v]: [&[f64]; 3]) -> Option<f64> {
+        let lags = force.len();
+        let ready = known(&self.force_n, lags)
+            && known(&self.displacement_m, lags)
+            && known(&self.velocity_m_s, lags);
+        if !ready {
+            return None;
+        }
+        let mut force_n = offset_n;
+        for lag in 0..lags {
+            force_n += force[lag] * (self.force_n[lag] - offset_n)
+                + x[lag] * self.displacement_m[lag]
+                + v[lag] * self.velocity_m_s[lag];
+        }
+        Some(force_n)
+    }
+
     /// Forgets the forces, so that only measured ones can make a model ready again.
     pub fn forget_forces(&mut self) {
         self.force_n = [f64::NAN; DEPTH];

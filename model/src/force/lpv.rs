@@ -141,20 +141,11 @@ impl Lpv {
     #[inline]
     #[must_use]
     pub fn predict_n(&self, history: &History) -> Option<f64> {
-        let ready = known(&history.force_n, LAGS)
-            && known(&history.displacement_m, LAGS)
-            && known(&history.velocity_m_s, LAGS)
-            && known(&history.drive, 1);
-        if !ready {
+        if !known(&history.drive, 1) {
             return None;
         }
-        let [a1, a2, a3, b1, b2, b3, c1, c2, c3] = self.coefficients_at(history.drive[0]);
-        let mut force = self.force_offset_n;
-        for (lag, [a, b, c]) in [[a1, b1, c1], [a2, b2, c2], [a3, b3, c3]].into_iter().enumerate() {
-            force += a * (history.force_n[lag] - self.force_offset_n)
-                + b * history.displacement_m[lag]
-                + c * history.velocity_m_s[lag];
-        }
-        Some(force)
+        let at = self.coefficients_at(history.drive[0]);
+        let of = |signal: usize| &at[signal * LAGS..(signal + 1) * LAGS];
+        history.regress(self.force_offset_n, [of(0), of(1), of(2)])
     }
 }

@@ -102,10 +102,10 @@ impl Job<'_> {
     fn fuzzy_tanh(&self) -> Result<Fitted, Error> {
         let Some(kind) = self.drive else { return Err(needs_drive("fuzzy-tanh")) };
         let memberships = self.memberships(kind)?;
-        let levels = self.levels(kind);
         let names = names_of_copies(fuzzy_tanh::NAMES.into_iter(), memberships.sets.len());
         let (fitted, names) = if self.spec.form() == Form::FreeFuzzy {
             let names = [names, free_sets::names(&memberships.sets)].concat();
+            let levels = self.levels(kind);
             (fuzzy_tanh::fit_free(self.datasets, &memberships, levels, self.options, self.watch)?, names)
         } else {
             (fuzzy_tanh::fit(self.datasets, memberships, self.options, self.watch)?, names)

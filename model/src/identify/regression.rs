@@ -77,7 +77,7 @@ struct Means {
     rows: usize,
     /// Mean of the regressors, and of the force behind them.
     mean: DVector<f64>,
-    /// Mean of 1 - a1 - a2 - a3 needs these: mean weight of each copy.
+    /// Mean weight of each copy: by these the mean of 1 - a1 - a2 - a3 follows.
     weights: DVector<f64>,
 }
 
@@ -180,10 +180,9 @@ impl Regression {
             let means = Means { zero_n, rows, mean: DVector::zeros(n + 1), weights };
             return (means, DMatrix::zeros(0, n + 1));
         }
-        let mean = factor.view((0, 1), (1, n + 1)).transpose() / factor[(0, 0)];
-        let below = factor.nrows() - 1;
-        let mean = DVector::from_iterator(n + 1, mean.iter().copied());
-        let centred = factor.view((1, 1), (below, n + 1)).into_owned();
+        let root = factor[(0, 0)];
+        let mean = DVector::from_iterator(n + 1, factor.row(0).iter().skip(1).map(|sum| sum / root));
+        let centred = factor.view((1, 1), (factor.nrows() - 1, n + 1)).into_owned();
         (Means { zero_n, rows, mean, weights: weights / rows as f64 }, centred)
     }
 

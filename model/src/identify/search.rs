@@ -92,11 +92,12 @@ pub(super) fn search<S: Sought>(
     outcomes.dedup_by(|b, a| (b.cost - a.cost).abs() <= SAME * a.cost);
 
     let counted: usize = datasets.iter().map(Dataset::counted).sum();
-    let mut problem = match options.most_rows {
-        Some(most) if counted > most => {
+    let fewer = options.most_rows.filter(|most| counted > *most);
+    let mut problem = match fewer {
+        Some(most) => {
             RowProblem::sample(datasets, sought.clone(), most, options.seed, watch.flag()).in_parallel()
         }
-        _ => RowProblem::new(datasets, sought.clone(), watch.flag()),
+        None => RowProblem::new(datasets, sought.clone(), watch.flag()),
     };
     let bounds = sought.bounds();
     // What a row costs decides how many candidates are finished, and how finely.
@@ -106,13 +107,17 @@ pub(super) fn search<S: Sought>(
         (POLISHED, Stop::default())
     };
     // A model with memory can hold on stretches and run off over a whole run: all rows have the last word.
-    let whole = sought.has_memory().then(|| RowProblem::new(datasets, sought.clone(), watch.flag()));
+    let judges = sought.has_memory();
+    let whole = fewer.filter(|_| judges).map(|_| RowProblem::new(datasets, sought.clone(), watch.flag()));
     let judged = |minimum: Minimum| -> Result<Minimum, Error> {
-        let Some(whole) = &whole else { return Ok(minimum) };
-        let cost = whole.normal(&minimum.parameters).ok_or(Error::Cancelled)?.cost;
+        if !judges {
+            return Ok(minimum);
+        }
+        let all = whole.as_ref().unwrap_or(&problem);
+        let cost = all.normal(&minimum.parameters).ok_or(Error::Cancelled)?.cost;
         Ok(Minimum { cost, ..minimum })
     };
-    if whole.is_some() {
+    if judges {
         outcomes.truncate(JUDGED);
         outcomes = outcomes.into_iter().map(judged).collect::<Result<_, _>>()?;
         outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -122,7 +127,7 @@ pub(super) fn search<S: Sought>(
     for (index, outcome) in outcomes.into_iter().take(polished).enumerate() {
         watch.report(Progress::Polish { done: index as u32, of: candidates as u32 });
         let minimum = minimise(&problem, &outcome.parameters, &bounds, &stop).ok_or(Error::Cancelled)?;
-        let unpolished = whole.is_some().then_some(outcome);
+        let unpolished = judges.then_some(outcome);
         for minimum in [Some(judged(minimum)?), unpolished].into_iter().flatten() {
             if minimum.cost.is_finite() && best.as_ref().is_none_or(|best| minimum.cost < best.cost) {
                 best = Some(minimum);

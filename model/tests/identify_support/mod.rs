@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test binary uses its share")]
 
-use mr_damper_model::force::{FuzzySets, FuzzyTanh, Membership, TanhFunction};
+use mr_damper_model::force::{FuzzySets, FuzzyTanh, History, Inputs, Membership, TanhFunction};
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -70,18 +70,51 @@ pub(crate) fn run(recipe: Recipe, kind: DriveKind, force: impl Fn(f64, f64, f64)
     }
 }
 
-/// A damper with three levels, 0, .5 and 1 (A or V).
-pub(crate) fn truth(kind: DriveKind) -> FuzzyTanh {
-    let function = |a1, a2, a3, kappa| TanhFunction {
+/// A run whose force is what `predict` makes of the run's own past, driven by noise of half width `noise_n`, plus the
+/// recipe's offset.
+pub(crate) fn fed_run(
+    noise_n: f64,
+    recipe: Recipe,
+    kind: DriveKind,
+    predict: impl Fn(&History) -> Option<f64>,
+) -> Run {
+    let mut made = run(recipe, kind, |_, _, _| 0.0);
+    let mut noise = Pcg64Mcg::seed_from_u64(recipe.seed);
+    let mut history = History::default();
+    let (velocity, drive) = (made.velocity_m_s.clone().expect("made"), made.drive.clone().expect("made").1);
+    let force = made.force_n.as_mut().expect("made");
+    for k in 0..force.len() {
+        history.push_inputs(&Inputs {
+            dt_s: None,
+            acceleration_m_s2: f64::NAN,
+            displacement_m: made.displacement_m.values[k],
+            velocity_m_s: velocity.values[k],
+            drive: drive.values[k],
+            case_temp_c: f64::NAN,
+        });
+        let f = predict(&history).unwrap_or(0.0) + noise_n * (2.0 * noise.random::<f64>() - 1.0);
+        history.push_force(f);
+        force.values[k] = f + recipe.offset_n;
+    }
+    made
+}
+
+/// A tanh function of yield force, damping, slope and coupling.
+pub(crate) fn tanh_function(a1: f64, a2: f64, a3: f64, kappa: f64) -> TanhFunction {
+    TanhFunction {
         yield_force_n: a1,
         post_yield_damping_n_s_m: a2,
         pre_yield_slope_s_m: a3,
         coupling_per_s: kappa,
-    };
+    }
+}
+
+/// A damper with three levels, 0, .5 and 1 (A or V).
+pub(crate) fn truth(kind: DriveKind) -> FuzzyTanh {
     let functions = [
-        function(90.0, 500.0, 60.0, -0.6),
-        function(400.0, 900.0, 45.0, -1.2),
-        function(800.0, 1100.0, 38.0, 0.8),
+        tanh_function(90.0, 500.0, 60.0, -0.6),
+        tanh_function(400.0, 900.0, 45.0, -1.2),
+        tanh_function(800.0, 1100.0, 38.0, 0.8),
     ];
     let sets = FuzzySets::new(Membership { drive: kind, sigma: 0.25 }, &[0.0, 0.5, 1.0]).expect("sets");
     FuzzyTanh::new(sets, &functions, 0.0).expect("a model")

@@ -433,13 +433,12 @@ impl LawModel {
                 let functions = self.coefficients().chunks_exact(n).zip(&mut state.hidden);
                 let remembers = self.law.has_memory();
                 // A set without weight has no say, whatever it would say; but a law with memory goes on.
-                let said = |((p, hidden), weight): ((&[f64], &mut Hidden), f64)| match weight {
-                    0.0 if !remembers => 0.0,
-                    0.0 => {
-                        let _ = self.law.force_n(p, inputs, hidden);
-                        0.0
+                let said = |((p, hidden), weight): ((&[f64], &mut Hidden), f64)| {
+                    if weight == 0.0 && !remembers {
+                        return 0.0;
                     }
-                    _ => weight * self.law.force_n(p, inputs, hidden),
+                    let own_n = self.law.force_n(p, inputs, hidden);
+                    if weight == 0.0 { 0.0 } else { weight * own_n }
                 };
                 functions.zip(weights).map(said).sum()
             }

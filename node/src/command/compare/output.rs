@@ -178,7 +178,7 @@ fn outcome<'a>(
             ),
             fact(
                 "rows that count",
-                if args.conditioning.all_samples { "all" } else { "those in which the damper moves" }
+                if work.options.dataset.moving_only { "those in which the damper moves" } else { "all" }
                     .to_owned(),
             ),
             fact("restarts", format!("{}, seed {}", args.restarts, args.seed)),
@@ -206,8 +206,8 @@ fn report<'a>(args: &Args, work: &'a Work, done: &'a Done, times: &'a [StepTime]
             restarts: args.restarts,
             seed: args.seed,
             most_rows: args.most_rows,
-            moving_only: !args.conditioning.all_samples,
-            rate_hz: args.conditioning.rate,
+            moving_only: work.options.dataset.moving_only,
+            rate_hz: work.options.dataset.rate_hz,
             conditioning: work.options.conditioning,
         },
         experiments: replicates
