@@ -4,7 +4,7 @@ mod identify_support;
 
 use identify_support::{Recipe, fed_run, run, truth};
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
-use mr_damper_model::force::{Arx, ForceModel, History, Inputs};
+use mr_damper_model::force::{Arx, ForceModel};
 use mr_damper_model::identify::{DatasetOptions, Form, Identified, ModelSpec, Options, Watch, identify};
 use mr_damper_model::sample::{DriveKind, Run, Stamp};
 use mr_damper_model::units::Second;

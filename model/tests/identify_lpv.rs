@@ -6,14 +6,12 @@ use identify_support::{Recipe, fed_run, run, truth};
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::force::{
-    Dependence, ForceModel, FreeRun, FuzzySets, History, Inputs, LPV_REGRESSORS, Lpv, Membership,
+    Dependence, ForceModel, FreeRun, FuzzySets, Inputs, LPV_REGRESSORS, Lpv, Membership,
 };
 use mr_damper_model::identify::{Form, Identified, ModelSpec, Options, Placement, Watch, identify};
 use mr_damper_model::pipeline::Settings;
 use mr_damper_model::sample::{DriveKind, Run};
 use mr_damper_model::units::Second;
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
 
 const KIND: DriveKind = DriveKind::CoilCurrent;
 /// Half width of the noise that drives the truth.
