@@ -136,8 +136,9 @@ fn ctrl_c_ends_it_at_once_and_says_how_to_go_on() {
         .expect("it runs");
     let state = dir.path().join("compare.partial.jsonl");
     let deadline = Instant::now() + Duration::from_secs(60);
-    while std::fs::read_to_string(&state).map_or(true, |text| text.lines().count() < 2) {
-        assert!(Instant::now() < deadline, "the cells of ARX take no time");
+    // The first cell alone: what comes after it may share the pool of threads with a hundred thousand restarts.
+    while std::fs::read_to_string(&state).map_or(true, |text| text.lines().count() < 1) {
+        assert!(Instant::now() < deadline, "a cell of ARX takes no time");
         std::thread::sleep(Duration::from_millis(50));
     }
     let killed = Instant::now();
