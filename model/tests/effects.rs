@@ -149,7 +149,7 @@ fn swapping_in_an_effect_makes_no_gap() {
     let (mut estimates, mut last, mut largest) = (0, None, 0.0_f64);
     for (k, sample) in samples.iter().enumerate().take(3500) {
         if k % 800 == 700 {
-            pipeline.swap(Models::alone(models[(k / 800 + 1) % 4])).expect("it runs");
+            pipeline.swap(Models::alone(models[(k / 800 + 1) % 4]), &mut |_| {}).expect("it runs");
         }
         pipeline.step(sample, &mut |event| {
             if let Event::Estimate(e) = event

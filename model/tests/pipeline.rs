@@ -179,7 +179,7 @@ fn models_are_swapped_without_a_gap_or_a_step() {
     bench.constant_current = true;
     bench.run(0..300, |_| false);
     let models = Models::alone(preset("thesis/fuzzy-tanh/rp1-cs"));
-    bench.pipeline.swap(models).expect("a preset goes with the settings");
+    bench.pipeline.swap(models, &mut |_| {}).expect("a preset goes with the settings");
     bench.run(300..600, |_| false);
     let forces: Vec<f64> = bench.estimates().skip(5).map(|e| e.force.get()).collect();
     assert!(forces.iter().all(|f| f.is_finite()), "no gap");

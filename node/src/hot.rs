@@ -228,7 +228,9 @@ fn obey(pipeline: &mut Pipeline, command: Command, outlets: &mut [Outlet]) {
             let _ = pipeline.configure(settings);
         }
         Command::Swap(models) => {
-            let _ = pipeline.swap(models);
+            let mut fanout = Fanout::new(outlets);
+            let _ = pipeline.swap(models, &mut |event| fanout.put(event));
+            fanout.wake();
         }
         Command::Reset => {
             let mut fanout = Fanout::new(outlets);

@@ -145,7 +145,10 @@ impl Pipeline {
 
         // Without a prediction there is no residual, but the force still seeds ARX.
         let predicted_n = free_n.unwrap_or(f64::NAN);
-        self.force.wait(stamp, Awaiting { predicted_n, dt_s, index: self.index });
+        let counts = !(free_reasons.has(Reasons::SETTLING)
+            || free_reasons.has(Reasons::TEMPERATURE_MISSING)
+            || reasons.has(Reasons::DRIVE_STALE));
+        self.force.wait(stamp, Awaiting { predicted_n, dt_s, index: self.index, counts });
         self.settle_residuals(emit);
     }
 

@@ -1,8 +1,6 @@
 //! What the pipeline reports. Plain `Copy` data: events cross threads in wait-free rings.
 
 use super::mode::Mode;
-use super::settings::Settings;
-use super::window::Windowed;
 use crate::sample::{Sample, Stamp};
 use crate::units::{Newton, Second};
 
@@ -19,6 +17,8 @@ pub enum Event {
     Residual(Residual),
     /// The mode changed.
     Transition(Transition),
+    /// The residual alarm was raised, or it fell.
+    Alarm(AlarmChange),
 }
 
 /// Which of the pipeline's models spoke.
@@ -62,7 +62,9 @@ pub struct Residual {
     pub predicted: Newton,
     /// Measured minus predicted.
     pub residual: Newton,
-    /// Residual over the model's expected RSSE; NaN when that is not known.
+    /// RSSE to expect of the free-running model, from its identification; NaN when that is not known.
+    pub expected_rsse: Newton,
+    /// Residual over the expected RSSE; NaN when that is not known.
     pub normalised: f64,
     /// Root mean squared residual, forgetting exponentially.
     pub windowed_rsse: Newton,
@@ -70,33 +72,24 @@ pub struct Residual {
     pub windowed_esr: f64,
     /// Time constant of the forgetting.
     pub window: Second,
-    /// The windowed RSSE exceeds the expected one by the factor of the settings.
+    /// The residual alarm stands: the model is off by more than the settings allow. See [`AlarmChange`].
     pub alarm: bool,
 }
 
-impl Residual {
-    pub(super) fn new(
-        stamp: Stamp,
-        measured_n: f64,
-        residual_n: f64,
-        expected_rsse_n: Option<f64>,
-        windowed: Windowed,
-        settings: &Settings,
-    ) -> Self {
-        let expected = expected_rsse_n.unwrap_or(f64::NAN);
-        Self {
-            stamp,
-            measured: Newton(measured_n),
-            predicted: Newton(measured_n - residual_n),
-            residual: Newton(residual_n),
-            normalised: residual_n / expected,
-            windowed_rsse: Newton(windowed.rsse_n),
-            windowed_esr: windowed.esr,
-            window: Second(settings.residual_window_s),
-            // An unknown expectation compares false: no alarm without a yardstick.
-            alarm: windowed.filled && windowed.rsse_n > settings.alarm_ratio * expected,
-        }
-    }
+/// The residual alarm was raised, or it fell.
+///
+/// It is raised when the free run's residual has been larger than `residual.alarm_ratio` times the model's expected
+/// RSSE for so long that noise explains it no oftener than once in `residual.false_alarm_interval_s`; a larger excess
+/// takes less time. It falls when the residual has been smaller for ten blocks, and when the model is swapped, on
+/// a reset, and after a gap in displacement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AlarmChange {
+    /// Stamp of the displacement sample at which it happened.
+    pub stamp: Stamp,
+    /// True when it was raised.
+    pub raised: bool,
+    /// Windowed RSSE over the model's expected one, at that stamp; NaN when a swap, a reset or a gap ended the alarm.
+    pub ratio: f64,
 }
 
 /// A change of mode.

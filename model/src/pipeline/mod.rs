@@ -17,6 +17,7 @@
 //! that a live node does and a replay does not: it lets silence be noticed. What it changes is what the next
 //! displacement would change anyway, so results stay the same.
 
+mod alarm;
 mod estimate;
 mod event;
 mod gate;
@@ -25,7 +26,9 @@ mod mode;
 mod settings;
 mod window;
 
-pub use event::{Cause, Estimate, Event, Reasons, Refusal, Refused, Residual, Slot, Transition, Validity};
+pub use event::{
+    AlarmChange, Cause, Estimate, Event, Reasons, Refusal, Refused, Residual, Slot, Transition, Validity,
+};
 pub use mode::{Conditions, Mode, ModeMachine};
 pub use settings::{Settings, UseForce};
 
@@ -33,6 +36,8 @@ use crate::condition::{ForceAligner, Hold};
 use crate::error::Error;
 use crate::model::Model;
 use crate::sample::{Reading, Sample, Stamp};
+use crate::units::{Newton, Second};
+use alarm::{Alarm, Edge};
 use estimate::Bump;
 use gate::Gate;
 use lane::{FreeLane, SeededLane};
@@ -93,6 +98,8 @@ struct Awaiting {
     predicted_n: f64,
     dt_s: Option<f64>,
     index: u64,
+    /// The model had all that it needs, so that its residual is its own.
+    counts: bool,
 }
 
 /// The pipeline of one damper.
@@ -109,6 +116,7 @@ pub struct Pipeline {
     machine: ModeMachine,
     bump: Bump,
     window: Window,
+    alarm: Alarm,
     /// Displacements accepted so far.
     index: u64,
     last_displacement: Option<Stamp>,
@@ -142,6 +150,7 @@ impl Pipeline {
             machine: ModeMachine::default(),
             bump: Bump::default(),
             window: Window::default(),
+            alarm: Alarm::default(),
             index: 0,
             last_displacement: None,
             last_received: None,
@@ -186,19 +195,25 @@ impl Pipeline {
     ///
     /// # Errors
     /// When a model does not go with the settings; then nothing changes.
-    pub fn swap(&mut self, models: Models) -> Result<(), Error> {
+    pub fn swap(&mut self, models: Models, emit: &mut impl FnMut(Event)) -> Result<(), Error> {
         let mut free = FreeLane::new(self.settings.applied_to(models.free))?;
         let mut seeded = match models.seeded {
             Some(model) => SeededLane::new(self.settings.applied_to(model))?,
             None => None,
         };
+        if let (Some(new), Some(old)) = (free.model().force.drive(), self.free.model().force.drive())
+            && new != old
+        {
+            // A current is no voltage: wait for the first of the new kind.
+            self.drive.clear();
+        }
         free.inherit(&self.free);
         if let (Some(new), Some(old)) = (&mut seeded, &self.seeded) {
             new.inherit(old);
         }
         self.free = free;
         self.seeded = seeded;
-        self.window = Window::default();
+        self.forget_residuals(self.last_displacement.unwrap_or_default(), emit);
         self.bump.expect_step();
         Ok(())
     }
@@ -275,12 +290,25 @@ impl Pipeline {
         self.velocity.clear();
         self.temperature.clear();
         self.force.clear();
-        self.window = Window::default();
+        self.forget_residuals(stamp, emit);
         self.bump = Bump::default();
         self.last_displacement = None;
         self.last_force = None;
         if let Some(transition) = self.machine.force_to(Mode::Fault, cause, stamp) {
             emit(Event::Transition(transition));
+        }
+    }
+
+    /// The residuals from now on are other ones: figures and alarm start anew.
+    fn forget_residuals(&mut self, stamp: Stamp, emit: &mut impl FnMut(Event)) {
+        self.window = Window::default();
+        self.restart_alarm(stamp, emit);
+    }
+
+    /// Starts the alarm's evidence anew, and says so if it stood.
+    fn restart_alarm(&mut self, stamp: Stamp, emit: &mut impl FnMut(Event)) {
+        if self.alarm.restart() {
+            emit(Event::Alarm(AlarmChange { stamp, raised: false, ratio: f64::NAN }));
         }
     }
 
@@ -293,6 +321,9 @@ impl Pipeline {
                 let age = self.index.wrapping_sub(waiting.index) as usize;
                 lane.seed(age, measured_n);
             }
+            if waiting.dt_s.is_none() {
+                self.restart_alarm(stamp, emit);
+            }
             if !waiting.predicted_n.is_finite() {
                 // Filters of measured force and prediction must start at one sample to be comparable.
                 self.free.restart_comparison();
@@ -301,9 +332,25 @@ impl Pipeline {
             let comparable_n = self.free.comparable_force(waiting.dt_s, measured_n);
             let residual_n = comparable_n - waiting.predicted_n;
             let window = self.window.add(stamp, comparable_n, residual_n, &self.settings);
-            let expected_n = self.free.expected_rsse_n();
-            let residual = Residual::new(stamp, comparable_n, residual_n, expected_n, window, &self.settings);
-            emit(Event::Residual(residual));
+            let expected_n = self.free.expected_rsse_n().unwrap_or(f64::NAN);
+            if waiting.counts
+                && let Some(edge) = self.alarm.add(stamp, residual_n / expected_n, &self.settings)
+            {
+                let raised = edge == Edge::Rising;
+                emit(Event::Alarm(AlarmChange { stamp, raised, ratio: window.rsse_n / expected_n }));
+            }
+            emit(Event::Residual(Residual {
+                stamp,
+                measured: Newton(comparable_n),
+                predicted: Newton(waiting.predicted_n),
+                residual: Newton(residual_n),
+                expected_rsse: Newton(expected_n),
+                normalised: residual_n / expected_n,
+                windowed_rsse: Newton(window.rsse_n),
+                windowed_esr: window.esr,
+                window: Second(self.settings.residual_window_s),
+                alarm: self.alarm.is_raised(),
+            }));
         }
     }
 }

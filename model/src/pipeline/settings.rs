@@ -32,8 +32,12 @@ pub struct Settings {
     pub gap_s: f64,
     /// Time constant of the windowed residual figures, s.
     pub residual_window_s: f64,
-    /// Factor over the expected RSSE at which the residual alarm is raised.
+    /// Factor over the expected RSSE that is no fault yet; a residual that stays above it raises the alarm.
     pub alarm_ratio: f64,
+    /// Length of the blocks over which the alarm takes the residual's power, s.
+    pub alarm_block_s: f64,
+    /// Mean time between false alarms, at least, s.
+    pub false_alarm_interval_s: f64,
     /// Filter that replaces the model file's: where it sits and its corner in Hz. `None`: the file's own.
     pub filter: Option<(ApplyTo, f64)>,
 }
@@ -49,7 +53,9 @@ impl Default for Settings {
             bumpless_tau_s: 0.05,
             gap_s: 0.1,
             residual_window_s: 5.0,
-            alarm_ratio: 3.0,
+            alarm_ratio: 1.5,
+            alarm_block_s: 0.5,
+            false_alarm_interval_s: 86_400.0,
             filter: None,
         }
     }
@@ -80,6 +86,13 @@ impl Settings {
         }
         Error::check("residual.alarm_ratio", self.alarm_ratio, "between 1 and 1000", |r| {
             (1.0..=1000.0).contains(&r)
+        })?;
+        Error::check("residual.alarm_block_s", self.alarm_block_s, "between 0.05 and 10 s", |s| {
+            (0.05..=10.0).contains(&s)
+        })?;
+        let interval_s = self.false_alarm_interval_s;
+        Error::check("residual.false_alarm_interval_s", interval_s, "between 60 and 1e9 s", |s| {
+            (60.0..=1e9).contains(&s)
         })?;
         if let Some((_, cutoff_hz)) = self.filter {
             Error::check("filter.cutoff_hz", cutoff_hz, "between 0.1 and 10000 Hz", |f| {

@@ -14,7 +14,6 @@ use crate::sample::Stamp;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Window {
     last: Option<Stamp>,
-    since_start_s: f64,
     weight: f64,
     squared_residual: f64,
     mean_n: f64,
@@ -26,8 +25,6 @@ pub(super) struct Window {
 pub(super) struct Windowed {
     pub(super) rsse_n: f64,
     pub(super) esr: f64,
-    /// Half a window's time has passed, so the figures mean something.
-    pub(super) filled: bool,
 }
 
 impl Window {
@@ -40,7 +37,6 @@ impl Window {
     ) -> Windowed {
         let dt_s = self.last.map_or(0.0, |last| stamp.since(last).get());
         self.last = Some(stamp);
-        self.since_start_s += dt_s;
         let keep = (-dt_s / settings.residual_window_s).exp();
         self.weight = self.weight * keep + 1.0;
         self.squared_residual = self.squared_residual * keep + residual_n * residual_n;
@@ -50,7 +46,6 @@ impl Window {
         Windowed {
             rsse_n: (self.squared_residual / self.weight).sqrt(),
             esr: self.squared_residual / self.spread,
-            filled: self.since_start_s > 0.5 * settings.residual_window_s,
         }
     }
 }
@@ -76,6 +71,5 @@ mod tests {
         let figures = last.expect("samples were added");
         // Five time constants later exp(-5) of the old residual power is left.
         assert!((figures.rsse_n - (100.0 - 99.0 * (-5.0_f64).exp()).sqrt()).abs() < 1e-2, "{figures:?}");
-        assert!(figures.filled);
     }
 }

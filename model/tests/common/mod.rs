@@ -49,7 +49,7 @@ pub(crate) struct Bench {
     pub(crate) epoch_ns: i64,
     pub(crate) period_ns: i64,
     pub(crate) delay_ns: i64,
-    measured_n: Vec<f64>,
+    pub(crate) measured_n: Vec<f64>,
     pub(crate) without_drive: bool,
     pub(crate) constant_current: bool,
 }

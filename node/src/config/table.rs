@@ -184,7 +184,7 @@ macro_rules! input {
     };
 }
 
-const MAIN: [Parameter; 16] = [
+const MAIN: [Parameter; 18] = [
     text!(
         "model",
         Kind::Text,
@@ -264,8 +264,22 @@ const MAIN: [Parameter; 16] = [
         "residual.alarm_ratio",
         1.0..=1000.0,
         true,
-        "windowed RSSE over the expected one at which the alarm is raised",
+        "factor over the model's expected RSSE that is no fault yet; a residual that stays above it raises the alarm",
         settings.alarm_ratio
+    ),
+    double!(
+        "residual.alarm_block_s",
+        0.05..=10.0,
+        true,
+        "length of the blocks over which the alarm takes the residual's power, s",
+        settings.alarm_block_s
+    ),
+    double!(
+        "residual.false_alarm_interval_s",
+        60.0..=1e9,
+        true,
+        "mean time between false alarms, at least, s",
+        settings.false_alarm_interval_s
     ),
     text!(
         "filter.apply_to",

@@ -128,7 +128,7 @@ impl Board {
                 let at_s = self.seconds(transition.stamp);
                 self.changes.push(Change { at_s, transition: *transition });
             }
-            Event::Refusal(_) => {}
+            Event::Refusal(_) | Event::Alarm(_) => {}
         }
     }
 

@@ -65,6 +65,7 @@ fn step(board: &mut Board, k: i64) {
             measured: Newton(force_n),
             predicted: Newton(force_n - 50.0),
             residual: Newton(50.0 * (7.0 * at_s).sin()),
+            expected_rsse: Newton(f64::NAN),
             normalised: 1.0,
             windowed_rsse: Newton(51.5),
             windowed_esr: 0.0123,

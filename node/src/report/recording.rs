@@ -50,7 +50,7 @@ impl Recording {
             Event::Estimate(estimate) => self.estimates.push(*estimate),
             Event::Residual(residual) => self.residuals.push(*residual),
             Event::Transition(transition) => self.transitions.push(*transition),
-            Event::Refusal(_) => {}
+            Event::Refusal(_) | Event::Alarm(_) => {}
         }
     }
 

@@ -10,7 +10,7 @@ use crate::hot::Inlet;
 use crate::ros::Ros;
 use crate::wire::{self, ModelNames};
 use crate::worker::{Stop, Worker};
-use mr_damper_model::pipeline::{Event, Refusal, Refused};
+use mr_damper_model::pipeline::{AlarmChange, Event, Refusal, Refused};
 use mr_damper_model::sample::Channel;
 use mr_damper_msgs::{ForceEstimate, ForceResidual, ModeChange};
 use ros2_client::Publisher;
@@ -22,6 +22,10 @@ use std::time::{Duration, Instant};
 const IDLE: Duration = Duration::from_millis(100);
 /// Spacing of log lines on refused samples of one kind.
 const LOG_EVERY: Duration = Duration::from_secs(1);
+
+/// What to do about a raised alarm.
+pub(crate) const ALARM_ADVICE: &str =
+    "name what the model lacks with `mr-damper close` on recorded runs, then load_model";
 
 /// Counters of the sink.
 #[derive(Debug, Default)]
@@ -155,10 +159,29 @@ impl Publishing {
                 self.log.note(refusal);
                 true
             }
+            Event::Alarm(alarm) => {
+                self.say_alarm(alarm);
+                true
+            }
             Event::Input(_) => true,
         };
         if !published {
             self.counters.failed.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    fn say_alarm(&self, alarm: &AlarmChange) {
+        let names = self.names.read().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let (model, stamp_ns) = (names.free.as_str(), alarm.stamp.nanos());
+        if alarm.raised {
+            tracing::warn!(
+                model,
+                stamp_ns,
+                ratio = format!("{:.2}", alarm.ratio),
+                "residual alarm: the model is off by more than its noise explains; {ALARM_ADVICE}"
+            );
+        } else {
+            tracing::info!(model, stamp_ns, "the residual alarm is over");
         }
     }
 }

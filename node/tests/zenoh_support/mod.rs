@@ -3,7 +3,8 @@
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
 use mr_damper_model::pipeline::{
-    Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, Transition, Validity,
+    AlarmChange, Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, Transition,
+    Validity,
 };
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
@@ -211,6 +212,7 @@ pub(crate) fn residual(nanos: i64, residual_n: f64) -> Event {
         measured: Newton(100.0),
         predicted: Newton(100.0 - residual_n),
         residual: Newton(residual_n),
+        expected_rsse: Newton(f64::NAN),
         normalised: f64::NAN,
         windowed_rsse: Newton(8.0),
         windowed_esr: 0.001,
@@ -240,6 +242,7 @@ pub(crate) fn one_of_each() -> Vec<Event> {
             sample: sample(10, Reading::Displacement(Metre(f64::NAN))),
             why: Refused::NotFinite,
         }),
+        Event::Alarm(AlarmChange { stamp: Stamp::from_nanos(11), raised: true, ratio: 1.75 }),
     ]
 }
 

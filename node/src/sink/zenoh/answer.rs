@@ -6,8 +6,8 @@
 use super::config::Encoding;
 use super::history::{CAPACITY, Held, Wanted};
 use super::meta;
-use super::payload::Payload;
-use super::shared::Shared;
+use super::payload::{Payload, finite};
+use super::shared::{Book, Shared};
 use super::stats::Stats;
 use super::time_range::TimeRange;
 use serde::Serialize;
@@ -122,8 +122,12 @@ fn compose(
         }
         Question::Status => {
             let names = shared.names();
-            let mode = shared.book().mode.map(|mode| mode.name());
-            let status = Status { damper: &shared.damper, mode, model: &names.free, stats: shared.stats() };
+            let (mode, residual) = {
+                let book = shared.book();
+                (book.mode.map(|mode| mode.name()), ResidualStatus::of(&book))
+            };
+            let stats = shared.stats();
+            let status = Status { damper: &shared.damper, mode, model: &names.free, residual, stats };
             to_bytes(&with_head(Question::Status, seq, shared, &status), encoding)
         }
         Question::History => history(query, seq, encoding, shared)?,
@@ -174,8 +178,39 @@ struct Status<'a> {
     damper: &'a str,
     mode: Option<&'static str>,
     model: &'a str,
+    /// None before the first residual.
+    residual: Option<ResidualStatus>,
     #[serde(flatten)]
     stats: Stats,
+}
+
+/// How well the free-running model does, by the last residual.
+#[derive(Serialize)]
+struct ResidualStatus {
+    stamp_ns: i64,
+    windowed_rsse_n: Option<f64>,
+    windowed_esr: Option<f64>,
+    expected_rsse_n: Option<f64>,
+    /// Windowed RSSE over the expected one.
+    ratio: Option<f64>,
+    alarm: bool,
+    /// Stamp of the sample at which the alarm was raised, while it stands.
+    alarm_since_ns: Option<i64>,
+}
+
+impl ResidualStatus {
+    fn of(book: &Book) -> Option<Self> {
+        let residual = book.residual?;
+        Some(Self {
+            stamp_ns: residual.stamp.nanos(),
+            windowed_rsse_n: finite(residual.windowed_rsse.get()),
+            windowed_esr: finite(residual.windowed_esr),
+            expected_rsse_n: finite(residual.expected_rsse.get()),
+            ratio: finite(residual.windowed_rsse.get() / residual.expected_rsse.get()),
+            alarm: residual.alarm,
+            alarm_since_ns: book.alarm.map(|alarm| alarm.stamp.nanos()),
+        })
+    }
 }
 
 #[derive(Serialize)]

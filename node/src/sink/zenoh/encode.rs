@@ -31,7 +31,7 @@ pub(super) enum EncodeError {
     Cdr(#[from] CdrError),
 }
 
-/// The encoding that a topic really has: a refused sample has no ROS message, so it stays CBOR among CDR.
+/// The encoding that a topic really has: what has no ROS message stays CBOR among CDR.
 pub(super) const fn encoding_of(wanted: Encoding, topic: super::topic::Topic) -> Encoding {
     match wanted {
         Encoding::Cdr if topic.ros_type().is_none() => Encoding::Cbor,
@@ -112,7 +112,7 @@ fn ros_bytes(event: &Event, names: &ModelNames, frame_id: &str) -> Option<Result
             to_mode: *to as u8,
             reason: cause.text().to_owned(),
         }),
-        Event::Refusal(_) => return None,
+        Event::Refusal(_) | Event::Alarm(_) => return None,
     })
 }
 

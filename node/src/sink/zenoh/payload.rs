@@ -5,7 +5,9 @@
 //! reads.
 
 use super::topic::Topic;
-use mr_damper_model::pipeline::{Estimate, Event, Mode, Reasons, Refusal, Residual, Transition, Validity};
+use mr_damper_model::pipeline::{
+    AlarmChange, Estimate, Event, Mode, Reasons, Refusal, Residual, Transition, Validity,
+};
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Volt};
 use serde::ser::{SerializeMap, Serializer};
@@ -54,6 +56,8 @@ impl Item {
                 Mode::Hold => Validity::Stale,
                 Mode::Fault => Validity::Invalid,
             },
+            Event::Alarm(alarm) if alarm.raised => Validity::Degraded,
+            Event::Alarm(_) => Validity::Valid,
         };
         Self { event, validity }
     }
@@ -69,6 +73,7 @@ impl Item {
             Event::Estimate(estimate) => estimate.stamp,
             Event::Residual(residual) => residual.stamp,
             Event::Transition(transition) => transition.stamp,
+            Event::Alarm(alarm) => alarm.stamp,
         }
     }
 
@@ -81,6 +86,7 @@ impl Item {
             Event::Estimate(estimate) => Payload::Estimate(EstimatePayload::new(head, estimate, names)),
             Event::Residual(residual) => Payload::Residual(ResidualPayload::new(head, residual)),
             Event::Transition(transition) => Payload::Mode(ModePayload::new(head, transition)),
+            Event::Alarm(alarm) => Payload::Alarm(AlarmPayload::new(head, alarm)),
         }
     }
 }
@@ -107,6 +113,7 @@ pub(super) enum Payload<'a> {
     Residual(ResidualPayload),
     Mode(ModePayload),
     Refused(RefusedPayload),
+    Alarm(AlarmPayload),
 }
 
 /// An accepted input; its field is named after the channel.
@@ -245,6 +252,27 @@ impl RefusedPayload {
             value: finite(reading.get()),
             unit: unit_of(reading),
             reason: refusal.why.text(),
+        }
+    }
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct AlarmPayload {
+    seq: u64,
+    stamp_ns: i64,
+    validity: &'static str,
+    raised: bool,
+    ratio: Option<f64>,
+}
+
+impl AlarmPayload {
+    fn new(head: Head, alarm: &AlarmChange) -> Self {
+        Self {
+            seq: head.seq,
+            stamp_ns: head.stamp_ns,
+            validity: head.validity,
+            raised: alarm.raised,
+            ratio: finite(alarm.ratio),
         }
     }
 }

@@ -2,7 +2,8 @@
 
 use super::payload::ModelNames;
 use mr_damper_model::pipeline::{
-    Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, Transition, Validity,
+    AlarmChange, Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, Transition,
+    Validity,
 };
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
@@ -43,6 +44,7 @@ pub(super) fn residual(nanos: i64, residual_n: f64) -> Event {
         measured: Newton(100.0),
         predicted: Newton(100.0 - residual_n),
         residual: Newton(residual_n),
+        expected_rsse: Newton(10.0),
         normalised: residual_n / 10.0,
         windowed_rsse: Newton(8.0),
         windowed_esr: 0.001,
@@ -72,5 +74,6 @@ pub(super) fn one_of_each() -> Vec<Event> {
             sample: sample(10, Reading::Displacement(Metre(f64::NAN))),
             why: Refused::NotFinite,
         }),
+        Event::Alarm(AlarmChange { stamp: Stamp::from_nanos(11), raised: true, ratio: 1.75 }),
     ]
 }

@@ -7,7 +7,7 @@ use super::history::History;
 use super::payload::{Item, ModelNames};
 use super::stats::{MirrorState, RouteCount, Stats};
 use super::topic::Topic;
-use mr_damper_model::pipeline::{Event, Mode, Validity};
+use mr_damper_model::pipeline::{AlarmChange, Event, Mode, Residual, Validity};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -80,6 +80,10 @@ pub(super) struct Book {
     pub(super) mode: Option<Mode>,
     /// Validity of the last estimate.
     pub(super) validity: Validity,
+    /// The last residual.
+    pub(super) residual: Option<Residual>,
+    /// How the alarm was raised, while it stands.
+    pub(super) alarm: Option<AlarmChange>,
 }
 
 impl Book {
@@ -92,7 +96,9 @@ impl Book {
                 (self.mode, self.validity) = (Some(estimate.mode), estimate.validity)
             }
             Event::Transition(transition) => self.mode = Some(transition.to),
-            Event::Input(_) | Event::Refusal(_) | Event::Residual(_) => {}
+            Event::Residual(residual) => self.residual = Some(*residual),
+            Event::Alarm(alarm) => self.alarm = alarm.raised.then_some(*alarm),
+            Event::Input(_) | Event::Refusal(_) => {}
         }
         self.history.push(item, seq, clock.nanos_at(at));
     }
@@ -117,6 +123,8 @@ impl Shared {
             history: History::new(config.history_s),
             mode: None,
             validity: Validity::Invalid,
+            residual: None,
+            alarm: None,
         };
         Self {
             damper,

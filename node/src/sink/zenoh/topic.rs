@@ -26,6 +26,8 @@ pub enum Topic {
     Mode,
     /// Samples that were refused.
     Refused,
+    /// The residual alarm rises and falls.
+    Alarm,
 }
 
 /// One field of a payload: name, unit (empty for text and truth values), meaning.
@@ -33,7 +35,7 @@ pub(super) type Field = (&'static str, &'static str, &'static str);
 
 impl Topic {
     /// All topics, in the order of their indices.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Displacement,
         Self::Velocity,
         Self::CoilCurrent,
@@ -44,6 +46,7 @@ impl Topic {
         Self::ForceResidual,
         Self::Mode,
         Self::Refused,
+        Self::Alarm,
     ];
 
     /// The topic's name, the last part of its keys; that of the ROS topic where there is one.
@@ -60,6 +63,7 @@ impl Topic {
             Self::ForceResidual => "force_residual",
             Self::Mode => "mode",
             Self::Refused => "refused",
+            Self::Alarm => "alarm",
         }
     }
 
@@ -85,16 +89,18 @@ impl Topic {
             Event::Estimate(_) => Self::ForceEstimate,
             Event::Residual(_) => Self::ForceResidual,
             Event::Transition(_) => Self::Mode,
+            Event::Alarm(_) => Self::Alarm,
         }
     }
 
     /// True for what enters the node.
     #[must_use]
     pub const fn is_input(self) -> bool {
-        !matches!(self, Self::ForceEstimate | Self::ForceResidual | Self::Mode | Self::Refused)
+        !matches!(self, Self::ForceEstimate | Self::ForceResidual | Self::Mode | Self::Refused | Self::Alarm)
     }
 
-    /// The ROS message type of the topic; none for [`Topic::Refused`], which stays CBOR among CDR.
+    /// The ROS message type of the topic; none for [`Topic::Refused`] and [`Topic::Alarm`], which stay CBOR among
+    /// CDR.
     #[must_use]
     pub const fn ros_type(self) -> Option<&'static str> {
         Some(match self {
@@ -107,7 +113,7 @@ impl Topic {
             Self::ForceEstimate => "mr_damper_msgs/msg/ForceEstimate",
             Self::ForceResidual => "mr_damper_msgs/msg/ForceResidual",
             Self::Mode => "mr_damper_msgs/msg/ModeChange",
-            Self::Refused => return None,
+            Self::Refused | Self::Alarm => return None,
         })
     }
 
@@ -120,7 +126,7 @@ impl Topic {
             Self::CommandVoltage => "command_v",
             Self::CaseTemperature => "case_temp_c",
             Self::MeasuredForce => "force_n",
-            Self::ForceEstimate | Self::ForceResidual | Self::Mode | Self::Refused => "value",
+            Self::ForceEstimate | Self::ForceResidual | Self::Mode | Self::Refused | Self::Alarm => "value",
         }
     }
 
@@ -149,12 +155,20 @@ impl Topic {
                 ("windowed_rsse_n", "N", "root mean squared residual, forgetting exponentially"),
                 ("windowed_esr", "1", "its square over the variance of the measured force"),
                 ("window_s", "s", "time constant of the forgetting"),
-                ("alarm", "", "true when the residual is larger than noise explains"),
+                ("alarm", "", "true while the residual alarm stands"),
             ],
             Self::Mode => &[
                 ("from_mode", "", "one of modes"),
                 ("to_mode", "", "one of modes"),
                 ("reason", "", "why, for people"),
+            ],
+            Self::Alarm => &[
+                ("raised", "", "true when the alarm was raised, false when it fell"),
+                (
+                    "ratio",
+                    "1",
+                    "windowed RSSE over the expected one; null when a swap, reset or gap ended the alarm",
+                ),
             ],
             Self::Refused => &[
                 ("topic", "", "the input's topic"),

@@ -1,0 +1,105 @@
+//! The residual alarm as the pipeline's users see it: raised, over, and what ends it at once.
+
+mod common;
+
+use common::{Bench, preset};
+use mr_damper_model::model::Model;
+use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
+use mr_damper_model::preset::BEST_FUZZY_TANH;
+
+/// Samples of a second.
+const SECOND: i64 = 512;
+
+/// A bench on which the measured force is the model's own, plus `bias` times the RSSE that is expected of it.
+fn biased(bias: f64, seconds: i64) -> Bench {
+    let expected_n = preset(BEST_FUZZY_TANH).expected.free_run_rsse_n.expect("the preset states one");
+    let mut bench = Bench::new(Settings::default());
+    bench.measure_free_run_plus(bias * expected_n, seconds * SECOND);
+    bench
+}
+
+/// Changes of the alarm, a line each.
+fn changes(bench: &Bench) -> String {
+    let line = |event: &Event| match event {
+        Event::Alarm(a) => {
+            let change = if a.raised { "raised" } else { "over" };
+            Some(format!("{:6.2} s  {change:<6}  ratio {:.2}", a.stamp.nanos() as f64 / 1e9, a.ratio))
+        }
+        _ => None,
+    };
+    bench.events.iter().filter_map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// Residuals say of the alarm what its last change said.
+fn assert_residuals_follow(bench: &Bench) {
+    let mut raised = false;
+    for event in &bench.events {
+        match event {
+            Event::Alarm(change) => {
+                assert_ne!(change.raised, raised, "only changes are told");
+                raised = change.raised;
+            }
+            Event::Residual(residual) => assert_eq!(residual.alarm, raised, "{residual:?}"),
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn a_model_that_is_as_good_as_expected_raises_no_alarm() {
+    let mut bench = biased(1.0, 60);
+    bench.run(0..60 * SECOND, |_| true);
+    assert!(bench.residuals().count() > 59 * SECOND as usize);
+    assert_eq!(changes(&bench), "");
+}
+
+#[test]
+fn the_alarm_rises_when_the_model_is_off_and_falls_when_it_is_right_again() {
+    let mut bench = biased(3.0, 20);
+    bench.run(0..20 * SECOND, |_| true);
+    let mut right = biased(0.5, 40);
+    right.run(0..20 * SECOND, |_| true);
+    // The first bench goes on with what the second one measures.
+    std::mem::swap(&mut bench.measured_n, &mut right.measured_n);
+    bench.run(20 * SECOND..40 * SECOND, |_| true);
+    insta::assert_snapshot!(changes(&bench), @"
+      5.05 s  raised  ratio 3.00
+     25.05 s  over    ratio 1.84
+    ");
+    assert_residuals_follow(&bench);
+}
+
+#[test]
+fn a_swap_a_reset_and_a_gap_end_it_at_once() {
+    let mut bench = biased(3.0, 60);
+    let models = Models::alone(preset(BEST_FUZZY_TANH));
+    bench.run(0..12 * SECOND, |_| true);
+    let events = &mut bench.events;
+    bench.pipeline.swap(models, &mut |event| events.push(event)).expect("a preset goes with the settings");
+    bench.run(12 * SECOND..24 * SECOND, |_| true);
+    let events = &mut bench.events;
+    bench.pipeline.reset(&mut |event| events.push(event));
+    bench.run(24 * SECOND..36 * SECOND, |_| true);
+    bench.run(37 * SECOND..49 * SECOND, |_| true);
+    insta::assert_snapshot!(changes(&bench), @"
+      5.05 s  raised  ratio 3.00
+     12.00 s  over    ratio NaN
+     17.00 s  raised  ratio 3.00
+     24.00 s  over    ratio NaN
+     29.05 s  raised  ratio 3.00
+     37.00 s  over    ratio NaN
+     42.05 s  raised  ratio 3.00
+    ");
+    assert_residuals_follow(&bench);
+}
+
+#[test]
+fn without_an_expected_rsse_there_is_no_alarm() {
+    let mut model: Model = preset(BEST_FUZZY_TANH);
+    model.expected.free_run_rsse_n = None;
+    let mut bench = biased(100.0, 30);
+    bench.pipeline = Pipeline::new(Models::alone(model), Settings::default()).expect("it runs");
+    bench.run(0..30 * SECOND, |_| true);
+    assert!(bench.residuals().all(|r| !r.alarm && r.expected_rsse.get().is_nan()));
+    assert_eq!(changes(&bench), "");
+}
