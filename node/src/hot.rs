@@ -33,8 +33,8 @@ const TICK: Duration = Duration::from_millis(20);
 pub enum Command {
     /// Other settings. They were validated by the sender.
     Configure(Settings),
-    /// Other models, swapped in between two samples.
-    Swap(Models),
+    /// Other models, swapped in between two samples, and the settings that go with them.
+    Swap(Models, Settings),
     /// Forget all history.
     Reset,
 }
@@ -105,6 +105,8 @@ pub struct HotCounters {
     pub samples: AtomicU64,
     /// Samples lost because the ring was full.
     pub overflow: AtomicU64,
+    /// Commands obeyed.
+    pub obeyed: AtomicU64,
 }
 
 /// Where a source puts its samples.
@@ -133,6 +135,8 @@ impl SampleSink {
 /// The estimating thread, from outside.
 pub struct Hot {
     commands: Producer<Command>,
+    /// Commands sent.
+    sent: u64,
     counters: Arc<HotCounters>,
     worker: Worker,
 }
@@ -151,14 +155,16 @@ impl Hot {
             move |stop| run(pipeline, outlets, samples, command_ring, stop, &counters)
         })?;
         let sink = SampleSink { ring: sample_ring, counters: Arc::clone(&counters), thread: worker.thread() };
-        Ok((Self { commands, counters, worker }, sink))
+        Ok((Self { commands, sent: 0, counters, worker }, sink))
     }
 
-    /// Asks for a change; `false` when too many are waiting already.
-    pub fn command(&mut self, command: Command) -> bool {
+    /// Asks for a change; `None` when too many are waiting already. It is in force once
+    /// [`HotCounters::obeyed`] has reached the number that is returned.
+    pub fn command(&mut self, command: Command) -> Option<u64> {
         let sent = self.commands.push(command).is_ok();
         self.worker.thread().unpark();
-        sent
+        self.sent += u64::from(sent);
+        sent.then_some(self.sent)
     }
 
     /// The thread's counters.
@@ -194,6 +200,7 @@ fn run(
     loop {
         while let Ok(command) = commands.pop() {
             obey(&mut pipeline, command, &mut outlets);
+            counters.obeyed.fetch_add(1, Ordering::Release);
         }
         let mut worked = false;
         while let Ok(sample) = samples.pop() {
@@ -227,7 +234,8 @@ fn obey(pipeline: &mut Pipeline, command: Command, outlets: &mut [Outlet]) {
         Command::Configure(settings) => {
             let _ = pipeline.configure(settings);
         }
-        Command::Swap(models) => {
+        Command::Swap(models, settings) => {
+            let _ = pipeline.configure(settings);
             let mut fanout = Fanout::new(outlets);
             let _ = pipeline.swap(models, &mut |event| fanout.put(event));
             fanout.wake();

@@ -75,8 +75,31 @@ pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
     Ok((models, names))
 }
 
+/// `next` as it follows `running` on a node that goes on: an ARX that runs stays where `next` has none, because the damper
+/// is the same.
+///
+/// # Errors
+/// When `next` wants another drive than the node is fed with.
+pub fn succeeding(next: Models, running: &Models) -> Result<Models, NodeError> {
+    let drive = |models: &Models| {
+        models.free.force.drive().or_else(|| models.seeded.and_then(|seeded| seeded.force.drive()))
+    };
+    if let (Some(wanted), Some(fed)) = (drive(&next), drive(running))
+        && wanted != fed
+    {
+        return Err(NodeError::Failed(format!(
+            "the model wants {wanted}, but the node is fed with {fed}; load a model that was identified on {fed}, or \
+             start another node for this one"
+        )));
+    }
+    Ok(match (next.seeded, running.seeded) {
+        (None, Some(seeded)) => next.with_seeded(seeded)?,
+        _ => next,
+    })
+}
+
 /// SHA-256 over both models' parameters, in hex: equal models have equal hashes whatever their file.
-fn hash(models: &Models) -> String {
+pub(crate) fn hash(models: &Models) -> String {
     let mut hasher = Sha256::new();
     hasher.update(format!("{models:?}"));
     hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()

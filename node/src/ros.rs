@@ -6,11 +6,17 @@
 
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
-use mr_damper_msgs::Message;
+use mr_damper_msgs::{Message, Service};
 use ros2_client::qos::{History, QosProfile};
-use ros2_client::{Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, Subscription};
+use ros2_client::service::{Client, Server};
+use ros2_client::{
+    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, ServiceMapping, ServiceTypeName,
+    Subscription,
+};
 use rustdds::DomainParticipantBuilder;
+use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 
 /// Depth of every topic's history, one second at 1 kHz. It never shows to a peer. A writer drops what its middleware's
@@ -18,9 +24,25 @@ use std::thread::JoinHandle;
 /// keeps in it what the source thread has not taken.
 const DEPTH: usize = 1024;
 
+/// Requests and answers that a service keeps, as everywhere in ROS 2.
+const SERVICE_DEPTH: usize = 10;
+
+/// A part of a service, as the client library wants it.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Part<M>(pub M);
+
+impl<M: Message> ros2_client::Message for Part<M> {}
+
+/// The server of a service.
+pub type ServerOf<S> = Server<Part<<S as Service>::Request>, Part<<S as Service>::Response>>;
+
+/// A client of a service.
+pub type ClientOf<S> = Client<Part<<S as Service>::Request>, Part<<S as Service>::Response>>;
+
 /// A ROS 2 node of this process.
 pub struct Ros {
-    node: Node,
+    node: Arc<Node>,
     context: Context,
     spinner: JoinHandle<()>,
 }
@@ -100,7 +122,7 @@ impl Ros {
                 );
             }
         })?;
-        Ok(Self { node, context, spinner })
+        Ok(Self { node: Arc::new(node), context, spinner })
     }
 
     /// Subscribes to a topic by its full name: best effort, so that any publisher matches.
@@ -110,7 +132,7 @@ impl Ros {
     pub fn subscribe<M: Message>(&mut self, topic: &str) -> Result<Subscription<M>, NodeError> {
         let qos = QosProfile::subscription_default().history(History::KeepLast { depth: DEPTH });
         let topic_handle = self.topic::<M>(topic, &qos)?;
-        self.node
+        self.own()?
             .create_subscription(&topic_handle, None)
             .map_err(|e| failed(format!("subscribing to {topic}"), &e, ""))
     }
@@ -122,9 +144,56 @@ impl Ros {
     pub fn publish<M: Message>(&mut self, topic: &str) -> Result<Publisher<M>, NodeError> {
         let qos = QosProfile::publisher_default().history(History::KeepLast { depth: DEPTH });
         let topic_handle = self.topic::<M>(topic, &qos)?;
-        self.node
+        self.own()?
             .create_publisher(&topic_handle, None)
             .map_err(|e| failed(format!("publishing {topic}"), &e, ""))
+    }
+
+    /// Offers a service by its full name.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn serve<S: Service>(&mut self, service: &str) -> Result<ServerOf<S>, NodeError> {
+        let qos = QosProfile::publisher_default().history(History::KeepLast { depth: SERVICE_DEPTH });
+        let name = Name::parse(service)
+            .map_err(|e| failed(format!("service name {service}"), &e, "use letters, digits, _ and /"))?;
+        // What ROS 2 has used with all its middleware since Foxy.
+        self.own()?
+            .create_server(
+                ServiceMapping::Enhanced,
+                &name,
+                &ServiceTypeName::new(S::PACKAGE, S::NAME),
+                qos.clone(),
+                qos,
+            )
+            .map_err(|e| failed(format!("offering {service}"), &e, ""))
+    }
+
+    /// A client of a service by its full name.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn client<S: Service>(&mut self, service: &str) -> Result<ClientOf<S>, NodeError> {
+        let qos = QosProfile::publisher_default().history(History::KeepLast { depth: SERVICE_DEPTH });
+        let name = Name::parse(service)
+            .map_err(|e| failed(format!("service name {service}"), &e, "use letters, digits, _ and /"))?;
+        self.own()?
+            .create_client(
+                ServiceMapping::Enhanced,
+                &name,
+                &ServiceTypeName::new(S::PACKAGE, S::NAME),
+                qos.clone(),
+                qos,
+            )
+            .map_err(|e| failed(format!("calling {service}"), &e, ""))
+    }
+
+    /// The node, for what creates something on it.
+    fn own(&mut self) -> Result<&mut Node, NodeError> {
+        Arc::get_mut(&mut self.node).ok_or_else(|| NodeError::Ros {
+            what: "creating something on the node".to_owned(),
+            why: "it is shared with a thread already; create it before that".to_owned(),
+        })
     }
 
     fn topic<M: Message>(&self, topic: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
@@ -139,6 +208,12 @@ impl Ros {
     #[must_use]
     pub fn node(&self) -> &Node {
         &self.node
+    }
+
+    /// The node, for a thread that has to end before [`Ros::stop`]. Nothing can be created on it from then on.
+    #[must_use]
+    pub fn share(&self) -> Arc<Node> {
+        Arc::clone(&self.node)
     }
 
     /// True while the node's background thread runs.

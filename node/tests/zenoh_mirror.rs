@@ -16,7 +16,7 @@ fn every_topic_is_published_as_cbor_and_for_the_web_as_json() {
     let session = consumer(&rig.endpoint);
     let inbox = subscribe(&session, "mr_damper/**");
     one_of_each().into_iter().for_each(|event| rig.feeder.push(event));
-    wait_until("each topic in both trees", || inbox.len() == 20);
+    wait_until("each topic in both trees", || inbox.len() == 2 * Topic::ALL.len());
     for topic in Topic::ALL {
         let name = topic.name();
         let state = inbox.of(&format!("state/{name}"));
@@ -39,6 +39,10 @@ fn every_topic_is_published_as_cbor_and_for_the_web_as_json() {
     assert_eq!(estimate, expected);
     assert_eq!(json(&inbox.of("web/force_residual")[0])["validity"], "EXTRAPOLATING");
     assert!(json(&inbox.of("web/refused")[0])["value"].is_null());
+    let alarm = serde_json::json!({
+        "seq": 1, "stamp_ns": 11, "validity": "DEGRADED", "raised": true, "ratio": 1.75,
+    });
+    assert_eq!(json(&inbox.of("web/alarm")[0]), alarm);
 }
 
 #[test]
@@ -85,7 +89,7 @@ fn cdr_is_the_ros_message_with_the_rest_attached() {
     let session = consumer(&rig.endpoint);
     let inbox = subscribe(&session, "mr_damper/front_left/state/*");
     one_of_each().into_iter().for_each(|event| rig.feeder.push(event));
-    wait_until("all topics", || inbox.len() == 10);
+    wait_until("all topics", || inbox.len() == Topic::ALL.len());
     let sample = &inbox.of("state/force_estimate")[0];
     assert_eq!(sample.encoding().to_string(), "application/cdr");
     let message: ForceEstimate = cdr::from_slice(&sample.payload().to_bytes()).expect("this is CDR");
@@ -167,7 +171,9 @@ fn meta_says_how_to_read_each_topic() {
     assert_eq!(meta["topics"]["displacement"]["direction"], "in");
     assert!(meta["sign_convention"].as_str().is_some_and(|text| text.contains("tension")));
     assert!(meta["not_finite"].as_str().is_some_and(|text| text.contains("null")));
-    rig.mirror.set_models(mr_damper_node::sink::zenoh::ModelNames { free: "mine.toml".into(), ..names() });
+    rig.mirror
+        .renamer()
+        .rename(mr_damper_node::sink::zenoh::ModelNames { free: "mine.toml".into(), ..names() });
     assert_eq!(ask(&session, "meta")["models"]["free"], "mine.toml");
 }
 
@@ -214,13 +220,18 @@ fn status_shows_what_flowed_and_what_was_lost() {
     let session = consumer(&rig.endpoint);
     one_of_each().into_iter().for_each(|event| rig.feeder.push(event));
     rig.feeder.dropped.fetch_add(3, std::sync::atomic::Ordering::Relaxed);
-    wait_until("the mirror took all", || rig.mirror.stats().events == 10);
+    wait_until("the mirror took all", || rig.mirror.stats().events == Topic::ALL.len() as u64);
     wait_until("the consumer is counted", || rig.mirror.stats().connected == 1);
     let status = ask(&session, "status");
     assert_eq!(status["schema"], "mr-damper/zenoh-status/1");
-    assert_eq!((&status["ring_dropped"], &status["events"]), (&3.into(), &10.into()));
+    assert_eq!((&status["ring_dropped"], &status["events"]), (&3.into(), &Topic::ALL.len().into()));
+    let residual = serde_json::json!({
+        "stamp_ns": 7, "windowed_rsse_n": 8.0, "windowed_esr": 0.001, "expected_rsse_n": null, "ratio": null,
+        "alarm": false, "alarm_since_ns": 11,
+    });
+    assert_eq!(status["residual"], residual);
     assert_eq!((&status["state"], &status["mode"]), (&"running".into(), &"model".into()));
-    assert_eq!(status["routes"].as_array().map(Vec::len), Some(20));
+    assert_eq!(status["routes"].as_array().map(Vec::len), Some(2 * Topic::ALL.len()));
     let route = &status["routes"][6];
     assert_eq!(route["key"], "mr_damper/front_left/state/force_estimate");
     assert_eq!((&route["sent"], &route["dropped"]), (&1.into(), &0.into()));

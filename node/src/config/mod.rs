@@ -81,6 +81,8 @@ pub struct Config {
     pub command_voltage: InputConfig,
     /// Measured force input.
     pub measured_force: InputConfig,
+    /// Length of the raw input that is kept for `close_loop`, s.
+    pub history_duration_s: f64,
     /// How long a displacement waits for drive, velocity and force of its stamp, s.
     pub align_wait_s: f64,
     /// ROS domain; negative: `ROS_DOMAIN_ID`, else 0.
@@ -104,6 +106,7 @@ impl Default for Config {
             coil_current: InputConfig::default(),
             command_voltage: InputConfig::default(),
             measured_force: InputConfig::default(),
+            history_duration_s: 120.0,
             align_wait_s: 0.05,
             domain_id: -1,
             discovery_range: "system_default".to_owned(),

@@ -184,7 +184,7 @@ macro_rules! input {
     };
 }
 
-const MAIN: [Parameter; 18] = [
+const MAIN: [Parameter; 19] = [
     text!(
         "model",
         Kind::Text,
@@ -280,6 +280,13 @@ const MAIN: [Parameter; 18] = [
         true,
         "mean time between false alarms, at least, s",
         settings.false_alarm_interval_s
+    ),
+    double!(
+        "history.duration_s",
+        10.0..=3600.0,
+        true,
+        "length of the raw input that is kept for close_loop, s",
+        history_duration_s
     ),
     text!(
         "filter.apply_to",

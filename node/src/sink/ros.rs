@@ -5,6 +5,7 @@
 //! with a count.
 
 use crate::config::RosArgs;
+use crate::diagnostics::ALARM_ADVICE;
 use crate::error::NodeError;
 use crate::hot::Inlet;
 use crate::ros::Ros;
@@ -22,10 +23,6 @@ use std::time::{Duration, Instant};
 const IDLE: Duration = Duration::from_millis(100);
 /// Spacing of log lines on refused samples of one kind.
 const LOG_EVERY: Duration = Duration::from_secs(1);
-
-/// What to do about a raised alarm.
-pub(crate) const ALARM_ADVICE: &str =
-    "name what the model lacks with `mr-damper close` on recorded runs, then load_model";
 
 /// Counters of the sink.
 #[derive(Debug, Default)]

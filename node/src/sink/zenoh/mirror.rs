@@ -99,9 +99,10 @@ impl Mirror {
         self.thread.clone()
     }
 
-    /// Names other models, after others were loaded; events in the ring get the new names too.
-    pub fn set_models(&self, names: ModelNames) {
-        self.shared.set_names(names);
+    /// What names other models, after others were loaded.
+    #[must_use]
+    pub fn renamer(&self) -> Renamer {
+        Renamer(Arc::clone(&self.shared))
     }
 
     /// The counters.
@@ -135,6 +136,17 @@ impl Drop for Mirror {
             // The panic, if any, was caught and reported.
             Ok(()) | Err(mpsc::RecvTimeoutError::Disconnected) => drop(handle.join()),
         }
+    }
+}
+
+/// Tells a mirror the names of the models that run.
+#[derive(Debug, Clone)]
+pub struct Renamer(Arc<Shared>);
+
+impl Renamer {
+    /// Names other models, after others were loaded; events in the ring get the new names too.
+    pub fn rename(&self, names: ModelNames) {
+        self.0.set_names(names);
     }
 }
 

@@ -42,7 +42,7 @@ mod topic;
 pub use config::{Encoding, SessionMode, ZenohConfig};
 pub use error::ZenohError;
 pub use link::Link;
-pub use mirror::{Damper, Mirror};
+pub use mirror::{Damper, Mirror, Renamer};
 pub use payload::ModelNames;
 pub use stats::{MirrorState, RouteStats, Stats};
 pub use topic::Topic;

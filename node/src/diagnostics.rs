@@ -1,0 +1,197 @@
+//! What `/diagnostics` says of a running damper: one status for the free run's residual.
+
+use mr_damper_model::pipeline::{AlarmChange, Event, Residual};
+use mr_damper_msgs::standard::{DiagnosticStatus, KeyValue};
+use std::time::{Duration, Instant};
+
+/// What to do about a raised alarm.
+pub const ALARM_ADVICE: &str = "name what the model lacks with `mr-damper close` on recorded runs, and swap the new model in with load_model";
+
+/// Age of the last residual beyond which there is none.
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// What is known of the residual.
+#[derive(Debug, Clone, Default)]
+pub struct Health {
+    residual: Option<(Residual, Instant)>,
+    /// How the alarm was raised, while it stands.
+    alarm: Option<AlarmChange>,
+}
+
+/// What a status says besides the health.
+#[derive(Debug, Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// Name of the node, with its namespace.
+    pub node: &'a str,
+    /// The damper: the node's namespace, or empty.
+    pub damper: &'a str,
+    /// Name of the free-running model.
+    pub model: &'a str,
+    /// `residual.false_alarm_interval_s`.
+    pub false_alarm_interval_s: f64,
+    /// Seconds of raw input that are kept.
+    pub history_s: f64,
+}
+
+impl Health {
+    /// Takes an event that came `at`.
+    pub fn take(&mut self, event: &Event, at: Instant) {
+        match event {
+            Event::Residual(residual) => self.residual = Some((*residual, at)),
+            Event::Alarm(change) => self.alarm = change.raised.then_some(*change),
+            Event::Input(_) | Event::Refusal(_) | Event::Estimate(_) | Event::Transition(_) => {}
+        }
+    }
+
+    /// The status at `now`.
+    #[must_use]
+    pub fn residual_status(&self, now: Instant, around: &Surroundings<'_>) -> DiagnosticStatus {
+        let (level, message) = self.verdict(now);
+        let mut values = vec![
+            value("model", around.model),
+            value("alarm", if self.alarm.is_some() { "true" } else { "false" }),
+            value("false_alarm_interval_s", around.false_alarm_interval_s),
+            value("history_s", format_args!("{:.1}", around.history_s)),
+        ];
+        if let Some((residual, _)) = &self.residual {
+            let figures = [
+                ("windowed_rsse_n", residual.windowed_rsse.get()),
+                ("expected_rsse_n", residual.expected_rsse.get()),
+                ("ratio", ratio(residual)),
+                ("windowed_esr", residual.windowed_esr),
+            ];
+            values.extend(figures.map(|(key, figure)| value(key, format_args!("{figure:.4}"))));
+        }
+        if let Some(alarm) = &self.alarm {
+            values.push(value("alarm_since_s", seconds(alarm)));
+        }
+        DiagnosticStatus {
+            level,
+            name: format!("{}: residual", around.node),
+            message,
+            hardware_id: around.damper.to_owned(),
+            values,
+        }
+    }
+
+    fn verdict(&self, now: Instant) -> (u8, String) {
+        let Some((residual, at)) = &self.residual else {
+            let message =
+                "no residual yet: it needs measured_force at the stamps of displacement, and an estimate";
+            return (DiagnosticStatus::STALE, message.to_owned());
+        };
+        let age = now.saturating_duration_since(*at);
+        if age > SILENCE {
+            let message = format!(
+                "no residual for {:.0} s: measured_force or displacement is silent",
+                age.as_secs_f64()
+            );
+            return (DiagnosticStatus::STALE, message);
+        }
+        let ratio = ratio(residual);
+        if let Some(alarm) = &self.alarm {
+            let message = format!(
+                "the model is off: its residual is {ratio:.2} times what its identification promised, alarm since {} s; {ALARM_ADVICE}",
+                seconds(alarm)
+            );
+            return (DiagnosticStatus::WARN, message);
+        }
+        let message = if ratio.is_nan() {
+            "the model file states no expected RSSE, so there is no alarm".to_owned()
+        } else {
+            format!("the residual is {ratio:.2} times what the model's identification promised; no alarm")
+        };
+        (DiagnosticStatus::OK, message)
+    }
+}
+
+fn ratio(residual: &Residual) -> f64 {
+    residual.windowed_rsse.get() / residual.expected_rsse.get()
+}
+
+/// The stamp of the alarm, as `ros2 topic echo` shows stamps: seconds and a fraction.
+fn seconds(alarm: &AlarmChange) -> String {
+    let nanos = alarm.stamp.nanos();
+    format!("{}.{:03}", nanos.div_euclid(1_000_000_000), nanos.rem_euclid(1_000_000_000) / 1_000_000)
+}
+
+fn value(key: &str, value: impl std::fmt::Display) -> KeyValue {
+    KeyValue { key: key.to_owned(), value: value.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mr_damper_model::sample::Stamp;
+    use mr_damper_model::units::{Newton, Second};
+    use std::fmt::Write;
+
+    fn residual(rsse_n: f64, expected_n: f64) -> Event {
+        Event::Residual(Residual {
+            stamp: Stamp::from_nanos(1_700_000_000_250_000_000),
+            measured: Newton(100.0),
+            predicted: Newton(90.0),
+            residual: Newton(10.0),
+            expected_rsse: Newton(expected_n),
+            normalised: 10.0 / expected_n,
+            windowed_rsse: Newton(rsse_n),
+            windowed_esr: 0.0123,
+            window: Second(5.0),
+            alarm: false,
+        })
+    }
+
+    fn change(raised: bool) -> Event {
+        Event::Alarm(AlarmChange { stamp: Stamp::from_nanos(1_700_000_000_250_000_000), raised, ratio: 3.0 })
+    }
+
+    #[test]
+    fn statuses_as_text() {
+        let begin = Instant::now();
+        let around = Surroundings {
+            node: "/front_left/mr_damper",
+            damper: "front_left",
+            model: "thesis/fuzzy-tanh/rp3-cs",
+            false_alarm_interval_s: 86_400.0,
+            history_s: 120.0,
+        };
+        let script: [(&str, &[Event], u64); 6] = [
+            ("at the start", &[], 0),
+            ("as good as expected", &[residual(52.0, 50.0)], 0),
+            ("the alarm rises", &[change(true), residual(150.0, 50.0)], 1),
+            ("measured force stops", &[], 4),
+            ("it comes again, and the alarm falls", &[change(false), residual(49.0, 50.0)], 5),
+            ("a model without an expectation", &[residual(49.0, f64::NAN)], 6),
+        ];
+        let (mut health, mut text) = (Health::default(), String::new());
+        for (what, events, at_s) in script {
+            let now = begin + Duration::from_secs(at_s);
+            for event in events {
+                health.take(event, now);
+            }
+            let status = health.residual_status(now, &around);
+            writeln!(
+                text,
+                "{what}: {} {} [{}] {}",
+                status.level, status.name, status.hardware_id, status.message
+            )
+            .expect("a text");
+            let values: Vec<_> = status.values.iter().map(|v| format!("{}={}", v.key, v.value)).collect();
+            writeln!(text, "    {}", values.join(" ")).expect("a text");
+        }
+        insta::assert_snapshot!(text, @"
+        at the start: 3 /front_left/mr_damper: residual [front_left] no residual yet: it needs measured_force at the stamps of displacement, and an estimate
+            model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0
+        as good as expected: 0 /front_left/mr_damper: residual [front_left] the residual is 1.04 times what the model's identification promised; no alarm
+            model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=52.0000 expected_rsse_n=50.0000 ratio=1.0400 windowed_esr=0.0123
+        the alarm rises: 1 /front_left/mr_damper: residual [front_left] the model is off: its residual is 3.00 times what its identification promised, alarm since 1700000000.250 s; name what the model lacks with `mr-damper close` on recorded runs, and swap the new model in with load_model
+            model=thesis/fuzzy-tanh/rp3-cs alarm=true false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=150.0000 expected_rsse_n=50.0000 ratio=3.0000 windowed_esr=0.0123 alarm_since_s=1700000000.250
+        measured force stops: 3 /front_left/mr_damper: residual [front_left] no residual for 3 s: measured_force or displacement is silent
+            model=thesis/fuzzy-tanh/rp3-cs alarm=true false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=150.0000 expected_rsse_n=50.0000 ratio=3.0000 windowed_esr=0.0123 alarm_since_s=1700000000.250
+        it comes again, and the alarm falls: 0 /front_left/mr_damper: residual [front_left] the residual is 0.98 times what the model's identification promised; no alarm
+            model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=49.0000 expected_rsse_n=50.0000 ratio=0.9800 windowed_esr=0.0123
+        a model without an expectation: 0 /front_left/mr_damper: residual [front_left] the model file states no expected RSSE, so there is no alarm
+            model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=49.0000 expected_rsse_n=NaN ratio=NaN windowed_esr=0.0123
+        ");
+    }
+}

@@ -1,0 +1,99 @@
+//! The node's own ROS services: `load_model`.
+//!
+//! One thread answers them one after the other. It reads files and waits for the estimating thread, so it is none of
+//! those that samples pass.
+
+use crate::config::RosArgs;
+use crate::control::Control;
+use crate::error::NodeError;
+use crate::ros::{Part, Ros, ServerOf, run_async};
+use futures::channel::oneshot;
+use futures::future::{Either, select};
+use mr_damper_msgs::srv::{LoadModel, LoadModelRequest, LoadModelResponse};
+use ros2_client::{Node, ParameterValue};
+use std::pin::pin;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+/// The running services.
+pub struct Services {
+    stop: oneshot::Sender<()>,
+    thread: JoinHandle<()>,
+}
+
+impl Services {
+    /// Offers the services and starts the thread that answers. Nothing can be created on the node from then on.
+    ///
+    /// # Errors
+    /// When a service cannot be offered or the system starts no thread.
+    pub fn start(ros: &mut Ros, args: &RosArgs, control: &Arc<Control>) -> Result<Self, NodeError> {
+        let load_model = ros.serve::<LoadModel>(&args.topic("load_model"))?;
+        let answering = Answering { load_model, control: Arc::clone(control), node: ros.share() };
+        let (stop, stopped) = oneshot::channel();
+        let thread = run_async("ros-services", answering.run(stopped))?;
+        Ok(Self { stop, thread })
+    }
+
+    /// True while the thread runs; false after a panic.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.thread.is_finished()
+    }
+
+    /// Ends the thread. `Err` when it had panicked.
+    ///
+    /// # Errors
+    /// The panic's payload.
+    pub fn stop(self) -> std::thread::Result<()> {
+        // A thread that has panicked does not listen any more.
+        let _ = self.stop.send(());
+        self.thread.join()
+    }
+}
+
+struct Answering {
+    load_model: ServerOf<LoadModel>,
+    control: Arc<Control>,
+    node: Arc<Node>,
+}
+
+impl Answering {
+    async fn run(self, mut stopped: oneshot::Receiver<()>) {
+        loop {
+            let (id, Part(request)) =
+                match select(pin!(self.load_model.async_receive_request()), &mut stopped).await {
+                    Either::Left((Ok(request), _)) => request,
+                    Either::Left((Err(error), _)) => {
+                        tracing::warn!(%error, "a request to load_model cannot be read");
+                        continue;
+                    }
+                    Either::Right(_) => return,
+                };
+            let response = self.load_model(&request);
+            if let Err(error) = self.load_model.async_send_response(id, Part(response)).await {
+                tracing::warn!(%error, "the answer of load_model was not sent");
+            }
+        }
+    }
+
+    fn load_model(&self, request: &LoadModelRequest) -> LoadModelResponse {
+        match self.control.load_model(&request.model) {
+            Ok(loaded) => {
+                let (before, now) = (&loaded.before.free, &loaded.now.free);
+                tracing::info!(model = now, before, hash = loaded.now.hash, "another model is in force");
+                // The value is the one that the configuration has by now, so this only tells those who listen.
+                if let Err(error) = self.node.set_parameter("model", ParameterValue::String(now.clone())) {
+                    tracing::warn!(error, "the parameter model does not say what runs");
+                }
+                LoadModelResponse {
+                    success: true,
+                    message: format!("{now} is in force; before it was {before}"),
+                }
+            }
+            Err(error) => {
+                tracing::warn!(model = request.model, "load_model refused: {error}");
+                LoadModelResponse { success: false, message: error.to_string() }
+            }
+        }
+    }
+}

@@ -1,0 +1,226 @@
+//! `load_model` on the real service, over real DDS: the model is swapped between two samples and nothing is lost.
+
+use futures::executor::block_on;
+use futures::future::{Either, select};
+use mr_damper_model::model::Model;
+use mr_damper_model::model_file::{ModelFile, Provenance};
+use mr_damper_model::pipeline::{Estimate, Event, Residual};
+use mr_damper_model::preset;
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_model::sample::Run;
+use mr_damper_msgs::srv::{LoadModel, LoadModelRequest, LoadModelResponse};
+use mr_damper_msgs::standard::{DiagnosticArray, DiagnosticStatus};
+use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::hot::Inlet;
+use mr_damper_node::interrupt::Interrupt;
+use mr_damper_node::models;
+use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::ros::{ClientOf, Part, Ros};
+use mr_damper_node::service::Service;
+use ros2_client::{NodeOptions, Subscription};
+use std::pin::pin;
+use std::time::{Duration, Instant};
+
+const DOMAIN: i64 = 97;
+const BEFORE: &str = "thesis/fuzzy-tanh/rp3-cs";
+const AFTER: &str = "thesis/fuzzy-tanh/rp1-cs";
+
+fn run(seconds: f64) -> Run {
+    let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(seconds);
+    record(&experiment, &Plant::default(), &Channels::default(), 7)
+}
+
+fn config() -> Config {
+    let mut config = Config { domain_id: DOMAIN, align_wait_s: 0.5, ..Config::default() };
+    config.set("model", &Value::Text(BEFORE.to_owned())).expect("a text");
+    config
+}
+
+/// Another node on the domain, which asks for models and hears diagnostics.
+struct Peer {
+    ros: Ros,
+    client: ClientOf<LoadModel>,
+    diagnostics: Subscription<DiagnosticArray>,
+}
+
+impl Peer {
+    fn new(config: &Config) -> Self {
+        let mut ros =
+            Ros::start(config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
+        let client = ros.client::<LoadModel>("/load_model").expect("a client");
+        let diagnostics = ros.subscribe("/diagnostics").expect("a topic");
+        Self { ros, client, diagnostics }
+    }
+
+    fn wait_for_service(&self) {
+        block_on(self.client.wait_for_service(self.ros.node()));
+    }
+
+    /// The answer to a request for `model`. A first call may take three seconds (see ros2.md).
+    fn load(&self, model: &str) -> LoadModelResponse {
+        let request = Part(LoadModelRequest { model: model.to_owned() });
+        let call = pin!(self.client.async_call_service(request));
+        let late = pin!(async {
+            let (sender, receiver) = futures::channel::oneshot::channel();
+            std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_secs(15));
+                // Nobody waits any more when the answer came in time.
+                let _ = sender.send(());
+            });
+            let _ = receiver.await;
+        });
+        match block_on(select(call, late)) {
+            Either::Left((answer, _)) => answer.expect("an answer that can be read").0,
+            Either::Right(_) => panic!("load_model {model} is not answered within 15 s"),
+        }
+    }
+
+    /// The statuses of the next diagnostics, within 5 s.
+    fn next_status(&self) -> DiagnosticStatus {
+        while self.diagnostics.take().expect("readable").is_some() {}
+        let deadline = Instant::now() + Duration::from_secs(5);
+        loop {
+            if let Some((array, _)) = self.diagnostics.take().expect("readable") {
+                let mut status = array.status;
+                assert_eq!(status.len(), 1);
+                return status.remove(0);
+            }
+            assert!(Instant::now() < deadline, "diagnostics come once a second");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    fn stop(self) {
+        let Self { ros, client, diagnostics } = self;
+        drop((client, diagnostics));
+        ros.stop();
+    }
+}
+
+/// Takes events until `count` residuals have come, or for at most 30 s.
+fn collect(inlet: &mut Inlet, count: usize) -> (Vec<Estimate>, Vec<Residual>) {
+    let deadline = Instant::now() + Duration::from_secs(30);
+    let (mut estimates, mut residuals) = (Vec::new(), Vec::new());
+    while residuals.len() < count && Instant::now() < deadline {
+        while let Ok(event) = inlet.events.pop() {
+            match event {
+                Event::Estimate(estimate) => estimates.push(estimate),
+                Event::Residual(residual) => residuals.push(residual),
+                _ => {}
+            }
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    (estimates, residuals)
+}
+
+fn expected_n(name: &str) -> f64 {
+    preset::load(name).expect("a preset").expected.free_run_rsse_n.expect("the thesis states one")
+}
+
+#[test]
+fn a_model_is_swapped_in_without_losing_an_estimate() {
+    let (config, args, run) = (config(), RosArgs::default(), run(8.0));
+    let (service, inlet) = Service::start(&config, &args, true).expect("the service starts");
+    let mut inlet = inlet.expect("an inlet was asked for");
+    let peer = Peer::new(&config);
+    peer.wait_for_service();
+    let interrupt = Interrupt::manual();
+    let player = Player::start(&config, &args, false).expect("the player starts");
+    assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
+    let samples = run.displacement_m.len();
+    // The first displacement has no velocity yet, so no prediction.
+    let residuals_wanted = samples - 1;
+
+    let (answer, status, (estimates, residuals)) = std::thread::scope(|scope| {
+        let events = scope.spawn(|| collect(&mut inlet, residuals_wanted));
+        let asked = scope.spawn(|| {
+            std::thread::sleep(Duration::from_secs(3));
+            (peer.load(AFTER), peer.next_status())
+        });
+        player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
+        let (answer, status) = asked.join().expect("no panic");
+        (answer, status, events.join().expect("no panic"))
+    });
+    assert!(answer.success, "{answer:?}");
+    assert!(answer.message.contains(AFTER) && answer.message.contains(BEFORE), "{answer:?}");
+
+    assert_eq!(estimates.len(), samples, "one estimate a displacement");
+    assert!(estimates.windows(2).all(|pair| pair[0].stamp < pair[1].stamp), "in order");
+    assert!(estimates.iter().skip(2).all(|e| e.force.get().is_finite()), "and a force in each");
+
+    // In the stream itself: first the one model's residuals, then the other's, and both a good share.
+    let (before_n, after_n) = (expected_n(BEFORE), expected_n(AFTER));
+    assert_ne!(before_n, after_n);
+    let swapped =
+        residuals.iter().position(|r| r.expected_rsse.get() == after_n).expect("the other model speaks");
+    println!("{} residuals, the other model's from {swapped} on; {}", residuals.len(), answer.message);
+    assert!(swapped > 500 && swapped < residuals.len() - 500, "in the midst: {swapped}");
+    assert!(residuals[..swapped].iter().all(|r| r.expected_rsse.get() == before_n));
+    assert!(residuals[swapped..].iter().all(|r| r.expected_rsse.get() == after_n));
+
+    // All say so: names, parameter, diagnostics, history.
+    assert_eq!(service.names().read().expect("no panic").free, AFTER);
+    assert_eq!(service.control().config().model, AFTER);
+    let of = |key: &str| status.values.iter().find(|v| v.key == key).map(|v| v.value.clone());
+    assert_eq!(of("model").as_deref(), Some(AFTER), "{status:?}");
+    assert_eq!(of("expected_rsse_n"), Some(format!("{after_n:.4}")), "{status:?}");
+    assert_eq!(status.level, DiagnosticStatus::OK, "{status:?}");
+    // The overseer looks into its ring a few times a second.
+    let (history, deadline) = (service.history(), Instant::now() + Duration::from_secs(2));
+    let held = || history.lock().expect("no panic").runs(120.0, 0.1);
+    while held().first().is_none_or(|run| run.displacement_m.len() < samples) && Instant::now() < deadline {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let runs = held();
+    assert_eq!(runs.len(), 1, "no gap");
+    assert!(runs[0].displacement_m.values == run.displacement_m.values, "it holds what was played");
+    assert_eq!(runs[0].force_n.as_ref().map(|f| f.len()), run.force_n.as_ref().map(|f| f.len()));
+
+    player.stop();
+    peer.stop();
+    service.stop().expect("no thread panicked");
+}
+
+#[test]
+fn what_cannot_run_is_refused_with_the_reason_and_changes_nothing() {
+    let mut config = config();
+    config.domain_id = DOMAIN + 1;
+    let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("the service starts");
+    let peer = Peer::new(&config);
+    peer.wait_for_service();
+    let dir = tempfile::tempdir().expect("a directory");
+    let file = |name: &str, text: &str| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, text).expect("written");
+        path.to_str().expect("UTF-8").to_owned()
+    };
+    let voltage = file("voltage.toml", &driven_by_voltage(preset::load(BEFORE).expect("a preset")));
+    let broken = file("broken.toml", "schema = \"mr-damper/model/1\"\nmodel = \"fuzzy-tahn\"\n");
+    for (model, says) in [
+        ("", "model"),
+        ("/no/such/file.toml", "/no/such/file.toml"),
+        ("thesis/fuzzy-tanh/rp9-cs", "rp9-cs"),
+        (broken.as_str(), "broken.toml"),
+        (voltage.as_str(), "command_v"),
+    ] {
+        let answer = peer.load(model);
+        println!("{model}: {}", answer.message);
+        assert!(!answer.success, "{model}: {answer:?}");
+        assert!(answer.message.contains(says), "{model}: {answer:?}");
+    }
+    assert_eq!(service.names().read().expect("no panic").free, BEFORE);
+    assert_eq!(service.control().models(), models::from_config(&config).expect("it loads").0);
+    let status = peer.next_status();
+    assert_eq!(status.level, DiagnosticStatus::STALE, "nothing is played: {status:?}");
+    peer.stop();
+    service.stop().expect("no thread panicked");
+}
+
+/// The file of `model`, as if it had been identified on a command voltage.
+fn driven_by_voltage(model: Model) -> String {
+    let file = ModelFile { model, provenance: Provenance::default() };
+    let text = file.to_toml().expect("writable").replace("current_a", "command_v");
+    text.replace("membership_centres_a", "membership_centres_v")
+        .replace("membership_sigma_a", "membership_sigma_v")
+}
