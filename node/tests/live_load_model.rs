@@ -4,10 +4,11 @@ use futures::executor::block_on;
 use futures::future::{Either, select};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
-use mr_damper_model::pipeline::{Estimate, Event, Residual};
+use mr_damper_model::pipeline::{AlarmChange, Estimate, Event, Residual};
 use mr_damper_model::preset;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
+use mr_damper_msgs::ForceResidual;
 use mr_damper_msgs::srv::{LoadModel, LoadModelRequest, LoadModelResponse};
 use mr_damper_msgs::standard::{DiagnosticArray, DiagnosticStatus};
 use mr_damper_node::config::{Config, RosArgs, Value};
@@ -97,21 +98,30 @@ impl Peer {
     }
 }
 
+/// What came out of the pipeline.
+#[derive(Default)]
+struct Events {
+    estimates: Vec<Estimate>,
+    residuals: Vec<Residual>,
+    alarms: Vec<AlarmChange>,
+}
+
 /// Takes events until `count` residuals have come, or for at most 30 s.
-fn collect(inlet: &mut Inlet, count: usize) -> (Vec<Estimate>, Vec<Residual>) {
+fn collect(inlet: &mut Inlet, count: usize) -> Events {
     let deadline = Instant::now() + Duration::from_secs(30);
-    let (mut estimates, mut residuals) = (Vec::new(), Vec::new());
-    while residuals.len() < count && Instant::now() < deadline {
+    let mut events = Events::default();
+    while events.residuals.len() < count && Instant::now() < deadline {
         while let Ok(event) = inlet.events.pop() {
             match event {
-                Event::Estimate(estimate) => estimates.push(estimate),
-                Event::Residual(residual) => residuals.push(residual),
+                Event::Estimate(estimate) => events.estimates.push(estimate),
+                Event::Residual(residual) => events.residuals.push(residual),
+                Event::Alarm(change) => events.alarms.push(change),
                 _ => {}
             }
         }
         std::thread::sleep(Duration::from_millis(5));
     }
-    (estimates, residuals)
+    events
 }
 
 fn expected_n(name: &str) -> f64 {
@@ -132,7 +142,7 @@ fn a_model_is_swapped_in_without_losing_an_estimate() {
     // The first displacement has no velocity yet, so no prediction.
     let residuals_wanted = samples - 1;
 
-    let (answer, status, (estimates, residuals)) = std::thread::scope(|scope| {
+    let (answer, status, Events { estimates, residuals, .. }) = std::thread::scope(|scope| {
         let events = scope.spawn(|| collect(&mut inlet, residuals_wanted));
         let asked = scope.spawn(|| {
             std::thread::sleep(Duration::from_secs(3));
@@ -178,6 +188,49 @@ fn a_model_is_swapped_in_without_losing_an_estimate() {
     assert_eq!(runs[0].force_n.as_ref().map(|f| f.len()), run.force_n.as_ref().map(|f| f.len()));
 
     player.stop();
+    peer.stop();
+    service.stop().expect("no thread panicked");
+}
+
+/// The measured force is three times what the model says: the alarm rises on all outputs, and another model ends it.
+#[test]
+fn a_model_that_is_off_is_said_so_until_another_is_loaded() {
+    let mut config = config();
+    config.domain_id = DOMAIN + 2;
+    let (args, mut run) = (RosArgs::default(), run(8.0));
+    run.force_n.as_mut().expect("a force").values.iter_mut().for_each(|force_n| *force_n *= 3.0);
+    let (service, inlet) = Service::start(&config, &args, true).expect("the service starts");
+    let mut inlet = inlet.expect("an inlet was asked for");
+    let mut peer = Peer::new(&config);
+    let residuals: Subscription<ForceResidual> = peer.ros.subscribe("/force_residual").expect("a topic");
+    peer.wait_for_service();
+    let interrupt = Interrupt::manual();
+    let player = Player::start(&config, &args, false).expect("the player starts");
+    assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
+    let (status, answer, events) = std::thread::scope(|scope| {
+        let events = scope.spawn(|| collect(&mut inlet, run.displacement_m.len() - 1));
+        let asked = scope.spawn(|| {
+            std::thread::sleep(Duration::from_secs(5));
+            // Seconds of residuals have piled up by now; the newest that are kept are those of the last two.
+            let said =
+                std::iter::from_fn(|| residuals.take().expect("readable")).filter(|(r, _)| r.alarm).count();
+            (peer.next_status(), peer.load(AFTER), said)
+        });
+        player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
+        let (status, answer, said) = asked.join().expect("no panic");
+        assert!(said > 500, "force_residual says so: {said}");
+        (status, answer, events.join().expect("no panic"))
+    });
+    assert!(answer.success, "{answer:?}");
+    println!("{}", status.message);
+    assert_eq!(status.level, DiagnosticStatus::WARN, "{status:?}");
+    assert!(status.message.contains("load_model"), "it says what to do: {status:?}");
+
+    let changes: Vec<_> = events.alarms.iter().map(|change| (change.raised, change.ratio.is_nan())).collect();
+    // Raised; ended by the swap, which has no ratio; and the other model is off as well, if there was time.
+    assert!(changes.starts_with(&[(true, false), (false, true)]), "{changes:?}");
+    player.stop();
+    drop(residuals);
     peer.stop();
     service.stop().expect("no thread panicked");
 }

@@ -12,6 +12,8 @@ import sys
 import time
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from mr_damper_msgs.srv import LoadModel
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -63,6 +65,8 @@ class Peer:
         self.received = {topic: [] for topic in self.outputs}
         for topic in self.outputs:
             self.node.create_subscription(TYPES[topic], topic, self.received[topic].append, qos(1000))
+        self.diagnostics = []
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, qos(10))
         self.sent = {topic: [] for topic in self.inputs}
         self.counted_from = 0
 
@@ -160,6 +164,19 @@ class Peer:
         answer = self.call("set_parameters", client.set_parameters([Parameter(name, value=value)])).results[0]
         return {"successful": answer.successful, "reason": answer.reason}
 
+    def models(self, known, unknown):
+        """Has one model loaded and one refused."""
+        client = self.node.create_client(LoadModel, "load_model")
+        if not client.wait_for_service(SERVICE_TIMEOUT):
+            fail(f"{self.args.node} does not offer load_model")
+        answers = {}
+        for what, model in (("loaded", known), ("refused", unknown)):
+            answer = self.call("load_model", client.call_async(LoadModel.Request(model=model)))
+            answers[what] = {"success": answer.success, "message": answer.message}
+        parameters = AsyncParameterClient(self.node, self.args.node)
+        values = self.call("get_parameters", parameters.get_parameters(["model"])).values
+        return {**answers, "parameter": values[0].string_value}
+
     def call(self, what, future):
         self.executor.spin_until_future_complete(future, timeout_sec=SERVICE_TIMEOUT)
         if not future.done():
@@ -183,6 +200,12 @@ def main():
     result["graph"] = peer.graph()
     if args.against == "node":
         result["parameters"] = peer.parameters()
+        result["models"] = peer.models("thesis/fuzzy-tanh/rp1-cs", "/no/such/model.toml")
+        result["diagnostics"] = [
+            {"name": s.name, "level": ord(s.level), "message": s.message, "keys": [v.key for v in s.values]}
+            for array in peer.diagnostics
+            for s in array.status
+        ]
     emit(result)
     peer.executor.shutdown()
     peer.node.destroy_node()

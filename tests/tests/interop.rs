@@ -81,6 +81,8 @@ fn rclpy(lab: &Lab, distro: Distro) -> Outcome {
         assert!(text(refusal, "/reason").contains(names), "the reason names {names}: {refusal:#}");
     }
     assert_eq!(number(&saw, "/parameters/after_refusals"), 0.75, "a refused value changes nothing");
+    models_were_loaded(&saw);
+    diagnostics_arrived(&saw);
     Outcome::Passed(format!(
         "{} estimates, {} residuals, modes {}; refused coast_s = -1: {}",
         count(&saw, "/force_estimate/count"),
@@ -88,6 +90,28 @@ fn rclpy(lab: &Lab, distro: Distro) -> Outcome {
         found(&saw, "/force_estimate/modes"),
         text(&saw, "/parameters/refused_range/reason"),
     ))
+}
+
+/// `load_model` loads what it can, says why not what it cannot, and the parameter tells what runs.
+fn models_were_loaded(saw: &Value) {
+    let models = found(saw, "/models");
+    assert!(truth(models, "/loaded/success"), "{models:#}");
+    assert!(!truth(models, "/refused/success"), "{models:#}");
+    assert!(text(models, "/refused/message").contains("/no/such/model.toml"), "{models:#}");
+    assert_eq!(text(models, "/parameter"), "thesis/fuzzy-tanh/rp1-cs", "the parameter says what runs");
+}
+
+/// Once a second, one status, with its figures once there are residuals.
+fn diagnostics_arrived(saw: &Value) {
+    let diagnostics = found(saw, "/diagnostics").as_array().expect("a list of statuses");
+    assert!(diagnostics.len() >= 3, "{diagnostics:#?}");
+    let with_figures =
+        diagnostics.iter().filter(|status| texts(status, "/keys").contains(&"windowed_rsse_n"));
+    assert!(with_figures.count() >= 1, "{diagnostics:#?}");
+    assert!(
+        diagnostics.iter().all(|status| text(status, "/name") == "/mr_damper: residual"),
+        "{diagnostics:#?}"
+    );
 }
 
 fn names_of<'a>(saw: &'a Value, direction: &str, topic: &str) -> Vec<&'a str> {
