@@ -14,6 +14,10 @@ use super::second_order::SecondOrder;
 use super::signal::RATE_HZ;
 use crate::Error;
 use rand::Rng;
+use std::f64::consts::TAU;
+
+/// Frequency of the mains, in hertz.
+const MAINS_HZ: f64 = 50.0;
 
 /// Noise, quantisation and filter of each channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,6 +38,8 @@ pub struct Channels {
     pub force_offset_n: f64,
     /// Drift of the load cell, in newtons a second.
     pub force_drift_n_s: f64,
+    /// Amplitude of the mains' hum (50 Hz) in the force channel, in newtons.
+    pub force_hum_n: f64,
     /// Time by which the force channel is late against the others, in seconds; negative for early.
     pub force_delay_s: f64,
     /// Anti-alias filter of displacement.
@@ -63,6 +69,7 @@ impl Channels {
         case_noise_k: 0.0,
         case_step_k: 0.0,
         force_drift_n_s: 0.0,
+        force_hum_n: 0.0,
         force_delay_s: 0.0,
         displacement_filter: None,
         current_filter: None,
@@ -88,6 +95,7 @@ impl Channels {
             ("current_step_a", self.current_step_a),
             ("force_noise_n", self.force_noise_n),
             ("force_step_n", self.force_step_n),
+            ("force_hum_n", self.force_hum_n),
             ("case_noise_k", self.case_noise_k),
             ("case_step_k", self.case_step_k),
         ] {
@@ -122,13 +130,20 @@ pub(super) fn filtered(values: Vec<f64>, filter: Option<SecondOrder>) -> Vec<f64
 }
 
 impl Channels {
-    /// Rod force as it comes to the converter: late, filtered, with the load cell's drift.
+    /// Rod force as it comes to the converter: late, filtered, with the load cell's drift and the mains' hum.
     pub(super) fn force_signal(&self, force_n: Vec<f64>) -> Vec<f64> {
         let late = if self.force_delay_s == 0.0 { force_n } else { delayed(&force_n, self.force_delay_s) };
         let mut signal = filtered(late, self.force_filter);
         if self.force_drift_n_s != 0.0 {
             let drift = self.force_drift_n_s / RATE_HZ;
             signal.iter_mut().enumerate().for_each(|(k, force)| *force += drift * k as f64);
+        }
+        if self.force_hum_n != 0.0 {
+            let turn = TAU * MAINS_HZ / RATE_HZ;
+            signal
+                .iter_mut()
+                .enumerate()
+                .for_each(|(k, force)| *force += self.force_hum_n * (turn * k as f64).sin());
         }
         signal
     }

@@ -6,7 +6,7 @@
 //! compliance, a load cell's own low-pass is of second order.
 
 use super::channel::Channels;
-use super::plant::Plant;
+use super::plant::{Plant, ValveForm};
 use super::second_order::SecondOrder;
 use crate::Error;
 
@@ -27,8 +27,9 @@ pub struct Effect {
 /// Distance in metres that turns the stiffness of a gas spring into its force at rest: 20 kN/m go with 500 N.
 const GAS_STROKE_M: f64 = 0.025;
 
-/// All effects, in the order of the effect library; the last three are the rig's own.
-pub const EFFECTS: [Effect; 18] = [
+/// All effects: those of the effect library in its order, then the rig's own, the last four of which are there to be
+/// found as what they are not: no effect of the library.
+pub const EFFECTS: [Effect; 22] = [
     Effect {
         id: "coil_lag",
         unit: "s",
@@ -146,12 +147,16 @@ pub const EFFECTS: [Effect; 18] = [
         apply: |plant, _, size| plant.fluid_lag_s = size,
     },
     Effect {
-        id: "compliance",
+        id: "series_spring",
         unit: "m/N",
         range: (0.0, 1e-5),
         what: "compliance in series with the valve (default plant, and least: 1.7e-7)",
         apply: |plant, _, size| {
-            plant.series_stiffness_n_m = 1.0 / size.max(1.0 / Plant::default().series_stiffness_n_m);
+            let stiffest = match plant.valve_form {
+                ValveForm::BoucWen => Plant::default().series_stiffness_n_m,
+                ValveForm::QuasiStatic(_) => f64::INFINITY,
+            };
+            plant.series_stiffness_n_m = stiffest.min(1.0 / size);
         },
     },
     Effect {
@@ -160,6 +165,34 @@ pub const EFFECTS: [Effect; 18] = [
         range: (-40.0, 80.0),
         what: "temperature of the damper at the start, above the room's",
         apply: |plant, _, size| plant.start_c = plant.ambient_c + size,
+    },
+    Effect {
+        id: "position_ripple",
+        unit: "-",
+        range: (0.0, 0.4),
+        what: "share by which the valve's force ripples with displacement, every 5 mm",
+        apply: |plant, _, size| plant.position_ripple = size,
+    },
+    Effect {
+        id: "force_loss",
+        unit: "-",
+        range: (0.0, 0.9),
+        what: "share of the force that is lost in the middle of the run",
+        apply: |plant, _, size| plant.force_loss = size,
+    },
+    Effect {
+        id: "mains_hum",
+        unit: "N",
+        range: (0.0, 500.0),
+        what: "amplitude of the mains' 50 Hz in the force channel",
+        apply: |_, channels, size| channels.force_hum_n = size,
+    },
+    Effect {
+        id: "wear_step",
+        unit: "-",
+        range: (0.0, 0.9),
+        what: "share of the yield force that wear takes at a third of the run",
+        apply: |plant, _, size| plant.wear = size,
     },
 ];
 
@@ -196,16 +229,23 @@ mod tests {
         run.force_n.map(|trace| trace.values).unwrap_or_default()
     }
 
+    /// Both valves, each without any effect of its own.
+    fn plants() -> [Plant; 2] {
+        [Plant::plain(), Plant::quasi_static()]
+    }
+
     #[test]
     fn every_effect_is_seen_in_the_force_and_zero_takes_it_away() {
-        let plain = force(&Plant::plain(), &Channels::PERFECT);
         let sizes = [
             0.01, 0.2, -0.02, 5e3, 2.0, 50.0, 0.2, 0.005, 0.004, 0.001, 0.015, 1.0, 5.0, 1e3, 0.005, 0.01,
-            1e-6, 20.0,
+            6e-7, 20.0, 0.2, 0.1, 10.0, 0.2,
         ];
-        for (effect, size) in EFFECTS.iter().zip(sizes) {
+        for (healthy, (effect, size)) in
+            plants().into_iter().flat_map(|plant| EFFECTS.iter().zip(sizes).map(move |e| (plant, e)))
+        {
+            let plain = force(&healthy, &Channels::PERFECT);
             let with = |size: f64| {
-                let (mut plant, mut channels) = (Plant::plain(), Channels::PERFECT);
+                let (mut plant, mut channels) = (healthy, Channels::PERFECT);
                 if effect.id == "warm_start" {
                     plant = plant.with_temperature_fade_per_k(-0.002);
                 }
@@ -226,13 +266,49 @@ mod tests {
 
     #[test]
     fn every_range_can_be_integrated_to_its_ends() {
-        for effect in EFFECTS {
-            for size in [effect.range.0, effect.range.1] {
-                let (mut plant, mut channels) = (Plant::default(), Channels::default());
-                assert_eq!(inject(effect.id, size, &mut plant, &mut channels), Ok(()), "{}", effect.id);
-                let force = force(&plant, &channels);
-                assert!(force.iter().all(|f| f.abs() < 2e4), "{} {size}", effect.id);
+        for healthy in [Plant::default(), Plant::quasi_static()] {
+            for effect in EFFECTS {
+                for size in [effect.range.0, effect.range.1] {
+                    let (mut plant, mut channels) = (healthy, Channels::default());
+                    assert_eq!(inject(effect.id, size, &mut plant, &mut channels), Ok(()), "{}", effect.id);
+                    let force = force(&plant, &channels);
+                    assert!(force.iter().all(|f| f.abs() < 2e4), "{} {size}", effect.id);
+                }
             }
+        }
+    }
+
+    /// Change of the force by `id`, sample by sample, and the displacement.
+    fn changes(id: &str, size: f64) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+        let (mut plant, mut channels) = (Plant::quasi_static(), Channels::PERFECT);
+        let plain = force(&plant, &channels);
+        assert_eq!(inject(id, size, &mut plant, &mut channels), Ok(()), "{id}");
+        let changed: Vec<f64> = force(&plant, &channels).iter().zip(&plain).map(|(a, b)| a - b).collect();
+        let x = Experiment::thesis("RP3-CS").map(|e| record(&e.with_duration_s(14.0), &plant, &channels, 1));
+        (changed, plain, x.unwrap_or_default().displacement_m.values)
+    }
+
+    #[test]
+    fn what_no_library_holds_is_where_it_is_said_to_be() {
+        let samples = 14 * 512;
+        let (loss, plain, x) = changes("force_loss", 0.1);
+        assert!(loss[..samples / 2].iter().all(|f| *f == 0.0));
+        assert!(
+            loss[samples / 2..].iter().zip(&plain[samples / 2..]).all(|(f, p)| (f + 0.1 * p).abs() < 1e-9)
+        );
+        let (wear, _, _) = changes("wear_step", 0.2);
+        assert!(wear[..=samples / 3 - 1].iter().all(|f| *f == 0.0));
+        let later = &wear[samples / 3 + 1..];
+        // A fifth of the yield force, which is 80 N at least and 780 N at most.
+        let greatest = later.iter().fold(0.0f64, |most, f| most.max(f.abs()));
+        assert!((0.2 * 80.0..0.2 * 780.0).contains(&greatest), "{greatest} N");
+        let (hum, _, _) = changes("mains_hum", 10.0);
+        let power = hum.iter().map(|f| f * f).sum::<f64>() / samples as f64;
+        assert!((power / 50.0 - 1.0).abs() < 1e-3 && hum.iter().all(|f| f.abs() < 10.0 + 1e-9), "{power}");
+        let (ripple, _, _) = changes("position_ripple", 0.2);
+        for ((f, p), x) in ripple.iter().zip(&plain).zip(&x) {
+            let wanted = 0.2 * p * (std::f64::consts::TAU * x / 0.005).sin();
+            assert!((f - wanted).abs() < 1e-6 * p.abs().max(1.0), "{f} for {wanted} at {x} m");
         }
     }
 

@@ -1,11 +1,12 @@
 //! Integration of the rig's damper over one sample.
 //!
-//! Classical Runge-Kutta of fourth order for dashpot, compliance and hysteresis, with sub-steps. Displacement
+//! Classical Runge-Kutta of fourth order for dashpot, compliance and hysteresis of the Bouc-Wen valve, with sub-steps;
+//! the quasi-static one has a way of its own ([`super::quasi_static`]). Displacement
 //! between samples is the cubic that has the samples' displacements and velocities (Hermite). The currents'
 //! first-order lags are linear and need no Runge-Kutta: each half sub-step multiplies by an exact
 //! exponential, which is stable for any lag, also none. Temperature changes over minutes: Euler is enough.
 
-use super::plant::{Plant, PlantState};
+use super::plant::{Instant, Plant, PlantState, ValveForm};
 use super::signal::RATE_HZ;
 
 /// Ends of one sample interval: displacements (m) and velocities (m/s).
@@ -73,21 +74,35 @@ impl<'a> Integrator<'a> {
         let heat = force * v_start + plant.coil_ohm * state.driver_a * state.driver_a;
         let lost = plant.heat_transfer_w_k * (t - plant.ambient_c);
 
-        let start = plant.valve(state.fluid_a, t).scaled(plant.lean(x_start, v_start));
+        let start = plant.valve(state).scaled(plant.lean(x_start, v_start));
         self.half_lag(state, command_a);
-        let middle = plant.valve(state.fluid_a, t).scaled(plant.lean(x_middle, v_middle));
+        let middle = plant.valve(state).scaled(plant.lean(x_middle, v_middle));
         self.half_lag(state, command_a);
-        let end = plant.valve(state.fluid_a, t).scaled(plant.lean(x_end, v_end));
+        let end = plant.valve(state).scaled(plant.lean(x_end, v_end));
 
+        let h = self.step_s;
+        let instants = [(x_start, &start), (x_middle, &middle), (x_end, &end)];
+        match plant.valve_form {
+            ValveForm::BoucWen => self.bouc_wen(state, instants),
+            ValveForm::QuasiStatic(form) => {
+                state.behind_compliance_m =
+                    plant.quasi_static_step(&form, state.behind_compliance_m, h, instants);
+            }
+        }
+        state.temperature_c = t + h * (heat - lost) / plant.heat_capacity_j_k;
+    }
+
+    /// One sub-step of the Bouc-Wen valve.
+    fn bouc_wen(&self, state: &mut PlantState, [start, middle, end]: [Instant; 3]) {
+        let plant = self.plant;
         let now = [state.dashpot_m, state.behind_compliance_m, state.hysteresis_m];
         let h = self.step_s;
-        let a = plant.rates(&start, x_start, now);
-        let b = plant.rates(&middle, x_middle, moved(now, h / 2.0, a));
-        let c = plant.rates(&middle, x_middle, moved(now, h / 2.0, b));
-        let d = plant.rates(&end, x_end, moved(now, h, c));
+        let a = plant.rates(start.1, start.0, now);
+        let b = plant.rates(middle.1, middle.0, moved(now, h / 2.0, a));
+        let c = plant.rates(middle.1, middle.0, moved(now, h / 2.0, b));
+        let d = plant.rates(end.1, end.0, moved(now, h, c));
         let mean = std::array::from_fn(|n| (a[n] + 2.0 * (b[n] + c[n]) + d[n]) / 6.0);
         [state.dashpot_m, state.behind_compliance_m, state.hysteresis_m] = moved(now, h, mean);
-        state.temperature_c = t + h * (heat - lost) / plant.heat_capacity_j_k;
     }
 
     /// Half a sub-step of driver, coil, core and fluid. The coil sees the driver's current in the middle of the

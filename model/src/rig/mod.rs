@@ -11,7 +11,9 @@
 //! would pass whatever its faults. So nothing in this folder uses the models, the effects, the conditioning
 //! or the identification of this crate, and the plant is none of the thesis' models: it is the modified
 //! Bouc-Wen damper of Spencer et al. with a compliance, a lag of the coil and a temperature, integrated as
-//! differential equations, and its current enters smoothly and not by fuzzy sets.
+//! differential equations, and its current enters smoothly and not by fuzzy sets. Where a test needs a truth that a
+//! model can follow to the noise, so that one effect alone is left over, the plant has another valve, which is
+//! quasi-static ([`quasi_static`]); its current enters as smoothly.
 //!
 //! Pure and repeatable: one seed gives one run, on the same machine to the last bit. Other machines may
 //! differ in the last bits of the standard library's `sin`, `cos`, `exp`, `tanh`, `ln` and `powf`.
@@ -23,6 +25,7 @@ pub mod inject;
 mod integrate;
 mod noise;
 pub mod plant;
+pub mod quasi_static;
 pub mod replicate;
 pub mod response;
 pub mod second_order;
@@ -32,7 +35,8 @@ pub mod wave;
 pub use channel::Channels;
 pub use current::Current;
 pub use experiment::Experiment;
-pub use plant::Plant;
+pub use plant::{Plant, ValveForm};
+pub use quasi_static::QuasiStatic;
 pub use replicate::{Drift, Pattern};
 pub use second_order::SecondOrder;
 pub use signal::{Displacement, Motion, Road};

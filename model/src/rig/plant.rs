@@ -8,7 +8,8 @@
 //!           tf F' = Fr - F
 //! coil      td i_d' = i_c - i_d,       tau i_e' = i_d - i_e    (tau: rise when i_d > i_e, else fall)
 //! core      i_m follows i_e with a play of +-w;      fluid     tl i' = i_m - i
-//! current   Fy, c0, c1 = p(i) (1 + fade (T - T0)) (1 + beta tanh(v / vs) + gamma x)
+//! current   Fy, c0, c1 = p(i) (1 + fade (T - T0)) lean,       Fy (1 - wear) from a third of the run on
+//!           lean = (1 + beta tanh(v / vs) + gamma x) (1 + r sin(2 pi x / 5 mm))
 //!           p(i) = p0 + dp i^m / (i^m + ih^m)
 //! heat      C T' = F v + R i_d^2 - h (T - Ta)
 //! ```
@@ -24,21 +25,27 @@
 //!
 //! Source: Spencer et al. 1997 (thesis 2.2), whose symbols are, with A = 1: alpha = Fy/d, beta = b/d^n,
 //! gamma = (1 - b)/d^n, so that z saturates at d and alpha z at the yield force Fy. Its accumulator k1 (x -
-//! x0) is the gas spring f0 + kg x here, and acts on the rod beside the valve. In series with the valve
+//! x0) is the gas spring f0 + kg x here, and acts on the rod beside the valve. Instead of this valve there may be
+//! the one of [`super::quasi_static`]; all around it is the same. In series with the valve
 //! comes the compliance ks of fluid and mounting. How the parameters follow the current is ours. The default
 //! has no play, friction, gas spring, fluid lag or anything else that is marked as 0 in [`Plant::default`]:
 //! they are there to be put in ([`super::inject`]).
 
 use super::integrate::{Integrator, Stroke};
+use super::quasi_static::QuasiStatic;
 use super::response::Response;
 use super::signal::{Motion, RATE_HZ};
 use crate::Error;
+use std::f64::consts::TAU;
 
 /// Sub-steps of the integrator in one sample, as [`crate::rig::record`] takes them.
 ///
 /// The fastest part is the valve against the compliance at low current, with a time constant of 0.08 ms; a
 /// sub-step is 0.12 ms and may be up to 0.22 ms before the integrator becomes unstable.
 pub const SUB_STEPS: u32 = 16;
+
+/// Period of the position ripple, in metres.
+const RIPPLE_PERIOD_M: f64 = 5e-3;
 
 /// Share of a valve parameter that no temperature fade takes away: keeps the equations well-posed.
 const LEAST_SHARE: f64 = 0.05;
@@ -70,6 +77,15 @@ impl Saturation {
     }
 }
 
+/// What the valve is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ValveForm {
+    /// The modified Bouc-Wen valve at the top of this file.
+    BoucWen,
+    /// The valve of [`super::quasi_static`], which has no use for d, b, n, k0 and c1.
+    QuasiStatic(QuasiStatic),
+}
+
 /// Parameters of the rig's damper; see the equations at the top of this file.
 ///
 /// # Calibration of the default
@@ -95,6 +111,8 @@ impl Saturation {
 /// all of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plant {
+    /// What the valve is.
+    pub valve_form: ValveForm,
     /// Yield force Fy in newtons.
     pub yield_n: Saturation,
     /// Viscous damping c0 beside the hysteretic element, in N·s/m.
@@ -109,7 +127,7 @@ pub struct Plant {
     pub shape: f64,
     /// Exponent n of Bouc-Wen: sharpness of the yield.
     pub sharpness: i32,
-    /// Stiffness ks in series with the valve, in N/m.
+    /// Stiffness ks in series with the valve, in N/m; the quasi-static valve's may be infinite.
     pub series_stiffness_n_m: f64,
     /// Gas force f0 in newtons.
     pub gas_force_n: f64,
@@ -161,11 +179,18 @@ pub struct Plant {
     pub end_stop_n_m: f64,
     /// Lag tf of the rod force, in seconds.
     pub force_lag_s: f64,
+    /// Share r of the valve's force by which it ripples with displacement.
+    pub position_ripple: f64,
+    /// Share of the yield force that wear takes, for good, from a third of the run on.
+    pub wear: f64,
+    /// Share of the rod force that is lost, for good, from the middle of the run on.
+    pub force_loss: f64,
 }
 
 impl Default for Plant {
     fn default() -> Self {
         Self {
+            valve_form: ValveForm::BoucWen,
             yield_n: Saturation { at_zero: 99.6, growth: 312.1, half_a: 0.434, order: 2 },
             viscous_n_s_m: Saturation { at_zero: 595.0, growth: 13486.0, half_a: 1.587, order: 4 },
             roll_off_n_s_m: Saturation { at_zero: 6120.0, growth: 8115.0, half_a: 1.644, order: 4 },
@@ -199,6 +224,9 @@ impl Default for Plant {
             end_stop_m: f64::INFINITY,
             end_stop_n_m: 2e5,
             force_lag_s: 0.0,
+            position_ripple: 0.0,
+            wear: 0.0,
+            force_loss: 0.0,
         }
     }
 }
@@ -208,7 +236,7 @@ impl Default for Plant {
 pub struct PlantState {
     /// Displacement y of the inner dashpot, in metres.
     pub dashpot_m: f64,
-    /// Displacement s behind the compliance, in metres.
+    /// Displacement s behind the compliance, of the quasi-static valve's piston, in metres.
     pub behind_compliance_m: f64,
     /// Hysteretic displacement z, in metres.
     pub hysteresis_m: f64,
@@ -222,6 +250,8 @@ pub struct PlantState {
     pub fluid_a: f64,
     /// Temperature T in °C.
     pub temperature_c: f64,
+    /// Share of the yield force that wear has left.
+    pub yield_share: f64,
 }
 
 impl Plant {
@@ -235,6 +265,19 @@ impl Plant {
             yield_fade_per_k: 0.0,
             viscous_fade_per_k: 0.0,
             ..Self::default()
+        }
+    }
+
+    /// A plain damper whose valve is quasi-static and rigid: what a step and a damping at each current can follow.
+    /// Its forces are of the default's size.
+    #[must_use]
+    pub fn quasi_static() -> Self {
+        Self {
+            valve_form: ValveForm::QuasiStatic(QuasiStatic { yield_velocity_m_s: 0.02, coupling_per_s: 2.0 }),
+            yield_n: Saturation { at_zero: 80.0, growth: 700.0, half_a: 1.2, order: 2 },
+            viscous_n_s_m: Saturation { at_zero: 600.0, growth: 2500.0, half_a: 1.5, order: 2 },
+            series_stiffness_n_m: f64::INFINITY,
+            ..Self::plain()
         }
     }
 
@@ -283,7 +326,6 @@ impl Plant {
         positive("yield_stroke_m", self.yield_stroke_m)?;
         positive("sharpness", f64::from(self.sharpness))?;
         Error::check("shape", self.shape, "between 0 and 1", |b| (0.0..=1.0).contains(&b))?;
-        positive("series_stiffness_n_m", self.series_stiffness_n_m)?;
         not_negative("inner_stiffness_n_m", self.inner_stiffness_n_m)?;
         positive("friction_velocity_m_s", self.friction_velocity_m_s)?;
         not_negative("driver_lag_s", self.driver_lag_s)?;
@@ -296,6 +338,9 @@ impl Plant {
         not_negative("mass_kg", self.mass_kg)?;
         not_negative("end_stop_n_m", self.end_stop_n_m)?;
         Error::check("asymmetry", self.asymmetry, "between -0.4 and 0.4", |b| b.abs() <= 0.4)?;
+        Error::check("position_ripple", self.position_ripple, "between -0.4 and 0.4", |r| r.abs() <= 0.4)?;
+        Error::check("wear", self.wear, "0 to 0.9", |w| (0.0..=0.9).contains(&w))?;
+        Error::check("force_loss", self.force_loss, "0 to 1", |l| (0.0..=1.0).contains(&l))?;
         if self.end_stop_m != f64::INFINITY {
             positive("end_stop_m", self.end_stop_m)?;
         }
@@ -316,8 +361,25 @@ impl Plant {
         ] {
             Error::check(name, value, "a finite number", |_| true)?;
         }
-        let limit = "small enough against viscous_n_s_m and yield_stroke_m for 16 sub-steps a sample";
-        Error::check("series_stiffness_n_m", self.series_stiffness_n_m, limit, |_| self.is_integrable())?;
+        self.check_valve_form()
+    }
+
+    /// Checks what differs between the valves.
+    fn check_valve_form(&self) -> Result<(), Error> {
+        match self.valve_form {
+            ValveForm::QuasiStatic(form) => {
+                form.check()?;
+                if self.series_stiffness_n_m == f64::INFINITY {
+                    return Ok(());
+                }
+                Error::check("series_stiffness_n_m", self.series_stiffness_n_m, "above 0", |k| k > 0.0)?;
+            }
+            ValveForm::BoucWen => {
+                let limit = "above 0, small enough against viscous_n_s_m and yield_stroke_m for 16 sub-steps a sample";
+                let ok = |k| k > 0.0 && self.is_integrable();
+                Error::check("series_stiffness_n_m", self.series_stiffness_n_m, limit, ok)?;
+            }
+        }
         Ok(())
     }
 
@@ -327,10 +389,12 @@ impl Plant {
         const LIMIT: f64 = 2.78;
         const RESERVE: f64 = 1.5;
         // Asymmetry softens one direction, position one side: 40 mm is more than any stroke here.
-        let softest = (1.0 - self.asymmetry.abs() - 0.04 * self.position_per_m.abs()).max(LEAST_LEAN);
+        let lean = 1.0 - self.asymmetry.abs() - 0.04 * self.position_per_m.abs();
+        let softest = (lean * (1.0 - self.position_ripple.abs())).max(LEAST_LEAN);
         let reserve = RESERVE.max(1.05 / softest);
         (0..=50).all(|tenths| {
-            let valve = self.valve(f64::from(tenths) / 10.0, self.reference_c);
+            let at_rest = self.at_rest(0.0, f64::from(tenths) / 10.0);
+            let valve = self.valve(&PlantState { temperature_c: self.reference_c, ..at_rest });
             let compliance = self.series_stiffness_n_m * (1.0 / valve.viscous + 1.0 / valve.roll_off);
             let hysteresis = (valve.yield_n / self.yield_stroke_m + self.inner_stiffness_n_m) / valve.viscous;
             reserve * (compliance + hysteresis) < LIMIT * RATE_HZ * f64::from(SUB_STEPS)
@@ -349,6 +413,7 @@ impl Plant {
             core_a: current_a,
             fluid_a: current_a,
             temperature_c: self.start_c,
+            yield_share: 1.0,
         }
     }
 
@@ -357,7 +422,11 @@ impl Plant {
     #[must_use]
     pub fn force_n(&self, state: &PlantState, x_m: f64, v_m_s: f64) -> f64 {
         let over = (x_m.abs() - self.end_stop_m).max(0.0);
-        self.valve_force_n(x_m - state.behind_compliance_m)
+        let valve_n = match self.valve_form {
+            ValveForm::BoucWen => self.spring_n(x_m - state.behind_compliance_m),
+            ValveForm::QuasiStatic(form) => self.quasi_static_n(&form, state, x_m, v_m_s),
+        };
+        valve_n
             + self.gas_force_n
             + self.gas_stiffness_n_m * x_m
             + self.friction_n * (v_m_s / self.friction_velocity_m_s).tanh()
@@ -366,7 +435,7 @@ impl Plant {
     }
 
     /// Force through the compliance, in newtons, when it is `stretch_m` longer than at rest.
-    fn valve_force_n(&self, stretch_m: f64) -> f64 {
+    pub(super) fn spring_n(&self, stretch_m: f64) -> f64 {
         let half = self.free_play_m / 2.0;
         self.series_stiffness_n_m * (stretch_m - stretch_m.max(-half).min(half))
     }
@@ -398,6 +467,9 @@ impl Plant {
         let mut state = self.at_rest(x[0], command_a[0]);
         let integrator = Integrator::new(self, sub_steps.max(1));
         for k in 0..samples {
+            if k == samples / 3 {
+                state.yield_share = 1.0 - self.wear;
+            }
             if k % RATE_HZ as usize == 0 && !go_on(k as f64 / RATE_HZ) {
                 return None;
             }
@@ -411,13 +483,14 @@ impl Plant {
             }
         }
         response.add_inertia(self.mass_kg, &v[..samples]);
+        response.lose_force(self.force_loss);
         response.lag_force(self.force_lag_s);
         Some(response)
     }
 
     /// Rates of dashpot, displacement behind the compliance, and hysteresis.
     pub(super) fn rates(&self, valve: &Valve, x: f64, [y, s, z]: [f64; 3]) -> [f64; 3] {
-        let force = self.valve_force_n(x - s);
+        let force = self.spring_n(x - s);
         let slip = (force - valve.yield_n * z / self.yield_stroke_m - self.inner_stiffness_n_m * (s - y))
             / valve.viscous;
         let y_rate = force / valve.roll_off;
@@ -429,20 +502,25 @@ impl Plant {
 
     /// What direction and position make of the valve's forces: 1 for neither.
     pub(super) fn lean(&self, x_m: f64, v_m_s: f64) -> f64 {
-        if self.asymmetry == 0.0 && self.position_per_m == 0.0 {
+        if self.asymmetry == 0.0 && self.position_per_m == 0.0 && self.position_ripple == 0.0 {
             return 1.0;
         }
         let direction = (v_m_s / self.friction_velocity_m_s).tanh();
-        (1.0 + self.asymmetry * direction + self.position_per_m * x_m).max(LEAST_LEAN)
+        let mut lean = 1.0 + self.asymmetry * direction + self.position_per_m * x_m;
+        if self.position_ripple != 0.0 {
+            lean *= 1.0 + self.position_ripple * (TAU * x_m / RIPPLE_PERIOD_M).sin();
+        }
+        lean.max(LEAST_LEAN)
     }
 
-    /// Valve parameters at an effective current and a temperature.
-    pub(super) fn valve(&self, effective_a: f64, temperature_c: f64) -> Valve {
-        let rise = temperature_c - self.reference_c;
+    /// Valve parameters at the current, temperature and wear of `state`.
+    pub(super) fn valve(&self, state: &PlantState) -> Valve {
+        let effective_a = state.fluid_a;
+        let rise = state.temperature_c - self.reference_c;
         let yield_share = (1.0 + self.yield_fade_per_k * rise).max(LEAST_SHARE);
         let viscous_share = (1.0 + self.viscous_fade_per_k * rise).max(LEAST_SHARE);
         Valve {
-            yield_n: self.yield_n.at(effective_a) * yield_share,
+            yield_n: self.yield_n.at(effective_a) * yield_share * state.yield_share,
             viscous: self.viscous_n_s_m.at(effective_a) * viscous_share,
             roll_off: self.roll_off_n_s_m.at(effective_a) * viscous_share,
         }
@@ -451,10 +529,13 @@ impl Plant {
 
 /// Valve parameters at one instant: Fy in newtons, c0 and c1 in N·s/m.
 pub(super) struct Valve {
-    yield_n: f64,
-    viscous: f64,
+    pub(super) yield_n: f64,
+    pub(super) viscous: f64,
     roll_off: f64,
 }
+
+/// Displacement of the rod and the valve's parameters at one instant.
+pub(super) type Instant<'a> = (f64, &'a Valve);
 
 impl Valve {
     /// All forces of the valve times `factor`.

@@ -29,6 +29,12 @@ impl Response {
         }
     }
 
+    /// Takes the share `lost` of the force away, for good, from the middle of the run on.
+    pub(super) fn lose_force(&mut self, lost: f64) {
+        let middle = self.force_n.len() / 2;
+        self.force_n[middle..].iter_mut().for_each(|force| *force *= 1.0 - lost);
+    }
+
     /// Lags the force by a first order of `lag_s` seconds: exact for a force that is linear between samples.
     pub(super) fn lag_force(&mut self, lag_s: f64) {
         let Some(&first) = self.force_n.first() else { return };

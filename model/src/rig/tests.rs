@@ -397,6 +397,7 @@ fn the_rig_uses_nothing_that_it_is_there_to_test() {
         include_str!("current.rs"),
         include_str!("noise.rs"),
         include_str!("plant.rs"),
+        include_str!("quasi_static.rs"),
         include_str!("integrate.rs"),
         include_str!("channel.rs"),
         include_str!("experiment.rs"),
