@@ -26,6 +26,9 @@ pub struct Channels {
     pub displacement_noise_m: f64,
     /// Quantisation of displacement, in metres.
     pub displacement_step_m: f64,
+    /// Noise of a velocity transducer beside the displacement's, in m/s; `None` when there is no such channel. It has
+    /// neither steps nor a filter.
+    pub velocity_noise_m_s: Option<f64>,
     /// Noise of the driver's measured current, in amperes.
     pub current_noise_a: f64,
     /// Quantisation of current, in amperes.
@@ -61,6 +64,7 @@ impl Channels {
     pub const PERFECT: Self = Self {
         displacement_noise_m: 0.0,
         displacement_step_m: 0.0,
+        velocity_noise_m_s: None,
         current_noise_a: 0.0,
         current_step_a: 0.0,
         force_noise_n: 0.0,
@@ -83,6 +87,12 @@ impl Channels {
         Self { ambient: true, ..self }
     }
 
+    /// These channels with a velocity transducer of so much noise, in m/s.
+    #[must_use]
+    pub fn with_velocity(self, noise_m_s: f64) -> Self {
+        Self { velocity_noise_m_s: Some(noise_m_s), ..self }
+    }
+
     /// Checks that every field is a number and noises, steps and filters are possible.
     ///
     /// # Errors
@@ -91,6 +101,7 @@ impl Channels {
         for (name, value) in [
             ("displacement_noise_m", self.displacement_noise_m),
             ("displacement_step_m", self.displacement_step_m),
+            ("velocity_noise_m_s", self.velocity_noise_m_s.unwrap_or(0.0)),
             ("current_noise_a", self.current_noise_a),
             ("current_step_a", self.current_step_a),
             ("force_noise_n", self.force_noise_n),

@@ -57,7 +57,7 @@ const CASE_EVERY: usize = 128;
 /// zero.
 ///
 /// Displacement is relative, with zero mean; the drive is the driver's measured coil current, which knows
-/// nothing of the coil's lag. An experiment with a servo logs the set point too (`setpoint_m`, without noise),
+/// nothing of the coil's lag. Velocity is logged when the channels have a transducer for it. An experiment with a servo logs the set point too (`setpoint_m`, without noise),
 /// and channels with a room thermocouple its reading (`ambient_temp_c`). Everything random follows from `seed`: the same arguments give the same run,
 /// and runs that differ in `plant` or `channels` alone have the same excitation. A plant that fails
 /// [`Plant::check`] may give forces that are not finite.
@@ -111,13 +111,17 @@ pub fn record_while(
         let room = vec![plant.ambient_c; samples];
         other.push(("ambient_temp_c".to_owned(), trace(&room, CASE_EVERY, case, Purpose::AmbientNoise)));
     }
+    let velocity = channels.velocity_noise_m_s.map(|noise| {
+        let sensor = Sensor { noise, step: 0.0, offset: 0.0 };
+        trace(&motion.velocity_m_s, 1, sensor, Purpose::VelocityNoise)
+    });
     let x = filtered(motion.displacement_m, channels.displacement_filter);
     let i = filtered(response.driver_a, channels.current_filter);
     let f = channels.force_signal(response.force_n);
     Some(Run {
         name: format!("rig {} seed {seed}", experiment.name),
         displacement_m: trace(&x, 1, displacement, Purpose::DisplacementNoise),
-        velocity_m_s: None,
+        velocity_m_s: velocity,
         drive: Some((DriveKind::CoilCurrent, trace(&i, 1, current, Purpose::CurrentNoise))),
         force_n: Some(trace(&f, 1, force, Purpose::ForceNoise)),
         case_temp_c: Some(trace(&response.temperature_c, CASE_EVERY, case, Purpose::CaseNoise)),

@@ -15,6 +15,7 @@ pub(super) enum Purpose {
     CaseNoise = 6,
     AmbientNoise = 7,
     Drift = 8,
+    VelocityNoise = 9,
 }
 
 /// The generator of a purpose.

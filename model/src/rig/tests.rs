@@ -303,6 +303,17 @@ fn each_channel_has_its_noise() -> Outcome {
     let noisy = record(&experiment, &Plant::default(), &Channels::default(), 3);
     let clean = record(&experiment, &Plant::default(), &Channels::PERFECT, 3);
     let near = |found: f64, wanted: f64| assert!((found / wanted - 1.0).abs() < 0.05, "{found} for {wanted}");
+    assert_eq!(noisy.velocity_m_s, None);
+    let velocity = |noise_m_s| {
+        let run = record(&experiment, &Plant::default(), &Channels::default().with_velocity(noise_m_s), 3);
+        assert_eq!((&run.force_n, &run.displacement_m), (&noisy.force_n, &noisy.displacement_m));
+        run.velocity_m_s.map(|trace| trace.values).unwrap_or_default()
+    };
+    near(std(&difference(&velocity(1e-3), &velocity(0.0))), 1e-3);
+    let x = &clean.displacement_m.values;
+    let exact = velocity(0.0);
+    let off = (1..x.len() - 1).map(|k| (x[k + 1] - x[k - 1]) * signal::RATE_HZ / 2.0 - exact[k]);
+    assert!(off.fold(0.0, |most: f64, off| most.max(off.abs())) < 1e-3);
     near(std(&difference(&noisy.displacement_m.values, &clean.displacement_m.values)), 3e-6);
     near(std(&difference(drive(&noisy)?, drive(&clean)?)), 2e-3);
     near(std(&difference(force(&noisy)?, force(&clean)?)), 3.0);

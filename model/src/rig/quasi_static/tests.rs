@@ -62,7 +62,7 @@ fn points_of_the_force_velocity_map_are_those_of_the_equation() {
         }
     }
     // The thesis' damper at 6 in/s is 39 lbf without current and 264 lbf at 2.5 A: this one is of its size.
-    let at_6_in_s = |current_a: f64| by_hand_n(&Plant::quasi_static(), current_a, 0.0, 0.1524) / 4.448;
+    let at_6_in_s = |current_a: f64| by_hand_n(&plant, current_a, 0.0, 0.1524) / 4.448;
     assert!((25.0..60.0).contains(&at_6_in_s(0.0)), "{}", at_6_in_s(0.0));
     assert!((180.0..300.0).contains(&at_6_in_s(2.5)), "{}", at_6_in_s(2.5));
 }

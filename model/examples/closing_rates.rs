@@ -1,0 +1,70 @@
+//! How often the diagnosis is right, and how often wrong, on runs whose truth is known.
+//!
+//! ```text
+//! cargo run --release -p mr-damper-model --example closing_rates -- [--seeds 20] [--only TEXT] [--derived]
+//!     --only TEXT   cases whose name holds TEXT: "single", "coil_lag", "x0.5"
+//!     --derived     velocity from displacement, in place of the transducer's
+//! ```
+
+#[path = "../tests/closing/mod.rs"]
+mod closing;
+
+use closing::cases::{Kind, catalogue};
+use closing::judge::{MEASURED, judge};
+use closing::rates::{Rate, Row, head};
+use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
+use std::error::Error;
+
+struct Arguments {
+    seeds: u64,
+    only: String,
+    conditioning: Conditioning,
+}
+
+fn arguments() -> Result<Arguments, String> {
+    let mut given = Arguments { seeds: 20, only: String::new(), conditioning: MEASURED };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let mut value = || words.next().ok_or_else(|| format!("{word} wants a value"));
+        match word.as_str() {
+            "--seeds" => given.seeds = value()?.parse().map_err(|e| format!("--seeds: {e}"))?,
+            "--only" => given.only = value()?,
+            "--derived" => {
+                let velocity = VelocitySource::Backward;
+                given.conditioning = Conditioning { velocity, apply_to: ApplyTo::Output, ..MEASURED };
+            }
+            _ => return Err(format!("unknown: {word}; there are --seeds N, --only TEXT and --derived")),
+        }
+    }
+    Ok(given)
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let given = arguments()?;
+    let plans: Vec<_> = catalogue().into_iter().filter(|plan| plan.name().contains(&given.only)).collect();
+    if plans.is_empty() {
+        return Err(format!("no case's name holds \"{}\"", given.only).into());
+    }
+    println!("{}", head());
+    let mut groups: Vec<((Kind, bool, f64), [Rate; 2])> = Vec::new();
+    for plan in &plans {
+        let mut row = Row::default();
+        for seed in 0..given.seeds {
+            row.take(plan, &judge(&plan.case(seed)?, given.conditioning)?, plan.change(seed)?);
+        }
+        println!("{}", row.text(plan));
+        let key = (plan.kind, plan.truth.is_empty(), plan.share);
+        let at = groups.iter().position(|(known, _)| *known == key).unwrap_or_else(|| {
+            groups.push((key, [Rate::default(); 2]));
+            groups.len() - 1
+        });
+        groups[at].1[0].merge(row.right);
+        groups[at].1[1].merge(row.wrong);
+    }
+    println!();
+    for ((kind, is_null, share), [right, wrong]) in groups {
+        let what = if is_null { "nothing put in".to_owned() } else { format!("x{share}") };
+        println!("{:<12} {what:<16} right {:>22}   wrong {:>22}", kind.name(), right.text(), wrong.text());
+    }
+    Ok(())
+}

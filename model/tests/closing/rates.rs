@@ -1,0 +1,146 @@
+//! Rates of right and wrong names over the seeds of a plan, with intervals.
+
+use super::cases::Plan;
+use super::judge::Outcome;
+use mr_damper_model::effect::Effect;
+use std::collections::BTreeMap;
+
+/// Id of the library for an effect of the rig; `None` where the library has none.
+pub(crate) fn library_id(rig_id: &str) -> Option<&'static str> {
+    // A spring in series is a form of the force's lag there.
+    let id = if rig_id == "series_spring" { "force_lag" } else { rig_id };
+    Effect::ALL.into_iter().map(Effect::id).find(|known| *known == id)
+}
+
+/// How often, of how many.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Rate {
+    pub(crate) hits: u32,
+    pub(crate) of: u32,
+}
+
+impl Rate {
+    fn count(&mut self, hit: bool) {
+        self.hits += u32::from(hit);
+        self.of += 1;
+    }
+
+    /// Adds what another has counted.
+    pub(crate) fn merge(&mut self, other: Self) {
+        self.hits += other.hits;
+        self.of += other.of;
+    }
+
+    /// Wilson's 95 % interval; all or nothing when nothing was counted.
+    pub(crate) fn interval(self) -> [f64; 2] {
+        const Z: f64 = 1.959_963_985;
+        if self.of == 0 {
+            return [0.0, 1.0];
+        }
+        let n = f64::from(self.of);
+        let p = f64::from(self.hits) / n;
+        let widened = 1.0 + Z * Z / n;
+        let centre = (p + Z * Z / (2.0 * n)) / widened;
+        let half = Z / widened * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+        [(centre - half).max(0.0), (centre + half).min(1.0)]
+    }
+
+    /// `19/20 [.76 .99]`.
+    pub(crate) fn text(self) -> String {
+        let [low, high] = self.interval();
+        let short = |p: f64| format!("{p:.3}");
+        format!("{}/{} [{} {}]", self.hits, self.of, short(low), short(high))
+    }
+}
+
+/// Figures of a plan over its seeds.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Row {
+    /// All effects were named, each by its id or in a class with it.
+    pub(crate) right: Rate,
+    /// Something was named that is not there.
+    pub(crate) wrong: Rate,
+    changes: Vec<f64>,
+    before: [Vec<f64>; 3],
+    after: Vec<f64>,
+    /// Relative errors of the parameters of effects that were named as themselves.
+    errors: Vec<f64>,
+    verdicts: BTreeMap<String, u32>,
+}
+
+impl Row {
+    /// Counts one outcome of `plan`, whose effects change the force by the share `change`.
+    pub(crate) fn take(&mut self, plan: &Plan, outcome: &Outcome, change: f64) {
+        let there: Vec<Option<&str>> = plan.truth.iter().map(|(id, _)| library_id(id)).collect();
+        let within = |ids: &[String], id: &str| ids.iter().any(|named| named == id);
+        let found = |id: &str| outcome.named.iter().any(|named| within(&named.ids, id));
+        self.right.count(there.iter().all(|id| id.is_some_and(&found)));
+        let is_there = |ids: &[String]| there.iter().flatten().any(|id| within(ids, id));
+        self.wrong.count(outcome.named.iter().any(|named| !is_there(&named.ids)));
+        for (id, size) in &plan.truth {
+            // The spring has a form of its own, whose parameter is another than the lag's.
+            let own = outcome.named.iter().find(|named| named.ids.first().map(String::as_str) == Some(*id));
+            self.errors.extend(own.map(|named| (named.value / size - 1.0).abs()));
+        }
+        self.changes.push(change);
+        self.before.iter_mut().zip(outcome.before).for_each(|(all, esr)| all.push(esr));
+        self.after.extend(outcome.after);
+        *self.verdicts.entry(outcome.verdict.clone()).or_default() += 1;
+    }
+
+    /// Median ESR of the base on estimate, confirm and test.
+    pub(crate) fn before(&self) -> [f64; 3] {
+        [0, 1, 2].map(|run| median(&self.before[run]))
+    }
+
+    /// Median relative error of the parameters.
+    pub(crate) fn error(&self) -> f64 {
+        median(&self.errors)
+    }
+
+    /// The row of the table below [`HEAD`].
+    pub(crate) fn text(&self, plan: &Plan) -> String {
+        let sizes: Vec<String> = plan.truth.iter().map(|(_, size)| format!("{size}")).collect();
+        let [estimate, confirm, test] = self.before();
+        let verdicts: Vec<String> = self.verdicts.iter().map(|(name, n)| format!("{name} {n}")).collect();
+        format!(
+            "{:<46} {:>14} {:>7.2} {estimate:>9.2e} {confirm:>9.2e} {test:>9.2e} {:>9.2e} {:>7.1} {:>21} {:>21}  {}",
+            plan.name(),
+            sizes.join(", "),
+            100.0 * median(&self.changes),
+            median(&self.after),
+            100.0 * self.error(),
+            self.right.text(),
+            self.wrong.text(),
+            verdicts.join(", "),
+        )
+    }
+}
+
+/// Head of the table: medians over the seeds, rates with Wilson's 95 % interval.
+pub(crate) fn head() -> String {
+    format!(
+        "{:<46} {:>14} {:>7} {:>9} {:>9} {:>9} {:>9} {:>7} {:>21} {:>21}  {}",
+        "case",
+        "size",
+        "dF/F %",
+        "ESR est.",
+        "confirm",
+        "test",
+        "after",
+        "off %",
+        "right",
+        "wrong",
+        "verdicts"
+    )
+}
+
+/// The middle value; NaN of none.
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    match sorted.len() {
+        0 => f64::NAN,
+        n => 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]),
+    }
+}

@@ -1,0 +1,138 @@
+//! The cases on which the diagnosis is tried: that they hold what they say, and that rates are counted right.
+
+mod closing;
+
+use closing::cases::{Case, Kind, OUTSIDE, Plan, SIZES, catalogue};
+use closing::judge::{MEASURED, Named, Outcome, judge};
+use closing::rates::{Rate, Row, library_id};
+use mr_damper_model::Error;
+use mr_damper_model::effect::Effect;
+use mr_damper_model::force::law::Scale;
+use mr_damper_model::sample::Run;
+use std::collections::HashSet;
+
+fn plan(name: &str) -> Plan {
+    catalogue().into_iter().find(|plan| plan.name() == name).unwrap_or_else(|| panic!("no case {name}"))
+}
+
+fn force(run: &Run) -> &[f64] {
+    run.force_n.as_ref().map_or(&[], |trace| &trace.values)
+}
+
+#[test]
+fn every_effect_of_the_library_is_there_at_three_physical_sizes() {
+    let put_in: HashSet<_> = SIZES.iter().filter_map(|(id, _)| library_id(id)).collect();
+    assert_eq!(put_in, Effect::ALL.into_iter().map(Effect::id).collect());
+    assert!(OUTSIDE.iter().all(|(id, _)| library_id(id).is_none()));
+    let plans = catalogue();
+    let names: HashSet<String> = plans.iter().map(Plan::name).collect();
+    assert_eq!(names.len(), plans.len());
+    for (id, full) in SIZES {
+        for share in [0.5, 1.0, 2.0] {
+            let size = full * share;
+            assert_eq!(plan(&format!("single {id} x{share}")).truth, [(id, size)]);
+            let form = (id == "series_spring").then_some("series_spring");
+            let effect = Effect::ALL
+                .into_iter()
+                .find(|e| Some(e.id()) == library_id(id) && (form.is_none() || e.form() == form));
+            let parameter = effect.expect("in the library").parameters()[0];
+            let [low, high] = parameter.range;
+            // Ranges relative to the data are not known here.
+            assert!(parameter.scale != Scale::ONE || (low..=high).contains(&size), "{id} {size}");
+        }
+    }
+}
+
+#[test]
+fn runs_of_a_case_are_strangers_and_the_reference_is_the_test_but_for_effect_and_noise() -> Result<(), Error>
+{
+    let case = plan("paired friction x1").case(3)?;
+    let Case { estimate, confirm, test, reference, .. } = &case;
+    let x = |run: &Run| run.displacement_m.values.clone();
+    let apart = |a: &Run, b: &Run| {
+        let off = x(a).iter().zip(x(b)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert_eq!(a.displacement_m.len(), 15_360);
+        off
+    };
+    assert!(apart(&estimate[0], &confirm[0]) > 5e-3 && apart(&confirm[0], &test[0]) > 5e-3);
+    let reference = reference.as_ref().expect("paired");
+    let off = apart(&test[0], reference);
+    assert!(off > 1e-6 && off < 4e-5, "{off} m");
+    // 80 N of friction, and 3 N of noise twice.
+    let change = force(&test[0]).iter().zip(force(reference)).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+    let rms = (change / 15_360.0).sqrt();
+    assert!((60.0..82.0).contains(&rms), "{rms} N");
+    let again = plan("paired friction x1").case(3)?;
+    assert_eq!((&again.test, &again.reference), (&case.test, &case.reference));
+    assert_ne!(plan("paired friction x1").case(4)?.test, case.test);
+    assert!(plan("single friction x1").case(3)?.reference.is_none());
+    Ok(())
+}
+
+#[test]
+fn every_effect_changes_the_force_and_more_of_it_changes_it_more() -> Result<(), Error> {
+    assert_eq!(plan("null").change(0)?, 0.0);
+    for (id, _) in SIZES {
+        let half = plan(&format!("single {id} x0.5")).change(0)?;
+        let double = plan(&format!("single {id} x2")).change(0)?;
+        // Noise is 0.7 % of the force.
+        assert!(half > 0.001 && half < 0.2 && double > 1.4 * half && double < 0.5, "{id}: {half} {double}");
+    }
+    for (id, _) in OUTSIDE {
+        let change = plan(&format!("outside {id} x1")).change(0)?;
+        assert!((0.02..0.2).contains(&change), "{id}: {change}");
+    }
+    Ok(())
+}
+
+#[test]
+fn the_base_follows_a_healthy_damper_to_the_noise_and_no_other() -> Result<(), Error> {
+    let of = |name: &str| judge(&plan(name).case(1)?, MEASURED).map(|outcome| outcome.before);
+    let healthy = of("null")?;
+    assert!(healthy.iter().all(|esr| (3e-5..3e-4).contains(esr)), "{healthy:?}");
+    for name in ["single coil_lag x1", "single gas_spring x1"] {
+        let lacking = of(name)?;
+        assert!(lacking.iter().all(|esr| *esr > 1.5e-3), "{name}: {lacking:?}");
+    }
+    let wrong = of("wrong base null")?;
+    assert!(wrong.iter().all(|esr| *esr > 3e-3), "{wrong:?}");
+    Ok(())
+}
+
+#[test]
+fn wilson_s_intervals_are_those_of_the_tables() {
+    let near = |hits, of, wanted: [f64; 2]| {
+        let found = Rate { hits, of }.interval();
+        assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 5e-4), "{hits}/{of}: {found:?}");
+    };
+    near(0, 200, [0.0, 0.0188]);
+    near(10, 20, [0.2993, 0.7007]);
+    near(19, 20, [0.7639, 0.9911]);
+    near(0, 0, [0.0, 1.0]);
+}
+
+#[test]
+fn names_are_right_when_they_hold_the_truth_and_wrong_when_they_hold_none_of_it() {
+    let named = |ids: &[&str], value| Named { ids: ids.iter().map(|id| (*id).to_owned()).collect(), value };
+    let judged = |name: &str, named: &[Named]| {
+        let mut row = Row::default();
+        row.take(&plan(name), &Outcome { named: named.to_vec(), ..Outcome::default() }, 0.0);
+        (row.right.hits, row.wrong.hits)
+    };
+    assert_eq!(judged("null", &[]), (1, 0));
+    assert_eq!(judged("null", &[named(&["friction"], 3.0)]), (1, 1));
+    let class = named(&["inertia", "sensor_delay"], 1.0);
+    assert_eq!(judged("single sensor_delay x1", std::slice::from_ref(&class)), (1, 0));
+    assert_eq!(judged("single sensor_delay x1", &[named(&["friction"], 3.0)]), (0, 1));
+    assert_eq!(judged("single sensor_delay x1", &[class, named(&["friction"], 3.0)]), (1, 1));
+    assert_eq!(judged("single series_spring x2", &[named(&["force_lag"], 3.0)]), (1, 0));
+    let both = [named(&["gas_spring"], 6e3), named(&["coil_lag"], 0.012)];
+    assert_eq!(judged("pair coil_lag + gas_spring x1", &both), (1, 0));
+    assert_eq!(judged("pair coil_lag + gas_spring x1", &both[..1]), (0, 0));
+    assert_eq!(judged("outside mains_hum x1", &[]), (0, 0));
+    let mut row = Row::default();
+    let outcome = Outcome { named: vec![named(&["coil_lag"], 0.0132)], ..Outcome::default() };
+    row.take(&plan("single coil_lag x1"), &outcome, 0.0);
+    assert!((row.error() - 0.1).abs() < 1e-12, "{}", row.error());
+    assert_eq!(plan("single coil_lag x1").kind, Kind::Single);
+}
