@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod condition;
+pub mod diagnose;
 pub mod effect;
 pub mod error;
 pub mod evaluate;

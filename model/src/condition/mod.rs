@@ -44,6 +44,10 @@ pub enum VelocitySource {
     /// Backward difference of the (conditioned) displacement, as in the thesis.
     #[default]
     Backward,
+    /// Slope at its end of the parabola through the last three (conditioned) displacements: no delay to first order, more
+    /// noise.
+    #[serde(rename = "three_point")]
+    ThreePoint,
     /// Slope of the least-squares line through the displacements of a trailing window: less noise, a delay
     /// of half the window.
     Slope,
@@ -158,6 +162,7 @@ impl Conditioning {
         };
         let velocity = match self.velocity {
             VelocitySource::Backward => Derivative::Backward.step(&mut state.derivative, dt_s, filtered),
+            VelocitySource::ThreePoint => Derivative::ThreePoint.step(&mut state.derivative, dt_s, filtered),
             VelocitySource::Slope => Derivative::Slope { window_s: self.slope_window_s }.step(
                 &mut state.derivative,
                 dt_s,

@@ -288,6 +288,15 @@ impl Effect {
         Self::ALL.into_iter().find(|effect| effect.id() == id && effect.form() == form)
     }
 
+    /// The finer form of it that a diagnosis tries once this one is named.
+    #[must_use]
+    pub const fn refined(self) -> Option<Self> {
+        match self {
+            Self::CoilLag => Some(Self::CoilLagRiseFall),
+            _ => None,
+        }
+    }
+
     /// What it is, in a line.
     #[must_use]
     pub const fn what(self) -> &'static str {

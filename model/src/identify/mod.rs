@@ -68,6 +68,8 @@ pub use levels::{MembershipSource, Memberships};
 pub use options::{Loss, Options, Placement};
 pub use phase::{IdentifiedPhase, PhaseOptions, identify_phase, score_phase};
 pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
+pub(crate) use scales::Scales;
+pub(crate) use score::check as check_runs;
 pub use score::{Predicted, Scores, persistence, score, sum_of_free_run, walk};
 pub use spec::{Form, ModelSpec, Structure};
 pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};

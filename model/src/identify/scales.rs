@@ -6,23 +6,23 @@ use crate::force::law::Scale;
 
 /// The largest of what the runs hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Scales {
+pub(crate) struct Scales {
     /// Half the range of the measured force, N.
-    pub(super) force_n: f64,
+    pub(crate) force_n: f64,
     /// Half the largest stroke, m.
-    pub(super) displacement_m: f64,
+    pub(crate) displacement_m: f64,
     /// Peak speed, m/s.
-    pub(super) velocity_m_s: f64,
+    pub(crate) velocity_m_s: f64,
     /// Acceleration at that speed and the highest frequency, m/s².
-    pub(super) acceleration_m_s2: f64,
+    pub(crate) acceleration_m_s2: f64,
     /// Largest ratio of speed to stroke in any run: a kind of highest circular frequency, 1/s.
-    pub(super) frequency_1_s: f64,
+    pub(crate) frequency_1_s: f64,
     /// Largest size of the drive, A or V; one where there is none.
-    pub(super) drive: f64,
+    pub(crate) drive: f64,
 }
 
 impl Scales {
-    pub(super) fn of(datasets: &[Dataset]) -> Result<Self, Error> {
+    pub(crate) fn of(datasets: &[Dataset]) -> Result<Self, Error> {
         let mut scales = Self {
             force_n: 0.0,
             displacement_m: 0.0,
@@ -59,7 +59,7 @@ impl Scales {
     }
 
     /// The size of a parameter with this natural scale.
-    pub(super) fn size(&self, scale: Scale) -> f64 {
+    pub(crate) fn size(&self, scale: Scale) -> f64 {
         self.force_n.powi(scale.force)
             * self.displacement_m.powi(scale.displacement)
             * self.velocity_m_s.powi(scale.velocity)

@@ -88,7 +88,7 @@ pub fn persistence(dataset: &Dataset) -> Option<Fit> {
 }
 
 /// That `model` can run on `dataset` at all.
-fn check(model: &Augmented, dataset: &Dataset) -> Result<(), Error> {
+pub(crate) fn check(model: &Augmented, dataset: &Dataset) -> Result<(), Error> {
     let force = model.force();
     if let Some(effect) = model.effects().needing(Need::CaseTemperature)
         && dataset.rows.iter().all(|row| row.case_temp_c.is_nan())

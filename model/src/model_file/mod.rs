@@ -91,6 +91,27 @@ pub struct TrainingRun {
     pub samples: u64,
     /// Force offset that was identified for it, N.
     pub force_offset_n: f64,
+    /// What it was for, when a closing of the loop made the model; absent: it was trained on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub role: Option<Role>,
+}
+
+/// What a run was for in a closing of the loop (see [`crate::diagnose`]).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// The base that the closing started from was trained on it, or chosen with it.
+    Base,
+    /// Effects were found on it.
+    Estimate,
+    /// It decided whether a finding holds.
+    Confirm,
+    /// Sealed: read once, at the end.
+    Test,
+    /// The healthy run of the same excitation.
+    Reference,
+    /// One of several runs of one pattern, for the noise floor.
+    Replicate,
 }
 
 /// `[conditioning]` of the file: the settings and the rate that they were used at.

@@ -3,7 +3,8 @@
 //! A case has three runs of 30 s at 512 Hz, each with a motion, a current and noise of its own: estimate, confirm,
 //! test. They start at 22, 34 and 46 °C, and a small heat capacity lets the damper warm by some 20 K on the way, so that
 //! fade can be told from drift. The road is rough enough for masses and lags, and long enough for end stops; the current
-//! is an APRBS that is often near zero, where friction is not lost beside the yield force. Runs hold a velocity channel, so that a diagnosis may take it, or derive velocity itself.
+//! is an APRBS that is often near zero, where friction is not lost beside the yield force. Runs hold a velocity
+//! channel too, which the diagnosis here does without.
 //!
 //! | kind | truth | base fits |
 //! |---|---|---|
@@ -28,7 +29,7 @@ const END_STOP_M: f64 = 0.014;
 /// Effects of the library, and their full size in the rig's unit; of the end stop its stiffness in N/m.
 ///
 /// Double is still physically plausible. Where that leaves little to find (inertia, drift), little it is. Change of the
-/// force and ESR of the base alone on the test run, velocity measured, in the median of two seeds, where the healthy
+/// force and ESR of the base alone on the test run, velocity measured and no filter, in the median of two seeds, where the healthy
 /// damper leaves 1.0e-4 (and 1.6e-3 when velocity is the backward difference, half a sample late):
 ///
 /// | effect | dF/F at half, full, double (%) | ESR at half, full, double (1e-3) |
@@ -138,8 +139,8 @@ pub(crate) struct Case {
     pub(crate) estimate: Vec<Run>,
     pub(crate) confirm: Vec<Run>,
     pub(crate) test: Vec<Run>,
-    /// A healthy run with the excitation of the test.
-    pub(crate) reference: Option<Run>,
+    /// In paired mode healthy runs with the excitation of estimate, confirm and test; else none.
+    pub(crate) reference: Vec<Run>,
 }
 
 /// All plans, in the order of the table at the top of this file.
@@ -188,10 +189,11 @@ impl Plan {
             let run = self.record(&self.truth, which, which, channels, seed)?;
             Ok(Run { name: format!("{name} {seed} of {}", self.name()), ..run })
         };
-        let reference = (self.kind == Kind::Paired).then(|| {
-            let run = self.record(&[], 2, 3, channels, seed)?;
-            Ok::<_, Error>(Run { name: format!("reference {seed} of {}", self.name()), ..run })
-        });
+        let healthy = |which: usize| -> Result<Run, Error> {
+            let run = self.record(&[], which, 3 + which, channels, seed)?;
+            Ok(Run { name: format!("reference {seed}-{which} of {}", self.name()), ..run })
+        };
+        let references = if self.kind == Kind::Paired { 3 } else { 0 };
         Ok(Case {
             kind: self.kind,
             name: self.name(),
@@ -200,7 +202,7 @@ impl Plan {
             estimate: vec![run(0, "estimate")?],
             confirm: vec![run(1, "confirm")?],
             test: vec![run(2, "test")?],
-            reference: reference.transpose()?,
+            reference: (0..references).map(healthy).collect::<Result<_, _>>()?,
         })
     }
 

@@ -1,24 +1,25 @@
-//! What is said of a case. [`judge`] is the only place that calls the diagnosis.
+//! What the diagnosis says of a case. [`judge`] is the only place that calls it.
 
-use super::cases::Case;
+use super::cases::{Case, Kind};
 use mr_damper_model::Error;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
-use mr_damper_model::evaluate::evaluate;
-use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
-use mr_damper_model::pipeline::Settings;
+use mr_damper_model::diagnose::{Runs, Settings, Verdict, close};
+use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
 use mr_damper_model::sample::Run;
 
 /// What came out for a case.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Outcome {
-    /// ESR of the base alone, running free, on estimate, confirm and test.
-    pub(crate) before: [f64; 3],
-    /// ESR of the augmented model on the test; `None` when nothing was named.
+    /// ESR of the base alone, running free, on the sealed run.
+    pub(crate) before: f64,
+    /// ESR of the augmented model there; `None` when nothing was named.
     pub(crate) after: Option<f64>,
-    /// What was named, in the order of naming.
+    /// Share of the explainable error that is gone there; `None` when nothing was named.
+    pub(crate) removed: Option<f64>,
+    /// What was named, in the order of application.
     pub(crate) named: Vec<Named>,
-    /// The verdict, in a word or two.
-    pub(crate) verdict: String,
+    /// The verdict.
+    pub(crate) verdict: Verdict,
 }
 
 /// An effect that was named, or a class of effects that the data do not tell apart.
@@ -26,35 +27,60 @@ pub(crate) struct Outcome {
 pub(crate) struct Named {
     /// Ids of the library; the first one is in the model.
     pub(crate) ids: Vec<String>,
+    /// Form of the first one, where it has one.
+    pub(crate) form: Option<&'static str>,
     /// The first one's first parameter.
     pub(crate) value: f64,
 }
 
-/// The conditioning of the base: no filter, velocity from the transducer.
-pub(crate) const MEASURED: Conditioning = Conditioning {
-    apply_to: ApplyTo::None,
+/// The conditioning of the base: the force's filter on the prediction, a velocity without delay.
+pub(crate) const CONDITIONING: Conditioning = Conditioning {
+    apply_to: ApplyTo::Output,
     cutoff_hz: 20.0,
-    velocity: VelocitySource::Measured,
+    velocity: VelocitySource::ThreePoint,
     slope_window_s: 0.01,
 };
 
-/// Judges a case.
-///
-/// TO BE FILLED IN: identifies and scores the base alone, and names nothing, until there is a diagnosis to call.
+/// Restarts of the base's search.
+const RESTARTS: u32 = 5;
+
+/// Judges a case: fuzzy-tanh is identified on the estimate runs (in paired mode on the healthy run of the estimate's motion), and the
+/// loop is closed.
 ///
 /// # Errors
-/// Those of identification and evaluation.
-pub(crate) fn judge(case: &Case, conditioning: Conditioning) -> Result<Outcome, Error> {
-    let options = Options { conditioning, choose_velocity: false, restarts: 5, ..Options::default() };
-    let base = identify(ModelSpec::FUZZY_TANH, &case.estimate, &options, &Watch::none())?.model;
-    let esr = |runs: &[Run]| -> Result<f64, Error> {
-        let run = runs.first().ok_or_else(|| Error::Data { message: format!("{}: no run", case.name) })?;
-        let scored = evaluate(base, run, Settings::default(), |_| true)?;
-        Ok(scored.free_run.map_or(f64::NAN, |fit| fit.esr))
+/// Those of identification and diagnosis.
+pub(crate) fn judge(case: &Case) -> Result<Outcome, Error> {
+    let rows = |runs: &[Run]| -> Result<Vec<Dataset>, Error> {
+        runs.iter().map(|run| Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default())).collect()
     };
+    let (estimate, confirm, test) = (rows(&case.estimate)?, rows(&case.confirm)?, rows(&case.test)?);
+    let reference = rows(&case.reference)?;
+    let healthy = if case.kind == Kind::Paired { &reference[..1] } else { &estimate[..] };
+    let options = Options {
+        conditioning: CONDITIONING,
+        choose_velocity: false,
+        restarts: RESTARTS,
+        ..Options::default()
+    };
+    let base = identify_datasets(ModelSpec::FUZZY_TANH, healthy, &options, &Watch::none())?.model;
+    let runs =
+        Runs { estimate: &estimate, confirm: &confirm, test: &test, reference: &reference, replicates: &[] };
+    let found = close(&base, &runs, &Settings::default(), &Watch::none(), &|_| {})?;
+    let sealed =
+        found.test.ok_or_else(|| Error::Data { message: format!("{}: no sealed run", case.name) })?;
+    let named = |named: &mr_damper_model::diagnose::Named| Named {
+        ids: named.class.iter().map(ToString::to_string).collect(),
+        form: named.effect.effect().form(),
+        value: named.effect.parameters()[0],
+    };
+    // A name that the sealed run does not bear out is taken back by the verdict.
+    let stands = !matches!(found.verdict, Verdict::Unexplained | Verdict::BaseInadequate);
+    let effects = if stands { &found.effects[..] } else { &[] };
     Ok(Outcome {
-        before: [esr(&case.estimate)?, esr(&case.confirm)?, esr(&case.test)?],
-        verdict: "not judged".to_owned(),
-        ..Outcome::default()
+        before: sealed.before.esr,
+        after: (!effects.is_empty()).then_some(sealed.after.esr),
+        removed: sealed.removed.filter(|_| !effects.is_empty()),
+        named: effects.iter().map(named).collect(),
+        verdict: found.verdict,
     })
 }

@@ -1,18 +1,17 @@
 //! `mr-damper identify`: a model from recorded runs.
 
 use crate::command::Surroundings;
-use crate::command::conditioning::{ConditioningArgs, FilterArg, velocity_text};
+use crate::command::conditioning::{ConditioningArgs, FilterArg, VelocityArg, velocity_text};
 use crate::command::output;
+use crate::command::progress::Working;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::report::identify::SteppedRun;
 use crate::report::{self, Recording};
 use clap::builder::PossibleValuesParser;
-use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
-    Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Progress, Structure, Watch,
-    identify,
+    Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Structure, Watch, identify,
 };
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
@@ -230,7 +229,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 
 fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Result<Identified, NodeError> {
     let options = Options {
-        conditioning: args.conditioning.conditioning(FilterArg::None)?,
+        conditioning: args.conditioning.conditioning(FilterArg::None, VelocityArg::Backward)?,
         choose_velocity: args.conditioning.velocity.is_none(),
         dataset: args.conditioning.dataset(),
         placement: match (&args.centres, args.sets) {
@@ -247,24 +246,10 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
         restarts: args.restarts,
         seed: args.seed,
     };
-    let bar = if around.quiet { ProgressBar::hidden() } else { ProgressBar::new(0) };
-    let style = ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len}, {eta} left");
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    let progress = |progress: Progress| {
-        let (message, done, of) = match progress {
-            Progress::Conditioning { runs } => ("conditioning runs", 0, runs),
-            Progress::Restart { done, of } => ("restarts", done, of),
-            Progress::Epoch { done, of } => ("learning", done, of),
-            Progress::Polish { done, of } => ("finishing the best", done, of),
-        };
-        bar.set_message(message);
-        bar.set_length(u64::from(of));
-        bar.set_position(u64::from(done));
-    };
+    let working = Working::new(around.quiet);
+    let progress = |progress| working.progress(progress);
     let watch = Watch { cancel: Some(around.interrupt.flag()), progress: Some(&progress) };
-    let found = identify(spec, runs, &options, &watch);
-    bar.finish_and_clear();
-    found.map_err(|error| match error {
+    identify(spec, runs, &options, &watch).map_err(|error| match error {
         mr_damper_model::Error::Cancelled => NodeError::Interrupted,
         error => error.into(),
     })
@@ -310,6 +295,7 @@ fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Op
                 sha256: sha256.clone(),
                 samples: run.samples,
                 force_offset_n: run.force_offset_n,
+                role: None,
             })
             .collect(),
         training_free_run: found.free_run,

@@ -8,7 +8,7 @@ mod tables;
 mod work;
 
 use crate::command::Surroundings;
-use crate::command::conditioning::{ConditioningArgs, FilterArg};
+use crate::command::conditioning::{ConditioningArgs, FilterArg, VelocityArg};
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::report::compare::published::Published;
@@ -154,7 +154,7 @@ fn prepare(args: &Args, around: &Surroundings) -> Result<Work, NodeError> {
         None => runs::given(&args.train, &args.test)?,
     };
     let options = Options {
-        conditioning: args.conditioning.conditioning(FilterArg::Inputs)?,
+        conditioning: args.conditioning.conditioning(FilterArg::Inputs, VelocityArg::Backward)?,
         choose_velocity: false,
         dataset: args.conditioning.dataset(),
         most_rows: Some(args.most_rows),

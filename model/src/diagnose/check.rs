@@ -1,0 +1,75 @@
+//! What is refused before any work.
+
+use super::{Runs, Settings};
+use crate::effect::MAX_EFFECTS;
+use crate::error::Error;
+use crate::identify::{Dataset, check_runs};
+use crate::model::Model;
+
+/// Refuses settings that mean nothing, and runs that cannot give an honest answer.
+pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<(), Error> {
+    Error::check("significance", settings.significance, "between 0 and 0.5", |s| s > 0.0 && s <= 0.5)?;
+    Error::check("block_s", settings.block_s, "between 0.1 and 60 s", |s| (0.1..=60.0).contains(&s))?;
+    Error::check("most_effects", settings.most_effects as f64, "1 to 3", |n| {
+        (1.0..=MAX_EFFECTS as f64).contains(&n)
+    })?;
+    if runs.estimate.is_empty() {
+        return Err(Error::Data {
+            message: "there are no estimate runs: give the runs to find effects on".to_owned(),
+        });
+    }
+    if runs.confirm.is_empty() {
+        return Err(Error::Data {
+            message: "there is no confirm run: an effect that was not seen to help on another run is a guess; give one at least, \
+                      recorded apart from the estimate runs"
+                .to_owned(),
+        });
+    }
+    let by_role = [
+        ("estimate", runs.estimate),
+        ("confirm", runs.confirm),
+        ("test", runs.test),
+        ("reference", runs.reference),
+    ];
+    let all: Vec<(&str, &Dataset)> =
+        by_role.iter().flat_map(|(role, runs)| runs.iter().map(move |run| (*role, run))).collect();
+    for (index, (role, run)) in all.iter().enumerate() {
+        if let Some((before, twin)) = all[..index].iter().find(|(_, other)| same_content(run, other)) {
+            return Err(Error::Data {
+                message: format!(
+                    "{role} run {} holds the same data as {before} run {}: a run can serve once only; leave one of them out",
+                    run.name, twin.name
+                ),
+            });
+        }
+        check_runs(&base.augmented(), run)?;
+        if run.conditioning != base.conditioning {
+            return Err(Error::Data {
+                message: format!(
+                    "run {}: is conditioned unlike the base model; condition it as the model is",
+                    run.name
+                ),
+            });
+        }
+        if run.counted() == 0 {
+            return Err(Error::Data {
+                message: format!(
+                    "{role} run {}: no sample counts: the damper never moves, or there is no force",
+                    run.name
+                ),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// True when the measured numbers are the same, whatever the runs are called and whenever they begin.
+fn same_content(a: &Dataset, b: &Dataset) -> bool {
+    let same = |x: f64, y: f64| x == y || (x.is_nan() && y.is_nan());
+    a.rows.len() == b.rows.len()
+        && a.rows.iter().zip(&b.rows).all(|(a, b)| {
+            same(a.raw_force_n, b.raw_force_n)
+                && same(a.displacement_m, b.displacement_m)
+                && same(a.drive, b.drive)
+        })
+}

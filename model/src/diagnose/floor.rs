@@ -1,0 +1,210 @@
+//! The noise floor: the error that no model could mend.
+//!
+//! ```text
+//! replicates   s^2 = mean over rows of the variance between runs of one pattern, each run's mean taken out
+//! estimated    s   = median |third difference of the force| / (.6745 sqrt 20), times the gain of the output's filter
+//! inputs       q^2 = mean over rows of (M(x + e, i + u) - M(x, i))^2,   e, u drawn with the channels' own white noise
+//! floor        s^2 + q^2;  declared: as declared                 LOF = 1 - N floor / sum r^2
+//! ```
+//!
+//! Noise of displacement becomes noise of velocity, and through the model one of force that no better model would be rid of: it
+//! is drawn, sent through conditioning and model, and counted.
+//!
+//! A third difference takes out what is smooth from sample to sample and leaves white noise times sqrt 20; the median keeps
+//! the few rows on which the force jumps from counting. It sees white noise alone and so is a lower bound.
+
+use super::Settings;
+use super::finding::{FloorSource, NoiseFloor};
+use super::rows::{Rows, dot};
+use crate::condition::{ApplyTo, Conditioning, LowPassState, MotionState};
+use crate::effect::Augmented;
+use crate::error::Error;
+use crate::identify::{Dataset, Row};
+use crate::sample::Stamp;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+/// Standard deviation of a normal variable over the median of its size.
+const OF_MEDIAN: f64 = 1.0 / 0.674_489_750_196_081_7;
+/// Sum of the squared binomial coefficients 1, 3, 3, 1.
+const THIRD_DIFFERENCE: f64 = 20.0;
+/// Samples of a filter's response that its gain is taken from.
+const RESPONSE: usize = 4096;
+
+/// The floor of the rows of a closing.
+pub(super) fn noise_floor(
+    rows: &Rows,
+    base: &Augmented,
+    replicates: &[Dataset],
+    settings: &Settings,
+) -> Result<NoiseFloor, Error> {
+    let variance = rows.spread() / rows.len().max(1) as f64;
+    let floor = |source, rsse_n: f64| NoiseFloor { source, rsse_n, esr: rsse_n * rsse_n / variance };
+    let with_inputs = |rsse_n: f64| (rsse_n * rsse_n + of_inputs(rows, base, settings.seed)).sqrt();
+    if !replicates.is_empty() {
+        return Ok(floor(FloorSource::Replicates, with_inputs(of_replicates(replicates)?)));
+    }
+    if let Some(rsse_n) = settings.noise_floor_n {
+        let rsse_n = Error::check("noise_floor", rsse_n, "positive and finite, in N", |n| n > 0.0)?;
+        return Ok(floor(FloorSource::Declared, rsse_n));
+    }
+    let squares = rows.runs().iter().map(|run| {
+        let dataset = run.dataset;
+        let rsse_n =
+            white_noise(dataset, |row| row.raw_force_n) * gain(&dataset.conditioning, dataset.rate_hz);
+        rsse_n * rsse_n * run.indices.len() as f64
+    });
+    Ok(floor(FloorSource::Estimated, with_inputs((squares.sum::<f64>() / rows.len().max(1) as f64).sqrt())))
+}
+
+/// Root mean variance between runs of one pattern, N.
+fn of_replicates(replicates: &[Dataset]) -> Result<f64, Error> {
+    let [first, others @ ..] = replicates else { return Ok(0.0) };
+    if others.is_empty() {
+        return Err(Error::Data {
+            message: format!(
+                "run {}: one run has no replicate; give two at least of one pattern",
+                first.name
+            ),
+        });
+    }
+    let aligned: Vec<Vec<Option<f64>>> =
+        others.iter().map(|other| forces_at(first, other)).collect::<Result<_, _>>()?;
+    let forces = |k: usize| {
+        let others = aligned.iter().map(move |forces| forces[k]);
+        std::iter::once(Some(first.rows[k].force_n).filter(|f| f.is_finite()))
+            .chain(others)
+            .collect::<Option<Vec<f64>>>()
+    };
+    let common: Vec<Vec<f64>> =
+        (0..first.rows.len()).filter(|&k| first.rows[k].counts).filter_map(forces).collect();
+    if common.is_empty() {
+        return Err(Error::Data {
+            message: format!("run {}: no row in common with its replicates", first.name),
+        });
+    }
+    let (rows, runs) = (common.len() as f64, replicates.len() as f64);
+    let means: Vec<f64> =
+        (0..replicates.len()).map(|run| common.iter().map(|row| row[run]).sum::<f64>() / rows).collect();
+    let variance = |row: &Vec<f64>| {
+        let own: Vec<f64> = row.iter().zip(&means).map(|(force, mean)| force - mean).collect();
+        let mean = own.iter().sum::<f64>() / runs;
+        own.iter().map(|force| (force - mean) * (force - mean)).sum::<f64>() / (runs - 1.0)
+    };
+    Ok((common.iter().map(variance).sum::<f64>() / rows).sqrt())
+}
+
+/// Force of `other` at the rows of `like`, by time since the first row; `None` where it has none.
+///
+/// # Errors
+/// [`Error::Data`] when the two do not move alike.
+pub(super) fn forces_at(like: &Dataset, other: &Dataset) -> Result<Vec<Option<f64>>, Error> {
+    let start = |d: &Dataset| d.rows.first().map_or(Stamp::default(), |row| row.stamp);
+    let (ours, theirs) = (start(like), start(other));
+    let half_s = 0.5 / like.rate_hz.max(1.0);
+    let (mut forces, mut at) = (Vec::with_capacity(like.rows.len()), 0);
+    let (mut apart, mut spread, mut rows) = (0.0, 0.0, 0_u32);
+    for row in &like.rows {
+        let time_s = row.stamp.since(ours).get();
+        let time_at = |k: usize| other.rows[k].stamp.since(theirs).get();
+        while at < other.rows.len() && time_at(at) < time_s - half_s {
+            at += 1;
+        }
+        let met = other.rows.get(at).filter(|_| (time_at(at) - time_s).abs() <= half_s);
+        if let (Some(met), true) = (met, row.counts) {
+            apart += (met.displacement_m - row.displacement_m).powi(2);
+            spread += row.displacement_m.powi(2);
+            rows += 1;
+        }
+        forces.push(met.map(|met| met.force_n).filter(|force| force.is_finite()));
+    }
+    if rows == 0 || apart > ALIKE * ALIKE * spread {
+        return Err(Error::Data {
+            message: format!(
+                "runs {} and {} do not move alike: runs of one pattern are needed here, the same excitation from the first \
+                 sample on",
+                like.name, other.name
+            ),
+        });
+    }
+    Ok(forces)
+}
+
+/// Share of the displacement by which runs of one pattern may differ, root mean square.
+const ALIKE: f64 = 0.1;
+
+/// Mean squared change of the free run of `base` when its inputs are as noisy once more, N².
+fn of_inputs(rows: &Rows, base: &Augmented, seed: u64) -> f64 {
+    let noisy: Vec<Dataset> = rows
+        .runs()
+        .iter()
+        .zip(0..)
+        .map(|(run, stream)| with_noise(run.dataset, Pcg64Mcg::seed_from_u64(seed ^ stream)))
+        .collect();
+    let Some(plain_n) = rows.predict(base) else { return 0.0 };
+    let squares = rows.runs().iter().zip(&noisy).filter_map(|(run, noisy)| {
+        let moved_n = run.predict_on(base, noisy)?;
+        let mut change: Vec<f64> =
+            moved_n.iter().zip(&plain_n[run.range.clone()]).map(|(moved, plain)| moved - plain).collect();
+        let mean = change.iter().sum::<f64>() / change.len().max(1) as f64;
+        change.iter_mut().for_each(|value| *value -= mean);
+        Some(dot(&change, &change))
+    });
+    squares.sum::<f64>() / rows.len().max(1) as f64
+}
+
+/// The run with white noise of its own size on displacement and drive.
+fn with_noise(dataset: &Dataset, mut random: Pcg64Mcg) -> Dataset {
+    let (motion_m, drive) =
+        (white_noise(dataset, |row| row.displacement_m), white_noise(dataset, |row| row.drive));
+    // A sum of twelve is normal enough for a variance.
+    let mut normal = || (0..12).map(|_| random.random_range(-0.5..0.5)).sum::<f64>();
+    let (filter, mut state) = (dataset.conditioning.low_pass(), MotionState::default());
+    // The rows are behind a filter on the inputs already; what is measured of their noise is too.
+    let conditioning = match dataset.conditioning.apply_to {
+        ApplyTo::Inputs => Conditioning { apply_to: ApplyTo::None, ..dataset.conditioning },
+        ApplyTo::Output | ApplyTo::None => dataset.conditioning,
+    };
+    let mut noisy = dataset.clone();
+    for row in &mut noisy.rows {
+        let error_m = motion_m * normal();
+        // Conditioning is linear: the error passes it alone. A segment's first row has no velocity of its own.
+        if let Some(error) = conditioning.step(&filter, &mut state, row.dt_s, error_m, Some(0.0)) {
+            row.velocity_m_s += error.velocity_m_s;
+            let acceleration = error.acceleration_m_s2;
+            row.acceleration_m_s2 += if acceleration.is_finite() { acceleration } else { 0.0 };
+        }
+        row.displacement_m += error_m;
+        row.drive += drive * normal();
+    }
+    noisy
+}
+
+/// White noise of a channel of a run, root mean square.
+fn white_noise(dataset: &Dataset, channel: impl Fn(&Row) -> f64) -> f64 {
+    let rows = &dataset.rows;
+    let third = |k: usize| {
+        let f = |n: usize| channel(&rows[k + n]);
+        let within = (1..4).all(|n| rows[k + n].dt_s.is_some()) && rows[k].counts;
+        Some((f(3) - 3.0 * f(2) + 3.0 * f(1) - f(0)).abs()).filter(|d| within && d.is_finite())
+    };
+    let mut differences: Vec<f64> = (0..rows.len().saturating_sub(3)).filter_map(third).collect();
+    if differences.is_empty() {
+        return 0.0;
+    }
+    let middle = differences.len() / 2;
+    let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
+    *median * OF_MEDIAN / THIRD_DIFFERENCE.sqrt()
+}
+
+/// What of white noise the output's filter lets through, root mean square; 1 without one.
+fn gain(conditioning: &Conditioning, rate_hz: f64) -> f64 {
+    if conditioning.apply_to != ApplyTo::Output || rate_hz <= 0.0 {
+        return 1.0;
+    }
+    let (filter, mut state) = (conditioning.low_pass(), LowPassState::default());
+    filter.step(&mut state, None, 0.0);
+    let response =
+        (0..RESPONSE).map(|k| filter.step(&mut state, Some(1.0 / rate_hz), if k == 0 { 1.0 } else { 0.0 }));
+    response.map(|h| h * h).sum::<f64>().sqrt()
+}

@@ -1,0 +1,290 @@
+//! One round: from scores to an effect that is named, or none.
+//!
+//! Among the significant the choice goes by the drop of squared error after a joint refit, never by the largest t. The first that
+//! passes every check is named; each that does not is listed with the reason.
+
+use super::Settings;
+use super::basis::Basis;
+use super::blocks::{Blocks, adjusted, t95};
+use super::finding::{Candidate, Found, Refused};
+use super::joint::{Fitted, Joint};
+use super::rows::{Rows, dot};
+use super::score::Score;
+use crate::effect::{Effect, EffectModel};
+use crate::error::Error;
+
+/// Share of the explainable error that a score must promise to be worth a refit. A lag is far from straight and may keep
+/// several times its promise.
+const WORTH_A_REFIT: f64 = 0.03;
+/// Most refits a round.
+const MOST_REFITS: usize = 6;
+/// Evaluations of a refit that ranks, and of one that stands.
+const RANKING: usize = 8;
+pub(super) const FINAL: usize = 30;
+/// Share of the error that is left to explain which an effect must remove.
+pub(super) const LEAST_SHARE: f64 = 0.1;
+/// Share that a ranking refit must reach for a final one to be worth the time.
+const HOPELESS: f64 = 0.07;
+/// Share of squared error that it must take off the confirm runs.
+pub(super) const LEAST_CONFIRMED: f64 = 0.02;
+/// A confirm run gets worse when its squared error grows by more than this share of it, and by more than this share of what is
+/// saved on all of them: a refit of the base moves the small error of runs in which the effect plays no part either way.
+const WORSE: f64 = 0.05;
+const MATTERS: f64 = 0.05;
+/// A rival that removes this share of what the best removes is as good.
+const RIVAL: f64 = 0.9;
+/// Scores that go together by this much are one to the data.
+const ALIKE: f64 = 0.95;
+
+/// An effect that passed.
+pub(super) struct Passed {
+    pub(super) effect: Effect,
+    pub(super) fitted: Fitted,
+    pub(super) class: Vec<&'static str>,
+    pub(super) p_adjusted: f64,
+}
+
+/// What a round came to.
+pub(super) struct Outcome {
+    pub(super) passed: Option<Passed>,
+    pub(super) candidates: Vec<Candidate>,
+    pub(super) refused: Vec<Refused>,
+}
+
+/// A candidate after its refit.
+struct Refitted<'a> {
+    score: &'a Score,
+    p_adjusted: f64,
+    fitted: Fitted,
+    drop: f64,
+}
+
+/// What a round stands on.
+pub(super) struct Round<'a> {
+    pub(super) joint: Joint<'a>,
+    pub(super) confirm: &'a Rows<'a>,
+    pub(super) settings: &'a Settings,
+    /// Squared error of noise on the estimate rows, N².
+    pub(super) noise: f64,
+    /// Number of the round, from 1.
+    pub(super) number: usize,
+}
+
+impl Round<'_> {
+    /// Chooses among `scores` of effects that `current` lacks.
+    pub(super) fn run(&self, current: &Fitted, scores: &[Score]) -> Result<Outcome, Error> {
+        let tests: Vec<&[f64]> = scores.iter().map(|score| score.sums.as_slice()).collect();
+        let adjusted = adjusted(&tests, self.settings.seed);
+        let explainable = (current.squares - self.noise).max(f64::MIN_POSITIVE);
+        let mut candidates: Vec<Candidate> = scores
+            .iter()
+            .zip(&adjusted)
+            .map(|(score, p_adjusted)| Candidate {
+                effect: score.effect,
+                round: self.number,
+                identifiable: score.identifiable,
+                p: score.p,
+                p_adjusted: *p_adjusted,
+                promises: score.promise / explainable,
+                removes: None,
+            })
+            .collect();
+        let mut worth: Vec<usize> = (0..scores.len())
+            .filter(|&k| adjusted[k] <= self.settings.significance && candidates[k].promises >= WORTH_A_REFIT)
+            .collect();
+        worth.sort_by(|a, b| scores[*b].promise.total_cmp(&scores[*a].promise));
+        worth.truncate(MOST_REFITS);
+        let mut refits = Vec::new();
+        for k in worth {
+            if let Some(fitted) = self.joint.refit(&scores[k].start, RANKING)? {
+                let drop = current.squares - fitted.squares;
+                candidates[k].removes = Some(drop / explainable);
+                refits.push(Refitted { score: &scores[k], p_adjusted: adjusted[k], fitted, drop });
+            }
+        }
+        refits.sort_by(|a, b| b.drop.total_cmp(&a.drop));
+        let (mut refused, mut passed) = (Vec::new(), None);
+        for (rank, best) in refits.iter().enumerate() {
+            match self.judge(current, best)? {
+                Ok(fitted) => {
+                    let class = self.class(current, best, &refits, scores)?;
+                    let (effect, p_adjusted) = (best.score.effect, best.p_adjusted);
+                    let rivals = &refits[rank + 1..];
+                    refused.extend(rivals.iter().filter(|r| !class.contains(&r.score.effect.id())).map(|r| Refused {
+                        effect: r.score.effect,
+                        why: format!(
+                            "removes {:.0} % of the error that is left to explain, where {} removes {:.0} %",
+                            100.0 * r.drop / explainable,
+                            effect.title(),
+                            100.0 * best.drop / explainable
+                        ),
+                    }));
+                    passed = Some(Passed { effect, fitted, class, p_adjusted });
+                    break;
+                }
+                Err(why) => refused.push(Refused { effect: best.score.effect, why }),
+            }
+        }
+        Ok(Outcome { passed, candidates, refused })
+    }
+
+    /// Fits `candidate` to the end and checks it: the model that stands, or why it does not.
+    fn judge(&self, current: &Fitted, candidate: &Refitted) -> Result<Result<Fitted, String>, Error> {
+        let ranked = candidate.drop / (current.squares - self.noise);
+        if ranked.is_nan() || ranked < HOPELESS {
+            return Ok(Err(format!(
+                "removes {:.1} % of the error that is left to explain; under 10 % says little",
+                100.0 * ranked
+            )));
+        }
+        let Some(fitted) = self.joint.refit(&candidate.fitted.model, FINAL)? else {
+            return Ok(Err("the model does not run with it".to_owned()));
+        };
+        let share = (current.squares - fitted.squares) / (current.squares - self.noise);
+        if share.is_nan() || share < LEAST_SHARE {
+            return Ok(Err(format!(
+                "removes {:.1} % of the error that is left to explain; under 10 % says little",
+                100.0 * share
+            )));
+        }
+        let effects = fitted.model.effects().as_slice();
+        let Some(index) = effects.iter().position(|e| e.effect() == candidate.score.effect) else {
+            return Ok(Err("the model does not run with it".to_owned()));
+        };
+        for found in self.intervals(&fitted, index)? {
+            if let Some(why) = implausible(&effects[index], &found, &self.joint) {
+                return Ok(Err(why));
+            }
+        }
+        Ok(match self.confirmed(&current.model, &fitted.model) {
+            Ok(_) => Ok(fitted),
+            Err(why) => Err(why),
+        })
+    }
+
+    /// Share of squared error that goes on the confirm runs from `before` to `after`; the error says which run got worse.
+    pub(super) fn confirmed(
+        &self,
+        before: &crate::effect::Augmented,
+        after: &crate::effect::Augmented,
+    ) -> Result<f64, String> {
+        let (Some(before), Some(after)) =
+            (Fitted::as_is(*before, self.confirm), Fitted::as_is(*after, self.confirm))
+        else {
+            return Err("a confirm run diverges with it".to_owned());
+        };
+        let saved = before.squares - after.squares;
+        for run in self.confirm.runs() {
+            let squares = |fitted: &Fitted| {
+                let part = &fitted.residual_n[run.range.clone()];
+                dot(part, part)
+            };
+            let (was, is) = (squares(&before), squares(&after));
+            if is > (1.0 + WORSE) * was && is - was > MATTERS * saved {
+                return Err(format!(
+                    "confirm run {} gets worse with it ({:+.1} % squared error)",
+                    run.dataset.name,
+                    100.0 * (is / was - 1.0)
+                ));
+            }
+        }
+        let share = saved / before.squares;
+        if share.is_nan() || share < LEAST_CONFIRMED {
+            return Err(format!(
+                "takes {:.1} % off the squared error of the confirm runs, where 2 % are asked for",
+                100.0 * share
+            ));
+        }
+        Ok(share)
+    }
+
+    /// Ids that the data cannot tell from `best`, itself first.
+    fn class(
+        &self,
+        current: &Fitted,
+        best: &Refitted,
+        refits: &[Refitted],
+        scores: &[Score],
+    ) -> Result<Vec<&'static str>, Error> {
+        let mut class = vec![best.score.effect.id()];
+        let mut join = |effect: Effect| {
+            if !class.contains(&effect.id()) {
+                class.push(effect.id());
+            }
+        };
+        for rival in refits.iter().filter(|rival| rival.drop >= RIVAL * best.drop) {
+            let effects = rival.fitted.model.effects().as_slice();
+            let Some(index) = effects.iter().position(|e| e.effect() == rival.score.effect) else { continue };
+            let found = self.intervals(&rival.fitted, index)?;
+            let implausible =
+                found.iter().any(|found| implausible(&effects[index], found, &self.joint).is_some());
+            // What fails the checks on its own is no rival.
+            if !implausible && self.confirmed(&current.model, &rival.fitted.model).is_ok() {
+                join(rival.score.effect);
+            }
+        }
+        let alike = |a: &[f64], b: &[f64]| dot(a, b).abs() / (dot(a, a) * dot(b, b)).sqrt() >= ALIKE;
+        for score in scores.iter().filter(|score| score.promise > 0.0 && alike(&score.own, &best.score.own)) {
+            join(score.effect);
+        }
+        Ok(class)
+    }
+
+    /// The parameters of effect number `index` with their intervals: of each the scatter, over blocks, of what the residual says
+    /// about it alone.
+    pub(super) fn intervals(&self, fitted: &Fitted, index: usize) -> Result<Vec<Found>, Error> {
+        let (columns, of_base) = self.joint.jacobian(fitted)?;
+        let effects = fitted.model.effects().as_slice();
+        let first = of_base + effects[..index].iter().map(|e| e.parameters().len()).sum::<usize>();
+        let effect = &effects[index];
+        let mut all = Vec::new();
+        for (j, (parameter, value)) in
+            effect.effect().parameters().iter().zip(effect.parameters()).enumerate()
+        {
+            let others = columns.iter().enumerate().filter(|(k, _)| *k != first + j).map(|(_, c)| c.clone());
+            let mut own = columns[first + j].clone();
+            Basis::of(others).take_out(&mut own);
+            let series: Vec<f64> = own.iter().zip(&fitted.residual_n).map(|(g, r)| g * r).collect();
+            let blocks = Blocks::against(self.joint.rows, &series, self.settings.block_s);
+            let sums = blocks.sums(&own, &fitted.residual_n);
+            let count = sums.len() as f64;
+            let scatter = (dot(&sums, &sums) * count / (count - 1.0).max(1.0)).sqrt() / dot(&own, &own);
+            let half = t95(sums.len()) * scatter;
+            let range = parameter.range_at(self.joint.scales.size(parameter.scale));
+            all.push(Found {
+                name: parameter.name,
+                value: *value,
+                ci95: [value - half, value + half],
+                range,
+            });
+        }
+        Ok(all)
+    }
+}
+
+/// Why a parameter cannot be what it was found to be; `None` when it can.
+fn implausible(effect: &EffectModel, found: &Found, joint: &Joint) -> Option<String> {
+    let parameter = effect.effect().parameters().iter().find(|p| p.name == found.name)?;
+    let [low, high] = found.range;
+    let margin = 1e-3 * (high - low);
+    // An end of the range that is also where the effect is absent, or merely where a shape ends, is judged by the interval.
+    let neutral = parameter.neutral * joint.scales.size(parameter.scale);
+    let ends = |end: f64| {
+        !parameter.is_shape() && (end - neutral).abs() > margin && (found.value - end).abs() <= margin
+    };
+    if ends(low) || ends(high) || found.value < low - margin || found.value > high + margin {
+        return Some(format!(
+            "asks for {} of {:.4e} or beyond, where {low:.4e} to {high:.4e} is physical",
+            found.name, found.value
+        ));
+    }
+    let [from, to] = found.ci95;
+    let is_there = from > neutral || to < neutral;
+    if !parameter.is_shape() && !is_there {
+        return Some(format!(
+            "the 95 % interval of {}, {from:.4e} to {to:.4e}, holds its absence",
+            found.name
+        ));
+    }
+    None
+}

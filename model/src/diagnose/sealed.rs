@@ -1,0 +1,100 @@
+//! The sealed runs: read once, when everything is decided.
+//!
+//! The interval of the error ratio is by bootstrap over blocks, since errors of neighbouring samples say the same.
+
+use super::Settings;
+use super::blocks::Blocks;
+use super::finding::{Change, Sealed};
+use super::joint::Fitted;
+use super::rows::Rows;
+use crate::effect::Augmented;
+use crate::error::Error;
+use crate::metrics::{ErrorSum, Fit};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+/// Resamples of the bootstrap.
+const RESAMPLES: usize = 4000;
+
+/// Errors of `before` and `after` on `rows`, run by run, each run's mean error taken out.
+///
+/// # Errors
+/// [`Error::Data`] when a model does not run on one of them.
+pub(super) fn changes(rows: &Rows, before: &Augmented, after: &Augmented) -> Result<Vec<Change>, Error> {
+    let (before, after) = (fitted(rows, before)?, fitted(rows, after)?);
+    let change = |run: &super::rows::RunRows| {
+        let part = |fitted: &Fitted| fit(rows, fitted, std::slice::from_ref(&run.range));
+        Some(Change { run: run.dataset.name.clone(), before: part(&before)?, after: part(&after)? })
+    };
+    Ok(rows.runs().iter().filter_map(change).collect())
+}
+
+/// What the sealed runs say of `before` and `after`, where noise has a root mean square of `noise_n`.
+pub(super) fn read(
+    rows: &Rows,
+    before: &Augmented,
+    after: &Augmented,
+    noise_n: f64,
+    settings: &Settings,
+) -> Result<Option<Sealed>, Error> {
+    if rows.len() == 0 {
+        return Ok(None);
+    }
+    let runs = changes(rows, before, after)?;
+    let (before, after) = (fitted(rows, before)?, fitted(rows, after)?);
+    let ranges: Vec<_> = rows.runs().iter().map(|run| run.range.clone()).collect();
+    let (Some(all_before), Some(all_after)) = (fit(rows, &before, &ranges), fit(rows, &after, &ranges))
+    else {
+        return Ok(None);
+    };
+    let blocks = Blocks::new(rows, settings.block_s);
+    let sums = |fitted: &Fitted| blocks.sums(&fitted.residual_n, &fitted.residual_n);
+    let pairs: Vec<(f64, f64)> = sums(&before).into_iter().zip(sums(&after)).collect();
+    let noise = noise_n * noise_n * rows.len() as f64;
+    let explainable = before.squares - noise;
+    Ok(Some(Sealed {
+        before: all_before,
+        after: all_after,
+        ratio: after.squares / before.squares,
+        ratio_ci95: bootstrap(&pairs, settings.seed),
+        removed: (explainable > 0.0).then(|| (before.squares - after.squares) / explainable),
+        runs,
+    }))
+}
+
+/// `model` on `rows`, as it is.
+pub(super) fn fitted(rows: &Rows, model: &Augmented) -> Result<Fitted, Error> {
+    Fitted::as_is(*model, rows).ok_or_else(|| Error::Data {
+        message: "the model does not stay finite on a run that it was not found on: look whether that run is of the same damper, \
+                  in the same units"
+            .to_owned(),
+    })
+}
+
+/// Figures over some ranges of rows; `None` without rows.
+fn fit(rows: &Rows, fitted: &Fitted, ranges: &[std::ops::Range<usize>]) -> Option<Fit> {
+    let mut force_n = rows.measured_n().to_vec();
+    rows.centre(&mut force_n);
+    let mut sum = ErrorSum::default();
+    for k in ranges.iter().cloned().flatten() {
+        sum.add(force_n[k], force_n[k] - fitted.residual_n[k]);
+    }
+    sum.fit()
+}
+
+/// 2.5 and 97.5 % quantiles of the ratio of sums over blocks drawn with replacement.
+fn bootstrap(pairs: &[(f64, f64)], seed: u64) -> [f64; 2] {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut ratios: Vec<f64> = (0..RESAMPLES)
+        .map(|_| {
+            let (before, after) = (0..pairs.len()).fold((0.0, 0.0), |(before, after), _| {
+                let (b, a) = pairs[random.random_range(0..pairs.len())];
+                (before + b, after + a)
+            });
+            after / before
+        })
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    let at = |q: f64| ratios[((q * RESAMPLES as f64) as usize).min(RESAMPLES - 1)];
+    [at(0.025), at(0.975)]
+}

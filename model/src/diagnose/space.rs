@@ -1,0 +1,216 @@
+//! A base model with effects as one vector of numbers, for derivatives and joint fits.
+//!
+//! ```text
+//! p = (coefficients of the base, parameters of the first effect, of the second, ...)
+//! ```
+//!
+//! In paired mode the base's coefficients are not among them. Derivatives are differences of the whole simulator: that
+//! serves every base and every effect alike, through filters and memories, and costs one free run a number.
+
+use crate::effect::{Augmented, Effect, EffectModel, Effects};
+use crate::error::Error;
+use crate::force::law::Kind;
+use crate::force::{Dependence, ForceModel, FuzzyTanh, LawModel, TanhFunction};
+use crate::identify::Scales;
+
+/// Step of a difference, relative to a coefficient of the base.
+const STEP: f64 = 1e-4;
+/// Least size that a coefficient's step is taken from, as a share of its natural scale.
+const LEAST_SIZE: f64 = 1e-2;
+/// Step of a difference, relative to the probe of an effect's parameter.
+const PROBE_SHARE: f64 = 0.05;
+
+/// A coefficient of a base.
+#[derive(Debug, Clone, Copy)]
+struct Coefficient {
+    value: f64,
+    step: f64,
+    bounds: [f64; 2],
+}
+
+impl Coefficient {
+    fn new(value: f64, size: f64, bounds: [f64; 2]) -> Self {
+        let step = STEP * value.abs().max(LEAST_SIZE * size);
+        // A model from elsewhere may lie outside of what a search would allow.
+        Self { value, step, bounds: [bounds[0].min(value), bounds[1].max(value)] }
+    }
+}
+
+/// The numbers that a fit may move, and how they make a model.
+pub(super) struct Space {
+    base: ForceModel,
+    /// Empty where the base stays as it is.
+    coefficients: Vec<Coefficient>,
+    effects: Vec<EffectModel>,
+    scales: Scales,
+}
+
+impl Space {
+    /// The space around `model`; with the base's coefficients in it, or without.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for a base whose coefficients shall move and that has none to move.
+    pub(super) fn new(model: &Augmented, scales: Scales, base_moves: bool) -> Result<Self, Error> {
+        let coefficients = if base_moves { coefficients(model.force(), &scales)? } else { Vec::new() };
+        Ok(Self { base: *model.force(), coefficients, effects: model.effects().as_slice().to_vec(), scales })
+    }
+
+    /// The numbers of the model that the space is around.
+    pub(super) fn values(&self) -> Vec<f64> {
+        let base = self.coefficients.iter().map(|c| c.value);
+        base.chain(self.effects.iter().flat_map(|e| e.parameters().iter().copied())).collect()
+    }
+
+    /// How many of them are the base's.
+    pub(super) fn of_base(&self) -> usize {
+        self.coefficients.len()
+    }
+
+    /// Where each may go: a coefficient wherever a search would let it, an effect's parameter from absent to the end of its
+    /// physical range.
+    pub(super) fn bounds(&self) -> Vec<[f64; 2]> {
+        let base = self.coefficients.iter().map(|c| c.bounds);
+        let effects = self.effects.iter().flat_map(|e| e.effect().parameters()).map(|parameter| {
+            let size = self.scales.size(parameter.scale);
+            let [low, high] = parameter.range_at(size);
+            let neutral = if parameter.is_shape() { low } else { parameter.neutral * size };
+            [low.min(neutral), high.max(neutral)]
+        });
+        base.chain(effects).collect()
+    }
+
+    /// The step of a difference in each, towards the inside of the bounds.
+    pub(super) fn steps(&self, at: &[f64]) -> Vec<f64> {
+        let base = self.coefficients.iter().map(|c| c.step);
+        let effects = self.effects.iter().flat_map(|e| e.effect().parameters()).map(|parameter| {
+            let size = self.scales.size(parameter.scale);
+            let probe = if parameter.is_shape() { 0.05 * parameter.neutral } else { parameter.probe };
+            (PROBE_SHARE * probe * size).abs()
+        });
+        let inside =
+            |((step, bounds), at): ((f64, [f64; 2]), &f64)| if at + step > bounds[1] { -step } else { step };
+        base.chain(effects).zip(self.bounds()).zip(at).map(inside).collect()
+    }
+
+    /// The model of these numbers; `None` when they make none.
+    pub(super) fn model(&self, values: &[f64]) -> Option<Augmented> {
+        let (base, mut rest) = values.split_at(self.of_base());
+        let force = if base.is_empty() { self.base } else { with_coefficients(&self.base, base)? };
+        let mut effects = Vec::with_capacity(self.effects.len());
+        for effect in &self.effects {
+            let (own, others) = rest.split_at(effect.parameters().len());
+            effects.push(EffectModel::new(effect.effect(), own).ok()?);
+            rest = others;
+        }
+        Augmented::new(force, Effects::new(&effects).ok()?).ok()
+    }
+}
+
+/// The coefficients of `base`, with their bounds and natural sizes.
+fn coefficients(base: &ForceModel, scales: &Scales) -> Result<Vec<Coefficient>, Error> {
+    match base {
+        ForceModel::FuzzyTanh(fuzzy) => {
+            Ok(fuzzy.functions().iter().flat_map(|f| of_tanh(f, scales)).collect())
+        }
+        ForceModel::Law(law) => Ok(of_law(law, scales)),
+        _ => Err(Error::Data {
+            message: format!(
+                "a closing cannot start from the {} model, whose coefficients have no meaning to hold an effect against: take \
+                 fuzzy-tanh or a law of force (sp, bouc-wen, kwok, li, cesmeci-engin, choi, arctan) as base, or give \
+                 reference runs with the same excitation",
+                base.name()
+            ),
+        }),
+    }
+}
+
+fn of_tanh(f: &TanhFunction, scales: &Scales) -> [Coefficient; 4] {
+    let (force, speed, frequency) = (scales.force_n, scales.velocity_m_s, scales.frequency_1_s);
+    let anything = [f64::NEG_INFINITY, f64::INFINITY];
+    [
+        Coefficient::new(f.yield_force_n, force, [0.0, 10.0 * force]),
+        Coefficient::new(f.post_yield_damping_n_s_m, force / speed, anything),
+        Coefficient::new(f.pre_yield_slope_s_m, 1.0 / speed, [0.03 / speed, 1e4 / speed]),
+        Coefficient::new(f.coupling_per_s, frequency, [-5.0 * frequency, 5.0 * frequency]),
+    ]
+}
+
+fn of_law(model: &LawModel, scales: &Scales) -> Vec<Coefficient> {
+    let parameters = model.law().parameters();
+    let powers = matches!(model.dependence(), Dependence::Polynomial { .. });
+    let coefficient = |(index, value): (usize, &f64)| {
+        let (copy, parameter) = (index / parameters.len(), &parameters[index % parameters.len()]);
+        let size = scales.size(parameter.scale);
+        let fixed = parameter.kind == Kind::Gauge || (powers && copy > 0 && !parameter.follows_drive);
+        if fixed {
+            return Coefficient::new(*value, size, [*value, *value]);
+        }
+        if powers && copy > 0 {
+            let size = size / scales.drive.powi(copy as i32);
+            return Coefficient::new(*value, size, [f64::NEG_INFINITY, f64::INFINITY]);
+        }
+        Coefficient::new(*value, size, parameter.bounds.map(|bound| bound * size))
+    };
+    model.coefficients().iter().enumerate().map(coefficient).collect()
+}
+
+fn with_coefficients(base: &ForceModel, values: &[f64]) -> Option<ForceModel> {
+    match base {
+        ForceModel::FuzzyTanh(fuzzy) => {
+            let function = |p: &[f64]| TanhFunction {
+                yield_force_n: p[0],
+                post_yield_damping_n_s_m: p[1],
+                pre_yield_slope_s_m: p[2],
+                coupling_per_s: p[3],
+            };
+            let functions: Vec<TanhFunction> = values.chunks_exact(4).map(function).collect();
+            FuzzyTanh::new(*fuzzy.sets(), &functions, fuzzy.force_offset_n()).ok().map(ForceModel::FuzzyTanh)
+        }
+        ForceModel::Law(law) => LawModel::new(law.law(), *law.dependence(), values, law.force_offset_n())
+            .ok()
+            .map(ForceModel::Law),
+        _ => None,
+    }
+}
+
+/// Where an effect stands in the damper, from the fluid outwards: the order of application.
+const fn layer(effect: Effect) -> u8 {
+    match effect {
+        // The drive passes the coil first, then the core.
+        Effect::Remanence => 0,
+        Effect::CoilLag | Effect::CoilLagRiseFall => 1,
+        // The fluid in the gap.
+        Effect::ThermalFade => 2,
+        Effect::PositionDependence => 3,
+        Effect::Asymmetry => 4,
+        // Beside the gap.
+        Effect::VelocitySaturation => 5,
+        Effect::Friction => 6,
+        Effect::GasSpring => 7,
+        Effect::EndStop => 8,
+        // Between piston and rod, and rod and load cell.
+        Effect::Deadzone => 9,
+        Effect::SeriesSpring => 10,
+        Effect::Inertia => 11,
+        Effect::ForceLag => 12,
+        // The measurement.
+        Effect::SensorDelay => 13,
+        Effect::AntiAliasMismatch => 14,
+        Effect::LoadCellDrift => 15,
+    }
+}
+
+/// `effects` with one more, where it belongs.
+pub(super) fn with_effect(model: &Augmented, effect: EffectModel) -> Result<Augmented, Error> {
+    let mut effects = model.effects().as_slice().to_vec();
+    let at = effects.partition_point(|other| layer(other.effect()) <= layer(effect.effect()));
+    effects.insert(at, effect);
+    Augmented::new(*model.force(), Effects::new(&effects)?)
+}
+
+/// `model` without its effect number `index`.
+pub(super) fn without_effect(model: &Augmented, index: usize) -> Result<Augmented, Error> {
+    let mut effects = model.effects().as_slice().to_vec();
+    effects.remove(index);
+    Augmented::new(*model.force(), Effects::new(&effects)?)
+}

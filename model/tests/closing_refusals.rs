@@ -1,0 +1,89 @@
+//! What a closing refuses or cannot say, and that it says the same on any number of threads.
+
+mod closing;
+
+use closing::cases::{Plan, catalogue};
+use closing::judge::CONDITIONING;
+use mr_damper_model::Error;
+use mr_damper_model::diagnose::{Closing, Runs, Settings, close};
+use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
+use mr_damper_model::model::Model;
+use mr_damper_model::sample::{Run, Stamp};
+use std::sync::LazyLock;
+
+fn plan(name: &str) -> Plan {
+    catalogue().into_iter().find(|plan| plan.name() == name).unwrap_or_else(|| panic!("no case {name}"))
+}
+
+fn rows(run: &Run) -> Dataset {
+    Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default()).expect("a run of the rig makes rows")
+}
+
+/// Estimate, confirm and sealed run of a damper whose coil lags, and a base that does not know.
+static LAGGING: LazyLock<([Run; 3], Model)> = LazyLock::new(|| {
+    let case = plan("single coil_lag x1").case(5).expect("the rig makes it");
+    let runs = [case.estimate[0].clone(), case.confirm[0].clone(), case.test[0].clone()];
+    let options =
+        Options { conditioning: CONDITIONING, choose_velocity: false, restarts: 3, ..Options::default() };
+    let found = identify_datasets(ModelSpec::FUZZY_TANH, &[rows(&runs[0])], &options, &Watch::none());
+    (runs, found.expect("a base").model)
+});
+
+fn closed(estimate: &[Dataset], confirm: &[Dataset], test: &[Dataset]) -> Result<Closing, Error> {
+    let runs = Runs { estimate, confirm, test, ..Runs::default() };
+    close(&LAGGING.1, &runs, &Settings::default(), &Watch::none(), &|_| {})
+}
+
+fn message(result: Result<Closing, Error>) -> String {
+    result.err().map(|error| error.to_string()).unwrap_or_default()
+}
+
+#[test]
+fn runs_that_cannot_give_an_honest_answer_are_refused() {
+    let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
+    let one = std::slice::from_ref;
+    let none = message(closed(one(&estimate), &[], one(&test)));
+    assert!(none.contains("no confirm run"), "{none}");
+    let none = message(closed(&[], one(&confirm), one(&test)));
+    assert!(none.contains("no estimate runs"), "{none}");
+    // By content: another name does not make another run.
+    let twin = Dataset { name: "another name".to_owned(), ..estimate.clone() };
+    for (confirm, test) in [(&twin, &test), (&confirm, &twin)] {
+        let twice = message(closed(one(&estimate), one(confirm), one(test)));
+        assert!(twice.contains("same data") && twice.contains("another name"), "{twice}");
+    }
+    let short = rows(&LAGGING.0[0].between(Stamp::from_nanos(0), Stamp::from_nanos(9_000_000_000)));
+    let short = message(closed(one(&short), one(&confirm), one(&test)));
+    assert!(short.contains("3 blocks of 3 s") && short.contains("18 s of motion"), "{short}");
+    let otherwise = Dataset::from_run(&LAGGING.0[1], &Default::default(), &DatasetOptions::default());
+    let otherwise = message(closed(one(&estimate), one(&otherwise.expect("rows")), one(&test)));
+    assert!(otherwise.contains("conditioned unlike the base"), "{otherwise}");
+}
+
+#[test]
+fn a_channel_that_is_missing_makes_an_effect_untestable_and_never_absent() -> Result<(), Error> {
+    let mut runs = LAGGING.0.clone();
+    runs[1].case_temp_c = None;
+    let [estimate, confirm, test] = runs.each_ref().map(rows);
+    let one = std::slice::from_ref;
+    let found = closed(one(&estimate), one(&confirm), one(&test))?;
+    let fade = found.untestable.iter().find(|refused| refused.effect.id() == "thermal_fade");
+    let why = &fade.expect("it is listed").why;
+    assert!(why.contains(&confirm.name) && why.contains("case_temp_c"), "{why}");
+    assert!(found.refused.iter().all(|refused| refused.effect.id() != "thermal_fade"));
+    assert!(found.effects.iter().any(|named| named.effect.effect().id() == "coil_lag"), "{found:?}");
+    Ok(())
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
+    let one = std::slice::from_ref;
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| closed(one(&estimate), one(&confirm), one(&test)))
+    };
+    let (alone, together) = (on(1).expect("a closing"), on(3).expect("a closing"));
+    assert_eq!(alone, together);
+    assert!(together.test.is_some_and(|test| test.ratio < 0.1 && test.ratio_ci95[1] < 0.2));
+}
