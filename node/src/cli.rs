@@ -35,6 +35,7 @@ enum Command {
     Identify(command::identify::Args),
     Compare(command::compare::Args),
     Evaluate(command::evaluate::Args),
+    Close(command::close::Args),
     Presets(command::presets::Args),
 }
 
@@ -67,9 +68,10 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
         Err(error) => {
             eprintln!("error: {error}");
             match error {
-                NodeError::Parameter { .. } | NodeError::UnknownParameter { .. } | NodeError::RosArgs(_) => {
-                    ExitCode::from(2)
-                }
+                NodeError::Parameter { .. }
+                | NodeError::UnknownParameter { .. }
+                | NodeError::RosArgs(_)
+                | NodeError::Usage(_) => ExitCode::from(2),
                 _ => ExitCode::FAILURE,
             }
         }
@@ -88,6 +90,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Identify(args) => command::identify::run(&args, &around),
         Command::Compare(args) => command::compare::run(&args, &around),
         Command::Evaluate(args) => command::evaluate::run(&args, &around),
+        Command::Close(args) => command::close::run(&args, &around),
         Command::Presets(args) => command::presets::run(&args),
     }
 }

@@ -1,5 +1,6 @@
 //! What `/diagnostics` says of a running damper: one status for the free run's residual.
 
+use crate::wire::in_seconds;
 use mr_damper_model::pipeline::{AlarmChange, Event, Residual};
 use mr_damper_msgs::standard::{DiagnosticStatus, KeyValue};
 use std::time::{Duration, Instant};
@@ -63,7 +64,7 @@ impl Health {
             values.extend(figures.map(|(key, figure)| value(key, format_args!("{figure:.4}"))));
         }
         if let Some(alarm) = &self.alarm {
-            values.push(value("alarm_since_s", seconds(alarm)));
+            values.push(value("alarm_since_s", in_seconds(alarm.stamp)));
         }
         DiagnosticStatus {
             level,
@@ -92,7 +93,7 @@ impl Health {
         if let Some(alarm) = &self.alarm {
             let message = format!(
                 "the model is off: its residual is {ratio:.2} times what its identification promised, alarm since {} s; {ALARM_ADVICE}",
-                seconds(alarm)
+                in_seconds(alarm.stamp)
             );
             return (DiagnosticStatus::WARN, message);
         }
@@ -107,12 +108,6 @@ impl Health {
 
 fn ratio(residual: &Residual) -> f64 {
     residual.windowed_rsse.get() / residual.expected_rsse.get()
-}
-
-/// The stamp of the alarm, as `ros2 topic echo` shows stamps: seconds and a fraction.
-fn seconds(alarm: &AlarmChange) -> String {
-    let nanos = alarm.stamp.nanos();
-    format!("{}.{:03}", nanos.div_euclid(1_000_000_000), nanos.rem_euclid(1_000_000_000) / 1_000_000)
 }
 
 fn value(key: &str, value: impl std::fmt::Display) -> KeyValue {

@@ -36,9 +36,12 @@ pub enum NodeError {
     /// An argument after `--ros-args` is not understood.
     #[error("--ros-args: {0}")]
     RosArgs(String),
+    /// Arguments do not go together, in words.
+    #[error("{0}")]
+    Usage(String),
     /// A model does not load or does not fit.
     #[error(transparent)]
-    Model(#[from] mr_damper_model::Error),
+    Model(mr_damper_model::Error),
     /// A run does not load or cannot be written.
     #[error(transparent)]
     Run(#[from] crate::run::RunError),
@@ -67,6 +70,16 @@ pub enum NodeError {
     /// The work failed, in words.
     #[error("{0}")]
     Failed(String),
+}
+
+impl From<mr_damper_model::Error> for NodeError {
+    /// Work that was cancelled is work that was interrupted.
+    fn from(error: mr_damper_model::Error) -> Self {
+        match error {
+            mr_damper_model::Error::Cancelled => Self::Interrupted,
+            error => Self::Model(error),
+        }
+    }
 }
 
 impl NodeError {

@@ -5,6 +5,7 @@
 //! the screen.
 
 pub mod cli;
+pub mod closing;
 pub mod command;
 pub mod config;
 pub mod control;

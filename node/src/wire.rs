@@ -13,6 +13,13 @@ pub fn header(stamp: Stamp, frame_id: &str) -> Header {
     Header { stamp: Time::from_nanos_saturating(stamp.nanos()), frame_id: frame_id.to_owned() }
 }
 
+/// `stamp` as `ros2 topic echo` shows stamps: seconds and a fraction.
+#[must_use]
+pub fn in_seconds(stamp: Stamp) -> String {
+    let nanos = stamp.nanos();
+    format!("{}.{:03}", nanos.div_euclid(1_000_000_000), nanos.rem_euclid(1_000_000_000) / 1_000_000)
+}
+
 /// The message of an estimate.
 #[must_use]
 pub fn force_estimate(estimate: &Estimate, names: &ModelNames, frame_id: &str) -> ForceEstimate {

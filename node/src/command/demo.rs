@@ -1,9 +1,11 @@
-//! `mr-damper demo`: the real service on a recorded-style run over real DDS, with one live screen and a report.
+//! `mr-damper demo`: the real service on a damper that has changed, over real DDS, until the loop is closed.
 //!
 //! ```text
-//! virtual rig ─→ run ─→ player ─ DDS ─→ service ─ DDS ─→ listener ─┐
-//!                 │                        └─ events ─→ collector ─┴→ board ─→ screen or lines
-//!                 └─→ the same pipeline without ROS ──→ compared ─→ summary, report.html
+//! virtual rig in health ─→ identify ─→ models
+//! virtual rig with an effect ─→ run ─→ player ─ DDS ─→ service ─ DDS ─→ listener ─┐
+//!      │                        │                        └─ events ─→ collector ──┴→ board ─→ screen or lines
+//!      │                        └─→ the same pipeline without ROS ──→ compared ─→ summary, report.html
+//!      └─→ fresh runs ─→ closing, with the service's history ─→ model+.toml ─→ swapped in, played on
 //! ```
 //!
 //! Everything runs in this process, on a ROS domain of its own and on loopback alone.
@@ -13,6 +15,7 @@ use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::live::Headline;
 use crate::models;
+use crate::report::closed::{Closed, Swap};
 use crate::report::demo::{self as report, WITHOUT_FORCE};
 use crate::report::{Agreement, Figure, Outcome, Recording, summary};
 use crate::service;
@@ -22,41 +25,48 @@ use mr_damper_model::evaluate::{Evaluation, evaluate};
 use mr_damper_model::force::ForceModel;
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::pipeline::{Cause, Models, Pipeline, Settings};
-use mr_damper_model::preset;
-use mr_damper_model::rig::{self, Channels, Experiment, Plant};
 use mr_damper_model::sample::{Run, Trace};
 use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
+use std::time::Instant;
 
+mod closing;
+mod damper;
 mod stage;
 
-use stage::{Shown, perform};
+use closing::Fresh;
+use damper::Purpose;
+use stage::{Live, Shown};
 
 /// ROS domain of the demo, when nobody asks for another: not the one that real dampers are likely to be on.
 const DOMAIN: i64 = 77;
 /// Share of the run in which measured force is withheld.
 const AWAY: (f64, f64) = (0.4, 0.6);
+/// Mean time between false alarms, s: an hour, so that a demo need not wait for long.
+const FALSE_ALARM_INTERVAL_S: f64 = 3600.0;
 /// Largest relative difference of figures that count as equal.
 const SAME: f64 = 1e-9;
 /// The same for a run that was disturbed on its way.
 const NEAR: f64 = 0.05;
 
-/// See the service at work on a run of the virtual rig: nothing else is needed.
+/// See the service at work on a damper that has changed, and the loop closed: nothing else is needed.
 ///
-/// Plays a run onto the service's input topics over DDS (on loopback, on a domain of its own), withholds measured
-/// force for a while, shows what happens, compares the figures with an evaluation without ROS, and writes a
-/// report.
+/// Identifies models on a virtual rig in health, then plays a run of it with an effect that they do not know onto the
+/// service's input topics over DDS (on loopback, on a domain of its own) and withholds measured force for a while. The
+/// alarm comes; what the model lacks is named and added; the model is swapped into the running service, and the error
+/// before and after is told. Live figures are compared with an evaluation without ROS. Writes a report.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct Args {
-    /// Length of the run, s.
+    /// Length of the run before the loop is closed, s; after it a third of that, 10 s at most.
     #[arg(long, value_name = "S", default_value_t = Args::SECONDS, value_parser = parse_seconds)]
     pub seconds: f64,
-    /// Seed of the run: its road, its currents and the noise of its sensors.
+    /// Seed of the runs: their roads, their currents and the noise of their sensors.
     #[arg(long, value_name = "N", default_value_t = Args::SEED)]
     pub seed: u64,
     /// Print a line a second instead of the screen.
     #[arg(long)]
     pub no_screen: bool,
-    /// Directory of report and run; by default target/mr-damper-demo, or one in the system's temporary directory.
+    /// Directory of report, models and run; by default target/mr-damper-demo, or one in the system's temporary directory.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// ROS domain; by default ROS_DOMAIN_ID, else 77.
@@ -85,19 +95,24 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 /// Runs the demo.
 ///
 /// # Errors
-/// When the service does not start or one of its threads dies, when the live figures are not those of an
-/// evaluation without ROS, or when the report cannot be written.
+/// When a model cannot be identified, the service does not start or one of its threads dies, when the live figures are
+/// not those of an evaluation without ROS, or when a file cannot be written.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    tell(args, around).map(drop)
+}
+
+/// Runs the demo and returns what it came to.
+fn tell(args: &Args, around: &Surroundings) -> Result<Outcome, NodeError> {
     let act = Act::prepare(args, around)?;
     println!("{}", act.introduction()?);
-    let shown = perform(&act, args, around)?;
-    let outcome = act.outcome(shown, args)?;
+    let fresh = Fresh::begin(args)?;
+    let live = Live::start(&act.config, args, around)?;
+    let shown = act.perform(&live, fresh, args, around);
+    let ended = live.stop();
+    let outcome = act.outcome(shown?, args)?;
+    ended?;
     println!("\n{}", summary::text(&outcome));
-
-    // Closing the loop goes here: it takes what is left over of this run (`outcome.recording`) and fresh runs of the
-    // same rig, names the effect, adds it to the model, and gives error before and after to summary and report.
-
-    let path = write_report(args, &act.played, &outcome)?;
+    let path = write_report(&act.dir, &act.played, &outcome)?;
     println!("report: {}", path.display());
     match outcome.agreement {
         Some(agreement @ Agreement::Differs(_)) => Err(NodeError::Failed(format!(
@@ -106,7 +121,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
             args.seed,
             args.seconds
         ))),
-        _ => Ok(()),
+        _ => Ok(outcome),
     }
 }
 
@@ -116,6 +131,8 @@ struct Act {
     models: Models,
     names: ModelNames,
     settings: Settings,
+    /// Where all files go.
+    dir: PathBuf,
     /// The run without the force that is withheld.
     played: Run,
     /// The force that is withheld: s since the first sample, N.
@@ -123,27 +140,44 @@ struct Act {
     away_s: (f64, f64),
 }
 
+/// What was seen of all runs.
+struct Performed {
+    before: Shown,
+    /// How the loop was closed; why not, where it was not.
+    closed: Result<Closed, String>,
+    /// With the new model in force: what was seen, and the same run without ROS.
+    after: Option<(Shown, Recording)>,
+}
+
 impl Act {
     fn prepare(args: &Args, around: &Surroundings) -> Result<Self, NodeError> {
-        let config = configuration(args, &around.ros_args)?;
+        let dir = directory(args)?;
+        let (free, seeded) = (dir.join("model.toml"), dir.join("arx.toml"));
+        let started = Instant::now();
+        damper::identify_models(args.seed, around, &free, &seeded)?;
+        println!(
+            "identified fuzzy-tanh and arx on {:.0} s of the healthy damper, in {:.1} s\n",
+            damper::BENCH_S,
+            started.elapsed().as_secs_f64()
+        );
+        let config = configuration(args, &around.ros_args, &free, &seeded)?;
         let (models, names) = models::from_config(&config)?;
         let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-        let experiment = Experiment::thesis("RP-ICPS")
-            .ok_or_else(|| NodeError::Failed("the rig has no experiment RP-ICPS".to_owned()))?
-            .with_duration_s(args.seconds);
-        let mut played = rig::record(&experiment, &Plant::default(), &Channels::default(), args.seed);
+        let mut played = damper::lagging(Purpose::Played, args.seconds, args.seed)?;
         let away_s = (AWAY.0 * args.seconds, AWAY.1 * args.seconds);
         let withheld = withhold(&mut played, away_s);
-        Ok(Self { config, models, names, settings, played, withheld, away_s })
+        Ok(Self { config, models, names, settings, dir, played, withheld, away_s })
     }
 
     fn introduction(&self) -> Result<String, NodeError> {
-        let Self { names, away_s, .. } = self;
+        let Self { names, away_s, settings, .. } = self;
         Ok(format!(
             "run     {}, {:.0} s at 512 Hz: a virtual rig whose damper is none of the models\n        \
-             and carries an effect that they do not know\n\
+             and has changed since they were identified: how, they are not told\n\
              force   measured force is published too, but withheld from {:.0} s to {:.0} s\n\
              models  {} runs free, {} is seeded with measured force\n\
+             alarm   when the free run's residual stays over {} times what was expected; at most one false\n        \
+             alarm in {:.0} min, sooner than the service's default of a day\n\
              ROS 2   {}; topics displacement, coil_current, measured_force → force_estimate, force_residual\n\
              Zenoh   {}, keys mr_damper/**",
             self.played.name,
@@ -152,54 +186,111 @@ impl Act {
             away_s.1,
             names.free,
             self.seeded_name(),
+            settings.alarm_ratio,
+            settings.false_alarm_interval_s / 60.0,
             service::reach(&self.config)?,
             self.config.zenoh.listen.join(", "),
         ))
+    }
+
+    /// Plays the run, closes the loop, and plays on with the new model.
+    fn perform(
+        &self,
+        live: &Live<'_>,
+        fresh: JoinHandle<Result<Fresh, NodeError>>,
+        args: &Args,
+        around: &Surroundings,
+    ) -> Result<Performed, NodeError> {
+        let before = live.play(&self.played, self.headline(&self.played, &self.names.free)?)?;
+        let fresh = fresh.join().map_err(|_| NodeError::Failed("the rig's thread died".to_owned()))??;
+        if before.ended_early {
+            let why = "The demo was ended before the loop was closed.".to_owned();
+            return Ok(Performed { before, closed: Err(why), after: None });
+        }
+        println!("\nclosing the loop: what does the model lack?");
+        let path = self.dir.join("model+.toml");
+        let found = closing::close(&self.models.free, &live.history(), &fresh, args, around, &path)?;
+        let mut closed = Closed {
+            drive: self.played.drive_kind(),
+            seconds: found.seconds,
+            runs: found.runs,
+            truth: format!("What had been put into the rig: {}, {} s.", damper::EFFECT, damper::LAG_S),
+            closing: found.closing,
+            swap: None,
+        };
+        let Some(model) = found.model else {
+            println!("  nothing was named, so the model stays");
+            return Ok(Performed { before, closed: Ok(closed), after: None });
+        };
+        let name = model.display().to_string();
+        let alarms = live.load_model(&name)?;
+        println!("  {name} is swapped into the running service; the damper moves on\n");
+        let shown = live.play(&fresh.after, self.headline(&fresh.after, &name)?)?;
+        let with = Models { free: models::load(&name)?, ..self.models };
+        closed.swap = Some(Swap {
+            model,
+            before: (before.recording.evaluation().free_run, before.recording.length_s()),
+            after: shown.recording.clone(),
+            without: self.offline(self.models, &fresh.after)?,
+            ended_alarm: alarms.iter().any(|change| !change.raised),
+        });
+        let offline = self.offline(with, &fresh.after)?;
+        Ok(Performed { before, closed: Ok(closed), after: Some((shown, offline)) })
     }
 
     fn seeded_name(&self) -> &str {
         self.names.seeded.as_deref().unwrap_or("no model")
     }
 
-    fn headline(&self) -> Result<Headline, NodeError> {
+    fn headline(&self, run: &Run, free_model: &str) -> Result<Headline, NodeError> {
         Ok(Headline {
-            title: format!("mr-damper demo · {}", self.played.name),
-            free_model: self.names.free.clone(),
+            title: format!("mr-damper demo · {}", run.name),
+            free_model: free_model.to_owned(),
             seeded_model: self.names.seeded.clone().unwrap_or_default(),
             reach: service::reach(&self.config)?,
             zenoh: self.config.zenoh.listen.join(", "),
-            length_s: self.played.duration().get(),
+            length_s: run.duration().get(),
         })
     }
 
-    /// The same run through the same pipeline, without ROS.
-    fn offline(&self) -> Result<Recording, NodeError> {
-        let mut pipeline = Pipeline::new(self.models, self.settings)?;
+    /// `run` through the service's pipeline with `models`, without ROS.
+    fn offline(&self, models: Models, run: &Run) -> Result<Recording, NodeError> {
+        let settings = self.config.pipeline_settings(models.free.conditioning.cutoff_hz);
+        let mut pipeline = Pipeline::new(models, settings)?;
         let mut recording = Recording::default();
-        for sample in self.played.samples() {
+        for sample in run.samples() {
             pipeline.step(&sample, &mut |event| recording.take(&event));
         }
         Ok(recording)
     }
 
-    fn outcome(&self, shown: Shown, args: &Args) -> Result<Outcome, NodeError> {
-        let offline = self.offline()?;
-        let figures = self.figures(&shown.recording, &offline);
-        // The first of the forces that are withheld is waited for in vain, as it should be.
-        let disturbed = shown.counts.taken != shown.counts.sent
-            || shown.counts.incomplete > 1
-            || shown.counts.refused > 0
-            || shown.recording.transitions.iter().any(|t| t.cause == Cause::DisplacementLost);
-        let agreement =
-            if shown.ended_early { Agreement::NotCompared } else { agreement(&figures, disturbed) };
+    fn outcome(&self, performed: Performed, args: &Args) -> Result<Outcome, NodeError> {
+        let Performed { before: shown, closed, after } = performed;
+        let mut figures = self.figures(&shown.recording, &self.offline(self.models, &self.played)?);
+        let mut disturbed = is_disturbed(&shown);
+        let mut ended_early = shown.ended_early;
+        let mut counts = shown.traffic();
+        if let Some((after, offline)) = &after {
+            figures.push(Figure {
+                name: "free run with the effect, after the swap".to_owned(),
+                live: after.recording.evaluation().free_run,
+                offline: offline.evaluation().free_run,
+            });
+            disturbed |= is_disturbed(after);
+            ended_early |= after.ended_early;
+            counts.extend(
+                after.traffic().into_iter().take(2).map(|(name, n)| (format!("{name} after the swap"), n)),
+            );
+        }
+        let agreement = if ended_early { Agreement::NotCompared } else { agreement(&figures, disturbed) };
         let mut notes = Vec::new();
         if let Some(ForceModel::Arx(arx)) = self.models.seeded.map(|model| model.force) {
             notes.push(self.note_on_free_arx(arx.dc_is_meaningful())?);
         }
         Ok(Outcome {
             what: format!(
-                "{}, {:.1} s. A virtual rig, not a measurement: its damper is none of the models and carries an \
-                 effect that they do not know. {} ran free; {} was seeded with measured force, which was withheld \
+                "{}, {:.1} s. A virtual rig, not a measurement: its damper is none of the models, and has changed \
+                 since they were identified. {} ran free; {} was seeded with measured force, which was withheld \
                  from {:.0} s to {:.0} s.",
                 self.played.name,
                 shown.recording.length_s(),
@@ -211,8 +302,9 @@ impl Act {
             withheld: self.withheld.clone(),
             figures,
             agreement: Some(agreement),
+            closed: Some(closed),
             notes,
-            counts: shown.traffic(),
+            counts,
             settings: self.settings_in_words()?,
             provenance: self.provenance(args),
             recording: shown.recording,
@@ -255,9 +347,16 @@ impl Act {
 
     fn settings_in_words(&self) -> Result<Vec<(String, String)>, NodeError> {
         let mut rows = Vec::new();
-        for name in
-            ["model", "arx_model", "force_timeout_s", "coast_s", "bumpless_tau_s", "residual.window_s"]
-        {
+        for name in [
+            "model",
+            "arx_model",
+            "force_timeout_s",
+            "coast_s",
+            "bumpless_tau_s",
+            "residual.window_s",
+            "residual.alarm_ratio",
+            "residual.false_alarm_interval_s",
+        ] {
             rows.push((name.to_owned(), self.config.get(name)?.to_string()));
         }
         let conditioning = self.models.free.conditioning;
@@ -286,14 +385,16 @@ impl Act {
 }
 
 /// The service's defaults, then what the demo needs, then what `--ros-args` said.
-fn configuration(args: &Args, ros_args: &RosArgs) -> Result<Config, NodeError> {
+fn configuration(args: &Args, ros_args: &RosArgs, free: &Path, seeded: &Path) -> Result<Config, NodeError> {
     let from_environment = std::env::var("ROS_DOMAIN_ID").is_ok_and(|id| !id.is_empty());
     let mut config = Config {
-        model: preset::BEST_FUZZY_TANH.to_owned(),
+        model: free.display().to_string(),
+        arx_model: seeded.display().to_string(),
         discovery_range: "localhost".to_owned(),
         domain_id: args.domain_id.unwrap_or(if from_environment { -1 } else { DOMAIN }),
         ..Config::default()
     };
+    config.settings.false_alarm_interval_s = FALSE_ALARM_INTERVAL_S;
     config.zenoh.listen = vec![format!("tcp/127.0.0.1:{}", free_port()?)];
     ros_args.apply(&mut config)?;
     Ok(config)
@@ -346,13 +447,27 @@ fn agreement(figures: &[Figure], disturbed: bool) -> Agreement {
     }
 }
 
-/// Writes report and run; returns where the report is.
-fn write_report(args: &Args, run: &Run, outcome: &Outcome) -> Result<PathBuf, NodeError> {
+/// True when something got lost or came late on its way.
+fn is_disturbed(shown: &Shown) -> bool {
+    // The first of the forces that are withheld is waited for in vain, as it should be.
+    shown.counts.taken != shown.counts.sent
+        || shown.counts.incomplete > 1
+        || shown.counts.refused > 0
+        || shown.recording.transitions.iter().any(|t| t.cause == Cause::DisplacementLost)
+}
+
+/// The directory of all files, made where there is none.
+fn directory(args: &Args) -> Result<PathBuf, NodeError> {
     let dir = args.out.clone().unwrap_or_else(|| {
         let target = Path::new("target");
         if target.is_dir() { target.to_owned() } else { std::env::temp_dir() }.join("mr-damper-demo")
     });
     std::fs::create_dir_all(&dir).map_err(NodeError::io(format!("creating {}", dir.display())))?;
+    Ok(dir)
+}
+
+/// Writes report and run; returns where the report is.
+fn write_report(dir: &Path, run: &Run, outcome: &Outcome) -> Result<PathBuf, NodeError> {
     let path = dir.join("report.html");
     std::fs::write(&path, report::html(outcome))
         .map_err(NodeError::io(format!("writing {}", path.display())))?;
@@ -369,6 +484,7 @@ fn write_report(args: &Args, run: &Run, outcome: &Outcome) -> Result<PathBuf, No
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::interrupt::Interrupt;
     use clap::Parser;
 
     #[derive(Debug, Parser)]
@@ -385,10 +501,41 @@ mod tests {
         }
     }
 
+    /// The whole story, as short as it can be: a live run of seconds, and what it is short of comes from fresh runs.
+    #[test]
+    fn the_demo_names_the_lag_of_the_coil_and_its_live_error_falls() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let args = Args {
+            seconds: 6.0,
+            no_screen: true,
+            out: Some(dir.path().to_owned()),
+            domain_id: Some(94),
+            ..Args::default()
+        };
+        let around =
+            Surroundings { interrupt: Interrupt::manual(), quiet: true, ros_args: RosArgs::default() };
+        let outcome = tell(&args, &around).expect("the demo ends well");
+
+        let raised = outcome.recording.alarms.iter().filter(|change| change.raised).count();
+        assert_eq!(raised, 1, "{:?}", outcome.recording.alarms);
+        let closed = outcome.closed.expect("it comes to the closing").expect("it was not ended");
+        let [named] = &closed.closing.effects[..] else { panic!("{:?}", closed.closing.effects) };
+        assert_eq!(named.effect.effect().id(), damper::EFFECT);
+        assert!((named.parameters[0].value / damper::LAG_S - 1.0).abs() < 0.1, "{:?}", named.parameters);
+
+        let swap = closed.swap.expect("what was named is swapped in");
+        let rsse_n = |recording: &Recording| recording.evaluation().free_run.expect("a free run").rsse_n;
+        assert!(swap.ended_alarm && swap.after.alarms.is_empty(), "{:?}", swap.after.alarms);
+        assert!(rsse_n(&swap.after) < 0.5 * rsse_n(&outcome.recording), "live, before and after");
+        assert!(rsse_n(&swap.after) < 0.5 * rsse_n(&swap.without), "on the same run");
+        let augmented = models::load(&swap.command()["mr-damper node --model ".len()..]).expect("a model");
+        assert_eq!(augmented.effects.as_slice(), [named.effect]);
+        assert!(dir.path().join("report.html").is_file() && dir.path().join("run.csv").is_file());
+    }
+
     #[test]
     fn force_is_withheld_from_the_service_alone() {
-        let experiment = Experiment::thesis("RP-ICPS").expect("a known experiment").with_duration_s(4.0);
-        let whole = rig::record(&experiment, &Plant::default(), &Channels::default(), 1);
+        let whole = damper::healthy(Purpose::Played, 4.0, 1).expect("a known experiment");
         let mut played = whole.clone();
         let withheld = withhold(&mut played, (1.0, 2.0));
         let force = whole.force_n.expect("a rig measures force");

@@ -1,5 +1,6 @@
 //! The commands, one file each: its arguments, and what it does with them.
 
+pub mod close;
 pub mod compare;
 pub mod conditioning;
 pub mod convert;
@@ -9,6 +10,7 @@ pub mod identify;
 pub mod node;
 pub mod output;
 pub mod presets;
+mod progress;
 pub mod record;
 pub mod replay;
 pub mod run_args;

@@ -1,7 +1,8 @@
 //! What the live view shows: a digest of the pipeline's events, bounded in size.
 
 use super::meter::{Histogram, RateMeter};
-use mr_damper_model::pipeline::{Estimate, Event, Mode, Residual, Transition};
+use crate::wire::in_seconds;
+use mr_damper_model::pipeline::{AlarmChange, Estimate, Event, Mode, Residual, Transition};
 use mr_damper_model::sample::{Channel, Stamp};
 use std::collections::VecDeque;
 
@@ -44,6 +45,44 @@ pub struct Counts {
     pub heard: u64,
 }
 
+impl Counts {
+    /// What has come since `before`.
+    #[must_use]
+    pub const fn since(&self, before: &Self) -> Self {
+        Self {
+            sent: self.sent - before.sent,
+            taken: self.taken - before.taken,
+            refused: self.refused - before.refused,
+            lost: self.lost - before.lost,
+            incomplete: self.incomplete - before.incomplete,
+            estimates: self.estimates - before.estimates,
+            heard: self.heard - before.heard,
+        }
+    }
+}
+
+/// An alarm that stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Alarm {
+    /// When it was raised, s since the first sample.
+    pub at_s: f64,
+    /// How.
+    pub change: AlarmChange,
+}
+
+impl Alarm {
+    /// The alarm in a line.
+    #[must_use]
+    pub fn text(&self) -> String {
+        format!(
+            "{:5.1} s  ALARM (stamp {}): the free run's residual is {:.1} times what the model's identification promised",
+            self.at_s,
+            in_seconds(self.change.stamp),
+            self.change.ratio
+        )
+    }
+}
+
 /// A change of mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
@@ -78,6 +117,8 @@ pub struct Board {
     pub residual: Option<Residual>,
     /// Changes of mode, in order.
     pub changes: Vec<Change>,
+    /// The alarm, while it stands.
+    pub alarm: Option<Alarm>,
     /// Time from a displacement's stamp to its arrival in the node.
     pub to_node: Histogram,
     /// Time from a displacement's stamp to the arrival of its estimate at a subscriber.
@@ -128,7 +169,11 @@ impl Board {
                 let at_s = self.seconds(transition.stamp);
                 self.changes.push(Change { at_s, transition: *transition });
             }
-            Event::Refusal(_) | Event::Alarm(_) => {}
+            Event::Alarm(change) => {
+                let at_s = self.seconds(change.stamp);
+                self.alarm = change.raised.then_some(Alarm { at_s, change: *change });
+            }
+            Event::Refusal(_) => {}
         }
     }
 

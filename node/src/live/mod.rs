@@ -15,7 +15,7 @@ pub mod plain;
 pub mod screen;
 mod terminal;
 
-pub use board::{Board, Change, Counts, Headline};
+pub use board::{Alarm, Board, Change, Counts, Headline};
 pub use meter::{Histogram, RateMeter};
 pub use terminal::{Key, Terminal};
 

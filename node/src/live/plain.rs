@@ -38,6 +38,9 @@ pub fn line(board: &Board) -> String {
     {
         text += &format!("  round trip {:.1} ms (p99 {:.1})", median_s * 1e3, p99_s * 1e3);
     }
+    if let Some(alarm) = &board.alarm {
+        text += &format!("  ALARM since {:.1} s", alarm.at_s);
+    }
     text += &format!("  refused {} lost {}", board.counts.refused, board.counts.lost);
     if let Some(estimate) = board.estimate.filter(|estimate| estimate.reasons.0 != 0) {
         text += &format!("  {}", estimate.reasons.names().collect::<Vec<_>>().join("+"));

@@ -199,6 +199,14 @@ fn draw_modes(frame: &mut Frame<'_>, area: Rect, board: &Board) {
         ];
         frame.render_widget(Line::from(text), last);
     }
+    if let Some(alarm) = &board.alarm {
+        let text =
+            format!(" ALARM since {:.1} s: {:.1} times what was expected", alarm.at_s, alarm.change.ratio);
+        let [_, right] =
+            Layout::horizontal([Constraint::Fill(1), Constraint::Length(text.chars().count() as u16)])
+                .areas(last);
+        frame.render_widget(Line::from(text).fg(Color::Red).bold(), right);
+    }
 }
 
 /// The mode that a cell of the strip stands for: the one entered within it, else the one before; `None` where

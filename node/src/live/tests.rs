@@ -1,7 +1,9 @@
 //! The view of a made-up board, as it is printed and drawn.
 
 use super::*;
-use mr_damper_model::pipeline::{Cause, Estimate, Event, Mode, Reasons, Residual, Slot, Transition};
+use mr_damper_model::pipeline::{
+    AlarmChange, Cause, Estimate, Event, Mode, Reasons, Residual, Slot, Transition,
+};
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Metre, Newton, Second};
 use ratatui::backend::TestBackend;
@@ -104,6 +106,21 @@ fn the_screen_shows_everything_where_there_is_room() {
 #[test]
 fn the_screen_fits_the_smallest_usual_terminal() {
     insta::assert_snapshot!(drawn(&board(), 80, 24));
+}
+
+#[test]
+fn an_alarm_is_seen_until_it_is_over() {
+    let mut board = board();
+    let stamp = Stamp::from_nanos(1_700_000_002_500_000_000);
+    board.take(&Event::Alarm(AlarmChange { stamp, raised: true, ratio: 4.25 }), 6.0);
+    let at = |board: &Board| plain::line(board).contains("ALARM since 2.5 s");
+    for (width, height) in [(110, 34), (80, 24)] {
+        assert!(drawn(&board, width, height).contains("ALARM since 2.5 s: 4.2 times what was expected"));
+    }
+    assert!(at(&board));
+    insta::assert_snapshot!(board.alarm.expect("it stands").text(), @"  2.5 s  ALARM (stamp 1700000002.500): the free run's residual is 4.2 times what the model's identification promised");
+    board.take(&Event::Alarm(AlarmChange { stamp, raised: false, ratio: f64::NAN }), 6.0);
+    assert!(!at(&board) && !drawn(&board, 110, 34).contains("ALARM"));
 }
 
 #[test]

@@ -41,9 +41,9 @@ pub fn left_over(recording: &Recording) -> Vec<LeftOver> {
         .iter()
         .filter_map(|residual| {
             let [displacement_m, velocity_m_s, acceleration_m_s2] =
-                parabola(motion, at(motion, residual.stamp)?)?;
+                parabola(motion, at(motion, residual.stamp)?, HALF)?;
             let held = drive.stamps.partition_point(|stamp| *stamp <= residual.stamp).checked_sub(1)?;
-            let [drive, drive_slope, _] = parabola(drive, held)?;
+            let [drive, drive_slope, _] = parabola(drive, held, HALF)?;
             Some(LeftOver {
                 displacement_m,
                 velocity_m_s,
@@ -59,11 +59,11 @@ pub fn left_over(recording: &Recording) -> Vec<LeftOver> {
 }
 
 /// Value, first and second derivative at sample `index`, by a least-squares parabola over even samples; `None`
-/// near an end or a gap.
-fn parabola(trace: &Trace, index: usize) -> Option<[f64; 3]> {
-    let (from, to) = (index.checked_sub(HALF)?, index + HALF);
+/// near an end or a gap. The window reaches `half` samples either way.
+pub(super) fn parabola(trace: &Trace, index: usize, half: usize) -> Option<[f64; 3]> {
+    let (from, to) = (index.checked_sub(half)?, index + half);
     let span_s = trace.stamps.get(to)?.since(trace.stamps[from]).get();
-    let step_s = span_s / (2 * HALF) as f64;
+    let step_s = span_s / (2 * half) as f64;
     let near_s = trace.stamps[index].since(trace.stamps[from]).get();
     if step_s <= 0.0 || (near_s - 0.5 * span_s).abs() > step_s {
         return None;
@@ -71,7 +71,7 @@ fn parabola(trace: &Trace, index: usize) -> Option<[f64; 3]> {
     let (mut s0, mut s2, mut s4) = (0.0, 0.0, 0.0);
     let (mut sy, mut sky, mut skky) = (0.0, 0.0, 0.0);
     for (offset, value) in trace.values[from..=to].iter().enumerate() {
-        let k = offset as f64 - HALF as f64;
+        let k = offset as f64 - half as f64;
         s0 += 1.0;
         s2 += k * k;
         s4 += k.powi(4);
@@ -130,10 +130,10 @@ mod tests {
                 })
                 .collect(),
         };
-        let [value, slope, curve] = parabola(&trace, 20).expect("inside");
+        let [value, slope, curve] = parabola(&trace, 20, HALF).expect("inside");
         assert!((value - 1.0848).abs() < 1e-9 && (slope - 2.24).abs() < 1e-9 && (curve - 6.0).abs() < 1e-6);
-        assert_eq!(parabola(&trace, 3), None);
-        assert_eq!(parabola(&trace, 36), None);
+        assert_eq!(parabola(&trace, 3, HALF), None);
+        assert_eq!(parabola(&trace, 36, HALF), None);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! The demo's report: what the service made of one run.
 
+use super::closed::{self, Closed};
 use super::correlate;
-use super::page::{page, section};
+use super::page::{capital, page, section};
 use super::panels::{force_over_velocity, what_is_left_over, whole_run, with_breaks};
 use super::plot::{Band, Ink, Plot, Series, Shape};
 use super::recording::Recording;
@@ -64,6 +65,8 @@ pub struct Outcome {
     pub figures: Vec<Figure>,
     /// Whether they agree.
     pub agreement: Option<Agreement>,
+    /// How the loop was closed, or why it was not.
+    pub closed: Option<Result<Closed, String>>,
     /// Remarks below the figures.
     pub notes: Vec<String>,
     /// Counts of what went in and out.
@@ -86,6 +89,13 @@ pub fn html(outcome: &Outcome) -> String {
             p.verdict.bad[!matches!(agreement, Agreement::Same(_))] { (capital(&agreement.text())) "." }
         }
         (section("Figures", &figures(outcome)))
+        @if let Some(closed) = &outcome.closed {
+            @let body = match closed {
+                Ok(closed) => closed::html(closed),
+                Err(why) => html! { p { (why) } },
+            };
+            (section("Closing the loop", &body))
+        }
         (section("Force over time", &force_over_time(outcome)))
         (section("Residual over time", &residual_over_time(outcome)))
         (section("Force over velocity", &force_over_velocity(&points, DriveKind::CoilCurrent)))
@@ -222,7 +232,12 @@ fn residual_over_time(outcome: &Outcome) -> Markup {
         ],
         ..Plot::default()
     };
-    plot.figure("The residual is always the free-running model's: an estimate seeded with measured force would hide it.")
+    let alarms = closed::alarms(recording);
+    html! {
+        (plot.figure("The residual is always the free-running model's: an estimate seeded with measured force would hide it."))
+        @for alarm in &alarms { p { "Alarm: " (alarm) "." } }
+        @if alarms.is_empty() { p { "There was no alarm." } }
+    }
 }
 
 fn modes(recording: &Recording) -> Markup {
@@ -243,9 +258,4 @@ fn modes(recording: &Recording) -> Markup {
         .collect();
     let columns = ["#from, s", "#to, s", "mode", "why", "worst validity", "reasons given", "#estimates"];
     table(&columns, &rows)
-}
-
-fn capital(text: &str) -> String {
-    let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }

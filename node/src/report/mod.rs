@@ -4,6 +4,8 @@
 //! dampers. One file a report puts them together: [`demo`], [`identify`], [`compare`].
 
 pub mod box_plot;
+pub mod close;
+pub mod closed;
 pub mod compare;
 pub mod correlate;
 pub mod demo;
@@ -15,6 +17,8 @@ pub mod plot;
 pub mod recording;
 mod scale;
 pub mod scatter;
+pub mod spectrum;
+pub mod stretch;
 pub mod summary;
 pub mod table;
 

@@ -3,6 +3,7 @@
 //! Colours are classes that the page's style sheet knows, so that a plot follows the reader's light or dark
 //! mode. The legend is text of the page, not of the drawing: it wraps on a telephone.
 
+use super::log_axis::log_ticks;
 use super::scale::{Scale, range, thin_dots, thin_line, ticks};
 use maud::{Markup, PreEscaped, html};
 use std::fmt::Write;
@@ -32,6 +33,10 @@ pub enum Ink {
     Residual,
     /// A summary over what is left over.
     Trend,
+    /// As it was before something was changed.
+    Before,
+    /// As it is after it.
+    After,
     /// One of a few levels, from low (0) to high (3).
     Level(u8),
 }
@@ -46,6 +51,8 @@ impl Ink {
             Self::Estimate => "estimate",
             Self::Residual => "residual",
             Self::Trend => "trend",
+            Self::Before => "before",
+            Self::After => "after",
             Self::Level(0) => "level0",
             Self::Level(1) => "level1",
             Self::Level(2) => "level2",
@@ -59,8 +66,35 @@ impl Ink {
 pub enum Shape {
     /// Points in order of x, connected; one that is not finite breaks the line.
     Line,
+    /// The same, dashed.
+    Dashed,
+    /// Points connected in their own order, whichever way that goes; for few points.
+    Loop,
+    /// The area within the points; one that is not finite begins another area.
+    Area,
     /// Points alone.
     Dots,
+}
+
+impl Shape {
+    /// The class in the style sheet.
+    const fn class(self) -> &'static str {
+        match self {
+            Self::Line | Self::Loop => "line",
+            Self::Dashed => "line dashed",
+            Self::Area => "area",
+            Self::Dots => "dots",
+        }
+    }
+
+    /// The class of the key in the legend.
+    const fn key(self) -> &'static str {
+        match self {
+            Self::Line | Self::Dashed | Self::Loop => "line",
+            Self::Area => "area",
+            Self::Dots => "dot",
+        }
+    }
 }
 
 /// Some points with a name.
@@ -102,6 +136,8 @@ pub struct Plot {
     pub x_range: Option<(f64, f64)>,
     /// Range of y; by default what the series span.
     pub y_range: Option<(f64, f64)>,
+    /// Logarithmic axes, x and y: what is not positive is not drawn. Ranges are then decimal logarithms.
+    pub log: (bool, bool),
     /// Height in units of which the width has 640.
     pub height: f64,
     /// Shaded spans, behind everything.
@@ -118,6 +154,7 @@ impl Default for Plot {
             y_label: String::new(),
             x_range: None,
             y_range: None,
+            log: (false, false),
             height: 300.0,
             bands: Vec::new(),
             series: Vec::new(),
@@ -149,11 +186,7 @@ impl Plot {
             p.legend {
                 @for series in self.series.iter().filter(|series| !series.name.is_empty()) {
                     span {
-                        @if series.shape == Shape::Line {
-                            i class=(format!("key line {}", series.ink.class())) {}
-                        } @else {
-                            i class=(format!("key dot {}", series.ink.class())) {}
-                        }
+                        i class=(format!("key {} {}", series.shape.key(), series.ink.class())) {}
                         (series.name)
                     }
                 }
@@ -167,7 +200,9 @@ impl Plot {
     /// The drawing alone.
     #[must_use]
     pub fn svg(&self) -> String {
-        let (x, y) = self.scales();
+        let series: Vec<Vec<(f64, f64)>> =
+            self.series.iter().map(|series| self.on_axes(&series.points)).collect();
+        let (x, y) = self.scales(&series);
         let mut svg = String::new();
         let description = html! { (self.description) }.into_string();
         let _ = write!(
@@ -177,26 +212,38 @@ impl Plot {
         );
         self.draw_bands(&mut svg, &x, &y);
         self.draw_axes(&mut svg, &x, &y);
-        for series in &self.series {
+        for (series, points) in self.series.iter().zip(&series) {
             let path = match series.shape {
-                Shape::Line => line_path(&visible(&series.points, &x), &x, &y),
-                Shape::Dots => dots_path(&series.points, &x, &y),
+                Shape::Line | Shape::Dashed => line_path(&visible(points, &x), &x, &y),
+                Shape::Loop => line_path(points, &x, &y),
+                Shape::Area => area_path(points, &x, &y),
+                Shape::Dots => dots_path(points, &x, &y),
             };
-            let shape = if series.shape == Shape::Line { "line" } else { "dots" };
-            let _ = write!(svg, "<path class=\"{shape} {}\" d=\"{path}\"/>", series.ink.class());
+            let _ =
+                write!(svg, "<path class=\"{} {}\" d=\"{path}\"/>", series.shape.class(), series.ink.class());
         }
         svg.push_str("</svg>");
         svg
     }
 
-    fn scales(&self) -> (Scale, Scale) {
-        let points = || self.series.iter().flat_map(|series| &series.points);
+    /// The points as the axes have them.
+    fn on_axes(&self, points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+        let place = |log: bool, value: f64| match log {
+            true if value > 0.0 => value.log10(),
+            true => f64::NAN,
+            false => value,
+        };
+        points.iter().map(|(x, y)| (place(self.log.0, *x), place(self.log.1, *y))).collect()
+    }
+
+    fn scales(&self, series: &[Vec<(f64, f64)>]) -> (Scale, Scale) {
+        let points = || series.iter().flatten();
         let tight = |range: (f64, f64)| {
             // Time begins and ends at the edges; `range` has put 4 % of air there.
             let pad = (range.1 - range.0) * 0.04 / 1.08;
             (range.0 + pad, range.1 - pad)
         };
-        let lines_only = self.series.iter().all(|series| series.shape == Shape::Line);
+        let lines_only = self.series.iter().all(|series| matches!(series.shape, Shape::Line | Shape::Dashed));
         let x_found = range(points().map(|point| point.0));
         let (x_from, x_to) = self.x_range.unwrap_or(if lines_only { tight(x_found) } else { x_found });
         let inside = points().filter(|point| point.0 >= x_from && point.0 <= x_to);
@@ -224,29 +271,33 @@ impl Plot {
     }
 
     fn draw_axes(&self, svg: &mut String, x: &Scale, y: &Scale) {
-        let (x_ticks, x_decimals) = ticks(x.from, x.to, 6);
-        let (y_ticks, y_decimals) = ticks(y.from, y.to, 5);
+        let labelled = |log: bool, scale: &Scale, wanted: usize| {
+            if log {
+                return log_ticks(scale);
+            }
+            let (ticks, decimals) = ticks(scale.from, scale.to, wanted);
+            ticks.into_iter().map(|tick| (tick, number(tick, decimals))).collect()
+        };
+        let (x_ticks, y_ticks) = (labelled(self.log.0, x, 6), labelled(self.log.1, y, 5));
         let (left, right, bottom) = (x.place_from, x.place_to, y.place_from);
-        for tick in &y_ticks {
+        for (tick, label) in &y_ticks {
             let at = y.place(*tick);
-            let class = if *tick == 0.0 { "zero" } else { "grid" };
+            let class = if *tick == 0.0 && !self.log.1 { "zero" } else { "grid" };
             let _ = write!(
                 svg,
                 "<path class=\"{class}\" d=\"M{left} {at:.1}H{right}\"/>\
-                 <text class=\"end\" x=\"{:.0}\" y=\"{:.1}\">{}</text>",
+                 <text class=\"end\" x=\"{:.0}\" y=\"{:.1}\">{label}</text>",
                 left - 6.0,
-                at + 4.5,
-                number(*tick, y_decimals)
+                at + 4.5
             );
         }
-        for tick in &x_ticks {
+        for (tick, label) in &x_ticks {
             let at = x.place(*tick);
             let _ = write!(
                 svg,
                 "<path class=\"grid\" d=\"M{at:.1} {bottom}v5\"/>\
-                 <text class=\"mid\" x=\"{at:.1}\" y=\"{:.0}\">{}</text>",
-                bottom + 20.0,
-                number(*tick, x_decimals)
+                 <text class=\"mid\" x=\"{at:.1}\" y=\"{:.0}\">{label}</text>",
+                bottom + 20.0
             );
         }
         let (x_label, y_label) = (html! { (self.x_label) }, html! { (self.y_label) });
@@ -289,6 +340,25 @@ fn line_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
     path
 }
 
+/// Closed areas, held to the plot.
+fn area_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
+    let mut path = String::new();
+    for area in points.split(|point| !point.0.is_finite() || !point.1.is_finite()) {
+        for (index, (at, value)) in area.iter().enumerate() {
+            let (at, value) = (at.clamp(x.from, x.to), value.clamp(y.from, y.to));
+            let _ = write!(
+                path,
+                "{}{:.1} {:.1}",
+                if index == 0 { 'M' } else { 'L' },
+                x.place(at),
+                y.place(value)
+            );
+        }
+        path.push_str(if area.is_empty() { "" } else { "Z" });
+    }
+    path
+}
+
 /// Dots as strokes of no length with round ends: a tenth of the bytes of circles.
 fn dots_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
     let inside: Vec<(f64, f64)> =
@@ -320,6 +390,36 @@ pub fn binned_mean(points: &[(f64, f64)], bins: usize, least: usize) -> Vec<(f64
     sums.iter()
         .enumerate()
         .map(|(bin, (count, sum))| (middle(bin), if *count < least { f64::NAN } else { sum / *count as f64 }))
+        .collect()
+}
+
+/// Where y lies in a bin of x: middle of the bin, lower quartile, median, upper quartile.
+pub type Quartiles = (f64, [f64; 3]);
+
+/// Quartiles of y in `bins` equally wide bins of x, over the middle 99 % of x; bins with fewer than `least` points are left
+/// out. Empty where x hardly varies.
+#[must_use]
+pub fn binned_quartiles(points: &[(f64, f64)], bins: usize, least: usize) -> Vec<Quartiles> {
+    let mut sorted: Vec<(f64, f64)> =
+        points.iter().filter(|point| point.0.is_finite() && point.1.is_finite()).copied().collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let outside = sorted.len() / 200;
+    let inside = &sorted[outside..sorted.len() - outside];
+    let (Some(first), Some(last)) = (inside.first(), inside.last()) else { return Vec::new() };
+    let (low, width) = (first.0, (last.0 - first.0) / bins as f64);
+    if width <= 0.0 || !width.is_finite() {
+        return Vec::new();
+    }
+    let bin = |x: f64| (((x - low) / width) as usize).min(bins - 1);
+    inside
+        .chunk_by(|a, b| bin(a.0) == bin(b.0))
+        .filter(|group| group.len() >= least.max(1))
+        .map(|group| {
+            let mut values: Vec<f64> = group.iter().map(|point| point.1).collect();
+            values.sort_by(f64::total_cmp);
+            let at = |share: f64| values[(share * (values.len() - 1) as f64).round() as usize];
+            (low + (bin(group[0].0) as f64 + 0.5) * width, [0.25, 0.5, 0.75].map(at))
+        })
         .collect()
 }
 
@@ -379,5 +479,43 @@ mod tests {
         assert_eq!(means.len(), 10);
         assert!(means.iter().all(|(_, mean)| (mean - 0.5).abs() < 1e-12));
         assert!(binned_mean(&[(1.0, 1.0)], 10, 1).is_empty());
+    }
+
+    #[test]
+    fn quartiles_are_those_of_their_bin() {
+        // In each bin of ten the values 0 to 100, but for the hundredth at either end that is left out.
+        let points: Vec<(f64, f64)> = (0..10_100).map(|k| (f64::from(k / 101), f64::from(k % 101))).collect();
+        let found = binned_quartiles(&points, 10, 5);
+        assert_eq!(found.len(), 10);
+        assert!(found.iter().all(|(_, [low, middle, high])| (low - 25.0).abs() < 5.0
+            && (middle - 50.0).abs() < 5.0
+            && (high - 75.0).abs() < 5.0));
+        assert!(binned_quartiles(&[(1.0, 1.0); 50], 10, 1).is_empty(), "x never varies");
+        assert!(binned_quartiles(&[], 10, 1).is_empty());
+    }
+
+    #[test]
+    fn logarithmic_axes_loops_and_areas_are_drawn() {
+        let series = |shape, points: &[(f64, f64)]| Series {
+            name: "a".to_owned(),
+            ink: Ink::After,
+            shape,
+            points: points.to_vec(),
+        };
+        let corners =
+            [(1.0, 1.0), (10.0, 100.0), (100.0, 1.0), (f64::NAN, 1.0), (2.0, 2.0), (4.0, 2.0), (4.0, 4.0)];
+        let plot = Plot {
+            x_range: Some((0.0, 2.0)),
+            y_range: Some((0.0, 2.0)),
+            log: (true, true),
+            height: 200.0,
+            series: vec![
+                series(Shape::Loop, &[(10.0, 1.0), (1.0, 10.0), (10.0, 100.0), (0.0, 5.0), (100.0, 1.0)]),
+                series(Shape::Area, &corners),
+                series(Shape::Dashed, &[(1.0, 1.0), (100.0, 100.0)]),
+            ],
+            ..Plot::default()
+        };
+        insta::assert_snapshot!(plot.svg().replace('>', ">\n"));
     }
 }

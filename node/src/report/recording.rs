@@ -2,7 +2,9 @@
 
 use mr_damper_model::evaluate::{Evaluation, Evaluator};
 use mr_damper_model::metrics::{ErrorSum, Fit};
-use mr_damper_model::pipeline::{Estimate, Event, Mode, Reasons, Residual, Transition, Validity};
+use mr_damper_model::pipeline::{
+    AlarmChange, Estimate, Event, Mode, Reasons, Residual, Transition, Validity,
+};
 use mr_damper_model::sample::{Channel, Stamp, Trace};
 
 /// Everything that came over a watching inlet.
@@ -15,6 +17,8 @@ pub struct Recording {
     pub residuals: Vec<Residual>,
     /// Changes of mode, in order.
     pub transitions: Vec<Transition>,
+    /// The alarm's ups and downs, in order.
+    pub alarms: Vec<AlarmChange>,
     evaluator: Evaluator,
     zero: Option<Stamp>,
 }
@@ -50,7 +54,8 @@ impl Recording {
             Event::Estimate(estimate) => self.estimates.push(*estimate),
             Event::Residual(residual) => self.residuals.push(*residual),
             Event::Transition(transition) => self.transitions.push(*transition),
-            Event::Refusal(_) | Event::Alarm(_) => {}
+            Event::Alarm(change) => self.alarms.push(*change),
+            Event::Refusal(_) => {}
         }
     }
 

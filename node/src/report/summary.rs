@@ -1,7 +1,7 @@
 //! The demo's outcome as text for a terminal.
 
-use super::correlate;
 use super::demo::Outcome;
+use super::{close, closed, correlate};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::units::N_PER_LBF;
 use std::fmt::Write;
@@ -38,6 +38,14 @@ pub fn text(outcome: &Outcome) -> String {
             reasons
         );
     }
+    let _ = writeln!(text, "\nalarm");
+    let alarms = closed::alarms(&outcome.recording);
+    if alarms.is_empty() {
+        let _ = writeln!(text, "  none");
+    }
+    for alarm in &alarms {
+        let _ = writeln!(text, "  {alarm}");
+    }
     let _ = writeln!(text, "\nwhat is left over: correlation of the free-run residual");
     let found = correlate::correlations(&correlate::left_over(&outcome.recording));
     let facts: Vec<String> = found
@@ -48,6 +56,13 @@ pub fn text(outcome: &Outcome) -> String {
     let _ = writeln!(text, "\ntraffic");
     for (name, value) in &outcome.counts {
         let _ = writeln!(text, "  {name}: {value}");
+    }
+    if let Some(closed) = &outcome.closed {
+        let _ = writeln!(text, "\nclosing the loop");
+        match closed {
+            Ok(closed) => text += &closed::text(closed),
+            Err(why) => close::paragraph(&mut text, 2, why),
+        }
     }
     text
 }

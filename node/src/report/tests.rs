@@ -34,6 +34,7 @@ fn outcome() -> Outcome {
         ],
         withheld,
         agreement: Some(Agreement::Same(0.0)),
+        closed: None,
         notes: vec!["a note".to_owned()],
         counts: vec![("samples".to_owned(), "5".to_owned())],
         settings: vec![("coast_s".to_owned(), "0.2".to_owned())],
@@ -43,7 +44,7 @@ fn outcome() -> Outcome {
 }
 
 /// Opens and closes of elements, checked as a stack.
-fn assert_balanced(html: &str) {
+pub(super) fn assert_balanced(html: &str) {
     const VOID: [&str; 3] = ["meta", "!DOCTYPE", "br"];
     let mut open: Vec<&str> = Vec::new();
     for piece in html.split('<').skip(1) {

@@ -1,16 +1,18 @@
 //! The demo while it runs: service, player, collector and listener, and what is shown meanwhile.
 
-use super::{Act, Args};
+use super::Args;
 use crate::command::Surroundings;
+use crate::config::Config;
 use crate::error::NodeError;
 use crate::hot::{Inlet, now};
 use crate::interrupt::Interrupt;
-use crate::live::{Board, Counts, Histogram, Terminal, plain};
+use crate::live::{Board, Counts, Headline, Histogram, Terminal, plain};
 use crate::player::{Plan, Played, Player};
 use crate::report::Recording;
 use crate::ros::{Ros, run_async};
 use crate::service::{Counters, Service};
 use futures::stream::StreamExt;
+use mr_damper_model::pipeline::AlarmChange;
 use mr_damper_model::sample::{Run, Stamp};
 use mr_damper_msgs::ForceEstimate;
 use ros2_client::NodeOptions;
@@ -30,8 +32,10 @@ const COLLECT: Duration = Duration::from_millis(2);
 const FIND: Duration = Duration::from_secs(10);
 /// How long the last samples may take to arrive.
 const ARRIVE: Duration = Duration::from_secs(1);
+/// How long what they cause may be on its way through listener, collector and history.
+const SETTLE: Duration = Duration::from_millis(150);
 
-/// What was seen.
+/// What was seen of one run.
 pub(super) struct Shown {
     pub(super) recording: Recording,
     pub(super) counts: Counts,
@@ -68,6 +72,8 @@ impl Shown {
 /// What the threads share.
 struct Shared {
     board: Mutex<Board>,
+    /// What came since somebody took it last.
+    recording: Mutex<Recording>,
     sent: AtomicU64,
     heard: AtomicU64,
     /// Events that the collector's ring had no room for.
@@ -78,8 +84,11 @@ struct Shared {
 
 impl Shared {
     fn board(&self) -> MutexGuard<'_, Board> {
-        // Each change of the board is whole: a panic elsewhere does not spoil it.
-        self.board.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.board)
+    }
+
+    fn take_recording(&self) -> Recording {
+        std::mem::take(&mut lock(&self.recording))
     }
 
     fn counts(&self, counters: &Counters) -> Counts {
@@ -96,141 +105,213 @@ impl Shared {
     }
 }
 
-/// Plays the act and shows it.
-pub(super) fn perform(act: &Act, args: &Args, around: &Surroundings) -> Result<Shown, NodeError> {
-    let (service, inlet) = Service::start(&act.config, &around.ros_args, true)?;
-    let inlet = inlet.ok_or_else(|| NodeError::Failed("the service gave no events to watch".to_owned()))?;
-    let shared = Arc::new(Shared {
-        board: Mutex::new(Board::new(act.headline()?)),
-        sent: AtomicU64::new(0),
-        heard: AtomicU64::new(0),
-        unseen: Arc::clone(&inlet.dropped),
-        done: AtomicBool::new(false),
-        start: Instant::now(),
-    });
-    let counters = service.counters();
-    let listener = Listener::start(act, around, Arc::clone(&shared))?;
-    let (recording, played) = std::thread::scope(|scope| {
-        let collector = scope.spawn(|| collect(inlet, &shared));
-        let player = scope.spawn(|| play(act, around, &shared, &counters));
-        let shown = show(&shared, &service, args, around, &|| player.is_finished());
-        let played = player.join().unwrap_or_else(|_| Err(died("playing")));
-        // The listener goes first: it has heard all that it will, and the service must not wait for it.
-        let ended = listener.stop().and(service.stop());
-        shared.done.store(true, Ordering::Release);
-        let recording = collector.join().map_err(|_| died("collecting"));
-        (recording, shown.and(played).and_then(|played| ended.map(|()| played)))
-    });
-    let (recording, played) = (recording?, played?);
-    if played.failed > 0 {
-        tracing::warn!(failed = played.failed, "samples were not taken by the middleware");
+/// Each change of what is shared is whole: a panic elsewhere does not spoil it.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The service with all who play, listen and watch: it goes on from run to run.
+pub(super) struct Live<'a> {
+    service: Service,
+    player: Player,
+    listener: Listener,
+    collector: JoinHandle<()>,
+    shared: Arc<Shared>,
+    args: &'a Args,
+    around: &'a Surroundings,
+}
+
+impl<'a> Live<'a> {
+    /// Starts all of them, and waits until the player has found the service.
+    ///
+    /// # Errors
+    /// When one does not start, or the service is not found over DDS.
+    pub(super) fn start(
+        config: &Config,
+        args: &'a Args,
+        around: &'a Surroundings,
+    ) -> Result<Self, NodeError> {
+        let (service, inlet) = Service::start(config, &around.ros_args, true)?;
+        let inlet =
+            inlet.ok_or_else(|| NodeError::Failed("the service gave no events to watch".to_owned()))?;
+        let shared = Arc::new(Shared {
+            board: Mutex::default(),
+            recording: Mutex::default(),
+            sent: AtomicU64::new(0),
+            heard: AtomicU64::new(0),
+            unseen: Arc::clone(&inlet.dropped),
+            done: AtomicBool::new(false),
+            start: Instant::now(),
+        });
+        let listener = Listener::start(config, around, Arc::clone(&shared))?;
+        let player = Player::start(config, &around.ros_args, false)?;
+        let collecting = Arc::clone(&shared);
+        let collector = std::thread::Builder::new()
+            .name("demo-collector".to_owned())
+            .spawn(move || collect(inlet, &collecting))
+            .map_err(NodeError::io("starting the thread that collects events"))?;
+        let live = Self { service, player, listener, collector, shared, args, around };
+        if live.player.wait_for_listener(FIND, &around.interrupt) || around.interrupt.is_raised() {
+            return Ok(live);
+        }
+        live.stop()?;
+        Err(NodeError::Failed(format!(
+            "the demo's service was not found over DDS within {} s; is multicast allowed on the loopback interface?",
+            FIND.as_secs()
+        )))
     }
-    let board = shared.board();
-    Ok(Shown {
-        recording,
-        counts: shared.counts(&counters),
-        ended_early: around.interrupt.is_raised(),
-        to_node: board.to_node.clone(),
-        round_trip: board.round_trip.clone(),
-    })
+
+    /// Plays `run` and shows it.
+    ///
+    /// # Errors
+    /// When a thread dies.
+    pub(super) fn play(&self, run: &Run, headline: Headline) -> Result<Shown, NodeError> {
+        let (shared, interrupt) = (&self.shared, &self.around.interrupt);
+        let counters = self.service.counters();
+        *shared.board() = Board::new(headline);
+        drop(shared.take_recording());
+        let before = shared.counts(&counters);
+        let (shown, played) = std::thread::scope(|scope| {
+            let (player, counters) = (&self.player, &counters);
+            let player =
+                scope.spawn(move || play_and_wait(player, run, shared, counters, before.taken, interrupt));
+            let shown = self.show(before, &|| player.is_finished());
+            (shown, player.join().map_err(|_| died("playing")))
+        });
+        shown?;
+        let played = played?;
+        if played.failed > 0 {
+            tracing::warn!(failed = played.failed, "samples were not taken by the middleware");
+        }
+        let board = shared.board();
+        Ok(Shown {
+            recording: shared.take_recording(),
+            counts: shared.counts(&counters).since(&before),
+            ended_early: interrupt.is_raised(),
+            to_node: board.to_node.clone(),
+            round_trip: board.round_trip.clone(),
+        })
+    }
+
+    /// What the service remembers, as runs.
+    pub(super) fn history(&self) -> Vec<Run> {
+        let config = self.service.control().config();
+        lock(&self.service.history()).runs(config.history_duration_s, config.settings.gap_s)
+    }
+
+    /// Swaps the model in, as `load_model` does; returns what that did to the alarm.
+    ///
+    /// # Errors
+    /// Those of [`crate::control::Control::load_model`].
+    pub(super) fn load_model(&self, path: &str) -> Result<Vec<AlarmChange>, NodeError> {
+        drop(self.shared.take_recording());
+        self.service.control().load_model(path)?;
+        std::thread::sleep(SETTLE);
+        Ok(self.shared.take_recording().alarms)
+    }
+
+    /// Ends all of them: the listener first, so that the service need not wait for it.
+    ///
+    /// # Errors
+    /// When a thread had died.
+    pub(super) fn stop(self) -> Result<(), NodeError> {
+        self.player.stop();
+        let ended = self.listener.stop().and(self.service.stop());
+        self.shared.done.store(true, Ordering::Release);
+        self.collector.join().map_err(|_| died("collecting")).and(ended)
+    }
+
+    /// Shows the board until the player has finished, somebody ends it, or a thread of the service dies.
+    fn show(&self, before: Counts, finished: &dyn Fn() -> bool) -> Result<(), NodeError> {
+        let (shared, around) = (&self.shared, self.around);
+        let counters = self.service.counters();
+        let mut terminal = if self.args.no_screen || around.quiet { None } else { Terminal::start() };
+        let mut next_line = Instant::now() + LINE;
+        let mut alarm_said = false;
+        while !finished() {
+            if let Some(thread) = self.service.dead_thread() {
+                around.interrupt.raise();
+                return Err(died(thread));
+            }
+            let board = {
+                let mut board = shared.board();
+                board.counts = shared.counts(&counters).since(&before);
+                board.now_s = shared.start.elapsed().as_secs_f64();
+                board.clone()
+            };
+            match &mut terminal {
+                Some(terminal) => {
+                    let drawn = terminal.draw(&board);
+                    if drawn.is_err() || terminal.key(FRAME).is_some() {
+                        // A terminal that is gone ends the demo as its user would have.
+                        around.interrupt.raise();
+                    }
+                }
+                None => {
+                    if let (Some(alarm), false) = (&board.alarm, alarm_said || around.quiet) {
+                        println!("{}", alarm.text());
+                        alarm_said = true;
+                    }
+                    if Instant::now() >= next_line && !around.quiet {
+                        next_line += LINE;
+                        println!("{}", plain::line(&board));
+                    }
+                    around.interrupt.sleep_until(Instant::now() + FRAME);
+                }
+            }
+            if around.interrupt.is_raised() {
+                break;
+            }
+        }
+        Ok(())
+    }
 }
 
 fn died(what: &str) -> NodeError {
     NodeError::Failed(format!("the thread that was {what} died; the log above says why. Please report it"))
 }
 
+/// Plays the run, and waits until the service has taken it, `before` being what it had taken by then.
+fn play_and_wait(
+    player: &Player,
+    run: &Run,
+    shared: &Shared,
+    counters: &Counters,
+    before: u64,
+    interrupt: &Interrupt,
+) -> Played {
+    let mut played = Played::default();
+    player.play(run, &Plan::default(), &mut played, interrupt, None, &|at_s| {
+        shared.sent.fetch_add(1, Ordering::Relaxed);
+        shared.board().played_s = at_s;
+    });
+    let deadline = Instant::now() + ARRIVE;
+    let taken = || counters.hot.samples.load(Ordering::Relaxed) - before;
+    while taken() < played.samples && Instant::now() < deadline {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    // What the last samples caused is still on its way to listener and history.
+    std::thread::sleep(SETTLE);
+    played
+}
+
 /// Takes events out of the ring until the service has ended and the ring is empty.
-fn collect(mut inlet: Inlet, shared: &Shared) -> Recording {
-    let mut recording = Recording::default();
+fn collect(mut inlet: Inlet, shared: &Shared) {
     loop {
         let last_round = shared.done.load(Ordering::Acquire);
         if !inlet.events.is_empty() {
             let seen_s = shared.start.elapsed().as_secs_f64();
-            let mut board = shared.board();
+            let (mut board, mut recording) = (shared.board(), lock(&shared.recording));
             while let Ok(event) = inlet.events.pop() {
                 recording.take(&event);
                 board.take(&event, seen_s);
             }
         }
         if last_round {
-            return recording;
+            return;
         }
         std::thread::sleep(COLLECT);
     }
-}
-
-/// Plays the run, and waits until the service has taken it.
-fn play(act: &Act, around: &Surroundings, shared: &Shared, counters: &Counters) -> Result<Played, NodeError> {
-    let player = Player::start(&act.config, &around.ros_args, false)?;
-    let mut played = Played::default();
-    if !player.wait_for_listener(FIND, &around.interrupt) && !around.interrupt.is_raised() {
-        player.stop();
-        return Err(NodeError::Failed(format!(
-            "the demo's service was not found over DDS within {} s; is multicast allowed on the loopback interface?",
-            FIND.as_secs()
-        )));
-    }
-    play_run(&player, &act.played, shared, &mut played, &around.interrupt);
-    let deadline = Instant::now() + ARRIVE;
-    while counters.hot.samples.load(Ordering::Relaxed) < played.samples && Instant::now() < deadline {
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    // What the last samples caused is still on its way to the listener.
-    std::thread::sleep(Duration::from_millis(100));
-    player.stop();
-    Ok(played)
-}
-
-fn play_run(player: &Player, run: &Run, shared: &Shared, played: &mut Played, interrupt: &Interrupt) {
-    player.play(run, &Plan::default(), played, interrupt, None, &|at_s| {
-        shared.sent.fetch_add(1, Ordering::Relaxed);
-        shared.board().played_s = at_s;
-    });
-}
-
-/// Shows the board until the player has finished, somebody ends it, or a thread of the service dies.
-fn show(
-    shared: &Shared,
-    service: &Service,
-    args: &Args,
-    around: &Surroundings,
-    finished: &dyn Fn() -> bool,
-) -> Result<(), NodeError> {
-    let counters = service.counters();
-    let mut terminal = if args.no_screen || around.quiet { None } else { Terminal::start() };
-    let mut next_line = Instant::now() + LINE;
-    while !finished() {
-        if let Some(thread) = service.dead_thread() {
-            around.interrupt.raise();
-            return Err(died(thread));
-        }
-        let board = {
-            let mut board = shared.board();
-            board.counts = shared.counts(&counters);
-            board.now_s = shared.start.elapsed().as_secs_f64();
-            board.clone()
-        };
-        match &mut terminal {
-            Some(terminal) => {
-                let drawn = terminal.draw(&board);
-                if drawn.is_err() || terminal.key(FRAME).is_some() {
-                    // A terminal that is gone ends the demo as its user would have.
-                    around.interrupt.raise();
-                }
-            }
-            None => {
-                if Instant::now() >= next_line && !around.quiet {
-                    next_line += LINE;
-                    println!("{}", plain::line(&board));
-                }
-                around.interrupt.sleep_until(Instant::now() + FRAME);
-            }
-        }
-        if around.interrupt.is_raised() {
-            break;
-        }
-    }
-    Ok(())
 }
 
 /// A subscriber like any other: it hears the estimates over DDS.
@@ -241,10 +322,10 @@ struct Listener {
 }
 
 impl Listener {
-    fn start(act: &Act, around: &Surroundings, shared: Arc<Shared>) -> Result<Self, NodeError> {
+    fn start(config: &Config, around: &Surroundings, shared: Arc<Shared>) -> Result<Self, NodeError> {
         let args = &around.ros_args;
         let options = NodeOptions::new().enable_rosout(false);
-        let mut ros = Ros::start(&act.config, args, options, "mr_damper_demo_listener")?;
+        let mut ros = Ros::start(config, args, options, "mr_damper_demo_listener")?;
         let subscription = ros.subscribe::<ForceEstimate>(&args.topic("force_estimate"))?;
         let (stop, stopped) = oneshot::channel();
         let listen = async move {

@@ -1,0 +1,147 @@
+//! The runs of a closing by what they are for, and what forbids one.
+
+use super::Args;
+use super::base::Base;
+use crate::command::Surroundings;
+use crate::command::progress::Working;
+use crate::error::NodeError;
+use mr_damper_model::model_file::Role;
+use mr_damper_model::sample::Run;
+use std::path::{Path, PathBuf};
+
+/// A run with what it is for.
+pub(super) struct Given {
+    pub(super) role: Role,
+    pub(super) path: PathBuf,
+    pub(super) run: Run,
+    pub(super) sha256: String,
+}
+
+/// The flag that gives runs this role.
+const fn flag(role: Role) -> &'static str {
+    match role {
+        Role::Base => "--base",
+        Role::Estimate => "--estimate",
+        Role::Confirm => "--confirm",
+        Role::Test => "--test",
+        Role::Reference => "--reference",
+        Role::Replicate => "--replicates",
+    }
+}
+
+/// All paths, in the order in which they are read.
+fn paths(args: &Args) -> Vec<(Role, &Path)> {
+    let lists: [(Role, &[PathBuf]); 5] = [
+        (Role::Estimate, &args.estimate),
+        (Role::Confirm, &args.confirm),
+        (Role::Test, &args.test),
+        (Role::Reference, &args.reference),
+        (Role::Replicate, &args.replicates),
+    ];
+    lists.into_iter().flat_map(|(role, paths)| paths.iter().map(move |path| (role, path.as_path()))).collect()
+}
+
+/// Refuses what needs no file to be seen wrong.
+///
+/// # Errors
+/// [`NodeError::Usage`] without confirm runs, with one replicate, or with reference runs that are not one for each run.
+pub(super) fn check_counts(args: &Args) -> Result<(), NodeError> {
+    if args.confirm.is_empty() {
+        return Err(NodeError::Usage(
+            "there is no confirm run: a name that was not checked on another run is a guess. Give at least one with \
+             --confirm, recorded apart from the estimate runs"
+                .to_owned(),
+        ));
+    }
+    if args.replicates.len() == 1 {
+        return Err(NodeError::Usage(format!(
+            "{} is the only replicate: noise is what two runs of one pattern differ by. Give more with --replicates, or \
+             the floor itself with --noise-floor",
+            args.replicates[0].display()
+        )));
+    }
+    let (references, runs) =
+        (args.reference.len(), args.estimate.len() + args.confirm.len() + args.test.len());
+    if references > 0 && references != runs {
+        return Err(NodeError::Usage(format!(
+            "there are {references} reference runs for {runs} runs ({} to estimate, {} to confirm, {} to test): give \
+             --reference one healthy run of the same excitation for each, in that order",
+            args.estimate.len(),
+            args.confirm.len(),
+            args.test.len()
+        )));
+    }
+    Ok(())
+}
+
+/// Reads all runs.
+///
+/// # Errors
+/// When a run does not load, is there twice by content, is driven otherwise than `base` or the other runs, or is to be
+/// sealed and `base` knows it.
+pub(super) fn load(
+    args: &Args,
+    base: &Base,
+    around: &Surroundings,
+    working: &Working,
+) -> Result<Vec<Given>, NodeError> {
+    let paths = paths(args);
+    let mut all: Vec<Given> = Vec::with_capacity(paths.len());
+    for (role, path) in &paths {
+        if around.interrupt.is_raised() {
+            return Err(NodeError::Interrupted);
+        }
+        working.done("reading runs", all.len() as u64, paths.len() as u64);
+        let loaded = args.load.load(path)?;
+        let given =
+            Given { role: *role, path: path.to_path_buf(), sha256: loaded.sha256_hex(), run: loaded.run };
+        check_once(&given, &all)?;
+        base.check_unknown(&given)?;
+        all.push(given);
+    }
+    check_drives(base, &all)?;
+    Ok(all)
+}
+
+/// Refuses a run that was given before, whatever its name.
+fn check_once(given: &Given, before: &[Given]) -> Result<(), NodeError> {
+    let Some(same) = before.iter().find(|other| other.sha256 == given.sha256) else { return Ok(()) };
+    let message = format!(
+        "given with {}, holds the same as {}, given with {} (SHA-256 {}...): no run may serve twice, or it would \
+         confirm itself. Give another run, or leave it out",
+        flag(given.role),
+        same.path.display(),
+        flag(same.role),
+        &given.sha256[..12]
+    );
+    Err(NodeError::File { path: given.path.clone(), message })
+}
+
+/// Refuses a run with another drive than the base wants, or than the first run has.
+fn check_drives(base: &Base, all: &[Given]) -> Result<(), NodeError> {
+    if !base.wants_drive() {
+        return Ok(());
+    }
+    let Some(first) = all.first() else { return Ok(()) };
+    let wanted = base.drive().or(first.run.drive_kind());
+    let who = || match base.drive() {
+        Some(_) => "the base wants".to_owned(),
+        None => format!("{} has", first.path.display()),
+    };
+    for given in all {
+        let message = match (given.run.drive_kind(), wanted) {
+            (None, wanted) => format!(
+                "has no {}, which the base needs: record it, or take a base without the drive (a name with --passive)",
+                wanted.map_or("current_a or command_v", |kind| kind.name())
+            ),
+            (Some(found), Some(wanted)) if found != wanted => format!(
+                "is driven by {found}, but {} {wanted}: leave the run out, or say with --drive which column counts where \
+                 it holds both",
+                who()
+            ),
+            _ => continue,
+        };
+        return Err(NodeError::File { path: given.path.clone(), message });
+    }
+    Ok(())
+}

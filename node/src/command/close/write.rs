@@ -1,0 +1,222 @@
+//! What a closing gives out: model file, JSON, report, text.
+
+use super::base::Identified;
+use super::roles::Given;
+use super::{Args, Surroundings};
+use crate::closing::{TOOL, centred, errors, sum};
+use crate::command::output;
+use crate::error::NodeError;
+use crate::report::close::{self as report, json};
+use mr_damper_model::diagnose::{Closing, Runs};
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::model::{Expected, Model};
+use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
+use serde::Serialize;
+use std::path::Path;
+use std::time::SystemTime;
+
+/// All that came out, and what it came from.
+pub(super) struct Done<'a> {
+    pub(super) closing: Closing,
+    pub(super) base: Identified,
+    pub(super) runs: Runs<'a>,
+    pub(super) given: &'a [Given],
+    pub(super) seconds: f64,
+}
+
+/// The JSON: the contracted report, and where it comes from.
+#[derive(Debug, Serialize)]
+struct Written<'a> {
+    #[serde(flatten)]
+    report: json::Report<'a>,
+    tool: &'static str,
+    seed: u64,
+    seconds: f64,
+    runs: Vec<RunRow<'a>>,
+    /// The model file; `null` when nothing was named.
+    model_file: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct RunRow<'a> {
+    role: Role,
+    run: String,
+    sha256: &'a str,
+}
+
+/// Refuses files that could not be written when the work is done, or that would be lost.
+///
+/// # Errors
+/// When a folder is not there, or the base would be overwritten.
+pub(super) fn check_targets(args: &Args) -> Result<(), NodeError> {
+    let targets = [Some(&args.out), args.report.as_ref(), args.json.as_ref()];
+    for target in targets.into_iter().flatten().filter(|path| path.as_path() != Path::new("-")) {
+        let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            return Err(NodeError::File {
+                path: target.clone(),
+                message: format!("cannot be written: there is no folder {}; make it first", folder.display()),
+            });
+        }
+    }
+    let whole = |path: &Path| path.canonicalize().ok();
+    match (whole(&args.out), whole(Path::new(&args.base))) {
+        (Some(out), Some(base)) if out == base => Err(NodeError::File {
+            path: args.out.clone(),
+            message: "is the base itself: --out needs another name, so that what was found can be undone"
+                .to_owned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// Writes all that is asked for.
+///
+/// # Errors
+/// When a file cannot be written; [`NodeError::Interrupted`].
+pub(super) fn all(args: &Args, done: &Done<'_>, around: &Surroundings) -> Result<(), NodeError> {
+    if around.interrupt.is_raised() {
+        return Err(NodeError::Interrupted);
+    }
+    let named = !done.closing.effects.is_empty();
+    if named {
+        let text = model_file(args, done).to_toml()?;
+        std::fs::write(&args.out, text).map_err(NodeError::io(format!("writing {}", args.out.display())))?;
+    }
+    if let Some(path) = &args.report {
+        let page = report::html(&outcome(args, done, around)?);
+        std::fs::write(path, page).map_err(NodeError::io(format!("writing {}", path.display())))?;
+        tracing::info!(report = %path.display(), "written");
+    }
+    let written = Written {
+        report: json::Report::of(&done.closing),
+        tool: TOOL,
+        seed: args.seed,
+        seconds: done.seconds,
+        runs: done.given.iter().map(run_row).collect(),
+        model_file: named.then(|| args.out.display().to_string()),
+    };
+    match &args.json {
+        Some(path) if path == Path::new("-") => return output::json(path, &written),
+        Some(path) => output::json(path, &written)?,
+        None => {}
+    }
+    print!("{}{}", report::text(&done.closing, drive(done)), ending(args, done));
+    Ok(())
+}
+
+/// What the report tells: of the sealed runs, or of the confirm runs where there are none.
+fn outcome<'a>(
+    args: &Args,
+    done: &'a Done<'_>,
+    around: &Surroundings,
+) -> Result<report::Outcome<'a>, NodeError> {
+    let runs = &done.runs;
+    let pictured = if runs.test.is_empty() { runs.confirm } else { runs.test };
+    let mut traces = Vec::with_capacity(pictured.len());
+    for data in pictured {
+        if around.interrupt.is_raised() {
+            return Err(NodeError::Interrupted);
+        }
+        traces.push(report::RunTrace::of(&done.closing, data, runs.reference));
+    }
+    let count = |role: Role| done.given.iter().filter(|given| given.role == role).count();
+    let row = |name: &str, value: String| (name.to_owned(), value);
+    let mut provenance = vec![
+        row("made by", TOOL.to_owned()),
+        row("base", format!("{}, {}", done.base.source, done.closing.before.force.name())),
+        row("seed", args.seed.to_string()),
+        row("time", format!("{:.1} s", done.seconds)),
+    ];
+    provenance.extend(done.given.iter().map(|given| {
+        row(role_in_words(given.role), format!("{}, SHA-256 {}", given.path.display(), given.sha256))
+    }));
+    Ok(report::Outcome {
+        what: format!(
+            "What the base lacks ({}): runs to find it on {}, to confirm it {}, sealed {}.",
+            done.base.source,
+            count(Role::Estimate),
+            count(Role::Confirm),
+            count(Role::Test)
+        ),
+        closing: &done.closing,
+        drive: drive(done),
+        traces,
+        provenance,
+    })
+}
+
+const fn role_in_words(role: Role) -> &'static str {
+    match role {
+        Role::Base => "run of the base",
+        Role::Estimate => "estimate run",
+        Role::Confirm => "confirm run",
+        Role::Test => "sealed run",
+        Role::Reference => "reference run",
+        Role::Replicate => "replicate",
+    }
+}
+
+fn drive(done: &Done<'_>) -> Option<mr_damper_model::sample::DriveKind> {
+    done.closing.before.force.drive().or(done.runs.estimate.first().and_then(|data| data.drive))
+}
+
+/// What was written, and how long it took.
+fn ending(args: &Args, done: &Done<'_>) -> String {
+    let out = args.out.display();
+    let model = match (done.closing.effects.is_empty(), args.out.exists()) {
+        (false, _) => format!("model file: {out}"),
+        (true, true) => format!("nothing was named: no model file is written, {out} stays as it was"),
+        (true, false) => "nothing was named: no model file is written".to_owned(),
+    };
+    format!("\n{model}\n{:.1} s\n", done.seconds)
+}
+
+fn run_row(given: &Given) -> RunRow<'_> {
+    RunRow { role: given.role, run: given.path.display().to_string(), sha256: &given.sha256 }
+}
+
+fn model_file(args: &Args, done: &Done<'_>) -> ModelFile {
+    let after = &done.closing.after;
+    let training = done.runs.estimate.iter().map(|data| centred(after, data).1);
+    let test = done.runs.test.iter().map(|data| errors(&after.augmented(), data));
+    let confirm = done.runs.confirm.iter().map(|data| errors(&after.augmented(), data));
+    let (training, validation) = (sum(training).fit(), sum(test).fit());
+    let judged = validation.or_else(|| sum(confirm).fit());
+    let expected = Expected { free_run_rsse_n: rsse(judged), one_step_rsse_n: None };
+    let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now());
+    ModelFile {
+        model: Model { expected, ..*after },
+        provenance: Provenance {
+            tool: TOOL.to_owned(),
+            date: now.to_rfc3339_opts(chrono::SecondsFormat::Secs, true),
+            seed: args.seed,
+            restarts: done.base.restarts,
+            runs: training_runs(done),
+            training_free_run: training,
+            validation_free_run: validation,
+            ..Provenance::default()
+        },
+    }
+}
+
+fn rsse(fit: Option<Fit>) -> Option<f64> {
+    fit.map(|fit| fit.rsse_n)
+}
+
+/// All runs of this closing, then those of the base that it did not have.
+fn training_runs(done: &Done<'_>) -> Vec<TrainingRun> {
+    let runs = &done.runs;
+    let data =
+        [runs.estimate, runs.confirm, runs.test, runs.reference, runs.replicates].into_iter().flatten();
+    let own = done.given.iter().zip(data).map(|(given, data)| TrainingRun {
+        name: given.path.display().to_string(),
+        sha256: given.sha256.clone(),
+        samples: data.counted() as u64,
+        force_offset_n: centred(&done.closing.after, data).0,
+        role: Some(given.role),
+    });
+    let known = |run: &&TrainingRun| done.given.iter().all(|given| given.sha256 != run.sha256);
+    let before = done.base.runs.iter().filter(known);
+    own.chain(before.map(|run| TrainingRun { role: Some(Role::Base), ..run.clone() })).collect()
+}

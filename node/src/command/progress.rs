@@ -1,0 +1,55 @@
+//! Progress of a long computation on the terminal.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use mr_damper_model::identify::Progress;
+use std::time::Duration;
+
+/// A line that says what is being done, and how long it will take where that is known.
+pub(super) struct Working(ProgressBar);
+
+impl Working {
+    /// A line that is not seen when `quiet`, nor where stderr is no terminal.
+    pub(super) fn new(quiet: bool) -> Self {
+        Self(if quiet { ProgressBar::hidden() } else { ProgressBar::new(0) })
+    }
+
+    /// Another stage begins, of unknown length. Without a terminal it goes to the log.
+    pub(super) fn stage(&self, what: &str) {
+        let style = ProgressStyle::with_template("{spinner} {prefix}, {elapsed}");
+        self.0.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+        self.0.set_prefix(what.to_owned());
+        self.0.enable_steady_tick(Duration::from_millis(100));
+        if self.0.is_hidden() {
+            tracing::info!("{what}");
+        }
+    }
+
+    /// Something within the stage, of known length.
+    pub(super) fn progress(&self, progress: Progress) {
+        let (message, done, of) = match progress {
+            Progress::Conditioning { runs } => ("conditioning runs", 0, runs),
+            Progress::Restart { done, of } => ("restarts", done, of),
+            Progress::Epoch { done, of } => ("learning", done, of),
+            Progress::Polish { done, of } => ("finishing the best", done, of),
+        };
+        self.done(message, u64::from(done), u64::from(of));
+    }
+
+    /// So much of so much is done.
+    pub(super) fn done(&self, message: &'static str, done: u64, of: u64) {
+        let style = ProgressStyle::with_template("{prefix}{msg} [{bar:40}] {pos}/{len}, {eta} left");
+        self.0.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        let stage = self.0.prefix();
+        let colon = if stage.is_empty() || stage.ends_with(": ") { "" } else { ": " };
+        self.0.set_prefix(format!("{stage}{colon}"));
+        self.0.set_message(message);
+        self.0.set_length(of);
+        self.0.set_position(done);
+    }
+}
+
+impl Drop for Working {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}

@@ -1,0 +1,273 @@
+//! The report of a closing as one HTML file.
+
+use super::pictures::Pictures;
+use super::traces::RunTrace;
+use super::words;
+use crate::report::page::{capital, page, section};
+use crate::report::table::{bars, facts, table};
+use maud::{Markup, html};
+use mr_damper_model::diagnose::{Candidate, Closing, Named, Refused, Settings, Verdict};
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::sample::DriveKind;
+use mr_damper_model::units::N_PER_LBF;
+
+/// All that the report tells.
+#[derive(Debug, Clone)]
+pub struct Outcome<'a> {
+    /// Base and runs, in a sentence.
+    pub what: String,
+    /// What was found.
+    pub closing: &'a Closing,
+    /// Kind of drive that the runs hold.
+    pub drive: Option<DriveKind>,
+    /// The sealed runs before and after; the confirm runs where there are no sealed ones.
+    pub traces: Vec<RunTrace>,
+    /// Where all of it comes from.
+    pub provenance: Vec<(String, String)>,
+}
+
+/// The report as one HTML file.
+#[must_use]
+pub fn html(outcome: &Outcome<'_>) -> String {
+    let closing = outcome.closing;
+    let pictures = Pictures { runs: &outcome.traces, named: !closing.effects.is_empty() };
+    let body = html! {
+        (summary(closing))
+        (section("What was found", &found(closing, outcome.drive)))
+        (section("Error before and after", &errors(closing)))
+        (section("What each effect explains", &rounds(closing)))
+        (section("Refused, and not testable", &reasons(closing)))
+        (section("What is left over", &left_over(closing)))
+        @if closing.test.is_none() {
+            p.verdict.bad { "There are no sealed runs: the pictures below are of the confirm runs, which had a say." }
+        }
+        (pictures.sections())
+        (section("Provenance", &facts(&outcome.provenance)))
+    };
+    page("MR damper: closing the loop", &outcome.what, &body)
+}
+
+fn summary(closing: &Closing) -> Markup {
+    let proved = closing.test.as_ref().is_some_and(|test| test.ratio_ci95[1] < 1.0);
+    let settled = matches!(closing.verdict, Verdict::NothingToExplain | Verdict::Explained);
+    let tells = !closing.effects.is_empty() || closing.test.is_some();
+    html! {
+        p.verdict.bad[!settled] {
+            (words::verdict(closing))
+            @if let Some(next) = words::next_step(closing) { " " (next) }
+        }
+        @if let Some(paired) = words::paired(closing.mode) {
+            p { (paired) " In the pictures " em { "before" } " is the healthy run's force, and " em { "after" } " what the effects make of it." }
+        }
+        @if tells { p.verdict.bad[!proved] { (words::proof(closing.test.as_ref())) } }
+    }
+}
+
+pub(in crate::report) fn found(closing: &Closing, drive: Option<DriveKind>) -> Markup {
+    let columns =
+        ["effect", "=parameter", "#95 %", "#physical range", "#p", "#removed, estimate", "#removed, confirm"];
+    let rows: Vec<Vec<String>> = closing.effects.iter().flat_map(|named| parameters(named, drive)).collect();
+    html! {
+        @if closing.effects.is_empty() {
+            p { "No effect was named." }
+        } @else {
+            div.named { (table(&columns, &rows)) }
+            ul { @for named in &closing.effects { li { (sentence(named)) } } }
+            p.lead { "Intervals come from sums over blocks of seconds, since neighbouring samples are no independent evidence; p is "
+                "after correction for all effects that were tried. " em { "Removed, estimate" } " is the share of the error that noise "
+                "does not explain, " em { "removed, confirm" } " the mean share of all squared error." }
+        }
+    }
+}
+
+/// One row a parameter; what belongs to the effect stands in its first row.
+fn parameters(named: &Named, drive: Option<DriveKind>) -> Vec<Vec<String>> {
+    let row = |(index, found): (usize, &mr_damper_model::diagnose::Found)| {
+        let (name, unit) = words::quantity(found.name, drive);
+        let [low, high] = found.ci95.map(words::figure);
+        let [from, to] = found.range.map(words::round);
+        let once = |text: String| if index == 0 { text } else { String::new() };
+        vec![
+            once(words::title(&named.effect)),
+            format!("{name} = {} {unit}", words::figure(found.value)),
+            format!("{low} to {high}"),
+            format!("{from} to {to}"),
+            once(words::p_value(named.p_adjusted)),
+            once(words::percent(named.share_removed)),
+            once(words::percent(named.confirmed)),
+        ]
+    };
+    named.parameters.iter().enumerate().map(row).collect()
+}
+
+/// What the effect is, and what else it could be.
+fn sentence(named: &Named) -> Markup {
+    html! {
+        b { (words::title(&named.effect)) } ": " (named.effect.effect().what()) "."
+        @if let Some((others, settles)) = words::class(named) {
+            " These runs cannot tell it from " (others) ". What would:"
+            ul { @for (id, excitation) in settles { li { (id) ": " (excitation) } } }
+        }
+    }
+}
+
+fn errors(closing: &Closing) -> Markup {
+    let row = |name: &str, role: &str, before: &Fit, after: &Fit, interval: String| {
+        let left = words::percent((after.rsse_n / before.rsse_n).powi(2));
+        let mut row = vec![words::file_name(name), role.to_owned(), left, interval];
+        for fit in [before, after] {
+            row.push(format!("{:.2}", fit.rsse_n));
+            row.push(format!("{:.2}", fit.rsse_n / N_PER_LBF));
+            row.push(words::figure(fit.esr));
+        }
+        row
+    };
+    let mut rows = Vec::new();
+    if let Some(test) = &closing.test {
+        let interval = words::percents(test.ratio_ci95);
+        rows.push(row("all sealed runs", "sealed", &test.before, &test.after, interval));
+        rows.extend(test.runs.iter().map(|c| row(&c.run, "sealed", &c.before, &c.after, String::new())));
+    }
+    rows.extend(closing.confirm.iter().map(|c| row(&c.run, "confirm", &c.before, &c.after, String::new())));
+    let columns = [
+        "run",
+        "",
+        "#squared error left",
+        "#95 %",
+        "#before: RSSE, N",
+        "#lbf",
+        "#ESR",
+        "#after: RSSE, N",
+        "#lbf",
+        "#ESR",
+    ];
+    html! {
+        (table(&columns, &rows))
+        p { "The models run free: displacement and drive alone, never the measured force. Each run's mean error is taken out. RSSE is "
+            "the root mean squared error; ESR is its square over the variance of the measured force. The interval is from a "
+            "bootstrap over blocks." }
+        p { (capital(&words::noise_floor(&closing.noise_floor))) "." }
+    }
+}
+
+fn rounds(closing: &Closing) -> Markup {
+    let last = closing.candidates.iter().map(|candidate| candidate.round).max().unwrap_or(0);
+    let of = |round: usize| {
+        let mut all: Vec<&Candidate> = closing.candidates.iter().filter(|c| c.round == round).collect();
+        let explains = |c: &Candidate| c.removes.unwrap_or(f64::NEG_INFINITY).max(c.promises);
+        all.sort_by(|a, b| explains(b).total_cmp(&explains(a)));
+        all
+    };
+    html! {
+        @if last == 0 {
+            p { "No effect was tried." }
+        } @else {
+            p { "Shares of the error that noise does not explain. " em { "Promises" } ": by its score, taken as straight; "
+                em { "removes" } ": after base and effect were fitted together. " em { "Told apart" } ": the share of the effect "
+                "that neither the base nor the effects before it have as well." }
+            p.legend {
+                span { i.key style="background:var(--soft);opacity:.55" {} "promises" }
+                span { i.key style="background:var(--estimate)" {} "removes" }
+            }
+            @for round in 1..=last { h3 { "Round " (round) } (one_round(&of(round), closing)) }
+        }
+    }
+}
+
+/// The candidates of a round: those beyond chance, and the others folded away.
+fn one_round(all: &[&Candidate], closing: &Closing) -> Markup {
+    let (significant, others): (Vec<&Candidate>, Vec<&Candidate>) =
+        all.iter().partition(|c| is_significant(c));
+    html! {
+        @if significant.is_empty() { p { "No score is beyond chance." } } @else { (candidates(&significant, closing)) }
+        @if !others.is_empty() {
+            details {
+                summary { (others.len()) " more that may be chance" }
+                (candidates(&others, closing))
+            }
+        }
+    }
+}
+
+fn is_significant(candidate: &Candidate) -> bool {
+    candidate.p_adjusted <= Settings::default().significance
+}
+
+fn candidates(all: &[&Candidate], closing: &Closing) -> Markup {
+    html! {
+        div.scroll { table.shares {
+            thead { tr {
+                th { "effect" } th.num { "told apart" } th.num { "p" } th.num { "promises" } th.num { "removes" } th {} th { "outcome" }
+            } }
+            tbody { @for candidate in all { tr {
+                td.keep { (candidate.effect.title()) }
+                td.num { (words::percent(candidate.identifiable)) }
+                td.num { (words::p_value(candidate.p_adjusted)) }
+                td.num { (words::percent(candidate.promises)) }
+                td.num { (candidate.removes.map_or("–".to_owned(), words::percent)) }
+                td.bar {
+                    (share("promise", candidate.promises))
+                    (share("remove", candidate.removes.unwrap_or(0.0)))
+                }
+                td.keep { (became(candidate, closing)) }
+            } } }
+        } }
+    }
+}
+
+fn share(class: &str, share: f64) -> Markup {
+    let width = 100.0 * if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 };
+    html! { div.share { i class=(class) style=(format!("width:{width:.1}%")) {} } }
+}
+
+/// What became of a candidate in its round.
+fn became(candidate: &Candidate, closing: &Closing) -> &'static str {
+    let forms = [Some(candidate.effect), candidate.effect.refined()];
+    let named = closing.effects.iter().any(|named| forms.contains(&Some(named.effect.effect())));
+    // Once it is in the model it is no candidate any more.
+    let again = closing.candidates.iter().any(|c| c.effect == candidate.effect && c.round > candidate.round);
+    match (named, again, candidate.removes) {
+        (true, false, _) => "named",
+        _ if !is_significant(candidate) => "may be chance",
+        (true, true, _) => "named later",
+        (false, _, Some(_)) => "refused",
+        (false, _, None) => "another promises more",
+    }
+}
+
+fn reasons(closing: &Closing) -> Markup {
+    let refused = words::refused(closing);
+    let list = |all: &[&Refused]| {
+        html! { ul { @for refused in all { li { b { (refused.effect.title()) } ": " (refused.why) } } } }
+    };
+    html! {
+        @if refused.is_empty() {
+            p { "No effect that looked like it was refused." }
+        } @else {
+            p { "Looked like it, and refused:" } (list(&refused))
+        }
+        @if closing.untestable.is_empty() {
+            p { "Every effect of the library could be tested." }
+        } @else {
+            p { "These runs can neither show nor deny:" } (list(&closing.untestable.iter().collect::<Vec<_>>()))
+        }
+    }
+}
+
+fn left_over(closing: &Closing) -> Markup {
+    let left = &closing.left_over;
+    let with: Vec<(String, f64)> =
+        left.correlates_with.iter().map(|c| (c.with.to_owned(), c.coefficient)).collect();
+    html! {
+        p { "Lack of fit (the share of the squared residual that is not noise) is "
+            (words::figure(left.lof)) " after " (words::figure(left.lof_before)) " with the base alone; "
+            (words::percent(left.share)) " of the error that noise does not explain is left. Sums were taken over "
+            (closing.blocks) " blocks." }
+        @if with.is_empty() {
+            p { "It goes with nothing that was measured, beyond chance." }
+        } @else {
+            p { "It goes with, beyond chance:" }
+            (bars("residual and", "correlation", &with))
+        }
+    }
+}

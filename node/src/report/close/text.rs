@@ -1,0 +1,142 @@
+//! A closing as text for a terminal, in lines of at most 110 columns where names of runs are short.
+
+use super::words;
+use mr_damper_model::diagnose::{Closing, Named};
+use mr_damper_model::effect::Effect;
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::sample::DriveKind;
+use std::fmt::Write;
+
+/// Columns of the terminal.
+const WIDTH: usize = 110;
+
+/// What was found, how sure it is, what was refused, and what is left.
+#[must_use]
+pub fn text(closing: &Closing, drive: Option<DriveKind>) -> String {
+    let mut text = short(closing, drive);
+    errors(&mut text, closing);
+    reasons(&mut text, "Refused", words::refused(closing).into_iter().map(|r| (r.effect, r.why.as_str())));
+    reasons(
+        &mut text,
+        "Cannot be shown or denied by these runs",
+        closing.untestable.iter().map(|r| (r.effect, r.why.as_str())),
+    );
+    left_over(&mut text, closing);
+    text
+}
+
+/// What was found and how sure it is.
+#[must_use]
+pub fn short(closing: &Closing, drive: Option<DriveKind>) -> String {
+    let mut text = String::new();
+    paragraph(&mut text, 0, &words::verdict(closing));
+    let remarks = [words::next_step(closing), words::paired(closing.mode)];
+    remarks.into_iter().flatten().for_each(|remark| paragraph(&mut text, 0, remark));
+    if !closing.effects.is_empty() || closing.test.is_some() {
+        paragraph(&mut text, 0, &words::proof(closing.test.as_ref()));
+    }
+    if !closing.effects.is_empty() {
+        text += "\nNamed\n";
+        for named in &closing.effects {
+            effect(&mut text, named, drive);
+        }
+    }
+    text
+}
+
+/// `line`, broken between words, indented by `indent` and by two more where it goes on.
+pub(in crate::report) fn paragraph(text: &mut String, indent: usize, line: &str) {
+    let mut column = 0;
+    for word in line.split_whitespace() {
+        let length = word.chars().count();
+        if column == 0 {
+            let _ = write!(text, "{:indent$}{word}", "");
+            column = indent + length;
+        } else if column + 1 + length <= WIDTH {
+            let _ = write!(text, " {word}");
+            column += 1 + length;
+        } else {
+            let _ = write!(text, "\n{:1$}{word}", "", indent + 2);
+            column = indent + 2 + length;
+        }
+    }
+    text.push('\n');
+}
+
+fn effect(text: &mut String, named: &Named, drive: Option<DriveKind>) {
+    let what = named.effect.effect().what();
+    paragraph(text, 2, &format!("{}: {what}", words::title(&named.effect)));
+    for found in &named.parameters {
+        paragraph(text, 4, &words::parameter(found, drive));
+    }
+    let line = format!(
+        "{}, corrected for all effects that were tried; takes away {} of the explainable error on the estimate runs, {} of the squared error on the \
+         confirm runs",
+        words::chance(named.p_adjusted),
+        words::percent(named.share_removed),
+        words::percent(named.confirmed)
+    );
+    paragraph(text, 4, &line);
+    if let Some((others, settles)) = words::class(named) {
+        paragraph(text, 4, &format!("or one of {others}: these runs cannot tell them apart. What would:"));
+        for (id, excitation) in settles {
+            paragraph(text, 6, &format!("{id}: {excitation}"));
+        }
+    }
+}
+
+fn errors(text: &mut String, closing: &Closing) {
+    let mut rows: Vec<(String, &Fit, &Fit)> = Vec::new();
+    if let Some(test) = &closing.test {
+        rows.push(("sealed runs".to_owned(), &test.before, &test.after));
+        rows.extend(test.runs.iter().map(|c| (format!("  {}", c.run), &c.before, &c.after)));
+    }
+    let confirm = (1..).zip(&closing.confirm);
+    rows.extend(confirm.map(|(place, c)| (format!("confirm {place}: {}", c.run), &c.before, &c.after)));
+    let Some(width) = rows.iter().map(|(name, ..)| name.chars().count()).max() else { return };
+    let _ = writeln!(
+        text,
+        "\nError running free, each run's mean out: RSSE, ESR, and what is left of the squared error"
+    );
+    let _ = writeln!(text, "  {:<width$}  {:>30}  {:>30}  {:>7}", "", "before", "after", "left");
+    for (name, before, after) in rows {
+        let left = words::percent((after.rsse_n / before.rsse_n).powi(2));
+        let _ = writeln!(text, "  {name:<width$}  {}  {}  {left:>7}", fit(before), fit(after));
+    }
+}
+
+fn fit(fit: &Fit) -> String {
+    let esr = if fit.esr < 1e-3 { format!("{:8.1e}", fit.esr) } else { format!("{:8.5}", fit.esr) };
+    format!("{:>21} {esr}", words::force(fit.rsse_n))
+}
+
+fn reasons<'a>(text: &mut String, heading: &str, rows: impl Iterator<Item = (Effect, &'a str)>) {
+    let mut rows = rows.peekable();
+    if rows.peek().is_some() {
+        let _ = writeln!(text, "\n{heading}");
+    }
+    for (effect, why) in rows {
+        paragraph(text, 2, &format!("{}: {why}", effect.title()));
+    }
+}
+
+fn left_over(text: &mut String, closing: &Closing) {
+    let left = &closing.left_over;
+    text.push_str("\nLeft over\n");
+    let line = format!(
+        "lack of fit {} (base alone {}); {}; {} blocks",
+        words::figure(left.lof),
+        words::figure(left.lof_before),
+        words::noise_floor(&closing.noise_floor),
+        closing.blocks
+    );
+    paragraph(text, 2, &line);
+    let with: Vec<String> =
+        left.correlates_with.iter().map(|c| format!("{} {:+.2}", c.with, c.coefficient)).collect();
+    let line = if with.is_empty() {
+        "it goes with nothing that was measured, beyond chance".to_owned()
+    } else {
+        format!("it goes with {}", with.join(", "))
+    };
+    paragraph(text, 2, &line);
+}

@@ -1,0 +1,177 @@
+//! The residual of a run before and after, sample by sample, with the motion that it came with.
+//!
+//! Velocity, acceleration and the slope of the drive come from parabolas that look ahead as well as back: this is for
+//! looking at a finished run, never for the live path.
+
+use super::words;
+use crate::report::correlate::parabola;
+use mr_damper_model::diagnose::{Closing, Mode};
+use mr_damper_model::identify::{Dataset, Row, walk};
+use mr_damper_model::model::Model;
+use mr_damper_model::sample::{DriveKind, Stamp, Trace};
+use std::ops::ControlFlow;
+
+/// Half the window of the parabolas, s: 8 samples at 512 Hz.
+const HALF_WINDOW_S: f64 = 1.0 / 64.0;
+
+/// One sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Since the run began, s.
+    pub time_s: f64,
+    /// Displacement as the model saw it, m.
+    pub displacement_m: f64,
+    /// Velocity, m/s.
+    pub velocity_m_s: f64,
+    /// Acceleration, m/s².
+    pub acceleration_m_s2: f64,
+    /// The drive, A or V; NaN without one.
+    pub drive: f64,
+    /// Its slope, per second.
+    pub drive_slope: f64,
+    /// Temperature of the case, °C; NaN where it is not known.
+    pub case_temp_c: f64,
+    /// Measured force, N.
+    pub measured_n: f64,
+    /// What the base leaves over, the run's mean out, N.
+    pub before_n: f64,
+    /// What the base with the effects leaves over, likewise.
+    pub after_n: f64,
+}
+
+/// A run before and after.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunTrace {
+    /// Its name, without folders.
+    pub run: String,
+    /// Kind of its drive.
+    pub drive: Option<DriveKind>,
+    /// Samples a second.
+    pub rate_hz: f64,
+    /// The samples that count, without a gap within a stretch.
+    pub stretches: Vec<Vec<Point>>,
+}
+
+impl RunTrace {
+    /// The residuals of `closing` over `data`. In paired mode what is left over before is the difference to the force of the
+    /// one of `references` that moves most alike, and after it that difference without what the effects make.
+    #[must_use]
+    pub fn of(closing: &Closing, data: &Dataset, references: &[Dataset]) -> Self {
+        let (before, after) = (free_run(&closing.before, data), free_run(&closing.after, data));
+        let references = if closing.mode == Mode::Paired { references } else { &[] };
+        let healthy = most_alike(data, references).map(|reference| over_time(reference, |row| row.force_n));
+        let start = data.rows.first().map_or(Stamp::default(), |row| row.stamp);
+        let residuals = data.rows.iter().zip(before.iter().zip(&after)).map(|(row, (before_n, after_n))| {
+            if let Some(healthy) = &healthy {
+                let gone = row.force_n - at(healthy, row.stamp.since(start).get());
+                return [gone, gone - (after_n - before_n)];
+            }
+            [row.force_n - before_n, row.force_n - after_n]
+        });
+        let mut stretches = stretches(data, &residuals.collect::<Vec<_>>());
+        take_mean_out(&mut stretches);
+        Self { run: words::file_name(&data.name), drive: data.drive, rate_hz: data.rate_hz, stretches }
+    }
+
+    /// All samples.
+    pub fn points(&self) -> impl Iterator<Item = &Point> {
+        self.stretches.iter().flatten()
+    }
+}
+
+/// Force of a free run at each row, N; NaN where there is none.
+fn free_run(model: &Model, data: &Dataset) -> Vec<f64> {
+    let mut forces = Vec::with_capacity(data.rows.len());
+    let ended = walk(&model.augmented(), data, |_, predicted| {
+        forces.push(predicted.free_run_n);
+        ControlFlow::Continue(())
+    });
+    debug_assert!(ended.is_continue(), "nothing ends the walk early");
+    forces
+}
+
+/// Time since the first row, s, and what `pick` takes of each.
+fn over_time(data: &Dataset, pick: fn(&Row) -> f64) -> Vec<(f64, f64)> {
+    let start = data.rows.first().map_or(Stamp::default(), |row| row.stamp);
+    data.rows.iter().map(|row| (row.stamp.since(start).get(), pick(row))).collect()
+}
+
+/// The reference with the same excitation: the one whose displacement is nearest over time.
+fn most_alike<'a>(data: &Dataset, references: &'a [Dataset]) -> Option<&'a Dataset> {
+    let own = over_time(data, |row| row.displacement_m);
+    let apart = |reference: &Dataset| {
+        let other = over_time(reference, |row| row.displacement_m);
+        let squares =
+            own.iter().map(|(time_s, x)| (at(&other, *time_s) - x).powi(2)).filter(|s| s.is_finite());
+        let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
+        // A reference that ends early says little.
+        if count > 0.5 * own.len() as f64 { sum / count } else { f64::INFINITY }
+    };
+    references
+        .iter()
+        .map(|r| (apart(r), r))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, reference)| reference)
+}
+
+/// The value at `time_s` on the straight line between neighbours; NaN outside.
+fn at(points: &[(f64, f64)], time_s: f64) -> f64 {
+    /// Stamps of two runs of one excitation agree to better than this.
+    const SAME_S: f64 = 1e-6;
+    let next = points.partition_point(|point| point.0 < time_s - SAME_S);
+    match (next.checked_sub(1).and_then(|k| points.get(k)), points.get(next)) {
+        (_, Some(after)) if (after.0 - time_s).abs() <= SAME_S => after.1,
+        (Some(before), Some(after)) => {
+            before.1 + (after.1 - before.1) * (time_s - before.0) / (after.0 - before.0)
+        }
+        _ => f64::NAN,
+    }
+}
+
+/// The rows that count and have all but drive and temperature, cut where one is missing.
+fn stretches(data: &Dataset, residuals: &[[f64; 2]]) -> Vec<Vec<Point>> {
+    let stamps: Vec<Stamp> = data.rows.iter().map(|row| row.stamp).collect();
+    let displacement =
+        Trace { stamps: stamps.clone(), values: data.rows.iter().map(|row| row.displacement_m).collect() };
+    let drive = Trace { stamps, values: data.rows.iter().map(|row| row.drive).collect() };
+    let half = ((HALF_WINDOW_S * data.rate_hz).round() as usize).max(2);
+    let mut stretches: Vec<Vec<Point>> = Vec::new();
+    let mut open = false;
+    for (index, (row, [before_n, after_n])) in data.rows.iter().zip(residuals).enumerate() {
+        let motion = parabola(&displacement, index, half)
+            .filter(|_| row.counts && before_n.is_finite() && after_n.is_finite());
+        let Some([displacement_m, velocity_m_s, acceleration_m_s2]) = motion else {
+            open = false;
+            continue;
+        };
+        if !open || row.dt_s.is_none() {
+            stretches.push(Vec::new());
+        }
+        open = true;
+        let point = Point {
+            time_s: row.stamp.since(data.rows[0].stamp).get(),
+            displacement_m,
+            velocity_m_s,
+            acceleration_m_s2,
+            drive: row.drive,
+            drive_slope: parabola(&drive, index, half).map_or(f64::NAN, |[_, slope, _]| slope),
+            case_temp_c: row.case_temp_c,
+            measured_n: row.force_n,
+            before_n: *before_n,
+            after_n: *after_n,
+        };
+        stretches.last_mut().into_iter().for_each(|stretch| stretch.push(point));
+    }
+    stretches
+}
+
+fn take_mean_out(stretches: &mut [Vec<Point>]) {
+    let points = || stretches.iter().flatten();
+    let count = points().count().max(1) as f64;
+    let before_n = points().map(|point| point.before_n).sum::<f64>() / count;
+    let after_n = points().map(|point| point.after_n).sum::<f64>() / count;
+    for point in stretches.iter_mut().flatten() {
+        point.before_n -= before_n;
+        point.after_n -= after_n;
+    }
+}

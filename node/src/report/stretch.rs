@@ -1,0 +1,194 @@
+//! Stretches of evenly spaced samples: their transform, and correlation functions over several of them.
+//!
+//! ```text
+//! r_xy(k) = sum_t x_t y_{t+k} / sqrt(sum x² sum y²)        means out; sums within stretches
+//! ```
+//!
+//! | band of 95 % | |
+//! |---|---|
+//! | of one signal with itself | 1.96 / sqrt(N): what white noise stays within |
+//! | of two | 1.96 sqrt(sum_k r_xx(k) r_yy(k) / N): what two signals without relation stay within, each as coloured as it is |
+//!
+//! Source of the second: M. S. Bartlett, J. R. Stat. Soc. Suppl. 8 (1946) 27-41.
+
+use realfft::num_complex::Complex;
+use realfft::{RealFftPlanner, RealToComplex};
+
+/// A correlation function.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Correlation {
+    /// At lags -L to L, in samples: positive where the second signal follows the first.
+    pub coefficients: Vec<f64>,
+    /// Half the width of the band of 95 % about zero.
+    pub band: f64,
+}
+
+impl Correlation {
+    /// Lags with their coefficients, in samples.
+    pub fn points(&self) -> impl Iterator<Item = (f64, f64)> {
+        let reach = (self.coefficients.len() / 2) as f64;
+        self.coefficients.iter().enumerate().map(move |(k, r)| (k as f64 - reach, *r))
+    }
+}
+
+/// The correlation function of `pairs` up to `reach` lags either way, its band from `colour` lags either way.
+/// `None` where one of them never varies.
+#[must_use]
+pub fn cross(stretches: &[Vec<(f64, f64)>], reach: usize, colour: usize) -> Option<Correlation> {
+    let sums = Sums::of(stretches, reach.max(colour))?;
+    let normal = (sums.xx[0] * sums.yy[0]).sqrt();
+    let coloured: f64 =
+        1.0 + (1..=colour).map(|k| 2.0 * sums.xx[k] * sums.yy[k] / (sums.xx[0] * sums.yy[0])).sum::<f64>();
+    let middle = sums.xy.len() / 2;
+    Some(Correlation {
+        coefficients: sums.xy[middle - reach..=middle + reach].iter().map(|xy| xy / normal).collect(),
+        band: 1.96 * (coloured.max(1.0) / sums.count).sqrt(),
+    })
+}
+
+/// The correlation function of a signal with itself, with the band of white noise.
+#[must_use]
+pub fn auto(stretches: &[Vec<f64>], reach: usize) -> Option<Correlation> {
+    let pairs: Vec<Vec<(f64, f64)>> =
+        stretches.iter().map(|s| s.iter().map(|x| (*x, *x)).collect()).collect();
+    let sums = Sums::of(&pairs, reach)?;
+    let coefficients = sums.xy.iter().map(|xy| xy / sums.xx[0]).collect();
+    Some(Correlation { coefficients, band: 1.96 / sums.count.sqrt() })
+}
+
+/// Sums of products, means out.
+struct Sums {
+    count: f64,
+    /// At lags 0 to L.
+    xx: Vec<f64>,
+    yy: Vec<f64>,
+    /// At lags -L to L.
+    xy: Vec<f64>,
+}
+
+impl Sums {
+    fn of(stretches: &[Vec<(f64, f64)>], reach: usize) -> Option<Self> {
+        let count = stretches.iter().map(Vec::len).sum::<usize>() as f64;
+        let all = || stretches.iter().flatten();
+        let (x_mean, y_mean) =
+            (all().map(|pair| pair.0).sum::<f64>() / count, all().map(|pair| pair.1).sum::<f64>() / count);
+        let zero = || vec![0.0; reach + 1];
+        let mut sums = Self { count, xx: zero(), yy: zero(), xy: vec![0.0; 2 * reach + 1] };
+        let mut planner = RealFftPlanner::<f64>::new();
+        for stretch in stretches {
+            // Room for the largest lag, so that the end does not meet the beginning.
+            let length = (stretch.len() + reach + 1).next_power_of_two();
+            let plan = planner.plan_fft_forward(length);
+            let padded = |value: &dyn Fn(&(f64, f64)) -> f64| {
+                let mut values: Vec<f64> = stretch.iter().map(value).collect();
+                values.resize(length, 0.0);
+                transform(&*plan, &values)
+            };
+            let (x, y) = (padded(&|pair| pair.0 - x_mean), padded(&|pair| pair.1 - y_mean));
+            let back = planner.plan_fft_inverse(length);
+            let lags = |a: &[Complex<f64>], b: &[Complex<f64>]| -> Vec<f64> {
+                let mut product: Vec<Complex<f64>> = a.iter().zip(b).map(|(a, b)| a.conj() * b).collect();
+                let mut lags = back.make_output_vec();
+                // The lengths are the plan's own, so nothing can fail; a spectrum of a real signal is real at both ends.
+                let _ = back.process(&mut product, &mut lags);
+                lags.iter().map(|lag| lag / length as f64).collect()
+            };
+            let (xx, yy, xy) = (lags(&x, &x), lags(&y, &y), lags(&x, &y));
+            for k in 0..=reach {
+                sums.xx[k] += xx[k];
+                sums.yy[k] += yy[k];
+                sums.xy[reach + k] += xy[k];
+                if k > 0 {
+                    sums.xy[reach - k] += xy[length - k];
+                }
+            }
+        }
+        (sums.xx[0] > 0.0 && sums.yy[0] > 0.0).then_some(sums)
+    }
+}
+
+/// The transform of `values` by a plan of their length.
+pub(super) fn transform(plan: &dyn RealToComplex<f64>, values: &[f64]) -> Vec<Complex<f64>> {
+    let (mut input, mut output) = (values.to_vec(), plan.make_output_vec());
+    // The lengths are the plan's own, so nothing can fail.
+    let _ = plan.process(&mut input, &mut output);
+    output
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// Repeatable noise of variance one, nearly normal.
+    pub(crate) fn noise(seed: u64, count: usize) -> impl Iterator<Item = f64> + Clone {
+        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+        let mut uniform = move || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let values: Vec<f64> = (0..count).map(|_| (0..12).map(|_| uniform()).sum::<f64>() - 6.0).collect();
+        values.into_iter()
+    }
+
+    #[test]
+    fn white_noise_stays_within_the_band_and_correlates_with_itself() {
+        let found = auto(&[noise(1, 6000).collect(), noise(2, 4000).collect()], 200).expect("it varies");
+        assert!((found.coefficients[200] - 1.0).abs() < 1e-12 && (found.band - 0.0196).abs() < 1e-6);
+        let outside =
+            found.points().filter(|(lag, r)| *lag > 0.0 && r.abs() > found.band).count() as f64 / 200.0;
+        assert!((0.01..0.11).contains(&outside), "{outside}");
+        assert!(auto(&[vec![3.0; 100]], 10).is_none(), "what never varies correlates with nothing");
+    }
+
+    #[test]
+    fn a_delay_is_seen_at_its_lag() {
+        let x: Vec<f64> = noise(3, 3000).collect();
+        let delayed: Vec<(f64, f64)> = (7..x.len()).map(|t| (x[t], x[t - 7])).collect();
+        let found = cross(&[delayed], 20, 200).expect("it varies");
+        let peak = found.points().max_by(|a, b| a.1.total_cmp(&b.1)).expect("lags");
+        assert_eq!(peak.0, 7.0);
+        assert!(peak.1 > 0.99);
+    }
+
+    #[test]
+    fn sums_are_those_of_the_definition() {
+        let pairs: Vec<(f64, f64)> = noise(4, 50).zip(noise(5, 50)).collect();
+        let found = cross(&[pairs[..20].to_vec(), pairs[20..].to_vec()], 3, 3).expect("it varies");
+        let mean = |pick: fn(&(f64, f64)) -> f64| pairs.iter().map(pick).sum::<f64>() / 50.0;
+        let (mx, my) = (mean(|p| p.0), mean(|p| p.1));
+        let within = |k: usize, range: std::ops::Range<usize>| -> f64 {
+            range
+                .clone()
+                .filter(|t| t + k < range.end)
+                .map(|t| (pairs[t].0 - mx) * (pairs[t + k].1 - my))
+                .sum()
+        };
+        let square = |pick: fn(&(f64, f64)) -> f64, mean: f64| {
+            pairs.iter().map(|p| (pick(p) - mean).powi(2)).sum::<f64>()
+        };
+        let normal = (square(|p| p.0, mx) * square(|p| p.1, my)).sqrt();
+        let direct = (within(2, 0..20) + within(2, 20..50)) / normal;
+        assert!((found.coefficients[3 + 2] - direct).abs() < 1e-12);
+    }
+
+    #[test]
+    fn slow_signals_without_relation_stay_within_the_wider_band() {
+        let slow = |seed: u64| {
+            let mut lag = 0.0;
+            noise(seed, 20_000).map(move |x| {
+                lag += 0.02 * (x - lag);
+                lag
+            })
+        };
+        let mut outside = 0;
+        for seed in 0..40 {
+            let pairs: Vec<(f64, f64)> = slow(10 + 2 * seed).zip(slow(11 + 2 * seed)).collect();
+            let found = cross(&[pairs], 0, 600).expect("it varies");
+            assert!(found.band > 3.0 * 1.96 / 20_000_f64.sqrt(), "{}", found.band);
+            outside += usize::from(found.coefficients[0].abs() > found.band);
+        }
+        assert!(outside <= 6, "{outside} of 40 outside a band of 95 %");
+    }
+}
