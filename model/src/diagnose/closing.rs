@@ -6,7 +6,7 @@ use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round};
 use super::rows::Rows;
 use super::space::without_effect;
 use super::{Runs, Settings, Stage, floor, left_over, paired, rival, score, sealed};
-use crate::effect::{Effect, EffectModel};
+use crate::effect::{Augmented, Effect, EffectModel};
 use crate::error::Error;
 use crate::identify::{Scales, Watch};
 use crate::model::Model;
@@ -42,6 +42,8 @@ pub(super) struct Desk<'a> {
 struct Ledger {
     /// p and class of each effect that was named, by its id.
     named: HashMap<&'static str, (f64, Vec<&'static str>)>,
+    /// The base with the first effect that was named.
+    first: Option<Augmented>,
     candidates: Vec<super::Candidate>,
     refused: Vec<Refused>,
     untestable: Vec<Refused>,
@@ -100,7 +102,7 @@ impl<'a> Desk<'a> {
             current = self.refine(current, noise)?;
             current = self.prune(current, noise, &mut ledger)?;
             stage(Stage::Rival);
-            if let Some(why) = self.inadequate(&base, &current, floor.rsse_n)? {
+            if let Some(why) = self.inadequate(&base, ledger.first.as_ref(), &current, floor.rsse_n)? {
                 let withdrawn = current.model.effects().as_slice().iter().map(EffectModel::effect);
                 let withdrawn = withdrawn.filter(|effect| !self.brought(*effect));
                 ledger.refused.extend(withdrawn.map(|effect| Refused { effect, why: why.clone() }));
@@ -151,13 +153,20 @@ impl<'a> Desk<'a> {
             let Some(Passed { effect, fitted, class, p_adjusted }) = outcome.passed else { break };
             ledger.refused.retain(|refused| refused.effect.id() != effect.id());
             ledger.named.insert(effect.id(), (p_adjusted, class));
+            ledger.first = ledger.first.or(Some(fitted.model));
             current = fitted;
         }
         Ok(current)
     }
 
     /// Why the base is at fault; `None` when it is not.
-    fn inadequate(&self, base: &Fitted, current: &Fitted, noise_n: f64) -> Result<Option<String>, Error> {
+    fn inadequate(
+        &self,
+        base: &Fitted,
+        first: Option<&Augmented>,
+        current: &Fitted,
+        noise_n: f64,
+    ) -> Result<Option<String>, Error> {
         if self.mode == Mode::Paired {
             return Ok(None);
         }
@@ -174,13 +183,19 @@ impl<'a> Desk<'a> {
             return Ok(None);
         };
         let (own, named) = (self.base.force.name(), current.model.effects() != base.model.effects());
-        let bound = if named { after } else { before - HALF * (before - noise).max(0.0) };
+        // With the first effect alone the two are most alike: more of them mend whatever base it is.
+        let one = match first.filter(|_| named) {
+            Some(first) => sealed::fitted(&self.confirm, first)?.squares,
+            None => after,
+        };
+        let bound = if named { after.max(one) } else { before - HALF * (before - noise).max(0.0) };
         Ok((rival.squares < bound).then(|| {
             format!(
                 "the base is at fault: on the confirm runs {} without any effect leaves {:.1} % of the squared error that {own} \
-                 leaves, {own} with what was found {:.1} %; take {} as base",
+                 leaves, {own} with one effect {:.1} % and with all that was found {:.1} %; take {} as base",
                 rival.name,
                 100.0 * rival.squares / before,
+                100.0 * one / before,
                 100.0 * after / before,
                 rival.name
             )
