@@ -4,13 +4,14 @@
 //! S_b = sum over block b of g r      block length max(least, 5 correlation times of g r)
 //! B >= 20:  t = mean S / (sd S / sqrt B), p from Student's t with B - 1 degrees of freedom
 //! B <  20:  p = share of the sign flips of the S_b that reach |sum S_b|
-//! several tests:  Holm's correction of t's;  of sign flips Westfall and Young's: the share of flips in which any
-//!           of the tests that are left reaches this one's T = |sum S_b| / sqrt(sum S_b^2)
+//! several tests, the least p first:  of t's Holm's correction;  of sign flips Westfall and Young's: the share of
+//!           flips under which any of the tests that are left has a p this small (their min P, step down)
 //! ```
 //!
 //! Samples of a residual are not independent, and tests that take them for it find effects in coloured noise every time.
 //! Sums over blocks that are long against the correlation nearly are. With few blocks their distribution cannot be relied on
-//! either, but under the hypothesis each sum could as well have had the other sign.
+//! either, but under the hypothesis each sum could as well have had the other sign. Westfall and Young (1993), Resampling-Based
+//! Multiple Testing, section 2.6: since all tests are flipped together, those that say the same count once.
 
 use super::rows::Rows;
 use rand::{RngExt, SeedableRng};
@@ -178,50 +179,59 @@ pub(super) fn p_of(sums: &[f64], seed: u64) -> f64 {
 
 /// The p of several tests, each of its block sums, so that the chance that any is below a bound where all hypotheses hold is at
 /// most that bound.
+///
+/// Each test is a member of the family of its number of blocks, whose sums can be flipped together. What families add to the chance
+/// is summed; one whose blocks are too few to reach such a p adds nothing.
 pub(super) fn adjusted(tests: &[&[f64]], seed: u64) -> Vec<f64> {
-    let mut adjusted = vec![1.0; tests.len()];
-    let mut counts: Vec<usize> = tests.iter().map(|sums| sums.len()).collect();
+    let p: Vec<f64> = tests.iter().map(|sums| p_of(sums, seed)).collect();
+    let mut counts: Vec<usize> =
+        tests.iter().map(|sums| sums.len()).filter(|c| (2..MANY).contains(c)).collect();
     counts.sort_unstable();
     counts.dedup();
-    // Tests of one number of blocks can be flipped together; what differs is corrected for as Bonferroni does.
-    let many = counts.iter().any(|count| *count >= MANY);
-    let groups = counts.iter().filter(|count| **count < MANY).count() + usize::from(many);
-    let mut correct = |members: Vec<usize>, own: Vec<f64>| {
-        for (member, p) in members.into_iter().zip(own) {
-            adjusted[member] = (p * groups as f64).min(1.0);
-        }
-    };
-    let of = |wanted: &dyn Fn(usize) -> bool| {
-        (0..tests.len()).filter(|k| wanted(tests[*k].len())).collect::<Vec<_>>()
-    };
-    let large = of(&|count| count >= MANY);
-    let p: Vec<f64> = large.iter().map(|k| p_of(tests[*k], seed)).collect();
-    correct(large, holm(&p));
-    for count in counts.into_iter().filter(|count| (2..MANY).contains(count)) {
-        let members = of(&|other| other == count);
-        let sums: Vec<&[f64]> = members.iter().map(|k| tests[*k]).collect();
-        correct(members, step_down(&sums, count, seed));
+    let families: Vec<Family> = counts.iter().map(|count| Family::new(tests, *count, seed)).collect();
+    let many: Vec<usize> = (0..tests.len()).filter(|k| tests[*k].len() >= MANY).collect();
+    let mut order: Vec<usize> = (0..tests.len()).collect();
+    order.sort_by(|a, b| p[*a].total_cmp(&p[*b]));
+    let (mut adjusted, mut left, mut largest) = (vec![1.0; tests.len()], vec![true; tests.len()], 0.0_f64);
+    for test in order {
+        let of_many = many.iter().filter(|k| left[**k]).count() as f64 * p[test];
+        let of_few = families.iter().map(|family| family.reaches(p[test], &left)).sum::<f64>();
+        largest = largest.max(of_many + of_few).max(p[test]).min(1.0);
+        adjusted[test] = largest;
+        left[test] = false;
     }
     adjusted
 }
 
-/// Westfall and Young's step-down for tests whose sums are over the same blocks (Resampling-Based Multiple Testing, 1993).
-fn step_down(tests: &[&[f64]], blocks: usize, seed: u64) -> Vec<f64> {
-    let flips = Flips::new(blocks, seed);
-    let statistics: Vec<Vec<f64>> = tests.iter().map(|sums| flips.statistics(sums)).collect();
-    let mut order: Vec<usize> = (0..tests.len()).collect();
-    order.sort_by(|a, b| statistics[*b][0].total_cmp(&statistics[*a][0]));
-    let mut p = vec![1.0; tests.len()];
-    let mut largest = 0.0_f64;
-    for (rank, &test) in order.iter().enumerate() {
-        let any =
-            |flip: usize| order[rank..].iter().any(|other| statistics[*other][flip] >= statistics[test][0]);
-        let share =
-            (0..flips.drawn.len()).filter(|flip| any(*flip)).count() as f64 / flips.drawn.len() as f64;
-        largest = largest.max(share);
-        p[test] = largest;
+/// Tests whose sums are over the same few blocks.
+struct Family {
+    /// Index of each, with its p under every flip.
+    members: Vec<(usize, Vec<f64>)>,
+    flips: usize,
+}
+
+impl Family {
+    /// The family of `count` blocks.
+    fn new(tests: &[&[f64]], count: usize, seed: u64) -> Self {
+        let flips = Flips::new(count, seed);
+        let of_count = (0..tests.len()).filter(|k| tests[*k].len() == count);
+        let members = of_count.map(|k| (k, shares(&flips.statistics(tests[k])))).collect();
+        Self { members, flips: flips.drawn.len() }
     }
-    p
+
+    /// Share of the flips under which any of the members that are left has a p of `p` or less.
+    fn reaches(&self, p: f64, left: &[bool]) -> f64 {
+        let any = |flip: &usize| self.members.iter().any(|(k, own)| left[*k] && own[*flip] <= p);
+        (0..self.flips).filter(any).count() as f64 / self.flips as f64
+    }
+}
+
+/// Of each value the share of all that are no smaller.
+fn shares(values: &[f64]) -> Vec<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(|a, b| b.total_cmp(a));
+    let no_smaller = |value: &f64| sorted.partition_point(|other| other >= value);
+    values.iter().map(|value| no_smaller(value) as f64 / values.len() as f64).collect()
 }
 
 /// The least p that so many blocks can give.
@@ -240,32 +250,24 @@ pub(super) fn t95(blocks: usize) -> f64 {
     StudentsT::new(0.0, 1.0, degrees).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975))
 }
 
-/// Holm's correction: each p so that the chance of any below a bound, where all hypotheses hold, is at most that bound.
-fn holm(p: &[f64]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..p.len()).collect();
-    order.sort_by(|a, b| p[*a].total_cmp(&p[*b]));
-    let mut adjusted = vec![1.0; p.len()];
-    let mut largest = 0.0_f64;
-    for (rank, &index) in order.iter().enumerate() {
-        largest = largest.max((p.len() - rank) as f64 * p[index]).min(1.0);
-        adjusted[index] = largest;
-    }
-    adjusted
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use rand_pcg::Pcg64Mcg;
 
     #[test]
-    fn holm_is_that_of_the_textbook() {
-        // Holm (1979): p of .01, .04, .03, .005 become .03, .06, .06, .02.
-        let adjusted = holm(&[0.01, 0.04, 0.03, 0.005]);
-        for (found, wanted) in adjusted.iter().zip([0.03, 0.06, 0.06, 0.02]) {
-            assert!((found - wanted).abs() < 1e-12, "{adjusted:?}");
+    fn many_blocks_are_corrected_as_holm_did() {
+        // Three tests of 30 blocks: the least p counts three times, the next twice, and none less than the one before.
+        let sums =
+            |mean: f64| -> Vec<f64> { (0..30).map(|k| mean + if k % 2 == 0 { 1.0 } else { -1.0 }).collect() };
+        let tests = [sums(0.4), sums(0.6), sums(0.41)];
+        let tests: Vec<&[f64]> = tests.iter().map(Vec::as_slice).collect();
+        let p: Vec<f64> = tests.iter().map(|sums| p_of(sums, 0)).collect();
+        let wanted = [(2.0 * p[2]).max(p[0]), 3.0 * p[1], 2.0 * p[2]];
+        for (found, wanted) in adjusted(&tests, 0).iter().zip(wanted) {
+            assert!((found - wanted).abs() < 1e-12, "{found} {wanted}");
         }
-        assert_eq!(holm(&[0.9, 0.8]), [1.0, 1.0]);
+        assert!(p[1] < p[2] && p[2] < p[0] && p[0] < 2.0 * p[2]);
     }
 
     #[test]
@@ -306,13 +308,17 @@ mod tests {
     }
 
     #[test]
-    fn one_test_among_silent_ones_keeps_its_strength() {
+    fn tests_that_say_the_same_count_once_and_those_that_cannot_speak_not_at_all() {
         let (plain, noisy) = ([1.0; 10], [1.0, -1.0, 1.0, -1.0, 0.5, -0.7, 1.0, -1.0, 0.2, -0.1]);
-        let p = adjusted(&[&plain, &noisy, &noisy], 0);
-        assert_eq!(p[0], 1.0 / 512.0);
-        assert!(p[1] > 0.5);
-        // Of another number of blocks: two groups.
-        assert_eq!(adjusted(&[&plain, &noisy[..8]], 0)[0], 2.0 / 512.0);
+        let first = |others: &[&[f64]]| adjusted(&[&[&plain[..]], others].concat(), 0)[0] * 512.0;
+        assert_eq!(first(&[&noisy, &noisy]), 2.0);
+        assert_eq!(first(&[&[0.0; 10], &[0.0; 10]]), 1.0);
+        // Eight blocks reach no p of 1/512 under any flip; those of a t count as they are.
+        assert_eq!(first(&[&noisy[..8], &noisy[..8]]), 1.0);
+        let dull: Vec<f64> = (0..30).map(|k| if k % 2 == 0 { 1.0 } else { -0.9 }).collect();
+        assert_eq!(first(&[&dull, &noisy]), 3.0);
+        let silent = adjusted(&[&plain, &noisy], 0)[1];
+        assert!(silent > 0.5, "{silent}");
     }
 
     #[test]
