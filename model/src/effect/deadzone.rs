@@ -1,7 +1,8 @@
 //! Dead zone: free play between rod and piston.
 //!
 //! ```text
-//! y = max(x - g/2, min(x + g/2, y before)),   e = (y - y before) / (x - x before)
+//! y = max(x - g/2, min(x + g/2, y before)),   d = (x - y before) sign(x - x before) - g/2
+//! e = 1/2 + d / |x - x before|, within 0..1
 //! F' = F0 + e (F - F0),   F: the model's at y, e v, e a
 //! ```
 //!
@@ -10,12 +11,14 @@
 //! | g | `gap_m` | m | free play from one side to the other |
 //! | x, v, a | inputs | m, m/s, m/s² | displacement of the rod and its derivatives |
 //! | y | state | m | displacement of the piston |
-//! | e | state | - | share of the rod's step that the piston went along: 1 engaged, 0 within the gap |
+//! | d | | m | how far the rod has gone beyond the edge ahead of it; negative before it |
+//! | e | state | - | share of the step about this sample that the piston goes along: 1 engaged, 0 within the gap |
 //! | F0 | of the model | N | the session's offset, no force of the damper |
 //!
-//! After each reversal the force is gone until the gap is crossed; the share makes it fade in the sample in which the
-//! rod leaves one side or meets the other, so that force is continuous in g. While the rod rests the share stays. The
-//! start is engaged, in the direction of motion.
+//! After each reversal the force is gone until the gap is crossed; the share makes it fade over the step about the sample
+//! in which the rod leaves one side or meets the other, so that force is continuous in g and comes neither early nor late:
+//! a share of the step that ended would be half a step late, and the gap found too small by as much. While the rod rests the share
+//! stays. The start is engaged, in the direction of motion.
 //!
 //! The force is continuous in g, but at g = 0 not in proportion to it: about a reversal the rod hardly moves, so that
 //! the least gap takes a while to cross. The probe is therefore as large as a gap that matters.
@@ -48,8 +51,9 @@ pub(super) fn step(gap_m: f64, state: &mut EffectState, inputs: &Inputs, inside:
         Some(_) => {
             let [x_before, y_before, share] = state.held;
             let (y, step_m) = (play(y_before, x, half_m), x - x_before);
-            let went = if step_m == 0.0 { share } else { ((y - y_before) / step_m).clamp(0.0, 1.0) };
-            (y, went)
+            let beyond_m = (x - y_before) * step_m.signum() - half_m;
+            let share = if step_m == 0.0 { share } else { (0.5 + beyond_m / step_m.abs()).clamp(0.0, 1.0) };
+            (y, share)
         }
     };
     state.held = [x, y, share];
