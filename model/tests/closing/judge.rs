@@ -4,7 +4,9 @@ use super::cases::{Case, Kind};
 use mr_damper_model::Error;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::diagnose::{Runs, Settings, Verdict, close};
-use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
+use mr_damper_model::identify::{
+    Dataset, DatasetOptions, ModelSpec, Options, Placement, Watch, identify_datasets,
+};
 use mr_damper_model::sample::Run;
 
 /// What came out for a case.
@@ -43,6 +45,20 @@ pub(crate) const CONDITIONING: Conditioning = Conditioning {
 
 /// Restarts of the base's search.
 const RESTARTS: u32 = 5;
+/// Sets of the base over the current, 0 to 2.5 A.
+const SETS: u8 = 7;
+/// Their standard deviation, of their spacing. With the half of the thesis' sets the base follows the rig's smooth valve in steps, and
+/// leaves five times the noise.
+const SIGMA: f64 = 0.7;
+
+/// Sets that follow the rig's valve to the noise.
+pub(crate) fn placement() -> Placement {
+    let spacing_a = 2.5 / f64::from(SETS - 1);
+    Placement::Given {
+        centres: (0..SETS).map(|k| spacing_a * f64::from(k)).collect(),
+        sigma: Some(SIGMA * spacing_a),
+    }
+}
 
 /// Judges a case: fuzzy-tanh is identified on the estimate runs (in paired mode on the healthy run of the estimate's motion), and the
 /// loop is closed.
@@ -60,6 +76,7 @@ pub(crate) fn judge(case: &Case) -> Result<Outcome, Error> {
         conditioning: CONDITIONING,
         choose_velocity: false,
         restarts: RESTARTS,
+        placement: placement(),
         ..Options::default()
     };
     let base = identify_datasets(ModelSpec::FUZZY_TANH, healthy, &options, &Watch::none())?.model;
