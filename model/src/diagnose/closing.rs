@@ -8,7 +8,7 @@ use super::space::without_effect;
 use super::{Runs, Settings, Stage, floor, left_over, paired, rival, score, sealed};
 use crate::effect::{Augmented, Effect, EffectModel};
 use crate::error::Error;
-use crate::identify::{Scales, Watch};
+use crate::identify::{Dataset, Scales, Watch};
 use crate::model::Model;
 use std::collections::HashMap;
 
@@ -37,16 +37,45 @@ pub(super) struct Desk<'a> {
     runs: &'a Runs<'a>,
 }
 
+/// The base alone and with what was found: fitted on the estimate runs, and as they are on the confirm runs.
+struct Pair {
+    base: Fitted,
+    found: Fitted,
+    base_confirm: Fitted,
+    found_confirm: Fitted,
+}
+
 /// What the rounds left behind.
 #[derive(Default)]
 struct Ledger {
     /// p and class of each effect that was named, by its id.
     named: HashMap<&'static str, (f64, Vec<&'static str>)>,
-    /// The base with the first effect that was named.
-    first: Option<Augmented>,
+    /// Why the base is at fault.
+    base_fault: Option<String>,
     candidates: Vec<super::Candidate>,
     refused: Vec<Refused>,
     untestable: Vec<Refused>,
+}
+
+impl Pair {
+    /// The base alone, in both places.
+    fn base_alone(self) -> Self {
+        let Self { base, base_confirm, .. } = self;
+        Self { found: base.clone(), found_confirm: base_confirm.clone(), base, base_confirm }
+    }
+}
+
+/// The rows of `datasets`, with what there is to explain on them.
+fn rows<'a>(
+    base: &Model,
+    runs: &Runs,
+    datasets: &'a [Dataset],
+    settings: &Settings,
+) -> Result<Rows<'a>, Error> {
+    if runs.reference.is_empty() {
+        return Ok(Rows::new(datasets, settings.most_rows));
+    }
+    paired::rows(datasets, runs.reference, &base.augmented(), settings.most_rows)
 }
 
 impl<'a> Desk<'a> {
@@ -58,11 +87,8 @@ impl<'a> Desk<'a> {
         watch: &'a Watch<'a>,
     ) -> Result<Self, Error> {
         let mode = if runs.reference.is_empty() { Mode::Absolute } else { Mode::Paired };
-        let rows = |datasets| match mode {
-            Mode::Absolute => Ok(Rows::new(datasets, settings.most_rows)),
-            Mode::Paired => paired::rows(datasets, runs.reference, &base.augmented(), settings.most_rows),
-        };
-        let (estimate, confirm) = (rows(runs.estimate)?, rows(runs.confirm)?);
+        let (estimate, confirm) =
+            (rows(base, runs, runs.estimate, settings)?, rows(base, runs, runs.confirm, settings)?);
         score::check_length(&estimate, settings)?;
         Ok(Self { base, settings, watch, mode, scales: Scales::of(runs.estimate)?, estimate, confirm, runs })
     }
@@ -70,6 +96,12 @@ impl<'a> Desk<'a> {
     /// True for an effect that the base brought along: it stays, and is none of the findings.
     fn brought(&self, effect: Effect) -> bool {
         self.base.effects.as_slice().iter().any(|own| own.effect() == effect)
+    }
+
+    /// The effects of `model` that the base did not bring along.
+    fn findings(&self, model: &Augmented) -> impl Iterator<Item = EffectModel> {
+        let effects = model.effects().as_slice().to_vec();
+        effects.into_iter().filter(|effect| !self.brought(effect.effect()))
     }
 
     fn joint(&self) -> Joint<'_> {
@@ -95,29 +127,40 @@ impl<'a> Desk<'a> {
         let noise = (floor.rsse_n * floor.rsse_n * self.estimate.len() as f64).min(base.squares);
         let lof_before = 1.0 - noise / base.squares;
         let mut ledger = Ledger::default();
-        let mut current = base.clone();
+        let mut found = base.clone();
         if lof_before >= NOTHING {
-            current = self.name(current, noise, &mut ledger, stage)?;
+            found = self.name(found, noise, &mut ledger, stage)?;
             stage(Stage::Pruning);
-            current = self.refine(current, noise)?;
-            current = self.prune(current, noise, &mut ledger)?;
+            found = self.refine(found, noise)?;
+            found = self.prune(found, noise, &mut ledger)?;
+        }
+        let mut pair = self.pair(base, found)?;
+        // Noise of the inputs comes out as the model that stands makes it.
+        let floor = self.noise_floor(&pair.found)?;
+        if lof_before >= NOTHING {
             stage(Stage::Rival);
-            if let Some(why) = self.inadequate(&base, ledger.first.as_ref(), &current, floor.rsse_n)? {
-                let withdrawn = current.model.effects().as_slice().iter().map(EffectModel::effect);
-                let withdrawn = withdrawn.filter(|effect| !self.brought(*effect));
-                ledger.refused.extend(withdrawn.map(|effect| Refused { effect, why: why.clone() }));
-                current = base.clone();
-                stage(Stage::Sealed);
-                let closing = self.conclude(&base, &current, floor, noise, ledger)?;
-                return Ok(Closing { verdict: Verdict::BaseInadequate, base_fault: Some(why), ..closing });
-            }
+            ledger.base_fault = self.inadequate(&pair, floor.rsse_n)?;
+        }
+        if let Some(why) = &ledger.base_fault {
+            let withdrawn = self.findings(&pair.found.model).map(|effect| effect.effect());
+            ledger.refused.extend(withdrawn.map(|effect| Refused { effect, why: why.clone() }));
+            pair = pair.base_alone();
         }
         stage(Stage::Sealed);
-        self.conclude(&base, &current, floor, noise, ledger)
+        self.conclude(&pair, floor, noise, ledger)
     }
 
-    fn noise_floor(&self, base: &Fitted) -> Result<NoiseFloor, Error> {
-        let floor = floor::noise_floor(&self.estimate, &base.model, self.runs.replicates, self.settings)?;
+    fn pair(&self, base: Fitted, found: Fitted) -> Result<Pair, Error> {
+        let base_confirm = sealed::fitted(&self.confirm, &base.model)?;
+        let found_confirm = match found.model == base.model {
+            true => base_confirm.clone(),
+            false => sealed::fitted(&self.confirm, &found.model)?,
+        };
+        Ok(Pair { base, found, base_confirm, found_confirm })
+    }
+
+    fn noise_floor(&self, fitted: &Fitted) -> Result<NoiseFloor, Error> {
+        let floor = floor::noise_floor(&self.estimate, &fitted.model, self.runs.replicates, self.settings)?;
         // A difference of two runs has the noise of both.
         let doubles = self.mode == Mode::Paired && floor.source != FloorSource::Declared;
         let factor = if doubles { 2.0_f64 } else { 1.0 };
@@ -139,12 +182,12 @@ impl<'a> Desk<'a> {
             }
             stage(Stage::Scores(number));
             let round = self.round(noise, number);
-            let (scores, untestable) = score::scores(&round.joint, &self.confirm, &current, self.settings)?;
-            if number == 1 {
-                ledger.untestable = untestable;
-            }
+            let scores = score::scores(&round.joint, &self.confirm, &current, self.settings)?;
             stage(Stage::Refits(number));
             let outcome = round.run(&current, &scores)?;
+            if number == 1 {
+                ledger.untestable = scores.untestable;
+            }
             ledger.candidates.extend(outcome.candidates);
             for refused in outcome.refused {
                 ledger.refused.retain(|before| before.effect != refused.effect);
@@ -153,26 +196,17 @@ impl<'a> Desk<'a> {
             let Some(Passed { effect, fitted, class, p_adjusted }) = outcome.passed else { break };
             ledger.refused.retain(|refused| refused.effect.id() != effect.id());
             ledger.named.insert(effect.id(), (p_adjusted, class));
-            ledger.first = ledger.first.or(Some(fitted.model));
             current = fitted;
         }
         Ok(current)
     }
 
     /// Why the base is at fault; `None` when it is not.
-    fn inadequate(
-        &self,
-        base: &Fitted,
-        first: Option<&Augmented>,
-        current: &Fitted,
-        noise_n: f64,
-    ) -> Result<Option<String>, Error> {
+    fn inadequate(&self, pair: &Pair, noise_n: f64) -> Result<Option<String>, Error> {
         if self.mode == Mode::Paired {
             return Ok(None);
         }
-        let squares =
-            |fitted: &Fitted| sealed::fitted(&self.confirm, &fitted.model).map(|fitted| fitted.squares);
-        let (before, after) = (squares(base)?, squares(current)?);
+        let (before, after) = (pair.base_confirm.squares, pair.found_confirm.squares);
         let noise = noise_n * noise_n * self.confirm.len() as f64;
         if 1.0 - noise / after <= INADEQUATE {
             return Ok(None);
@@ -182,11 +216,10 @@ impl<'a> Desk<'a> {
         else {
             return Ok(None);
         };
-        let (own, named) = (self.base.force.name(), current.model.effects() != base.model.effects());
-        // With the first effect alone the two are most alike: more of them mend whatever base it is.
-        let one = match first.filter(|_| named) {
-            Some(first) => sealed::fitted(&self.confirm, first)?.squares,
-            None => after,
+        let own = self.base.force.name();
+        let (named, one) = match self.with_one(pair)? {
+            Some(one) => (true, one),
+            None => (false, after),
         };
         let bound = if named { after.max(one) } else { before - HALF * (before - noise).max(0.0) };
         Ok((rival.squares < bound).then(|| {
@@ -200,6 +233,23 @@ impl<'a> Desk<'a> {
                 rival.name
             )
         }))
+    }
+
+    /// Squared error that the base with a single one of its effects leaves on the confirm rows, the best of them; `None` when none
+    /// was found. With one effect base and rival are most alike: more of them mend whatever base it is.
+    fn with_one(&self, pair: &Pair) -> Result<Option<f64>, Error> {
+        let effects: Vec<EffectModel> = self.findings(&pair.found.model).collect();
+        if effects.len() < 2 {
+            return Ok(effects.first().map(|_| pair.found_confirm.squares));
+        }
+        let mut least = f64::INFINITY;
+        for effect in effects {
+            let start = super::space::with_effect(&pair.base.model, effect)?;
+            if let Some(one) = self.joint().refit(&start, FINAL)? {
+                least = least.min(sealed::fitted(&self.confirm, &one.model)?.squares);
+            }
+        }
+        Ok(Some(least))
     }
 
     /// Tries the coil's lag with a time constant each way, where one was named.
@@ -220,114 +270,120 @@ impl<'a> Desk<'a> {
 
     /// Takes out what the others do as well.
     fn prune(&self, mut current: Fitted, noise: f64, ledger: &mut Ledger) -> Result<Fitted, Error> {
-        let mut index = 0;
-        while current.model.effects().as_slice().len() > 1 && index < current.model.effects().as_slice().len()
-        {
-            let effect = current.model.effects().as_slice()[index].effect();
-            if self.brought(effect) {
-                index += 1;
-                continue;
-            }
-            let Some(without) = self.joint().refit(&without_effect(&current.model, index)?, FINAL)? else {
-                index += 1;
-                continue;
-            };
-            let share = (without.squares - current.squares) / (without.squares - noise);
-            let confirmed = self.round(noise, 0).confirmed(&without.model, &current.model);
-            if share >= LEAST_SHARE && confirmed.is_ok_and(|share| share >= LEAST_CONFIRMED) {
-                index += 1;
-                continue;
-            }
+        // A single one has proved itself against the base alone.
+        while ledger.named.len() > 1 {
+            let Some((effect, without)) = self.needless(&current, noise)? else { break };
             ledger.refused.push(Refused {
                 effect,
                 why: "what was named after it does the same: not needed".to_owned(),
             });
             ledger.named.remove(effect.id());
             current = without;
-            index = 0;
         }
         Ok(current)
+    }
+
+    /// The first effect that the others do without, and the model without it.
+    fn needless(&self, current: &Fitted, noise: f64) -> Result<Option<(Effect, Fitted)>, Error> {
+        for (index, effect) in current.model.effects().as_slice().iter().map(EffectModel::effect).enumerate()
+        {
+            if self.brought(effect) {
+                continue;
+            }
+            let Some(without) = self.joint().refit(&without_effect(&current.model, index)?, FINAL)? else {
+                continue;
+            };
+            let share = (without.squares - current.squares) / (without.squares - noise);
+            let confirmed = self.round(noise, 0).confirmed(&without.model, &current.model);
+            let needed = share >= LEAST_SHARE && confirmed.is_ok_and(|share| share >= LEAST_CONFIRMED);
+            if !needed {
+                return Ok(Some((effect, without)));
+            }
+        }
+        Ok(None)
     }
 
     /// Reads the sealed runs and says what it all comes to.
     fn conclude(
         &self,
-        base: &Fitted,
-        current: &Fitted,
+        pair: &Pair,
         noise_floor: NoiseFloor,
         noise: f64,
-        ledger: Ledger,
+        mut ledger: Ledger,
     ) -> Result<Closing, Error> {
-        let round = self.round(noise, 0);
-        let all = (base.squares - noise).max(f64::MIN_POSITIVE);
-        let mut effects = Vec::new();
-        for (index, effect) in current.model.effects().as_slice().iter().enumerate() {
-            if self.brought(effect.effect()) {
-                continue;
+        let effects = self.named(pair, noise, &mut ledger)?;
+        let sealed_rows = rows(self.base, self.runs, self.runs.test, self.settings)?;
+        let on_sealed = |fitted: &Fitted| sealed::fitted(&sealed_rows, &fitted.model);
+        let test = match self.runs.test.is_empty() {
+            true => None,
+            false => {
+                let (base, found) = (on_sealed(&pair.base)?, on_sealed(&pair.found)?);
+                sealed::read(&sealed_rows, &base, &found, noise_floor.rsse_n, self.settings)
             }
-            let id = effect.effect().id();
-            let without = without_effect(&current.model, index)?;
-            let alone = match without.effects().as_slice().len() == self.base.effects.as_slice().len() {
-                true => Some(base.clone()),
-                false => self.joint().refit(&without, FINAL)?,
-            };
-            let (p_adjusted, class) = ledger.named.get(id).cloned().unwrap_or((1.0, vec![id]));
-            effects.push(Named {
-                effect: *effect,
-                class,
-                parameters: round.intervals(current, index)?,
-                p_adjusted,
-                share_removed: alone
-                    .as_ref()
-                    .map_or(f64::NAN, |alone| (alone.squares - current.squares) / all),
-                confirmed: alone
-                    .map_or(f64::NAN, |alone| round.confirmed(&alone.model, &current.model).unwrap_or(0.0)),
-            });
-        }
-        let rows = match self.mode {
-            Mode::Absolute => Rows::new(self.runs.test, self.settings.most_rows),
-            Mode::Paired => paired::rows(
-                self.runs.test,
-                self.runs.reference,
-                &self.base.augmented(),
-                self.settings.most_rows,
-            )?,
         };
-        let test = sealed::read(&rows, &base.model, &current.model, noise_floor.rsse_n, self.settings)?;
-        let left_over = self.left_over(base, current, noise_floor.rsse_n)?;
+        let left_over = self.left_over(pair, noise_floor.rsse_n);
         let held = test.as_ref().is_none_or(|test| test.ratio_ci95[1] < 1.0);
-        let verdict = verdict(&left_over, !effects.is_empty() && held);
-        let confirm = sealed::changes(&self.confirm, &base.model, &current.model)?;
+        let verdict = match ledger.base_fault {
+            Some(_) => Verdict::BaseInadequate,
+            None => verdict(&left_over, !effects.is_empty() && held),
+        };
+        let confirm = sealed::changes(&self.confirm, &pair.base_confirm, &pair.found_confirm);
         Ok(Closing {
             mode: self.mode,
             verdict,
-            base_fault: None,
+            base_fault: ledger.base_fault,
             noise_floor,
             effects,
             refused: ledger.refused,
             untestable: ledger.untestable,
             candidates: ledger.candidates,
             blocks: super::blocks::Blocks::new(&self.estimate, self.settings.block_s).count(),
-            before: self.model(base, &confirm, |change| change.before.rsse_n),
-            after: self.model(current, &confirm, |change| change.after.rsse_n),
+            before: self.model(&pair.base, &confirm, |change| change.before.rsse_n),
+            after: self.model(&pair.found, &confirm, |change| change.after.rsse_n),
             confirm,
             test,
             left_over,
         })
     }
 
+    /// The effects that were named and stayed, each with what the model loses without it.
+    fn named(&self, pair: &Pair, noise: f64, ledger: &mut Ledger) -> Result<Vec<Named>, Error> {
+        let round = self.round(noise, 0);
+        let (found, all) = (&pair.found, (pair.base.squares - noise).max(f64::MIN_POSITIVE));
+        let alone = found.model.effects().as_slice().len() == self.base.effects.as_slice().len() + 1;
+        let mut effects = Vec::new();
+        for (index, effect) in found.model.effects().as_slice().iter().enumerate() {
+            // What no round named the base brought along.
+            let Some((p_adjusted, class)) = ledger.named.remove(effect.effect().id()) else { continue };
+            let without = match alone {
+                true => Some(pair.base.clone()),
+                false => self.joint().refit(&without_effect(&found.model, index)?, FINAL)?,
+            };
+            let share = |without: &Fitted| (without.squares - found.squares) / all;
+            let confirmed = |without: &Fitted| round.confirmed(&without.model, &found.model).unwrap_or(0.0);
+            effects.push(Named {
+                effect: *effect,
+                class,
+                parameters: round.intervals(found, index)?,
+                p_adjusted,
+                share_removed: without.as_ref().map_or(f64::NAN, share),
+                confirmed: without.as_ref().map_or(f64::NAN, confirmed),
+            });
+        }
+        Ok(effects)
+    }
+
     /// What is left on the confirm runs, which no coefficient was fitted to.
-    fn left_over(&self, base: &Fitted, current: &Fitted, noise_n: f64) -> Result<LeftOver, Error> {
-        let on_confirm = |fitted: &Fitted| sealed::fitted(&self.confirm, &fitted.model);
-        let (before, after) = (on_confirm(base)?, on_confirm(current)?);
+    fn left_over(&self, pair: &Pair, noise_n: f64) -> LeftOver {
+        let (before, after) = (&pair.base_confirm, &pair.found_confirm);
         let noise = noise_n * noise_n * self.confirm.len() as f64;
         let lof = |squares: f64| (1.0 - noise / squares).max(0.0);
-        Ok(LeftOver {
+        LeftOver {
             lof: lof(after.squares),
             lof_before: lof(before.squares),
             share: (after.squares - noise).max(0.0) / (before.squares - noise).max(f64::MIN_POSITIVE),
             correlates_with: left_over::correlates_with(&self.confirm, &after.residual_n, self.settings),
-        })
+        }
     }
 
     /// `fitted` as a model that can run live: with the mean offset of the estimate runs, and the error of the confirm runs.

@@ -31,16 +31,16 @@ const THIRD_DIFFERENCE: f64 = 20.0;
 /// Samples of a filter's response that its gain is taken from.
 const RESPONSE: usize = 4096;
 
-/// The floor of the rows of a closing.
+/// The floor of the rows of a closing for `model`.
 pub(super) fn noise_floor(
     rows: &Rows,
-    base: &Augmented,
+    model: &Augmented,
     replicates: &[Dataset],
     settings: &Settings,
 ) -> Result<NoiseFloor, Error> {
     let variance = rows.spread() / rows.len().max(1) as f64;
     let floor = |source, rsse_n: f64| NoiseFloor { source, rsse_n, esr: rsse_n * rsse_n / variance };
-    let with_inputs = |rsse_n: f64| (rsse_n * rsse_n + of_inputs(rows, base, settings.seed)).sqrt();
+    let with_inputs = |rsse_n: f64| (rsse_n * rsse_n + of_inputs(rows, model, settings.seed)).sqrt();
     if !replicates.is_empty() {
         return Ok(floor(FloorSource::Replicates, with_inputs(of_replicates(replicates)?)));
     }
@@ -133,17 +133,17 @@ pub(super) fn forces_at(like: &Dataset, other: &Dataset) -> Result<Vec<Option<f6
 /// Share of the displacement by which runs of one pattern may differ, root mean square.
 const ALIKE: f64 = 0.1;
 
-/// Mean squared change of the free run of `base` when its inputs are as noisy once more, N².
-fn of_inputs(rows: &Rows, base: &Augmented, seed: u64) -> f64 {
+/// Mean squared change of the free run of `model` when its inputs are as noisy once more, N².
+fn of_inputs(rows: &Rows, model: &Augmented, seed: u64) -> f64 {
     let noisy: Vec<Dataset> = rows
         .runs()
         .iter()
         .zip(0..)
         .map(|(run, stream)| with_noise(run.dataset, Pcg64Mcg::seed_from_u64(seed ^ stream)))
         .collect();
-    let Some(plain_n) = rows.predict(base) else { return 0.0 };
+    let Some(plain_n) = rows.predict(model) else { return 0.0 };
     let squares = rows.runs().iter().zip(&noisy).filter_map(|(run, noisy)| {
-        let moved_n = run.predict_on(base, noisy)?;
+        let moved_n = run.predict_on(model, noisy)?;
         let mut change: Vec<f64> =
             moved_n.iter().zip(&plain_n[run.range.clone()]).map(|(moved, plain)| moved - plain).collect();
         let mean = change.iter().sum::<f64>() / change.len().max(1) as f64;

@@ -25,6 +25,7 @@ mod closing;
 mod finding;
 mod floor;
 mod joint;
+mod known;
 mod left_over;
 mod paired;
 mod rival;

@@ -14,6 +14,8 @@ use crate::model::Model;
 
 /// Restarts of the rival's search.
 const RESTARTS: u32 = 4;
+/// Degree of its polynomials over the drive, where the levels determine it: with less it is the drive that it cannot follow.
+const DEGREE: usize = 4;
 
 /// A base that was tried beside the given one.
 pub(super) struct Rival {
@@ -39,6 +41,7 @@ pub(super) fn rival(
         conditioning: base.conditioning,
         choose_velocity: false,
         restarts: RESTARTS,
+        degree: DEGREE,
         seed,
         ..Options::default()
     };

@@ -9,7 +9,7 @@ use super::blocks::{Blocks, adjusted, t95};
 use super::finding::{Candidate, Found, Refused};
 use super::joint::{Fitted, Joint};
 use super::rows::{Rows, dot};
-use super::score::Score;
+use super::score::{Score, Scores};
 use crate::effect::{Effect, EffectModel};
 use crate::error::Error;
 
@@ -71,8 +71,9 @@ pub(super) struct Round<'a> {
 }
 
 impl Round<'_> {
-    /// Chooses among `scores` of effects that `current` lacks.
-    pub(super) fn run(&self, current: &Fitted, scores: &[Score]) -> Result<Outcome, Error> {
+    /// Chooses among the effects that `current` lacks.
+    pub(super) fn run(&self, current: &Fitted, all: &Scores) -> Result<Outcome, Error> {
+        let scores = &all.able;
         let tests: Vec<&[f64]> = scores.iter().map(|score| score.sums.as_slice()).collect();
         let adjusted = adjusted(&tests, self.settings.seed);
         let explainable = (current.squares - self.noise).max(f64::MIN_POSITIVE);
@@ -96,7 +97,7 @@ impl Round<'_> {
         worth.truncate(MOST_REFITS);
         let mut refits = Vec::new();
         for k in worth {
-            if let Some(fitted) = self.joint.refit(&scores[k].start, RANKING)? {
+            if let Some(fitted) = self.joint.refit(&all.start(&self.joint, current, &scores[k])?, RANKING)? {
                 let drop = current.squares - fitted.squares;
                 candidates[k].removes = Some(drop / explainable);
                 refits.push(Refitted { score: &scores[k], p_adjusted: adjusted[k], fitted, drop });

@@ -41,7 +41,8 @@ impl RunRows<'_> {
     pub(super) fn predict_on(&self, model: &Augmented, dataset: &Dataset) -> Option<Vec<f64>> {
         let mut predicted = Vec::with_capacity(self.indices.len());
         let (mut index, mut finite) = (0, true);
-        let outcome = walk(model, dataset, |_, said| {
+        // Broken off or not, what counts is whether all rows were reached.
+        let _ = walk(model, dataset, |_, said| {
             if self.indices.get(predicted.len()) == Some(&index) {
                 finite &= said.free_run_n.is_finite();
                 predicted.push(said.free_run_n);
@@ -53,7 +54,6 @@ impl RunRows<'_> {
             }
             ControlFlow::Continue(())
         });
-        let _ = outcome;
         (finite && predicted.len() == self.indices.len()).then_some(predicted)
     }
 }

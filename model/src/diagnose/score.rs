@@ -8,23 +8,20 @@
 //! ```
 
 use super::Settings;
-use super::basis::Basis;
 use super::blocks::{Blocks, least_p, p_of};
 use super::finding::Refused;
 use super::joint::{Fitted, Joint};
+use super::known::Known;
 use super::rows::{Rows, dot};
-use super::space::{Space, with_effect};
-use crate::effect::{Augmented, Effect, EffectModel};
+use super::space::with_effect;
+use crate::effect::{Augmented, Effect, EffectModel, Parameter};
 use crate::error::Error;
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 /// Share of a score below which the base could take all of the effect.
-const LEAST_IDENTIFIABLE: f64 = 0.02;
+const LEAST_IDENTIFIABLE: f64 = 0.01;
 /// Shares of what a score asks for that a refit may start from.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
-/// Added to a unit diagonal, so that columns that are nearly one can be told apart.
-const RIDGE: f64 = 1e-9;
 /// Further values that a shape parameter may start from, as shares of the data's scale.
 const SHAPES: [f64; 4] = [0.3, 0.5, 0.65, 0.9];
 
@@ -40,19 +37,32 @@ pub(super) struct Score {
     pub(super) p: f64,
     /// Squared error that would go, N².
     pub(super) promise: f64,
-    /// The model with as much of the effect as the score asks for.
-    pub(super) start: Augmented,
     /// Sums over the blocks of its test; zeros where the residual asks for a value on the wrong side of absent.
     pub(super) sums: Vec<f64>,
+    /// The score before anything was taken out of it.
+    whole: Vec<f64>,
+    /// How much of the effect it asks for, taken as straight.
+    asked: f64,
+    /// What a shape parameter is held at, of the data's scale.
+    shape: f64,
 }
 
-/// The scores of all effects that may be added to `fitted`, and those that these runs cannot test.
+/// All scores of a round.
+pub(super) struct Scores {
+    /// Of the effects that these runs can test.
+    pub(super) able: Vec<Score>,
+    /// The effects that they cannot.
+    pub(super) untestable: Vec<Refused>,
+    known: Known,
+}
+
+/// The scores of all effects that may be added to `fitted`.
 pub(super) fn scores(
     joint: &Joint,
     confirm: &Rows,
     fitted: &Fitted,
     settings: &Settings,
-) -> Result<(Vec<Score>, Vec<Refused>), Error> {
+) -> Result<Scores, Error> {
     let known = Known::new(joint, fitted)?;
     let effects: Vec<Effect> = candidates(&fitted.model).collect();
     let one = |effect: &Effect| {
@@ -80,7 +90,48 @@ pub(super) fn scores(
             score.sums.len()
         ),
     }));
-    Ok((able, untestable))
+    Ok(Scores { able, untestable, known })
+}
+
+impl Scores {
+    /// Where a refit of `fitted` with the effect of `score` starts. What is asked for is far for a straight line: the best of some
+    /// shares of it, with room made for them and without.
+    pub(super) fn start(&self, joint: &Joint, fitted: &Fitted, score: &Score) -> Result<Augmented, Error> {
+        let parameter = &score.effect.parameters()[0];
+        let size = joint.scales.size(parameter.scale);
+        let (neutral, [low, high]) = (parameter.neutral * size, parameter.range_at(size));
+        let amount = |share: f64| (neutral + share * score.asked).clamp(low, high);
+        let at = |amount: f64| with_amount(joint, fitted, score.effect, amount, score.shape);
+        let squares =
+            |model: &Augmented| Fitted::as_is(*model, joint.rows).map_or(f64::INFINITY, |f| f.squares);
+        let mut start = at(amount(1.0))?;
+        let mut least = squares(&start);
+        for amount in SHARES.map(amount) {
+            let moved = self.known.makes_room(joint, &at(amount)?, &score.whole, amount - neutral);
+            let found = moved.as_ref().map_or(f64::INFINITY, squares);
+            if let (Some(moved), true) = (moved, found < least) {
+                (start, least) = (moved, found);
+            }
+        }
+        Ok(start)
+    }
+}
+
+/// `fitted` with an effect whose first parameter is `amount`, and whose shape, if it has one, is `shape` of the data's scale.
+fn with_amount(
+    joint: &Joint,
+    fitted: &Fitted,
+    effect: Effect,
+    amount: f64,
+    shape: f64,
+) -> Result<Augmented, Error> {
+    let value = |(index, parameter): (usize, &Parameter)| match index {
+        0 => amount,
+        _ if parameter.is_shape() => shape * joint.scales.size(parameter.scale),
+        _ => parameter.neutral * joint.scales.size(parameter.scale),
+    };
+    let values: Vec<f64> = effect.parameters().iter().enumerate().map(value).collect();
+    with_effect(&fitted.model, EffectModel::new(effect, &values)?)
 }
 
 /// Effects that may be added: one form of an id at most; that a lag differs up and down is found after it is named.
@@ -88,49 +139,6 @@ fn candidates(model: &Augmented) -> impl Iterator<Item = Effect> {
     let there: Vec<&str> = model.effects().as_slice().iter().map(|e| e.effect().id()).collect();
     let refinement = |effect: &Effect| Effect::ALL.iter().any(|other| other.refined() == Some(*effect));
     Effect::ALL.into_iter().filter(move |effect| !refinement(effect) && !there.contains(&effect.id()))
-}
-
-/// What the model can do by its own numbers.
-struct Known {
-    basis: Basis,
-    columns: Vec<Vec<f64>>,
-    /// Of the columns, each over its length.
-    square: Option<Cholesky<f64, Dyn>>,
-    lengths: Vec<f64>,
-    of_base: usize,
-}
-
-impl Known {
-    fn new(joint: &Joint, fitted: &Fitted) -> Result<Self, Error> {
-        let (columns, of_base) = joint.jacobian(fitted)?;
-        let lengths: Vec<f64> =
-            columns.iter().map(|c| dot(c, c).sqrt()).map(|l| if l > 0.0 { l } else { 1.0 }).collect();
-        let n = columns.len();
-        let square = DMatrix::from_fn(n, n, |a, b| {
-            dot(&columns[a], &columns[b]) / (lengths[a] * lengths[b]) + if a == b { RIDGE } else { 0.0 }
-        });
-        let square = (n > 0).then(|| square.cholesky()).flatten();
-        Ok(Self { basis: Basis::of(columns.clone()), columns, square, lengths, of_base })
-    }
-
-    /// `with`, its other numbers moved so that they make up for what they have in common with `amount` of an effect whose score
-    /// is `score`. `None` where they make no model.
-    fn makes_room(&self, joint: &Joint, with: &Augmented, score: &[f64], amount: f64) -> Option<Augmented> {
-        let shared = DVector::from_iterator(
-            self.columns.len(),
-            self.columns.iter().zip(&self.lengths).map(|(c, length)| dot(c, score) / length),
-        );
-        let moves = self.square.as_ref()?.solve(&shared);
-        let space = Space::new(with, joint.scales, joint.base_moves).ok()?;
-        let mut values = space.values();
-        // Of several effects only the base makes room: where theirs stand in the list depends on the new one.
-        for ((value, bounds), (step, length)) in
-            values.iter_mut().zip(space.bounds()).zip(moves.iter().zip(&self.lengths)).take(self.of_base)
-        {
-            *value = (*value - amount * step / length).clamp(bounds[0], bounds[1]);
-        }
-        space.model(&values)
-    }
 }
 
 fn score(
@@ -172,21 +180,11 @@ fn held_score(
     shape: f64,
     settings: &Settings,
 ) -> Result<Score, String> {
-    let parameters = effect.parameters();
-    let size = |index: usize| joint.scales.size(parameters[index].scale);
-    let at = |first: f64| {
-        let value = |(j, p): (usize, &crate::effect::Parameter)| match j {
-            0 => first,
-            _ if p.is_shape() => shape * size(j),
-            _ => p.neutral * size(j),
-        };
-        let values: Vec<f64> = parameters.iter().enumerate().map(value).collect();
-        EffectModel::new(effect, &values)
-            .and_then(|model| with_effect(&fitted.model, model))
-            .map_err(|e| e.to_string())
-    };
-    let (neutral, step) = (parameters[0].neutral * size(0), parameters[0].probe * size(0));
-    let there = joint.rows.predict(&at(neutral + step)?);
+    let parameter = &effect.parameters()[0];
+    let size = joint.scales.size(parameter.scale);
+    let (neutral, step) = (parameter.neutral * size, parameter.probe * size);
+    let probed = with_amount(joint, fitted, effect, neutral + step, shape).map_err(|e| e.to_string())?;
+    let there = joint.rows.predict(&probed);
     let Some(mut own) = there else { return Err("the model does not run with it on these runs".to_owned()) };
     own.iter_mut().zip(&fitted.predicted_n).for_each(|(there, here)| *there = (*there - here) / step);
     joint.rows.centre(&mut own);
@@ -196,7 +194,7 @@ fn held_score(
         return Err(format!("these runs do not excite it; what would: {}", effect.separated_by()));
     }
     let whole = own.clone();
-    let identifiable = known.basis.take_out(&mut own);
+    let identifiable = known.take_out(&mut own);
     if identifiable < LEAST_IDENTIFIABLE {
         return Err(format!(
             "on these runs other coefficients of the model do the same ({:.1} % of it is its own); what would tell: {}",
@@ -206,7 +204,7 @@ fn held_score(
     }
     let power = dot(&own, &own);
     let asked = dot(&own, &fitted.residual_n) / power;
-    let range = parameters[0].range_at(size(0));
+    let range = parameter.range_at(size);
     let [low, high] = [range[0].min(neutral), range[1].max(neutral)];
     let possible = (low..=high).contains(&(neutral + 1e-3 * asked.signum() * step.abs()));
     // The correlation of what is left once the effect is in: the effect itself may be slow.
@@ -218,19 +216,7 @@ fn held_score(
     }
     let p = p_of(&sums, settings.seed);
     let promise = if possible { asked * asked * power } else { 0.0 };
-    // What is asked for is far for a straight line: the best of some shares of it, with room made for them and without.
-    let amount = |share: f64| (neutral + share * asked).clamp(range[0].max(low), range[1].min(high));
-    let squares = |model: &Augmented| Fitted::as_is(*model, joint.rows).map_or(f64::INFINITY, |f| f.squares);
-    let mut start = at(amount(1.0))?;
-    let mut least = squares(&start);
-    for share in SHARES {
-        let moved = known.makes_room(joint, &at(amount(share))?, &whole, amount(share) - neutral);
-        let found = moved.as_ref().map_or(f64::INFINITY, squares);
-        if let (Some(moved), true) = (moved, found < least) {
-            (start, least) = (moved, found);
-        }
-    }
-    Ok(Score { effect, own, identifiable, p, promise, start, sums })
+    Ok(Score { effect, own, identifiable, p, promise, sums, whole, asked, shape })
 }
 
 /// Refuses runs that hold fewer blocks than a test needs, before any work.

@@ -17,49 +17,38 @@ use rand_pcg::Pcg64Mcg;
 const RESAMPLES: usize = 4000;
 
 /// Errors of `before` and `after` on `rows`, run by run, each run's mean error taken out.
-///
-/// # Errors
-/// [`Error::Data`] when a model does not run on one of them.
-pub(super) fn changes(rows: &Rows, before: &Augmented, after: &Augmented) -> Result<Vec<Change>, Error> {
-    let (before, after) = (fitted(rows, before)?, fitted(rows, after)?);
+pub(super) fn changes(rows: &Rows, before: &Fitted, after: &Fitted) -> Vec<Change> {
     let change = |run: &super::rows::RunRows| {
         let part = |fitted: &Fitted| fit(rows, fitted, std::slice::from_ref(&run.range));
-        Some(Change { run: run.dataset.name.clone(), before: part(&before)?, after: part(&after)? })
+        Some(Change { run: run.dataset.name.clone(), before: part(before)?, after: part(after)? })
     };
-    Ok(rows.runs().iter().filter_map(change).collect())
+    rows.runs().iter().filter_map(change).collect()
 }
 
-/// What the sealed runs say of `before` and `after`, where noise has a root mean square of `noise_n`.
+/// What the sealed runs say of `before` and `after`, where noise has a root mean square of `noise_n`; `None` without a row that
+/// counts.
 pub(super) fn read(
     rows: &Rows,
-    before: &Augmented,
-    after: &Augmented,
+    before: &Fitted,
+    after: &Fitted,
     noise_n: f64,
     settings: &Settings,
-) -> Result<Option<Sealed>, Error> {
-    if rows.len() == 0 {
-        return Ok(None);
-    }
-    let runs = changes(rows, before, after)?;
-    let (before, after) = (fitted(rows, before)?, fitted(rows, after)?);
+) -> Option<Sealed> {
     let ranges: Vec<_> = rows.runs().iter().map(|run| run.range.clone()).collect();
-    let (Some(all_before), Some(all_after)) = (fit(rows, &before, &ranges), fit(rows, &after, &ranges))
-    else {
-        return Ok(None);
-    };
+    let (all_before, all_after) = (fit(rows, before, &ranges)?, fit(rows, after, &ranges)?);
     let blocks = Blocks::new(rows, settings.block_s);
     let sums = |fitted: &Fitted| blocks.sums(&fitted.residual_n, &fitted.residual_n);
-    let pairs: Vec<(f64, f64)> = sums(&before).into_iter().zip(sums(&after)).collect();
+    let pairs: Vec<(f64, f64)> = sums(before).into_iter().zip(sums(after)).collect();
     let noise = noise_n * noise_n * rows.len() as f64;
     let explainable = before.squares - noise;
-    Ok(Some(Sealed {
+    Some(Sealed {
         before: all_before,
         after: all_after,
         ratio: after.squares / before.squares,
         ratio_ci95: bootstrap(&pairs, settings.seed),
         removed: (explainable > 0.0).then(|| (before.squares - after.squares) / explainable),
-        runs,
-    }))
+        runs: changes(rows, before, after),
+    })
 }
 
 /// `model` on `rows`, as it is.

@@ -157,13 +157,8 @@ fn of_law(model: &LawModel, scales: &Scales) -> Vec<Coefficient> {
 fn with_coefficients(base: &ForceModel, values: &[f64]) -> Option<ForceModel> {
     match base {
         ForceModel::FuzzyTanh(fuzzy) => {
-            let function = |p: &[f64]| TanhFunction {
-                yield_force_n: p[0],
-                post_yield_damping_n_s_m: p[1],
-                pre_yield_slope_s_m: p[2],
-                coupling_per_s: p[3],
-            };
-            let functions: Vec<TanhFunction> = values.chunks_exact(4).map(function).collect();
+            let functions: Vec<TanhFunction> =
+                values.as_chunks().0.iter().copied().map(TanhFunction::new).collect();
             FuzzyTanh::new(*fuzzy.sets(), &functions, fuzzy.force_offset_n()).ok().map(ForceModel::FuzzyTanh)
         }
         ForceModel::Law(law) => LawModel::new(law.law(), *law.dependence(), values, law.force_offset_n())

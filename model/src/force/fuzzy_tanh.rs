@@ -41,6 +41,17 @@ pub struct TanhFunction {
 }
 
 impl TanhFunction {
+    /// The function of A1, N, A2, N·s/m, A3, s/m, and kappa, 1/s: the order of the thesis' tables.
+    #[must_use]
+    pub const fn new([a1, a2, a3, kappa]: [f64; 4]) -> Self {
+        Self {
+            yield_force_n: a1,
+            post_yield_damping_n_s_m: a2,
+            pre_yield_slope_s_m: a3,
+            coupling_per_s: kappa,
+        }
+    }
+
     /// Force of this function alone, in newtons, at displacement `x_m` and velocity `v_m_s`.
     #[inline]
     #[must_use]

@@ -61,7 +61,7 @@ fn model(
     natural: &[f64],
     found: &Found,
 ) -> Result<FuzzyTanh, Error> {
-    let functions: Vec<TanhFunction> = natural.chunks_exact(PER_FUNCTION).map(function).collect();
+    let functions: Vec<TanhFunction> = natural.as_chunks().0.iter().copied().map(TanhFunction::new).collect();
     FuzzyTanh::new(memberships.sets, &functions, super::mean_offset(datasets, &found.offsets_n))
 }
 
@@ -79,15 +79,6 @@ pub(super) fn sample_esr(
 
 fn sought(datasets: &[Dataset], memberships: &Memberships) -> Result<TanhColumns, Error> {
     Ok(TanhColumns { sets: memberships.sets, scales: Scales::of(datasets)? })
-}
-
-fn function(p: &[f64]) -> TanhFunction {
-    TanhFunction {
-        yield_force_n: p[0],
-        post_yield_damping_n_s_m: p[1],
-        pre_yield_slope_s_m: p[2],
-        coupling_per_s: p[3],
-    }
 }
 
 impl Sought for TanhColumns {

@@ -65,15 +65,8 @@ fn the_square_is_that_of_the_jacobian() {
     let problem = RowProblem::new(&datasets, columns(&datasets, &memberships), &NEVER);
     let here = problem.normal(&POINT).expect("not cancelled");
     let residuals = |p: &[f64]| -> Vec<DVector<f64>> {
-        let functions: Vec<TanhFunction> = p
-            .chunks(PER_FUNCTION)
-            .map(|p| TanhFunction {
-                yield_force_n: p[0],
-                post_yield_damping_n_s_m: p[1],
-                pre_yield_slope_s_m: p[2].exp(),
-                coupling_per_s: p[3],
-            })
-            .collect();
+        let functions: Vec<TanhFunction> =
+            p.chunks(PER_FUNCTION).map(|p| TanhFunction::new([p[0], p[1], p[2].exp(), p[3]])).collect();
         let model = FuzzyTanh::new(memberships.sets, &functions, 0.0);
         let model = model.expect("a model");
         let one = |dataset: &Dataset| {
