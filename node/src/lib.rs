@@ -5,6 +5,7 @@
 //! the screen.
 
 pub mod cli;
+pub mod close_loop;
 pub mod closing;
 pub mod command;
 pub mod config;

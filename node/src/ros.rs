@@ -6,12 +6,16 @@
 
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
-use mr_damper_msgs::{Message, Service};
-use ros2_client::qos::{History, QosProfile};
+use mr_damper_msgs::{Action, Message, Service};
+use ros2_client::action::{
+    ActionClient, ActionClientQosPolicies, ActionServerQosPolicies, AsyncActionServer, ExecutingGoalHandle,
+    NewGoalHandle,
+};
+use ros2_client::qos::{Durability, History, QosProfile};
 use ros2_client::service::{Client, Server};
 use ros2_client::{
-    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, ServiceMapping, ServiceTypeName,
-    Subscription,
+    ActionTypeName, Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, ServiceMapping,
+    ServiceTypeName, Subscription,
 };
 use rustdds::DomainParticipantBuilder;
 use serde::{Deserialize, Serialize};
@@ -39,6 +43,20 @@ pub type ServerOf<S> = Server<Part<<S as Service>::Request>, Part<<S as Service>
 
 /// A client of a service.
 pub type ClientOf<S> = Client<Part<<S as Service>::Request>, Part<<S as Service>::Response>>;
+
+/// The server of an action.
+pub type ActionServerOf<A> =
+    AsyncActionServer<Part<<A as Action>::Goal>, Part<<A as Action>::Result>, Part<<A as Action>::Feedback>>;
+
+/// A client of an action.
+pub type ActionClientOf<A> =
+    ActionClient<Part<<A as Action>::Goal>, Part<<A as Action>::Result>, Part<<A as Action>::Feedback>>;
+
+/// A goal of an action that was neither accepted nor rejected.
+pub type NewGoalOf<A> = NewGoalHandle<Part<<A as Action>::Goal>>;
+
+/// A goal of an action that is worked on.
+pub type ExecutingOf<A> = ExecutingGoalHandle<Part<<A as Action>::Goal>>;
 
 /// A ROS 2 node of this process.
 pub struct Ros {
@@ -188,6 +206,45 @@ impl Ros {
             .map_err(|e| failed(format!("calling {service}"), &e, ""))
     }
 
+    /// Offers an action by its full name.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn serve_action<A: Action>(&mut self, action: &str) -> Result<ActionServerOf<A>, NodeError> {
+        let [services, feedback, status] = action_qos();
+        let qos = ActionServerQosPolicies {
+            goal_service: services.clone(),
+            result_service: services.clone(),
+            cancel_service: services,
+            feedback_publisher: feedback,
+            status_publisher: status,
+        };
+        let (name, of_type) = (action_name(action)?, ActionTypeName::new(A::PACKAGE, A::NAME));
+        self.own()?
+            .create_action_server(ServiceMapping::Enhanced, &name, &of_type, qos)
+            .map(AsyncActionServer::new)
+            .map_err(|e| failed(format!("offering the action {action}"), &e, ""))
+    }
+
+    /// A client of an action by its full name.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn action_client<A: Action>(&mut self, action: &str) -> Result<ActionClientOf<A>, NodeError> {
+        let [services, feedback, status] = action_qos();
+        let qos = ActionClientQosPolicies {
+            goal_service: services.clone(),
+            result_service: services.clone(),
+            cancel_service: services,
+            feedback_subscription: feedback,
+            status_subscription: status,
+        };
+        let (name, of_type) = (action_name(action)?, ActionTypeName::new(A::PACKAGE, A::NAME));
+        self.own()?
+            .create_action_client(ServiceMapping::Enhanced, &name, &of_type, qos)
+            .map_err(|e| failed(format!("calling the action {action}"), &e, ""))
+    }
+
     /// The node, for what creates something on it.
     fn own(&mut self) -> Result<&mut Node, NodeError> {
         Arc::get_mut(&mut self.node).ok_or_else(|| NodeError::Ros {
@@ -232,6 +289,20 @@ impl Ros {
         }
         drop(context);
     }
+}
+
+fn action_name(action: &str) -> Result<Name, NodeError> {
+    Name::parse(action)
+        .map_err(|e| failed(format!("action name {action}"), &e, "use letters, digits, _ and /"))
+}
+
+/// QoS of an action's services, feedback and status, as everywhere in ROS 2.
+fn action_qos() -> [QosProfile; 3] {
+    let services = QosProfile::publisher_default().history(History::KeepLast { depth: SERVICE_DEPTH });
+    let status = QosProfile::publisher_default()
+        .history(History::KeepLast { depth: 1 })
+        .durability(Durability::TransientLocal);
+    [services.clone(), services, status]
 }
 
 /// Runs `task` to its end on a thread of its own called `name`.

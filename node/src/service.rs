@@ -5,7 +5,7 @@
 //!                                                          ├→ ring ─→ Zenoh thread ─→ keys
 //!                                                          ├→ ring ─→ overseer ─→ /diagnostics, history
 //!                                                          └→ ring ─→ whoever asked for one (screen, report)
-//! load_model ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
+//! load_model, close_loop ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
 //! ```
 
 use crate::config::{Config, RosArgs};
@@ -91,7 +91,7 @@ impl Service {
         let source = RosSource::start(&mut ros, args, config, velocity, samples)?;
         let counters =
             Counters { hot: hot_counters, source: source.counters(), ros_sink: ros_sink.counters() };
-        let services = Services::start(&mut ros, args, &control)?;
+        let services = Services::start(&mut ros, args, &control, overseer.history())?;
         let service = Self { ros, source, control, ros_sink, overseer, services, zenoh, counters };
         Ok((service, watched))
     }

@@ -1,14 +1,17 @@
-//! The node's own ROS services: `load_model`.
+//! The node's own ROS services: `load_model`. And what they share with its action, `close_loop`.
 //!
 //! One thread answers them one after the other. It reads files and waits for the estimating thread, so it is none of
 //! those that samples pass.
 
+use crate::close_loop::CloseLoopAction;
 use crate::config::RosArgs;
-use crate::control::Control;
+use crate::control::{Control, Loaded};
 use crate::error::NodeError;
+use crate::overseer::SharedHistory;
 use crate::ros::{Part, Ros, ServerOf, run_async};
 use futures::channel::oneshot;
 use futures::future::{Either, select};
+use mr_damper_msgs::action::CloseLoop;
 use mr_damper_msgs::srv::{LoadModel, LoadModelRequest, LoadModelResponse};
 use ros2_client::{Node, ParameterValue};
 use std::pin::pin;
@@ -19,35 +22,44 @@ use std::thread::JoinHandle;
 pub struct Services {
     stop: oneshot::Sender<()>,
     thread: JoinHandle<()>,
+    close_loop: CloseLoopAction,
 }
 
 impl Services {
-    /// Offers the services and starts the thread that answers. Nothing can be created on the node from then on.
+    /// Offers services and action, and starts the threads that answer. Nothing can be created on the node from then on.
     ///
     /// # Errors
     /// When a service cannot be offered or the system starts no thread.
-    pub fn start(ros: &mut Ros, args: &RosArgs, control: &Arc<Control>) -> Result<Self, NodeError> {
+    pub fn start(
+        ros: &mut Ros,
+        args: &RosArgs,
+        control: &Arc<Control>,
+        history: SharedHistory,
+    ) -> Result<Self, NodeError> {
+        let close_loop = ros.serve_action::<CloseLoop>(&args.topic("close_loop"))?;
         let load_model = ros.serve::<LoadModel>(&args.topic("load_model"))?;
         let answering = Answering { load_model, control: Arc::clone(control), node: ros.share() };
         let (stop, stopped) = oneshot::channel();
         let thread = run_async("ros-services", answering.run(stopped))?;
-        Ok(Self { stop, thread })
+        let close_loop = CloseLoopAction::start(close_loop, ros, control, history)?;
+        Ok(Self { stop, thread, close_loop })
     }
 
-    /// True while the thread runs; false after a panic.
+    /// True while the threads run; false after a panic.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        !self.thread.is_finished()
+        !self.thread.is_finished() && self.close_loop.is_alive()
     }
 
-    /// Ends the thread. `Err` when it had panicked.
+    /// Ends the threads. `Err` when one had panicked.
     ///
     /// # Errors
     /// The panic's payload.
     pub fn stop(self) -> std::thread::Result<()> {
         // A thread that has panicked does not listen any more.
         let _ = self.stop.send(());
-        self.thread.join()
+        let ended = self.close_loop.stop();
+        self.thread.join().and(ended)
     }
 }
 
@@ -77,23 +89,30 @@ impl Answering {
     }
 
     fn load_model(&self, request: &LoadModelRequest) -> LoadModelResponse {
-        match self.control.load_model(&request.model) {
-            Ok(loaded) => {
-                let (before, now) = (&loaded.before.free, &loaded.now.free);
-                tracing::info!(model = now, before, hash = loaded.now.hash, "another model is in force");
-                // The value is the one that the configuration has by now, so this only tells those who listen.
-                if let Err(error) = self.node.set_parameter("model", ParameterValue::String(now.clone())) {
-                    tracing::warn!(error, "the parameter model does not say what runs");
-                }
-                LoadModelResponse {
-                    success: true,
-                    message: format!("{now} is in force; before it was {before}"),
-                }
-            }
+        match load_model(&self.control, &self.node, &request.model) {
+            Ok(Loaded { before, now }) => LoadModelResponse {
+                success: true,
+                message: format!("{} is in force; before it was {}", now.free, before.free),
+            },
             Err(error) => {
                 tracing::warn!(model = request.model, "load_model refused: {error}");
                 LoadModelResponse { success: false, message: error.to_string() }
             }
         }
     }
+}
+
+/// Loads the preset or model file `name`, and sees that log and parameter `model` say so.
+///
+/// # Errors
+/// Those of [`Control::load_model`].
+pub(crate) fn load_model(control: &Control, node: &Node, name: &str) -> Result<Loaded, NodeError> {
+    let loaded = control.load_model(name)?;
+    let (before, now) = (&loaded.before.free, &loaded.now.free);
+    tracing::info!(model = now, before, hash = loaded.now.hash, "another model is in force");
+    // The value is the one that the configuration has by now, so this only tells those who listen.
+    if let Err(error) = node.set_parameter("model", ParameterValue::String(now.clone())) {
+        tracing::warn!(error, "the parameter model does not say what runs");
+    }
+    Ok(loaded)
 }

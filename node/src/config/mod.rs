@@ -83,6 +83,10 @@ pub struct Config {
     pub measured_force: InputConfig,
     /// Length of the raw input that is kept for `close_loop`, s.
     pub history_duration_s: f64,
+    /// Directory of the model files that `close_loop` writes; empty: the system's temporary directory.
+    pub close_loop_out: String,
+    /// Swap the model that `close_loop` has found in, unasked.
+    pub close_loop_auto_load: bool,
     /// How long a displacement waits for drive, velocity and force of its stamp, s.
     pub align_wait_s: f64,
     /// ROS domain; negative: `ROS_DOMAIN_ID`, else 0.
@@ -107,6 +111,8 @@ impl Default for Config {
             command_voltage: InputConfig::default(),
             measured_force: InputConfig::default(),
             history_duration_s: 120.0,
+            close_loop_out: String::new(),
+            close_loop_auto_load: false,
             align_wait_s: 0.05,
             domain_id: -1,
             discovery_range: "system_default".to_owned(),

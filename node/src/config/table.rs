@@ -184,7 +184,7 @@ macro_rules! input {
     };
 }
 
-const MAIN: [Parameter; 19] = [
+const MAIN: [Parameter; 21] = [
     text!(
         "model",
         Kind::Text,
@@ -288,6 +288,25 @@ const MAIN: [Parameter; 19] = [
         "length of the raw input that is kept for close_loop, s",
         history_duration_s
     ),
+    text!(
+        "close_loop.out",
+        Kind::Text,
+        true,
+        "directory of the model files that the action close_loop writes; empty: the system's temporary directory",
+        close_loop_out
+    ),
+    Parameter {
+        name: "close_loop.auto_load",
+        kind: Kind::Bool,
+        runtime: true,
+        doc: "swap the model that close_loop has found into the running node; false: load_model does, when it is asked",
+        get: |c| Value::Bool(c.close_loop_auto_load),
+        set: |c, v| {
+            if let Value::Bool(b) = v {
+                c.close_loop_auto_load = *b;
+            }
+        },
+    },
     text!(
         "filter.apply_to",
         Kind::Choice(&["model", "inputs", "output", "none"]),
