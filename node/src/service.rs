@@ -65,12 +65,9 @@ impl Service {
         let mut zenoh = None;
         if let Some(settings) = zenoh_config(config) {
             let (outlet, inlet) = hot::channel(true);
-            let damper = match args.namespace().trim_matches('/') {
-                "" => args.node_name().to_owned(),
-                namespace => namespace.to_owned(),
-            };
             let link = Link::open(&settings)?;
-            let mirror = Mirror::start(&link, Damper::named(&damper), names, inlet.events, inlet.dropped)?;
+            let mirror =
+                Mirror::start(&link, Damper::named(args.damper()), names, inlet.events, inlet.dropped)?;
             outlets.push(outlet.waking(mirror.waker()));
             control.attach_mirror(mirror.renamer());
             zenoh = Some((link, mirror));

@@ -11,7 +11,6 @@ use crate::overseer::SharedHistory;
 use crate::ros::{Part, Ros, ServerOf, run_async};
 use futures::channel::oneshot;
 use futures::future::{Either, select};
-use mr_damper_msgs::action::CloseLoop;
 use mr_damper_msgs::srv::{LoadModel, LoadModelRequest, LoadModelResponse};
 use ros2_client::{Node, ParameterValue};
 use std::pin::pin;
@@ -36,12 +35,12 @@ impl Services {
         control: &Arc<Control>,
         history: SharedHistory,
     ) -> Result<Self, NodeError> {
-        let close_loop = ros.serve_action::<CloseLoop>(&args.topic("close_loop"))?;
+        let close_loop = CloseLoopAction::offer(ros, args)?;
         let load_model = ros.serve::<LoadModel>(&args.topic("load_model"))?;
         let answering = Answering { load_model, control: Arc::clone(control), node: ros.share() };
         let (stop, stopped) = oneshot::channel();
         let thread = run_async("ros-services", answering.run(stopped))?;
-        let close_loop = CloseLoopAction::start(close_loop, ros, control, history)?;
+        let close_loop = CloseLoopAction::start(close_loop, ros, args, control, history)?;
         Ok(Self { stop, thread, close_loop })
     }
 

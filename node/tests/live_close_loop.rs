@@ -4,6 +4,7 @@
 use futures::StreamExt;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
+use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
@@ -13,13 +14,15 @@ use mr_damper_node::models;
 use mr_damper_node::ros::{ActionClientOf, Part, Ros};
 use mr_damper_node::service::Service;
 use ros2_client::NodeOptions;
-use ros2_client::action::GoalStatusEnum;
+use ros2_client::action::{GoalId, GoalStatusEnum};
 use serde_json::Value;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 87;
 const LAG_S: f64 = 0.012;
+/// More history than there is: all of it.
+const ALL_S: f64 = 120.0;
 
 fn run(seconds: f64, lag_s: f64, seed: u64) -> Run {
     let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(seconds);
@@ -27,22 +30,25 @@ fn run(seconds: f64, lag_s: f64, seed: u64) -> Run {
     record(&experiment, &Plant::quasi_static().with_coil_lag_s(lag_s), &channels, seed)
 }
 
-/// A model of the damper without the lag, as a file.
-fn write_base(path: &Path) {
+/// A model of the damper without the lag.
+fn base() -> Model {
     let options = Options {
         conditioning: Conditioning { velocity: VelocitySource::ThreePoint, ..Conditioning::default() },
         choose_velocity: false,
         restarts: 3,
         ..Options::default()
     };
-    let model = identify(ModelSpec::FUZZY_TANH, &[run(20.0, 0.0, 1)], &options, &Watch::none())
+    identify(ModelSpec::FUZZY_TANH, &[run(20.0, 0.0, 1)], &options, &Watch::none())
         .expect("the rig's damper can be identified")
-        .model;
+        .model
+}
+
+fn write(path: &Path, model: Model) {
     let file = ModelFile { model, provenance: Provenance::default() };
     std::fs::write(path, file.to_toml().expect("writable")).expect("written");
 }
 
-/// The service with `seconds` of the lagging damper behind it, and a client of its action.
+/// The service with a minute of the lagging damper behind it, and a client of its action.
 struct Stage {
     service: Service,
     peer: Ros,
@@ -50,11 +56,11 @@ struct Stage {
 }
 
 impl Stage {
-    fn set(domain_id: i64, dir: &Path, auto_load: bool, seconds: f64) -> Self {
-        let base = dir.join("base.toml");
-        write_base(&base);
+    fn set(domain_id: i64, dir: &Path, auto_load: bool) -> Self {
+        let path = dir.join("base.toml");
+        write(&path, base());
         let config = Config {
-            model: base.display().to_string(),
+            model: path.display().to_string(),
             domain_id,
             close_loop_out: dir.display().to_string(),
             close_loop_auto_load: auto_load,
@@ -63,7 +69,7 @@ impl Stage {
         let args = RosArgs::default();
         let (service, _) = Service::start(&config, &args, false).expect("the service starts");
         let history = service.history();
-        for sample in run(seconds, LAG_S, 2).samples() {
+        for sample in run(60.0, LAG_S, 2).samples() {
             history.lock().expect("no panic").push(&sample);
         }
         let mut peer = Ros::start(&config, &args, NodeOptions::new(), "peer").expect("a peer starts");
@@ -77,17 +83,34 @@ impl Stage {
     }
 
     /// Sends a goal; `None` when it is rejected.
-    fn send(&self, history: f64) -> Option<ros2_client::action::GoalId> {
+    fn send(&self, history: f64) -> Option<GoalId> {
         let goal = Part(CloseLoopGoal { history });
         let (id, answer) = within(20, self.client.async_send_goal(goal)).expect("an answer");
         answer.accepted.then_some(id)
     }
 
-    fn result(&self, id: ros2_client::action::GoalId) -> (GoalStatusEnum, bool, Value) {
+    fn result(&self, id: GoalId) -> (GoalStatusEnum, bool, Value) {
         let (status, Part(result)) =
             within(60, self.client.async_request_result(id)).expect("a result that can be read");
         let report = serde_json::from_str(&result.report).expect("the report is JSON");
         (status, result.success, report)
+    }
+
+    /// Loads a model by its path, as `load_model` does.
+    fn load(&self, path: &Path) {
+        self.service.control().load_model(&path.display().to_string()).expect("a model that fits");
+    }
+
+    /// The model that is in force.
+    fn model(&self) -> String {
+        self.service.control().config().model
+    }
+
+    /// Asks for `id` to be cancelled, and returns how many goals are.
+    fn cancel(&self, id: GoalId) -> usize {
+        let zero = ros2_client::builtin_interfaces::Time::ZERO;
+        let answer = within(10, self.client.async_cancel_goal(id, zero)).expect("an answer");
+        answer.goals_canceling.len()
     }
 
     fn end(self) {
@@ -115,71 +138,127 @@ fn within<T>(seconds: u64, task: impl Future<Output = T>) -> T {
 }
 
 #[test]
-fn it_names_the_lag_and_swaps_the_model_in_only_when_it_may() {
+fn it_names_the_lag_and_swaps_nothing_in_unasked() {
     let dir = tempfile::tempdir().expect("a directory");
-    for auto_load in [false, true] {
-        let stage = Stage::set(DOMAIN + i64::from(auto_load), dir.path(), auto_load, 60.0);
-        let before = stage.service.control().config().model;
-        let started = Instant::now();
-        let id = stage.send(120.0).expect("a good goal is accepted");
-        assert_eq!(stage.send(120.0), None, "one goal at a time");
-        let (status, success, report) = stage.result(id);
-        println!("{:.1?}: {report}", started.elapsed());
-        assert_eq!((status, success), (GoalStatusEnum::Succeeded, true), "{report}");
+    let stage = Stage::set(DOMAIN, dir.path(), false);
+    let before = stage.model();
+    let started = Instant::now();
+    let id = stage.send(ALL_S).expect("a good goal is accepted");
+    assert_eq!(stage.send(ALL_S), None, "one goal at a time");
+    let (status, success, report) = stage.result(id);
+    println!("{:.1?}", started.elapsed());
+    assert_eq!((status, success), (GoalStatusEnum::Succeeded, true), "{report}");
 
-        assert_eq!(report["schema"], "mr-damper/close/1");
-        assert_eq!(report["effects"][0]["id"], "coil_lag", "{report}");
-        let tau_s = report["effects"][0]["parameters"]["tau_s"].as_f64().expect("a number");
-        assert!((tau_s / LAG_S - 1.0).abs() < 0.1, "{tau_s} s");
-        assert!(report["test"]["ratio"].as_f64().expect("a number") < 0.25, "{report}");
-        assert!(report["note"].as_str().expect("a text").contains("one recording"));
-        let roles: Vec<_> = report["runs"].as_array().expect("runs").iter().map(|r| &r["role"]).collect();
-        assert_eq!(roles, ["estimate", "confirm", "test"]);
+    assert_eq!(report["schema"], "mr-damper/close/1");
+    assert_eq!(report["effects"][0]["id"], "coil_lag", "{report}");
+    let tau_s = report["effects"][0]["parameters"]["tau_s"].as_f64().expect("a number");
+    assert!((tau_s / LAG_S - 1.0).abs() < 0.1, "{tau_s} s");
+    assert!(report["test"]["ratio"].as_f64().expect("a number") < 0.25, "{report}");
+    assert!(report["note"].as_str().expect("a text").contains("one recording"));
+    assert!(report["text"].as_str().expect("a text").contains("\nNamed\n"), "{report}");
+    let roles: Vec<_> = report["runs"].as_array().expect("runs").iter().map(|r| &r["role"]).collect();
+    assert_eq!(roles, ["estimate", "confirm", "test"]);
 
-        let stages: Vec<_> = within(5, stage.client.feedback_stream(id).take(3).collect::<Vec<_>>());
-        let stages: Vec<_> = stages.into_iter().map(|f| f.expect("readable").0).collect();
-        assert!(
-            stages.iter().all(|f| !f.stage.is_empty() && (0.0..=1.0).contains(&f.progress)),
-            "{stages:?}"
-        );
-        assert!(stages.is_sorted_by(|a, b| a.progress <= b.progress), "{stages:?}");
+    let stages: Vec<_> = within(5, stage.client.feedback_stream(id).take(3).collect::<Vec<_>>());
+    let stages: Vec<_> = stages.into_iter().map(|f| f.expect("readable").0).collect();
+    assert!(stages.iter().all(|f| !f.stage.is_empty() && (0.0..=1.0).contains(&f.progress)), "{stages:?}");
+    assert!(stages.is_sorted_by(|a, b| a.progress <= b.progress), "{stages:?}");
 
-        let path = report["model_file"].as_str().expect("a path").to_owned();
-        assert_eq!(models::load(&path).expect("a model file").effects.as_slice().len(), 1);
-        assert_eq!(report["loaded"], auto_load, "{report}");
-        let now = stage.service.control().config().model;
-        assert_eq!(now, if auto_load { path } else { before });
-        stage.end();
-    }
+    let path = report["model_file"].as_str().expect("a path");
+    assert_eq!(models::load(path).expect("a model file").effects.as_slice().len(), 1);
+    assert_eq!(report["loaded"], false, "{report}");
+    assert_eq!(stage.model(), before);
+    stage.end();
+}
+
+#[test]
+fn it_swaps_the_model_in_when_it_may_unless_another_one_runs_by_then() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let stage = Stage::set(DOMAIN + 1, dir.path(), true);
+    let (base, other) = (dir.path().join("base.toml"), dir.path().join("other.toml"));
+    let model = models::load(&base.display().to_string()).expect("written above");
+    let force = model.force.with_force_offset_n(1.0);
+    write(&other, Model { force, ..model });
+
+    let id = stage.send(ALL_S).expect("a good goal is accepted");
+    stage.load(&other);
+    let (status, _, report) = stage.result(id);
+    assert_eq!(status, GoalStatusEnum::Succeeded, "{report}");
+    assert_eq!(report["loaded"], false, "{report}");
+    assert!(report["load_error"].as_str().expect("a text").contains("another model was loaded"), "{report}");
+    assert_eq!(stage.model(), other.display().to_string());
+    let first = report["model_file"].clone();
+
+    stage.load(&base);
+    let id = stage.send(ALL_S).expect("a good goal is accepted");
+    let (_, _, report) = stage.result(id);
+    assert_eq!((&report["loaded"], &report["load_error"]), (&true.into(), &Value::Null), "{report}");
+    assert_eq!(report["model_file"], stage.model().as_str());
+    assert_ne!(report["model_file"], first, "no file is written over");
+    stage.end();
 }
 
 #[test]
 fn it_can_be_cancelled_and_says_what_it_lacks() {
     let dir = tempfile::tempdir().expect("a directory");
-    let stage = Stage::set(DOMAIN + 2, dir.path(), true, 60.0);
+    let stage = Stage::set(DOMAIN + 2, dir.path(), true);
     let before = stage.service.control().models();
     for history in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert_eq!(stage.send(history), None, "{history} s of history is nothing to work on");
     }
 
-    let id = stage.send(120.0).expect("a good goal is accepted");
+    let id = stage.send(ALL_S).expect("a good goal is accepted");
     std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(stage.cancel(GoalId::new_random()), 0, "of another goal");
     let started = Instant::now();
-    let zero = ros2_client::builtin_interfaces::Time::ZERO;
-    let answer = within(10, stage.client.async_cancel_goal(id, zero)).expect("an answer");
-    assert_eq!(answer.goals_canceling.len(), 1, "{answer:?}");
+    assert_eq!(stage.cancel(id), 1);
     let (status, success, report) = stage.result(id);
     assert_eq!((status, success), (GoalStatusEnum::Canceled, false), "{report}");
     assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
     assert_eq!(report["error"], "interrupted");
+    assert_eq!(stage.cancel(id), 0, "it is over");
 
-    // The next goal is worked on, but three seconds are too few for anything.
-    let id = stage.send(3.0).expect("a good goal is accepted");
-    let (status, success, report) = stage.result(id);
-    println!("{report}");
-    assert_eq!((status, success), (GoalStatusEnum::Aborted, false), "{report}");
-    assert!(report["error"].as_str().expect("a text").len() > 20, "{report}");
+    // The next goals are worked on, whether somebody asks for their results or not; three seconds are too few.
+    let unasked = stage.send(3.0).expect("a good goal is accepted");
+    let failed = |history: f64| {
+        let deadline = Instant::now() + Duration::from_secs(10);
+        let id = loop {
+            match stage.send(history) {
+                Some(id) => break id,
+                None if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(100)),
+                None => panic!("the goal before this one is over"),
+            }
+        };
+        let (status, success, report) = stage.result(id);
+        assert_eq!((status, success), (GoalStatusEnum::Aborted, false), "{report}");
+        report["error"].as_str().expect("a text").to_owned()
+    };
+    let error = failed(3.0);
+    assert!(error.contains("on 3.0 s of history") && error.contains("18 s of motion"), "{error}");
+    assert_eq!(stage.cancel(unasked), 0, "its result is gone");
     assert_eq!(stage.service.control().models(), before, "nothing is swapped in");
+
+    // ARX is no base.
+    stage.load(Path::new(mr_damper_model::preset::BEST_ARX));
+    let error = failed(ALL_S);
+    assert!(error.contains("cannot start from the arx model") && error.contains("load_model"), "{error}");
     assert_eq!(std::fs::read_dir(dir.path()).expect("readable").count(), 1, "the base alone");
-    stage.end();
+    stage.load(&dir.path().join("base.toml"));
+
+    // Who waits for a result when the node ends is told so.
+    let id = stage.send(ALL_S).expect("a good goal is accepted");
+    let Stage { service, peer, client } = stage;
+    std::thread::scope(|scope| {
+        let waiting = scope.spawn(|| within(20, client.async_request_result(id)));
+        std::thread::sleep(Duration::from_millis(500));
+        let started = Instant::now();
+        service.stop().expect("no thread panicked");
+        println!("stopped in the middle of a diagnosis after {:.2?}", started.elapsed());
+        assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
+        let (status, Part(result)) = waiting.join().expect("an answer").expect("a result");
+        assert_eq!((status, result.success), (GoalStatusEnum::Aborted, false));
+        assert!(result.report.contains("the node was stopped"), "{}", result.report);
+    });
+    drop(client);
+    peer.stop();
 }

@@ -8,46 +8,35 @@
 //!
 //! The estimating thread knows nothing of it: the diagnosis has a copy of the history and a thread of its own. One goal at
 //! a time: another one is rejected while a diagnosis runs. Nothing is swapped in unless `close_loop.auto_load` says so.
+//!
+//! A result waits for its client to ask, until the next goal has one. When the service stops, who waits for a result is
+//! told so.
 
+mod diagnosis;
 mod work;
 
 use crate::command::close::in_words;
+use crate::config::RosArgs;
 use crate::control::Control;
 use crate::error::NodeError;
 use crate::overseer::SharedHistory;
-use crate::ros::{ActionServerOf, ExecutingOf, Part, Ros, run_async};
-use crate::services;
+use crate::ros::{ActionServerOf, ExecutingOf, NewGoalOf, Part, Ros, run_async};
+use diagnosis::{Diagnosis, Ended, Said};
+use futures::FutureExt;
 use futures::channel::oneshot;
 use futures::future::BoxFuture;
 use mr_damper_model::diagnose::Stage;
 use mr_damper_msgs::action::{CloseLoop, CloseLoopFeedback, CloseLoopGoal, CloseLoopResult};
 use ros2_client::Node;
-use ros2_client::action::GoalEndStatus;
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use ros2_client::action::{CancelHandle, GoalEndStatus};
 use std::sync::{Arc, PoisonError};
 use std::thread::JoinHandle;
-use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
-use work::Job;
-
-/// What the diagnosing thread says.
-enum Said {
-    Stage(Stage),
-    Ended(Box<Ended>),
-}
-
-/// How a goal ended.
-struct Ended {
-    status: GoalEndStatus,
-    report: String,
-}
+use work::{Job, Swap};
 
 /// The goal that is worked on.
 struct Running {
     goal: ExecutingOf<CloseLoop>,
-    cancel: Arc<AtomicBool>,
-    said: UnboundedReceiver<Said>,
-    thread: JoinHandle<()>,
+    diagnosis: Diagnosis,
 }
 
 /// A result that waits until its client asks for it.
@@ -63,6 +52,14 @@ pub struct CloseLoopAction {
 }
 
 impl CloseLoopAction {
+    /// Offers the action. Starts nothing yet, so that more can be created on the node.
+    ///
+    /// # Errors
+    /// When DDS refuses.
+    pub fn offer(ros: &mut Ros, args: &RosArgs) -> Result<ActionServerOf<CloseLoop>, NodeError> {
+        ros.serve_action::<CloseLoop>(&args.topic("close_loop"))
+    }
+
     /// Starts the thread that answers `server`.
     ///
     /// # Errors
@@ -70,10 +67,12 @@ impl CloseLoopAction {
     pub fn start(
         server: ActionServerOf<CloseLoop>,
         ros: &Ros,
+        args: &RosArgs,
         control: &Arc<Control>,
         history: SharedHistory,
     ) -> Result<Self, NodeError> {
-        let desk = Desk { server, control: Arc::clone(control), history, node: ros.share() };
+        let damper = args.damper().to_owned();
+        let desk = Desk { server, control: Arc::clone(control), history, node: ros.share(), damper };
         let (stop, stopped) = oneshot::channel();
         let thread = run_async("ros-actions", desk.run(stopped))?;
         Ok(Self { stop, thread })
@@ -96,11 +95,13 @@ impl CloseLoopAction {
     }
 }
 
+/// Where goals come in and results go out.
 struct Desk {
     server: ActionServerOf<CloseLoop>,
     control: Arc<Control>,
     history: SharedHistory,
     node: Arc<Node>,
+    damper: String,
 }
 
 impl Desk {
@@ -111,74 +112,79 @@ impl Desk {
             tokio::select! {
                 _ = &mut stopped => break,
                 goal = self.server.receive_new_goal() => match goal {
-                    Ok(goal) => self.consider(goal, &mut running).await,
+                    Ok(goal) => {
+                        let begun = self.consider(goal, running.is_some()).await;
+                        running = begun.or(running);
+                    }
                     Err(error) => tracing::warn!(?error, "a goal of close_loop cannot be read"),
                 },
                 request = self.server.receive_cancel_request() => match request {
-                    Ok(request) => {
-                        let ours = running.as_ref().map(|running| running.goal.goal_id());
-                        let cancelled: Vec<_> = request.goals().filter(|id| Some(*id) == ours).collect();
-                        if let (Some(running), false) = (&running, cancelled.is_empty()) {
-                            running.cancel.store(true, Ordering::Release);
-                        }
-                        let responded = self.server.respond_to_cancel_requests(&request, cancelled.into_iter());
-                        if let Err(error) = responded.await {
-                            tracing::warn!(?error, "the answer to a cancellation was not sent");
-                        }
-                    }
+                    Ok(request) => self.cancel(&request, running.as_ref()).await,
                     Err(error) => tracing::warn!(?error, "a cancellation of close_loop cannot be read"),
                 },
                 said = next(&mut running) => match said {
-                    Said::Stage(stage) => self.tell(&running, stage).await,
+                    Said::Stage(stage) => self.tell(running.as_ref(), stage).await,
                     Said::Ended(ended) => {
-                        if let Some(Running { goal, thread, .. }) = running.take() {
-                            // It has said its last word, so it ends at once; a panic was said as one.
-                            let _ = thread.join();
+                        if let Some(Running { goal, diagnosis }) = running.take() {
+                            // It has said its last word, so this takes no time.
+                            diagnosis.end();
                             self.forget(answer.take()).await;
-                            answer = Some(self.answer(goal, *ended));
+                            answer = Some(self.answer(goal, ended));
                         }
                     }
                 },
                 () = sent(&mut answer) => answer = None,
             }
         }
-        if let Some(Running { cancel, thread, .. }) = running {
-            cancel.store(true, Ordering::Release);
-            let _ = thread.join();
+        if let Some(Running { goal, diagnosis }) = running {
+            diagnosis.end();
+            let stopped = NodeError::Failed("the node was stopped while it worked on this goal".to_owned());
+            // Whoever waits has asked by now; nobody is waited for.
+            let _ = self.answer(goal, Ended::by(Err(stopped))).sending.now_or_never();
         }
     }
 
-    /// Accepts the goal and begins to work on it, or rejects it.
-    async fn consider(&self, goal: crate::ros::NewGoalOf<CloseLoop>, running: &mut Option<Running>) {
-        let Some(Part(wanted)) = self.server.get_new_goal(goal.clone()) else { return };
-        let why_not = if running.is_some() {
-            Some("another goal is worked on; cancel it, or wait for its result")
-        } else if !(wanted.history > 0.0 && wanted.history.is_finite()) {
-            Some("history must be a positive number of seconds")
-        } else {
-            None
-        };
-        if let Some(why) = why_not {
-            tracing::warn!(history_s = wanted.history, "close_loop: goal rejected: {why}");
-            if let Err(error) = self.server.reject_goal(goal).await {
-                tracing::warn!(?error, "a goal of close_loop was not rejected");
+    /// Begins to work on the goal and accepts it, or rejects it.
+    async fn consider(&self, goal: NewGoalOf<CloseLoop>, busy: bool) -> Option<Running> {
+        let Part(wanted) = self.server.get_new_goal(goal.clone())?;
+        let diagnosis = match self.begin(&wanted, busy) {
+            Ok(diagnosis) => diagnosis,
+            Err(why) => {
+                tracing::warn!(history_s = wanted.history, "close_loop: goal rejected: {why}");
+                if let Err(error) = self.server.reject_goal(goal).await {
+                    tracing::warn!(?error, "the rejection of a goal of close_loop was not sent");
+                }
+                return None;
             }
-            return;
-        }
+        };
         let executing = match self.server.accept_goal(goal).await {
             Ok(accepted) => self.server.start_executing_goal(accepted).await,
             Err(error) => Err(error),
         };
-        match executing.map_err(|error| format!("{error:?}")).and_then(|goal| self.begin(goal, &wanted)) {
-            Ok(begun) => *running = Some(begun),
-            Err(error) => tracing::error!(error, "close_loop: a goal was not begun"),
+        match executing {
+            Ok(goal) => {
+                tracing::info!(history_s = wanted.history, "close_loop: a goal is worked on");
+                Some(Running { goal, diagnosis })
+            }
+            Err(error) => {
+                tracing::error!(?error, "close_loop: a goal could not be accepted");
+                diagnosis.end();
+                None
+            }
         }
     }
 
-    /// Starts the diagnosing thread.
-    fn begin(&self, goal: ExecutingOf<CloseLoop>, wanted: &CloseLoopGoal) -> Result<Running, String> {
+    /// Starts the diagnosing thread on what is remembered now.
+    fn begin(&self, wanted: &CloseLoopGoal, busy: bool) -> Result<Diagnosis, String> {
+        if busy {
+            return Err("another goal is worked on; cancel it, or wait for its result".to_owned());
+        }
+        if !(wanted.history > 0.0 && wanted.history.is_finite()) {
+            return Err("history must be a positive number of seconds".to_owned());
+        }
         let config = self.control.config();
-        let mut base = self.control.models().free;
+        let running = self.control.models().free;
+        let mut base = running;
         // The rows must be what the model runs on.
         if let Some((apply_to, cutoff_hz)) = config.pipeline_settings(base.conditioning.cutoff_hz).filter {
             (base.conditioning.apply_to, base.conditioning.cutoff_hz) = (apply_to, cutoff_hz);
@@ -186,29 +192,34 @@ impl Desk {
         let history = self.history.lock().unwrap_or_else(PoisonError::into_inner);
         let runs = history.runs(wanted.history, config.settings.gap_s);
         drop(history);
-        let out = match config.close_loop_out.as_str() {
+        let folder = match config.close_loop_out.as_str() {
             "" => std::env::temp_dir(),
-            out => PathBuf::from(out),
+            out => out.into(),
         };
-        tracing::info!(history_s = wanted.history, "close_loop: a goal is worked on");
-        let job = Job { base, runs, out };
-        let auto_load =
-            config.close_loop_auto_load.then(|| (Arc::clone(&self.control), Arc::clone(&self.node)));
-        let cancel = Arc::new(AtomicBool::new(false));
-        let (says, said) = unbounded_channel();
-        let thread = std::thread::Builder::new().name("close-loop".to_owned()).spawn({
-            let cancel = Arc::clone(&cancel);
-            move || diagnose(&job, &cancel, auto_load.as_ref(), &says)
+        let swap = config.close_loop_auto_load.then(|| Swap {
+            control: Arc::clone(&self.control),
+            node: Arc::clone(&self.node),
+            running,
         });
-        let thread = thread.map_err(|error| format!("starting the thread of a diagnosis: {error}"))?;
-        Ok(Running { goal, cancel, said, thread })
+        let job = Job { base, runs, folder, damper: self.damper.clone(), swap };
+        Diagnosis::start(move |cancelled, say| job.work(cancelled, say)).map_err(|error| error.to_string())
     }
 
-    async fn tell(&self, running: &Option<Running>, stage: Stage) {
-        let Some(running) = running else { return };
-        if running.cancel.load(Ordering::Acquire) {
-            return;
+    /// Cancels what runs, if `request` means that; there is nothing to cancel in a goal that is unknown or over.
+    async fn cancel(&self, request: &CancelHandle, running: Option<&Running>) {
+        let meant = running.filter(|running| request.contains_goal(&running.goal.goal_id()));
+        if let Some(running) = meant {
+            running.diagnosis.cancel();
         }
+        let cancelled = meant.map(|running| running.goal.goal_id());
+        if let Err(error) = self.server.respond_to_cancel_requests(request, cancelled.into_iter()).await {
+            tracing::warn!(?error, "the answer to a cancellation of close_loop was not sent");
+        }
+    }
+
+    async fn tell(&self, running: Option<&Running>, stage: Stage) {
+        // There is no feedback on a goal that is being cancelled.
+        let Some(running) = running.filter(|running| !running.diagnosis.is_cancelled()) else { return };
         let feedback = CloseLoopFeedback { stage: in_words(stage), progress: progress(stage) };
         let published = self.server.publish_feedback(running.goal.clone(), Part(feedback));
         if let Err(error) = published.await {
@@ -228,66 +239,32 @@ impl Desk {
         Answer { goal, sending }
     }
 
-    /// A result that nobody has asked for by the time of the next one is dropped.
+    /// Drops a result that nobody has asked for by the time of the next one.
     async fn forget(&self, answer: Option<Answer<'_>>) {
         let Some(Answer { goal, sending }) = answer else { return };
         drop(sending);
         tracing::warn!("nobody asked for the result of a goal of close_loop; it is dropped");
         if let Err(error) = self.server.abort_executing_goal(goal).await {
+            // It stays on the status topic as one that is being cancelled: ros2-client knows no other way.
             tracing::debug!(?error, "the goal had been cancelled");
         }
     }
 }
 
-/// The next thing that the diagnosing thread says; never, when there is none. A thread that died says so by its silence.
+/// What the diagnosis says next; never, when there is none.
 async fn next(running: &mut Option<Running>) -> Said {
     match running {
-        Some(running) => running.said.recv().await.unwrap_or_else(|| {
-            let error =
-                NodeError::Failed("the diagnosis died; the node's log says why. Please report it".to_owned());
-            Said::Ended(Box::new(Ended { status: GoalEndStatus::Aborted, report: work::error_json(&error) }))
-        }),
+        Some(running) => running.diagnosis.next().await,
         None => std::future::pending().await,
     }
 }
 
+/// The end of sending; never, when there is nothing to send.
 async fn sent(answer: &mut Option<Answer<'_>>) {
     match answer {
         Some(answer) => answer.sending.as_mut().await,
         None => std::future::pending().await,
     }
-}
-
-/// The diagnosing thread.
-fn diagnose(
-    job: &Job,
-    cancel: &AtomicBool,
-    auto_load: Option<&(Arc<Control>, Arc<Node>)>,
-    says: &UnboundedSender<Said>,
-) {
-    // Who does not listen any more has been told to stop.
-    let say = |stage| drop(says.send(Said::Stage(stage)));
-    let worked = work::work(job, cancel, &say).and_then(|done| {
-        let loaded = match (&done.model, auto_load) {
-            (Some(path), Some((control, node))) => {
-                let loaded = services::load_model(control, node, &path.display().to_string());
-                loaded.map(|_| true).map_err(|error| error.to_string())
-            }
-            _ => Ok(false),
-        };
-        tracing::info!(model_file = ?done.model, loaded = ?loaded, "close_loop: {}", done.in_short());
-        done.json(&loaded)
-    });
-    let ended = match worked {
-        Ok(report) => Ended { status: GoalEndStatus::Succeeded, report },
-        Err(error) => {
-            tracing::warn!("close_loop came to nothing: {error}");
-            let cancelled = matches!(error, NodeError::Interrupted);
-            let status = if cancelled { GoalEndStatus::Canceled } else { GoalEndStatus::Aborted };
-            Ended { status, report: work::error_json(&error) }
-        }
-    };
-    drop(says.send(Said::Ended(Box::new(ended))));
 }
 
 /// About how much of the work is done when `stage` begins.

@@ -1,17 +1,24 @@
 //! What a goal of `close_loop` is: a diagnosis of the running model on what the service remembers.
 
 use crate::closing::{TOOL, model_file, rows};
+use crate::control::Control;
 use crate::error::NodeError;
+use crate::report::close as report;
 use crate::report::close::json::{self, SCHEMA};
+use crate::services;
 use mr_damper_model::diagnose::{self, Closing, Runs, Settings, Stage};
 use mr_damper_model::identify::Watch;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::Role;
-use mr_damper_model::sample::{Run, Stamp};
+use mr_damper_model::sample::Run;
+use ros2_client::Node;
 use serde::Serialize;
-use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Instant, SystemTime};
 
 /// Shares of the history, by time: effects are found on the first, confirmed on the second, proved on the rest.
 const SHARES: [(Role, f64); 3] = [(Role::Estimate, 0.6), (Role::Confirm, 0.2), (Role::Test, 0.2)];
@@ -21,23 +28,26 @@ const SEED: u64 = 0;
 const NOTE: &str = "the runs are parts of one recording: first 60 % estimate, next 20 % confirm, last 20 % test. Parts of one \
                     session share what a session has; runs recorded apart (`mr-damper close`) prove more";
 
-/// What a diagnosis needs, taken when the goal is accepted.
+/// What a diagnosis needs, taken when the goal comes.
 pub(super) struct Job {
     /// The running free model, conditioned as it runs.
     pub(super) base: Model,
     /// The history, oldest first.
     pub(super) runs: Vec<Run>,
     /// Directory of the model file.
-    pub(super) out: PathBuf,
+    pub(super) folder: PathBuf,
+    /// Name of the damper, for the file's name: several nodes may write into one directory.
+    pub(super) damper: String,
+    /// How to swap the model in; `None` when that is not allowed.
+    pub(super) swap: Option<Swap>,
 }
 
-/// What came out.
-pub(super) struct Done {
-    closing: Closing,
-    runs: Vec<RunRow>,
-    seconds: f64,
-    /// The augmented model; `None` when nothing was named.
-    pub(super) model: Option<PathBuf>,
+/// The running service, into which a model may be swapped.
+pub(super) struct Swap {
+    pub(super) control: Arc<Control>,
+    pub(super) node: Arc<Node>,
+    /// The free model that ran when the goal came.
+    pub(super) running: Model,
 }
 
 /// The report: that of `mr-damper close`, and what is special here.
@@ -50,11 +60,14 @@ struct Written<'a> {
     seconds: f64,
     note: &'static str,
     runs: &'a [RunRow],
-    model_file: Option<String>,
+    /// The augmented model; `null` when nothing was named.
+    model_file: Option<&'a Path>,
     /// The model runs already.
     loaded: bool,
     /// Why it does not, though `close_loop.auto_load` asks for it.
     load_error: Option<String>,
+    /// The same for people.
+    text: String,
 }
 
 #[derive(Debug, Serialize)]
@@ -64,72 +77,125 @@ struct RunRow {
     seconds: f64,
 }
 
-impl Done {
-    /// The report as JSON. `loaded`: whether the model was swapped in, and why not.
-    pub(super) fn json(&self, loaded: &Result<bool, String>) -> Result<String, NodeError> {
-        let written = Written {
-            report: json::Report::of(&self.closing),
-            tool: TOOL,
-            seed: SEED,
-            seconds: self.seconds,
-            note: NOTE,
-            runs: &self.runs,
-            model_file: self.model.as_ref().map(|path| path.display().to_string()),
-            loaded: *loaded.as_ref().unwrap_or(&false),
-            load_error: loaded.as_ref().err().cloned(),
-        };
-        serde_json::to_string(&written)
-            .map_err(|error| NodeError::Failed(format!("the report cannot be written as JSON: {error}")))
-    }
-
-    /// The verdict and what was named, for the log.
-    pub(super) fn in_short(&self) -> String {
-        let named: Vec<_> = self.closing.effects.iter().map(|named| named.effect.effect().title()).collect();
-        format!(
-            "{}: {}",
-            self.closing.verdict.name(),
-            if named.is_empty() { "nothing named".to_owned() } else { named.join(", ") }
-        )
-    }
-}
-
 /// The report of a goal that came to nothing.
 pub(super) fn error_json(error: &NodeError) -> String {
     serde_json::json!({ "schema": SCHEMA, "error": error.to_string() }).to_string()
 }
 
-/// Diagnoses, and writes the model file when an effect was named.
-///
-/// # Errors
-/// When the history is too short or lacks a channel, or the file cannot be written; [`NodeError::Interrupted`].
-pub(super) fn work(job: &Job, cancel: &AtomicBool, say: &dyn Fn(Stage)) -> Result<Done, NodeError> {
-    let started = Instant::now();
-    let parts = split(&job.runs)?;
-    let of = |role: Role| -> Result<_, NodeError> {
-        let runs: Vec<Run> = parts.iter().filter(|part| part.0 == role).map(|part| part.1.clone()).collect();
-        Ok(rows(&runs, &job.base)?)
-    };
-    let (estimate, confirm, test) = (of(Role::Estimate)?, of(Role::Confirm)?, of(Role::Test)?);
-    let runs = Runs { estimate: &estimate, confirm: &confirm, test: &test, ..Runs::default() };
-    let settings = Settings { seed: SEED, ..Settings::default() };
-    let watch = Watch { cancel: Some(cancel), progress: None };
-    let closing = diagnose::close(&job.base, &runs, &settings, &watch, say)?;
-    let mut model = None;
-    if !closing.effects.is_empty() {
-        let path = job.out.join(format!("mr-damper-close-{}.toml", end(&job.runs).nanos() / 1_000_000));
-        let text = model_file(&closing, &runs, SEED).to_toml()?;
-        std::fs::write(&path, text).map_err(NodeError::io(format!("writing {}", path.display())))?;
-        model = Some(path);
+impl Job {
+    /// Diagnoses, writes the model file when an effect was named, swaps the model in where that is allowed, and returns
+    /// the report as JSON.
+    ///
+    /// # Errors
+    /// When the history is too short or lacks a channel, the model can be no base, or the file cannot be written;
+    /// [`NodeError::Interrupted`].
+    pub(super) fn work(&self, cancelled: &AtomicBool, say: &dyn Fn(Stage)) -> Result<String, NodeError> {
+        let worked = self.report(cancelled, say);
+        if let Err(error) = &worked {
+            tracing::warn!("close_loop came to nothing: {error}");
+        }
+        worked
     }
-    let runs = parts
-        .iter()
-        .map(|(role, run)| RunRow { role: *role, run: run.name.clone(), seconds: run.duration().get() })
-        .collect();
-    Ok(Done { closing, runs, seconds: started.elapsed().as_secs_f64(), model })
+
+    fn report(&self, cancelled: &AtomicBool, say: &dyn Fn(Stage)) -> Result<String, NodeError> {
+        let started = Instant::now();
+        if !self.folder.is_dir() {
+            let message =
+                "is no directory that a model could be written to; set close_loop.out to one".to_owned();
+            return Err(NodeError::File { path: self.folder.clone(), message });
+        }
+        let parts = split(&self.runs)?;
+        let of = |role: Role| {
+            let runs: Vec<Run> =
+                parts.iter().filter(|part| part.0 == role).map(|part| part.1.clone()).collect();
+            rows(&runs, &self.base)
+        };
+        let on_history = |error| self.on_history(error);
+        let estimate = of(Role::Estimate).map_err(on_history)?;
+        let confirm = of(Role::Confirm).map_err(on_history)?;
+        let test = of(Role::Test).map_err(on_history)?;
+        let runs = Runs { estimate: &estimate, confirm: &confirm, test: &test, ..Runs::default() };
+        let settings = Settings { seed: SEED, ..Settings::default() };
+        let watch = Watch { cancel: Some(cancelled), progress: None };
+        let closing = diagnose::close(&self.base, &runs, &settings, &watch, say).map_err(on_history)?;
+        // From here on there is something to be undone.
+        if cancelled.load(Ordering::Acquire) {
+            return Err(NodeError::Interrupted);
+        }
+        let path = (!closing.effects.is_empty())
+            .then(|| write(&self.folder, &self.damper, &model_file(&closing, &runs, SEED).to_toml()?))
+            .transpose()?;
+        let loaded = match (&path, &self.swap) {
+            (Some(path), Some(swap)) => swap.load(path).map(|()| true),
+            _ => Ok(false),
+        };
+        tracing::info!(model_file = ?path, ?loaded, "close_loop: {}", in_short(&closing));
+        let rows: Vec<_> = parts
+            .iter()
+            .map(|(role, run)| RunRow { role: *role, run: run.name.clone(), seconds: run.duration().get() })
+            .collect();
+        let drive = self.base.force.drive().or(estimate.first().and_then(|data| data.drive));
+        let written = Written {
+            report: json::Report::of(&closing),
+            tool: TOOL,
+            seed: SEED,
+            seconds: started.elapsed().as_secs_f64(),
+            note: NOTE,
+            runs: &rows,
+            model_file: path.as_deref(),
+            loaded: *loaded.as_ref().unwrap_or(&false),
+            load_error: loaded.err().map(|error| error.to_string()),
+            text: report::text(&closing, drive),
+        };
+        serde_json::to_string(&written)
+            .map_err(|error| NodeError::Failed(format!("the report cannot be written as JSON: {error}")))
+    }
+
+    /// An error of the diagnosis, with what it was made on: the model knows of runs, but not where they come from.
+    fn on_history(&self, error: mr_damper_model::Error) -> NodeError {
+        match NodeError::from(error) {
+            NodeError::Interrupted => NodeError::Interrupted,
+            error => NodeError::Failed(format!(
+                "on {:.1} s of history, of which the first 60 % are estimate runs, the next 20 % confirm and the rest test \
+                 runs: {error}. The node keeps history.duration_s of it; another base is swapped in with load_model",
+                total_s(&self.runs)
+            )),
+        }
+    }
 }
 
-fn end(runs: &[Run]) -> Stamp {
-    runs.last().and_then(|run| run.displacement_m.stamps.last()).copied().unwrap_or_default()
+impl Swap {
+    /// Swaps the model in `path` in, unless another one than that which was diagnosed runs by now.
+    fn load(&self, path: &Path) -> Result<(), NodeError> {
+        if self.control.models().free != self.running {
+            return Err(NodeError::Failed(
+                "another model was loaded meanwhile, and this one is made from the one before it".to_owned(),
+            ));
+        }
+        services::load_model(&self.control, &self.node, &path.display().to_string()).map(drop)
+    }
+}
+
+/// Writes a model file under a name of its own; a file that is there may be the one that runs.
+fn write(folder: &Path, damper: &str, text: &str) -> Result<PathBuf, NodeError> {
+    let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now()).format("%Y%m%dT%H%M%S%3fZ");
+    let path = folder.join(format!("mr-damper-close-{}-{now}.toml", damper.replace('/', "-")));
+    let written = OpenOptions::new().write(true).create_new(true).open(&path);
+    written
+        .and_then(|mut file| file.write_all(text.as_bytes()))
+        .map_err(NodeError::io(format!("writing {}", path.display())))?;
+    Ok(path)
+}
+
+/// The verdict and what was named, for the log.
+fn in_short(closing: &Closing) -> String {
+    let named: Vec<_> = closing.effects.iter().map(|named| named.effect.effect().title()).collect();
+    let named = if named.is_empty() { "nothing named".to_owned() } else { named.join(", ") };
+    format!("{}: {named}", closing.verdict.name())
+}
+
+fn total_s(runs: &[Run]) -> f64 {
+    runs.iter().map(|run| run.duration().get()).sum()
 }
 
 /// The runs, cut where the time that they hold together reaches each share.
@@ -138,11 +204,10 @@ fn split(runs: &[Run]) -> Result<Vec<(Role, Run)>, NodeError> {
     const LEAST_S: f64 = 0.5;
     /// A cut nearer to the end of a piece than this is at its end: seconds are not whole in binary.
     const SAME_S: f64 = 1e-6;
-    let total_s: f64 = runs.iter().map(|run| run.duration().get()).sum();
+    let total_s = total_s(runs);
     if total_s <= 0.0 {
         return Err(NodeError::Failed(
-            "there is no history yet: the node keeps displacement, drive and force as they come, for \
-             history.duration_s"
+            "there is no history yet: the node keeps displacement, drive and force as they come, for history.duration_s"
                 .to_owned(),
         ));
     }
@@ -179,7 +244,7 @@ fn split(runs: &[Run]) -> Result<Vec<(Role, Run)>, NodeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mr_damper_model::sample::Trace;
+    use mr_damper_model::sample::{Stamp, Trace};
 
     /// A run from `from_s` on, of `seconds`, at 100 Hz.
     fn run(from_s: i64, seconds: i64) -> Run {

@@ -125,6 +125,15 @@ impl RosArgs {
         self.node.as_deref().unwrap_or("mr_damper")
     }
 
+    /// Name of the damper: the node's namespace without slashes around it, or the node's name where there is none.
+    #[must_use]
+    pub fn damper(&self) -> &str {
+        match self.namespace.as_deref().unwrap_or_default().trim_matches('/') {
+            "" => self.node_name(),
+            namespace => namespace,
+        }
+    }
+
     /// Fully qualified name of the topic that the node calls `name`.
     #[must_use]
     pub fn topic(&self, name: &str) -> String {
