@@ -1,4 +1,4 @@
-//! Closing the loop on runs in memory: what the demo and the action `close_loop` have in common.
+//! What all closings have in common: the command, the demo and the action `close_loop`.
 
 use mr_damper_model::Error;
 use mr_damper_model::diagnose::{Closing, Runs};
@@ -22,33 +22,57 @@ pub fn rows(runs: &[Run], base: &Model) -> Result<Vec<Dataset>, Error> {
     runs.iter().map(|run| Dataset::from_run(run, &base.conditioning, &DatasetOptions::default())).collect()
 }
 
+/// What a model file says of how the model came about, besides its errors.
+#[derive(Debug, Clone, Default)]
+pub struct Origin {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Restarts that were made to identify the base.
+    pub restarts: u32,
+    /// The runs that took part.
+    pub runs: Vec<TrainingRun>,
+}
+
+/// The runs of a closing, by role, as a model file names them. Runs in memory have no SHA-256.
+#[must_use]
+pub fn training_runs(closing: &Closing, runs: &Runs) -> Vec<TrainingRun> {
+    let by_role = [
+        (Role::Estimate, runs.estimate),
+        (Role::Confirm, runs.confirm),
+        (Role::Test, runs.test),
+        (Role::Reference, runs.reference),
+        (Role::Replicate, runs.replicates),
+    ];
+    let took_part = by_role.iter().flat_map(|(role, data)| data.iter().map(move |data| (*role, data)));
+    took_part
+        .map(|(role, data)| TrainingRun {
+            name: data.name.clone(),
+            sha256: String::new(),
+            samples: data.counted() as u64,
+            force_offset_n: centred(&closing.after, data).0,
+            role: Some(role),
+        })
+        .collect()
+}
+
 /// The augmented model with what became of it: the error to expect is that on the sealed runs, or on the confirm
 /// runs where there are none, with the model's own force offset.
 #[must_use]
-pub fn model_file(closing: &Closing, runs: &Runs, seed: u64) -> ModelFile {
+pub fn model_file(closing: &Closing, runs: &Runs, origin: Origin) -> ModelFile {
     let after = &closing.after;
     let over = |data: &[Dataset]| sum(data.iter().map(|data| errors(&after.augmented(), data)));
     let validation = over(runs.test).fit();
     let judged = validation.or_else(|| over(runs.confirm).fit());
     let expected = Expected { free_run_rsse_n: judged.map(|fit| fit.rsse_n), one_step_rsse_n: None };
-    let by_role = [(Role::Estimate, runs.estimate), (Role::Confirm, runs.confirm), (Role::Test, runs.test)];
-    let took_part = by_role.iter().flat_map(|(role, data)| data.iter().map(move |data| (*role, data)));
     let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now());
     ModelFile {
         model: Model { expected, ..*after },
         provenance: Provenance {
             tool: TOOL.to_owned(),
             date: now.to_rfc3339_opts(chrono::SecondsFormat::Secs, true),
-            seed,
-            runs: took_part
-                .map(|(role, data)| TrainingRun {
-                    name: data.name.clone(),
-                    sha256: String::new(),
-                    samples: data.counted() as u64,
-                    force_offset_n: centred(after, data).0,
-                    role: Some(role),
-                })
-                .collect(),
+            seed: origin.seed,
+            restarts: origin.restarts,
+            runs: origin.runs,
             training_free_run: sum(runs.estimate.iter().map(|data| centred(after, data).1)).fit(),
             validation_free_run: validation,
             ..Provenance::default()
@@ -57,7 +81,7 @@ pub fn model_file(closing: &Closing, runs: &Runs, seed: u64) -> ModelFile {
 }
 
 /// Errors of a free run over the rows that count, with the model's own offset.
-pub(crate) fn errors(model: &Augmented, data: &Dataset) -> ErrorSum {
+fn errors(model: &Augmented, data: &Dataset) -> ErrorSum {
     let mut errors = ErrorSum::default();
     let ended = walk(model, data, |row, predicted| {
         if row.counts {
@@ -70,13 +94,13 @@ pub(crate) fn errors(model: &Augmented, data: &Dataset) -> ErrorSum {
 }
 
 /// The force offset that suits `data` best, N, and the errors with it.
-pub(crate) fn centred(model: &Model, data: &Dataset) -> (f64, ErrorSum) {
+fn centred(model: &Model, data: &Dataset) -> (f64, ErrorSum) {
     let offset_n = model.force.force_offset_n() + errors(&model.augmented(), data).mean_error_n();
     (offset_n, errors(&model.augmented().with_force_offset_n(offset_n), data))
 }
 
 /// All of `errors` together.
-pub(crate) fn sum(errors: impl Iterator<Item = ErrorSum>) -> ErrorSum {
+fn sum(errors: impl Iterator<Item = ErrorSum>) -> ErrorSum {
     errors.fold(ErrorSum::default(), |mut all, one| {
         all.merge(&one);
         all

@@ -1,6 +1,6 @@
 //! What a goal of `close_loop` is: a diagnosis of the running model on what the service remembers.
 
-use crate::closing::{TOOL, model_file, rows};
+use crate::closing::{Origin, TOOL, model_file, rows, training_runs};
 use crate::control::Control;
 use crate::error::NodeError;
 use crate::report::close as report;
@@ -122,8 +122,9 @@ impl Job {
         if cancelled.load(Ordering::Acquire) {
             return Err(NodeError::Interrupted);
         }
+        let origin = || Origin { seed: SEED, runs: training_runs(&closing, &runs), ..Origin::default() };
         let path = (!closing.effects.is_empty())
-            .then(|| write(&self.folder, &self.damper, &model_file(&closing, &runs, SEED).to_toml()?))
+            .then(|| write(&self.folder, &self.damper, &model_file(&closing, &runs, origin()).to_toml()?))
             .transpose()?;
         let loaded = match (&path, &self.swap) {
             (Some(path), Some(swap)) => swap.load(path).map(|()| true),

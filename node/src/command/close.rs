@@ -6,6 +6,7 @@ mod write;
 
 use crate::command::Surroundings;
 use crate::command::conditioning::ConditioningArgs;
+use crate::command::output::OutputArgs;
 use crate::command::progress::Working;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
@@ -87,12 +88,9 @@ pub struct Args {
     /// How runs become rows, when the base is a name; a model file holds its own filter and derivative.
     #[command(flatten)]
     pub conditioning: ConditioningArgs,
-    /// Write a report with pictures, as one HTML file.
-    #[arg(long, value_name = "R.html")]
-    pub report: Option<PathBuf>,
-    /// Write the findings as JSON to a file, or with - to stdout.
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    pub json: Option<PathBuf>,
+    /// Where the results go.
+    #[command(flatten)]
+    pub output: OutputArgs,
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,

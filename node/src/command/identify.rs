@@ -2,7 +2,7 @@
 
 use crate::command::Surroundings;
 use crate::command::conditioning::{ConditioningArgs, FilterArg, VelocityArg, velocity_text};
-use crate::command::output;
+use crate::command::output::OutputArgs;
 use crate::command::progress::Working;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
@@ -74,12 +74,9 @@ pub struct Args {
     /// How runs become rows.
     #[command(flatten)]
     pub conditioning: ConditioningArgs,
-    /// Write a report with pictures, as one HTML file.
-    #[arg(long, value_name = "R.html")]
-    pub report: Option<PathBuf>,
-    /// Write the figures as JSON to a file, or with - to stdout.
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    pub json: Option<PathBuf>,
+    /// Where the results go.
+    #[command(flatten)]
+    pub output: OutputArgs,
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
@@ -210,21 +207,8 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         estimates: found.parameters.iter().map(Estimate::of).collect(),
         restart_rsse_n: &found.restart_rsse_n,
     };
-    if let Some(path) = &args.report {
-        let page = report::identify::html(&pictured(&found.model, &runs, &held_out, &report)?);
-        std::fs::write(path, page).map_err(NodeError::io(format!("writing {}", path.display())))?;
-        tracing::info!(report = %path.display(), "written");
-    }
-    match &args.json {
-        Some(path) if path == Path::new("-") => output::json(path, &report),
-        json => {
-            if let Some(path) = json {
-                output::json(path, &report)?;
-            }
-            print!("{}", table(&report, &args.out));
-            Ok(())
-        }
-    }
+    args.output.page(|| Ok(report::identify::html(&pictured(&found.model, &runs, &held_out, &report)?)))?;
+    args.output.figures(&report, || table(&report, &args.out))
 }
 
 fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Result<Identified, NodeError> {

@@ -3,17 +3,13 @@
 use super::base::Identified;
 use super::roles::Given;
 use super::{Args, Surroundings};
-use crate::closing::{TOOL, centred, errors, sum};
-use crate::command::output;
+use crate::closing::{self, Origin, TOOL};
 use crate::error::NodeError;
 use crate::report::close::{self as report, json};
 use mr_damper_model::diagnose::{Closing, Runs};
-use mr_damper_model::metrics::Fit;
-use mr_damper_model::model::{Expected, Model};
-use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
+use mr_damper_model::model_file::{Role, TrainingRun};
 use serde::Serialize;
 use std::path::Path;
-use std::time::SystemTime;
 
 /// All that came out, and what it came from.
 pub(super) struct Done<'a> {
@@ -49,12 +45,11 @@ struct RunRow<'a> {
 /// # Errors
 /// When a folder is not there, or the base would be overwritten.
 pub(super) fn check_targets(args: &Args) -> Result<(), NodeError> {
-    let targets = [Some(&args.out), args.report.as_ref(), args.json.as_ref()];
-    for target in targets.into_iter().flatten().filter(|path| path.as_path() != Path::new("-")) {
+    for target in std::iter::once(args.out.as_path()).chain(args.output.files()) {
         let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             return Err(NodeError::File {
-                path: target.clone(),
+                path: target.to_owned(),
                 message: format!("cannot be written: there is no folder {}; make it first", folder.display()),
             });
         }
@@ -80,14 +75,11 @@ pub(super) fn all(args: &Args, done: &Done<'_>, around: &Surroundings) -> Result
     }
     let named = !done.closing.effects.is_empty();
     if named {
-        let text = model_file(args, done).to_toml()?;
+        let origin = Origin { seed: args.seed, restarts: done.base.restarts, runs: training_runs(done) };
+        let text = closing::model_file(&done.closing, &done.runs, origin).to_toml()?;
         std::fs::write(&args.out, text).map_err(NodeError::io(format!("writing {}", args.out.display())))?;
     }
-    if let Some(path) = &args.report {
-        let page = report::html(&outcome(args, done, around)?);
-        std::fs::write(path, page).map_err(NodeError::io(format!("writing {}", path.display())))?;
-        tracing::info!(report = %path.display(), "written");
-    }
+    args.output.page(|| Ok(report::html(&outcome(args, done, around)?)))?;
     let written = Written {
         report: json::Report::of(&done.closing),
         tool: TOOL,
@@ -96,13 +88,7 @@ pub(super) fn all(args: &Args, done: &Done<'_>, around: &Surroundings) -> Result
         runs: done.given.iter().map(run_row).collect(),
         model_file: named.then(|| args.out.display().to_string()),
     };
-    match &args.json {
-        Some(path) if path == Path::new("-") => return output::json(path, &written),
-        Some(path) => output::json(path, &written)?,
-        None => {}
-    }
-    print!("{}{}", report::text(&done.closing, drive(done)), ending(args, done));
-    Ok(())
+    args.output.figures(&written, || report::text(&done.closing, drive(done)) + &ending(args, done))
 }
 
 /// What the report tells: of the sealed runs, or of the confirm runs where there are none.
@@ -176,45 +162,10 @@ fn run_row(given: &Given) -> RunRow<'_> {
     RunRow { role: given.role, run: given.path.display().to_string(), sha256: &given.sha256 }
 }
 
-fn model_file(args: &Args, done: &Done<'_>) -> ModelFile {
-    let after = &done.closing.after;
-    let training = done.runs.estimate.iter().map(|data| centred(after, data).1);
-    let test = done.runs.test.iter().map(|data| errors(&after.augmented(), data));
-    let confirm = done.runs.confirm.iter().map(|data| errors(&after.augmented(), data));
-    let (training, validation) = (sum(training).fit(), sum(test).fit());
-    let judged = validation.or_else(|| sum(confirm).fit());
-    let expected = Expected { free_run_rsse_n: rsse(judged), one_step_rsse_n: None };
-    let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now());
-    ModelFile {
-        model: Model { expected, ..*after },
-        provenance: Provenance {
-            tool: TOOL.to_owned(),
-            date: now.to_rfc3339_opts(chrono::SecondsFormat::Secs, true),
-            seed: args.seed,
-            restarts: done.base.restarts,
-            runs: training_runs(done),
-            training_free_run: training,
-            validation_free_run: validation,
-            ..Provenance::default()
-        },
-    }
-}
-
-fn rsse(fit: Option<Fit>) -> Option<f64> {
-    fit.map(|fit| fit.rsse_n)
-}
-
 /// All runs of this closing, then those of the base that it did not have.
 fn training_runs(done: &Done<'_>) -> Vec<TrainingRun> {
-    let runs = &done.runs;
-    let data =
-        [runs.estimate, runs.confirm, runs.test, runs.reference, runs.replicates].into_iter().flatten();
-    let own = done.given.iter().zip(data).map(|(given, data)| TrainingRun {
-        name: given.path.display().to_string(),
-        sha256: given.sha256.clone(),
-        samples: data.counted() as u64,
-        force_offset_n: centred(&done.closing.after, data).0,
-        role: Some(given.role),
+    let own = done.given.iter().zip(closing::training_runs(&done.closing, &done.runs)).map(|(given, run)| {
+        TrainingRun { name: given.path.display().to_string(), sha256: given.sha256.clone(), ..run }
     });
     let known = |run: &&TrainingRun| done.given.iter().all(|given| given.sha256 != run.sha256);
     let before = done.base.runs.iter().filter(known);

@@ -9,6 +9,7 @@ mod work;
 
 use crate::command::Surroundings;
 use crate::command::conditioning::{ConditioningArgs, FilterArg, VelocityArg};
+use crate::command::output::OutputArgs;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::report::compare::published::Published;
@@ -20,7 +21,7 @@ use mr_damper_model::model_file::{ModelFile, Provenance};
 use runs::{Planned, Source};
 use state::{Ground, Line, State};
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 use work::in_parallel;
@@ -70,12 +71,9 @@ pub struct Args {
     /// How runs become rows.
     #[command(flatten)]
     pub conditioning: ConditioningArgs,
-    /// Write a report with pictures, as one HTML file.
-    #[arg(long, value_name = "R.html")]
-    pub report: Option<PathBuf>,
-    /// Write the figures as JSON to a file, or with - to stdout.
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    pub json: Option<PathBuf>,
+    /// Where the results go.
+    #[command(flatten)]
+    pub output: OutputArgs,
     /// File that keeps finished work, for going on after an interrupt, and stays there; by default
     /// compare.partial.jsonl beside the JSON or the report, which goes when all is done.
     #[arg(long, value_name = "FILE")]
@@ -141,7 +139,7 @@ fn published(experiments: &[Experiment]) -> Option<Published> {
 /// Where finished work is kept.
 fn state_path(args: &Args) -> PathBuf {
     const NAME: &str = "compare.partial.jsonl";
-    let beside = args.json.as_deref().filter(|path| *path != Path::new("-")).or(args.report.as_deref());
+    let beside = args.output.files().next();
     args.resume
         .clone()
         .unwrap_or_else(|| beside.map_or(PathBuf::from(NAME), |path| path.with_file_name(NAME)))

@@ -3,7 +3,6 @@
 use super::state::Line;
 use super::{Args, Work, pictures, tables};
 use crate::command::conditioning::velocity_text;
-use crate::command::output;
 use crate::error::NodeError;
 use crate::report::compare::published::Published;
 use crate::report::compare::{Outcome, StepTime, html};
@@ -11,7 +10,6 @@ use mr_damper_model::compare::{Figure, Finished, Persistence, Predictor, Summary
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::ModelFile;
 use serde::Serialize;
-use std::path::Path;
 
 /// All that came out.
 pub(super) struct Done {
@@ -100,22 +98,8 @@ struct PersistenceRow<'a> {
 pub(super) fn write(args: &Args, work: &Work, done: &Done) -> Result<(), NodeError> {
     let models = done.lines.iter().map(model).collect::<Result<Vec<_>, _>>()?;
     let times = step_times(work, done, &models);
-    if let Some(path) = &args.report {
-        let page = html(&outcome(args, work, done, &models, &times));
-        std::fs::write(path, page).map_err(NodeError::io(format!("writing {}", path.display())))?;
-        tracing::info!(report = %path.display(), "written");
-    }
-    let report = report(args, work, done, &times);
-    match &args.json {
-        Some(path) if path == Path::new("-") => output::json(path, &report),
-        json => {
-            if let Some(path) = json {
-                output::json(path, &report)?;
-            }
-            print!("{}", tables::text(done, &times));
-            Ok(())
-        }
-    }
+    args.output.page(|| Ok(html(&outcome(args, work, done, &models, &times))))?;
+    args.output.figures(&report(args, work, done, &times), || tables::text(done, &times))
 }
 
 fn model(line: &Line) -> Result<Option<Model>, NodeError> {

@@ -7,7 +7,7 @@
 
 use super::Args;
 use super::damper::{self, BENCH_S, Purpose};
-use crate::closing::{model_file, rows};
+use crate::closing::{Origin, model_file, rows, training_runs};
 use crate::command::Surroundings;
 use crate::command::close::in_words;
 use crate::error::NodeError;
@@ -109,7 +109,8 @@ pub(super) fn close(
     let closing = diagnose::close(base, &runs, &settings, &watch, &say)?;
     let named = !closing.effects.is_empty();
     if named {
-        let text = model_file(&closing, &runs, args.seed).to_toml()?;
+        let origin = Origin { seed: args.seed, runs: training_runs(&closing, &runs), ..Origin::default() };
+        let text = model_file(&closing, &runs, origin).to_toml()?;
         std::fs::write(path, text).map_err(NodeError::io(format!("writing {}", path.display())))?;
     }
     Ok(Found {
