@@ -192,6 +192,33 @@ fn the_rigs_lag_is_found_proved_and_written_and_its_sealed_run_is_sealed_no_more
     );
 }
 
+#[test]
+fn a_running_node_is_asked_for_nothing_that_only_runs_on_disk_have() {
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    for (line, word) in [
+        ("close --live --base damper.toml", "--base"),
+        ("close --live --estimate a.csv --confirm b.csv --out new.toml", "--estimate"),
+        ("close --live --out new.toml", "--out"),
+        ("close --live --block-s 3", "--block-s"),
+        ("close --live --velocity measured", "--velocity"),
+        ("close --live --skip-bad-rows", "--skip-bad-rows"),
+        ("close --live --report new.html", "--report"),
+        ("close --live --history 0", "positive number of seconds"),
+        ("close --live --history -1", "positive number of seconds"),
+        ("close --live --history nan", "positive number of seconds"),
+        ("close --live --domain-id 233", "233"),
+        ("close --history 60", "--live"),
+        ("close --history 60 --base a.toml --estimate a.csv --out new.toml", "--history"),
+        ("close --domain-id 1 --base a.toml --estimate a.csv --out new.toml", "--domain-id"),
+        ("close", "--base"),
+    ] {
+        let output = mr_damper(dir.path(), &line.split(' ').collect::<Vec<_>>());
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{line}: {said}");
+        assert!(said.contains(word), "{line}: \"{word}\" is missing in: {said}");
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn ctrl_c_ends_it_at_once_and_nothing_is_written() {

@@ -1,5 +1,5 @@
-//! The action `close_loop` on the real service, over real DDS: it names what the running model lacks, can be cancelled, and
-//! swaps nothing in unasked.
+//! The action `close_loop` on the real service, over real DDS, by a client of its own and by `mr-damper close --live`: it names
+//! what the running model lacks, can be cancelled, and swaps nothing in unasked.
 
 use futures::StreamExt;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
@@ -16,7 +16,9 @@ use mr_damper_node::service::Service;
 use ros2_client::NodeOptions;
 use ros2_client::action::{GoalId, GoalStatusEnum};
 use serde_json::Value;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 87;
@@ -57,6 +59,11 @@ struct Stage {
 
 impl Stage {
     fn set(domain_id: i64, dir: &Path, auto_load: bool) -> Self {
+        Self::within("/", domain_id, dir, auto_load)
+    }
+
+    /// The same in a namespace.
+    fn within(namespace: &str, domain_id: i64, dir: &Path, auto_load: bool) -> Self {
         let path = dir.join("base.toml");
         write(&path, base());
         let config = Config {
@@ -66,14 +73,14 @@ impl Stage {
             close_loop_auto_load: auto_load,
             ..Config::default()
         };
-        let args = RosArgs::default();
+        let args = RosArgs { namespace: Some(namespace.to_owned()), ..RosArgs::default() };
         let (service, _) = Service::start(&config, &args, false).expect("the service starts");
         let history = service.history();
         for sample in run(60.0, LAG_S, 2).samples() {
             history.lock().expect("no panic").push(&sample);
         }
         let mut peer = Ros::start(&config, &args, NodeOptions::new(), "peer").expect("a peer starts");
-        let client = peer.action_client::<CloseLoop>("/close_loop").expect("a client");
+        let client = peer.action_client::<CloseLoop>(&args.topic("close_loop")).expect("a client");
         within(20, async {
             client.goal_client().wait_for_service(peer.node()).await;
             client.result_client().wait_for_service(peer.node()).await;
@@ -261,4 +268,108 @@ fn it_can_be_cancelled_and_says_what_it_lacks() {
     });
     drop(client);
     peer.stop();
+}
+
+/// `mr-damper close --live` in a domain, with further arguments.
+fn close_live(domain_id: i64, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
+    command.args(["close", "--live", "--domain-id", &domain_id.to_string()]).args(arguments);
+    command.env_remove("RUST_LOG").env_remove("ROS_AUTOMATIC_DISCOVERY_RANGE").stdin(Stdio::null());
+    command
+}
+
+const FRONT_LEFT: [&str; 3] = ["--ros-args", "-r", "__ns:=/front_left"];
+
+#[test]
+fn the_command_has_a_running_node_do_it_and_says_how_to_go_on() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let stage = Stage::within("/front_left", DOMAIN - 1, dir.path(), false);
+    let started = Instant::now();
+    let output = close_live(DOMAIN - 1, &FRONT_LEFT).output().expect("it runs");
+    println!("{:.1?}", started.elapsed());
+    let [out, log] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("UTF-8"));
+    assert!(output.status.success(), "{log}");
+    assert!(log.contains("effect 1: scores of the library"), "stages on stderr: {log}");
+    assert!(out.contains("\nNamed\n") && out.contains("parts of one recording"), "{out}");
+    // The line to paste names what was written, and `load_model` takes it.
+    let line = out.lines().find(|line| line.contains("ros2 service call")).expect("a line to paste");
+    let (before, path) = line.split_once(" mr_damper_msgs/srv/LoadModel ").expect("the type");
+    assert_eq!(
+        before.trim(),
+        format!("ROS_DOMAIN_ID={} ros2 service call /front_left/load_model", DOMAIN - 1)
+    );
+    let path = path.trim_start_matches("\"{model: '").trim_end_matches("'}\"");
+    assert!(path.contains("mr-damper-close-front_left-"), "{path}");
+    stage.load(Path::new(path));
+
+    // What is lacking is there now.
+    let arguments = [&["--json", "-", "-q", "--history", "1000"], &FRONT_LEFT[..]].concat();
+    let output = close_live(DOMAIN - 1, &arguments).output().expect("it runs");
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && !log.contains("scores"), "{log}");
+    let report: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
+    assert_eq!((&report["verdict"], &report["model_file"]), (&"nothing_to_explain".into(), &Value::Null));
+
+    // One goal at a time; and a goal that comes to nothing is a failure that says why.
+    let id = stage.send(ALL_S).expect("a good goal is accepted");
+    let output = close_live(DOMAIN - 1, &FRONT_LEFT).output().expect("it runs");
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{log}");
+    assert!(log.contains("/front_left/close_loop rejects the goal"), "{log}");
+    assert_eq!(stage.cancel(id), 1, "the other one goes on");
+    let _ = stage.result(id);
+    let arguments = [&["--history", "3"], &FRONT_LEFT[..]].concat();
+    let output = close_live(DOMAIN - 1, &arguments).output().expect("it runs");
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{log}");
+    assert!(log.contains("18 s of motion"), "{log}");
+    stage.end();
+}
+
+#[test]
+fn without_a_node_the_command_says_where_it_looked() {
+    let started = Instant::now();
+    let output = close_live(DOMAIN - 2, &FRONT_LEFT).output().expect("it runs");
+    assert!(started.elapsed() < Duration::from_secs(15), "{:?}", started.elapsed());
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{log}");
+    let domain = format!("domain {}", DOMAIN - 2);
+    for word in ["/front_left/close_loop", &domain, "now /front_left", "mr-damper node", "--domain-id"] {
+        assert!(log.contains(word), "\"{word}\" is missing in: {log}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_the_command_and_cancels_its_goal() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let stage = Stage::set(DOMAIN - 3, dir.path(), false);
+    let mut child = close_live(DOMAIN - 3, &["--json", "-"])
+        .stderr(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("it runs");
+    let mut log = BufReader::new(child.stderr.take().expect("a pipe"));
+    let mut said = String::new();
+    while !said.contains("refitting the base") {
+        assert!(log.read_line(&mut said).expect("a pipe") > 0, "{said}");
+    }
+    let killed = Instant::now();
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
+    while log.read_line(&mut said).expect("a pipe") > 0 {}
+    let output = child.wait_with_output().expect("it ends");
+    println!("ended {:.2?} after Ctrl-C", killed.elapsed());
+    // A second on an idle machine; tests run on busy ones.
+    assert!(killed.elapsed() < Duration::from_secs(5), "{:?}", killed.elapsed());
+    assert_eq!(output.status.code(), Some(1));
+    assert!(output.stdout.is_empty() && said.contains("the goal is cancelled"), "{said}");
+    // The node takes the next goal long before the one that was cancelled would have been done.
+    let deadline = Instant::now() + Duration::from_secs(2);
+    while stage.send(3.0).is_none() {
+        assert!(Instant::now() < deadline, "the goal was cancelled");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).expect("readable").count(), 1, "the base alone");
+    stage.end();
 }

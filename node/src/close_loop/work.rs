@@ -180,7 +180,10 @@ impl Swap {
 /// Writes a model file under a name of its own; a file that is there may be the one that runs.
 fn write(folder: &Path, damper: &str, text: &str) -> Result<PathBuf, NodeError> {
     let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now()).format("%Y%m%dT%H%M%S%3fZ");
-    let path = folder.join(format!("mr-damper-close-{}-{now}.toml", damper.replace('/', "-")));
+    let name = format!("mr-damper-close-{}-{now}.toml", damper.replace('/', "-"));
+    // Whoever reads the report may be anywhere.
+    let path =
+        std::path::absolute(folder.join(name)).map_err(NodeError::io("finding the current directory"))?;
     let written = OpenOptions::new().write(true).create_new(true).open(&path);
     written
         .and_then(|mut file| file.write_all(text.as_bytes()))

@@ -1,6 +1,7 @@
 //! `mr-damper close`: names the physical effect that a model lacks, adds it, and says what it mends.
 
 mod base;
+mod live;
 mod roles;
 mod write;
 
@@ -11,6 +12,7 @@ use crate::command::progress::Working;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use base::Base;
+use live::LiveArgs;
 use mr_damper_model::diagnose::{self, Runs, Settings, Stage};
 use mr_damper_model::identify::{Dataset, Watch};
 use mr_damper_model::model_file::Role;
@@ -37,7 +39,9 @@ Examples:
       identifies the base on a.csv and b.csv first (with --reference: on the healthy runs)
   mr-damper close --base damper.toml --estimate worn-1.csv --confirm worn-2.csv --test worn-3.csv \\
                   --reference new-1.csv new-2.csv new-3.csv --out damper+.toml
-      what wear has changed";
+      what wear has changed
+  mr-damper close --live --history 60 --ros-args -r __ns:=/front_left
+      has the node in that namespace do it, on its last 60 s and with the model that it runs";
 
 /// Name the physical effect that a model lacks, add it to the model, and tell what it mends.
 ///
@@ -45,52 +49,69 @@ Examples:
 /// coil, friction, a spring in series, ...). An effect is named when it is significant, lies in its physical range, and
 /// helps on every confirm run; up to three. The sealed runs are read once, at the end. When nothing is named, no model
 /// file is written, which is an answer and no failure.
+///
+/// With --live a running node does it, with its own model and on what it remembers.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub struct Args {
+    /// A running node.
+    #[command(flatten)]
+    pub live: LiveArgs,
+    /// Recorded runs; `None` with --live.
+    #[command(flatten)]
+    pub recorded: Option<RecordedArgs>,
+    /// Where the results go.
+    #[command(flatten)]
+    pub output: OutputArgs,
+}
+
+/// All arguments that `--live` leaves nothing to say. clap makes a group by the struct's name, but leaves it empty where
+/// another one is flattened into the struct.
+const GROUP: &str = "RecordedArgs";
+
+/// A base and runs on disk.
+#[derive(Debug, clap::Args)]
+pub struct RecordedArgs {
     /// Model file, preset, or name of a model (fuzzy-tanh, kwok, ...) that is identified on the estimate runs first.
-    #[arg(long, value_name = "MODEL")]
+    #[arg(long, group = GROUP, value_name = "MODEL", required = false, required_unless_present = "live")]
     pub base: String,
     /// Runs that effects are found on: CSV files, rosbag2 directories, .mcap files.
-    #[arg(long, value_name = "RUN", num_args = 1.., required = true)]
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1.., required_unless_present = "live")]
     pub estimate: Vec<PathBuf>,
     /// Runs that decide whether a finding holds; at least one.
-    #[arg(long, value_name = "RUN", num_args = 1..)]
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub confirm: Vec<PathBuf>,
     /// Sealed runs, read once at the end: error before and after.
-    #[arg(long, value_name = "RUN", num_args = 1..)]
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub test: Vec<PathBuf>,
     /// Healthy runs with the same excitation, one for each run in the order estimate, confirm, test.
-    #[arg(long, value_name = "RUN", num_args = 1..)]
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub reference: Vec<PathBuf>,
     /// Runs of one pattern, for the noise floor; at least two.
-    #[arg(long, value_name = "RUN", num_args = 1..)]
+    #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub replicates: Vec<PathBuf>,
     /// Noise floor in newtons root mean square, where you know it.
-    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = positive)]
+    #[arg(long, group = GROUP, value_name = "N", allow_hyphen_values = true, value_parser = positive)]
     pub noise_floor: Option<f64>,
     /// Least length of the blocks that evidence is counted by, s. With blocks under 3 s chance names effects more easily:
     /// shorten them only where there is no more data.
-    #[arg(long, value_name = "S", default_value_t = Settings::default().block_s)]
+    #[arg(long, group = GROUP, value_name = "S", default_value_t = Settings::default().block_s)]
     pub block_s: f64,
     /// Model file to write.
-    #[arg(long, value_name = "MODEL+.toml")]
+    #[arg(long, group = GROUP, value_name = "MODEL+.toml", required = false, required_unless_present = "live")]
     pub out: PathBuf,
     /// The form without the drive, when the base is a name.
-    #[arg(long)]
+    #[arg(long, group = GROUP)]
     pub passive: bool,
     /// Random starting points, when the base is a name [default: 25].
-    #[arg(long, value_name = "N")]
+    #[arg(long, group = GROUP, value_name = "N")]
     pub restarts: Option<u32>,
     /// Seed of everything random.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, group = GROUP, value_name = "N", default_value_t = 0)]
     pub seed: u64,
     /// How runs become rows, when the base is a name; a model file holds its own filter and derivative.
     #[command(flatten)]
     pub conditioning: ConditioningArgs,
-    /// Where the results go.
-    #[command(flatten)]
-    pub output: OutputArgs,
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
@@ -106,12 +127,19 @@ fn positive(text: &str) -> Result<f64, String> {
 /// Closes the loop, and writes what was found.
 ///
 /// # Errors
-/// When runs or base do not load or do not go together, a run is given twice or a sealed one is not sealed, or a file cannot
+/// With --live, those of a node that does not answer, rejects the goal or comes to nothing. Else when runs or base do not load or do not go together, a run is given twice or a sealed one is not sealed, or a file cannot
 /// be written; when interrupted, in which case nothing is written.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    match &args.recorded {
+        Some(recorded) => on_runs(recorded, &args.output, around),
+        None => live::run(&args.live, &args.output, around),
+    }
+}
+
+fn on_runs(args: &RecordedArgs, output: &OutputArgs, around: &Surroundings) -> Result<(), NodeError> {
     let started = Instant::now();
     roles::check_counts(args)?;
-    write::check_targets(args)?;
+    write::check_targets(args, output)?;
     let base = Base::of(args)?;
     let working = Working::new(around.quiet);
     let given = roles::load(args, &base, around, &working)?;
@@ -145,13 +173,13 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let closing = close(&base, &runs, args, around, &working)?;
     drop(working);
     let done = write::Done { closing, base, runs, given: &given, seconds: started.elapsed().as_secs_f64() };
-    write::all(args, &done, around)
+    write::all(args, output, &done, around)
 }
 
 fn close(
     base: &base::Identified,
     runs: &Runs,
-    args: &Args,
+    args: &RecordedArgs,
     around: &Surroundings,
     working: &Working,
 ) -> Result<diagnose::Closing, NodeError> {
@@ -200,7 +228,7 @@ impl Given {
     fn rows(
         &self,
         model: &mr_damper_model::model::Model,
-        args: &Args,
+        args: &RecordedArgs,
         around: &Surroundings,
     ) -> Result<Dataset, NodeError> {
         if around.interrupt.is_raised() {

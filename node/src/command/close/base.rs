@@ -1,7 +1,7 @@
 //! The base of a closing: a model file, a preset, or a name that is identified first.
 
 use super::roles::Given;
-use super::{Args, interrupted};
+use super::{RecordedArgs, interrupted};
 use crate::command::Surroundings;
 use crate::command::conditioning::{FilterArg, VelocityArg};
 use crate::command::progress::Working;
@@ -41,7 +41,7 @@ impl Base {
     ///
     /// # Errors
     /// When there is no such file, preset or name, or flags are given that it leaves nothing to say.
-    pub(super) fn of(args: &Args) -> Result<Self, NodeError> {
+    pub(super) fn of(args: &RecordedArgs) -> Result<Self, NodeError> {
         let names: Vec<&str> = Structure::all().into_iter().map(Structure::name).collect();
         if names.contains(&args.base.as_str()) {
             let form = if args.passive { Form::Passive } else { Form::SemiActive };
@@ -124,7 +124,7 @@ impl Base {
     pub(super) fn identified(
         self,
         given: &[Given],
-        args: &Args,
+        args: &RecordedArgs,
         around: &Surroundings,
         working: &Working,
     ) -> Result<Identified, NodeError> {
@@ -166,7 +166,7 @@ impl Base {
 }
 
 /// The first flag that only a base to be identified leaves open.
-fn superfluous(args: &Args) -> Option<&'static str> {
+fn superfluous(args: &RecordedArgs) -> Option<&'static str> {
     let own = [("--passive", args.passive), ("--restarts", args.restarts.is_some())];
     args.conditioning.given().or(own.into_iter().find_map(|(flag, given)| given.then_some(flag)))
 }

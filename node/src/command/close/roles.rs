@@ -1,6 +1,6 @@
 //! The runs of a closing by what they are for, and what forbids one.
 
-use super::Args;
+use super::RecordedArgs;
 use super::base::Base;
 use crate::command::Surroundings;
 use crate::command::progress::Working;
@@ -30,7 +30,7 @@ const fn flag(role: Role) -> &'static str {
 }
 
 /// All paths, in the order in which they are read.
-fn paths(args: &Args) -> Vec<(Role, &Path)> {
+fn paths(args: &RecordedArgs) -> Vec<(Role, &Path)> {
     let lists: [(Role, &[PathBuf]); 5] = [
         (Role::Estimate, &args.estimate),
         (Role::Confirm, &args.confirm),
@@ -45,7 +45,7 @@ fn paths(args: &Args) -> Vec<(Role, &Path)> {
 ///
 /// # Errors
 /// [`NodeError::Usage`] without confirm runs, with one replicate, or with reference runs that are not one for each run.
-pub(super) fn check_counts(args: &Args) -> Result<(), NodeError> {
+pub(super) fn check_counts(args: &RecordedArgs) -> Result<(), NodeError> {
     if args.confirm.is_empty() {
         return Err(NodeError::Usage(
             "there is no confirm run: a name that was not checked on another run is a guess. Give at least one with \
@@ -80,7 +80,7 @@ pub(super) fn check_counts(args: &Args) -> Result<(), NodeError> {
 /// When a run does not load, is there twice by content, is driven otherwise than `base` or the other runs, or is to be
 /// sealed and `base` knows it.
 pub(super) fn load(
-    args: &Args,
+    args: &RecordedArgs,
     base: &Base,
     around: &Surroundings,
     working: &Working,

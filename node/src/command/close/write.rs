@@ -2,8 +2,9 @@
 
 use super::base::Identified;
 use super::roles::Given;
-use super::{Args, Surroundings};
+use super::{RecordedArgs, Surroundings};
 use crate::closing::{self, Origin, TOOL};
+use crate::command::output::OutputArgs;
 use crate::error::NodeError;
 use crate::report::close::{self as report, json};
 use mr_damper_model::diagnose::{Closing, Runs};
@@ -44,8 +45,8 @@ struct RunRow<'a> {
 ///
 /// # Errors
 /// When a folder is not there, or the base would be overwritten.
-pub(super) fn check_targets(args: &Args) -> Result<(), NodeError> {
-    for target in std::iter::once(args.out.as_path()).chain(args.output.files()) {
+pub(super) fn check_targets(args: &RecordedArgs, output: &OutputArgs) -> Result<(), NodeError> {
+    for target in std::iter::once(args.out.as_path()).chain(output.files()) {
         let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             return Err(NodeError::File {
@@ -69,7 +70,12 @@ pub(super) fn check_targets(args: &Args) -> Result<(), NodeError> {
 ///
 /// # Errors
 /// When a file cannot be written; [`NodeError::Interrupted`].
-pub(super) fn all(args: &Args, done: &Done<'_>, around: &Surroundings) -> Result<(), NodeError> {
+pub(super) fn all(
+    args: &RecordedArgs,
+    output: &OutputArgs,
+    done: &Done<'_>,
+    around: &Surroundings,
+) -> Result<(), NodeError> {
     if around.interrupt.is_raised() {
         return Err(NodeError::Interrupted);
     }
@@ -79,7 +85,7 @@ pub(super) fn all(args: &Args, done: &Done<'_>, around: &Surroundings) -> Result
         let text = closing::model_file(&done.closing, &done.runs, origin).to_toml()?;
         std::fs::write(&args.out, text).map_err(NodeError::io(format!("writing {}", args.out.display())))?;
     }
-    args.output.page(|| Ok(report::html(&outcome(args, done, around)?)))?;
+    output.page(|| Ok(report::html(&outcome(args, done, around)?)))?;
     let written = Written {
         report: json::Report::of(&done.closing),
         tool: TOOL,
@@ -88,12 +94,12 @@ pub(super) fn all(args: &Args, done: &Done<'_>, around: &Surroundings) -> Result
         runs: done.given.iter().map(run_row).collect(),
         model_file: named.then(|| args.out.display().to_string()),
     };
-    args.output.figures(&written, || report::text(&done.closing, drive(done)) + &ending(args, done))
+    output.figures(&written, || report::text(&done.closing, drive(done)) + &ending(args, done))
 }
 
 /// What the report tells: of the sealed runs, or of the confirm runs where there are none.
 fn outcome<'a>(
-    args: &Args,
+    args: &RecordedArgs,
     done: &'a Done<'_>,
     around: &Surroundings,
 ) -> Result<report::Outcome<'a>, NodeError> {
@@ -148,7 +154,7 @@ fn drive(done: &Done<'_>) -> Option<mr_damper_model::sample::DriveKind> {
 }
 
 /// What was written, and how long it took.
-fn ending(args: &Args, done: &Done<'_>) -> String {
+fn ending(args: &RecordedArgs, done: &Done<'_>) -> String {
     let out = args.out.display();
     let model = match (done.closing.effects.is_empty(), args.out.exists()) {
         (false, _) => format!("model file: {out}"),
