@@ -17,6 +17,8 @@ mod interop_support;
 use interop_support::gate::{Outcome, data, interop, long, say};
 use interop_support::json::{count, found, number, text, texts, truth};
 use interop_support::{Distro, Lab, NODE, PRESET, ZENOH_ENDPOINT};
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_node::run::{SaveOptions, save};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -145,6 +147,66 @@ fn residuals_arrived(saw: &Value) {
         changes.iter().all(|change| !text(change, "/reason").is_empty()),
         "each has a reason: {changes:#?}"
     );
+}
+
+#[test]
+fn rclpy_jazzy_closes_the_loop() {
+    interop("close_loop with rclpy jazzy", |lab| close_loop(lab, Distro::Jazzy));
+}
+
+#[test]
+fn rclpy_kilted_closes_the_loop() {
+    interop("close_loop with rclpy kilted", |lab| close_loop(lab, Distro::Kilted));
+}
+
+/// A damper whose coil has got a lag since its model was identified: rclpy has the node name it and swap it in.
+fn close_loop(lab: &Lab, distro: Distro) -> Outcome {
+    const HISTORY_S: &str = "60";
+    const LAG_S: f64 = 0.012;
+    let recorded = |name: &str, seconds: f64, lag_s: f64, seed: u64| {
+        let experiment =
+            Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(seconds);
+        let channels =
+            Channels { displacement_noise_m: 3e-7, displacement_step_m: 1e-7, ..Channels::default() };
+        let run = record(&experiment, &Plant::quasi_static().with_coil_lag_s(lag_s), &channels, seed);
+        let path = lab.folder().join(name);
+        save(&run, &path, &SaveOptions::default()).expect("room in the temporary directory");
+        path
+    };
+    let (healthy, run) = (recorded("healthy.csv", 20.0, 0.0, 1), recorded("lag.csv", 60.0, LAG_S, 2));
+    let more = ["--restarts", "3", "--velocity", "three-point"];
+    let base = identify(lab, "fuzzy-tanh", std::slice::from_ref(&healthy), &more);
+    let out = format!("close_loop.out:={}", utf8(lab.folder()));
+    let _node = lab.node(&base, &["-r", "__ns:=/front_left", "-p", &out]);
+    let replay = ["--quiet", "replay", utf8(&run), "--rate", "6", "--duration", HISTORY_S, "--wait", "20"];
+    lab.mr_damper(&[&replay[..], &["--ros-args", "-r", "__ns:=/front_left"]].concat()).output(PEER);
+    let saw =
+        lab.ros(distro, "close_peer.py", &["--namespace", "/front_left", "--history", HISTORY_S]).json(PEER);
+
+    assert!(!truth(&saw, "/refused"), "a negative history was accepted: {saw:#}");
+    assert!(!truth(&saw, "/second"), "two goals were accepted at once: {saw:#}");
+    let closed = found(&saw, "/closed");
+    assert!(text(closed, "/status") == "succeeded" && truth(closed, "/success"), "{closed:#}");
+    let effects = found(closed, "/report/effects").as_array().expect("a list of effects");
+    let lag = effects.iter().find(|effect| text(effect, "/id") == "coil_lag");
+    let lag = lag.unwrap_or_else(|| panic!("the coil has a lag: {closed:#}"));
+    let tau_s = number(lag, "/parameters/tau_s");
+    assert!((tau_s / LAG_S - 1.0).abs() < 0.1, "{tau_s} s");
+    assert!(!truth(closed, "/report/loaded"), "nothing is swapped in unasked: {closed:#}");
+    let stages = found(&saw, "/feedback").as_array().expect("a list of stages");
+    assert!(stages.len() >= 3 && stages.iter().all(|stage| !text(stage, "/0").is_empty()), "{stages:#?}");
+
+    assert_eq!(count(&saw, "/cancelling"), 1, "{saw:#}");
+    assert_eq!(text(&saw, "/cancelled/status"), "canceled");
+    assert!(!truth(&saw, "/cancelled/success"), "{saw:#}");
+    assert!(truth(&saw, "/loaded/success"), "{:#}", found(&saw, "/loaded"));
+    assert!(text(&saw, "/loaded/message").contains("mr-damper-close-front_left"), "{saw:#}");
+    Outcome::Passed(format!(
+        "a lag of {:.1} ms named in {:.1} s, {} stages heard, one goal cancelled, the model loaded",
+        1e3 * tau_s,
+        number(closed, "/report/seconds"),
+        stages.len()
+    ))
 }
 
 #[test]
