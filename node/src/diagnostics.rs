@@ -6,7 +6,7 @@ use mr_damper_msgs::standard::{DiagnosticStatus, KeyValue};
 use std::time::{Duration, Instant};
 
 /// What to do about a raised alarm.
-pub const ALARM_ADVICE: &str = "name what the model lacks with `mr-damper close` on recorded runs, and swap the new model in with load_model";
+pub const ALARM_ADVICE: &str = "name what the model lacks with `mr-damper close --live` (action close_loop) or with `mr-damper close` on recorded runs, and swap the new model in with load_model";
 
 /// Age of the last residual beyond which there is none.
 const SILENCE: Duration = Duration::from_secs(2);
@@ -179,7 +179,7 @@ mod tests {
             model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0
         as good as expected: 0 /front_left/mr_damper: residual [front_left] the residual is 1.04 times what the model's identification promised; no alarm
             model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=52.0000 expected_rsse_n=50.0000 ratio=1.0400 windowed_esr=0.0123
-        the alarm rises: 1 /front_left/mr_damper: residual [front_left] the model is off: its residual is 3.00 times what its identification promised, alarm since 1700000000.250 s; name what the model lacks with `mr-damper close` on recorded runs, and swap the new model in with load_model
+        the alarm rises: 1 /front_left/mr_damper: residual [front_left] the model is off: its residual is 3.00 times what its identification promised, alarm since 1700000000.250 s; name what the model lacks with `mr-damper close --live` (action close_loop) or with `mr-damper close` on recorded runs, and swap the new model in with load_model
             model=thesis/fuzzy-tanh/rp3-cs alarm=true false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=150.0000 expected_rsse_n=50.0000 ratio=3.0000 windowed_esr=0.0123 alarm_since_s=1700000000.250
         measured force stops: 3 /front_left/mr_damper: residual [front_left] no residual for 3 s: measured_force or displacement is silent
             model=thesis/fuzzy-tanh/rp3-cs alarm=true false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=150.0000 expected_rsse_n=50.0000 ratio=3.0000 windowed_esr=0.0123 alarm_since_s=1700000000.250

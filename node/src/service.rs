@@ -5,7 +5,8 @@
 //!                                                          ├→ ring ─→ Zenoh thread ─→ keys
 //!                                                          ├→ ring ─→ overseer ─→ /diagnostics, history
 //!                                                          └→ ring ─→ whoever asked for one (screen, report)
-//! load_model, close_loop ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
+//! load_model ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
+//! close_loop ─→ actions thread ─→ diagnosing thread, on a copy of the history ─→ control, where that is allowed
 //! ```
 
 use crate::config::{Config, RosArgs};

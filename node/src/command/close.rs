@@ -20,6 +20,11 @@ use roles::Given;
 use std::path::PathBuf;
 use std::time::Instant;
 
+/// The two ways to call it.
+const USAGE: &str = "\
+mr-damper close --base <MODEL> --estimate <RUN>... --confirm <RUN>... --out <MODEL+.toml> [OPTIONS]
+       mr-damper close --live [--history <S>] [--json [<FILE>]] [--ros-args ...]";
+
 /// What it teaches at the end of `--help`.
 const EXAMPLES: &str = "\
 What each set of runs is for (whole runs; no file may serve twice):
@@ -52,17 +57,17 @@ Examples:
 ///
 /// With --live a running node does it, with its own model and on what it remembers.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = EXAMPLES)]
+#[command(after_long_help = EXAMPLES, override_usage = USAGE)]
 pub struct Args {
-    /// A running node.
-    #[command(flatten)]
-    pub live: LiveArgs,
-    /// Recorded runs; `None` with --live.
-    #[command(flatten)]
-    pub recorded: Option<RecordedArgs>,
     /// Where the results go.
     #[command(flatten)]
     pub output: OutputArgs,
+    /// Recorded runs; `None` with --live.
+    #[command(flatten)]
+    pub recorded: Option<RecordedArgs>,
+    /// A running node.
+    #[command(flatten)]
+    pub live: LiveArgs,
 }
 
 /// All arguments that `--live` leaves nothing to say. clap makes a group by the struct's name, but leaves it empty where

@@ -285,21 +285,21 @@ const MAIN: [Parameter; 21] = [
         "history.duration_s",
         10.0..=3600.0,
         true,
-        "length of the raw input that is kept for close_loop, s",
+        "length of the raw input that is kept for the action close_loop, s; 30 s of motion are the least that names anything",
         history_duration_s
     ),
     text!(
         "close_loop.out",
         Kind::Text,
         true,
-        "directory of the model files that the action close_loop writes; empty: the system's temporary directory",
+        "directory of the model files that the action close_loop writes, on the node's machine; empty: the system's temporary directory",
         close_loop_out
     ),
     Parameter {
         name: "close_loop.auto_load",
         kind: Kind::Bool,
         runtime: true,
-        doc: "swap the model that close_loop has found into the running node; false: load_model does, when it is asked",
+        doc: "true: swap the model that the action close_loop has found in, unasked; false: load_model does, when somebody calls it",
         get: |c| Value::Bool(c.close_loop_auto_load),
         set: |c, v| {
             if let Value::Bool(b) = v {
