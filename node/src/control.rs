@@ -10,6 +10,7 @@ use crate::models;
 use crate::sink::ros::SharedNames;
 use crate::sink::zenoh::Renamer;
 use crate::wire::ModelNames;
+use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Models, Pipeline};
 use ros2_client::{NodeOptions, ParameterValue};
 use std::sync::atomic::Ordering;
@@ -100,11 +101,28 @@ impl Control {
     /// When the model does not load, wants another drive than the node is fed with, or does not go with the
     /// settings: then nothing changes. When the estimating thread does not answer.
     pub fn load_model(&self, name: &str) -> Result<Loaded, NodeError> {
+        self.load(name, None)
+    }
+
+    /// The same, unless another free-running model than `made_from` is in force by then.
+    ///
+    /// # Errors
+    /// Those of [`Control::load_model`]; when another model is in force.
+    pub fn load_model_over(&self, name: &str, made_from: &Model) -> Result<Loaded, NodeError> {
+        self.load(name, Some(made_from))
+    }
+
+    fn load(&self, name: &str, made_from: Option<&Model>) -> Result<Loaded, NodeError> {
         let asked = Config { model: name.to_owned(), ..self.config() };
         let (models, mut now) = models::from_config(&asked)?;
 
         // From here to the command's place in the ring nothing else may change.
         let mut state = lock(&self.state);
+        if made_from.is_some_and(|model| *model != state.models.free) {
+            return Err(NodeError::Failed(format!(
+                "another model was loaded meanwhile, and {name} is made from the one before it"
+            )));
+        }
         let before = read(&self.names);
         let models = models::succeeding(models, &state.models)?;
         if models.seeded.is_some() && now.seeded.is_none() {

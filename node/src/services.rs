@@ -88,11 +88,13 @@ impl Answering {
     }
 
     fn load_model(&self, request: &LoadModelRequest) -> LoadModelResponse {
-        match load_model(&self.control, &self.node, &request.model) {
-            Ok(Loaded { before, now }) => LoadModelResponse {
-                success: true,
-                message: format!("{} is in force; before it was {}", now.free, before.free),
-            },
+        match self.control.load_model(&request.model) {
+            Ok(loaded) => {
+                tell(&loaded, &self.node);
+                let Loaded { before, now } = loaded;
+                let message = format!("{} is in force; before it was {}", now.free, before.free);
+                LoadModelResponse { success: true, message }
+            }
             Err(error) => {
                 tracing::warn!(model = request.model, "load_model refused: {error}");
                 LoadModelResponse { success: false, message: error.to_string() }
@@ -101,17 +103,12 @@ impl Answering {
     }
 }
 
-/// Loads the preset or model file `name`, and sees that log and parameter `model` say so.
-///
-/// # Errors
-/// Those of [`Control::load_model`].
-pub(crate) fn load_model(control: &Control, node: &Node, name: &str) -> Result<Loaded, NodeError> {
-    let loaded = control.load_model(name)?;
+/// Says in the log and by the parameter `model` that another model is in force.
+pub(crate) fn tell(loaded: &Loaded, node: &Node) {
     let (before, now) = (&loaded.before.free, &loaded.now.free);
     tracing::info!(model = now, before, hash = loaded.now.hash, "another model is in force");
     // The value is the one that the configuration has by now, so this only tells those who listen.
     if let Err(error) = node.set_parameter("model", ParameterValue::String(now.clone())) {
         tracing::warn!(error, "the parameter model does not say what runs");
     }
-    Ok(loaded)
 }

@@ -31,7 +31,11 @@ use ros2_client::Node;
 use ros2_client::action::{CancelHandle, GoalEndStatus};
 use std::sync::{Arc, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Duration;
 use work::{Job, Swap};
+
+/// What a last result takes to arrive: it is lost when its writer goes together with it.
+const DELIVERY: Duration = Duration::from_millis(150);
 
 /// The goal that is worked on.
 struct Running {
@@ -140,7 +144,9 @@ impl Desk {
             diagnosis.end();
             let stopped = NodeError::Failed("the node was stopped while it worked on this goal".to_owned());
             // Whoever waits has asked by now; nobody is waited for.
-            let _ = self.answer(goal, Ended::by(Err(stopped))).sending.now_or_never();
+            if self.answer(goal, Ended::by(Err(stopped))).sending.now_or_never().is_some() {
+                std::thread::sleep(DELIVERY);
+            }
         }
     }
 
@@ -162,10 +168,7 @@ impl Desk {
             Err(error) => Err(error),
         };
         match executing {
-            Ok(goal) => {
-                tracing::info!(history_s = wanted.history, "close_loop: a goal is worked on");
-                Some(Running { goal, diagnosis })
-            }
+            Ok(goal) => Some(Running { goal, diagnosis }),
             Err(error) => {
                 tracing::error!(?error, "close_loop: a goal could not be accepted");
                 diagnosis.end();

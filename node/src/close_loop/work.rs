@@ -90,6 +90,8 @@ impl Job {
     /// When the history is too short or lacks a channel, the model can be no base, or the file cannot be written;
     /// [`NodeError::Interrupted`].
     pub(super) fn work(&self, cancelled: &AtomicBool, say: &dyn Fn(Stage)) -> Result<String, NodeError> {
+        let history_s = format!("{:.1}", total_s(&self.runs));
+        tracing::info!(history_s, "close_loop: a goal is worked on");
         let worked = self.report(cancelled, say);
         if let Err(error) = &worked {
             tracing::warn!("close_loop came to nothing: {error}");
@@ -168,12 +170,9 @@ impl Job {
 impl Swap {
     /// Swaps the model in `path` in, unless another one than that which was diagnosed runs by now.
     fn load(&self, path: &Path) -> Result<(), NodeError> {
-        if self.control.models().free != self.running {
-            return Err(NodeError::Failed(
-                "another model was loaded meanwhile, and this one is made from the one before it".to_owned(),
-            ));
-        }
-        services::load_model(&self.control, &self.node, &path.display().to_string()).map(drop)
+        let loaded = self.control.load_model_over(&path.display().to_string(), &self.running)?;
+        services::tell(&loaded, &self.node);
+        Ok(())
     }
 }
 
