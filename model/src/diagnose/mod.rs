@@ -39,6 +39,7 @@ pub use finding::{
     Candidate, Change, Closing, Correlation, FloorSource, Found, LeftOver, Mode, Named, NoiseFloor, Refused,
     Sealed, Verdict,
 };
+pub use paired::reference_force_n;
 
 use crate::error::Error;
 use crate::identify::{Dataset, Watch};

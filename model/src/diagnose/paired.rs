@@ -13,6 +13,13 @@ use crate::effect::Augmented;
 use crate::error::Error;
 use crate::identify::Dataset;
 
+/// Force of the first of `references` that moves like `run`, at each row of `run`, N; `None` where it has none. `None` at all when
+/// none of them moves like it: their displacements differ by more than 10 %, root mean square, by time since the first row.
+#[must_use]
+pub fn reference_force_n(run: &Dataset, references: &[Dataset]) -> Option<Vec<Option<f64>>> {
+    references.iter().find_map(|reference| forces_at(run, reference).ok())
+}
+
 /// The rows of `datasets` with the difference to their references as the force to explain. Each run's reference is the first of
 /// `references` that moves like it.
 pub(super) fn rows<'a>(
@@ -27,8 +34,7 @@ pub(super) fn rows<'a>(
     };
     let mut force_n = Vec::with_capacity(rows.len());
     for run in rows.runs() {
-        let Some(reference) = references.iter().find_map(|reference| forces_at(run.dataset, reference).ok())
-        else {
+        let Some(reference) = reference_force_n(run.dataset, references) else {
             return Err(Error::Data {
                 message: format!(
                     "run {}: none of the reference runs has its excitation (displacement within 10 %, from the first sample on); \

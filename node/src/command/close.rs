@@ -132,8 +132,9 @@ fn positive(text: &str) -> Result<f64, String> {
 /// Closes the loop, and writes what was found.
 ///
 /// # Errors
-/// With --live, those of a node that does not answer, rejects the goal or comes to nothing. Else when runs or base do not load or do not go together, a run is given twice or a sealed one is not sealed, or a file cannot
-/// be written; when interrupted, in which case nothing is written.
+/// With --live, those of a node that does not answer, rejects the goal or comes to nothing. Else when runs or base do not load
+/// or do not go together, a run is given twice or a sealed one is not sealed, or a file cannot be written; when interrupted, in
+/// which case nothing is written.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     match &args.recorded {
         Some(recorded) => on_runs(recorded, &args.output, around),

@@ -5,8 +5,8 @@
 
 use super::words;
 use crate::report::correlate::parabola;
-use mr_damper_model::diagnose::{Closing, Mode};
-use mr_damper_model::identify::{Dataset, Row, walk};
+use mr_damper_model::diagnose::{Closing, Mode, reference_force_n};
+use mr_damper_model::identify::{Dataset, walk};
 use mr_damper_model::model::Model;
 use mr_damper_model::sample::{DriveKind, Stamp, Trace};
 use std::ops::ControlFlow;
@@ -54,17 +54,17 @@ pub struct RunTrace {
 
 impl RunTrace {
     /// The residuals of `closing` over `data`. In paired mode what is left over before is the difference to the force of the
-    /// one of `references` that moves most alike, and after it that difference without what the effects make.
+    /// one of `references` that moves alike, and after it that difference without what the effects make.
     #[must_use]
     pub fn of(closing: &Closing, data: &Dataset, references: &[Dataset]) -> Self {
         let (before, after) = (free_run(&closing.before, data), free_run(&closing.after, data));
         let references = if closing.mode == Mode::Paired { references } else { &[] };
-        let healthy = most_alike(data, references).map(|reference| over_time(reference, |row| row.force_n));
-        let start = data.rows.first().map_or(Stamp::default(), |row| row.stamp);
-        let residuals = data.rows.iter().zip(before.iter().zip(&after)).map(|(row, (before_n, after_n))| {
+        let healthy = reference_force_n(data, references);
+        let residuals = data.rows.iter().enumerate().map(|(k, row)| {
+            let (before_n, after_n) = (before[k], after[k]);
             if let Some(healthy) = &healthy {
-                let gone = row.force_n - at(healthy, row.stamp.since(start).get());
-                return [gone, gone - (after_n - before_n)];
+                let changed_n = row.force_n - healthy[k].unwrap_or(f64::NAN);
+                return [changed_n, changed_n - (after_n - before_n)];
             }
             [row.force_n - before_n, row.force_n - after_n]
         });
@@ -88,44 +88,6 @@ fn free_run(model: &Model, data: &Dataset) -> Vec<f64> {
     });
     debug_assert!(ended.is_continue(), "nothing ends the walk early");
     forces
-}
-
-/// Time since the first row, s, and what `pick` takes of each.
-fn over_time(data: &Dataset, pick: fn(&Row) -> f64) -> Vec<(f64, f64)> {
-    let start = data.rows.first().map_or(Stamp::default(), |row| row.stamp);
-    data.rows.iter().map(|row| (row.stamp.since(start).get(), pick(row))).collect()
-}
-
-/// The reference with the same excitation: the one whose displacement is nearest over time.
-fn most_alike<'a>(data: &Dataset, references: &'a [Dataset]) -> Option<&'a Dataset> {
-    let own = over_time(data, |row| row.displacement_m);
-    let apart = |reference: &Dataset| {
-        let other = over_time(reference, |row| row.displacement_m);
-        let squares =
-            own.iter().map(|(time_s, x)| (at(&other, *time_s) - x).powi(2)).filter(|s| s.is_finite());
-        let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
-        // A reference that ends early says little.
-        if count > 0.5 * own.len() as f64 { sum / count } else { f64::INFINITY }
-    };
-    references
-        .iter()
-        .map(|r| (apart(r), r))
-        .min_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, reference)| reference)
-}
-
-/// The value at `time_s` on the straight line between neighbours; NaN outside.
-fn at(points: &[(f64, f64)], time_s: f64) -> f64 {
-    /// Stamps of two runs of one excitation agree to better than this.
-    const SAME_S: f64 = 1e-6;
-    let next = points.partition_point(|point| point.0 < time_s - SAME_S);
-    match (next.checked_sub(1).and_then(|k| points.get(k)), points.get(next)) {
-        (_, Some(after)) if (after.0 - time_s).abs() <= SAME_S => after.1,
-        (Some(before), Some(after)) => {
-            before.1 + (after.1 - before.1) * (time_s - before.0) / (after.0 - before.0)
-        }
-        _ => f64::NAN,
-    }
 }
 
 /// The rows that count and have all but drive and temperature, cut where one is missing.

@@ -1,0 +1,64 @@
+#!/usr/bin/env bash
+# What a closing of the loop finds on measured runs of three real dampers: the table of README.md ("Closing the loop"). Prints
+# the verdict, what was named and the sealed error of each, and leaves text, JSON and report in OUT.
+#
+# usage: tests/measured/close.sh [OUT]      OUT: a new folder, by default one under /tmp
+#
+# Needs cargo, python3, and the runs as run.sh does. Takes five minutes on two cores.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+
+data=${MR_DAMPER_DATA:-../shared/data}
+if [ ! -d "$data/utfsm-mr" ]; then
+  echo "there are no runs in $data: set MR_DAMPER_DATA to the folder that holds utfsm-mr, utfpr-mr and nees-mr" >&2
+  exit 2
+fi
+out=${1:-$(mktemp -d /tmp/mr-damper-closed.XXXXXX)}
+mkdir -p "$out"
+cargo build --release --quiet --workspace --bins
+mr_damper=${CARGO_TARGET_DIR:-target}/release/mr-damper
+
+# close_loop NAME OPTION...
+close_loop() {
+  local name=$1
+  shift
+  echo "$name" >&2
+  rm -f "$out/$name.toml"
+  "$mr_damper" close --base fuzzy-tanh "$@" --out "$out/$name.toml" --report "$out/$name.html" --json "$out/$name.json" \
+    >"$out/$name.txt"
+}
+
+# One run of 24.6 s in three parts: blocks of 0.8 s in place of 3 s, or there were too few.
+nees=$data/nees-mr/ranran-50.csv
+rm -f "$out"/nees-{estimate,confirm,test}.csv
+"$mr_damper" --quiet convert "$nees" "$out/nees-estimate.csv" --duration 12.3
+"$mr_damper" --quiet convert "$nees" "$out/nees-confirm.csv" --start 12.3 --duration 4.7
+"$mr_damper" --quiet convert "$nees" "$out/nees-test.csv" --start 17
+close_loop nees --estimate "$out/nees-estimate.csv" --confirm "$out/nees-confirm.csv" --test "$out/nees-test.csv" \
+  --filter none --velocity measured --rate 1000 --block-s 0.8
+
+utfsm=$data/utfsm-mr
+close_loop utfsm --estimate "$utfsm"/sine-{10mm,25mm}*.csv --confirm "$utfsm"/sine-5mm3hz*.csv \
+  --test "$utfsm"/sine-{5mm4hz,2mm5hz}*.csv --rate 200
+
+# 0, 1.98 and 3.21 V, excitations apart.
+utfpr=$data/utfpr-mr
+close_loop utfpr --estimate "$utfpr"/ensaio-{A-{1,2,3,4,5},B-{1,3,5,6}}.csv "$utfpr"/ensaio{1,{1,2,3,4,5,6}-1}.csv \
+  --confirm "$utfpr"/ensaio-{A-{6,7},B-{7,8}}.csv "$utfpr"/ensaio{7,8}-1.csv \
+  --test "$utfpr"/ensaio-{A-{8,9,10},B-{9,10}}.csv "$utfpr"/ensaio{9,10}-1.csv
+
+python3 - "$out" <<'PYTHON'
+import json, pathlib, sys
+
+for name in "nees", "utfsm", "utfpr":
+    closing = json.loads((pathlib.Path(sys.argv[1]) / f"{name}.json").read_text())
+    test = closing["test"]
+    low, high = test["ratio_ci95"]
+    print(f"{name}: {closing['verdict']}, sealed ESR {test['before']['esr']:.4f} -> {test['after']['esr']:.4f}, "
+          f"squared error left {100 * test['ratio']:.1f} % ({100 * low:.1f} to {100 * high:.1f}), {closing['seconds']:.0f} s")
+    for effect in closing["effects"]:
+        print("   ", effect["id"], effect.get("class", ""), effect["parameters"])
+    if closing["base_fault"]:
+        print("   ", closing["base_fault"])
+PYTHON
+echo "reports: $out" >&2
