@@ -20,8 +20,9 @@ const LITTLE: f64 = 0.2;
 const INADEQUATE: f64 = 0.5;
 /// Share of the explainable error that another base takes away where the given one, with nothing to name, is at fault.
 const HALF: f64 = 0.5;
-/// What is left to explain, as a share of the first, under which no further effect is sought.
-const DONE: f64 = 0.05;
+/// Share of the explainable error of the base alone that an effect must remove at least, and under which no further one is sought:
+/// what a base leaves of itself around a large effect is of this size.
+const NEXT_TO_NOTHING: f64 = 0.003;
 /// Share of squared error by which a refinement of an effect must help, on the estimate runs and on the confirm runs.
 const REFINED: f64 = 0.02;
 
@@ -110,7 +111,14 @@ impl<'a> Desk<'a> {
     }
 
     fn round(&self, noise: f64, number: usize) -> Round<'_> {
-        Round { joint: self.joint(), confirm: &self.confirm, settings: self.settings, noise, number }
+        Round {
+            joint: self.joint(),
+            confirm: &self.confirm,
+            settings: self.settings,
+            noise,
+            least: 0.0,
+            number,
+        }
     }
 
     /// Goes through with it.
@@ -175,13 +183,13 @@ impl<'a> Desk<'a> {
         ledger: &mut Ledger,
         stage: &dyn Fn(Stage),
     ) -> Result<Fitted, Error> {
-        let all = current.squares - noise;
+        let least = NEXT_TO_NOTHING * (current.squares - noise);
         for number in 1..=self.settings.most_effects {
-            if current.squares - noise < DONE * all {
+            if current.squares - noise < least {
                 break;
             }
             stage(Stage::Scores(number));
-            let round = self.round(noise, number);
+            let round = Round { least, ..self.round(noise, number) };
             let scores = score::scores(&round.joint, &self.confirm, &current, self.settings)?;
             stage(Stage::Refits(number));
             let outcome = round.run(&current, &scores)?;

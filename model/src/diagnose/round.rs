@@ -20,7 +20,7 @@ const WORTH_A_REFIT: f64 = 0.03;
 const MOST_REFITS: usize = 6;
 /// Evaluations of a refit that ranks, and of one that stands.
 const RANKING: usize = 8;
-pub(super) const FINAL: usize = 30;
+pub(super) const FINAL: usize = 40;
 /// Share of the error that is left to explain which an effect must remove.
 pub(super) const LEAST_SHARE: f64 = 0.1;
 /// Share that a ranking refit must reach for a final one to be worth the time.
@@ -66,6 +66,8 @@ pub(super) struct Round<'a> {
     pub(super) settings: &'a Settings,
     /// Squared error of noise on the estimate rows, N².
     pub(super) noise: f64,
+    /// Squared error that an effect must remove at least, whatever is left, N².
+    pub(super) least: f64,
     /// Number of the round, from 1.
     pub(super) number: usize,
 }
@@ -145,6 +147,13 @@ impl Round<'_> {
         if share.is_nan() || share < LEAST_SHARE {
             return Ok(Err(format!(
                 "removes {:.1} % of the error that is left to explain; under 10 % says little",
+                100.0 * share
+            )));
+        }
+        if current.squares - fitted.squares < self.least {
+            return Ok(Err(format!(
+                "removes {:.0} % of the error that is left to explain, but that is next to nothing of what the base alone left: \
+                 its own misfit is of that size",
                 100.0 * share
             )));
         }

@@ -104,13 +104,17 @@ impl Scores {
         let at = |amount: f64| with_amount(joint, fitted, score.effect, amount, score.shape);
         let squares =
             |model: &Augmented| Fitted::as_is(*model, joint.rows).map_or(f64::INFINITY, |f| f.squares);
-        let mut start = at(amount(1.0))?;
-        let mut least = squares(&start);
+        // With none of it the model is as good as before: whatever else there is, a refit starts from no worse.
+        let mut start = at(neutral)?;
+        let mut least = fitted.squares;
         for amount in SHARES.map(amount) {
-            let moved = self.known.makes_room(joint, &at(amount)?, &score.whole, amount - neutral);
-            let found = moved.as_ref().map_or(f64::INFINITY, squares);
-            if let (Some(moved), true) = (moved, found < least) {
-                (start, least) = (moved, found);
+            let plain = at(amount)?;
+            let moved = self.known.makes_room(joint, &plain, &score.whole, amount - neutral);
+            for other in [Some(plain), moved].into_iter().flatten() {
+                let found = squares(&other);
+                if found < least {
+                    (start, least) = (other, found);
+                }
             }
         }
         Ok(start)
