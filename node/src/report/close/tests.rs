@@ -150,6 +150,8 @@ fn every_verdict_has_its_words() {
         say(Unexplained).contains("no effect of the library")
             && say(Unexplained).contains("effect of your own")
     );
+    let short = Closing { blocks: 6, ..without_names(Unexplained) };
+    assert!(text(&short, None).contains("fewer than 10 blocks"));
     assert!(say(BaseInadequate).contains("--reference"));
     let fault = Some("another base leaves a third".to_owned());
     let inadequate = Closing { base_fault: fault, ..without_names(BaseInadequate) };

@@ -178,10 +178,17 @@ pub fn paired(mode: Mode) -> Option<&'static str> {
     )
 }
 
+/// Blocks below which sign flips give no p that survives the correction for some fifteen tests.
+const FEW_BLOCKS: usize = 10;
+
 /// What a person can do after this verdict.
 #[must_use]
 pub fn next_step(closing: &Closing) -> Option<&'static str> {
     match (closing.verdict, closing.mode) {
+        (Verdict::Unexplained, _) if closing.blocks < FEW_BLOCKS => Some(
+            "The estimate runs are short: with fewer than 10 blocks of evidence hardly any effect can be told from chance. Give \
+             longer runs; 30 s of motion are a good start.",
+        ),
         (Verdict::Unexplained | Verdict::PartlyExplained, _) => Some(
             "What is left and what it goes with stands below. An effect of your own is one file more: see \
              model/src/effect/mod.rs.",
