@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo run --release -p mr-damper-model --example closing_rates -- [--seeds 20] [--first 0] [--only TEXT]
-//!     --only TEXT   cases whose name holds TEXT: "single", "coil_lag", "x0.5"
+//!     --only TEXT   the case of that name, "null", or else those whose name holds it: "single", "coil_lag", "x0.5"
 //!     --first N     the first seed
 //! ```
 
@@ -38,7 +38,11 @@ fn arguments() -> Result<Arguments, String> {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let given = arguments()?;
-    let plans: Vec<_> = catalogue().into_iter().filter(|plan| plan.name().contains(&given.only)).collect();
+    let mut plans: Vec<_> =
+        catalogue().into_iter().filter(|plan| plan.name().contains(&given.only)).collect();
+    if plans.iter().any(|plan| plan.name() == given.only) {
+        plans.retain(|plan| plan.name() == given.only);
+    }
     if plans.is_empty() {
         return Err(format!("no case's name holds \"{}\"", given.only).into());
     }

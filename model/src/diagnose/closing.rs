@@ -131,8 +131,8 @@ impl<'a> Desk<'a> {
                         .to_owned(),
             });
         };
-        let floor = self.noise_floor(&base)?;
-        let noise = (floor.rsse_n * floor.rsse_n * self.estimate.len() as f64).min(base.squares);
+        let base_floor = self.noise_floor(&base)?;
+        let noise = (base_floor.rsse_n * base_floor.rsse_n * self.estimate.len() as f64).min(base.squares);
         let lof_before = 1.0 - noise / base.squares;
         let mut ledger = Ledger::default();
         let mut found = base.clone();
@@ -144,7 +144,7 @@ impl<'a> Desk<'a> {
         }
         let mut pair = self.pair(base, found)?;
         // Noise of the inputs comes out as the model that stands makes it.
-        let floor = self.noise_floor(&pair.found)?;
+        let mut floor = self.noise_floor(&pair.found)?;
         if lof_before >= NOTHING {
             stage(Stage::Rival);
             ledger.base_fault = self.inadequate(&pair, floor.rsse_n)?;
@@ -152,7 +152,7 @@ impl<'a> Desk<'a> {
         if let Some(why) = &ledger.base_fault {
             let withdrawn = self.findings(&pair.found.model).map(|effect| effect.effect());
             ledger.refused.extend(withdrawn.map(|effect| Refused { effect, why: why.clone() }));
-            pair = pair.base_alone();
+            (pair, floor) = (pair.base_alone(), base_floor);
         }
         stage(Stage::Sealed);
         self.conclude(&pair, floor, noise, ledger)

@@ -2,8 +2,9 @@
 //!
 //! A base of the wrong structure invites a wrong name: what a damper's elasticity before it yields does to the force looks to
 //! a base without hysteresis like a lag, or a spring in series, of quite a physical size. So where much is left to explain, a
-//! base with hysteresis of its own, Bouc and Wen's, is identified on the same runs. Where it leaves less of the confirm runs than
-//! the base with the first of its effects, or than with all of them, or half of what the base leaves with none to name, the base is at fault, and no effect is named.
+//! base with hysteresis of its own, Bouc and Wen's, is identified on the same runs. The base is at fault, and no effect is named,
+//! where that rival, without any effect, leaves less of the confirm runs than the base with the best single one of its effects, or
+//! than with all of them; or less than half of what the base leaves when there is none to name.
 
 use super::rows::Rows;
 use super::sealed;
