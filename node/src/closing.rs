@@ -7,7 +7,7 @@ use mr_damper_model::identify::{Dataset, DatasetOptions, walk};
 use mr_damper_model::metrics::ErrorSum;
 use mr_damper_model::model::{Expected, Model};
 use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
-use mr_damper_model::sample::Run;
+use mr_damper_model::sample::{DriveKind, Run};
 use std::ops::ControlFlow;
 use std::time::SystemTime;
 
@@ -53,6 +53,12 @@ pub fn training_runs(closing: &Closing, runs: &Runs) -> Vec<TrainingRun> {
             role: Some(role),
         })
         .collect()
+}
+
+/// What drives the damper of a closing: what its base says, or its runs.
+#[must_use]
+pub fn drive(closing: &Closing, runs: &Runs) -> Option<DriveKind> {
+    closing.before.force.drive().or(runs.estimate.first().and_then(|data| data.drive))
 }
 
 /// The augmented model with what became of it: the error to expect is that on the sealed runs, or on the confirm

@@ -6,6 +6,7 @@
 
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
+use futures::channel::oneshot;
 use mr_damper_msgs::{Action, Message, Service};
 use ros2_client::action::{
     ActionClient, ActionClientQosPolicies, ActionServerQosPolicies, AsyncActionServer, ExecutingGoalHandle,
@@ -172,9 +173,8 @@ impl Ros {
     /// # Errors
     /// When the name is bad or DDS refuses.
     pub fn serve<S: Service>(&mut self, service: &str) -> Result<ServerOf<S>, NodeError> {
-        let qos = QosProfile::publisher_default().history(History::KeepLast { depth: SERVICE_DEPTH });
-        let name = Name::parse(service)
-            .map_err(|e| failed(format!("service name {service}"), &e, "use letters, digits, _ and /"))?;
+        let qos = service_qos();
+        let name = name_of("service", service)?;
         // What ROS 2 has used with all its middleware since Foxy.
         self.own()?
             .create_server(
@@ -192,9 +192,8 @@ impl Ros {
     /// # Errors
     /// When the name is bad or DDS refuses.
     pub fn client<S: Service>(&mut self, service: &str) -> Result<ClientOf<S>, NodeError> {
-        let qos = QosProfile::publisher_default().history(History::KeepLast { depth: SERVICE_DEPTH });
-        let name = Name::parse(service)
-            .map_err(|e| failed(format!("service name {service}"), &e, "use letters, digits, _ and /"))?;
+        let qos = service_qos();
+        let name = name_of("service", service)?;
         self.own()?
             .create_client(
                 ServiceMapping::Enhanced,
@@ -219,7 +218,7 @@ impl Ros {
             feedback_publisher: feedback,
             status_publisher: status,
         };
-        let (name, of_type) = (action_name(action)?, ActionTypeName::new(A::PACKAGE, A::NAME));
+        let (name, of_type) = (name_of("action", action)?, ActionTypeName::new(A::PACKAGE, A::NAME));
         self.own()?
             .create_action_server(ServiceMapping::Enhanced, &name, &of_type, qos)
             .map(AsyncActionServer::new)
@@ -239,7 +238,7 @@ impl Ros {
             feedback_subscription: feedback,
             status_subscription: status,
         };
-        let (name, of_type) = (action_name(action)?, ActionTypeName::new(A::PACKAGE, A::NAME));
+        let (name, of_type) = (name_of("action", action)?, ActionTypeName::new(A::PACKAGE, A::NAME));
         self.own()?
             .create_action_client(ServiceMapping::Enhanced, &name, &of_type, qos)
             .map_err(|e| failed(format!("calling the action {action}"), &e, ""))
@@ -254,8 +253,7 @@ impl Ros {
     }
 
     fn topic<M: Message>(&self, topic: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
-        let name = Name::parse(topic)
-            .map_err(|e| failed(format!("topic name {topic}"), &e, "use letters, digits, _ and /"))?;
+        let name = name_of("topic", topic)?;
         self.node
             .create_topic(&name, MessageTypeName::new(M::PACKAGE, M::NAME), qos)
             .map_err(|e| failed(format!("creating topic {topic}"), &e, ""))
@@ -291,25 +289,68 @@ impl Ros {
     }
 }
 
-fn action_name(action: &str) -> Result<Name, NodeError> {
-    Name::parse(action)
-        .map_err(|e| failed(format!("action name {action}"), &e, "use letters, digits, _ and /"))
+/// The name of a topic, service or action.
+fn name_of(kind: &str, text: &str) -> Result<Name, NodeError> {
+    Name::parse(text).map_err(|e| failed(format!("{kind} name {text}"), &e, "use letters, digits, _ and /"))
 }
 
-/// QoS of an action's services, feedback and status, as everywhere in ROS 2.
+/// QoS of services, as everywhere in ROS 2.
+fn service_qos() -> QosProfile {
+    QosProfile::publisher_default().history(History::KeepLast { depth: SERVICE_DEPTH })
+}
+
+/// QoS of an action's services, feedback and status, likewise.
 fn action_qos() -> [QosProfile; 3] {
-    let services = QosProfile::publisher_default().history(History::KeepLast { depth: SERVICE_DEPTH });
     let status = QosProfile::publisher_default()
         .history(History::KeepLast { depth: 1 })
         .durability(Durability::TransientLocal);
-    [services.clone(), services, status]
+    [service_qos(), service_qos(), status]
+}
+
+/// A task on a thread of its own, which ends when it is told to.
+pub struct Task {
+    stop: oneshot::Sender<()>,
+    thread: JoinHandle<()>,
+}
+
+impl Task {
+    /// Starts the task that `task` makes of the word to stop, on a thread called `name`.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn start<F>(
+        name: &'static str,
+        task: impl FnOnce(oneshot::Receiver<()>) -> F,
+    ) -> Result<Self, NodeError>
+    where
+        F: Future<Output = ()> + Send + 'static,
+    {
+        let (stop, stopped) = oneshot::channel();
+        Ok(Self { stop, thread: run_async(name, task(stopped))? })
+    }
+
+    /// True while the thread runs; false after a panic.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.thread.is_finished()
+    }
+
+    /// Tells the task to end, and waits until it has. `Err` when it had panicked.
+    ///
+    /// # Errors
+    /// The panic's payload.
+    pub fn stop(self) -> std::thread::Result<()> {
+        // A thread that has panicked does not listen any more.
+        let _ = self.stop.send(());
+        self.thread.join()
+    }
 }
 
 /// Runs `task` to its end on a thread of its own called `name`.
 ///
 /// # Errors
 /// When the system gives no thread.
-pub fn run_async(
+fn run_async(
     name: &'static str,
     task: impl Future<Output = ()> + Send + 'static,
 ) -> Result<JoinHandle<()>, NodeError> {

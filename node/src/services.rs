@@ -3,25 +3,23 @@
 //! One thread answers them one after the other. It reads files and waits for the estimating thread, so it is none of
 //! those that samples pass.
 
-use crate::close_loop::CloseLoopAction;
+use crate::close_loop;
 use crate::config::RosArgs;
 use crate::control::{Control, Loaded};
 use crate::error::NodeError;
 use crate::overseer::SharedHistory;
-use crate::ros::{Part, Ros, ServerOf, run_async};
+use crate::ros::{Part, Ros, ServerOf, Task};
 use futures::channel::oneshot;
 use futures::future::{Either, select};
 use mr_damper_msgs::srv::{LoadModel, LoadModelRequest, LoadModelResponse};
 use ros2_client::{Node, ParameterValue};
 use std::pin::pin;
 use std::sync::Arc;
-use std::thread::JoinHandle;
 
 /// The running services.
 pub struct Services {
-    stop: oneshot::Sender<()>,
-    thread: JoinHandle<()>,
-    close_loop: CloseLoopAction,
+    answering: Task,
+    close_loop: Task,
 }
 
 impl Services {
@@ -35,19 +33,18 @@ impl Services {
         control: &Arc<Control>,
         history: SharedHistory,
     ) -> Result<Self, NodeError> {
-        let close_loop = CloseLoopAction::offer(ros, args)?;
+        let action = close_loop::offer(ros, args)?;
         let load_model = ros.serve::<LoadModel>(&args.topic("load_model"))?;
         let answering = Answering { load_model, control: Arc::clone(control), node: ros.share() };
-        let (stop, stopped) = oneshot::channel();
-        let thread = run_async("ros-services", answering.run(stopped))?;
-        let close_loop = CloseLoopAction::start(close_loop, ros, args, control, history)?;
-        Ok(Self { stop, thread, close_loop })
+        let answering = Task::start("ros-services", |stopped| answering.run(stopped))?;
+        let close_loop = close_loop::start(action, ros, args, control, history)?;
+        Ok(Self { answering, close_loop })
     }
 
     /// True while the threads run; false after a panic.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        !self.thread.is_finished() && self.close_loop.is_alive()
+        self.answering.is_alive() && self.close_loop.is_alive()
     }
 
     /// Ends the threads. `Err` when one had panicked.
@@ -55,10 +52,8 @@ impl Services {
     /// # Errors
     /// The panic's payload.
     pub fn stop(self) -> std::thread::Result<()> {
-        // A thread that has panicked does not listen any more.
-        let _ = self.stop.send(());
-        let ended = self.close_loop.stop();
-        self.thread.join().and(ended)
+        let ended = self.answering.stop();
+        ended.and(self.close_loop.stop())
     }
 }
 

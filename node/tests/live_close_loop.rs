@@ -28,7 +28,7 @@ const ALL_S: f64 = 120.0;
 
 fn run(seconds: f64, lag_s: f64, seed: u64) -> Run {
     let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(seconds);
-    let channels = Channels { displacement_noise_m: 3e-7, displacement_step_m: 1e-7, ..Channels::default() };
+    let channels = Channels::default().with_fine_displacement();
     record(&experiment, &Plant::quasi_static().with_coil_lag_s(lag_s), &channels, seed)
 }
 

@@ -6,17 +6,7 @@
 #
 # Needs cargo, python3, and the runs as run.sh does. Takes five minutes on two cores.
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-
-data=${MR_DAMPER_DATA:-../shared/data}
-if [ ! -d "$data/utfsm-mr" ]; then
-  echo "there are no runs in $data: set MR_DAMPER_DATA to the folder that holds utfsm-mr, utfpr-mr and nees-mr" >&2
-  exit 2
-fi
-out=${1:-$(mktemp -d /tmp/mr-damper-closed.XXXXXX)}
-mkdir -p "$out"
-cargo build --release --quiet --workspace --bins
-mr_damper=${CARGO_TARGET_DIR:-target}/release/mr-damper
+source "$(dirname "${BASH_SOURCE[0]}")/prepare.sh" "$@"
 
 # close_loop NAME OPTION...
 close_loop() {

@@ -7,17 +7,7 @@
 # Needs cargo, python3, and the runs: MR_DAMPER_DATA, by default ../shared/data beside the checkout. They belong to others
 # and are not in this repository; README.md beside this script says where they come from. Takes half an hour on two cores.
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-
-data=${MR_DAMPER_DATA:-../shared/data}
-if [ ! -d "$data/utfsm-mr" ]; then
-  echo "there are no runs in $data: set MR_DAMPER_DATA to the folder that holds utfsm-mr, utfpr-mr and nees-mr" >&2
-  exit 2
-fi
-out=${1:-$(mktemp -d /tmp/mr-damper-measured.XXXXXX)}
-mkdir -p "$out"
-cargo build --release --quiet --workspace --bins
-mr_damper=${CARGO_TARGET_DIR:-target}/release/mr-damper
+source "$(dirname "${BASH_SOURCE[0]}")/prepare.sh" "$@"
 
 # compare NAME TRAIN... -- TEST... -- OPTION...
 compare() {

@@ -166,8 +166,7 @@ fn close_loop(lab: &Lab, distro: Distro) -> Outcome {
     let recorded = |name: &str, seconds: f64, lag_s: f64, seed: u64| {
         let experiment =
             Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(seconds);
-        let channels =
-            Channels { displacement_noise_m: 3e-7, displacement_step_m: 1e-7, ..Channels::default() };
+        let channels = Channels::default().with_fine_displacement();
         let run = record(&experiment, &Plant::quasi_static().with_coil_lag_s(lag_s), &channels, seed);
         let path = lab.folder().join(name);
         save(&run, &path, &SaveOptions::default()).expect("room in the temporary directory");

@@ -144,7 +144,10 @@ impl<'a> Desk<'a> {
         }
         let mut pair = self.pair(base, found)?;
         // Noise of the inputs comes out as the model that stands makes it.
-        let mut floor = self.noise_floor(&pair.found)?;
+        let mut floor = match ledger.named.is_empty() {
+            true => base_floor,
+            false => self.noise_floor(&pair.found)?,
+        };
         if lof_before >= NOTHING {
             stage(Stage::Rival);
             ledger.base_fault = self.inadequate(&pair, floor.rsse_n)?;
@@ -159,11 +162,7 @@ impl<'a> Desk<'a> {
     }
 
     fn pair(&self, base: Fitted, found: Fitted) -> Result<Pair, Error> {
-        let base_confirm = sealed::fitted(&self.confirm, &base.model)?;
-        let found_confirm = match found.model == base.model {
-            true => base_confirm.clone(),
-            false => sealed::fitted(&self.confirm, &found.model)?,
-        };
+        let [base_confirm, found_confirm] = sealed::both(&self.confirm, &base.model, &found.model)?;
         Ok(Pair { base, found, base_confirm, found_confirm })
     }
 
@@ -321,14 +320,8 @@ impl<'a> Desk<'a> {
     ) -> Result<Closing, Error> {
         let effects = self.named(pair, noise, &mut ledger)?;
         let sealed_rows = rows(self.base, self.runs, self.runs.test, self.settings)?;
-        let on_sealed = |fitted: &Fitted| sealed::fitted(&sealed_rows, &fitted.model);
-        let test = match self.runs.test.is_empty() {
-            true => None,
-            false => {
-                let (base, found) = (on_sealed(&pair.base)?, on_sealed(&pair.found)?);
-                sealed::read(&sealed_rows, &base, &found, noise_floor.rsse_n, self.settings)
-            }
-        };
+        let [before, after] = sealed::both(&sealed_rows, &pair.base.model, &pair.found.model)?;
+        let test = sealed::read(&sealed_rows, &before, &after, noise_floor.rsse_n, self.settings);
         let left_over = self.left_over(pair, noise_floor.rsse_n);
         let held = test.as_ref().is_none_or(|test| test.ratio_ci95[1] < 1.0);
         let verdict = match ledger.base_fault {

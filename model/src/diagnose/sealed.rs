@@ -60,6 +60,13 @@ pub(super) fn fitted(rows: &Rows, model: &Augmented) -> Result<Fitted, Error> {
     })
 }
 
+/// `before` and `after` on `rows`, as they are; one free run where they are the same.
+pub(super) fn both(rows: &Rows, before: &Augmented, after: &Augmented) -> Result<[Fitted; 2], Error> {
+    let first = fitted(rows, before)?;
+    let second = if after == before { first.clone() } else { fitted(rows, after)? };
+    Ok([first, second])
+}
+
 /// Figures over some ranges of rows; `None` without rows.
 fn fit(rows: &Rows, fitted: &Fitted, ranges: &[std::ops::Range<usize>]) -> Option<Fit> {
     let mut force_n = rows.measured_n().to_vec();

@@ -93,6 +93,13 @@ impl Channels {
         Self { velocity_noise_m_s: Some(noise_m_s), ..self }
     }
 
+    /// These channels with a displacement transducer of a tenth of the noise and steps: for what is to be told to the noise of
+    /// the force from displacement alone.
+    #[must_use]
+    pub fn with_fine_displacement(self) -> Self {
+        Self { displacement_noise_m: 3e-7, displacement_step_m: 1e-7, ..self }
+    }
+
     /// Checks that every field is a number and noises, steps and filters are possible.
     ///
     /// # Errors

@@ -20,7 +20,7 @@ use crate::config::RosArgs;
 use crate::control::Control;
 use crate::error::NodeError;
 use crate::overseer::SharedHistory;
-use crate::ros::{ActionServerOf, ExecutingOf, NewGoalOf, Part, Ros, run_async};
+use crate::ros::{ActionServerOf, ExecutingOf, NewGoalOf, Part, Ros, Task};
 use diagnosis::{Diagnosis, Ended, Said};
 use futures::FutureExt;
 use futures::channel::oneshot;
@@ -30,7 +30,6 @@ use mr_damper_msgs::action::{CloseLoop, CloseLoopFeedback, CloseLoopGoal, CloseL
 use ros2_client::Node;
 use ros2_client::action::{CancelHandle, GoalEndStatus};
 use std::sync::{Arc, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Duration;
 use work::{Job, Swap};
 
@@ -49,54 +48,28 @@ struct Answer<'a> {
     sending: BoxFuture<'a, ()>,
 }
 
-/// The running action.
-pub struct CloseLoopAction {
-    stop: oneshot::Sender<()>,
-    thread: JoinHandle<()>,
+/// Offers the action. Starts nothing yet, so that more can be created on the node.
+///
+/// # Errors
+/// When DDS refuses.
+pub fn offer(ros: &mut Ros, args: &RosArgs) -> Result<ActionServerOf<CloseLoop>, NodeError> {
+    ros.serve_action::<CloseLoop>(&args.topic("close_loop"))
 }
 
-impl CloseLoopAction {
-    /// Offers the action. Starts nothing yet, so that more can be created on the node.
-    ///
-    /// # Errors
-    /// When DDS refuses.
-    pub fn offer(ros: &mut Ros, args: &RosArgs) -> Result<ActionServerOf<CloseLoop>, NodeError> {
-        ros.serve_action::<CloseLoop>(&args.topic("close_loop"))
-    }
-
-    /// Starts the thread that answers `server`.
-    ///
-    /// # Errors
-    /// When the system starts no thread.
-    pub fn start(
-        server: ActionServerOf<CloseLoop>,
-        ros: &Ros,
-        args: &RosArgs,
-        control: &Arc<Control>,
-        history: SharedHistory,
-    ) -> Result<Self, NodeError> {
-        let damper = args.damper().to_owned();
-        let desk = Desk { server, control: Arc::clone(control), history, node: ros.share(), damper };
-        let (stop, stopped) = oneshot::channel();
-        let thread = run_async("ros-actions", desk.run(stopped))?;
-        Ok(Self { stop, thread })
-    }
-
-    /// True while the thread runs; false after a panic.
-    #[must_use]
-    pub fn is_alive(&self) -> bool {
-        !self.thread.is_finished()
-    }
-
-    /// Ends the thread, and with it a diagnosis that still runs. `Err` when it had panicked.
-    ///
-    /// # Errors
-    /// The panic's payload.
-    pub fn stop(self) -> std::thread::Result<()> {
-        // A thread that has panicked does not listen any more.
-        let _ = self.stop.send(());
-        self.thread.join()
-    }
+/// Starts the task that answers `server`. Its end is that of a diagnosis that still runs.
+///
+/// # Errors
+/// When the system starts no thread.
+pub fn start(
+    server: ActionServerOf<CloseLoop>,
+    ros: &Ros,
+    args: &RosArgs,
+    control: &Arc<Control>,
+    history: SharedHistory,
+) -> Result<Task, NodeError> {
+    let damper = args.damper().to_owned();
+    let desk = Desk { server, control: Arc::clone(control), history, node: ros.share(), damper };
+    Task::start("ros-actions", |stopped| desk.run(stopped))
 }
 
 /// Where goals come in and results go out.

@@ -1,6 +1,6 @@
 //! What a goal of `close_loop` is: a diagnosis of the running model on what the service remembers.
 
-use crate::closing::{Origin, TOOL, model_file, rows, training_runs};
+use crate::closing::{Origin, drive, model_file, rows, training_runs};
 use crate::control::Control;
 use crate::error::NodeError;
 use crate::report::close as report;
@@ -50,18 +50,12 @@ pub(super) struct Swap {
     pub(super) running: Model,
 }
 
-/// The report: that of `mr-damper close`, and what is special here.
+/// What a goal is answered: what `mr-damper close` writes, and what is special here.
 #[derive(Debug, Serialize)]
-struct Written<'a> {
+struct Answer<'a> {
     #[serde(flatten)]
-    report: json::Report<'a>,
-    tool: &'static str,
-    seed: u64,
-    seconds: f64,
+    written: json::Written<'a, RunRow>,
     note: &'static str,
-    runs: &'a [RunRow],
-    /// The augmented model; `null` when nothing was named.
-    model_file: Option<&'a Path>,
     /// The model runs already.
     loaded: bool,
     /// Why it does not, though `close_loop.auto_load` asks for it.
@@ -133,24 +127,17 @@ impl Job {
             _ => Ok(false),
         };
         tracing::info!(model_file = ?path, ?loaded, "close_loop: {}", in_short(&closing));
-        let rows: Vec<_> = parts
-            .iter()
-            .map(|(role, run)| RunRow { role: *role, run: run.name.clone(), seconds: run.duration().get() })
-            .collect();
-        let drive = self.base.force.drive().or(estimate.first().and_then(|data| data.drive));
-        let written = Written {
-            report: json::Report::of(&closing),
-            tool: TOOL,
-            seed: SEED,
-            seconds: started.elapsed().as_secs_f64(),
+        let parts = parts.into_iter();
+        let row = |(role, run): (_, Run)| RunRow { role, seconds: run.duration().get(), run: run.name };
+        let seconds = started.elapsed().as_secs_f64();
+        let answer = Answer {
+            written: json::Written::new(&closing, SEED, seconds, parts.map(row), path.as_deref()),
             note: NOTE,
-            runs: &rows,
-            model_file: path.as_deref(),
             loaded: *loaded.as_ref().unwrap_or(&false),
             load_error: loaded.err().map(|error| error.to_string()),
-            text: report::text(&closing, drive),
+            text: report::text(&closing, drive(&closing, &runs)),
         };
-        serde_json::to_string(&written)
+        serde_json::to_string(&answer)
             .map_err(|error| NodeError::Failed(format!("the report cannot be written as JSON: {error}")))
     }
 

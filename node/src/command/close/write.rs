@@ -21,19 +21,6 @@ pub(super) struct Done<'a> {
     pub(super) seconds: f64,
 }
 
-/// The JSON: the contracted report, and where it comes from.
-#[derive(Debug, Serialize)]
-struct Written<'a> {
-    #[serde(flatten)]
-    report: json::Report<'a>,
-    tool: &'static str,
-    seed: u64,
-    seconds: f64,
-    runs: Vec<RunRow<'a>>,
-    /// The model file; `null` when nothing was named.
-    model_file: Option<String>,
-}
-
 #[derive(Debug, Serialize)]
 struct RunRow<'a> {
     role: Role,
@@ -86,15 +73,11 @@ pub(super) fn all(
         std::fs::write(&args.out, text).map_err(NodeError::io(format!("writing {}", args.out.display())))?;
     }
     output.page(|| Ok(report::html(&outcome(args, done, around)?)))?;
-    let written = Written {
-        report: json::Report::of(&done.closing),
-        tool: TOOL,
-        seed: args.seed,
-        seconds: done.seconds,
-        runs: done.given.iter().map(run_row).collect(),
-        model_file: named.then(|| args.out.display().to_string()),
-    };
-    output.figures(&written, || report::text(&done.closing, drive(done)) + &ending(args, done))
+    let runs = done.given.iter().map(run_row);
+    let model_file = named.then_some(args.out.as_path());
+    let written = json::Written::new(&done.closing, args.seed, done.seconds, runs, model_file);
+    let drive = closing::drive(&done.closing, &done.runs);
+    output.figures(&written, || report::text(&done.closing, drive) + &ending(args, done))
 }
 
 /// What the report tells: of the sealed runs, or of the confirm runs where there are none.
@@ -132,7 +115,7 @@ fn outcome<'a>(
             count(Role::Test)
         ),
         closing: &done.closing,
-        drive: drive(done),
+        drive: closing::drive(&done.closing, &done.runs),
         traces,
         provenance,
     })
@@ -147,10 +130,6 @@ const fn role_in_words(role: Role) -> &'static str {
         Role::Reference => "reference run",
         Role::Replicate => "replicate",
     }
-}
-
-fn drive(done: &Done<'_>) -> Option<mr_damper_model::sample::DriveKind> {
-    done.closing.before.force.drive().or(done.runs.estimate.first().and_then(|data| data.drive))
 }
 
 /// What was written, and how long it took.

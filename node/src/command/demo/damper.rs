@@ -20,9 +20,6 @@ pub(super) const LAG_S: f64 = 0.012;
 pub(super) const BENCH_S: f64 = 31.0;
 /// Random road and random steps of the current, several a second: they excite a lag of the coil.
 const EXPERIMENT: &str = "RP-APRBS";
-/// Noise and step of the displacement's transducer, m: so fine that velocity needs no filter, which would make the force
-/// late.
-const FINE_M: (f64, f64) = (3e-7, 1e-7);
 /// Restarts of the fuzzy-tanh model's search.
 const RESTARTS: u32 = 5;
 
@@ -59,8 +56,8 @@ fn run(purpose: Purpose, seconds: f64, seed: u64, lag_s: f64) -> Result<Run, Nod
         .ok_or_else(|| NodeError::Failed(format!("the rig has no experiment {EXPERIMENT}")))?
         .with_duration_s(seconds);
     let mut plant = Plant::quasi_static();
-    let mut channels =
-        Channels { displacement_noise_m: FINE_M.0, displacement_step_m: FINE_M.1, ..Channels::default() };
+    // So fine that velocity needs no filter, which would make the force late.
+    let mut channels = Channels::default().with_fine_displacement();
     inject::inject(EFFECT, lag_s, &mut plant, &mut channels)?;
     Ok(record(&experiment, &plant, &channels, purpose.seed(seed)))
 }

@@ -9,7 +9,7 @@ use crate::interrupt::Interrupt;
 use crate::live::{Board, Counts, Headline, Histogram, Terminal, plain};
 use crate::player::{Plan, Played, Player};
 use crate::report::Recording;
-use crate::ros::{Ros, run_async};
+use crate::ros::{Ros, Task};
 use crate::service::{Counters, Service};
 use futures::stream::StreamExt;
 use mr_damper_model::pipeline::AlarmChange;
@@ -20,7 +20,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use tokio::sync::oneshot;
 
 /// Spacing of the screen's pictures.
 const FRAME: Duration = Duration::from_millis(50);
@@ -316,8 +315,7 @@ fn collect(mut inlet: Inlet, shared: &Shared) {
 
 /// A subscriber like any other: it hears the estimates over DDS.
 struct Listener {
-    stop: oneshot::Sender<()>,
-    thread: JoinHandle<()>,
+    listening: Task,
     ros: Ros,
 }
 
@@ -327,8 +325,7 @@ impl Listener {
         let options = NodeOptions::new().enable_rosout(false);
         let mut ros = Ros::start(config, args, options, "mr_damper_demo_listener")?;
         let subscription = ros.subscribe::<ForceEstimate>(&args.topic("force_estimate"))?;
-        let (stop, stopped) = oneshot::channel();
-        let listen = async move {
+        let listen = |stopped| async move {
             let heard = subscription.async_stream().for_each(|taken| {
                 let arrived = now();
                 if let Ok((estimate, _)) = taken {
@@ -343,14 +340,11 @@ impl Listener {
                 _ = stopped => {}
             }
         };
-        let thread = run_async("demo-listener", listen)?;
-        Ok(Self { stop, thread, ros })
+        Ok(Self { listening: Task::start("demo-listener", listen)?, ros })
     }
 
     fn stop(self) -> Result<(), NodeError> {
-        // It fails only when the thread has ended already.
-        let _ = self.stop.send(());
-        let ended = self.thread.join().map_err(|_| died("listening"));
+        let ended = self.listening.stop().map_err(|_| died("listening"));
         self.ros.stop();
         ended
     }

@@ -1,10 +1,12 @@
 //! A closing as JSON, `mr-damper/close/1`: what the command prints and the action answers.
 
 use super::words;
+use crate::closing::TOOL;
 use mr_damper_model::diagnose::{Candidate, Change, Closing, Correlation, Named, Refused, Sealed};
 use mr_damper_model::metrics::Fit;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// The schema's name.
 pub const SCHEMA: &str = "mr-damper/close/1";
@@ -39,6 +41,34 @@ struct Floor {
     source: &'static str,
     rsse_n: f64,
     esr: f64,
+}
+
+/// The report and where it comes from: the whole of what the command writes, and the most of what the action answers.
+#[derive(Debug, Serialize)]
+pub struct Written<'a, R> {
+    #[serde(flatten)]
+    report: Report<'a>,
+    tool: &'static str,
+    seed: u64,
+    seconds: f64,
+    runs: Vec<R>,
+    /// The model file; `null` when nothing was named.
+    model_file: Option<&'a Path>,
+}
+
+impl<'a, R: Serialize> Written<'a, R> {
+    /// What `closing` found on `runs` in `seconds`, from `seed`; its model is in `model_file`.
+    #[must_use]
+    pub fn new(
+        closing: &'a Closing,
+        seed: u64,
+        seconds: f64,
+        runs: impl IntoIterator<Item = R>,
+        model_file: Option<&'a Path>,
+    ) -> Self {
+        let runs = runs.into_iter().collect();
+        Self { report: Report::of(closing), tool: TOOL, seed, seconds, runs, model_file }
+    }
 }
 
 /// An effect and its form, where it has more than one.
