@@ -1,4 +1,5 @@
-//! Time of one sample of a model with each effect around it, beside the model alone. Figures are per sample.
+//! Time of one sample of a model with each effect around it, beside the model alone: of the model, and of all that the
+//! estimating thread does with a sample of displacement, current and force. Figures are per sample.
 //!
 //! ```text
 //! cargo bench -p mr-damper-model --bench effects
@@ -11,7 +12,10 @@ use divan::counter::ItemsCount;
 use motion::{SAMPLES, motion};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{ForceModel, FreeRun};
+use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use mr_damper_model::preset;
+use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
+use mr_damper_model::units::{Ampere, Metre, Newton};
 
 fn main() {
     divan::main();
@@ -65,4 +69,50 @@ fn one_effect(bencher: Bencher, effect: Effect) {
 #[divan::bench]
 fn three_effects(bencher: Bencher) {
     run(bencher, &[Effect::CoilLagRiseFall, Effect::GasSpring, Effect::AntiAliasMismatch].map(present));
+}
+
+/// The motion as the node receives it.
+fn samples() -> Vec<Sample> {
+    let at = |(k, inputs): (usize, &mr_damper_model::force::Inputs)| {
+        let stamp = Stamp::from_nanos(k as i64 * 1_953_125);
+        let drive = Drive::CoilCurrent(Ampere(inputs.drive));
+        [
+            Reading::Drive(drive),
+            Reading::Displacement(Metre(inputs.displacement_m)),
+            Reading::Force(Newton(1e3 * inputs.velocity_m_s)),
+        ]
+        .map(|reading| Sample { stamp, received: stamp, reading })
+    };
+    motion().iter().enumerate().flat_map(at).collect()
+}
+
+/// A service that estimates with fuzzy-tanh, and one step ahead with ARX, as `thesis/fuzzy-tanh` runs by default.
+fn service(bencher: Bencher, effects: &[EffectModel]) {
+    let effects = Effects::new(effects).expect("few enough");
+    let free =
+        mr_damper_model::model::Model { effects, ..preset::load(preset::BEST_FUZZY_TANH).expect("a preset") };
+    let seeded = preset::load(preset::BEST_ARX).expect("a preset");
+    let models = Models::alone(free).with_seeded(seeded).expect("it feeds on force");
+    let pipeline = Pipeline::new(models, Settings::default()).expect("it runs");
+    let samples = samples();
+    bencher.counter(ItemsCount::new(SAMPLES)).with_inputs(|| pipeline.clone()).bench_refs(|pipeline| {
+        let mut events = 0_u32;
+        for sample in &samples {
+            pipeline.step(divan::black_box(sample), &mut |event| {
+                divan::black_box(event);
+                events += 1;
+            });
+        }
+        events
+    });
+}
+
+#[divan::bench]
+fn service_without(bencher: Bencher) {
+    service(bencher, &[]);
+}
+
+#[divan::bench(args = Effect::ALL)]
+fn service_with(bencher: Bencher, effect: Effect) {
+    service(bencher, &[present(effect)]);
 }

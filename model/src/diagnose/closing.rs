@@ -4,12 +4,13 @@ use super::finding::{Closing, FloorSource, LeftOver, Mode, Named, NoiseFloor, Re
 use super::joint::{Fitted, Joint};
 use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round};
 use super::rows::Rows;
-use super::space::without_effect;
+use super::space::{with_effect, without_effect};
 use super::{Runs, Settings, Stage, floor, left_over, paired, rival, score, sealed};
 use crate::effect::{Augmented, Effect, EffectModel};
 use crate::error::Error;
 use crate::identify::{Dataset, Scales, Watch};
 use crate::model::Model;
+use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Lack of fit up to which there is nothing to explain.
@@ -56,6 +57,10 @@ struct Ledger {
     candidates: Vec<super::Candidate>,
     refused: Vec<Refused>,
     untestable: Vec<Refused>,
+    /// What was fitted to the end so far, each with other effects.
+    fits: Vec<Fitted>,
+    /// The model that stands without each of its effects, where there are several.
+    without: Vec<Option<Fitted>>,
 }
 
 impl Pair {
@@ -150,7 +155,7 @@ impl<'a> Desk<'a> {
         };
         if lof_before >= NOTHING {
             stage(Stage::Rival);
-            ledger.base_fault = self.inadequate(&pair, floor.rsse_n)?;
+            ledger.base_fault = self.inadequate(&pair, floor.rsse_n, &ledger.fits)?;
         }
         if let Some(why) = &ledger.base_fault {
             let withdrawn = self.findings(&pair.found.model).map(|effect| effect.effect());
@@ -203,14 +208,15 @@ impl<'a> Desk<'a> {
             let Some(Passed { effect, fitted, class, p_adjusted }) = outcome.passed else { break };
             ledger.refused.retain(|refused| refused.effect.id() != effect.id());
             ledger.named.insert(effect.id(), (p_adjusted, class));
+            ledger.fits.push(fitted.clone());
             current = fitted;
         }
         Ok(current)
     }
 
     /// Why the base is at fault; `None` when it is not.
-    fn inadequate(&self, pair: &Pair, noise_n: f64) -> Result<Option<String>, Error> {
-        if self.mode == Mode::Paired {
+    fn inadequate(&self, pair: &Pair, noise_n: f64, fits: &[Fitted]) -> Result<Option<String>, Error> {
+        if self.mode == Mode::Paired || rival::is_one(self.base) {
             return Ok(None);
         }
         let (before, after) = (pair.base_confirm.squares, pair.found_confirm.squares);
@@ -218,16 +224,13 @@ impl<'a> Desk<'a> {
         if 1.0 - noise / after <= INADEQUATE {
             return Ok(None);
         }
-        let Some(rival) =
-            rival::rival(self.base, self.runs.estimate, &self.confirm, self.settings.seed, self.watch)?
-        else {
-            return Ok(None);
-        };
+        let (rival, one) = rayon::join(
+            || rival::rival(self.base, self.runs.estimate, &self.confirm, self.settings.seed, self.watch),
+            || self.with_one(pair, fits),
+        );
+        let (Some(rival), one) = (rival?, one?) else { return Ok(None) };
         let own = self.base.force.name();
-        let (named, one) = match self.with_one(pair)? {
-            Some(one) => (true, one),
-            None => (false, after),
-        };
+        let (named, one) = (one.is_some(), one.unwrap_or(after));
         let bound = if named { after.max(one) } else { before - HALF * (before - noise).max(0.0) };
         Ok((rival.squares < bound).then(|| {
             format!(
@@ -244,19 +247,18 @@ impl<'a> Desk<'a> {
 
     /// Squared error that the base with a single one of its effects leaves on the confirm rows, the best of them; `None` when none
     /// was found. With one effect base and rival are most alike: more of them mend whatever base it is.
-    fn with_one(&self, pair: &Pair) -> Result<Option<f64>, Error> {
+    fn with_one(&self, pair: &Pair, fits: &[Fitted]) -> Result<Option<f64>, Error> {
         let effects: Vec<EffectModel> = self.findings(&pair.found.model).collect();
         if effects.len() < 2 {
             return Ok(effects.first().map(|_| pair.found_confirm.squares));
         }
-        let mut least = f64::INFINITY;
-        for effect in effects {
-            let start = super::space::with_effect(&pair.base.model, effect)?;
-            if let Some(one) = self.joint().refit(&start, FINAL)? {
-                least = least.min(sealed::fitted(&self.confirm, &one.model)?.squares);
-            }
-        }
-        Ok(Some(least))
+        let with = |effect: &EffectModel| {
+            let start = with_effect(&pair.base.model, *effect)?;
+            let Some(one) = self.fitted(fits, &start)? else { return Ok(f64::INFINITY) };
+            Ok(sealed::fitted(&self.confirm, &one.model)?.squares)
+        };
+        let squares: Vec<f64> = effects.par_iter().map(with).collect::<Result<_, Error>>()?;
+        Ok(squares.into_iter().reduce(f64::min))
     }
 
     /// Tries the coil's lag with a time constant each way, where one was named.
@@ -267,7 +269,7 @@ impl<'a> Desk<'a> {
         };
         let tau_s = effects[index].parameters()[0];
         let both = EffectModel::new(Effect::CoilLagRiseFall, &[tau_s, tau_s])?;
-        let start = super::space::with_effect(&without_effect(&current.model, index)?, both)?;
+        let start = with_effect(&without_effect(&current.model, index)?, both)?;
         let Some(refined) = self.joint().refit(&start, FINAL)? else { return Ok(current) };
         let share = (current.squares - refined.squares) / (current.squares - noise);
         let confirmed = self.round(noise, 0).confirmed(&current.model, &refined.model);
@@ -279,7 +281,14 @@ impl<'a> Desk<'a> {
     fn prune(&self, mut current: Fitted, noise: f64, ledger: &mut Ledger) -> Result<Fitted, Error> {
         // A single one has proved itself against the base alone.
         while ledger.named.len() > 1 {
-            let Some((effect, without)) = self.needless(&current, noise)? else { break };
+            ledger.without = self.without_each(&current, &ledger.fits)?;
+            let needless = |without: &Option<Fitted>| {
+                without.as_ref().is_some_and(|without| !self.needed(&current, without, noise))
+            };
+            let Some(index) = ledger.without.iter().position(needless) else { break };
+            let Some(without) = ledger.without.swap_remove(index) else { break };
+            ledger.fits.push(without.clone());
+            let effect = current.model.effects().as_slice()[index].effect();
             ledger.refused.push(Refused {
                 effect,
                 why: "what was named after it does the same: not needed".to_owned(),
@@ -290,24 +299,29 @@ impl<'a> Desk<'a> {
         Ok(current)
     }
 
-    /// The first effect that the others do without, and the model without it.
-    fn needless(&self, current: &Fitted, noise: f64) -> Result<Option<(Effect, Fitted)>, Error> {
-        for (index, effect) in current.model.effects().as_slice().iter().map(EffectModel::effect).enumerate()
-        {
-            if self.brought(effect) {
-                continue;
+    /// The base with the effects of `start`, fitted: as it was before, or from `start` on.
+    fn fitted(&self, fits: &[Fitted], start: &Augmented) -> Result<Option<Fitted>, Error> {
+        let before = fits.iter().find(|fit| fit.model.effects().same_kinds(start.effects()));
+        before.map_or_else(|| self.joint().refit(start, FINAL), |fit| Ok(Some(fit.clone())))
+    }
+
+    /// `current` without each of its effects, fitted anew; `None` for one that the base brought along, or that it does not run
+    /// without.
+    fn without_each(&self, current: &Fitted, fits: &[Fitted]) -> Result<Vec<Option<Fitted>>, Error> {
+        let without = |(index, effect): (usize, &EffectModel)| {
+            if self.brought(effect.effect()) {
+                return Ok(None);
             }
-            let Some(without) = self.joint().refit(&without_effect(&current.model, index)?, FINAL)? else {
-                continue;
-            };
-            let share = (without.squares - current.squares) / (without.squares - noise);
-            let confirmed = self.round(noise, 0).confirmed(&without.model, &current.model);
-            let needed = share >= LEAST_SHARE && confirmed.is_ok_and(|share| share >= LEAST_CONFIRMED);
-            if !needed {
-                return Ok(Some((effect, without)));
-            }
-        }
-        Ok(None)
+            self.fitted(fits, &without_effect(&current.model, index)?)
+        };
+        current.model.effects().as_slice().par_iter().enumerate().map(without).collect()
+    }
+
+    /// True when `current` does better than `without` by as much as an effect must.
+    fn needed(&self, current: &Fitted, without: &Fitted, noise: f64) -> bool {
+        let share = (without.squares - current.squares) / (without.squares - noise);
+        let confirmed = self.round(noise, 0).confirmed(&without.model, &current.model);
+        share >= LEAST_SHARE && confirmed.is_ok_and(|share| share >= LEAST_CONFIRMED)
     }
 
     /// Reads the sealed runs and says what it all comes to.
@@ -351,15 +365,12 @@ impl<'a> Desk<'a> {
     fn named(&self, pair: &Pair, noise: f64, ledger: &mut Ledger) -> Result<Vec<Named>, Error> {
         let round = self.round(noise, 0);
         let (found, all) = (&pair.found, (pair.base.squares - noise).max(f64::MIN_POSITIVE));
-        let alone = found.model.effects().as_slice().len() == self.base.effects.as_slice().len() + 1;
+        let alone = ledger.named.len() == 1;
         let mut effects = Vec::new();
         for (index, effect) in found.model.effects().as_slice().iter().enumerate() {
             // What no round named the base brought along.
             let Some((p_adjusted, class)) = ledger.named.remove(effect.effect().id()) else { continue };
-            let without = match alone {
-                true => Some(pair.base.clone()),
-                false => self.joint().refit(&without_effect(&found.model, index)?, FINAL)?,
-            };
+            let without = if alone { Some(&pair.base) } else { ledger.without[index].as_ref() };
             let share = |without: &Fitted| (without.squares - found.squares) / all;
             let confirmed = |without: &Fitted| round.confirmed(&without.model, &found.model).unwrap_or(0.0);
             effects.push(Named {
@@ -367,8 +378,8 @@ impl<'a> Desk<'a> {
                 class,
                 parameters: round.intervals(found, index)?,
                 p_adjusted,
-                share_removed: without.as_ref().map_or(f64::NAN, share),
-                confirmed: without.as_ref().map_or(f64::NAN, confirmed),
+                share_removed: without.map_or(f64::NAN, share),
+                confirmed: without.map_or(f64::NAN, confirmed),
             });
         }
         Ok(effects)

@@ -5,7 +5,8 @@
 //! ```
 //!
 //! Broyden, C. G. (1965), Math. Comp. 19, 577: derivatives are carried on by what the last step missed, and taken afresh now and
-//! then, since each costs as many free runs as there are numbers. Levenberg and Marquardt from where the base stands: a closing starts from a base that was searched for from many
+//! then, since each costs as many free runs as there are numbers; a first fit of an effect begins with those that its score was
+//! taken with. Levenberg and Marquardt from where the base stands: a closing starts from a base that was searched for from many
 //! points, and an effect moves its coefficients only a little.
 
 use super::rows::{Rows, dot};
@@ -18,11 +19,11 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// Relative change below which a fit has converged: far finer than what any check looks at.
-const CONVERGED: f64 = 1e-5;
+/// Relative change below which a fit has converged: a hundredth of the least share that any check looks at.
+const CONVERGED: f64 = 1e-4;
 
 /// Broyden's updates between derivatives that are taken afresh, each of which costs a free run a number.
-const UPDATES: usize = 4;
+const UPDATES: usize = 9;
 
 /// A model with its residual on some rows.
 #[derive(Debug, Clone)]
@@ -46,6 +47,9 @@ impl Fitted {
     }
 }
 
+/// Derivatives at a point nearby, one a number; `None` for a number that has none.
+pub(super) type Nearby = Vec<Option<Vec<f64>>>;
+
 /// What a joint fit works on.
 #[derive(Clone, Copy)]
 pub(super) struct Joint<'a> {
@@ -59,11 +63,22 @@ pub(super) struct Joint<'a> {
 impl Joint<'_> {
     /// The best fit near `start`, within so many evaluations. `None` where `start` does not run.
     pub(super) fn refit(&self, start: &Augmented, evaluations: usize) -> Result<Option<Fitted>, Error> {
+        self.refit_from(start, None, evaluations)
+    }
+
+    /// The same from derivatives that are known nearby, in place of fresh ones at `start`: of each number, where it is known.
+    pub(super) fn refit_from(
+        &self,
+        start: &Augmented,
+        nearby: Option<Nearby>,
+        evaluations: usize,
+    ) -> Result<Option<Fitted>, Error> {
         let space = Space::new(start, self.scales, self.base_moves)?;
         if space.values().is_empty() {
             return Ok(Fitted::as_is(*start, self.rows));
         }
-        let problem = Simulated { joint: self, space: &space, best: Mutex::new(None) };
+        let problem =
+            Simulated { joint: self, space: &space, best: Mutex::new(None), nearby: Mutex::new(nearby) };
         let stop = Stop { evaluations, cost: CONVERGED, step: CONVERGED };
         let found = minimise(&problem, &space.values(), &space.bounds(), &stop).ok_or(Error::Cancelled)?;
         if self.watch.is_cancelled() {
@@ -76,15 +91,26 @@ impl Joint<'_> {
     /// many these are.
     pub(super) fn jacobian(&self, fitted: &Fitted) -> Result<(Vec<Vec<f64>>, usize), Error> {
         let space = Space::new(&fitted.model, self.scales, self.base_moves)?;
-        let columns = self.columns(&space, &space.values(), &fitted.predicted_n).ok_or(Error::Cancelled)?;
+        let columns =
+            self.columns(&space, &space.values(), &fitted.predicted_n, Vec::new()).ok_or(Error::Cancelled)?;
         Ok((columns, space.of_base()))
     }
 
     /// The derivatives at `at`, where the free run is `predicted_n`. A number that the free run does not survive a step in
-    /// has no derivative: zeros. `None` when the work was cancelled.
-    fn columns(&self, space: &Space, at: &[f64], predicted_n: &[f64]) -> Option<Vec<Vec<f64>>> {
+    /// has no derivative: zeros. Those that are `known` are taken as they are. `None` when the work was cancelled.
+    fn columns(
+        &self,
+        space: &Space,
+        at: &[f64],
+        predicted_n: &[f64],
+        mut known: Nearby,
+    ) -> Option<Vec<Vec<f64>>> {
         let steps = space.steps(at);
-        let column = |(j, step): (usize, &f64)| {
+        known.resize(steps.len(), None);
+        let column = |((j, step), known): ((usize, &f64), Option<Vec<f64>>)| {
+            if known.is_some() {
+                return known;
+            }
             if self.watch.is_cancelled() {
                 return None;
             }
@@ -105,7 +131,7 @@ impl Joint<'_> {
                 },
             ))
         };
-        steps.par_iter().enumerate().map(column).collect()
+        steps.par_iter().enumerate().zip(known).map(column).collect()
     }
 }
 
@@ -115,6 +141,8 @@ struct Simulated<'a, 'b> {
     space: &'a Space,
     /// The best point so far, with its derivatives. The solver asks for one point after the other.
     best: Mutex<Option<Point>>,
+    /// What the first derivatives are made of; taken by the first point.
+    nearby: Mutex<Option<Nearby>>,
 }
 
 /// A point with its derivatives.
@@ -136,7 +164,10 @@ impl Simulated<'_, '_> {
         fitted: &Fitted,
     ) -> Option<(Vec<Vec<f64>>, usize)> {
         let Some(mut best) = best.filter(|best| best.updates < UPDATES) else {
-            return Some((self.joint.columns(self.space, parameters, &fitted.predicted_n)?, 0));
+            // No thread panics while it holds it.
+            let nearby =
+                self.nearby.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default();
+            return Some((self.joint.columns(self.space, parameters, &fitted.predicted_n, nearby)?, 0));
         };
         // Numbers of unlike units, each by the step that its derivative is taken with.
         let steps = self.space.steps(parameters);

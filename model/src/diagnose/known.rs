@@ -7,10 +7,10 @@
 //! ```
 
 use super::basis::Basis;
-use super::joint::{Fitted, Joint};
+use super::joint::{Fitted, Joint, Nearby};
 use super::rows::dot;
 use super::space::Space;
-use crate::effect::Augmented;
+use crate::effect::{Augmented, Effect};
 use crate::error::Error;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -44,6 +44,17 @@ impl Known {
     /// Takes out of `score` what it knows, and returns the share of its length that is left.
     pub(super) fn take_out(&self, score: &mut [f64]) -> f64 {
         self.basis.take_out(score)
+    }
+
+    /// The derivatives of `with`, which has `effect` beside what is known, as they are here: that by the first parameter of
+    /// `effect` is its `score`, and by others there is none.
+    pub(super) fn nearby(&self, with: &Augmented, effect: Effect, score: &[f64]) -> Nearby {
+        let mut nearby: Nearby = self.columns.iter().cloned().map(Some).collect();
+        let before = with.effects().as_slice().iter().take_while(|other| other.effect() != effect);
+        let at = self.of_base + before.map(|other| other.parameters().len()).sum::<usize>();
+        let own = (0..effect.parameters().len()).map(|index| (index == 0).then(|| score.to_vec()));
+        nearby.splice(at..at, own);
+        nearby
     }
 
     /// `with`, its other numbers moved so that they make up for what they have in common with `amount` of an effect whose score

@@ -25,7 +25,12 @@ pub(super) struct Rival {
     pub(super) squares: f64,
 }
 
-/// The rival of `base`; `None` when the base has such hysteresis itself, or none can be identified on these runs.
+/// True when `base` has such hysteresis itself.
+pub(super) fn is_one(base: &Model) -> bool {
+    matches!(&base.force, ForceModel::Law(law) if law.law() == Law::BoucWen)
+}
+
+/// The rival of `base`; `None` when none can be identified on these runs.
 pub(super) fn rival(
     base: &Model,
     estimate: &[Dataset],
@@ -33,9 +38,6 @@ pub(super) fn rival(
     seed: u64,
     watch: &Watch,
 ) -> Result<Option<Rival>, Error> {
-    if matches!(&base.force, ForceModel::Law(law) if law.law() == Law::BoucWen) {
-        return Ok(None);
-    }
     let form = if base.force.drive().is_some() { Form::SemiActive } else { Form::Passive };
     let spec = ModelSpec::new(Structure::Law(Law::BoucWen), form)?;
     let options = Options {

@@ -12,6 +12,7 @@ use super::rows::{Rows, dot};
 use super::score::{Score, Scores};
 use crate::effect::{Effect, EffectModel};
 use crate::error::Error;
+use rayon::prelude::*;
 
 /// Share of the explainable error that a score must promise to be worth a refit. A lag is far from straight and may keep
 /// several times its promise.
@@ -97,13 +98,14 @@ impl Round<'_> {
             .collect();
         worth.sort_by(|a, b| scores[*b].promise.total_cmp(&scores[*a].promise));
         worth.truncate(MOST_REFITS);
+        let ranked = |k: &usize| all.refit(&self.joint, current, &scores[*k], RANKING);
+        let fits: Vec<Option<Fitted>> = worth.par_iter().map(ranked).collect::<Result<_, Error>>()?;
         let mut refits = Vec::new();
-        for k in worth {
-            if let Some(fitted) = self.joint.refit(&all.start(&self.joint, current, &scores[k])?, RANKING)? {
-                let drop = current.squares - fitted.squares;
-                candidates[k].removes = Some(drop / explainable);
-                refits.push(Refitted { score: &scores[k], p_adjusted: adjusted[k], fitted, drop });
-            }
+        for (k, fitted) in worth.into_iter().zip(fits) {
+            let Some(fitted) = fitted else { continue };
+            let drop = current.squares - fitted.squares;
+            candidates[k].removes = Some(drop / explainable);
+            refits.push(Refitted { score: &scores[k], p_adjusted: adjusted[k], fitted, drop });
         }
         refits.sort_by(|a, b| b.drop.total_cmp(&a.drop));
         let (mut refused, mut passed) = (Vec::new(), None);

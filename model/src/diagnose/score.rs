@@ -94,9 +94,22 @@ pub(super) fn scores(
 }
 
 impl Scores {
+    /// A first fit of `fitted` with the effect of `score`, within so many evaluations: from the derivatives that the scores were
+    /// taken with.
+    pub(super) fn refit(
+        &self,
+        joint: &Joint,
+        fitted: &Fitted,
+        score: &Score,
+        evaluations: usize,
+    ) -> Result<Option<Fitted>, Error> {
+        let start = self.start(joint, fitted, score)?;
+        joint.refit_from(&start, Some(self.known.nearby(&start, score.effect, &score.whole)), evaluations)
+    }
+
     /// Where a refit of `fitted` with the effect of `score` starts. What is asked for is far for a straight line: the best of some
     /// shares of it, with room made for them and without.
-    pub(super) fn start(&self, joint: &Joint, fitted: &Fitted, score: &Score) -> Result<Augmented, Error> {
+    fn start(&self, joint: &Joint, fitted: &Fitted, score: &Score) -> Result<Augmented, Error> {
         let parameter = &score.effect.parameters()[0];
         let size = joint.scales.size(parameter.scale);
         let (neutral, [low, high]) = (parameter.neutral * size, parameter.range_at(size));

@@ -139,7 +139,7 @@ pub(super) struct Inside<'a> {
     states: &'a mut [EffectState],
 }
 
-impl Inside<'_> {
+impl<'a> Inside<'a> {
     /// Steps what is inside; the force may not be finite.
     #[inline]
     pub(super) fn run(&mut self, inputs: &Inputs) -> Option<f64> {
@@ -157,22 +157,66 @@ impl Inside<'_> {
         self.run(inputs).filter(|force_n| force_n.is_finite())
     }
 
-    /// What [`Inside::finite`] would say, while nothing steps.
-    pub(super) fn trial(&self, inputs: &Inputs) -> Option<f64> {
-        let mut free = *self.free;
-        if self.effects.is_empty() {
-            return self.force.free_run(&mut free, inputs).filter(|force_n| force_n.is_finite());
-        }
-        let mut states = [EffectState::default(); MAX_EFFECTS];
-        let states = states.get_mut(..self.states.len())?;
-        states.copy_from_slice(self.states);
-        Inside { force: self.force, effects: self.effects, free: &mut free, states }.finite(inputs)
+    /// A sample that may be taken back.
+    #[inline]
+    pub(super) fn trials(&mut self) -> Trials<'_, 'a> {
+        Trials { free: *self.free, states: Kept::of(self.states), inside: self, stepped: false }
     }
 
     /// The session's force offset, N: no force of the damper.
     #[inline]
     pub(super) fn offset_n(&self) -> f64 {
         self.force.force_offset_n()
+    }
+}
+
+/// Steps of what is inside, each from where it stood before the sample: the last one stands.
+pub(super) struct Trials<'a, 'b> {
+    inside: &'a mut Inside<'b>,
+    free: FreeRun,
+    states: Kept,
+    stepped: bool,
+}
+
+impl Trials<'_, '_> {
+    /// Takes the step before back, if there was one, and steps with `inputs`; `None` when the force is not finite.
+    #[inline]
+    pub(super) fn step(&mut self, inputs: &Inputs) -> Option<f64> {
+        if self.stepped {
+            *self.inside.free = self.free;
+            self.states.restore(self.inside.states);
+        }
+        self.stepped = true;
+        self.inside.finite(inputs)
+    }
+}
+
+/// States of the effects within another one: there may be one less than [`MAX_EFFECTS`]. Each is a kilobyte, so none is kept that
+/// is not there.
+#[allow(clippy::large_enum_variant, reason = "a box would allocate")]
+enum Kept {
+    None,
+    One(EffectState),
+    Two([EffectState; MAX_EFFECTS - 1]),
+}
+
+impl Kept {
+    #[inline]
+    fn of(states: &[EffectState]) -> Self {
+        match states {
+            [] => Self::None,
+            [one] => Self::One(*one),
+            [one, two, ..] => Self::Two([*one, *two]),
+        }
+    }
+
+    #[inline]
+    fn restore(&self, states: &mut [EffectState]) {
+        match self {
+            Self::None => {}
+            Self::One(one) => states.copy_from_slice(std::slice::from_ref(one)),
+            Self::Two(both) => states.copy_from_slice(both),
+        }
     }
 }
 

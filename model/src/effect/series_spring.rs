@@ -19,10 +19,10 @@
 //! ```
 //!
 //! for F: by secants from where the last two samples point, held between the nearest forces known to be too low and
-//! too high, and by halving between those where a secant does not halve the error. Around a model whose force falls
-//! steeply as speed grows (a spring cannot hold that) there may be no such force; then there is none. The model is
-//! tried on copies of its state, and steps once when F is found. The first sample takes the spring at rest
-//! (e' = e'' = 0). Where the model jumps (laws that branch by the sign of acceleration) F ends within the jump, as a
+//! too high, and by halving between those where a secant does not halve the error. When the error is small, F takes
+//! the secant once more, which leaves the square of it, and the model stays as it stepped last: each trial steps it
+//! from where it stood before the sample. Around a model whose force falls steeply as speed grows (a spring cannot
+//! hold that) there may be no such force; then there is none. The first sample takes the spring at rest (e' = e'' = 0). Where the model jumps (laws that branch by the sign of acceleration) F ends within the jump, as a
 //! spring would hold it.
 //!
 //! Source: Maxwell's element with the damper for its dashpot. Telling of it: a residual that goes with acceleration,
@@ -33,8 +33,11 @@ use crate::force::Inputs;
 
 /// Most trials of the model a sample.
 const TRIALS: u32 = 48;
-/// Error of the force that is small enough: of the force, and of a newton.
-const TOLERANCE: f64 = 1e-10;
+/// Error of the force, as a share of it and of a newton, from which one secant more makes it exact: scores and derivatives are
+/// differences of this force, and one part in 1e10 of it is what they need.
+const TOLERANCE: f64 = 1e-7;
+/// The same where there is no secant: at once, or within a jump.
+const EXACT: f64 = 1e-10;
 
 pub(super) const ABOUT: About = About {
     id: "force_lag",
@@ -91,14 +94,13 @@ pub(super) fn step(
         Some(b) => (force_before_n + b.rate_m_s / compliance_m_n * b.since_s, slope),
         None => (offset_n, 1.0),
     };
-    let found = solve(guess_n, slope, offset_n, |force_n| inside.trial(&behind(force_n)));
-    let (force_n, slope) = found.unwrap_or((guess_n, 1.0));
     // The model steps whether there is a force or not: it may be filling its history.
-    let answer_n = inside.finite(&behind(force_n));
-    if found.is_none() || answer_n.is_none() {
+    let mut trials = inside.trials();
+    let found = solve(guess_n, slope, offset_n, |force_n| trials.step(&behind(force_n)));
+    let Some((force_n, slope)) = found else {
         state.elapsed.miss(inputs.dt_s);
         return None;
-    }
+    };
     state.elapsed.hit(inputs.dt_s);
     state.held = [force_n, rates(force_n).0, slope];
     Some(force_n)
@@ -106,15 +108,20 @@ pub(super) fn step(
 
 /// Where `model(F) = F`, from `guess_n` and a `slope` of F - model(F) to begin with, both close from sample to sample;
 /// and the slope found. `None` when the model gives no force on the way, or the trials do not meet.
-fn solve(guess_n: f64, slope: f64, offset_n: f64, model: impl Fn(f64) -> Option<f64>) -> Option<(f64, f64)> {
+fn solve(
+    guess_n: f64,
+    slope: f64,
+    offset_n: f64,
+    mut model: impl FnMut(f64) -> Option<f64>,
+) -> Option<(f64, f64)> {
     let (mut force_n, mut slope) = (guess_n, slope);
     // The root lies between, as far as is known.
     let [mut low_n, mut high_n] = [f64::NEG_INFINITY, f64::INFINITY];
     let (mut last, mut reach) = (None, 1.0);
     for _ in 0..TRIALS {
         let excess_n = force_n - model(force_n)?;
-        let tolerance_n = TOLERANCE * ((force_n - offset_n).abs() + 1.0);
-        if excess_n.abs() <= tolerance_n || high_n - low_n <= tolerance_n {
+        let size_n = (force_n - offset_n).abs() + 1.0;
+        if excess_n.abs() <= EXACT * size_n || high_n - low_n <= EXACT * size_n {
             return Some((force_n, slope));
         }
         if excess_n < 0.0 {
@@ -126,6 +133,9 @@ fn solve(guess_n: f64, slope: f64, offset_n: f64, model: impl Fn(f64) -> Option<
         if let Some((before_n, excess_before_n)) = last {
             let secant: f64 = (excess_n - excess_before_n) / (force_n - before_n);
             slope = if secant > 0.0 { secant } else { 1.0 };
+            if secant > 0.0 && excess_n.abs() <= TOLERANCE * size_n {
+                return Some((force_n - excess_n / slope, slope));
+            }
             slow = excess_n.abs() > 0.5 * f64::abs(excess_before_n);
         }
         last = Some((force_n, excess_n));

@@ -12,6 +12,8 @@ use crate::sample::DriveKind;
 
 /// Share of the strongest set's strength below which a set is out.
 const LEAST_STRENGTH: f64 = 1e-7;
+/// Squared distance beyond the strongest set's from which a set is out for certain: -2 ln of that share is 32.24.
+const OUT: f64 = 32.3;
 /// The most fuzzy sets that one model can hold.
 pub const MAX_FUNCTIONS: usize = 16;
 
@@ -135,7 +137,9 @@ pub(crate) fn blend(i: f64, centres: &[f64], sigmas: &[f64]) -> [f64; MAX_FUNCTI
     let len = centres.len().min(MAX_FUNCTIONS);
     let mut sum = 0.0;
     for weight in &mut weights[..len] {
-        *weight = (-0.5 * (*weight - strongest)).exp();
+        let beyond = *weight - strongest;
+        // NaN, of a drive that is not known, must come through.
+        *weight = if beyond > OUT { 0.0 } else { (-0.5 * beyond).exp() };
         if *weight < LEAST_STRENGTH {
             *weight = 0.0;
         }
