@@ -9,6 +9,7 @@ pub mod evaluate;
 pub mod fis;
 pub mod force;
 pub mod identify;
+pub mod inverse;
 pub mod metrics;
 pub mod model;
 pub mod model_file;

@@ -1,4 +1,4 @@
-//! `Pipeline::step` and `Pipeline::tick` never allocate: the guard aborts the test process on the first byte.
+//! `Pipeline::step`, `Pipeline::tick` and `Commander::step` never allocate: the guard aborts the test process on the first byte.
 
 mod common;
 
@@ -7,6 +7,8 @@ use common::{preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
+use mr_damper_model::inverse::{Commander, LimitedBy, Limits};
+use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
 use mr_damper_model::preset::{BEST_ANFIS, BEST_ARX, BEST_FUZZY_TANH};
 use mr_damper_model::sample::{DriveKind, Reading, Stamp};
@@ -96,6 +98,37 @@ fn no_law_allocates() {
             });
             assert!(sum.is_finite(), "{} {}", law.name(), dependence.name());
         }
+    }
+}
+
+/// A commander on each kind of search: tanh functions alone, with an effect that only adds, and a model tried on copies.
+#[test]
+fn no_command_allocates() {
+    let effect = |effect, parameters: &[f64]| EffectModel::new(effect, parameters).expect("within range");
+    let (lag, gas) = (effect(Effect::CoilLag, &[0.012]), effect(Effect::GasSpring, &[1e3]));
+    let spring = effect(Effect::SeriesSpring, &[1e-7]);
+    for effects in [vec![], vec![lag, gas], vec![lag, spring]] {
+        let effects = Effects::new(&effects).expect("few enough");
+        let model = Model { effects, ..preset(BEST_FUZZY_TANH) };
+        let mut commander = Commander::new(&model, Limits::default()).expect("it follows a current");
+        let mut commanded = 0;
+        assert_no_alloc(|| {
+            for k in 0..300 {
+                let t = 0.002 * f64::from(k);
+                let inputs = Inputs {
+                    dt_s: (k % 130 > 0).then_some(0.002),
+                    displacement_m: if k == 200 { f64::NAN } else { 0.01 * (20.0 * t).sin() },
+                    velocity_m_s: 0.2 * (20.0 * t).cos(),
+                    acceleration_m_s2: -4.0 * (20.0 * t).sin(),
+                    drive: f64::NAN,
+                    case_temp_c: f64::NAN,
+                };
+                let demand_n = (k % 7 > 0).then(|| 900.0 * (20.0 * t).cos());
+                let command = commander.step(&inputs, demand_n, Some(500.0));
+                commanded += u32::from(command.limited_by != LimitedBy::Safe);
+            }
+        });
+        assert!(commanded > 200, "{commanded}");
     }
 }
 

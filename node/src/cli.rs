@@ -36,6 +36,7 @@ enum Command {
     Compare(command::compare::Args),
     Evaluate(command::evaluate::Args),
     Close(command::close::Args),
+    Inverse(command::inverse::Args),
     Presets(command::presets::Args),
 }
 
@@ -91,6 +92,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Compare(args) => command::compare::run(&args, &around),
         Command::Evaluate(args) => command::evaluate::run(&args, &around),
         Command::Close(args) => command::close::run(&args, &around),
+        Command::Inverse(args) => command::inverse::run(&args, &around),
         Command::Presets(args) => command::presets::run(&args),
     }
 }

@@ -327,6 +327,20 @@ impl Effect {
         self.about().needs
     }
 
+    /// True when it adds a force that the drive has no part in, and hands its inputs on as they are.
+    #[must_use]
+    pub const fn only_adds(self) -> bool {
+        matches!(
+            self,
+            Self::GasSpring
+                | Self::Inertia
+                | Self::Friction
+                | Self::EndStop
+                | Self::LoadCellDrift
+                | Self::VelocitySaturation
+        )
+    }
+
     /// The effect absent, where `size` tells how large a scale is in the data: the base of a score.
     #[must_use]
     pub fn neutral(self, size: impl Fn(Scale) -> f64) -> EffectModel {

@@ -140,14 +140,50 @@ impl FuzzyTanh {
     #[inline]
     #[must_use]
     pub fn force_n(&self, x_m: f64, v_m_s: f64, i: f64) -> f64 {
+        let functions = self.functions();
+        self.blended_n(i, |set| functions[set].force_n(x_m, v_m_s))
+    }
+
+    /// The force at drive `i` where the function under each centre has `force_n`; asked only where it counts.
+    #[inline]
+    fn blended_n(&self, i: f64, force_n: impl Fn(usize) -> f64) -> f64 {
         let weights = self.sets.weights(i);
         let mut force = 0.0;
-        for (weight, function) in weights.iter().zip(self.functions()) {
+        for (set, weight) in weights[..self.sets.len()].iter().enumerate() {
             // NaN, of a drive that is not known, must come through.
             if *weight != 0.0 {
-                force += weight * function.force_n(x_m, v_m_s);
+                force += weight * force_n(set);
             }
         }
         force + self.force_offset_n
+    }
+
+    /// The model at a motion that stays, for several drives: the tanh functions are taken once. What [`Self::force_n`] says,
+    /// to the last bit.
+    #[inline]
+    #[must_use]
+    pub fn at(&self, x_m: f64, v_m_s: f64) -> FuzzyTanhAt<'_> {
+        let mut forces_n = [0.0; MAX_FUNCTIONS];
+        for (force_n, function) in forces_n.iter_mut().zip(self.functions()) {
+            *force_n = function.force_n(x_m, v_m_s);
+        }
+        FuzzyTanhAt { model: self, forces_n }
+    }
+}
+
+/// A [`FuzzyTanh`] at one motion; see [`FuzzyTanh::at`].
+#[derive(Debug, Clone, Copy)]
+pub struct FuzzyTanhAt<'a> {
+    model: &'a FuzzyTanh,
+    /// Force of the function under each centre, N.
+    forces_n: [f64; MAX_FUNCTIONS],
+}
+
+impl FuzzyTanhAt<'_> {
+    /// Force in newtons at drive `i`. Not finite when an argument is not finite.
+    #[inline]
+    #[must_use]
+    pub fn force_n(&self, i: f64) -> f64 {
+        self.model.blended_n(i, |set| self.forces_n[set])
     }
 }

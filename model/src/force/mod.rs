@@ -18,7 +18,7 @@ pub(crate) mod tsk;
 
 pub use arx::{Arx, LAGS, SAVARESI_LAGS};
 pub use dependence::{Dependence, MAX_DEGREE};
-pub use fuzzy_tanh::{FuzzyTanh, TanhFunction};
+pub use fuzzy_tanh::{FuzzyTanh, FuzzyTanhAt, TanhFunction};
 pub use history::{DEPTH, History};
 pub use law::{Law, LawModel, LawState, Sensitivity};
 pub use lazy::{Lazy, LazyMetric, LazyPoint, MAX_NEIGHBOURS, MAX_POINTS, MIN_NEIGHBOURS};

@@ -66,6 +66,41 @@ pub fn record(experiment: &Experiment, plant: &Plant, channels: &Channels, seed:
     record_while(experiment, plant, channels, seed, &mut |_| true).unwrap_or_default()
 }
 
+/// What a controller is shown of the rig at a sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shown {
+    /// Number of the sample, from 0, at 512 Hz.
+    pub sample: usize,
+    /// What the displacement transducer reads, m.
+    pub displacement_m: f64,
+    /// What the load cell reads, N.
+    pub force_n: f64,
+}
+
+/// Moves `plant` by `motion` while `controller` says the current, in amperes: at each sample that until the next one. What it is
+/// shown has the noise, steps and offsets of `channels`; their filters and delays, and the plant's inertia, loss and lag of force,
+/// which are made of whole runs, are left out. Begins at rest without current.
+#[must_use]
+pub fn control(
+    motion: &Motion,
+    plant: &Plant,
+    channels: &Channels,
+    seed: u64,
+    controller: &mut dyn FnMut(&Shown) -> f64,
+) -> response::Response {
+    let sensor = |noise, step, offset| Sensor { noise, step, offset };
+    let transducer = sensor(channels.displacement_noise_m, channels.displacement_step_m, 0.0);
+    let cell = sensor(channels.force_noise_n, channels.force_step_n, channels.force_offset_n);
+    let mut noise_m = stream(seed, Purpose::DisplacementNoise);
+    let mut noise_n = stream(seed, Purpose::ForceNoise);
+    let samples = motion.displacement_m.len();
+    plant.respond_to(motion, samples, 0.0, plant::SUB_STEPS, &mut |sample, force_n| {
+        let displacement_m = transducer.read(motion.displacement_m[sample], &mut noise_m);
+        let force_n = cell.read(force_n, &mut noise_n);
+        Some(controller(&Shown { sample, displacement_m, force_n }))
+    })
+}
+
 /// As [`record`], but asks `go_on` once a second of the run, with the seconds done (0 while the excitation is
 /// made), and gives up with `None` when it says no.
 pub fn record_while(

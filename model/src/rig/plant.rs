@@ -459,34 +459,54 @@ impl Plant {
         sub_steps: u32,
         go_on: &mut dyn FnMut(f64) -> bool,
     ) -> Option<Response> {
+        let Some(first_a) = command_a.first() else { return Some(Response::default()) };
+        let (samples, mut stopped) = (motion.displacement_m.len().min(command_a.len()), false);
+        let mut response = self.respond_to(motion, samples, *first_a, sub_steps, &mut |k, _| {
+            stopped = k % RATE_HZ as usize == 0 && !go_on(k as f64 / RATE_HZ);
+            (!stopped).then(|| command_a[k])
+        });
+        if stopped {
+            return None;
+        }
+        response.add_inertia(self.mass_kg, &motion.velocity_m_s[..response.force_n.len()]);
+        response.lose_force(self.force_loss);
+        response.lag_force(self.force_lag_s);
+        Some(response)
+    }
+
+    /// The response from rest at `first_a` over `samples` samples to the currents that `command_a` says: for a sample and its
+    /// force, that until the next; nothing more when it says `None`. Without the inertia, the loss and the lag of the force, which
+    /// are made of the whole of it.
+    pub(super) fn respond_to(
+        &self,
+        motion: &Motion,
+        samples: usize,
+        first_a: f64,
+        sub_steps: u32,
+        command_a: &mut dyn FnMut(usize, f64) -> Option<f64>,
+    ) -> Response {
         let mut response = Response::default();
         let (x, v) = (&motion.displacement_m, &motion.velocity_m_s);
-        let samples = x.len().min(v.len()).min(command_a.len());
-        if samples == 0 {
-            return Some(response);
-        }
-        let mut state = self.at_rest(x[0], command_a[0]);
+        let samples = samples.min(x.len()).min(v.len());
+        let Some(start_m) = x.first() else { return response };
+        let mut state = self.at_rest(*start_m, first_a);
         let integrator = Integrator::new(self, sub_steps.max(1));
         for k in 0..samples {
             if k == samples / 3 {
                 state.yield_share = 1.0 - self.wear;
             }
-            if k % RATE_HZ as usize == 0 && !go_on(k as f64 / RATE_HZ) {
-                return None;
-            }
-            response.force_n.push(self.force_n(&state, x[k], v[k]));
+            let force_n = self.force_n(&state, x[k], v[k]);
+            let Some(command_a) = command_a(k, force_n) else { break };
+            response.force_n.push(force_n);
             response.driver_a.push(state.driver_a);
             response.effective_a.push(state.effective_a);
             response.temperature_c.push(state.temperature_c);
             if k + 1 < samples {
                 let stroke = Stroke { x: [x[k], x[k + 1]], v: [v[k], v[k + 1]] };
-                integrator.sample(&mut state, &stroke, command_a[k]);
+                integrator.sample(&mut state, &stroke, command_a);
             }
         }
-        response.add_inertia(self.mass_kg, &v[..samples]);
-        response.lose_force(self.force_loss);
-        response.lag_force(self.force_lag_s);
-        Some(response)
+        response
     }
 
     /// Rates of dashpot, displacement behind the compliance, and hysteresis.

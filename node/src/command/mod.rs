@@ -7,6 +7,7 @@ pub mod convert;
 pub mod demo;
 pub mod evaluate;
 pub mod identify;
+pub mod inverse;
 pub mod node;
 pub mod output;
 pub mod presets;

@@ -1,7 +1,7 @@
 //! Reports: one HTML file each, with everything in it, readable without a network.
 //!
 //! [`plot`], [`box_plot`] and [`scatter`] draw, [`page`] sets the page, [`table`] its tables; they know nothing of
-//! dampers. One file a report puts them together: [`demo`], [`identify`], [`compare`].
+//! dampers. One file a report puts them together: [`demo`], [`identify`], [`compare`], [`inverse`].
 
 pub mod box_plot;
 pub mod close;
@@ -10,6 +10,7 @@ pub mod compare;
 pub mod correlate;
 pub mod demo;
 pub mod identify;
+pub mod inverse;
 mod log_axis;
 pub mod page;
 mod panels;

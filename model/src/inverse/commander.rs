@@ -1,0 +1,348 @@
+//! From a demanded force to a current, sample by sample.
+//!
+//! ```text
+//! preload  P = offset + k x                            gas spring: it does no work over a stroke
+//! Fd (v) dissipative        (Fd - P) v >= 0
+//! solve    F(i*, x, v, states) + b = Fd + g (Fd - Fm)  within [0, i_max]
+//! lead     u = c + (i* - c) (1 - e^(-dt/T)) / (1 - e^(-dt/tau))
+//! coil     c' = c + (u - c) (1 - e^(-dt/tau))          the current that the fluid has
+//! bias     b' = b + (1 - e^(-dt/Tb)) (Fm - F - b)      Fm measured; without it b goes to 0 alike
+//! ```
+//!
+//! | symbol | what |
+//! |---|---|
+//! | tau | the model's coil lag, when it has that effect (rise or fall, by which way i* lies); else u = i* |
+//! | T, Tb, g | [`Limits::lead_s`], [`Limits::feedback_s`], [`Limits::feedback_gain`] |
+//! | F | the model with all its effects but the lag, which is the lead's business |
+//!
+//! The bias is what the model lacks at the currents and speeds of just now; the residual of the pipeline's free run never sees it.
+//! The gain is for a coil that lags and is not led: together they are a controller whose zero meets the coil's pole. A coil
+//! that is led leaves less to push, and g is less in proportion, T over tau.
+//! A demand that would drive the rod gets no current. Near rest, where the sign of the force turns and its size hardly follows
+//! the current, the last current that was wanted is held.
+//!
+//! Source of the inverse as a search on a forward model with a bias from the load cell: force tracking with a nested loop,
+//! e.g. Dyke et al. (1996), Smart Mater. Struct. 5, 565 (their clipped control has only the sign).
+
+use super::limits::{LimitedBy, Limits};
+use super::shape::Shape;
+use super::solve::{Moment, Solver};
+use crate::effect::{Augmented, AugmentedState, Effect, Effects};
+use crate::error::Error;
+use crate::force::Inputs;
+use crate::model::Model;
+use crate::sample::DriveKind;
+use crate::units::{Ampere, Newton};
+
+/// Share of the model's largest force below which the current hardly moves it.
+const HARDLY: f64 = 0.01;
+/// Share of what the current moves by which a demand may lie beyond and still count as met.
+const SLACK: f64 = 1e-3;
+
+/// A current, and what is to be expected of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Command {
+    /// The current; always finite, within 0 and the largest.
+    pub current: Ampere,
+    /// What was asked for; NaN when nothing was.
+    pub requested: Newton,
+    /// The force that the model expects of the current that the fluid will have; NaN when it has none.
+    pub expected: Newton,
+    /// The least and the largest force that the damper has at this motion; NaN when that is not known.
+    pub achievable: [Newton; 2],
+    /// The force that was asked for is among them.
+    pub is_achievable: bool,
+    /// It takes energy out of the motion.
+    pub dissipative: bool,
+    /// What kept the command from it.
+    pub limited_by: LimitedBy,
+}
+
+/// Time constants of a coil, s.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Coil {
+    rise_s: f64,
+    fall_s: f64,
+}
+
+impl Coil {
+    /// The time constant on the way from `from_a` to `to_a`.
+    fn tau_s(&self, from_a: f64, to_a: f64) -> f64 {
+        if to_a >= from_a { self.rise_s } else { self.fall_s }
+    }
+}
+
+/// Commands currents for forces, for one damper.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Commander {
+    fixed: Fixed,
+    memory: Memory,
+}
+
+/// What stays as it is.
+#[derive(Debug, Clone, PartialEq)]
+struct Fixed {
+    limits: Limits,
+    /// The model without the lag of its coil.
+    model: Augmented,
+    coil: Option<Coil>,
+    gas_n_m: f64,
+    solver: Solver,
+    shape: Shape,
+}
+
+/// What is remembered from sample to sample.
+#[derive(Debug, Clone, PartialEq)]
+struct Memory {
+    state: AugmentedState,
+    /// Last command, A.
+    last_a: f64,
+    /// Current that was last wanted for the fluid, A.
+    wanted_a: f64,
+    /// Current that the fluid has, A.
+    fluid_a: f64,
+    /// What measured force says that the model lacks, N.
+    bias_n: f64,
+    /// Rate at which the current goes to the safe one, A/s, once it has begun to.
+    safe_rate_a_s: Option<f64>,
+}
+
+impl Commander {
+    /// A commander of `model` at rest, with the safe current on.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] for a limit that means nothing; [`Error::Data`] for a model that follows no current, or a voltage, and
+    /// for one that has no force within its own envelope.
+    pub fn new(model: &Model, limits: Limits) -> Result<Self, Error> {
+        limits.validate()?;
+        match model.force.drive() {
+            Some(DriveKind::CoilCurrent) => {}
+            Some(DriveKind::CommandVoltage) => {
+                return Err(refused(
+                    model,
+                    "follows a voltage, not a current; identify it on runs with current_a",
+                ));
+            }
+            None => {
+                return Err(refused(
+                    model,
+                    "knows no current, and no current changes its force; take one that does",
+                ));
+            }
+        }
+        let shape = Shape::of(model, limits.current_max_a);
+        if !shape.has_force() {
+            let [some, all] = shape.points;
+            let what = format!(
+                "has a finite force at {some} of {all} points of its own envelope; a current cannot be sought on it: look at it with \
+                 `mr-damper evaluate`, or take another"
+            );
+            return Err(refused(model, &what));
+        }
+        let (mut kept, mut coil, mut gas_n_m) = (Vec::new(), None, 0.0);
+        for effect in model.effects.as_slice() {
+            match (effect.effect(), effect.parameters()) {
+                (Effect::CoilLag, [tau_s]) => coil = Some(Coil { rise_s: *tau_s, fall_s: *tau_s }),
+                (Effect::CoilLagRiseFall, [rise_s, fall_s]) => {
+                    coil = Some(Coil { rise_s: *rise_s, fall_s: *fall_s });
+                }
+                (Effect::GasSpring, [stiffness_n_m]) => {
+                    gas_n_m += stiffness_n_m;
+                    kept.push(*effect);
+                }
+                _ => kept.push(*effect),
+            }
+        }
+        let fixed = Fixed {
+            limits,
+            model: Augmented::new(model.force, Effects::new(&kept)?)?,
+            coil,
+            gas_n_m,
+            solver: Solver { current_max_a: limits.current_max_a, folded: shape.real_fold().is_some() },
+            shape,
+        };
+        let memory = Memory {
+            state: AugmentedState::default(),
+            last_a: limits.safe_a,
+            wanted_a: limits.safe_a,
+            fluid_a: limits.safe_a,
+            bias_n: 0.0,
+            safe_rate_a_s: None,
+        };
+        Ok(Self { fixed, memory })
+    }
+
+    /// What the model's force is like over the current.
+    #[must_use]
+    pub const fn shape(&self) -> &Shape {
+        &self.fixed.shape
+    }
+
+    /// The current for `demand_n` at `inputs`, whose drive is the measured current, or NaN. `measured_n` is the force of this
+    /// sample, where there is one.
+    #[inline]
+    pub fn step(&mut self, inputs: &Inputs, demand_n: Option<f64>, measured_n: Option<f64>) -> Command {
+        self.memory.step(&self.fixed, inputs, demand_n, measured_n)
+    }
+}
+
+impl Memory {
+    fn step(
+        &mut self,
+        fixed: &Fixed,
+        inputs: &Inputs,
+        demand_n: Option<f64>,
+        measured_n: Option<f64>,
+    ) -> Command {
+        let dt_s = inputs.dt_s.filter(|dt_s| *dt_s > 0.0 && dt_s.is_finite());
+        if dt_s.is_none() {
+            // History means nothing any more; the driver still has its current.
+            self.state = AugmentedState::default();
+            self.bias_n = 0.0;
+        }
+        self.follow_coil(fixed, inputs.drive, dt_s);
+        let demand_n = demand_n.filter(|force_n| force_n.is_finite());
+        if !(inputs.displacement_m.is_finite() && inputs.velocity_m_s.is_finite()) {
+            // Nothing that is no number gets into the model's memory.
+            return self.safe(fixed, demand_n, dt_s);
+        }
+        let stepped = Moment::step(&fixed.model, &mut self.state, inputs, self.fluid_a);
+        self.learn(fixed, stepped.as_ref().map(|(modelled_n, _)| *modelled_n), measured_n, dt_s);
+        let Some((demand_n, (_, moment))) = demand_n.zip(stepped) else {
+            return self.safe(fixed, demand_n, dt_s);
+        };
+        let sought_n = demand_n - self.bias_n + self.pushed(fixed, demand_n, measured_n);
+        let Some(solved) = fixed.solver.solve(&moment, sought_n, self.wanted_a) else {
+            return self.safe(fixed, Some(demand_n), dt_s);
+        };
+        self.safe_rate_a_s = None;
+
+        let (x_m, v_m_s) = (inputs.displacement_m, inputs.velocity_m_s);
+        let preload_n = fixed.model.force().force_offset_n() + fixed.gas_n_m * x_m;
+        let dissipative = (demand_n - preload_n) * v_m_s >= 0.0;
+        let achievable_n = solved.achievable_n.map(|force_n| force_n + self.bias_n);
+        let moves_n = achievable_n[1] - achievable_n[0];
+        let slack_n = SLACK * moves_n;
+        let is_achievable =
+            (achievable_n[0] - slack_n..=achievable_n[1] + slack_n).contains(&demand_n) && dissipative;
+        let near_rest = v_m_s.abs() < fixed.limits.hold_m_s || moves_n < HARDLY * fixed.shape.most_n;
+        self.wanted_a = match (near_rest, dissipative) {
+            (true, _) => self.wanted_a,
+            (false, true) => solved.current_a,
+            (false, false) => 0.0,
+        };
+        let wanted_by = match is_achievable {
+            _ if !dissipative => LimitedBy::Passivity,
+            true => LimitedBy::None,
+            false if self.wanted_a > 0.5 * fixed.limits.current_max_a => LimitedBy::CurrentMax,
+            false => LimitedBy::CurrentMin,
+        };
+        let led_a = self.led(fixed, dt_s);
+        // Held is what the fluid has; a demand that would drive the rod gets no more of it.
+        let led_a = if dissipative { led_a } else { led_a.min(self.last_a) };
+        let (current_a, limited_by) = self.limited(fixed, led_a, wanted_by, dt_s);
+        let fluid_a = self.after(fixed, current_a, dt_s);
+        let expected_n =
+            if fluid_a == solved.current_a { Some(solved.force_n) } else { moment.force_n(fluid_a) };
+        self.last_a = current_a;
+        Command {
+            current: Ampere(current_a),
+            requested: Newton(demand_n),
+            expected: Newton(expected_n.map_or(f64::NAN, |force_n| force_n + self.bias_n)),
+            achievable: achievable_n.map(Newton),
+            is_achievable,
+            dissipative,
+            limited_by,
+        }
+    }
+
+    /// The current of the fluid at this sample, from the driver's since the last one.
+    fn follow_coil(&mut self, fixed: &Fixed, measured_a: f64, dt_s: Option<f64>) {
+        // A current below zero is an offset of its transducer: none was commanded.
+        let driver_a = if measured_a.is_finite() { measured_a.max(0.0) } else { self.last_a };
+        self.fluid_a = match dt_s {
+            Some(_) => self.after(fixed, driver_a, dt_s),
+            None => driver_a,
+        };
+    }
+
+    /// The current of the fluid `dt_s` after the driver went to `driver_a`.
+    fn after(&self, fixed: &Fixed, driver_a: f64, dt_s: Option<f64>) -> f64 {
+        match (&fixed.coil, dt_s) {
+            (Some(coil), Some(dt_s)) => {
+                let share = approach(dt_s, coil.tau_s(self.fluid_a, driver_a));
+                self.fluid_a + share * (driver_a - self.fluid_a)
+            }
+            _ => driver_a,
+        }
+    }
+
+    fn learn(&mut self, fixed: &Fixed, modelled_n: Option<f64>, measured_n: Option<f64>, dt_s: Option<f64>) {
+        let Some(dt_s) = dt_s else { return };
+        let measured_n = measured_n.filter(|force_n| force_n.is_finite());
+        let lacks_n =
+            measured_n.zip(modelled_n).map_or(0.0, |(measured_n, modelled_n)| measured_n - modelled_n);
+        self.bias_n += approach(dt_s, fixed.limits.feedback_s) * (lacks_n - self.bias_n);
+    }
+
+    /// What is asked for beyond the demand, because the last samples missed it, N.
+    fn pushed(&self, fixed: &Fixed, demand_n: f64, measured_n: Option<f64>) -> f64 {
+        let Some(measured_n) = measured_n.filter(|force_n| force_n.is_finite()) else { return 0.0 };
+        let left =
+            fixed.coil.map_or(1.0, |coil| (fixed.limits.lead_s / coil.rise_s.min(coil.fall_s)).min(1.0));
+        fixed.limits.feedback_gain * left * (demand_n - measured_n)
+    }
+
+    /// The current that leads the coil to the one that is wanted.
+    fn led(&self, fixed: &Fixed, dt_s: Option<f64>) -> f64 {
+        match (&fixed.coil, dt_s) {
+            (Some(coil), Some(dt_s)) => {
+                let way_a = self.wanted_a - self.fluid_a;
+                let tau_s = coil.tau_s(self.fluid_a, self.wanted_a);
+                // A lead that is slower than the coil would only make it late.
+                let lead = approach(dt_s, fixed.limits.lead_s.min(tau_s));
+                self.fluid_a + way_a * lead / approach(dt_s, tau_s)
+            }
+            _ => self.wanted_a,
+        }
+    }
+
+    /// `current_a` within rate and range. A lead that is cut is no limit of the force, which the coil still comes to.
+    fn limited(&self, fixed: &Fixed, current_a: f64, by: LimitedBy, dt_s: Option<f64>) -> (f64, LimitedBy) {
+        let inside_a = current_a.clamp(0.0, fixed.limits.current_max_a);
+        // The rate is an infinite one, or times a time that is known.
+        let most_a = dt_s.map_or(0.0, |dt_s| fixed.limits.rate_max_a_s * dt_s);
+        let cut_a = inside_a.clamp(self.last_a - most_a, self.last_a + most_a);
+        (cut_a, if cut_a == inside_a { by } else { LimitedBy::Rate })
+    }
+
+    /// Towards the safe current.
+    fn safe(&mut self, fixed: &Fixed, demand_n: Option<f64>, dt_s: Option<f64>) -> Command {
+        let Limits { safe_a, safe_after_s, rate_max_a_s, current_max_a, .. } = fixed.limits;
+        let way_a = safe_a - self.last_a;
+        let rate_a_s = *self.safe_rate_a_s.get_or_insert((way_a.abs() / safe_after_s).min(rate_max_a_s));
+        // Without a way or a time the quotient is no number, and there is nothing to do, or all at once.
+        let most_a = dt_s.map_or(0.0, |dt_s| rate_a_s * dt_s);
+        let step_a = if most_a.is_nan() { way_a } else { way_a.clamp(-most_a, most_a) };
+        self.last_a = (self.last_a + step_a).clamp(0.0, current_max_a);
+        self.wanted_a = self.last_a;
+        Command {
+            current: Ampere(self.last_a),
+            requested: Newton(demand_n.unwrap_or(f64::NAN)),
+            expected: Newton(f64::NAN),
+            achievable: [Newton(f64::NAN); 2],
+            is_achievable: false,
+            dissipative: false,
+            limited_by: LimitedBy::Safe,
+        }
+    }
+}
+
+/// How much of its way a first-order lag of `tau_s` goes in `dt_s`; all of it without a lag.
+fn approach(dt_s: f64, tau_s: f64) -> f64 {
+    if tau_s > 0.0 { -(-dt_s / tau_s).exp_m1() } else { 1.0 }
+}
+
+fn refused(model: &Model, what: &str) -> Error {
+    Error::Data { message: format!("no inverse of the {} model: it {what}", model.force.name()) }
+}

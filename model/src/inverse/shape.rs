@@ -1,0 +1,135 @@
+//! Whether a model's force grows with the current one way: what a search for the current stands on.
+//!
+//! ```text
+//! s F(i, x, v) >= s F(j, x, v) for i > j,   s = sign (F(i_max, x, v) - F(0, x, v))
+//! ```
+//!
+//! Looked at on a grid of displacement, velocity and current within the model's envelope. A model with a memory comes to each point
+//! at constant velocity, with the current on, for long enough to forget where it started. What falls by no more than a
+//! hundredth of the model's largest force is rounding of fitted coefficients; what falls further is a fold. Which way it grows
+//! may differ from point to point: after a reversal a damper with hysteresis pulls along for a moment.
+
+use crate::effect::{Augmented, AugmentedState};
+use crate::force::Inputs;
+use crate::model::Model;
+
+/// Currents of the grid.
+const CURRENTS: usize = 26;
+/// Displacements of the grid, as shares of the range.
+const DISPLACEMENTS: [f64; 3] = [0.1, 0.5, 0.9];
+/// Velocities of the grid, as shares of the larger end.
+const VELOCITIES: [f64; 6] = [0.1, 0.3, 0.7, -0.1, -0.3, -0.7];
+/// Samples of motion to each point.
+const APPROACH: usize = 48;
+/// Share of the model's largest force by which it may fall.
+const ROUNDING: f64 = 0.01;
+/// Where a model knows no envelope: a damper of a seat or a small vehicle, m and m/s.
+const USUAL_M: [f64; 2] = [-0.015, 0.015];
+const USUAL_M_S: f64 = 0.2;
+
+/// A place where the force turns back as the current grows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fold {
+    /// Displacement, m.
+    pub displacement_m: f64,
+    /// Velocity, m/s.
+    pub velocity_m_s: f64,
+    /// Current from which it does, A.
+    pub current_a: f64,
+    /// By how much, N.
+    pub fall_n: f64,
+}
+
+/// What a model's force is like over the current.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shape {
+    /// Largest force on the grid, N.
+    pub most_n: f64,
+    /// The deepest fold; `None` where the force only grows.
+    pub fold: Option<Fold>,
+    /// Points of the grid that the model has a force at, and of the grid.
+    pub points: [usize; 2],
+}
+
+impl Shape {
+    /// Looks at `model` from no current to `current_max_a`.
+    #[must_use]
+    pub fn of(model: &Model, current_max_a: f64) -> Self {
+        let [low_m, high_m] = model.envelope.displacement_m.unwrap_or(USUAL_M);
+        let fastest_m_s =
+            model.envelope.velocity_m_s.map_or(USUAL_M_S, |[low, high]| high.abs().max(low.abs()));
+        let dt_s = if model.rate_hz > 0.0 { 1.0 / model.rate_hz } else { 1.0 / 512.0 };
+        let augmented = model.augmented();
+        let mut shape = Self { most_n: 0.0, fold: None, points: [0; 2] };
+        for displacement_m in DISPLACEMENTS.map(|share| low_m + share * (high_m - low_m)) {
+            for velocity_m_s in VELOCITIES.map(|share| share * fastest_m_s) {
+                let force_n = |current_a| arrive(&augmented, displacement_m, velocity_m_s, current_a, dt_s);
+                shape.look(displacement_m, velocity_m_s, current_max_a, force_n);
+            }
+        }
+        shape
+    }
+
+    fn look(
+        &mut self,
+        displacement_m: f64,
+        velocity_m_s: f64,
+        current_max_a: f64,
+        force_n: impl Fn(f64) -> Option<f64>,
+    ) {
+        let grid = (0..CURRENTS).map(|step| current_max_a * step as f64 / (CURRENTS - 1) as f64);
+        let points: Vec<(f64, f64)> =
+            grid.filter_map(|current_a| Some((current_a, force_n(current_a)?))).collect();
+        self.points = [self.points[0] + points.len(), self.points[1] + CURRENTS];
+        let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
+        let way = (last.1 - first.1).signum();
+        let mut top = *first;
+        for point in &points {
+            self.most_n = self.most_n.max(point.1.abs());
+            let fall_n = way * (top.1 - point.1);
+            if fall_n <= 0.0 {
+                top = *point;
+            } else if self.fold.is_none_or(|fold| fall_n > fold.fall_n) {
+                self.fold = Some(Fold { displacement_m, velocity_m_s, current_a: top.0, fall_n });
+            }
+        }
+    }
+
+    /// True when the model has a force wherever it was looked at.
+    #[must_use]
+    pub const fn has_force(&self) -> bool {
+        self.points[0] == self.points[1]
+    }
+
+    /// The fold, where it is deeper than rounding.
+    #[must_use]
+    pub fn real_fold(&self) -> Option<Fold> {
+        self.fold.filter(|fold| fold.fall_n > ROUNDING * self.most_n)
+    }
+}
+
+/// Force of `model` after it has come to `displacement_m` with `velocity_m_s` and `current_a`.
+fn arrive(
+    model: &Augmented,
+    displacement_m: f64,
+    velocity_m_s: f64,
+    current_a: f64,
+    dt_s: f64,
+) -> Option<f64> {
+    let mut state = AugmentedState::default();
+    let mut force_n = None;
+    for step in 0..=APPROACH {
+        let to_go_s = dt_s * (APPROACH - step) as f64;
+        let inputs = Inputs {
+            dt_s: (step > 0).then_some(dt_s),
+            displacement_m: displacement_m - velocity_m_s * to_go_s,
+            velocity_m_s,
+            acceleration_m_s2: 0.0,
+            drive: current_a,
+            // A model that fades with temperature is looked at where it was identified.
+            case_temp_c: 23.0,
+        };
+        force_n = model.free_run(&mut state, &inputs);
+    }
+    force_n.filter(|force_n| force_n.is_finite())
+}

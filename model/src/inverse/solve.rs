@@ -1,0 +1,268 @@
+//! The current at which the model gives a force, in a bounded number of steps.
+//!
+//! ```text
+//! F(i) = Fd,   0 <= i <= i_max
+//! ```
+//!
+//! Regula falsi with Illinois' halving of the end that stays, and a plain halving of the bracket whenever two steps have not
+//! halved it: as fast as secants where the force is smooth, never slower than twice the halvings. It stops where the force
+//! is within a ten-thousandth of what the current can move it, or where the current is known to a ten-thousandth of its
+//! range.
+//!
+//! A model whose force does not grow with the current one way everywhere ([`super::Shape`]) is looked at in [`PARTS`] parts of
+//! the range first; of several currents that give the force the one nearest the last is taken.
+//!
+//! Source: Dowell, M. and Jarratt, P. (1971), BIT 11, 168.
+
+use crate::effect::{Augmented, AugmentedState};
+use crate::force::{ForceModel, FuzzyTanhAt, Inputs};
+
+/// Most steps of a search within a bracket; a half of them halvings of the range are below its tolerance.
+pub const MOST_STEPS: u32 = 30;
+/// Share of the range of force, and of current, that is near enough.
+const NEAR: f64 = 1e-4;
+/// Parts in which the range of a folded model is looked at.
+const PARTS: usize = 8;
+
+/// The current that was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solution {
+    /// The current, A; within 0 and the largest.
+    pub current_a: f64,
+    /// The model's force at that current, N.
+    pub force_n: f64,
+    /// The forces that the model has at this motion, N: the least and the largest.
+    pub achievable_n: [f64; 2],
+}
+
+/// A search for currents on one model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solver {
+    /// Largest current, A.
+    pub current_max_a: f64,
+    /// True for a model whose force does not grow with the current one way.
+    pub folded: bool,
+}
+
+impl Solver {
+    /// The current nearest to giving `demand_n` at `moment`; `last_a` is the last one. `None` when the model has no force there.
+    #[inline]
+    #[must_use]
+    pub fn solve(&self, moment: &Moment, demand_n: f64, last_a: f64) -> Option<Solution> {
+        self.search(|current_a| moment.force_n(current_a), demand_n, last_a)
+    }
+
+    fn search(
+        &self,
+        mut force_n: impl FnMut(f64) -> Option<f64>,
+        demand_n: f64,
+        last_a: f64,
+    ) -> Option<Solution> {
+        let (low, high) = (End::at(0.0, &mut force_n)?, End::at(self.current_max_a, &mut force_n)?);
+        if !self.folded {
+            let achievable_n = [low.force_n.min(high.force_n), low.force_n.max(high.force_n)];
+            let found = bracketed(&mut force_n, demand_n, low, high)?;
+            return Some(Solution { current_a: found.current_a, force_n: found.force_n, achievable_n });
+        }
+        let mut achievable_n = [low.force_n.min(high.force_n), low.force_n.max(high.force_n)];
+        let mut best: Option<End> = None;
+        let mut before = low;
+        for part in 1..=PARTS {
+            let share = part as f64 / PARTS as f64;
+            let here = if part == PARTS { high } else { End::at(share * self.current_max_a, &mut force_n)? };
+            achievable_n = [achievable_n[0].min(here.force_n), achievable_n[1].max(here.force_n)];
+            let found = bracketed(&mut force_n, demand_n, before, here)?;
+            // Nearer to the demand by more than a search is exact, or as near and nearer to the last current.
+            let near_n = NEAR * (achievable_n[1] - achievable_n[0]);
+            let miss = |end: &End| ((end.force_n - demand_n).abs() - near_n).max(0.0);
+            let way = |end: &End| (end.current_a - last_a).abs();
+            let better = best.as_ref().is_none_or(|best| {
+                miss(&found) < miss(best) || miss(&found) == miss(best) && way(&found) < way(best)
+            });
+            if better {
+                best = Some(found);
+            }
+            before = here;
+        }
+        best.map(|found| Solution { current_a: found.current_a, force_n: found.force_n, achievable_n })
+    }
+}
+
+/// A model at one motion and from one state, for any current.
+#[allow(clippy::large_enum_variant, reason = "a box would allocate")]
+#[derive(Debug, Clone, Copy)]
+pub enum Moment<'a> {
+    /// Tanh functions, which do not know of the current and are asked once, and what effects add to them.
+    Still {
+        /// The functions.
+        at: FuzzyTanhAt<'a>,
+        /// What effects add, N.
+        added_n: f64,
+    },
+    /// Any model, tried on a copy of its state.
+    Whole {
+        /// The model.
+        model: &'a Augmented,
+        /// Its state before the sample.
+        before: AugmentedState,
+        /// The sample, but for its current.
+        inputs: &'a Inputs,
+    },
+}
+
+impl<'a> Moment<'a> {
+    /// Steps `model` from `state` by `inputs`, whose drive is `current_a`, and returns its force there, and what it would be at
+    /// any other current. `None` when the force is not finite.
+    #[inline]
+    #[must_use]
+    pub fn step(
+        model: &'a Augmented,
+        state: &mut AugmentedState,
+        inputs: &'a Inputs,
+        current_a: f64,
+    ) -> Option<(f64, Self)> {
+        let here = Inputs { drive: current_a, ..*inputs };
+        let effects = model.effects().as_slice();
+        match model.force() {
+            ForceModel::FuzzyTanh(fuzzy) if effects.iter().all(|effect| effect.effect().only_adds()) => {
+                let at = fuzzy.at(inputs.displacement_m, inputs.velocity_m_s);
+                let alone_n = finite(at.force_n(current_a))?;
+                if effects.is_empty() {
+                    return Some((alone_n, Self::Still { at, added_n: 0.0 }));
+                }
+                let force_n = model.free_run(state, &here).and_then(finite)?;
+                Some((force_n, Self::Still { at, added_n: force_n - alone_n }))
+            }
+            _ => {
+                let before = *state;
+                let force_n = model.free_run(state, &here).and_then(finite)?;
+                Some((force_n, Self::Whole { model, before, inputs }))
+            }
+        }
+    }
+
+    /// The model's force if the current were `current_a`; `None` when it has none, or none that is finite.
+    #[inline]
+    #[must_use]
+    pub fn force_n(&self, current_a: f64) -> Option<f64> {
+        match self {
+            Self::Still { at, added_n } => finite(at.force_n(current_a) + added_n),
+            Self::Whole { model, before, inputs } => {
+                let mut state = *before;
+                model.free_run(&mut state, &Inputs { drive: current_a, ..**inputs }).and_then(finite)
+            }
+        }
+    }
+}
+
+fn finite(force_n: f64) -> Option<f64> {
+    force_n.is_finite().then_some(force_n)
+}
+
+/// A current with its force.
+#[derive(Debug, Clone, Copy)]
+struct End {
+    current_a: f64,
+    force_n: f64,
+}
+
+impl End {
+    fn at(current_a: f64, force_n: &mut impl FnMut(f64) -> Option<f64>) -> Option<Self> {
+        Some(Self { current_a, force_n: force_n(current_a)? })
+    }
+}
+
+/// Where between `from` and `to` the force is `demand_n`; the nearer end where it lies between neither.
+fn bracketed(force_n: &mut impl FnMut(f64) -> Option<f64>, demand_n: f64, from: End, to: End) -> Option<End> {
+    let excess = |end: &End| end.force_n - demand_n;
+    let near_n = NEAR * (from.force_n - to.force_n).abs();
+    let near_a = NEAR * (to.current_a - from.current_a).abs();
+    let nearer = |a: End, b: End| if excess(&a).abs() <= excess(&b).abs() { a } else { b };
+    if excess(&from) * excess(&to) > 0.0 || excess(&from).abs() <= near_n || excess(&to).abs() <= near_n {
+        return Some(nearer(from, to));
+    }
+    let (mut a, mut b) = (from, to);
+    // What the secant takes for the excess at each end; Illinois halves that of an end that stays.
+    let (mut excess_a, mut excess_b) = (excess(&a), excess(&b));
+    let (mut width_a, mut steps_since) = ((b.current_a - a.current_a).abs(), 0);
+    for _ in 0..MOST_STEPS {
+        let secant = (a.current_a * excess_b - b.current_a * excess_a) / (excess_b - excess_a);
+        let middle = 0.5 * (a.current_a + b.current_a);
+        let (least, most) = (a.current_a.min(b.current_a), a.current_a.max(b.current_a));
+        let next = if steps_since >= 2 || !(secant > least && secant < most) { middle } else { secant };
+        let found = End::at(next, force_n)?;
+        let excess_found = excess(&found);
+        if excess_found.abs() <= near_n {
+            return Some(found);
+        }
+        if (excess_found > 0.0) == (excess_a > 0.0) {
+            (a, excess_a) = (found, excess_found);
+            excess_b *= 0.5;
+        } else {
+            (b, excess_b) = (found, excess_found);
+            excess_a *= 0.5;
+        }
+        let width = (b.current_a - a.current_a).abs();
+        if width <= near_a {
+            break;
+        }
+        if width <= 0.5 * width_a {
+            (width_a, steps_since) = (width, 0);
+        } else {
+            steps_since += 1;
+        }
+    }
+    Some(nearer(a, b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn solver(folded: bool) -> Solver {
+        Solver { current_max_a: 2.5, folded }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_found_is_the_demand_or_the_nearer_end(
+            base_n in -500.0..500.0_f64,
+            gain_n in -1000.0..1000.0_f64,
+            sharpness in 0.2..20.0_f64,
+            middle_a in 0.0..2.5_f64,
+            demand_n in -2000.0..2000.0_f64,
+        ) {
+            // Any sigmoid, flat ends and steep middles among them.
+            let force_n = |i: f64| base_n + gain_n * ((i - middle_a) * sharpness).tanh();
+            let mut asked = 0;
+            let found = solver(false).search(|i| { asked += 1; Some(force_n(i)) }, demand_n, 0.0).expect("finite");
+            let [low, high] = found.achievable_n;
+            prop_assert!((0.0..=2.5).contains(&found.current_a));
+            prop_assert!(found.force_n == force_n(found.current_a));
+            prop_assert!(asked <= 2 + MOST_STEPS);
+            let wanted = demand_n.clamp(low, high);
+            // Within the tolerance of force, or at a step steeper than the tolerance of current resolves.
+            let steep_n = gain_n.abs() * sharpness * 2.5 * NEAR;
+            prop_assert!((found.force_n - wanted).abs() <= NEAR * (high - low) + steep_n, "{found:?} {wanted}");
+        }
+    }
+
+    #[test]
+    fn of_two_currents_the_one_nearer_to_the_last_is_taken() {
+        // Up to 1.25 A and down again.
+        let force_n = |i: f64| Some(100.0 - (i - 1.25).powi(2) * 64.0);
+        let at = |demand_n: f64, last_a: f64| solver(true).search(force_n, demand_n, last_a).expect("finite");
+        assert!((at(50.0, 0.0).current_a - 0.366).abs() < 1e-3);
+        assert!((at(50.0, 2.5).current_a - 2.134).abs() < 1e-3);
+        assert_eq!(at(50.0, 0.0).achievable_n, [0.0, 100.0]);
+        assert!((at(300.0, 0.0).current_a - 1.25).abs() < 0.02, "the most that there is");
+        assert_eq!(at(-300.0, 2.5).current_a, 2.5, "both ends are as far");
+    }
+
+    #[test]
+    fn a_model_without_a_force_has_no_current() {
+        assert_eq!(solver(false).search(|_| None, 1.0, 0.0), None);
+        assert_eq!(solver(true).search(|i| (i < 1.0).then_some(i), 0.5, 0.0), None);
+    }
+}

@@ -1,0 +1,227 @@
+//! Following a demand over a whole run: on the model itself, and closed over the rig, which is not the model.
+//!
+//! On the **model** the command of a sample is in force at that sample: what is left is what the search, the limits and the damper's
+//! nature leave. On the **rig** it is in force from that sample to the next, through a driver and a coil that lag, on a damper that
+//! the model is not, seen through noisy transducers: what is left is what a vehicle would have.
+//!
+//! ```text
+//! tracking error = rms(F - Fd) / rms(Fd)
+//! ```
+
+use super::commander::{Command, Commander};
+use super::limits::{LimitedBy, Limits};
+use crate::condition::{Conditioning, MotionState};
+use crate::effect::AugmentedState;
+use crate::error::Error;
+use crate::force::Inputs;
+use crate::metrics::{ErrorSum, Fit};
+use crate::model::Model;
+use crate::rig::signal::RATE_HZ;
+use crate::rig::{Channels, Motion, Plant, control};
+use crate::units::{Metre, MetrePerSecond, Newton, Second};
+
+/// One sample of a demand that was followed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Time since the first sample.
+    pub time: Second,
+    /// Displacement that the command was made from.
+    pub displacement: Metre,
+    /// Velocity that it was made from.
+    pub velocity: MetrePerSecond,
+    /// The force that was there; on the rig the true one.
+    pub achieved: Newton,
+    /// The command, and what was demanded.
+    pub command: Command,
+}
+
+/// How well a demand was followed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Figures {
+    /// All samples with a demand and a motion.
+    pub tracking: Option<Fit>,
+    /// Those whose demand the model says the damper can meet.
+    pub achievable: Option<Fit>,
+    /// Root mean square of error over that of demand, all samples.
+    pub error: f64,
+    /// The same over the samples whose demand can be met.
+    pub error_achievable: f64,
+    /// Share of the samples whose demand cannot be met.
+    pub infeasible_share: f64,
+    /// Samples at which a demand that would drive the rod got more current than the one before.
+    pub dissipative_violations: u64,
+    /// Samples that the rate cut.
+    pub rate_limited: u64,
+}
+
+/// Sums of squares of error and demand.
+#[derive(Default)]
+struct Squares {
+    sum: ErrorSum,
+    error: f64,
+    demand: f64,
+}
+
+impl Squares {
+    fn add(&mut self, demand_n: f64, achieved_n: f64) {
+        let error_n = demand_n - achieved_n;
+        if error_n.is_finite() {
+            self.sum.add(demand_n, achieved_n);
+            self.error += error_n * error_n;
+            self.demand += demand_n * demand_n;
+        }
+    }
+
+    fn ratio(&self) -> f64 {
+        (self.error / self.demand).sqrt()
+    }
+}
+
+impl Figures {
+    /// The figures of `points`.
+    #[must_use]
+    pub fn of(points: &[Point]) -> Self {
+        let (mut all, mut able) = (Squares::default(), Squares::default());
+        let (mut asked, mut infeasible, mut violations, mut rate_limited) = (0_u64, 0_u64, 0, 0);
+        let mut last_a = 0.0;
+        for Point { achieved, command, .. } in points {
+            if command.limited_by != LimitedBy::Safe {
+                asked += 1;
+                all.add(command.requested.get(), achieved.get());
+                if command.is_achievable {
+                    able.add(command.requested.get(), achieved.get());
+                } else {
+                    infeasible += 1;
+                }
+                violations += u64::from(!command.dissipative && command.current.get() > last_a);
+                rate_limited += u64::from(command.limited_by == LimitedBy::Rate);
+            }
+            last_a = command.current.get();
+        }
+        Self {
+            tracking: all.sum.fit(),
+            achievable: able.sum.fit(),
+            error: all.ratio(),
+            error_achievable: able.ratio(),
+            infeasible_share: infeasible as f64 / (asked.max(1)) as f64,
+            dissipative_violations: violations,
+            rate_limited,
+        }
+    }
+}
+
+/// What is to be followed: displacement and demand, one a sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Demand {
+    /// Time since the sample before, s; `None` for the first and after a gap.
+    pub dt_s: Vec<Option<f64>>,
+    /// Displacement, m.
+    pub displacement_m: Vec<f64>,
+    /// Demanded force, N; NaN where there is none.
+    pub force_n: Vec<f64>,
+}
+
+/// Follows `demand` on `model` itself.
+///
+/// # Errors
+/// Those of [`Commander::new`]; [`Error::MissingChannel`] for a model that wants measured velocity.
+pub fn on_model(model: &Model, limits: Limits, demand: &Demand) -> Result<Vec<Point>, Error> {
+    let mut commander = Commander::new(model, limits)?;
+    let mut eyes = Eyes::new(model)?;
+    let mut state = AugmentedState::default();
+    let mut time_s = 0.0;
+    let samples = demand.dt_s.iter().zip(&demand.displacement_m).zip(&demand.force_n);
+    let follow = |((dt_s, displacement_m), force_n): ((&Option<f64>, &f64), &f64)| {
+        time_s += dt_s.unwrap_or(0.0);
+        let inputs = eyes.see(*dt_s, *displacement_m);
+        let command = commander.step(&inputs, Some(*force_n), None);
+        let driven = Inputs { drive: command.current.get(), ..inputs };
+        let known = inputs.velocity_m_s.is_finite();
+        let achieved_n = if known { model.free_run(&mut state, &driven) } else { None };
+        point(time_s, &inputs, achieved_n.unwrap_or(f64::NAN), command)
+    };
+    Ok(samples.map(follow).collect())
+}
+
+/// The rig that a demand is followed on.
+#[derive(Debug, Clone, Copy)]
+pub struct Bench<'a> {
+    /// The damper.
+    pub plant: &'a Plant,
+    /// Its transducers.
+    pub channels: &'a Channels,
+    /// Seed of their noise.
+    pub seed: u64,
+    /// True to let the commander see the load cell.
+    pub feedback: bool,
+}
+
+/// Follows `force_n`, one a sample of `motion`, with `model` on the rig.
+///
+/// # Errors
+/// Those of [`on_model`].
+pub fn on_rig(
+    model: &Model,
+    limits: Limits,
+    motion: &Motion,
+    force_n: &[f64],
+    bench: &Bench,
+) -> Result<Vec<Point>, Error> {
+    let mut commander = Commander::new(model, limits)?;
+    let mut eyes = Eyes::new(model)?;
+    let mut commands = Vec::with_capacity(force_n.len());
+    let response = control(motion, bench.plant, bench.channels, bench.seed, &mut |shown| {
+        let inputs = eyes.see((shown.sample > 0).then_some(1.0 / RATE_HZ), shown.displacement_m);
+        let demand_n = force_n.get(shown.sample).copied();
+        let command = commander.step(&inputs, demand_n, bench.feedback.then_some(shown.force_n));
+        commands.push((inputs, command));
+        command.current.get()
+    });
+    let sample = |(k, ((inputs, command), achieved_n)): (usize, ((Inputs, Command), &f64))| {
+        point(k as f64 / RATE_HZ, &inputs, *achieved_n, command)
+    };
+    Ok(commands.into_iter().zip(&response.force_n).enumerate().map(sample).collect())
+}
+
+fn point(time_s: f64, inputs: &Inputs, achieved_n: f64, command: Command) -> Point {
+    Point {
+        time: Second(time_s),
+        displacement: Metre(inputs.displacement_m),
+        velocity: MetrePerSecond(inputs.velocity_m_s),
+        achieved: Newton(achieved_n),
+        command,
+    }
+}
+
+/// The displacement path of a model.
+struct Eyes {
+    conditioning: Conditioning,
+    state: MotionState,
+}
+
+impl Eyes {
+    fn new(model: &Model) -> Result<Self, Error> {
+        model.conditioning.validate()?;
+        if model.conditioning.velocity == crate::condition::VelocitySource::Measured {
+            return Err(Error::MissingChannel {
+                run: "demand".to_owned(),
+                channel: "velocity_m_s",
+                needed_by: "the model's conditioning (velocity = measured)".to_owned(),
+            });
+        }
+        Ok(Self { conditioning: model.conditioning, state: MotionState::default() })
+    }
+
+    fn see(&mut self, dt_s: Option<f64>, displacement_m: f64) -> Inputs {
+        let low_pass = self.conditioning.low_pass();
+        let motion = self.conditioning.step(&low_pass, &mut self.state, dt_s, displacement_m, None);
+        Inputs {
+            dt_s,
+            displacement_m: motion.map_or(f64::NAN, |motion| motion.displacement_m),
+            velocity_m_s: motion.map_or(f64::NAN, |motion| motion.velocity_m_s),
+            acceleration_m_s2: motion.map_or(f64::NAN, |motion| motion.acceleration_m_s2),
+            drive: f64::NAN,
+            case_temp_c: 23.0,
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! `mr-damper inverse`: the current that yields a demanded force, followed on the model and on the rig.
+
+use crate::command::Surroundings;
+use crate::command::output::OutputArgs;
+use crate::command::run_args::RunArgs;
+use crate::error::NodeError;
+use crate::models;
+use crate::report::inverse as report;
+use mr_damper_model::condition::{Conditioning, VelocitySource};
+use mr_damper_model::identify::{Dataset, DatasetOptions};
+use mr_damper_model::inverse::track::{Bench, Demand, Figures, Point, on_model, on_rig};
+use mr_damper_model::inverse::{Limits, Shape};
+use mr_damper_model::model::Model;
+use mr_damper_model::rig::{Channels, Motion, Plant};
+use mr_damper_model::sample::Run;
+use std::path::PathBuf;
+
+/// Rate of the rig, Hz.
+const RATE_HZ: f64 = 512.0;
+
+/// Find the current that yields a demanded force, and tell how well the force is followed.
+///
+/// The demand is the force of a run, along the run's own motion. It is followed on the model itself, and closed over the virtual rig,
+/// whose damper is not the model: fed forward, and with the rig's load cell fed back. A semi-active damper has the forces from
+/// no current to the largest and no others: what is asked for beyond is clipped, and counted. The rig's damper is one of 1 kN
+/// and 15 mm; for a damper of another size leave it out with --no-rig.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Args {
+    /// Model file, or preset; one that follows a coil current.
+    #[arg(value_name = "MODEL")]
+    pub model: String,
+    /// Run with the motion and, as its force, the demand: CSV file (time_s, displacement_m, force_n), rosbag2 directory, .mcap.
+    #[arg(long, value_name = "RUN")]
+    pub force: PathBuf,
+    /// Largest current, A.
+    #[arg(long, value_name = "A", default_value_t = Limits::default().current_max_a)]
+    pub current_max: f64,
+    /// Largest change of the current, A/s; without it the driver is as fast as it likes.
+    #[arg(long, value_name = "A/S")]
+    pub rate_max: Option<f64>,
+    /// Time constant with which a coil that lags is led to its current, s; for models with the effect coil_lag.
+    #[arg(long, value_name = "S", default_value_t = Limits::default().lead_s)]
+    pub lead_s: f64,
+    /// Do not follow the demand on the rig.
+    #[arg(long)]
+    pub no_rig: bool,
+    /// Seed of the rig's noise.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Where results go.
+    #[command(flatten)]
+    pub output: OutputArgs,
+    /// How the run is read.
+    #[command(flatten)]
+    pub load: RunArgs,
+}
+
+impl Args {
+    fn limits(&self) -> Limits {
+        Limits {
+            current_max_a: self.current_max,
+            rate_max_a_s: self.rate_max.unwrap_or(f64::INFINITY),
+            lead_s: self.lead_s,
+            ..Limits::default()
+        }
+    }
+}
+
+/// Follows the demand, and reports.
+///
+/// # Errors
+/// When model or run do not load, the model has no inverse, or a report cannot be written; [`NodeError::Interrupted`].
+pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    let model = models::load(&args.model)?;
+    let run = args.load.load(&args.force)?.run;
+    let limits = args.limits();
+    let shape = Shape::of(&model, limits.current_max_a);
+    if let Some(fold) = shape.real_fold() {
+        tracing::warn!(
+            displacement_m = fold.displacement_m,
+            velocity_m_s = fold.velocity_m_s,
+            current_a = fold.current_a,
+            fall_n = fold.fall_n,
+            "the model's force does not grow with the current one way: several currents give one force, and the nearest to the \
+             last is taken"
+        );
+    }
+    let demand = demand(&run)?;
+    let mut followed = vec![(report::Place::Model, on_model(&model, limits, &demand)?)];
+    if !args.no_rig {
+        for place in [report::Place::Rig, report::Place::RigWithFeedback] {
+            if around.interrupt.is_raised() {
+                return Err(NodeError::Interrupted);
+            }
+            followed.push((place, rig(&model, limits, &demand, place, args.seed)?));
+        }
+    }
+    let tracks: Vec<report::Track> = followed
+        .into_iter()
+        .map(|(place, points)| report::Track { place, figures: Figures::of(&points), points })
+        .collect();
+    let outcome = report::Outcome {
+        model: args.model.clone(),
+        run: args.force.display().to_string(),
+        limits,
+        fold: shape.real_fold(),
+        tracks,
+    };
+    args.output.page(|| Ok(report::html(&outcome)))?;
+    args.output.figures(&report::json(&outcome), || report::text(&outcome))
+}
+
+/// Motion and demand of `run`, as they were recorded.
+fn demand(run: &Run) -> Result<Demand, NodeError> {
+    let as_recorded = Conditioning { velocity: VelocitySource::Backward, ..Conditioning::default() };
+    let options = DatasetOptions { moving_only: false, ..DatasetOptions::default() };
+    let rows = Dataset::from_run(run, &as_recorded, &options)?.rows;
+    Ok(Demand {
+        dt_s: rows.iter().map(|row| row.dt_s).collect(),
+        displacement_m: rows.iter().map(|row| row.displacement_m).collect(),
+        force_n: rows.iter().map(|row| row.raw_force_n).collect(),
+    })
+}
+
+/// The demand on the rig, at the rig's rate; a gap takes no time.
+fn rig(
+    model: &Model,
+    limits: Limits,
+    demand: &Demand,
+    place: report::Place,
+    seed: u64,
+) -> Result<Vec<Point>, NodeError> {
+    let times_s: Vec<f64> = demand
+        .dt_s
+        .iter()
+        .scan(0.0, |time_s, dt_s| {
+            *time_s += dt_s.unwrap_or(0.0);
+            Some(*time_s)
+        })
+        .collect();
+    let samples = (times_s.last().copied().unwrap_or(0.0) * RATE_HZ) as usize + 1;
+    let at = |values: &[f64]| -> Vec<f64> {
+        let mut index = 0;
+        let sample = |k: usize| {
+            let time_s = k as f64 / RATE_HZ;
+            while index + 2 < times_s.len() && times_s[index + 1] <= time_s {
+                index += 1;
+            }
+            let (from_s, to_s) = (times_s[index], times_s.get(index + 1).copied().unwrap_or(f64::INFINITY));
+            let share = if to_s > from_s { ((time_s - from_s) / (to_s - from_s)).min(1.0) } else { 0.0 };
+            let to = values.get(index + 1).copied().unwrap_or(values[index]);
+            values[index] + share * (to - values[index])
+        };
+        (0..samples).map(sample).collect()
+    };
+    let (displacement_m, force_n) = (at(&demand.displacement_m), at(&demand.force_n));
+    let last = samples - 1;
+    let velocity = |k: usize| {
+        let (before, after) = (k.saturating_sub(1), (k + 1).min(last));
+        (displacement_m[after] - displacement_m[before]) * RATE_HZ / (after - before).max(1) as f64
+    };
+    let velocity_m_s = (0..samples).map(velocity).collect();
+    let motion = Motion { displacement_m, velocity_m_s };
+    let (plant, channels) = (Plant::default(), Channels::default());
+    let feedback = place == report::Place::RigWithFeedback;
+    let bench = Bench { plant: &plant, channels: &channels, seed, feedback };
+    Ok(on_rig(model, limits, &motion, &force_n, &bench)?)
+}

@@ -1,0 +1,285 @@
+//! How a demanded force was followed: figures, text, page.
+
+use super::page::{page, section};
+use super::plot::{Band, Ink, Plot, Series, Shape};
+use super::table::table;
+use crate::closing::TOOL;
+use maud::{Markup, html};
+use mr_damper_model::inverse::track::{Figures, Point};
+use mr_damper_model::inverse::{Fold, Limits};
+use mr_damper_model::units::N_PER_LBF;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// Longest stretch that is drawn, s.
+const DRAWN_S: f64 = 4.0;
+
+/// Where a demand was followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// On the model itself.
+    Model,
+    /// On the rig, fed forward.
+    Rig,
+    /// On the rig, with its load cell fed back.
+    RigWithFeedback,
+}
+
+impl Place {
+    const fn words(self) -> &'static str {
+        match self {
+            Self::Model => "on the model itself",
+            Self::Rig => "on the rig, fed forward",
+            Self::RigWithFeedback => "on the rig, with force feedback",
+        }
+    }
+}
+
+/// A demand that was followed somewhere.
+#[derive(Debug, Clone)]
+pub struct Track {
+    /// Where.
+    pub place: Place,
+    /// How well.
+    pub figures: Figures,
+    /// Sample by sample.
+    pub points: Vec<Point>,
+}
+
+/// Everything that is reported.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Name of the model.
+    pub model: String,
+    /// Name of the run that the demand is of.
+    pub run: String,
+    /// Limits of the command.
+    pub limits: Limits,
+    /// Where the model's force turns back as the current grows.
+    pub fold: Option<Fold>,
+    /// The demand, followed in several places; the first on the model.
+    pub tracks: Vec<Track>,
+}
+
+/// The JSON, `mr-damper/inverse/1`. Numbers that are not finite become `null`.
+#[derive(Debug, Serialize)]
+pub struct Report<'a> {
+    schema: &'static str,
+    tool: &'static str,
+    model: &'a str,
+    run: &'a str,
+    current_max_a: f64,
+    monotone: bool,
+    #[serde(flatten)]
+    on_model: Row,
+    /// On the rig, fed forward; `null` where it was left out.
+    rig: Option<Row>,
+    /// On the rig, with force feedback.
+    rig_with_feedback: Option<Row>,
+}
+
+#[derive(Debug, Serialize)]
+struct Row {
+    tracking: Tracking,
+    infeasible_share: f64,
+    dissipative_violations: u64,
+    rate_limited: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct Tracking {
+    rsse_n: f64,
+    esr: f64,
+    esr_achievable: f64,
+    /// Root mean square of the error over that of the demand.
+    error: f64,
+    error_achievable: f64,
+}
+
+impl From<&Figures> for Row {
+    fn from(figures: &Figures) -> Self {
+        let nan = |fit: Option<mr_damper_model::metrics::Fit>| {
+            fit.map_or((f64::NAN, f64::NAN), |f| (f.rsse_n, f.esr))
+        };
+        let (rsse_n, esr) = nan(figures.tracking);
+        let tracking = Tracking {
+            rsse_n,
+            esr,
+            esr_achievable: nan(figures.achievable).1,
+            error: figures.error,
+            error_achievable: figures.error_achievable,
+        };
+        Self {
+            tracking,
+            infeasible_share: figures.infeasible_share,
+            dissipative_violations: figures.dissipative_violations,
+            rate_limited: figures.rate_limited,
+        }
+    }
+}
+
+impl Outcome {
+    fn row(&self, place: Place) -> Option<Row> {
+        self.tracks.iter().find(|track| track.place == place).map(|track| Row::from(&track.figures))
+    }
+
+    fn fold_in_words(&self) -> String {
+        match self.fold {
+            None => "the model's force grows with the current one way, on a grid of its envelope".to_owned(),
+            Some(fold) => format!(
+                "the model's force turns back by {:.0} N beyond {:.2} A (at {:.1} mm, {:.3} m/s): several currents give one force, \
+                 and the nearest to the last was taken",
+                fold.fall_n,
+                fold.current_a,
+                1e3 * fold.displacement_m,
+                fold.velocity_m_s
+            ),
+        }
+    }
+}
+
+/// The figures of `outcome`.
+#[must_use]
+pub fn json(outcome: &Outcome) -> Report<'_> {
+    let empty = Figures::of(&[]);
+    Report {
+        schema: "mr-damper/inverse/1",
+        tool: TOOL,
+        model: &outcome.model,
+        run: &outcome.run,
+        current_max_a: outcome.limits.current_max_a,
+        monotone: outcome.fold.is_none(),
+        on_model: outcome.row(Place::Model).unwrap_or_else(|| Row::from(&empty)),
+        rig: outcome.row(Place::Rig),
+        rig_with_feedback: outcome.row(Place::RigWithFeedback),
+    }
+}
+
+/// `outcome` for a terminal.
+#[must_use]
+pub fn text(outcome: &Outcome) -> String {
+    let mut text = format!(
+        "{}\ndemand: the force of {}; currents from 0 to {} A\n{}\n\n{:<34}{:>10}{:>22}{:>12}{:>12}\n",
+        outcome.model,
+        outcome.run,
+        outcome.limits.current_max_a,
+        outcome.fold_in_words(),
+        "rms error over rms demand",
+        "all",
+        "what can be met",
+        "infeasible",
+        "RSSE"
+    );
+    for Track { place, figures, .. } in &outcome.tracks {
+        let rsse_n = figures.tracking.map_or(f64::NAN, |fit| fit.rsse_n);
+        let _ = writeln!(
+            text,
+            "  {:<32}{:>10.4}{:>22.4}{:>10.1} %{:>10.1} N",
+            place.words(),
+            figures.error,
+            figures.error_achievable,
+            100.0 * figures.infeasible_share,
+            rsse_n
+        );
+        if figures.dissipative_violations > 0 {
+            let _ = writeln!(
+                text,
+                "    {} commands would have driven the rod: this must not be, please report it",
+                figures.dissipative_violations
+            );
+        }
+    }
+    text
+}
+
+/// `outcome` as a page.
+#[must_use]
+pub fn html(outcome: &Outcome) -> String {
+    let rows: Vec<Vec<String>> = outcome
+        .tracks
+        .iter()
+        .map(|Track { place, figures, .. }| {
+            let rsse_n = figures.tracking.map_or(f64::NAN, |fit| fit.rsse_n);
+            vec![
+                place.words().to_owned(),
+                format!("{:.4}", figures.error),
+                format!("{:.4}", figures.error_achievable),
+                format!("{:.1} %", 100.0 * figures.infeasible_share),
+                format!("{rsse_n:.1} N ({:.1} lbf)", rsse_n / N_PER_LBF),
+            ]
+        })
+        .collect();
+    let body = html! {
+        (section("How well the demand was followed", &html! {
+            (table(&["", "error, all", "error, what can be met", "cannot be met", "RSSE"], &rows))
+            p { "Error: root mean square of demand less force, over that of the demand. What cannot be met asks for less than the damper \
+                 has without current, for more than it has at its largest, or would drive the rod; then the nearest current is \
+                 commanded. On the rig a command holds from its sample to the next, through a driver and a coil that lag, on a \
+                 damper that the model is not." }
+            p { (outcome.fold_in_words()) "." }
+        }))
+        @for track in &outcome.tracks { (pictures(track, outcome.limits.current_max_a)) }
+    };
+    page("Following a force", &format!("{} asked for the force of {}.", outcome.model, outcome.run), &body)
+}
+
+/// Demand, force and current over the stretch where most is asked for.
+fn pictures(track: &Track, current_max_a: f64) -> Markup {
+    let points = stretch(&track.points);
+    let series = |name: &str, ink, shape, value: fn(&Point) -> f64| Series {
+        name: name.to_owned(),
+        ink,
+        shape,
+        points: points.iter().map(|point| (point.time.get(), value(point))).collect(),
+    };
+    let force = Plot {
+        description: format!("Demanded and achieved force over time, {}", track.place.words()),
+        x_label: "time (s)".to_owned(),
+        y_label: "force (N)".to_owned(),
+        bands: infeasible(points),
+        series: vec![
+            series("largest force there is", Ink::Before, Shape::Dashed, |p| p.command.achievable[1].get()),
+            series("least", Ink::Before, Shape::Dashed, |p| p.command.achievable[0].get()),
+            series("demand", Ink::Measured, Shape::Line, |p| p.command.requested.get()),
+            series("force", Ink::Estimate, Shape::Line, |p| p.achieved.get()),
+        ],
+        ..Plot::default()
+    };
+    let current = Plot {
+        description: format!("Commanded current over time, {}", track.place.words()),
+        x_label: "time (s)".to_owned(),
+        y_label: "current (A)".to_owned(),
+        y_range: Some((0.0, current_max_a)),
+        height: 200.0,
+        series: vec![series("command", Ink::Estimate, Shape::Line, |p| p.command.current.get())],
+        ..Plot::default()
+    };
+    let mut heading = track.place.words().to_owned();
+    heading.replace_range(..1, &heading[..1].to_uppercase());
+    section(&heading, &html! { (force.figure("")) (current.figure("")) })
+}
+
+/// The stretch of [`DRAWN_S`] around the largest demand.
+fn stretch(points: &[Point]) -> &[Point] {
+    let size = |point: &Point| point.command.requested.get().abs();
+    let most =
+        points.iter().filter(|point| size(point).is_finite()).max_by(|a, b| size(a).total_cmp(&size(b)));
+    let Some(most) = most else { return &[] };
+    let from_s = (most.time.get() - DRAWN_S / 2.0).max(0.0);
+    let at = |time_s: f64| points.partition_point(|point| point.time.get() < time_s);
+    &points[at(from_s)..at(from_s + DRAWN_S)]
+}
+
+/// Where the demand cannot be met.
+fn infeasible(points: &[Point]) -> Vec<Band> {
+    points
+        .chunk_by(|a, b| a.command.is_achievable == b.command.is_achievable)
+        .filter(|chunk| !chunk[0].command.is_achievable)
+        .map(|chunk| Band {
+            from: chunk[0].time.get(),
+            to: chunk[chunk.len() - 1].time.get(),
+            class: "hold",
+            name: "cannot be met".to_owned(),
+        })
+        .collect()
+}
