@@ -78,7 +78,7 @@ fn what_has_no_answer_is_refused_with_what_to_do() {
         ("inverse thesis/sp-passive/rp-icps --force demand.csv", 1, "knows no current"),
         (&format!("inverse {PRESET} --force motion.csv"), 1, "force_n"),
         (&format!("inverse {PRESET} --force none.csv"), 1, "none.csv"),
-        (&format!("inverse {PRESET} --force demand.csv --current-max 0"), 1, "current.max_a is 0"),
+        (&format!("inverse {PRESET} --force demand.csv --current-max -2"), 1, "current.max_a is -2"),
         (&format!("inverse {PRESET}"), 2, "--force <RUN>"),
     ] {
         let output = mr_damper(dir.path(), line);

@@ -208,11 +208,12 @@ impl Memory {
         }
         let stepped = Moment::step(&fixed.model, &mut self.state, inputs, self.fluid_a);
         self.learn(fixed, stepped.as_ref().map(|(modelled_n, _)| *modelled_n), measured_n, dt_s);
-        let Some((demand_n, (_, moment))) = demand_n.zip(stepped) else {
+        let Some((demand_n, (modelled_n, moment))) = demand_n.zip(stepped) else {
             return self.safe(fixed, demand_n, dt_s);
         };
         let sought_n = demand_n - self.bias_n + self.pushed(fixed, demand_n, measured_n);
-        let Some(solved) = fixed.solver.solve(&moment, sought_n, self.wanted_a) else {
+        let last = (Ampere(self.fluid_a), Newton(modelled_n));
+        let Some(solved) = fixed.solver.solve(&moment, sought_n, last) else {
             return self.safe(fixed, Some(demand_n), dt_s);
         };
         self.safe_rate_a_s = None;

@@ -16,6 +16,7 @@
 
 use crate::effect::{Augmented, AugmentedState};
 use crate::force::{ForceModel, FuzzyTanhAt, Inputs};
+use crate::units::{Ampere, Newton};
 
 /// Most steps of a search within a bracket; a half of them halvings of the range are below its tolerance.
 pub const MOST_STEPS: u32 = 30;
@@ -45,23 +46,34 @@ pub struct Solver {
 }
 
 impl Solver {
-    /// The current nearest to giving `demand_n` at `moment`; `last_a` is the last one. `None` when the model has no force there.
+    /// The current nearest to giving `demand_n` at `moment`; `last` is the last one, and its force at this moment. `None` when the
+    /// model has no force there.
     #[inline]
     #[must_use]
-    pub fn solve(&self, moment: &Moment, demand_n: f64, last_a: f64) -> Option<Solution> {
-        self.search(|current_a| moment.force_n(current_a), demand_n, last_a)
+    pub fn solve(&self, moment: &Moment, demand_n: f64, last: (Ampere, Newton)) -> Option<Solution> {
+        let (Ampere(current_a), Newton(force_n)) = last;
+        self.search(|current_a| moment.force_n(current_a), demand_n, End { current_a, force_n })
     }
 
     fn search(
         &self,
         mut force_n: impl FnMut(f64) -> Option<f64>,
         demand_n: f64,
-        last_a: f64,
+        last: End,
     ) -> Option<Solution> {
         let (low, high) = (End::at(0.0, &mut force_n)?, End::at(self.current_max_a, &mut force_n)?);
         if !self.folded {
             let achievable_n = [low.force_n.min(high.force_n), low.force_n.max(high.force_n)];
-            let found = bracketed(&mut force_n, demand_n, low, high)?;
+            let near_n = NEAR * (achievable_n[1] - achievable_n[0]);
+            // The last current is seldom far, and one end of a bracket for nothing.
+            let inside = last.current_a > 0.0 && last.current_a < self.current_max_a;
+            let between = |a: &End, b: &End| (demand_n - a.force_n) * (demand_n - b.force_n) <= 0.0;
+            let (from, to) = match inside {
+                true if between(&low, &last) => (low, last),
+                true if between(&last, &high) => (last, high),
+                _ => (low, high),
+            };
+            let found = bracketed(&mut force_n, demand_n, from, to, near_n)?;
             return Some(Solution { current_a: found.current_a, force_n: found.force_n, achievable_n });
         }
         let mut achievable_n = [low.force_n.min(high.force_n), low.force_n.max(high.force_n)];
@@ -71,11 +83,11 @@ impl Solver {
             let share = part as f64 / PARTS as f64;
             let here = if part == PARTS { high } else { End::at(share * self.current_max_a, &mut force_n)? };
             achievable_n = [achievable_n[0].min(here.force_n), achievable_n[1].max(here.force_n)];
-            let found = bracketed(&mut force_n, demand_n, before, here)?;
-            // Nearer to the demand by more than a search is exact, or as near and nearer to the last current.
             let near_n = NEAR * (achievable_n[1] - achievable_n[0]);
+            let found = bracketed(&mut force_n, demand_n, before, here, near_n)?;
+            // Nearer to the demand by more than a search is exact, or as near and nearer to the last current.
             let miss = |end: &End| ((end.force_n - demand_n).abs() - near_n).max(0.0);
-            let way = |end: &End| (end.current_a - last_a).abs();
+            let way = |end: &End| (end.current_a - last.current_a).abs();
             let better = best.as_ref().is_none_or(|best| {
                 miss(&found) < miss(best) || miss(&found) == miss(best) && way(&found) < way(best)
             });
@@ -172,10 +184,15 @@ impl End {
     }
 }
 
-/// Where between `from` and `to` the force is `demand_n`; the nearer end where it lies between neither.
-fn bracketed(force_n: &mut impl FnMut(f64) -> Option<f64>, demand_n: f64, from: End, to: End) -> Option<End> {
+/// Where between `from` and `to` the force is `demand_n`, to `near_n`; the nearer end where it does not lie between them.
+fn bracketed(
+    force_n: &mut impl FnMut(f64) -> Option<f64>,
+    demand_n: f64,
+    from: End,
+    to: End,
+    near_n: f64,
+) -> Option<End> {
     let excess = |end: &End| end.force_n - demand_n;
-    let near_n = NEAR * (from.force_n - to.force_n).abs();
     let near_a = NEAR * (to.current_a - from.current_a).abs();
     let nearer = |a: End, b: End| if excess(&a).abs() <= excess(&b).abs() { a } else { b };
     if excess(&from) * excess(&to) > 0.0 || excess(&from).abs() <= near_n || excess(&to).abs() <= near_n {
@@ -232,11 +249,13 @@ mod tests {
             sharpness in 0.2..20.0_f64,
             middle_a in 0.0..2.5_f64,
             demand_n in -2000.0..2000.0_f64,
+            last_a in 0.0..2.5_f64,
         ) {
             // Any sigmoid, flat ends and steep middles among them.
             let force_n = |i: f64| base_n + gain_n * ((i - middle_a) * sharpness).tanh();
+            let last = End { current_a: last_a, force_n: force_n(last_a) };
             let mut asked = 0;
-            let found = solver(false).search(|i| { asked += 1; Some(force_n(i)) }, demand_n, 0.0).expect("finite");
+            let found = solver(false).search(|i| { asked += 1; Some(force_n(i)) }, demand_n, last).expect("finite");
             let [low, high] = found.achievable_n;
             prop_assert!((0.0..=2.5).contains(&found.current_a));
             prop_assert!(found.force_n == force_n(found.current_a));
@@ -252,7 +271,10 @@ mod tests {
     fn of_two_currents_the_one_nearer_to_the_last_is_taken() {
         // Up to 1.25 A and down again.
         let force_n = |i: f64| Some(100.0 - (i - 1.25).powi(2) * 64.0);
-        let at = |demand_n: f64, last_a: f64| solver(true).search(force_n, demand_n, last_a).expect("finite");
+        let last = |current_a: f64| End { current_a, force_n: 0.0 };
+        let at = |demand_n: f64, last_a: f64| {
+            solver(true).search(force_n, demand_n, last(last_a)).expect("finite")
+        };
         assert!((at(50.0, 0.0).current_a - 0.366).abs() < 1e-3);
         assert!((at(50.0, 2.5).current_a - 2.134).abs() < 1e-3);
         assert_eq!(at(50.0, 0.0).achievable_n, [0.0, 100.0]);
@@ -262,7 +284,8 @@ mod tests {
 
     #[test]
     fn a_model_without_a_force_has_no_current() {
-        assert_eq!(solver(false).search(|_| None, 1.0, 0.0), None);
-        assert_eq!(solver(true).search(|i| (i < 1.0).then_some(i), 0.5, 0.0), None);
+        const NONE: End = End { current_a: 0.0, force_n: 0.0 };
+        assert_eq!(solver(false).search(|_| None, 1.0, NONE), None);
+        assert_eq!(solver(true).search(|i| (i < 1.0).then_some(i), 0.5, NONE), None);
     }
 }

@@ -33,13 +33,13 @@ pub struct Args {
     #[arg(long, value_name = "RUN")]
     pub force: PathBuf,
     /// Largest current, A.
-    #[arg(long, value_name = "A", default_value_t = Limits::default().current_max_a)]
+    #[arg(long, value_name = "A", default_value_t = Limits::default().current_max_a, allow_negative_numbers = true)]
     pub current_max: f64,
     /// Largest change of the current, A/s; without it the driver is as fast as it likes.
-    #[arg(long, value_name = "A/S")]
+    #[arg(long, value_name = "A/S", allow_negative_numbers = true)]
     pub rate_max: Option<f64>,
     /// Time constant with which a coil that lags is led to its current, s; for models with the effect coil_lag.
-    #[arg(long, value_name = "S", default_value_t = Limits::default().lead_s)]
+    #[arg(long, value_name = "S", default_value_t = Limits::default().lead_s, allow_negative_numbers = true)]
     pub lead_s: f64,
     /// Do not follow the demand on the rig.
     #[arg(long)]
