@@ -229,6 +229,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         let mut memory = self.columns.at_rest();
         let mut filters = vec![LowPassState::default(); if self.filter.is_some() { width } else { 0 }];
         let mut row = vec![0.0; width];
+        let mut fresh = true;
         for k in range {
             row.fill(0.0);
             let basis = &rows.basis[k * basis_len..(k + 1) * basis_len];
@@ -237,8 +238,10 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             }
             let columns = &mut row[..width - 1];
             row[width - 1] = self.columns.row(&mut memory, &rows.inputs(k), basis, natural, columns);
-            if let Some(filter) = &self.filter {
-                let dt_s = Some(rows.dt_s[k]).filter(|dt| dt.is_finite());
+            fresh |= rows.dt_s[k].is_nan();
+            // A law of acceleration has no force at the first row, and the filter must not remember that.
+            if let Some(filter) = self.filter.as_ref().filter(|_| row.iter().all(|value| value.is_finite())) {
+                let dt_s = Some(rows.dt_s[k]).filter(|_| !std::mem::take(&mut fresh));
                 for (state, value) in filters.iter_mut().zip(row.iter_mut()) {
                     *value = filter.step(state, dt_s, *value);
                 }
