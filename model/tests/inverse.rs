@@ -70,7 +70,8 @@ fn no_command_leaves_its_limits_or_drives_the_rod_whatever_comes() {
         for _ in 0..states / models.len() as u32 {
             let mut at = inputs(any(&mut rng, 0.02), any(&mut rng, 0.3));
             if rng.random_range(0..50_u32) == 0 {
-                at.dt_s = [None, Some(f64::NAN), Some(0.0), Some(1e3)][rng.random_range(0..4_usize)];
+                at.dt_s =
+                    [None, Some(f64::NAN), Some(0.0), Some(1e3), Some(1e-320)][rng.random_range(0..5_usize)];
             }
             at.drive = if rng.random::<bool>() { f64::NAN } else { any(&mut rng, 3.0) };
             let demand_n = rng.random::<f32>().gt(&0.05).then(|| any(&mut rng, 3e3));
@@ -152,7 +153,7 @@ fn models_that_have_no_inverse_are_refused_with_the_reason() {
     };
     let passive = preset::load("thesis/sp-passive/rp-icps").expect("a preset");
     assert!(refused(&passive).contains("knows no current"), "{}", refused(&passive));
-    // Displacement drives the exponent of a fade that no sample can follow.
+    // An envelope that is none: there is no motion to look at it in.
     let broken = Model {
         envelope: mr_damper_model::model::Envelope {
             displacement_m: Some([f64::NAN, 0.0]),

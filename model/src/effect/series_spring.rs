@@ -22,7 +22,8 @@
 //! too high, and by halving between those where a secant does not halve the error. When the error is small, F takes
 //! the secant once more, which leaves the square of it, and the model stays as it stepped last: each trial steps it
 //! from where it stood before the sample. Around a model whose force falls steeply as speed grows (a spring cannot
-//! hold that) there may be no such force; then there is none. The first sample takes the spring at rest (e' = e'' = 0). Where the model jumps (laws that branch by the sign of acceleration) F ends within the jump, as a
+//! hold that) there may be no such force; then there is none. The first sample takes the spring at rest
+//! (e' = e'' = 0). Where the model jumps (laws that branch by the sign of acceleration) F ends within the jump, as a
 //! spring would hold it.
 //!
 //! Source: Maxwell's element with the damper for its dashpot. Telling of it: a residual that goes with acceleration,

@@ -21,8 +21,8 @@
 //! A demand that would drive the rod gets no current. Near rest, where the sign of the force turns and its size hardly follows
 //! the current, the last current that was wanted is held.
 //!
-//! Source of the inverse as a search on a forward model with a bias from the load cell: force tracking with a nested loop,
-//! e.g. Dyke et al. (1996), Smart Mater. Struct. 5, 565 (their clipped control has only the sign).
+//! Source: clipping to what dissipates is Dyke et al. (1996), Smart Mater. Struct. 5, 565, who know two currents, none and the
+//! largest; the search for one between, on the forward model, is what an identified model allows.
 
 use super::limits::{LimitedBy, Limits};
 use super::shape::Shape;
@@ -235,7 +235,7 @@ impl Memory {
         let wanted_by = match is_achievable {
             _ if !dissipative => LimitedBy::Passivity,
             true => LimitedBy::None,
-            false if self.wanted_a > 0.5 * fixed.limits.current_max_a => LimitedBy::CurrentMax,
+            false if solved.current_a > 0.5 * fixed.limits.current_max_a => LimitedBy::CurrentMax,
             false => LimitedBy::CurrentMin,
         };
         let led_a = self.led(fixed, dt_s);
@@ -259,8 +259,9 @@ impl Memory {
 
     /// The current of the fluid at this sample, from the driver's since the last one.
     fn follow_coil(&mut self, fixed: &Fixed, measured_a: f64, dt_s: Option<f64>) {
-        // A current below zero is an offset of its transducer: none was commanded.
-        let driver_a = if measured_a.is_finite() { measured_a.max(0.0) } else { self.last_a };
+        // A current below zero is an offset of its transducer, one far above the limit a fault of it.
+        let most_a = 2.0 * fixed.limits.current_max_a;
+        let driver_a = if measured_a.is_finite() { measured_a.clamp(0.0, most_a) } else { self.last_a };
         self.fluid_a = match dt_s {
             Some(_) => self.after(fixed, driver_a, dt_s),
             None => driver_a,
@@ -283,7 +284,10 @@ impl Memory {
         let measured_n = measured_n.filter(|force_n| force_n.is_finite());
         let lacks_n =
             measured_n.zip(modelled_n).map_or(0.0, |(measured_n, modelled_n)| measured_n - modelled_n);
-        self.bias_n += approach(dt_s, fixed.limits.feedback_s) * (lacks_n - self.bias_n);
+        // What is more than the damper's largest force says nothing of the model.
+        let most_n = fixed.shape.most_n;
+        self.bias_n +=
+            approach(dt_s, fixed.limits.feedback_s) * (lacks_n.clamp(-most_n, most_n) - self.bias_n);
     }
 
     /// What is asked for beyond the demand, because the last samples missed it, N.
@@ -310,6 +314,8 @@ impl Memory {
 
     /// `current_a` within rate and range. A lead that is cut is no limit of the force, which the coil still comes to.
     fn limited(&self, fixed: &Fixed, current_a: f64, by: LimitedBy, dt_s: Option<f64>) -> (f64, LimitedBy) {
+        // A time that is all but none makes no number of a lead.
+        let current_a = if current_a.is_finite() { current_a } else { self.last_a };
         let inside_a = current_a.clamp(0.0, fixed.limits.current_max_a);
         // The rate is an infinite one, or times a time that is known.
         let most_a = dt_s.map_or(0.0, |dt_s| fixed.limits.rate_max_a_s * dt_s);

@@ -1,6 +1,6 @@
 //! How a demanded force was followed: figures, text, page.
 
-use super::page::{page, section};
+use super::page::{capital, page, section};
 use super::plot::{Band, Ink, Plot, Series, Shape};
 use super::table::table;
 use crate::closing::TOOL;
@@ -216,7 +216,7 @@ pub fn html(outcome: &Outcome) -> String {
                  has without current, for more than it has at its largest, or would drive the rod; then the nearest current is \
                  commanded. On the rig a command holds from its sample to the next, through a driver and a coil that lag, on a \
                  damper that the model is not." }
-            p { (outcome.fold_in_words()) "." }
+            p { (capital(&outcome.fold_in_words())) "." }
         }))
         @for track in &outcome.tracks { (pictures(track, outcome.limits.current_max_a)) }
     };
@@ -254,9 +254,7 @@ fn pictures(track: &Track, current_max_a: f64) -> Markup {
         series: vec![series("command", Ink::Estimate, Shape::Line, |p| p.command.current.get())],
         ..Plot::default()
     };
-    let mut heading = track.place.words().to_owned();
-    heading.replace_range(..1, &heading[..1].to_uppercase());
-    section(&heading, &html! { (force.figure("")) (current.figure("")) })
+    section(&capital(track.place.words()), &html! { (force.figure("")) (current.figure("")) })
 }
 
 /// The stretch of [`DRAWN_S`] around the largest demand.
