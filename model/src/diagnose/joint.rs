@@ -19,11 +19,11 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// Relative change below which a fit has converged: a hundredth of the least share that any check looks at.
-const CONVERGED: f64 = 1e-4;
+/// Relative change below which a fit has converged: far finer than what any check looks at.
+const CONVERGED: f64 = 1e-5;
 
 /// Broyden's updates between derivatives that are taken afresh, each of which costs a free run a number.
-const UPDATES: usize = 9;
+const UPDATES: usize = 4;
 
 /// A model with its residual on some rows.
 #[derive(Debug, Clone)]

@@ -20,6 +20,8 @@ use rayon::prelude::*;
 
 /// Share of a score below which the base could take all of the effect.
 const LEAST_IDENTIFIABLE: f64 = 0.01;
+/// Share of a score from which an effect is mostly its own.
+const MOSTLY_ITS_OWN: f64 = 0.8;
 /// Shares of what a score asks for that a refit may start from.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 /// Further values that a shape parameter may start from, as shares of the data's scale.
@@ -95,7 +97,7 @@ pub(super) fn scores(
 
 impl Scores {
     /// A first fit of `fitted` with the effect of `score`, within so many evaluations: from the derivatives that the scores were
-    /// taken with.
+    /// taken with, where most of the effect is its own. Where it is not, all turns on the small rest, and they say too little.
     pub(super) fn refit(
         &self,
         joint: &Joint,
@@ -104,7 +106,9 @@ impl Scores {
         evaluations: usize,
     ) -> Result<Option<Fitted>, Error> {
         let start = self.start(joint, fitted, score)?;
-        joint.refit_from(&start, Some(self.known.nearby(&start, score.effect, &score.whole)), evaluations)
+        let nearby = (score.identifiable >= MOSTLY_ITS_OWN)
+            .then(|| self.known.nearby(&start, score.effect, &score.whole));
+        joint.refit_from(&start, nearby, evaluations)
     }
 
     /// Where a refit of `fitted` with the effect of `score` starts. What is asked for is far for a straight line: the best of some
