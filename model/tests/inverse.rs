@@ -13,12 +13,11 @@ use mr_damper_model::inverse::track::{Bench, Demand, Figures, Point, on_model, o
 use mr_damper_model::inverse::{Command, Commander, LimitedBy, Limits, Shape};
 use mr_damper_model::model::Model;
 use mr_damper_model::preset;
+use mr_damper_model::rig::signal::RATE_HZ;
 use mr_damper_model::rig::{Channels, Experiment, Motion, Plant, record};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
-
-const RATE_HZ: f64 = 512.0;
 
 fn fuzzy_tanh() -> Model {
     preset::load(preset::BEST_FUZZY_TANH).expect("a preset")
@@ -203,13 +202,11 @@ fn a_model_that_is_not_monotone_is_told_and_still_followed() {
 /// A motion, and a demand within what `plant` has along it: between 15 and 85 % of the way from its softest to its hardest.
 fn demand(experiment: &Experiment, plant: &Plant) -> (Motion, Vec<f64>) {
     let x = record(experiment, plant, &Channels::PERFECT, 77).displacement_m.values;
-    let last = x.len() - 1;
-    let v = (0..=last).map(|k| (x[(k + 1).min(last)] - x[k.saturating_sub(1)]) * RATE_HZ / 2.0).collect();
-    let motion = Motion { displacement_m: x, velocity_m_s: v };
-    let at = |current_a: f64| plant.respond(&motion, &vec![current_a; last + 1], 16).force_n;
+    let (samples, motion) = (x.len(), Motion::recorded(x));
+    let at = |current_a: f64| plant.respond(&motion, &vec![current_a; samples], 16).force_n;
     let (soft, hard) = (at(0.0), at(2.5));
     let share = |k: usize| 0.5 + 0.35 * (TAU * 0.7 * k as f64 / RATE_HZ).sin();
-    let force_n = (0..=last).map(|k| soft[k] + share(k) * (hard[k] - soft[k])).collect();
+    let force_n = (0..samples).map(|k| soft[k] + share(k) * (hard[k] - soft[k])).collect();
     (motion, force_n)
 }
 
@@ -217,7 +214,8 @@ fn demand(experiment: &Experiment, plant: &Plant) -> (Motion, Vec<f64>) {
 fn error(model: &Model, (motion, force_n): &(Motion, Vec<f64>), plant: &Plant, feedback: bool) -> f64 {
     let channels = Channels::default();
     let bench = Bench { plant, channels: &channels, seed: 5, feedback };
-    let points = on_rig(model, Limits::default(), motion, force_n, &bench).expect("it follows a current");
+    let commander = Commander::new(model, Limits::default()).expect("it follows a current");
+    let points = on_rig(model, &commander, motion, force_n, &bench).expect("it needs no velocity");
     let figures = Figures::of(&points[RATE_HZ as usize..]);
     assert_eq!(figures.dissipative_violations, 0);
     figures.error
@@ -280,7 +278,8 @@ fn on_the_model_itself_what_can_be_met_is_met() {
         // Along with the velocity, and for a part of each cycle too little or too much.
         force_n: (0..samples).map(|k| 700.0 * (omega * seconds(k)).cos()).collect(),
     };
-    let points: Vec<Point> = on_model(&model, Limits::default(), &demand).expect("it follows a current");
+    let commander = Commander::new(&model, Limits::default()).expect("it follows a current");
+    let points: Vec<Point> = on_model(&model, &commander, &demand).expect("it needs no velocity");
     let figures = Figures::of(&points);
     assert!(figures.error_achievable < 0.06 && figures.error > figures.error_achievable, "{figures:?}");
     assert!((0.05..0.95).contains(&figures.infeasible_share), "{figures:?}");

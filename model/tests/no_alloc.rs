@@ -101,6 +101,19 @@ fn no_law_allocates() {
     }
 }
 
+/// Sample `k` of a sine, the drive going up and down, with gaps and a sample that is not known.
+fn moving(k: u32) -> Inputs {
+    let t = 0.002 * f64::from(k);
+    Inputs {
+        dt_s: (!k.is_multiple_of(130)).then_some(0.002),
+        displacement_m: if k == 200 { f64::NAN } else { 0.01 * (20.0 * t).sin() },
+        velocity_m_s: 0.2 * (20.0 * t).cos(),
+        acceleration_m_s2: -4.0 * (20.0 * t).sin(),
+        drive: 1.0 + (7.0 * t).sin(),
+        case_temp_c: 40.0,
+    }
+}
+
 /// A commander on each kind of search: tanh functions alone, with an effect that only adds, and a model tried on copies.
 #[test]
 fn no_command_allocates() {
@@ -114,16 +127,8 @@ fn no_command_allocates() {
         let mut commanded = 0;
         assert_no_alloc(|| {
             for k in 0..300 {
-                let t = 0.002 * f64::from(k);
-                let inputs = Inputs {
-                    dt_s: (k % 130 > 0).then_some(0.002),
-                    displacement_m: if k == 200 { f64::NAN } else { 0.01 * (20.0 * t).sin() },
-                    velocity_m_s: 0.2 * (20.0 * t).cos(),
-                    acceleration_m_s2: -4.0 * (20.0 * t).sin(),
-                    drive: f64::NAN,
-                    case_temp_c: f64::NAN,
-                };
-                let demand_n = (k % 7 > 0).then(|| 900.0 * (20.0 * t).cos());
+                let inputs = Inputs { drive: f64::NAN, case_temp_c: f64::NAN, ..moving(k) };
+                let demand_n = (!k.is_multiple_of(7)).then_some(4500.0 * inputs.velocity_m_s);
                 let command = commander.step(&inputs, demand_n, Some(500.0));
                 commanded += u32::from(command.limited_by != LimitedBy::Safe);
             }
@@ -156,17 +161,7 @@ fn no_effect_allocates() {
             assert_no_alloc(|| {
                 let mut state = AugmentedState::default();
                 for k in 0..300 {
-                    let t = 0.002 * f64::from(k);
-                    let inputs = Inputs {
-                        // A gap, and a sample that is not known.
-                        dt_s: (k % 130 > 0).then_some(0.002),
-                        displacement_m: if k == 200 { f64::NAN } else { 0.01 * (20.0 * t).sin() },
-                        velocity_m_s: 0.2 * (20.0 * t).cos(),
-                        acceleration_m_s2: -4.0 * (20.0 * t).sin(),
-                        drive: 1.0 + (7.0 * t).sin(),
-                        case_temp_c: 40.0,
-                    };
-                    forces += u32::from(model.free_run(&mut state, &inputs).is_some());
+                    forces += u32::from(model.free_run(&mut state, &moving(k)).is_some());
                 }
             });
             assert!(forces >= 280, "{}: {forces}", effect.title());

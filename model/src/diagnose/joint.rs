@@ -47,7 +47,7 @@ impl Fitted {
     }
 }
 
-/// Derivatives at a point nearby, one a number; `None` for a number that has none.
+/// Derivatives at a point nearby, one a number; `None` for a number that has none, and nothing at all where none is known.
 pub(super) type Nearby = Vec<Option<Vec<f64>>>;
 
 /// What a joint fit works on.
@@ -63,14 +63,14 @@ pub(super) struct Joint<'a> {
 impl Joint<'_> {
     /// The best fit near `start`, within so many evaluations. `None` where `start` does not run.
     pub(super) fn refit(&self, start: &Augmented, evaluations: usize) -> Result<Option<Fitted>, Error> {
-        self.refit_from(start, None, evaluations)
+        self.refit_from(start, Nearby::new(), evaluations)
     }
 
     /// The same from derivatives that are known nearby, in place of fresh ones at `start`: of each number, where it is known.
     pub(super) fn refit_from(
         &self,
         start: &Augmented,
-        nearby: Option<Nearby>,
+        nearby: Nearby,
         evaluations: usize,
     ) -> Result<Option<Fitted>, Error> {
         let space = Space::new(start, self.scales, self.base_moves)?;
@@ -91,8 +91,9 @@ impl Joint<'_> {
     /// many these are.
     pub(super) fn jacobian(&self, fitted: &Fitted) -> Result<(Vec<Vec<f64>>, usize), Error> {
         let space = Space::new(&fitted.model, self.scales, self.base_moves)?;
-        let columns =
-            self.columns(&space, &space.values(), &fitted.predicted_n, Vec::new()).ok_or(Error::Cancelled)?;
+        let columns = self
+            .columns(&space, &space.values(), &fitted.predicted_n, Nearby::new())
+            .ok_or(Error::Cancelled)?;
         Ok((columns, space.of_base()))
     }
 
@@ -142,7 +143,7 @@ struct Simulated<'a, 'b> {
     /// The best point so far, with its derivatives. The solver asks for one point after the other.
     best: Mutex<Option<Point>>,
     /// What the first derivatives are made of; taken by the first point.
-    nearby: Mutex<Option<Nearby>>,
+    nearby: Mutex<Nearby>,
 }
 
 /// A point with its derivatives.
@@ -165,8 +166,7 @@ impl Simulated<'_, '_> {
     ) -> Option<(Vec<Vec<f64>>, usize)> {
         let Some(mut best) = best.filter(|best| best.updates < UPDATES) else {
             // No thread panics while it holds it.
-            let nearby =
-                self.nearby.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default();
+            let nearby = std::mem::take(&mut *self.nearby.lock().unwrap_or_else(PoisonError::into_inner));
             return Some((self.joint.columns(self.space, parameters, &fitted.predicted_n, nearby)?, 0));
         };
         // Numbers of unlike units, each by the step that its derivative is taken with.

@@ -10,7 +10,7 @@
 use super::Settings;
 use super::blocks::{Blocks, least_p, p_of};
 use super::finding::Refused;
-use super::joint::{Fitted, Joint};
+use super::joint::{Fitted, Joint, Nearby};
 use super::known::Known;
 use super::rows::{Rows, dot};
 use super::space::with_effect;
@@ -106,8 +106,10 @@ impl Scores {
         evaluations: usize,
     ) -> Result<Option<Fitted>, Error> {
         let start = self.start(joint, fitted, score)?;
-        let nearby = (score.identifiable >= MOSTLY_ITS_OWN)
-            .then(|| self.known.nearby(&start, score.effect, &score.whole));
+        let nearby = match score.identifiable >= MOSTLY_ITS_OWN {
+            true => self.known.nearby(&start, score.effect, &score.whole),
+            false => Nearby::new(),
+        };
         joint.refit_from(&start, nearby, evaluations)
     }
 

@@ -62,8 +62,8 @@ impl Solver {
         last: End,
     ) -> Option<Solution> {
         let (low, high) = (End::at(0.0, &mut force_n)?, End::at(self.current_max_a, &mut force_n)?);
+        let mut achievable_n = [low.force_n.min(high.force_n), low.force_n.max(high.force_n)];
         if !self.folded {
-            let achievable_n = [low.force_n.min(high.force_n), low.force_n.max(high.force_n)];
             let near_n = NEAR * (achievable_n[1] - achievable_n[0]);
             // The last current is seldom far, and one end of a bracket for nothing.
             let inside = last.current_a > 0.0 && last.current_a < self.current_max_a;
@@ -76,7 +76,6 @@ impl Solver {
             let found = bracketed(&mut force_n, demand_n, from, to, near_n)?;
             return Some(Solution { current_a: found.current_a, force_n: found.force_n, achievable_n });
         }
-        let mut achievable_n = [low.force_n.min(high.force_n), low.force_n.max(high.force_n)];
         let mut best: Option<End> = None;
         let mut before = low;
         for part in 1..=PARTS {

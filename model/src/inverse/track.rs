@@ -9,8 +9,8 @@
 //! ```
 
 use super::commander::{Command, Commander};
-use super::limits::{LimitedBy, Limits};
-use crate::condition::{Conditioning, MotionState};
+use super::limits::LimitedBy;
+use crate::condition::{Conditioning, LowPass, MotionState, VelocitySource};
 use crate::effect::AugmentedState;
 use crate::error::Error;
 use crate::force::Inputs;
@@ -54,26 +54,24 @@ pub struct Figures {
     pub rate_limited: u64,
 }
 
-/// Sums of squares of error and demand.
+/// Errors, and the squares of what was demanded.
 #[derive(Default)]
 struct Squares {
-    sum: ErrorSum,
-    error: f64,
+    errors: ErrorSum,
     demand: f64,
 }
 
 impl Squares {
     fn add(&mut self, demand_n: f64, achieved_n: f64) {
-        let error_n = demand_n - achieved_n;
-        if error_n.is_finite() {
-            self.sum.add(demand_n, achieved_n);
-            self.error += error_n * error_n;
+        if (demand_n - achieved_n).is_finite() {
+            self.errors.add(demand_n, achieved_n);
             self.demand += demand_n * demand_n;
         }
     }
 
+    /// Root mean square of the error over that of the demand.
     fn ratio(&self) -> f64 {
-        (self.error / self.demand).sqrt()
+        self.errors.fit().map_or(f64::NAN, |fit| fit.rsse_n / (self.demand / fit.samples as f64).sqrt())
     }
 }
 
@@ -99,8 +97,8 @@ impl Figures {
             last_a = command.current.get();
         }
         Self {
-            tracking: all.sum.fit(),
-            achievable: able.sum.fit(),
+            tracking: all.errors.fit(),
+            achievable: able.errors.fit(),
             error: all.ratio(),
             error_achievable: able.ratio(),
             infeasible_share: infeasible as f64 / (asked.max(1)) as f64,
@@ -121,12 +119,12 @@ pub struct Demand {
     pub force_n: Vec<f64>,
 }
 
-/// Follows `demand` on `model` itself.
+/// Follows `demand` on `model` itself, with a copy of `commander`, which is of that model.
 ///
 /// # Errors
-/// Those of [`Commander::new`]; [`Error::MissingChannel`] for a model that wants measured velocity.
-pub fn on_model(model: &Model, limits: Limits, demand: &Demand) -> Result<Vec<Point>, Error> {
-    let mut commander = Commander::new(model, limits)?;
+/// [`Error::MissingChannel`] for a model that wants measured velocity.
+pub fn on_model(model: &Model, commander: &Commander, demand: &Demand) -> Result<Vec<Point>, Error> {
+    let mut commander = commander.clone();
     let mut eyes = Eyes::new(model)?;
     let mut state = AugmentedState::default();
     let mut time_s = 0.0;
@@ -156,18 +154,18 @@ pub struct Bench<'a> {
     pub feedback: bool,
 }
 
-/// Follows `force_n`, one a sample of `motion`, with `model` on the rig.
+/// Follows `force_n`, one a sample of `motion`, on the rig, with a copy of `commander`, which is of `model`.
 ///
 /// # Errors
 /// Those of [`on_model`].
 pub fn on_rig(
     model: &Model,
-    limits: Limits,
+    commander: &Commander,
     motion: &Motion,
     force_n: &[f64],
     bench: &Bench,
 ) -> Result<Vec<Point>, Error> {
-    let mut commander = Commander::new(model, limits)?;
+    let mut commander = commander.clone();
     let mut eyes = Eyes::new(model)?;
     let mut commands = Vec::with_capacity(force_n.len());
     let response = control(motion, bench.plant, bench.channels, bench.seed, &mut |shown| {
@@ -196,25 +194,26 @@ fn point(time_s: f64, inputs: &Inputs, achieved_n: f64, command: Command) -> Poi
 /// The displacement path of a model.
 struct Eyes {
     conditioning: Conditioning,
+    low_pass: LowPass,
     state: MotionState,
 }
 
 impl Eyes {
     fn new(model: &Model) -> Result<Self, Error> {
         model.conditioning.validate()?;
-        if model.conditioning.velocity == crate::condition::VelocitySource::Measured {
+        if model.conditioning.velocity == VelocitySource::Measured {
             return Err(Error::MissingChannel {
                 run: "demand".to_owned(),
                 channel: "velocity_m_s",
                 needed_by: "the model's conditioning (velocity = measured)".to_owned(),
             });
         }
-        Ok(Self { conditioning: model.conditioning, state: MotionState::default() })
+        let conditioning = model.conditioning;
+        Ok(Self { conditioning, low_pass: conditioning.low_pass(), state: MotionState::default() })
     }
 
     fn see(&mut self, dt_s: Option<f64>, displacement_m: f64) -> Inputs {
-        let low_pass = self.conditioning.low_pass();
-        let motion = self.conditioning.step(&low_pass, &mut self.state, dt_s, displacement_m, None);
+        let motion = self.conditioning.step(&self.low_pass, &mut self.state, dt_s, displacement_m, None);
         Inputs {
             dt_s,
             displacement_m: motion.map_or(f64::NAN, |motion| motion.displacement_m),

@@ -53,6 +53,20 @@ pub struct Motion {
     pub velocity_m_s: Vec<f64>,
 }
 
+impl Motion {
+    /// The motion of a displacement that was recorded at [`RATE_HZ`], in metres; its velocity by central differences.
+    #[must_use]
+    pub fn recorded(displacement_m: Vec<f64>) -> Self {
+        let last = displacement_m.len().saturating_sub(1);
+        let velocity = |k: usize| {
+            let (before, after) = (k.saturating_sub(1), (k + 1).min(last));
+            (displacement_m[after] - displacement_m[before]) * RATE_HZ / (after - before).max(1) as f64
+        };
+        let velocity_m_s = (0..displacement_m.len()).map(velocity).collect();
+        Self { displacement_m, velocity_m_s }
+    }
+}
+
 /// What the actuator does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Displacement {

@@ -9,14 +9,12 @@ use crate::report::inverse as report;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::identify::{Dataset, DatasetOptions};
 use mr_damper_model::inverse::track::{Bench, Demand, Figures, Point, on_model, on_rig};
-use mr_damper_model::inverse::{Limits, Shape};
+use mr_damper_model::inverse::{Commander, Limits};
 use mr_damper_model::model::Model;
+use mr_damper_model::rig::signal::RATE_HZ;
 use mr_damper_model::rig::{Channels, Motion, Plant};
 use mr_damper_model::sample::Run;
 use std::path::PathBuf;
-
-/// Rate of the rig, Hz.
-const RATE_HZ: f64 = 512.0;
 
 /// Find the current that yields a demanded force, and tell how well the force is followed.
 ///
@@ -74,8 +72,9 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let model = models::load(&args.model)?;
     let run = args.load.load(&args.force)?.run;
     let limits = args.limits();
-    let shape = Shape::of(&model, limits.current_max_a);
-    if let Some(fold) = shape.real_fold() {
+    let commander = Commander::new(&model, limits)?;
+    let fold = commander.shape().real_fold();
+    if let Some(fold) = fold {
         tracing::warn!(
             displacement_m = fold.displacement_m,
             velocity_m_s = fold.velocity_m_s,
@@ -86,13 +85,13 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         );
     }
     let demand = demand(&run)?;
-    let mut followed = vec![(report::Place::Model, on_model(&model, limits, &demand)?)];
+    let mut followed = vec![(report::Place::Model, on_model(&model, &commander, &demand)?)];
     if !args.no_rig {
         for place in [report::Place::Rig, report::Place::RigWithFeedback] {
             if around.interrupt.is_raised() {
                 return Err(NodeError::Interrupted);
             }
-            followed.push((place, rig(&model, limits, &demand, place, args.seed)?));
+            followed.push((place, rig(&model, &commander, &demand, place, args.seed)?));
         }
     }
     let tracks: Vec<report::Track> = followed
@@ -103,7 +102,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         model: args.model.clone(),
         run: args.force.display().to_string(),
         limits,
-        fold: shape.real_fold(),
+        fold,
         tracks,
     };
     args.output.page(|| Ok(report::html(&outcome)))?;
@@ -125,7 +124,7 @@ fn demand(run: &Run) -> Result<Demand, NodeError> {
 /// The demand on the rig, at the rig's rate; a gap takes no time.
 fn rig(
     model: &Model,
-    limits: Limits,
+    commander: &Commander,
     demand: &Demand,
     place: report::Place,
     seed: u64,
@@ -153,16 +152,9 @@ fn rig(
         };
         (0..samples).map(sample).collect()
     };
-    let (displacement_m, force_n) = (at(&demand.displacement_m), at(&demand.force_n));
-    let last = samples - 1;
-    let velocity = |k: usize| {
-        let (before, after) = (k.saturating_sub(1), (k + 1).min(last));
-        (displacement_m[after] - displacement_m[before]) * RATE_HZ / (after - before).max(1) as f64
-    };
-    let velocity_m_s = (0..samples).map(velocity).collect();
-    let motion = Motion { displacement_m, velocity_m_s };
+    let (motion, force_n) = (Motion::recorded(at(&demand.displacement_m)), at(&demand.force_n));
     let (plant, channels) = (Plant::default(), Channels::default());
     let feedback = place == report::Place::RigWithFeedback;
     let bench = Bench { plant: &plant, channels: &channels, seed, feedback };
-    Ok(on_rig(model, limits, &motion, &force_n, &bench)?)
+    Ok(on_rig(model, commander, &motion, &force_n, &bench)?)
 }

@@ -71,7 +71,7 @@ pub struct Report<'a> {
     current_max_a: f64,
     monotone: bool,
     #[serde(flatten)]
-    on_model: Row,
+    on_model: Option<Row>,
     /// On the rig, fed forward; `null` where it was left out.
     rig: Option<Row>,
     /// On the rig, with force feedback.
@@ -141,7 +141,6 @@ impl Outcome {
 /// The figures of `outcome`.
 #[must_use]
 pub fn json(outcome: &Outcome) -> Report<'_> {
-    let empty = Figures::of(&[]);
     Report {
         schema: "mr-damper/inverse/1",
         tool: TOOL,
@@ -149,7 +148,7 @@ pub fn json(outcome: &Outcome) -> Report<'_> {
         run: &outcome.run,
         current_max_a: outcome.limits.current_max_a,
         monotone: outcome.fold.is_none(),
-        on_model: outcome.row(Place::Model).unwrap_or_else(|| Row::from(&empty)),
+        on_model: outcome.row(Place::Model),
         rig: outcome.row(Place::Rig),
         rig_with_feedback: outcome.row(Place::RigWithFeedback),
     }
