@@ -10,7 +10,7 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use motion::{SAMPLES, motion};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
-use mr_damper_model::inverse::{Commander, Limits};
+use mr_damper_model::inverse::{Commander, Demand, Limits};
 use mr_damper_model::model::Model;
 use mr_damper_model::preset;
 
@@ -23,10 +23,10 @@ fn command(bencher: Bencher, effects: &[EffectModel]) {
     let model = Model { effects, ..preset::load(preset::BEST_FUZZY_TANH).expect("a preset") };
     let commander = Commander::new(&model, Limits::default()).expect("it follows a current");
     let motion = motion();
-    bencher.counter(ItemsCount::new(SAMPLES)).with_inputs(|| commander.clone()).bench_refs(|commander| {
+    bencher.counter(ItemsCount::new(SAMPLES)).with_inputs(|| commander).bench_refs(|commander| {
         let demand_n = |v_m_s: f64| 500.0 * v_m_s.signum() + 1500.0 * v_m_s;
         let step = |at: &mr_damper_model::force::Inputs| {
-            commander.step(divan::black_box(at), Some(demand_n(at.velocity_m_s)), None).current.get()
+            commander.step(divan::black_box(at), Demand::Force(demand_n(at.velocity_m_s)), None).current.get()
         };
         motion.iter().map(step).sum::<f64>()
     });

@@ -76,7 +76,11 @@ impl Evaluator {
                 self.last_measured = Some((stamp, measured_n));
             }
             Event::Refusal(_) => self.refused += 1,
-            Event::Estimate(_) | Event::Input(_) | Event::Transition(_) | Event::Alarm(_) => {}
+            Event::Estimate(_)
+            | Event::Input(_)
+            | Event::Transition(_)
+            | Event::Alarm(_)
+            | Event::Command(_) => {}
         }
     }
 

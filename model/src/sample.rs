@@ -139,6 +139,10 @@ pub enum Reading {
     Force(Newton),
     /// Temperature of the damper's case.
     CaseTemperature(Celsius),
+    /// Velocity of the body above the damper, positive upwards.
+    BodyVelocity(MetrePerSecond),
+    /// Force that is asked for, positive in tension.
+    ForceRequest(Newton),
 }
 
 impl Reading {
@@ -151,6 +155,8 @@ impl Reading {
             Self::Drive(_) => Channel::Drive,
             Self::Force(_) => Channel::Force,
             Self::CaseTemperature(_) => Channel::CaseTemperature,
+            Self::BodyVelocity(_) => Channel::BodyVelocity,
+            Self::ForceRequest(_) => Channel::ForceRequest,
         }
     }
 
@@ -159,9 +165,9 @@ impl Reading {
     pub const fn get(self) -> f64 {
         match self {
             Self::Displacement(x) => x.0,
-            Self::Velocity(v) => v.0,
+            Self::Velocity(v) | Self::BodyVelocity(v) => v.0,
             Self::Drive(d) => d.get(),
-            Self::Force(f) => f.0,
+            Self::Force(f) | Self::ForceRequest(f) => f.0,
             Self::CaseTemperature(t) => t.0,
         }
     }
@@ -179,14 +185,25 @@ pub enum Channel {
     Velocity,
     /// Measured force.
     Force,
+    /// Velocity of the body.
+    BodyVelocity,
+    /// Force that is asked for.
+    ForceRequest,
     /// Displacement.
     Displacement,
 }
 
 impl Channel {
     /// All channels, in feeding order.
-    pub const ALL: [Self; 5] =
-        [Self::CaseTemperature, Self::Drive, Self::Velocity, Self::Force, Self::Displacement];
+    pub const ALL: [Self; 7] = [
+        Self::CaseTemperature,
+        Self::Drive,
+        Self::Velocity,
+        Self::Force,
+        Self::BodyVelocity,
+        Self::ForceRequest,
+        Self::Displacement,
+    ];
 
     /// The channel's name, as in topics and messages.
     #[must_use]
@@ -196,6 +213,8 @@ impl Channel {
             Self::Drive => "drive",
             Self::Velocity => "velocity",
             Self::Force => "measured_force",
+            Self::BodyVelocity => "body_velocity",
+            Self::ForceRequest => "force_request",
             Self::Displacement => "displacement",
         }
     }
@@ -267,6 +286,10 @@ pub struct Run {
     pub force_n: Option<Trace>,
     /// Case temperature in °C.
     pub case_temp_c: Option<Trace>,
+    /// Velocity of the body above the damper in m/s.
+    pub body_velocity_m_s: Option<Trace>,
+    /// Force that was asked for in newtons.
+    pub force_request_n: Option<Trace>,
     /// Columns that the pipeline does not use (ambient temperature, set point, unknown ones), by name with
     /// their unit suffix, carried through conversions.
     pub other: Vec<(String, Trace)>,
@@ -299,6 +322,8 @@ impl Run {
             drive: self.drive.as_ref().map(|(kind, trace)| (*kind, cut(trace))),
             force_n: self.force_n.as_ref().map(cut),
             case_temp_c: self.case_temp_c.as_ref().map(cut),
+            body_velocity_m_s: self.body_velocity_m_s.as_ref().map(cut),
+            force_request_n: self.force_request_n.as_ref().map(cut),
             other: self.other.iter().map(|(name, trace)| (name.clone(), cut(trace))).collect(),
         }
     }
@@ -306,7 +331,7 @@ impl Run {
     /// All samples in the order in which the pipeline takes them: by stamp, and within one stamp in the
     /// order of [`Channel::ALL`].
     pub fn samples<'a>(&'a self) -> impl Iterator<Item = Sample> + 'a {
-        let mut cursors: Vec<Cursor<'a>> = Vec::with_capacity(5);
+        let mut cursors: Vec<Cursor<'a>> = Vec::with_capacity(Channel::ALL.len());
         let mut add = |trace: Option<&'a Trace>, make: fn(f64) -> Reading| {
             if let Some(trace) = trace {
                 cursors.push(Cursor { make, stamps: &trace.stamps, values: &trace.values });
@@ -324,6 +349,8 @@ impl Run {
         }
         add(self.velocity_m_s.as_ref(), |v| Reading::Velocity(MetrePerSecond(v)));
         add(self.force_n.as_ref(), |f| Reading::Force(Newton(f)));
+        add(self.body_velocity_m_s.as_ref(), |v| Reading::BodyVelocity(MetrePerSecond(v)));
+        add(self.force_request_n.as_ref(), |f| Reading::ForceRequest(Newton(f)));
         add(Some(&self.displacement_m), |x| Reading::Displacement(Metre(x)));
         std::iter::from_fn(move || {
             // The first of the cursors with the least stamp: ties resolve in feeding order.

@@ -9,8 +9,8 @@ use mr_damper_model::diagnose::{self, Runs};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, ForceModel, Inputs, Law, LawModel};
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
-use mr_damper_model::inverse::track::{Bench, Demand, Figures, Point, on_model, on_rig};
-use mr_damper_model::inverse::{Command, Commander, LimitedBy, Limits, Shape};
+use mr_damper_model::inverse::track::{Bench, Course, Figures, Point, on_model, on_rig};
+use mr_damper_model::inverse::{Command, Commander, Demand, LimitedBy, Limits, Shape};
 use mr_damper_model::model::Model;
 use mr_damper_model::preset;
 use mr_damper_model::rig::signal::RATE_HZ;
@@ -76,7 +76,7 @@ fn no_command_leaves_its_limits_or_drives_the_rod_whatever_comes() {
             let demand_n = rng.random::<f32>().gt(&0.05).then(|| any(&mut rng, 3e3));
             let measured_n = rng.random::<bool>().then(|| any(&mut rng, 2e3));
             let Command { current, dissipative, limited_by, requested, .. } =
-                commander.step(&at, demand_n, measured_n);
+                commander.step(&at, Demand::of_force(demand_n), measured_n);
             let current_a = current.get();
             assert!((0.0..=limits.current_max_a).contains(&current_a), "{current_a} {at:?}");
             if let Some(dt_s) = at.dt_s.filter(|dt_s| *dt_s > 0.0) {
@@ -100,7 +100,7 @@ fn bad_demands_are_answered_with_the_reason() {
     let model = fuzzy_tanh();
     let mut commander = Commander::new(&model, Limits::default()).expect("it follows a current");
     let mut at = |velocity_m_s: f64, demand_n: f64| {
-        let command = commander.step(&inputs(0.0, velocity_m_s), Some(demand_n), None);
+        let command = commander.step(&inputs(0.0, velocity_m_s), Demand::Force(demand_n), None);
         (command.limited_by, command.current.get(), command)
     };
     let (by, current_a, command) = at(0.1, 600.0);
@@ -130,11 +130,11 @@ fn bad_demands_are_answered_with_the_reason() {
 fn without_demands_the_current_goes_to_the_safe_one_in_time() {
     let limits = Limits { safe_a: 0.4, safe_after_s: 0.25, ..Limits::default() };
     let mut commander = Commander::new(&fuzzy_tanh(), limits).expect("it follows a current");
-    let hard = commander.step(&inputs(0.0, 0.1), Some(6e3), None).current.get();
+    let hard = commander.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get();
     assert_eq!(hard, 2.5);
     let mut currents_a = Vec::new();
     for _ in 0..200 {
-        let command = commander.step(&inputs(0.0, 0.1), None, None);
+        let command = commander.step(&inputs(0.0, 0.1), Demand::None, None);
         assert_eq!(command.limited_by, LimitedBy::Safe);
         currents_a.push(command.current.get());
     }
@@ -142,7 +142,7 @@ fn without_demands_the_current_goes_to_the_safe_one_in_time() {
     let arrived = currents_a.iter().position(|a| *a == 0.4).expect("it arrives");
     assert!((f64::from(arrived as u32 + 1) / RATE_HZ - 0.25).abs() <= 1.0 / RATE_HZ, "{arrived}");
     // And back, from one sample to the next: no rate was asked for.
-    assert_eq!(commander.step(&inputs(0.0, 0.1), Some(6e3), None).current.get(), 2.5);
+    assert_eq!(commander.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get(), 2.5);
 }
 
 #[test]
@@ -193,7 +193,7 @@ fn a_model_that_is_not_monotone_is_told_and_still_followed() {
     assert!((fold.current_a - 1.25).abs() < 0.11 && (fold.fall_n - 1000.0).abs() < 20.0, "{fold:?}");
     let mut commander = Commander::new(&model, Limits::default()).expect("it follows a current");
     for demand_n in [300.0, 700.0, 1000.0, 600.0] {
-        let command = commander.step(&inputs(0.0, 0.1), Some(demand_n), None);
+        let command = commander.step(&inputs(0.0, 0.1), Demand::Force(demand_n), None);
         assert!((command.expected.get() - demand_n).abs() < 2.0, "{command:?}");
         assert!(command.current.get() < 1.26, "the near side of the fold: {command:?}");
     }
@@ -272,7 +272,7 @@ fn on_the_model_itself_what_can_be_met_is_met() {
     let omega = TAU * 1.5;
     let seconds = |k: usize| k as f64 / RATE_HZ;
     let samples = 5 * RATE_HZ as usize;
-    let demand = Demand {
+    let demand = Course {
         dt_s: (0..samples).map(|k| (k > 0).then_some(1.0 / RATE_HZ)).collect(),
         displacement_m: (0..samples).map(|k| 0.015 * (omega * seconds(k)).sin()).collect(),
         // Along with the velocity, and for a part of each cycle too little or too much.

@@ -1,4 +1,5 @@
-//! `Pipeline::step`, `Pipeline::tick` and `Commander::step` never allocate: the guard aborts the test process on the first byte.
+//! `Pipeline::step`, `Pipeline::tick`, `Pipeline::take` and `Commander::step` never allocate: the guard aborts the test process on the
+//! first byte.
 
 mod common;
 
@@ -7,12 +8,12 @@ use common::{preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
-use mr_damper_model::inverse::{Commander, LimitedBy, Limits};
+use mr_damper_model::inverse::{self, Commander, Demand, LimitedBy, Limits};
 use mr_damper_model::model::Model;
-use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
+use mr_damper_model::pipeline::{Event, Models, Pipeline, Plan, Settings};
 use mr_damper_model::preset::{BEST_ANFIS, BEST_ARX, BEST_FUZZY_TANH};
-use mr_damper_model::sample::{DriveKind, Reading, Stamp};
-use mr_damper_model::units::Metre;
+use mr_damper_model::sample::{DriveKind, Reading, Sample, Stamp};
+use mr_damper_model::units::{Metre, Newton};
 
 #[global_allocator]
 static GUARD: AllocDisabler = AllocDisabler;
@@ -30,7 +31,12 @@ fn the_hot_path_does_not_allocate() {
         models.free.expected.free_run_rsse_n = Some(1.0);
         let settings = Settings { alarm_block_s: 0.05, false_alarm_interval_s: 60.0, ..Settings::default() };
         let mut pipeline = Pipeline::new(models, settings).expect("presets run");
-        let mut counts = [0_u32; 6];
+        let mut counts = [0_u32; 7];
+        let changed = Plan::new(models, Settings { law: inverse::Law::Skyhook(500.0), ..settings })
+            .or_else(|_| Plan::new(models, Settings { coast_s: 0.1, ..settings }))
+            .expect("in range");
+        let other =
+            Plan::new(Models::alone(preset("thesis/fuzzy-tanh/rp1-cs")), settings).expect("a preset runs");
         assert_no_alloc(|| {
             let mut count = |event: Event| {
                 counts[match event {
@@ -40,11 +46,17 @@ fn the_hot_path_does_not_allocate() {
                     Event::Residual(_) => 3,
                     Event::Transition(_) => 4,
                     Event::Alarm(_) => 5,
+                    Event::Command(_) => 6,
                 }] += 1;
             };
             for k in 0..3000_i64 {
                 // Force comes and goes, samples are lost and broken, the clock jumps: every branch that events tell of.
                 let epoch_ns = if k < 2500 { 10_000_000_000 } else { 0 };
+                let stamp = Stamp::from_nanos(epoch_ns + k * common::PERIOD_NS);
+                if k % 5 == 0 {
+                    let reading = Reading::ForceRequest(Newton(if k % 50 == 0 { f64::NAN } else { 400.0 }));
+                    pipeline.step(&Sample { stamp, received: stamp, reading }, &mut count);
+                }
                 for mut sample in samples(k, epoch_ns) {
                     if matches!(sample.reading, Reading::Force(_)) && k % 700 > 400 {
                         continue;
@@ -63,8 +75,8 @@ fn the_hot_path_does_not_allocate() {
             }
             pipeline.note_overload();
             pipeline.reset(&mut count);
-            pipeline.configure(Settings { coast_s: 0.1, ..Settings::default() }).expect("in range");
-            pipeline.swap(models, &mut count).expect("the same models");
+            pipeline.take(changed, &mut count);
+            pipeline.take(other, &mut count);
         });
         assert!(counts.iter().all(|n| *n > 0), "every kind of event was made: {counts:?}");
     }
@@ -129,7 +141,7 @@ fn no_command_allocates() {
             for k in 0..300 {
                 let inputs = Inputs { drive: f64::NAN, case_temp_c: f64::NAN, ..moving(k) };
                 let demand_n = (!k.is_multiple_of(7)).then_some(4500.0 * inputs.velocity_m_s);
-                let command = commander.step(&inputs, demand_n, Some(500.0));
+                let command = commander.step(&inputs, Demand::of_force(demand_n), Some(500.0));
                 commanded += u32::from(command.limited_by != LimitedBy::Safe);
             }
         });

@@ -30,12 +30,12 @@ message!(
     definition!(include_str!("../msg/Displacement.msg"), Header Time)
 );
 
-/// Velocity of the damper rod.
+/// Velocity of the damper rod, or of the vehicle's body above the damper.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Velocity {
     /// When the sample was taken, and the frame of the damper.
     pub header: Header,
-    /// Velocity in m/s; positive extends the damper.
+    /// Velocity in m/s; positive extends the damper, or goes up.
     #[serde(deserialize_with = "nan::or_null")]
     pub velocity: f64,
     /// Variance in m^2/s^2; zero or negative is unknown.
@@ -128,11 +128,19 @@ pub struct ForceEstimate {
     /// Displacement stamp minus stamp of the drive sample used, in s; NaN when none was used.
     #[serde(deserialize_with = "nan::or_null")]
     pub input_age: f64,
+    /// Lower end of the 90 % band in N; NaN is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub band_low: f64,
+    /// Upper end of the 90 % band in N; NaN is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub band_high: f64,
+    /// The band is calibrated on held-out runs of the model; if not, it is taken from `std_dev` as for normal errors.
+    pub band_calibrated: bool,
 }
 message!(
     ForceEstimate,
     "mr_damper_msgs" / "msg" / "ForceEstimate",
-    "455de845534b493812a5416a6dd7481dae99c45c70034ceebf36acb02b12770a",
+    "9dc78705ac5ed035bf624baa16dcbe27da337cfbb7421937be2c52883cc4de96",
     definition!(include_str!("../msg/ForceEstimate.msg"), Header Time)
 );
 
@@ -192,11 +200,17 @@ pub struct CurrentCommand {
     pub dissipative: bool,
     /// A [`LimitedBy`](crate::LimitedBy).
     pub limited_by: u8,
+    /// The least force that the damper can give at this motion, in N; NaN is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub achievable_min: f64,
+    /// The largest force that the damper can give at this motion, in N; NaN is unknown.
+    #[serde(deserialize_with = "nan::or_null")]
+    pub achievable_max: f64,
 }
 message!(
     CurrentCommand,
     "mr_damper_msgs" / "msg" / "CurrentCommand",
-    "8dd199143f1a25a8a6ce00682c51645fa4ad661fa89e0c6c461769549e0834bb",
+    "dc7ce57a11f98b8a5abd37e06778ecb3ccc943ea12cdf9213748af1df0a9f6aa",
     definition!(include_str!("../msg/CurrentCommand.msg"), Header Time)
 );
 

@@ -112,6 +112,8 @@ wire_enum! {
         Passivity = 4 "passivity",
         /// An input is missing or not valid, so the configured safe current is commanded.
         Safe = 5 "safe",
+        /// The loaded model has no inverse, so the configured safe current is commanded.
+        NoInverse = 6 "no_inverse",
     }
 }
 
@@ -168,6 +170,18 @@ reasons! {
     OVERLOAD = 4096 "OVERLOAD",
     /// The model wants the case's temperature, and none was ever received.
     TEMPERATURE_MISSING = 8192 "TEMPERATURE_MISSING",
+    /// A reading was outside what its sensor can have, and was refused.
+    INPUT_RANGE = 16384 "INPUT_RANGE",
+    /// Displacement moved faster than it can, and was refused.
+    INPUT_RATE = 32768 "INPUT_RATE",
+    /// A reading stands still while the others say that it cannot.
+    SENSOR_STUCK = 65536 "SENSOR_STUCK",
+    /// Measured velocity is not that of the displacement.
+    VELOCITY_DISAGREES = 131_072 "VELOCITY_DISAGREES",
+    /// A current that the driver cannot have made: too large, or changed too fast.
+    DRIVE_IMPLAUSIBLE = 262_144 "DRIVE_IMPLAUSIBLE",
+    /// Measured force gives energy, where a damper takes it: its sign or its offset is wrong.
+    NOT_PASSIVE = 524_288 "NOT_PASSIVE",
 }
 
 impl Reasons {

@@ -124,14 +124,17 @@ fn header() -> impl Strategy<Value = Header> {
 prop_compose! {
     fn estimate()(
         header in header(),
-        numbers in any::<[f64; 3]>(),
+        numbers in any::<[f64; 5]>(),
         model in any::<String>(),
         bytes in any::<[u8; 2]>(),
         bits in any::<u32>(),
+        band_calibrated in any::<bool>(),
     ) -> ForceEstimate {
-        let [force, std_dev, input_age] = numbers;
+        let [force, std_dev, input_age, band_low, band_high] = numbers;
         let ([mode, validity], reasons) = (bytes, Reasons::from_bits(bits));
-        ForceEstimate { header, force, std_dev, model, mode, validity, reasons, input_age }
+        ForceEstimate {
+            header, force, std_dev, model, mode, validity, reasons, input_age, band_low, band_high, band_calibrated,
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use crate::sink::ros::SharedNames;
 use crate::sink::zenoh::Renamer;
 use crate::wire::ModelNames;
 use mr_damper_model::model::Model;
-use mr_damper_model::pipeline::{Models, Pipeline};
+use mr_damper_model::pipeline::{Models, Plan};
 use ros2_client::{NodeOptions, ParameterValue};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
@@ -131,8 +131,7 @@ impl Control {
         now.hash = models::hash(&models);
         let config = Config { model: asked.model, ..state.config.clone() };
         let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-        Pipeline::new(models, settings)?;
-        let place = self.send(Command::Swap(models, settings))?;
+        let place = self.send(Command::Take(Plan::new(models, settings)?))?;
         *state = State { config, models };
         drop(state);
 
@@ -173,9 +172,8 @@ impl Control {
 
     fn set_parameter(&self, name: &str, value: &ParameterValue) -> Result<(), String> {
         let mut state = lock(&self.state);
-        let Some(config) = changed(&state, name, value)? else { return Ok(()) };
-        let settings = config.pipeline_settings(state.models.free.conditioning.cutoff_hz);
-        self.send(Command::Configure(settings)).map_err(|e| format!("{name}: {e}"))?;
+        let Some((config, plan)) = changed(&state, name, value)? else { return Ok(()) };
+        self.send(Command::Take(plan)).map_err(|e| format!("{name}: {e}"))?;
         tracing::info!(parameter = name, ?value, "set");
         state.config = config;
         Ok(())
@@ -205,8 +203,8 @@ fn read(names: &SharedNames) -> ModelNames {
     names.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
-/// The configuration after `name` is set to `value`; `None` when that changes nothing.
-fn changed(state: &State, name: &str, value: &ParameterValue) -> Result<Option<Config>, String> {
+/// The configuration after `name` is set to `value`, and what runs by it; `None` when that changes nothing.
+fn changed(state: &State, name: &str, value: &ParameterValue) -> Result<Option<(Config, Plan)>, String> {
     let value = from_ros(value).ok_or_else(|| format!("{name}: no parameter takes this type"))?;
     let parameter = find(name).map_err(|e| e.to_string())?;
     let value = parameter.check(&value).map_err(|e| e.to_string())?;
@@ -222,8 +220,8 @@ fn changed(state: &State, name: &str, value: &ParameterValue) -> Result<Option<C
     config.set(name, &value).map_err(|e| e.to_string())?;
     // The pipeline may refuse what each parameter's own range allows: an ARX with a filter behind it.
     let settings = config.pipeline_settings(state.models.free.conditioning.cutoff_hz);
-    Pipeline::new(state.models, settings).map_err(|e| e.to_string())?;
-    Ok(Some(config))
+    let plan = Plan::new(state.models, settings).map_err(|e| e.to_string())?;
+    Ok(Some((config, plan)))
 }
 
 fn to_ros(value: Value) -> ParameterValue {

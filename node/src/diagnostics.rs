@@ -40,7 +40,11 @@ impl Health {
         match event {
             Event::Residual(residual) => self.residual = Some((*residual, at)),
             Event::Alarm(change) => self.alarm = change.raised.then_some(*change),
-            Event::Input(_) | Event::Refusal(_) | Event::Estimate(_) | Event::Transition(_) => {}
+            Event::Input(_)
+            | Event::Refusal(_)
+            | Event::Estimate(_)
+            | Event::Transition(_)
+            | Event::Command(_) => {}
         }
     }
 

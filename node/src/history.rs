@@ -143,6 +143,8 @@ impl History {
             drive: self.drive.zip(trace(Channel::Drive, true)),
             force_n: trace(Channel::Force, false),
             case_temp_c: trace(Channel::CaseTemperature, true),
+            body_velocity_m_s: trace(Channel::BodyVelocity, true),
+            force_request_n: trace(Channel::ForceRequest, true),
             other: Vec::new(),
         }
     }

@@ -7,10 +7,10 @@
 //!
 //! It never allocates, locks, waits for anybody or logs. When there is nothing to do it parks; whoever has
 //! put something into a ring unparks it. A ring that is full drops and counts: a slow sink loses its own
-//! events and nobody else's. Old models need no freeing, because models are `Copy`.
+//! events and nobody else's. Old models need no freeing: plans hold no heap.
 
 use crate::worker::{Stop, Worker};
-use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
+use mr_damper_model::pipeline::{Event, Pipeline, Plan};
 use mr_damper_model::sample::{Sample, Stamp};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
@@ -28,13 +28,11 @@ pub const EVENTS: usize = 8_192;
 const TICK: Duration = Duration::from_millis(20);
 
 /// What can be asked of the running pipeline.
-#[derive(Debug, Clone, Copy)]
-#[expect(clippy::large_enum_variant, reason = "a boxed model would be freed on the estimating thread")]
+#[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "a boxed plan would be freed on the estimating thread")]
 pub enum Command {
-    /// Other settings. They were validated by the sender.
-    Configure(Settings),
-    /// Other models, swapped in between two samples, and the settings that go with them.
-    Swap(Models, Settings),
+    /// Other models or settings, taken over between two samples.
+    Take(Plan),
     /// Forget all history.
     Reset,
 }
@@ -229,23 +227,12 @@ fn run(
 }
 
 fn obey(pipeline: &mut Pipeline, command: Command, outlets: &mut [Outlet]) {
+    let mut fanout = Fanout::new(outlets);
     match command {
-        // The sender has validated settings and models, so these cannot fail; if they did, nothing would change.
-        Command::Configure(settings) => {
-            let _ = pipeline.configure(settings);
-        }
-        Command::Swap(models, settings) => {
-            let _ = pipeline.configure(settings);
-            let mut fanout = Fanout::new(outlets);
-            let _ = pipeline.swap(models, &mut |event| fanout.put(event));
-            fanout.wake();
-        }
-        Command::Reset => {
-            let mut fanout = Fanout::new(outlets);
-            pipeline.reset(&mut |event| fanout.put(event));
-            fanout.wake();
-        }
+        Command::Take(plan) => pipeline.take(plan, &mut |event| fanout.put(event)),
+        Command::Reset => pipeline.reset(&mut |event| fanout.put(event)),
     }
+    fanout.wake();
 }
 
 /// Puts events into every outlet, and wakes the sinks that got some.

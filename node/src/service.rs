@@ -20,7 +20,8 @@ use crate::services::Services;
 use crate::sink::ros::{RosSink, RosSinkCounters, SharedNames};
 use crate::sink::zenoh::{Damper, Encoding, Link, Mirror, SessionMode, ZenohConfig};
 use crate::source::ros::{RosSource, SourceCounters};
-use mr_damper_model::pipeline::Pipeline;
+use mr_damper_model::inverse::{Commander, Law, Shape};
+use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use std::sync::Arc;
 
 /// A running service.
@@ -56,6 +57,7 @@ impl Service {
         let velocity = models.free.conditioning.velocity;
         let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
         let pipeline = Pipeline::new(models, settings)?;
+        say_commands(&models, &settings);
         let control = Arc::new(Control::new(config, models, names.clone()));
         let mut ros = Ros::start(config, args, control.node_options(), args.node_name())?;
 
@@ -172,6 +174,30 @@ impl Service {
         } else {
             Err(NodeError::Failed(format!("threads had panicked: {}", panicked.join(", "))))
         }
+    }
+}
+
+/// Says what is commanded, and what cannot be.
+fn say_commands(models: &Models, settings: &Settings) {
+    match (settings.law, Commander::new(&models.free, settings.limits)) {
+        (Law::Off, _) => tracing::info!("no current is commanded"),
+        (Law::Follow, Err(why)) => {
+            tracing::info!("a force_request would be answered with the safe current: {why}");
+        }
+        (law, Ok(commander)) => {
+            if let Some(fold) = commander.shape().and_then(Shape::real_fold) {
+                tracing::warn!(
+                    displacement_m = fold.displacement_m,
+                    velocity_m_s = fold.velocity_m_s,
+                    current_a = fold.current_a,
+                    fall_n = fold.fall_n,
+                    "the model's force does not grow with the current one way everywhere; of several currents that give a force the one \
+                     nearest the last is commanded"
+                );
+            }
+            tracing::info!(law = law.name(), max_a = settings.limits.current_max_a, "current_command");
+        }
+        (law, Err(_)) => tracing::info!(law = law.name(), "current_command"),
     }
 }
 

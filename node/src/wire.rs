@@ -1,9 +1,9 @@
 //! Between the pipeline's events and the ROS messages.
 
-use mr_damper_model::pipeline::{Estimate, Residual, Slot, Transition};
+use mr_damper_model::pipeline::{Commanded, Estimate, Residual, Transition};
 use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::standard::{Header, Time};
-use mr_damper_msgs::{ForceEstimate, ForceResidual, ModeChange};
+use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
 
 pub use crate::sink::zenoh::ModelNames;
 
@@ -27,14 +27,14 @@ pub fn force_estimate(estimate: &Estimate, names: &ModelNames, frame_id: &str) -
         header: header(estimate.stamp, frame_id),
         force: estimate.force.get(),
         std_dev: estimate.std_dev.get(),
-        model: match estimate.slot {
-            Slot::Free => names.free.clone(),
-            Slot::Seeded => names.seeded.clone().unwrap_or_else(|| names.free.clone()),
-        },
+        model: names.of(estimate.slot).to_owned(),
         mode: estimate.mode as u8,
         validity: estimate.validity as u8,
         reasons: mr_damper_msgs::Reasons::from_bits(estimate.reasons.0),
         input_age: estimate.input_age.get(),
+        band_low: estimate.band[0].get(),
+        band_high: estimate.band[1].get(),
+        band_calibrated: estimate.calibrated,
     }
 }
 
@@ -54,6 +54,23 @@ pub fn force_residual(residual: &Residual, frame_id: &str) -> ForceResidual {
     }
 }
 
+/// The message of a command.
+#[must_use]
+pub fn current_command(commanded: &Commanded, frame_id: &str) -> CurrentCommand {
+    let command = &commanded.command;
+    CurrentCommand {
+        header: header(commanded.stamp, frame_id),
+        current: command.current.get(),
+        force_requested: command.requested.get(),
+        force_expected: command.expected.get(),
+        achievable: command.is_achievable,
+        dissipative: command.dissipative,
+        limited_by: command.limited_by as u8,
+        achievable_min: command.achievable[0].get(),
+        achievable_max: command.achievable[1].get(),
+    }
+}
+
 /// The message of a change of mode.
 #[must_use]
 pub fn mode_change(transition: &Transition, frame_id: &str) -> ModeChange {
@@ -67,6 +84,7 @@ pub fn mode_change(transition: &Transition, frame_id: &str) -> ModeChange {
 
 #[cfg(test)]
 mod tests {
+    use mr_damper_model::inverse::LimitedBy;
     use mr_damper_model::pipeline as model;
 
     #[test]
@@ -88,6 +106,17 @@ mod tests {
             (model::Validity::Invalid, mr_damper_msgs::Validity::Invalid),
         ] {
             assert_eq!((ours as u8, ours.name()), (theirs as u8, theirs.name()));
+        }
+        for (ours, theirs) in [
+            (LimitedBy::None, mr_damper_msgs::LimitedBy::None),
+            (LimitedBy::CurrentMax, mr_damper_msgs::LimitedBy::CurrentMax),
+            (LimitedBy::CurrentMin, mr_damper_msgs::LimitedBy::CurrentMin),
+            (LimitedBy::Rate, mr_damper_msgs::LimitedBy::Rate),
+            (LimitedBy::Passivity, mr_damper_msgs::LimitedBy::Passivity),
+            (LimitedBy::Safe, mr_damper_msgs::LimitedBy::Safe),
+            (LimitedBy::NoInverse, mr_damper_msgs::LimitedBy::NoInverse),
+        ] {
+            assert_eq!((ours as u8, ours.name().to_lowercase().as_str()), (theirs as u8, theirs.name()));
         }
         assert_eq!(model::Reasons::ALL.len(), mr_damper_msgs::Reasons::ALL.len());
         for ((ours, our_name), (their_name, theirs)) in

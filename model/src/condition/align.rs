@@ -101,6 +101,13 @@ impl<T: Copy> ForceAligner<T> {
         self.last = Some(stamp);
     }
 
+    /// The newest force not newer than `at`, with its stamp.
+    #[inline]
+    #[must_use]
+    pub fn newest(&self, at: Stamp) -> Option<(Stamp, f64)> {
+        self.readings.at(at)
+    }
+
     /// Lets `what` wait for the force at `stamp`; the oldest one is given up when the queue is full.
     #[inline]
     pub fn wait(&mut self, stamp: Stamp, what: T) {

@@ -205,6 +205,8 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
             Reading::Velocity(v) => velocity.push(stamp, v.0),
             Reading::Force(f) => aligner.push_force(stamp, f.0),
             Reading::CaseTemperature(t) => case_temp_c.push(stamp, t.0),
+            // Nothing that the damper's force depends on.
+            Reading::BodyVelocity(_) | Reading::ForceRequest(_) => {}
             Reading::Displacement(x) => {
                 count += 1;
                 if (count - 1) % every != 0 {

@@ -24,6 +24,7 @@
 //! Source: clipping to what dissipates is Dyke et al. (1996), Smart Mater. Struct. 5, 565, who know two currents, none and the
 //! largest; the search for one between, on the forward model, is what an identified model allows.
 
+use super::law::Demand;
 use super::limits::{LimitedBy, Limits};
 use super::shape::Shape;
 use super::solve::{Moment, Solver};
@@ -44,7 +45,7 @@ const SLACK: f64 = 1e-3;
 pub struct Command {
     /// The current; always finite, within 0 and the largest.
     pub current: Ampere,
-    /// What was asked for; NaN when nothing was.
+    /// What was asked for; NaN when nothing was, or a current.
     pub requested: Newton,
     /// The force that the model expects of the current that the fluid will have; NaN when it has none.
     pub expected: Newton,
@@ -52,7 +53,7 @@ pub struct Command {
     pub achievable: [Newton; 2],
     /// The force that was asked for is among them.
     pub is_achievable: bool,
-    /// It takes energy out of the motion.
+    /// It takes energy out of the motion; false when no force was asked for.
     pub dissipative: bool,
     /// What kept the command from it.
     pub limited_by: LimitedBy,
@@ -72,17 +73,18 @@ impl Coil {
     }
 }
 
-/// Commands currents for forces, for one damper.
-#[derive(Debug, Clone, PartialEq)]
+/// Commands currents for forces, for one damper. `Copy`, without heap: it is handed to a real-time thread.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Commander {
-    fixed: Fixed,
+    limits: Limits,
+    /// None of a model that has no inverse: then only a current can be asked for.
+    inverse: Option<Inverse>,
     memory: Memory,
 }
 
-/// What stays as it is.
-#[derive(Debug, Clone, PartialEq)]
-struct Fixed {
-    limits: Limits,
+/// What forces are sought on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Inverse {
     /// The model without the lag of its coil.
     model: Augmented,
     coil: Option<Coil>,
@@ -92,7 +94,7 @@ struct Fixed {
 }
 
 /// What is remembered from sample to sample.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Memory {
     state: AugmentedState,
     /// Last command, A.
@@ -114,6 +116,87 @@ impl Commander {
     /// [`Error::OutOfRange`] for a limit that means nothing; [`Error::Data`] for a model that follows no current, or a voltage, and
     /// for one that has no force within its own envelope.
     pub fn new(model: &Model, limits: Limits) -> Result<Self, Error> {
+        let inverse = Some(Inverse::new(model, &limits)?);
+        Ok(Self { inverse, ..Self::without_inverse(limits)? })
+    }
+
+    /// A commander that knows no model: it gives a current that is asked for, and the safe one for every force.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] for a limit that means nothing.
+    pub fn without_inverse(limits: Limits) -> Result<Self, Error> {
+        limits.validate()?;
+        let memory = Memory {
+            state: AugmentedState::default(),
+            last_a: limits.safe_a,
+            wanted_a: limits.safe_a,
+            fluid_a: limits.safe_a,
+            bias_n: 0.0,
+            safe_rate_a_s: None,
+        };
+        Ok(Self { limits, inverse: None, memory })
+    }
+
+    /// What the model's force is like over the current; `None` without an inverse.
+    #[must_use]
+    pub fn shape(&self) -> Option<&Shape> {
+        self.inverse.as_ref().map(|inverse| &inverse.shape)
+    }
+
+    /// Goes on where `old` is: the driver still has its current, and the model's memory means the same where its effects are of the same
+    /// kinds.
+    pub fn inherit(&mut self, old: &Self) {
+        let max_a = self.limits.current_max_a;
+        let Memory { last_a, wanted_a, fluid_a, safe_rate_a_s, .. } = old.memory;
+        let same = match (&self.inverse, &old.inverse) {
+            (Some(new), Some(old)) => new.model.effects().same_kinds(old.model.effects()),
+            _ => false,
+        };
+        let state = if same { old.memory.state } else { old.memory.state.without_effects() };
+        let bias_n = if self.inverse == old.inverse { old.memory.bias_n } else { 0.0 };
+        self.memory = Memory {
+            state,
+            last_a: last_a.min(max_a),
+            wanted_a: wanted_a.min(max_a),
+            fluid_a,
+            bias_n,
+            safe_rate_a_s,
+        };
+    }
+
+    /// The current for `demand` at `inputs`, whose drive is the measured current, or NaN. `measured_n` is the force of this
+    /// sample, where there is one.
+    #[inline]
+    pub fn step(&mut self, inputs: &Inputs, demand: Demand, measured_n: Option<f64>) -> Command {
+        let demand = demand.if_finite();
+        let dt_s = inputs.dt_s.filter(|dt_s| *dt_s > 0.0 && dt_s.is_finite());
+        match (&self.inverse, demand) {
+            (Some(inverse), _) => {
+                let step = Step { limits: &self.limits, inverse, inputs, dt_s };
+                self.memory.step(&step, demand, measured_n)
+            }
+            (None, Demand::Current(current_a)) => self.memory.go_to(&self.limits, current_a, dt_s),
+            (None, _) => {
+                let command = self.memory.safe(&self.limits, demand, dt_s);
+                let limited_by = if demand == Demand::None { LimitedBy::Safe } else { LimitedBy::NoInverse };
+                Command { limited_by, ..command }
+            }
+        }
+    }
+
+    /// What becomes of the current while there is no sample for `elapsed_s`: a current that was asked for stays, anything else
+    /// goes to the safe one.
+    #[inline]
+    pub fn idle(&mut self, demand: Demand, elapsed_s: f64) -> Command {
+        match demand.if_finite() {
+            Demand::Current(current_a) => self.memory.go_to(&self.limits, current_a, Some(elapsed_s)),
+            Demand::None | Demand::Force(_) => self.memory.safe(&self.limits, Demand::None, Some(elapsed_s)),
+        }
+    }
+}
+
+impl Inverse {
+    fn new(model: &Model, limits: &Limits) -> Result<Self, Error> {
         limits.validate()?;
         match model.force.drive() {
             Some(DriveKind::CoilCurrent) => {}
@@ -153,80 +236,76 @@ impl Commander {
                 _ => kept.push(*effect),
             }
         }
-        let fixed = Fixed {
-            limits,
+        Ok(Self {
             model: Augmented::new(model.force, Effects::new(&kept)?)?,
             coil,
             gas_n_m,
             solver: Solver { current_max_a: limits.current_max_a, folded: shape.real_fold().is_some() },
             shape,
-        };
-        let memory = Memory {
-            state: AugmentedState::default(),
-            last_a: limits.safe_a,
-            wanted_a: limits.safe_a,
-            fluid_a: limits.safe_a,
-            bias_n: 0.0,
-            safe_rate_a_s: None,
-        };
-        Ok(Self { fixed, memory })
-    }
-
-    /// What the model's force is like over the current.
-    #[must_use]
-    pub const fn shape(&self) -> &Shape {
-        &self.fixed.shape
-    }
-
-    /// The current for `demand_n` at `inputs`, whose drive is the measured current, or NaN. `measured_n` is the force of this
-    /// sample, where there is one.
-    #[inline]
-    pub fn step(&mut self, inputs: &Inputs, demand_n: Option<f64>, measured_n: Option<f64>) -> Command {
-        self.memory.step(&self.fixed, inputs, demand_n, measured_n)
+        })
     }
 }
 
+/// What a step works on.
+struct Step<'a> {
+    limits: &'a Limits,
+    inverse: &'a Inverse,
+    inputs: &'a Inputs,
+    /// Time since the sample before, where there is one.
+    dt_s: Option<f64>,
+}
+
 impl Memory {
-    fn step(
-        &mut self,
-        fixed: &Fixed,
-        inputs: &Inputs,
-        demand_n: Option<f64>,
-        measured_n: Option<f64>,
-    ) -> Command {
-        let dt_s = inputs.dt_s.filter(|dt_s| *dt_s > 0.0 && dt_s.is_finite());
+    fn step(&mut self, on: &Step, demand: Demand, measured_n: Option<f64>) -> Command {
+        let Step { limits, inverse, inputs, dt_s } = *on;
         if dt_s.is_none() {
             // History means nothing any more; the driver still has its current.
             self.state = AugmentedState::default();
             self.bias_n = 0.0;
         }
-        self.follow_coil(fixed, inputs.drive, dt_s);
-        let demand_n = demand_n.filter(|force_n| force_n.is_finite());
-        if !(inputs.displacement_m.is_finite() && inputs.velocity_m_s.is_finite()) {
-            // Nothing that is no number gets into the model's memory.
-            return self.safe(fixed, demand_n, dt_s);
+        self.follow_coil(on);
+        let moves = inputs.displacement_m.is_finite() && inputs.velocity_m_s.is_finite();
+        // Nothing that is no number gets into the model's memory.
+        let stepped =
+            if moves { Moment::step(&inverse.model, &mut self.state, inputs, self.fluid_a) } else { None };
+        if moves {
+            self.learn(on, stepped.as_ref().map(|(modelled_n, _)| *modelled_n), measured_n);
         }
-        let stepped = Moment::step(&fixed.model, &mut self.state, inputs, self.fluid_a);
-        self.learn(fixed, stepped.as_ref().map(|(modelled_n, _)| *modelled_n), measured_n, dt_s);
-        let Some((demand_n, (modelled_n, moment))) = demand_n.zip(stepped) else {
-            return self.safe(fixed, demand_n, dt_s);
-        };
-        let sought_n = demand_n - self.bias_n + self.pushed(fixed, demand_n, measured_n);
+        match (demand, stepped) {
+            (Demand::Force(demand_n), Some(stepped)) => self.give(on, demand_n, stepped, measured_n),
+            (Demand::Current(current_a), stepped) => {
+                let command = self.go_to(limits, current_a, dt_s);
+                stepped.map_or(command, |stepped| self.told(on, command, stepped))
+            }
+            (Demand::None, _) | (_, None) => self.safe(limits, demand, dt_s),
+        }
+    }
+
+    /// The current for a force.
+    fn give(
+        &mut self,
+        on: &Step,
+        demand_n: f64,
+        (modelled_n, moment): (f64, Moment),
+        measured_n: Option<f64>,
+    ) -> Command {
+        let Step { limits, inverse, inputs, dt_s } = *on;
+        let sought_n = demand_n - self.bias_n + self.pushed(on, demand_n, measured_n);
         let last = (Ampere(self.fluid_a), Newton(modelled_n));
-        let Some(solved) = fixed.solver.solve(&moment, sought_n, last) else {
-            return self.safe(fixed, Some(demand_n), dt_s);
+        let Some(solved) = inverse.solver.solve(&moment, sought_n, last) else {
+            return self.safe(limits, Demand::Force(demand_n), dt_s);
         };
         self.safe_rate_a_s = None;
 
         let (x_m, v_m_s) = (inputs.displacement_m, inputs.velocity_m_s);
-        let preload_n = fixed.model.force().force_offset_n() + fixed.gas_n_m * x_m;
+        let preload_n = inverse.model.force().force_offset_n() + inverse.gas_n_m * x_m;
         let dissipative = (demand_n - preload_n) * v_m_s >= 0.0;
         let achievable_n = solved.achievable_n.map(|force_n| force_n + self.bias_n);
         let moves_n = achievable_n[1] - achievable_n[0];
         let slack_n = SLACK * moves_n;
         let is_achievable =
             (achievable_n[0] - slack_n..=achievable_n[1] + slack_n).contains(&demand_n) && dissipative;
-        let near_rest = v_m_s.abs() < fixed.limits.hold_m_s || moves_n < HARDLY * fixed.shape.most_n;
+        let near_rest = v_m_s.abs() < limits.hold_m_s || moves_n < HARDLY * inverse.shape.most_n;
         self.wanted_a = match (near_rest, dissipative) {
             (true, _) => self.wanted_a,
             (false, true) => solved.current_a,
@@ -235,14 +314,14 @@ impl Memory {
         let wanted_by = match is_achievable {
             _ if !dissipative => LimitedBy::Passivity,
             true => LimitedBy::None,
-            false if solved.current_a > 0.5 * fixed.limits.current_max_a => LimitedBy::CurrentMax,
+            false if solved.current_a > 0.5 * limits.current_max_a => LimitedBy::CurrentMax,
             false => LimitedBy::CurrentMin,
         };
-        let led_a = self.led(fixed, dt_s);
+        let led_a = self.led(on);
         // Held is what the fluid has; a demand that would drive the rod gets no more of it.
         let led_a = if dissipative { led_a } else { led_a.min(self.last_a) };
-        let (current_a, limited_by) = self.limited(fixed, led_a, wanted_by, dt_s);
-        let fluid_a = self.after(fixed, current_a, dt_s);
+        let (current_a, limited_by) = self.limited(limits, led_a, wanted_by, dt_s);
+        let fluid_a = self.after(inverse, current_a, dt_s);
         let expected_n =
             if fluid_a == solved.current_a { Some(solved.force_n) } else { moment.force_n(fluid_a) };
         self.last_a = current_a;
@@ -257,20 +336,33 @@ impl Memory {
         }
     }
 
+    /// `command`, with the forces that the model has.
+    fn told(&self, on: &Step, command: Command, (modelled_n, moment): (f64, Moment)) -> Command {
+        let last = (Ampere(self.fluid_a), Newton(modelled_n));
+        let solved = on.inverse.solver.solve(&moment, modelled_n, last);
+        let fluid_a = self.after(on.inverse, command.current.get(), on.dt_s);
+        let biased = |force_n: f64| Newton(force_n + self.bias_n);
+        Command {
+            expected: biased(moment.force_n(fluid_a).unwrap_or(f64::NAN)),
+            achievable: solved.map_or([f64::NAN; 2], |solved| solved.achievable_n).map(biased),
+            ..command
+        }
+    }
+
     /// The current of the fluid at this sample, from the driver's since the last one.
-    fn follow_coil(&mut self, fixed: &Fixed, measured_a: f64, dt_s: Option<f64>) {
+    fn follow_coil(&mut self, on: &Step) {
         // A current below zero is an offset of its transducer, one far above the limit a fault of it.
-        let most_a = 2.0 * fixed.limits.current_max_a;
+        let (measured_a, most_a) = (on.inputs.drive, 2.0 * on.limits.current_max_a);
         let driver_a = if measured_a.is_finite() { measured_a.clamp(0.0, most_a) } else { self.last_a };
-        self.fluid_a = match dt_s {
-            Some(_) => self.after(fixed, driver_a, dt_s),
+        self.fluid_a = match on.dt_s {
+            Some(_) => self.after(on.inverse, driver_a, on.dt_s),
             None => driver_a,
         };
     }
 
     /// The current of the fluid `dt_s` after the driver went to `driver_a`.
-    fn after(&self, fixed: &Fixed, driver_a: f64, dt_s: Option<f64>) -> f64 {
-        match (&fixed.coil, dt_s) {
+    fn after(&self, inverse: &Inverse, driver_a: f64, dt_s: Option<f64>) -> f64 {
+        match (&inverse.coil, dt_s) {
             (Some(coil), Some(dt_s)) => {
                 let share = approach(dt_s, coil.tau_s(self.fluid_a, driver_a));
                 self.fluid_a + share * (driver_a - self.fluid_a)
@@ -279,33 +371,32 @@ impl Memory {
         }
     }
 
-    fn learn(&mut self, fixed: &Fixed, modelled_n: Option<f64>, measured_n: Option<f64>, dt_s: Option<f64>) {
-        let Some(dt_s) = dt_s else { return };
+    fn learn(&mut self, on: &Step, modelled_n: Option<f64>, measured_n: Option<f64>) {
+        let Some(dt_s) = on.dt_s else { return };
         let measured_n = measured_n.filter(|force_n| force_n.is_finite());
         let lacks_n =
             measured_n.zip(modelled_n).map_or(0.0, |(measured_n, modelled_n)| measured_n - modelled_n);
         // What is more than the damper's largest force says nothing of the model.
-        let most_n = fixed.shape.most_n;
-        self.bias_n +=
-            approach(dt_s, fixed.limits.feedback_s) * (lacks_n.clamp(-most_n, most_n) - self.bias_n);
+        let most_n = on.inverse.shape.most_n;
+        self.bias_n += approach(dt_s, on.limits.feedback_s) * (lacks_n.clamp(-most_n, most_n) - self.bias_n);
     }
 
     /// What is asked for beyond the demand, because the last samples missed it, N.
-    fn pushed(&self, fixed: &Fixed, demand_n: f64, measured_n: Option<f64>) -> f64 {
+    fn pushed(&self, on: &Step, demand_n: f64, measured_n: Option<f64>) -> f64 {
         let Some(measured_n) = measured_n.filter(|force_n| force_n.is_finite()) else { return 0.0 };
         let left =
-            fixed.coil.map_or(1.0, |coil| (fixed.limits.lead_s / coil.rise_s.min(coil.fall_s)).min(1.0));
-        fixed.limits.feedback_gain * left * (demand_n - measured_n)
+            on.inverse.coil.map_or(1.0, |coil| (on.limits.lead_s / coil.rise_s.min(coil.fall_s)).min(1.0));
+        on.limits.feedback_gain * left * (demand_n - measured_n)
     }
 
     /// The current that leads the coil to the one that is wanted.
-    fn led(&self, fixed: &Fixed, dt_s: Option<f64>) -> f64 {
-        match (&fixed.coil, dt_s) {
+    fn led(&self, on: &Step) -> f64 {
+        match (&on.inverse.coil, on.dt_s) {
             (Some(coil), Some(dt_s)) => {
                 let way_a = self.wanted_a - self.fluid_a;
                 let tau_s = coil.tau_s(self.fluid_a, self.wanted_a);
                 // A lead that is slower than the coil would only make it late.
-                let lead = approach(dt_s, fixed.limits.lead_s.min(tau_s));
+                let lead = approach(dt_s, on.limits.lead_s.min(tau_s));
                 self.fluid_a + way_a * lead / approach(dt_s, tau_s)
             }
             _ => self.wanted_a,
@@ -313,19 +404,28 @@ impl Memory {
     }
 
     /// `current_a` within rate and range. A lead that is cut is no limit of the force, which the coil still comes to.
-    fn limited(&self, fixed: &Fixed, current_a: f64, by: LimitedBy, dt_s: Option<f64>) -> (f64, LimitedBy) {
+    fn limited(&self, limits: &Limits, current_a: f64, by: LimitedBy, dt_s: Option<f64>) -> (f64, LimitedBy) {
         // A time that is all but none makes no number of a lead.
         let current_a = if current_a.is_finite() { current_a } else { self.last_a };
-        let inside_a = current_a.clamp(0.0, fixed.limits.current_max_a);
+        let inside_a = current_a.clamp(0.0, limits.current_max_a);
         // The rate is an infinite one, or times a time that is known.
-        let most_a = dt_s.map_or(0.0, |dt_s| fixed.limits.rate_max_a_s * dt_s);
+        let most_a = dt_s.map_or(0.0, |dt_s| limits.rate_max_a_s * dt_s);
         let cut_a = inside_a.clamp(self.last_a - most_a, self.last_a + most_a);
         (cut_a, if cut_a == inside_a { by } else { LimitedBy::Rate })
     }
 
+    /// To a current that was asked for. Nothing is known of the force.
+    fn go_to(&mut self, limits: &Limits, current_a: f64, dt_s: Option<f64>) -> Command {
+        self.safe_rate_a_s = None;
+        let by = if current_a > limits.current_max_a { LimitedBy::CurrentMax } else { LimitedBy::None };
+        let (current_a, limited_by) = self.limited(limits, current_a, by, dt_s);
+        (self.last_a, self.wanted_a) = (current_a, current_a);
+        self.blind(Demand::None, limited_by)
+    }
+
     /// Towards the safe current.
-    fn safe(&mut self, fixed: &Fixed, demand_n: Option<f64>, dt_s: Option<f64>) -> Command {
-        let Limits { safe_a, safe_after_s, rate_max_a_s, current_max_a, .. } = fixed.limits;
+    fn safe(&mut self, limits: &Limits, demand: Demand, dt_s: Option<f64>) -> Command {
+        let Limits { safe_a, safe_after_s, rate_max_a_s, current_max_a, .. } = *limits;
         let way_a = safe_a - self.last_a;
         let rate_a_s = *self.safe_rate_a_s.get_or_insert((way_a.abs() / safe_after_s).min(rate_max_a_s));
         // Without a way or a time the quotient is no number, and there is nothing to do, or all at once.
@@ -333,14 +433,19 @@ impl Memory {
         let step_a = if most_a.is_nan() { way_a } else { way_a.clamp(-most_a, most_a) };
         self.last_a = (self.last_a + step_a).clamp(0.0, current_max_a);
         self.wanted_a = self.last_a;
+        self.blind(demand, LimitedBy::Safe)
+    }
+
+    /// The last current, as a command that says nothing of a force.
+    fn blind(&self, demand: Demand, limited_by: LimitedBy) -> Command {
         Command {
             current: Ampere(self.last_a),
-            requested: Newton(demand_n.unwrap_or(f64::NAN)),
+            requested: Newton(demand.force_n()),
             expected: Newton(f64::NAN),
             achievable: [Newton(f64::NAN); 2],
             is_achievable: false,
             dissipative: false,
-            limited_by: LimitedBy::Safe,
+            limited_by,
         }
     }
 }

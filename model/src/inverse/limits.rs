@@ -82,6 +82,8 @@ pub enum LimitedBy {
     Passivity = 4,
     /// There is no demand, or no motion to answer it with: the current goes to the safe one.
     Safe = 5,
+    /// The model has no inverse: the current goes to the safe one.
+    NoInverse = 6,
 }
 
 impl LimitedBy {
@@ -95,6 +97,7 @@ impl LimitedBy {
             Self::Rate => "RATE",
             Self::Passivity => "PASSIVITY",
             Self::Safe => "SAFE",
+            Self::NoInverse => "NO_INVERSE",
         }
     }
 }

@@ -11,17 +11,19 @@
 //! current for any forward model by a bracketed search with a bounded number of steps; it needs a force that grows with
 //! the current one way, which [`Shape`] looks at on a grid when a model is loaded. [`Commander`] is what runs: it holds the
 //! model's state, leads a coil that lags, learns the model's bias from a load cell, and never leaves its [`Limits`].
-//! [`track`] lets it follow a demand, on the model and on the rig.
+//! Which force is wanted is a [`Law`]'s business. [`track`] lets it follow a demand, on the model and on the rig.
 //!
 //! Like the rest of this crate: no clock, no allocation from sample to sample, no panic.
 
 mod commander;
+mod law;
 mod limits;
 mod shape;
 mod solve;
 pub mod track;
 
 pub use commander::{Command, Commander};
+pub use law::{Demand, Law};
 pub use limits::{LimitedBy, Limits};
 pub use shape::{Fold, Shape};
 pub use solve::{MOST_STEPS, Moment, Solution, Solver};

@@ -9,6 +9,7 @@
 //! ```
 
 use super::commander::{Command, Commander};
+use super::law::Demand;
 use super::limits::LimitedBy;
 use crate::condition::{Conditioning, LowPass, MotionState, VelocitySource};
 use crate::effect::AugmentedState;
@@ -110,7 +111,7 @@ impl Figures {
 
 /// What is to be followed: displacement and demand, one a sample.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Demand {
+pub struct Course {
     /// Time since the sample before, s; `None` for the first and after a gap.
     pub dt_s: Vec<Option<f64>>,
     /// Displacement, m.
@@ -119,20 +120,20 @@ pub struct Demand {
     pub force_n: Vec<f64>,
 }
 
-/// Follows `demand` on `model` itself, with a copy of `commander`, which is of that model.
+/// Follows `course` on `model` itself, with a copy of `commander`, which is of that model.
 ///
 /// # Errors
 /// [`Error::MissingChannel`] for a model that wants measured velocity.
-pub fn on_model(model: &Model, commander: &Commander, demand: &Demand) -> Result<Vec<Point>, Error> {
-    let mut commander = commander.clone();
+pub fn on_model(model: &Model, commander: &Commander, course: &Course) -> Result<Vec<Point>, Error> {
+    let mut commander = *commander;
     let mut eyes = Eyes::new(model)?;
     let mut state = AugmentedState::default();
     let mut time_s = 0.0;
-    let samples = demand.dt_s.iter().zip(&demand.displacement_m).zip(&demand.force_n);
+    let samples = course.dt_s.iter().zip(&course.displacement_m).zip(&course.force_n);
     let follow = |((dt_s, displacement_m), force_n): ((&Option<f64>, &f64), &f64)| {
         time_s += dt_s.unwrap_or(0.0);
         let inputs = eyes.see(*dt_s, *displacement_m);
-        let command = commander.step(&inputs, Some(*force_n), None);
+        let command = commander.step(&inputs, Demand::Force(*force_n), None);
         let driven = Inputs { drive: command.current.get(), ..inputs };
         let known = inputs.velocity_m_s.is_finite();
         let achieved_n = if known { model.free_run(&mut state, &driven) } else { None };
@@ -165,13 +166,14 @@ pub fn on_rig(
     force_n: &[f64],
     bench: &Bench,
 ) -> Result<Vec<Point>, Error> {
-    let mut commander = commander.clone();
+    let mut commander = *commander;
     let mut eyes = Eyes::new(model)?;
     let mut commands = Vec::with_capacity(force_n.len());
     let response = control(motion, bench.plant, bench.channels, bench.seed, &mut |shown| {
         let inputs = eyes.see((shown.sample > 0).then_some(1.0 / RATE_HZ), shown.displacement_m);
         let demand_n = force_n.get(shown.sample).copied();
-        let command = commander.step(&inputs, demand_n, bench.feedback.then_some(shown.force_n));
+        let command =
+            commander.step(&inputs, Demand::of_force(demand_n), bench.feedback.then_some(shown.force_n));
         commands.push((inputs, command));
         command.current.get()
     });

@@ -1,59 +1,16 @@
 //! From the lanes to the estimate: mode, bumpless change, validity.
 
+use super::bump::{Forces, Speaker};
+use super::command::Moving;
 use super::event::{Cause, Estimate, Event, Reasons, Slot, Validity};
 use super::lane::Given;
 use super::mode::{Conditions, Mode};
+use super::plausible::Seen;
 use super::settings::UseForce;
 use super::{Awaiting, Pipeline};
+use crate::force::Inputs;
 use crate::sample::{Sample, Stamp};
 use crate::units::{Newton, Second};
-
-/// The step that a change of mode would make, decaying from there.
-///
-/// ```text
-/// F_out = F_mode + d exp(-(t - t0)/tau),   d = F_out(t0) by the mode before - F_mode(t0)
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Bump {
-    offset_n: f64,
-    last_output_n: Option<f64>,
-    /// The model behind the mode has just been swapped: the next output starts from the last one.
-    swapped: bool,
-}
-
-impl Bump {
-    /// The output for `force_n`, the force by the mode at present. `before_n` is what the mode before would have
-    /// put out now, when the mode has just changed and there was an output.
-    #[inline]
-    fn smooth(&mut self, force_n: f64, before_n: Option<f64>, dt_s: f64, tau_s: f64) -> f64 {
-        match before_n {
-            Some(before_n) if tau_s > 0.0 => self.offset_n = before_n - force_n,
-            Some(_) => self.offset_n = 0.0,
-            None if tau_s > 0.0 => self.offset_n *= (-dt_s / tau_s).exp(),
-            None => self.offset_n = 0.0,
-        }
-        // A millinewton is beyond every load cell; from there on the mode's own bits come through.
-        if self.offset_n.abs() < 1e-3 {
-            self.offset_n = 0.0;
-        }
-        let output_n = force_n + self.offset_n;
-        self.last_output_n = Some(output_n);
-        output_n
-    }
-
-    /// The next output is another model's: let it start from the last output.
-    pub(super) const fn expect_step(&mut self) {
-        self.swapped = true;
-    }
-
-    pub(super) const fn last_output_n(&self) -> Option<f64> {
-        self.last_output_n
-    }
-
-    fn forget(&mut self) {
-        *self = Self::default();
-    }
-}
 
 impl Pipeline {
     /// Takes an accepted displacement: steps both lanes, decides the mode, reports the estimate.
@@ -89,12 +46,14 @@ impl Pipeline {
             reasons |= Reasons::DRIVE_STALE;
         }
         let velocity = self.velocity.at(stamp);
+        let measured_velocity_m_s =
+            velocity.filter(|(at, _)| stamp.since(*at).get() <= self.settings.gap_s).map(|(_, v)| v);
+        self.judge.displacement(&Seen { stamp, dt_s, displacement_m, velocity_m_s: measured_velocity_m_s });
+        reasons |= self.judge.reasons(stamp, &self.known, &self.settings.plausible);
         let given = Given {
             dt_s,
             displacement_m,
-            measured_velocity_m_s: velocity
-                .filter(|(at, _)| stamp.since(*at).get() <= self.settings.gap_s)
-                .map(|(_, v)| v),
+            measured_velocity_m_s,
             drive: drive.map_or(f64::NAN, |(_, value)| value),
             case_temp_c: self.temperature.at(stamp).map_or(f64::NAN, |(_, value)| value),
         };
@@ -105,31 +64,31 @@ impl Pipeline {
         let seeded_n = self.seeded.as_mut().and_then(|lane| lane.step(&given, &mut seeded_reasons));
 
         let before = self.machine.mode();
-        let force_fresh = self.settings.use_measured_force == UseForce::Auto
-            && self.last_force.is_some_and(|at| stamp.since(at).get() <= self.settings.force_timeout_s);
-        let conditions =
-            Conditions { arx_ready: seeded_n.is_some(), force_fresh, model_ready: free_n.is_some() };
+        let force_fresh = self.settings.use_measured_force == UseForce::Auto && self.force_is_fresh(stamp);
+        let force_odd = self.judge.force_is_odd(&self.known, &self.settings.plausible);
+        let conditions = Conditions {
+            arx_ready: seeded_n.is_some(),
+            force_fresh,
+            force_odd,
+            model_ready: free_n.is_some(),
+        };
         let transition = self.machine.update(stamp, conditions, self.settings.coast_s, self.settings.hold_s);
         let mode = self.machine.mode();
 
-        let by_mode = |mode: Mode| match mode {
-            Mode::Arx | Mode::ArxCoast => seeded_n,
-            Mode::Model => free_n,
-            Mode::Hold | Mode::Fault => None,
-        };
-        let force_n = match (by_mode(mode), self.bump.last_output_n()) {
-            (Some(force_n), last) => {
-                // After a change the mode before speaks for this very sample if it still can; else its last word.
-                let before_n =
-                    transition.and(last).map(|last| by_mode(before).map_or(last, |n| n + self.bump.offset_n));
-                self.bump.smooth(force_n, before_n, dt_s.unwrap_or(0.0), self.settings.bumpless_tau_s)
+        let observed_n = free_n.map(|force_n| force_n + self.observer.bias_n(stamp, &self.settings));
+        let forces = Forces { dt_s: dt_s.unwrap_or(0.0), free_n: observed_n, seeded_n };
+        let force_n = match speaker(mode) {
+            Some(now) => {
+                let before = transition.map(|_| speaker(before));
+                self.bump.smooth(&forces, now, before, self.settings.bumpless_tau_s)
             }
-            (None, Some(last)) if mode == Mode::Hold => last,
-            (None, _) => {
+            None if mode == Mode::Hold => self.bump.hold(&forces),
+            None => {
                 self.bump.forget();
-                f64::NAN
+                None
             }
-        };
+        }
+        .unwrap_or(f64::NAN);
 
         reasons |= self.mode_reasons(mode, free_reasons, seeded_reasons);
         if let Some(transition) = transition {
@@ -142,14 +101,47 @@ impl Pipeline {
             emit(Event::Transition(transition));
         }
         emit(Event::Estimate(self.estimate(stamp, force_n, mode, reasons, input_age_s)));
+        self.command(stamp, step_s, reasons, force_odd, emit);
 
         // Without a prediction there is no residual, but the force still seeds ARX.
         let predicted_n = free_n.unwrap_or(f64::NAN);
         let counts = !(free_reasons.has(Reasons::SETTLING)
             || free_reasons.has(Reasons::TEMPERATURE_MISSING)
             || reasons.has(Reasons::DRIVE_STALE));
-        self.force.wait(stamp, Awaiting { predicted_n, dt_s, index: self.index, counts });
+        let velocity_m_s = self.free.inputs().map_or(f64::NAN, |inputs| inputs.velocity_m_s);
+        let rest_n = self.known.offset_n + self.known.gas_n_m * displacement_m;
+        self.force
+            .wait(stamp, Awaiting { predicted_n, dt_s, index: self.index, counts, velocity_m_s, rest_n });
         self.settle_residuals(emit);
+    }
+
+    /// True while the newest measured force that met its displacement is no older than `force_timeout_s`.
+    fn force_is_fresh(&self, stamp: Stamp) -> bool {
+        self.last_force.is_some_and(|at| stamp.since(at).get() <= self.settings.force_timeout_s)
+    }
+
+    /// Commands the current that the law asks for.
+    fn command(
+        &mut self,
+        stamp: Stamp,
+        step_s: Option<f64>,
+        reasons: Reasons,
+        force_odd: bool,
+        emit: &mut impl FnMut(Event),
+    ) {
+        // A drive that is old or cannot be says less of the coil than the last command does.
+        let drive_counts = !(reasons.has(Reasons::DRIVE_STALE) || reasons.has(Reasons::DRIVE_IMPLAUSIBLE));
+        let inputs = self
+            .free
+            .inputs()
+            .map(|inputs| Inputs { drive: if drive_counts { inputs.drive } else { f64::NAN }, ..inputs });
+        // Feedback is for the force of this sample: an older one is of another motion.
+        let of_this = |at: Stamp| at == stamp || step_s.is_some_and(|step_s| stamp.since(at).get() < step_s);
+        let newest = self.force.newest(stamp).filter(|(at, _)| of_this(*at) && !force_odd);
+        let moving = Moving { stamp, step_s, inputs, measured_n: newest.map(|(_, force_n)| force_n) };
+        if let Some(commanded) = self.commanding.step(&moving, &self.settings) {
+            emit(Event::Command(commanded));
+        }
     }
 
     /// The reasons of the lane that speaks, and what the mode itself says.
@@ -202,6 +194,8 @@ impl Pipeline {
             stamp,
             force: Newton(force_n),
             std_dev: Newton(std_dev_n.unwrap_or(f64::NAN)),
+            band: [-1.645, 1.645].map(|z| Newton(force_n + z * std_dev_n.unwrap_or(f64::NAN))),
+            calibrated: false,
             slot,
             mode,
             validity: reasons.validity().max(by_mode),
@@ -235,5 +229,14 @@ impl Pipeline {
         };
         let age_s = self.drive.at(last).map_or(f64::NAN, |(at, _)| last.since(at).get());
         self.estimate(last, force_n, mode, Reasons::DISPLACEMENT_LOST, age_s)
+    }
+}
+
+/// Whose force the estimate is in `mode`.
+const fn speaker(mode: Mode) -> Option<Speaker> {
+    match mode {
+        Mode::Arx | Mode::ArxCoast => Some(Speaker::Seeded),
+        Mode::Model => Some(Speaker::Free),
+        Mode::Hold | Mode::Fault => None,
     }
 }

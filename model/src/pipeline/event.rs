@@ -1,6 +1,7 @@
 //! What the pipeline reports. Plain `Copy` data: events cross threads in wait-free rings.
 
 use super::mode::Mode;
+use crate::inverse::Command;
 use crate::sample::{Sample, Stamp};
 use crate::units::{Newton, Second};
 
@@ -19,6 +20,17 @@ pub enum Event {
     Transition(Transition),
     /// The residual alarm was raised, or it fell.
     Alarm(AlarmChange),
+    /// A current is commanded.
+    Command(Commanded),
+}
+
+/// A current command, caused by the displacement sample whose stamp it bears; in silence, by the time that has passed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Commanded {
+    /// Stamp of the displacement sample; in silence, that of the last one plus the silence.
+    pub stamp: Stamp,
+    /// The command.
+    pub command: Command,
 }
 
 /// Which of the pipeline's models spoke.
@@ -39,6 +51,10 @@ pub struct Estimate {
     pub force: Newton,
     /// Standard deviation to expect, from the model's identification; NaN when not known.
     pub std_dev: Newton,
+    /// 90 % band of the force, low and high; NaN when not known.
+    pub band: [Newton; 2],
+    /// The band is calibrated on held-out runs; else it is taken from the standard deviation as for normal errors.
+    pub calibrated: bool,
     /// Model that the estimate comes from.
     pub slot: Slot,
     /// Mode of the pipeline.
@@ -112,6 +128,8 @@ pub enum Cause {
     ForceFresh,
     /// Measured force is older than `force_timeout_s`.
     ForceLost,
+    /// Measured force stands still, or gives energy.
+    ForceImplausible,
     /// The ARX model has coasted for `coast_s`.
     CoastEnded,
     /// The ARX model has no valid history (a gap, another rate, a missing drive).
@@ -137,6 +155,7 @@ impl Cause {
         match self {
             Self::ForceFresh => "measured force is fresh",
             Self::ForceLost => "measured force is older than force_timeout_s",
+            Self::ForceImplausible => "measured force is not plausible",
             Self::CoastEnded => "ARX has coasted for coast_s",
             Self::ArxUnready => "ARX has no valid history",
             Self::ModelReady => "the model's inputs are there",
@@ -169,9 +188,24 @@ pub enum Refused {
     TimeBack,
     /// A current came where the model wants a voltage, or the other way round.
     WrongDrive,
+    /// The value is beyond what its sensor can have.
+    OutOfRange,
+    /// The rod cannot have come there since the displacement before.
+    TooFast,
 }
 
 impl Refused {
+    /// What the next estimate says of it.
+    #[must_use]
+    pub const fn reasons(self) -> Reasons {
+        match self {
+            Self::WrongDrive => Reasons::WRONG_DRIVE,
+            Self::NotFinite | Self::Repeated | Self::TimeBack => Reasons::INPUT_REFUSED,
+            Self::OutOfRange => Reasons(Reasons::INPUT_REFUSED.0 | Reasons::INPUT_RANGE.0),
+            Self::TooFast => Reasons(Reasons::INPUT_REFUSED.0 | Reasons::INPUT_RATE.0),
+        }
+    }
+
     /// The reason in words.
     #[must_use]
     pub const fn text(self) -> &'static str {
@@ -180,6 +214,8 @@ impl Refused {
             Self::Repeated => "its stamp repeats the one before",
             Self::TimeBack => "its stamp is older than the one before",
             Self::WrongDrive => "the model wants the other kind of drive",
+            Self::OutOfRange => "the value is beyond what its sensor can have",
+            Self::TooFast => "the rod cannot have moved there so fast",
         }
     }
 }
@@ -248,7 +284,7 @@ reasons! {
     DISPLACEMENT_GAP = 8, Degraded;
     /// A reading since the last estimate was refused.
     INPUT_REFUSED = 16, Degraded;
-    /// Displacement, velocity or drive lies outside the training range.
+    /// Displacement, velocity, drive, force or temperature lies outside the training range.
     OUTSIDE_ENVELOPE = 32, Extrapolating;
     /// Samples do not come at the rate of the ARX model, which therefore rests.
     RATE_MISMATCH = 64, Degraded;
@@ -266,6 +302,18 @@ reasons! {
     OVERLOAD = 4096, Degraded;
     /// An effect around the model wants the case's temperature and none has come.
     TEMPERATURE_MISSING = 8192, Invalid;
+    /// A reading was outside what its sensor can have, and was refused.
+    INPUT_RANGE = 16384, Degraded;
+    /// Displacement moved faster than it can, and was refused.
+    INPUT_RATE = 32768, Degraded;
+    /// A reading stands still while the others say that it cannot.
+    SENSOR_STUCK = 65536, Degraded;
+    /// Measured velocity is not that of the displacement.
+    VELOCITY_DISAGREES = 131_072, Degraded;
+    /// A current that the driver cannot have made: too large, or changed too fast.
+    DRIVE_IMPLAUSIBLE = 262_144, Degraded;
+    /// Measured force gives energy, where a damper takes it: its sign or its offset is wrong.
+    NOT_PASSIVE = 524_288, Degraded;
 }
 
 impl Reasons {

@@ -1,15 +1,19 @@
-//! The gate: what may enter. Values that are not finite, stamps that do not increase within their channel, and
-//! a drive of the wrong kind are refused, one by one, without harm to what is there.
+//! The gate: what may enter. Values that are not finite or beyond what a sensor can have, stamps that do not increase within
+//! their channel, a displacement that jumps, and a drive of the wrong kind are refused, one by one, without harm to what is there.
 //!
 //! One sample with a wrong stamp must not throw away history, yet a clock that was set back (or a simulation
 //! that was restarted) must not block the node for good. So a sample whose stamp steps back is refused, but
-//! when [`JUMP_AFTER`] in a row increase among themselves, time has jumped: they are the new truth.
+//! when [`JUMP_AFTER`] in a row increase among themselves, time has jumped: they are the new truth. Likewise a
+//! displacement that the rod cannot have come to since the last one is refused, and believed when as many agree.
 
 use super::event::Refused;
+use super::plausible::Plausible;
 use crate::sample::{Channel, DriveKind, Reading, Sample, Stamp};
 
-/// Samples in a row from another time that make it a jump.
+/// Samples in a row from another time, or another place, that make it a jump.
 const JUMP_AFTER: u32 = 3;
+/// Least time that a rod is given to move, s: stamps of arrival come in bunches.
+const LEAST_S: f64 = 2e-3;
 
 /// What the gate says of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,6 +23,8 @@ pub(super) enum Verdict {
     /// The sample is the first of a new time on its channel: drop the channel's history (all history, if
     /// it is displacement), then use it.
     TimeJumped,
+    /// The displacement is the first at another place: what moved before it means nothing.
+    PlaceJumped,
 }
 
 /// What the gate remembers of one channel.
@@ -34,13 +40,56 @@ struct Seen {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Gate {
     seen: [Seen; Channel::ALL.len()],
+    place: Place,
+}
+
+/// Where the rod is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Place {
+    last: Option<(Stamp, f64)>,
+    /// Newest of the displacements at another place, and how many in a row there were.
+    other: Option<(Stamp, f64)>,
+    other_count: u32,
+}
+
+impl Place {
+    #[inline]
+    fn judge(&mut self, stamp: Stamp, displacement_m: f64, speed_max_m_s: f64) -> Verdict {
+        let comes_from = |from: Option<(Stamp, f64)>| {
+            from.is_none_or(|(at, from_m)| {
+                let way_m = (displacement_m - from_m).abs();
+                way_m <= speed_max_m_s * stamp.since(at).get().max(LEAST_S)
+            })
+        };
+        let here = Some((stamp, displacement_m));
+        if comes_from(self.last) {
+            *self = Self { last: here, ..Self::default() };
+            return Verdict::Accept;
+        }
+        let follows = self.other.is_some() && comes_from(self.other);
+        self.other_count = if follows { self.other_count + 1 } else { 1 };
+        self.other = here;
+        if self.other_count < JUMP_AFTER {
+            return Verdict::Refuse(Refused::TooFast);
+        }
+        *self = Self { last: here, ..Self::default() };
+        Verdict::PlaceJumped
+    }
 }
 
 impl Gate {
     #[inline]
-    pub(super) fn judge(&mut self, sample: &Sample, wanted: Option<DriveKind>) -> Verdict {
+    pub(super) fn judge(
+        &mut self,
+        sample: &Sample,
+        wanted: Option<DriveKind>,
+        plausible: &Plausible,
+    ) -> Verdict {
         if !sample.reading.get().is_finite() {
             return Verdict::Refuse(Refused::NotFinite);
+        }
+        if beyond(sample.reading, plausible) {
+            return Verdict::Refuse(Refused::OutOfRange);
         }
         if let (Reading::Drive(drive), Some(wanted)) = (sample.reading, wanted)
             && drive.kind() != wanted
@@ -55,7 +104,26 @@ impl Gate {
             *self = Self::default();
             self.seen[channel as usize] = displacement;
         }
-        verdict
+        match (verdict, sample.reading) {
+            (Verdict::Accept | Verdict::TimeJumped, Reading::Displacement(x)) => {
+                match self.place.judge(sample.stamp, x.get(), plausible.speed_max_m_s) {
+                    Verdict::Accept => verdict,
+                    jumped => jumped,
+                }
+            }
+            _ => verdict,
+        }
+    }
+}
+
+/// True for a reading that no sensor of its channel can have.
+fn beyond(reading: Reading, plausible: &Plausible) -> bool {
+    match reading {
+        Reading::Displacement(x) => x.get().abs() > plausible.displacement_max_m,
+        Reading::Force(f) | Reading::ForceRequest(f) => f.get().abs() > plausible.force_max_n,
+        Reading::Velocity(_) | Reading::Drive(_) | Reading::CaseTemperature(_) | Reading::BodyVelocity(_) => {
+            false
+        }
     }
 }
 
@@ -85,7 +153,15 @@ impl Seen {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::{Ampere, Metre};
+    use crate::units::{Ampere, Metre, Newton};
+
+    const PLAUSIBLE: Plausible = Plausible {
+        displacement_max_m: 1.0,
+        speed_max_m_s: 5.0,
+        force_max_n: 1e5,
+        stuck_s: 0.1,
+        passive_window_s: 2.0,
+    };
 
     fn at(ms: i64, reading: Reading) -> Sample {
         let stamp = Stamp::from_nanos(ms * 1_000_000);
@@ -96,12 +172,13 @@ mod tests {
         let mut gate = Gate::default();
         stamps_ms
             .iter()
-            .map(|ms| match gate.judge(&at(*ms, Reading::Displacement(Metre(0.0))), None) {
+            .map(|ms| match gate.judge(&at(*ms, Reading::Displacement(Metre(0.0))), None, &PLAUSIBLE) {
                 Verdict::Accept => 'a',
                 Verdict::Refuse(Refused::Repeated) => 'r',
                 Verdict::Refuse(Refused::TimeBack) => 'b',
                 Verdict::Refuse(_) => '?',
                 Verdict::TimeJumped => 'J',
+                Verdict::PlaceJumped => 'P',
             })
             .collect()
     }
@@ -123,11 +200,48 @@ mod tests {
     fn values_and_drives_are_checked() {
         let mut gate = Gate::default();
         let drive = at(0, Reading::Drive(crate::sample::Drive::CoilCurrent(Ampere(1.0))));
-        assert_eq!(gate.judge(&drive, Some(DriveKind::CommandVoltage)), Verdict::Refuse(Refused::WrongDrive));
-        assert_eq!(gate.judge(&drive, Some(DriveKind::CoilCurrent)), Verdict::Accept);
+        assert_eq!(
+            gate.judge(&drive, Some(DriveKind::CommandVoltage), &PLAUSIBLE),
+            Verdict::Refuse(Refused::WrongDrive)
+        );
+        assert_eq!(gate.judge(&drive, Some(DriveKind::CoilCurrent), &PLAUSIBLE), Verdict::Accept);
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let sample = at(1, Reading::Displacement(Metre(value)));
-            assert_eq!(gate.judge(&sample, None), Verdict::Refuse(Refused::NotFinite));
+            assert_eq!(gate.judge(&sample, None, &PLAUSIBLE), Verdict::Refuse(Refused::NotFinite));
+        }
+    }
+
+    /// A displacement a millisecond, mm.
+    fn places(displacements_mm: &[f64]) -> String {
+        let mut gate = Gate::default();
+        let verdict = |(ms, mm): (usize, &f64)| {
+            let sample = at(ms as i64, Reading::Displacement(Metre(mm * 1e-3)));
+            match gate.judge(&sample, None, &PLAUSIBLE) {
+                Verdict::Accept => 'a',
+                Verdict::Refuse(Refused::TooFast) => 'f',
+                Verdict::Refuse(Refused::OutOfRange) => 'o',
+                Verdict::PlaceJumped => 'J',
+                _ => '?',
+            }
+        };
+        displacements_mm.iter().enumerate().map(verdict).collect()
+    }
+
+    #[test]
+    fn a_rod_does_not_fly() {
+        assert_eq!(places(&[0.0, 3.0, 6.0, 9.0, 6.0]), "aaaaa", "3 m/s");
+        assert_eq!(places(&[0.0, 1.0, 25.0, 2.0, 3.0]), "aafaa", "a spike harms nobody");
+        assert_eq!(places(&[0.0, 1.0, 25.0, -25.0, 25.0, 3.0]), "aafffa", "nor do wild ones");
+        assert_eq!(places(&[0.0, 1.0, 40.0, 41.0, 42.0, 43.0]), "aaffJa", "three that agree are believed");
+        assert_eq!(places(&[0.0, 2000.0, 1.0]), "aoa");
+    }
+
+    #[test]
+    fn forces_beyond_any_load_cell_are_refused() {
+        let mut gate = Gate::default();
+        for reading in [Reading::Force(Newton(1e6)), Reading::ForceRequest(Newton(-1e6))] {
+            let sample = at(1, reading);
+            assert_eq!(gate.judge(&sample, None, &PLAUSIBLE), Verdict::Refuse(Refused::OutOfRange));
         }
     }
 }

@@ -88,6 +88,8 @@ pub(super) struct FreeLane {
     force_filter: LowPassState,
     fresh_output: bool,
     fresh_force: bool,
+    /// What the last step worked on.
+    inputs: Option<Inputs>,
 }
 
 impl FreeLane {
@@ -102,8 +104,14 @@ impl FreeLane {
             force_filter: LowPassState::default(),
             fresh_output: true,
             fresh_force: true,
+            inputs: None,
             model,
         })
+    }
+
+    /// Conditioned inputs of the last step; `None` while there are none.
+    pub(super) const fn inputs(&self) -> Option<Inputs> {
+        self.inputs
     }
 
     pub(super) const fn model(&self) -> Model {
@@ -113,12 +121,6 @@ impl FreeLane {
     /// Root mean squared error to expect when running free, N.
     pub(super) fn expected_rsse_n(&self) -> Option<f64> {
         self.model.expected.free_run_rsse_n
-    }
-
-    /// Starts anew with other conditioning.
-    pub(super) fn recondition(&mut self, model: Model) -> Result<(), Error> {
-        *self = Self::new(model)?;
-        Ok(())
     }
 
     /// Takes over what `old` remembers, as far as it means the same here.
@@ -152,6 +154,7 @@ impl FreeLane {
             self.reset();
         }
         let inputs = self.front.step(given, reasons);
+        self.inputs = inputs;
         if !drive_is_there(&self.model.force, given) {
             *reasons |= Reasons::DRIVE_MISSING;
             return None;
@@ -164,6 +167,9 @@ impl FreeLane {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
         let force_n = self.model.free_run(&mut self.state, &inputs).filter(|f| f.is_finite())?;
+        if Envelope::leaves(self.model.envelope.force_n, force_n) {
+            *reasons |= Reasons::OUTSIDE_ENVELOPE;
+        }
         if self.model.conditioning.apply_to != ApplyTo::Output {
             return Some(force_n);
         }
@@ -235,13 +241,6 @@ impl SeededLane {
     /// Root mean squared error to expect one step ahead, N.
     pub(super) fn expected_rsse_n(&self) -> Option<f64> {
         self.model.expected.one_step_rsse_n
-    }
-
-    pub(super) fn recondition(&mut self, model: Model) -> Result<(), Error> {
-        if let Some(lane) = Self::new(model)? {
-            *self = lane;
-        }
-        Ok(())
     }
 
     /// Takes over what `old` remembers, as far as it means the same here.

@@ -4,7 +4,9 @@
 //!                    ┌─ gate ─┐   ┌ free lane:   condition → model → (filter) ───────┬─ bumpless ─→ Estimate
 //!  Sample ──────────→│ refuse │──→│                                                  │     ↑
 //!                    └────────┘   └ seeded lane: condition → ARX ← measured force ───┘   mode
-//!                                         measured force ─ align ─ minus free lane ──────────────→ Residual
+//!                        │                measured force ─ align ─ minus free lane ──────────────→ Residual
+//!                        ├─→ judge: can the readings be what they say? ──→ reasons, mode
+//!                        └─→ law: which force is wanted? ──→ inverse of the free lane's model ───→ Command
 //! ```
 //!
 //! A displacement sample causes an estimate at once, from the newest drive not newer than itself. Its residual
@@ -18,18 +20,26 @@
 //! displacement would change anyway, so results stay the same.
 
 mod alarm;
+mod bump;
+mod command;
 mod estimate;
 mod event;
 mod gate;
 mod lane;
 mod mode;
+mod observer;
+mod plan;
+mod plausible;
 mod settings;
 mod window;
 
 pub use event::{
-    AlarmChange, Cause, Estimate, Event, Reasons, Refusal, Refused, Residual, Slot, Transition, Validity,
+    AlarmChange, Cause, Commanded, Estimate, Event, Reasons, Refusal, Refused, Residual, Slot, Transition,
+    Validity,
 };
 pub use mode::{Conditions, Mode, ModeMachine};
+pub use plan::Plan;
+pub use plausible::Plausible;
 pub use settings::{Settings, UseForce};
 
 use crate::condition::{ForceAligner, Hold};
@@ -38,9 +48,12 @@ use crate::model::Model;
 use crate::sample::{Reading, Sample, Stamp};
 use crate::units::{Newton, Second};
 use alarm::{Alarm, Edge};
-use estimate::Bump;
+use bump::Bump;
+use command::Commanding;
 use gate::Gate;
 use lane::{FreeLane, SeededLane};
+use observer::Observer;
+use plausible::{Judge, Known};
 use window::Window;
 
 /// The models that a pipeline runs.
@@ -92,6 +105,38 @@ impl Models {
     }
 }
 
+impl From<Plan> for Pipeline {
+    /// A pipeline at rest.
+    fn from(plan: Plan) -> Self {
+        let Plan { models, settings, free, seeded, commander } = plan;
+        Self {
+            known: Known::of(&free.model(), &settings.limits),
+            models,
+            settings,
+            gate: Gate::default(),
+            free,
+            seeded,
+            drive: Hold::default(),
+            velocity: Hold::default(),
+            temperature: Hold::default(),
+            force: ForceAligner::default(),
+            machine: ModeMachine::default(),
+            bump: Bump::default(),
+            observer: Observer::default(),
+            judge: Judge::default(),
+            commanding: Commanding::new(commander),
+            window: Window::default(),
+            alarm: Alarm::default(),
+            index: 0,
+            last_displacement: None,
+            last_received: None,
+            last_force: None,
+            last_stale_report: None,
+            pending: Reasons::NONE,
+        }
+    }
+}
+
 /// A prediction that waits for its measured force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Awaiting {
@@ -100,11 +145,16 @@ struct Awaiting {
     index: u64,
     /// The model had all that it needs, so that its residual is its own.
     counts: bool,
+    /// Velocity as the model had it, m/s; NaN when it had none.
+    velocity_m_s: f64,
+    /// Force of the damper at rest there, N.
+    rest_n: f64,
 }
 
 /// The pipeline of one damper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pipeline {
+    models: Models,
     settings: Settings,
     gate: Gate,
     free: FreeLane,
@@ -115,6 +165,10 @@ pub struct Pipeline {
     force: ForceAligner<Awaiting>,
     machine: ModeMachine,
     bump: Bump,
+    observer: Observer,
+    known: Known,
+    judge: Judge,
+    commanding: Commanding,
     window: Window,
     alarm: Alarm,
     /// Displacements accepted so far.
@@ -134,30 +188,7 @@ impl Pipeline {
     /// # Errors
     /// When a model or a setting is out of range; the message names it.
     pub fn new(models: Models, settings: Settings) -> Result<Self, Error> {
-        settings.validate()?;
-        Ok(Self {
-            settings,
-            gate: Gate::default(),
-            free: FreeLane::new(settings.applied_to(models.free))?,
-            seeded: match models.seeded {
-                Some(model) => SeededLane::new(settings.applied_to(model))?,
-                None => None,
-            },
-            drive: Hold::default(),
-            velocity: Hold::default(),
-            temperature: Hold::default(),
-            force: ForceAligner::default(),
-            machine: ModeMachine::default(),
-            bump: Bump::default(),
-            window: Window::default(),
-            alarm: Alarm::default(),
-            index: 0,
-            last_displacement: None,
-            last_received: None,
-            last_force: None,
-            last_stale_report: None,
-            pending: Reasons::NONE,
-        })
+        Ok(Self::from(Plan::new(models, settings)?))
     }
 
     /// The settings in force.
@@ -175,32 +206,37 @@ impl Pipeline {
     /// Takes over other settings from the next sample on, without losing history.
     ///
     /// # Errors
-    /// When a setting is out of range; then nothing changes.
+    /// When a setting is out of range, or does not go with the models; then nothing changes.
     pub fn configure(&mut self, settings: Settings) -> Result<(), Error> {
-        settings.validate()?;
-        let filter_changed = settings.filter != self.settings.filter;
-        self.settings = settings;
-        if filter_changed {
-            self.free.recondition(settings.applied_to(self.free.model()))?;
-            if let Some(lane) = &mut self.seeded {
-                lane.recondition(settings.applied_to(lane.model()))?;
-            }
-        }
+        let plan = Plan::new(self.models, settings)?;
+        self.take(plan, &mut |_| {});
         Ok(())
     }
 
-    /// Swaps in other models between two samples. What the new ones share with the old (conditioning, and
-    /// with it the filters' memory) is kept, so that estimates go on without a gap; the step that the
-    /// swap makes in the estimate decays like that of a change of mode.
+    /// Swaps in other models between two samples; see [`Pipeline::take`].
     ///
     /// # Errors
     /// When a model does not go with the settings; then nothing changes.
     pub fn swap(&mut self, models: Models, emit: &mut impl FnMut(Event)) -> Result<(), Error> {
-        let mut free = FreeLane::new(self.settings.applied_to(models.free))?;
-        let mut seeded = match models.seeded {
-            Some(model) => SeededLane::new(self.settings.applied_to(model))?,
-            None => None,
-        };
+        let plan = Plan::new(models, self.settings)?;
+        self.take(plan, emit);
+        Ok(())
+    }
+
+    /// Takes over a plan from the next sample on, in no time that counts. What the models of the plan share with the old ones
+    /// (conditioning, and with it the filters' memory) is kept, so that estimates go on without a gap; the step that
+    /// other models make in the estimate decays like that of a change of mode, and their residuals start anew.
+    pub fn take(&mut self, plan: Plan, emit: &mut impl FnMut(Event)) {
+        let Plan { models, settings, mut free, mut seeded, commander } = plan;
+        let others = free.model() != self.free.model()
+            || seeded.as_ref().map(SeededLane::model) != self.seeded.as_ref().map(SeededLane::model);
+        self.settings = settings;
+        self.models = models;
+        self.known = Known::of(&free.model(), &settings.limits);
+        self.commanding.take(commander);
+        if !others {
+            return;
+        }
         if let (Some(new), Some(old)) = (free.model().force.drive(), self.free.model().force.drive())
             && new != old
         {
@@ -213,9 +249,9 @@ impl Pipeline {
         }
         self.free = free;
         self.seeded = seeded;
+        self.observer = Observer::default();
         self.forget_residuals(self.last_displacement.unwrap_or_default(), emit);
         self.bump.expect_step();
-        Ok(())
     }
 
     /// Forgets all history: the next sample is the first.
@@ -232,13 +268,14 @@ impl Pipeline {
     /// Takes one sample and reports what follows from it, in order, through `emit`.
     pub fn step(&mut self, sample: &Sample, emit: &mut impl FnMut(Event)) {
         let wanted = self.free.model().force.drive();
-        match self.gate.judge(sample, wanted) {
+        match self.gate.judge(sample, wanted, &self.settings.plausible) {
             gate::Verdict::Accept => {}
             gate::Verdict::Refuse(refused) => {
-                self.pending |= match refused {
-                    Refused::WrongDrive => Reasons::WRONG_DRIVE,
-                    Refused::NotFinite | Refused::Repeated | Refused::TimeBack => Reasons::INPUT_REFUSED,
-                };
+                self.pending |= refused.reasons();
+                if matches!(sample.reading, Reading::ForceRequest(_)) {
+                    // Who asks for no number asks for nothing.
+                    self.commanding.forget_request();
+                }
                 emit(Event::Refusal(Refusal { sample: *sample, why: refused }));
                 return;
             }
@@ -248,15 +285,28 @@ impl Pipeline {
                 Reading::Velocity(_) => self.velocity.clear(),
                 Reading::CaseTemperature(_) => self.temperature.clear(),
                 Reading::Force(_) => self.force.clear(),
+                Reading::BodyVelocity(_) => self.commanding.forget_body(),
+                Reading::ForceRequest(_) => self.commanding.forget_request(),
             },
+            // What moved before means nothing: a gap without a pause.
+            gate::Verdict::PlaceJumped => {
+                self.last_displacement = None;
+                self.pending |= Reasons::DISPLACEMENT_GAP;
+            }
         }
         emit(Event::Input(*sample));
         let stamp = sample.stamp;
         match sample.reading {
-            Reading::Drive(drive) => self.drive.push(stamp, drive.get()),
+            Reading::Drive(drive) => {
+                self.judge.drive(stamp, drive.get(), &self.known);
+                self.drive.push(stamp, drive.get());
+            }
+            Reading::BodyVelocity(v) => self.commanding.body_moves(stamp, v.get()),
+            Reading::ForceRequest(force) => self.commanding.ask(stamp, force.get()),
             Reading::Velocity(v) => self.velocity.push(stamp, v.get()),
             Reading::CaseTemperature(t) => self.temperature.push(stamp, t.get()),
             Reading::Force(force) => {
+                self.judge.force(stamp, force.get());
                 self.force.push_force(stamp, force.get());
                 self.settle_residuals(emit);
             }
@@ -269,6 +319,9 @@ impl Pipeline {
     pub fn tick(&mut self, now: Stamp, emit: &mut impl FnMut(Event)) {
         let (Some(received), Some(stamp)) = (self.last_received, self.last_displacement) else { return };
         let silence_s = now.since(received).get();
+        if let Some(commanded) = self.commanding.silent(stamp, silence_s, &self.settings) {
+            emit(Event::Command(commanded));
+        }
         if silence_s <= self.settings.input_timeout_s {
             return;
         }
@@ -291,7 +344,11 @@ impl Pipeline {
         self.temperature.clear();
         self.force.clear();
         self.forget_residuals(stamp, emit);
-        self.bump = Bump::default();
+        self.bump.forget();
+        self.observer = Observer::default();
+        self.judge = Judge::default();
+        self.commanding.forget_request();
+        self.commanding.forget_body();
         self.last_displacement = None;
         self.last_force = None;
         if let Some(transition) = self.machine.force_to(Mode::Fault, cause, stamp) {
@@ -324,6 +381,12 @@ impl Pipeline {
             if waiting.dt_s.is_none() {
                 self.restart_alarm(stamp, emit);
             }
+            if let Some(dt_s) = waiting.dt_s
+                && waiting.velocity_m_s.is_finite()
+            {
+                let over_n = measured_n - waiting.rest_n;
+                self.judge.work(dt_s, over_n, waiting.velocity_m_s, &self.settings.plausible);
+            }
             if !waiting.predicted_n.is_finite() {
                 // Filters of measured force and prediction must start at one sample to be comparable.
                 self.free.restart_comparison();
@@ -331,6 +394,7 @@ impl Pipeline {
             }
             let comparable_n = self.free.comparable_force(waiting.dt_s, measured_n);
             let residual_n = comparable_n - waiting.predicted_n;
+            self.observer.see(stamp, waiting.dt_s, residual_n, &self.settings);
             let window = self.window.add(stamp, comparable_n, residual_n, &self.settings);
             let expected_n = self.free.expected_rsse_n().unwrap_or(f64::NAN);
             if waiting.counts

@@ -8,8 +8,8 @@
 //! | `hold` | the last estimate, for at most `hold_s`, when no model can run |
 //! | `fault` | none |
 //!
-//! The best mode that its conditions allow is taken, in the order of the table; `arx_coast` only follows
-//! `arx`, and `hold` only follows a mode that had an estimate.
+//! The best mode that its conditions allow is taken; `arx_coast` only follows `arx`, and `hold` only follows a mode that had an
+//! estimate. `TABLE` says it all.
 
 use super::event::{Cause, Transition};
 use crate::sample::Stamp;
@@ -51,9 +51,45 @@ pub struct Conditions {
     pub arx_ready: bool,
     /// Measured force is not older than `force_timeout_s`, and its use is allowed.
     pub force_fresh: bool,
+    /// It stands still, or gives energy.
+    pub force_odd: bool,
     /// The free model has an estimate.
     pub model_ready: bool,
 }
+
+/// A row of the machine's table.
+struct Row {
+    from: &'static [Mode],
+    /// The conditions, and whether the mode has lasted for as long as it may.
+    when: fn(&Conditions, bool) -> bool,
+    to: Mode,
+    cause: Cause,
+}
+
+const fn row(from: &'static [Mode], when: fn(&Conditions, bool) -> bool, to: Mode, cause: Cause) -> Row {
+    Row { from, when, to, cause }
+}
+
+const ANY: &[Mode] = &[Mode::Arx, Mode::ArxCoast, Mode::Model, Mode::Hold, Mode::Fault];
+const FED: &[Mode] = &[Mode::Arx, Mode::ArxCoast];
+const HOLD: &[Mode] = &[Mode::Hold];
+const ESTIMATING: &[Mode] = &[Mode::Arx, Mode::ArxCoast, Mode::Model];
+
+/// The machine: the first row that fits is taken. The last one always does.
+#[rustfmt::skip]
+const TABLE: [Row; 11] = [
+    row(ANY, |c, _| c.arx_ready && c.force_fresh && !c.force_odd, Mode::Arx, Cause::ForceFresh),
+    row(FED, |c, over| c.arx_ready && !c.force_odd && !over, Mode::ArxCoast, Cause::ForceLost),
+    row(FED, |c, _| c.model_ready && c.force_odd, Mode::Model, Cause::ForceImplausible),
+    row(&[Mode::ArxCoast], |c, over| c.model_ready && over, Mode::Model, Cause::CoastEnded),
+    row(FED, |c, _| c.model_ready && c.arx_ready, Mode::Model, Cause::ForceLost),
+    row(FED, |c, _| c.model_ready, Mode::Model, Cause::ArxUnready),
+    row(ANY, |c, _| c.model_ready, Mode::Model, Cause::ModelReady),
+    row(ESTIMATING, |_, _| true, Mode::Hold, Cause::InputsMissing),
+    row(HOLD, |_, over| !over, Mode::Hold, Cause::InputsMissing),
+    row(HOLD, |_, _| true, Mode::Fault, Cause::HoldEnded),
+    row(ANY, |_, _| true, Mode::Fault, Cause::InputsMissing),
+];
 
 /// The machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,31 +122,14 @@ impl ModeMachine {
     #[inline]
     pub fn update(&mut self, now: Stamp, c: Conditions, coast_s: f64, hold_s: f64) -> Option<Transition> {
         let elapsed_s = self.seconds_in_mode(now);
-        let arx = c.arx_ready && c.force_fresh;
-        let coast_over = self.mode == Mode::ArxCoast && elapsed_s > coast_s;
-        let coast =
-            c.arx_ready && matches!(self.mode, Mode::Arx | Mode::ArxCoast) && !coast_over && coast_s > 0.0;
-        let hold = self.mode != Mode::Fault && (self.mode != Mode::Hold || elapsed_s <= hold_s);
-        let (to, cause) = if arx {
-            (Mode::Arx, Cause::ForceFresh)
-        } else if coast {
-            (Mode::ArxCoast, Cause::ForceLost)
-        } else if c.model_ready {
-            let cause = match self.mode {
-                Mode::ArxCoast if coast_over => Cause::CoastEnded,
-                Mode::Arx | Mode::ArxCoast if c.arx_ready => Cause::ForceLost,
-                Mode::Arx | Mode::ArxCoast => Cause::ArxUnready,
-                _ => Cause::ModelReady,
-            };
-            (Mode::Model, cause)
-        } else if hold {
-            (Mode::Hold, Cause::InputsMissing)
-        } else if self.mode == Mode::Hold {
-            (Mode::Fault, Cause::HoldEnded)
-        } else {
-            (Mode::Fault, Cause::InputsMissing)
+        let over = match self.mode {
+            Mode::ArxCoast => elapsed_s > coast_s,
+            Mode::Hold => elapsed_s > hold_s,
+            // What is not entered takes no time.
+            _ => coast_s <= 0.0,
         };
-        self.force_to(to, cause, now)
+        let row = TABLE.iter().find(|row| row.from.contains(&self.mode) && (row.when)(&c, over))?;
+        self.force_to(row.to, row.cause, now)
     }
 
     /// Goes to `to` whatever the conditions; `None` when the machine is there already.
@@ -121,5 +140,46 @@ impl ModeMachine {
         let from = std::mem::replace(&mut self.mode, to);
         self.since = Some(now);
         Some(Transition { stamp: now, from, to, cause })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fmt::Write;
+
+    /// Every mode under every combination of conditions.
+    #[test]
+    fn the_table_written_out() {
+        let mut text = String::new();
+        for from in ANY {
+            writeln!(text, "from {}", from.name()).expect("a text");
+            for bits in 0..16_u32 {
+                let is = |bit: u32| bits & (8 >> bit) != 0;
+                let c =
+                    Conditions { arx_ready: is(0), force_fresh: is(1), force_odd: is(2), model_ready: is(3) };
+                let told = [false, true].map(|over| {
+                    let row = TABLE.iter().find(|row| row.from.contains(from) && (row.when)(&c, over));
+                    let row = row.expect("the last row always fits");
+                    if row.to == *from {
+                        "stays".to_owned()
+                    } else {
+                        format!("{} ({:?})", row.to.name(), row.cause)
+                    }
+                });
+                let word = |there: bool, word: &'static str| if there { word } else { "-" };
+                let when =
+                    [word(is(0), "arx"), word(is(1), "fresh"), word(is(2), "odd"), word(is(3), "model")];
+                let later =
+                    if told[0] == told[1] { String::new() } else { format!("; when over {}", told[1]) };
+                writeln!(
+                    text,
+                    "  {:<5} {:<5} {:<3} {:<5}  {}{later}",
+                    when[0], when[1], when[2], when[3], told[0]
+                )
+                .expect("a text");
+            }
+        }
+        insta::assert_snapshot!(text);
     }
 }

@@ -1,16 +1,20 @@
 //! What can be set on a running pipeline.
 
+use super::plausible::Plausible;
 use crate::condition::ApplyTo;
 use crate::error::Error;
+use crate::inverse::{Law, Limits};
 use crate::model::Model;
 
 /// Whether measured force may seed the ARX model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum UseForce {
     /// While it is fresh.
     Auto,
     /// Never: measured force then serves the residual alone.
     Never,
+    /// While it is fresh, it corrects the free-running model through a bias, with this time constant in s; no ARX is seeded.
+    Observer(f64),
 }
 
 /// Settings of a pipeline.
@@ -38,6 +42,14 @@ pub struct Settings {
     pub alarm_block_s: f64,
     /// Mean time between false alarms, at least, s.
     pub false_alarm_interval_s: f64,
+    /// What readings can be.
+    pub plausible: Plausible,
+    /// What current is commanded.
+    pub law: Law,
+    /// Limits of the command.
+    pub limits: Limits,
+    /// Age beyond which a force that is asked for, a body's velocity and displacement command nothing any more, s.
+    pub request_timeout_s: f64,
     /// Filter that replaces the model file's: where it sits and its corner in Hz. `None`: the file's own.
     pub filter: Option<(ApplyTo, f64)>,
 }
@@ -56,6 +68,10 @@ impl Default for Settings {
             alarm_ratio: 1.5,
             alarm_block_s: 0.5,
             false_alarm_interval_s: 86_400.0,
+            plausible: Plausible::default(),
+            law: Law::default(),
+            limits: Limits::default(),
+            request_timeout_s: 0.1,
             filter: None,
         }
     }
@@ -75,6 +91,7 @@ impl Settings {
             ("force_timeout_s", self.force_timeout_s),
             ("input_timeout_s", self.input_timeout_s),
             ("gap_s", self.gap_s),
+            ("request_timeout_s", self.request_timeout_s),
             ("residual.window_s", self.residual_window_s),
         ] {
             Error::check(name, value, "above 0 and at most 3600 s", positive)?;
@@ -94,6 +111,12 @@ impl Settings {
         Error::check("residual.false_alarm_interval_s", interval_s, "between 60 and 1e9 s", |s| {
             (60.0..=1e9).contains(&s)
         })?;
+        if let UseForce::Observer(tau_s) = self.use_measured_force {
+            Error::check("observer_tau_s", tau_s, "above 0 and at most 3600 s", positive)?;
+        }
+        self.plausible.validate()?;
+        self.limits.validate()?;
+        self.law.validate(self.limits.current_max_a)?;
         if let Some((_, cutoff_hz)) = self.filter {
             Error::check("filter.cutoff_hz", cutoff_hz, "between 0.1 and 10000 Hz", |f| {
                 (0.1..=10_000.0).contains(&f)

@@ -161,6 +161,7 @@ pub fn record_while(
         force_n: Some(trace(&f, 1, force, Purpose::ForceNoise)),
         case_temp_c: Some(trace(&response.temperature_c, CASE_EVERY, case, Purpose::CaseNoise)),
         other,
+        ..Run::default()
     })
 }
 

@@ -122,7 +122,8 @@ def frames(**fields):
 
 def estimate(**changes):
     return {'header': header(), 'force': -512.25, 'std_dev': 4.5, 'model': 'thesis/arx/rp3-cs', 'mode': 1,
-            'validity': 2, 'reasons': 4 | 32 | 4096, 'input_age': 0.00125, **changes}
+            'validity': 2, 'reasons': 4 | 32 | 4096, 'input_age': 0.00125,
+            'band_low': -520.0, 'band_high': -504.5, 'band_calibrated': True, **changes}
 
 
 def status(level=0, name='mr_damper: estimator', message='', hardware='', **values):
@@ -169,7 +170,8 @@ CASES = {
         **{f'frame_{i}_model_{j}': estimate(header=header(FRAMES[i]), model='m' * j)
            for i in range(4) for j in range(9)},
         'usual': estimate(),
-        'unknown': estimate(force=NAN, std_dev=NAN, input_age=NAN, mode=4, validity=4, reasons=1),
+        'unknown': estimate(force=NAN, std_dev=NAN, input_age=NAN, mode=4, validity=4, reasons=1,
+                            band_low=NAN, band_high=NAN, band_calibrated=False),
         'not_ours': estimate(mode=200, validity=255, reasons=2**32 - 1),
     },
     'mr_damper_msgs/msg/ForceResidual': {
@@ -180,9 +182,9 @@ CASES = {
     },
     'mr_damper_msgs/msg/CurrentCommand': {
         **frames(current=1.2, force_requested=500.0, force_expected=487.5, achievable=False, dissipative=True,
-                 limited_by=1),
+                 limited_by=1, achievable_min=120.0, achievable_max=487.5),
         'safe': {'header': header(), 'current': 0.0, 'force_requested': NAN, 'force_expected': NAN,
-                 'achievable': True, 'dissipative': False, 'limited_by': 5},
+                 'achievable': True, 'dissipative': False, 'limited_by': 5, 'achievable_min': NAN, 'achievable_max': NAN},
     },
     'mr_damper_msgs/msg/ModeChange': frames(from_mode=0, to_mode=1, reason='measured force is 0.12 s old'),
     'mr_damper_msgs/srv/LoadModel_Request': {'preset': {'model': 'thesis/fuzzy-tanh/rp3-cs'}},

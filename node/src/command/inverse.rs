@@ -8,8 +8,8 @@ use crate::models;
 use crate::report::inverse as report;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::identify::{Dataset, DatasetOptions};
-use mr_damper_model::inverse::track::{Bench, Demand, Figures, Point, on_model, on_rig};
-use mr_damper_model::inverse::{Commander, Limits};
+use mr_damper_model::inverse::track::{Bench, Course, Figures, Point, on_model, on_rig};
+use mr_damper_model::inverse::{Commander, Limits, Shape};
 use mr_damper_model::model::Model;
 use mr_damper_model::rig::signal::RATE_HZ;
 use mr_damper_model::rig::{Channels, Motion, Plant};
@@ -73,7 +73,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let run = args.load.load(&args.force)?.run;
     let limits = args.limits();
     let commander = Commander::new(&model, limits)?;
-    let fold = commander.shape().real_fold();
+    let fold = commander.shape().and_then(Shape::real_fold);
     if let Some(fold) = fold {
         tracing::warn!(
             displacement_m = fold.displacement_m,
@@ -110,11 +110,11 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 }
 
 /// Motion and demand of `run`, as they were recorded.
-fn demand(run: &Run) -> Result<Demand, NodeError> {
+fn demand(run: &Run) -> Result<Course, NodeError> {
     let as_recorded = Conditioning { velocity: VelocitySource::Backward, ..Conditioning::default() };
     let options = DatasetOptions { moving_only: false, ..DatasetOptions::default() };
     let rows = Dataset::from_run(run, &as_recorded, &options)?.rows;
-    Ok(Demand {
+    Ok(Course {
         dt_s: rows.iter().map(|row| row.dt_s).collect(),
         displacement_m: rows.iter().map(|row| row.displacement_m).collect(),
         force_n: rows.iter().map(|row| row.raw_force_n).collect(),
@@ -125,7 +125,7 @@ fn demand(run: &Run) -> Result<Demand, NodeError> {
 fn rig(
     model: &Model,
     commander: &Commander,
-    demand: &Demand,
+    demand: &Course,
     place: report::Place,
     seed: u64,
 ) -> Result<Vec<Point>, NodeError> {

@@ -17,6 +17,7 @@ pub use value::Value;
 
 use crate::error::NodeError;
 use mr_damper_model::condition::ApplyTo;
+use mr_damper_model::inverse::Law;
 use mr_damper_model::pipeline::{Settings, UseForce};
 
 /// How one input topic is read.
@@ -81,6 +82,20 @@ pub struct Config {
     pub command_voltage: InputConfig,
     /// Measured force input.
     pub measured_force: InputConfig,
+    /// Input of the body's velocity.
+    pub body_velocity: InputConfig,
+    /// Input of forces that are asked for.
+    pub force_request: InputConfig,
+    /// Time constant of the observer, s.
+    pub observer_tau_s: f64,
+    /// `off`, `follow`, `skyhook`, `groundhook` or `fixed`.
+    pub law: String,
+    /// Damping of the law skyhook, N s/m.
+    pub skyhook_n_s_m: f64,
+    /// Damping of the law groundhook, N s/m.
+    pub groundhook_n_s_m: f64,
+    /// Current of the law fixed, A.
+    pub fixed_a: f64,
     /// Length of the raw input that is kept for `close_loop`, s.
     pub history_duration_s: f64,
     /// Directory of the model files that `close_loop` writes; empty: the system's temporary directory.
@@ -110,6 +125,13 @@ impl Default for Config {
             coil_current: InputConfig::default(),
             command_voltage: InputConfig::default(),
             measured_force: InputConfig::default(),
+            body_velocity: InputConfig::default(),
+            force_request: InputConfig::default(),
+            observer_tau_s: 0.2,
+            law: "follow".to_owned(),
+            skyhook_n_s_m: 1500.0,
+            groundhook_n_s_m: 1500.0,
+            fixed_a: 0.0,
             history_duration_s: 120.0,
             close_loop_out: String::new(),
             close_loop_auto_load: false,
@@ -159,14 +181,27 @@ impl Config {
             "none" => Some(ApplyTo::None),
             _ => None,
         };
-        Settings { filter: apply_to.map(|apply_to| (apply_to, cutoff_hz)), ..self.settings }
+        let use_measured_force = match self.settings.use_measured_force {
+            UseForce::Observer(_) => UseForce::Observer(self.observer_tau_s),
+            other => other,
+        };
+        let law = match self.law.as_str() {
+            "off" => Law::Off,
+            "skyhook" => Law::Skyhook(self.skyhook_n_s_m),
+            "groundhook" => Law::Groundhook(self.groundhook_n_s_m),
+            "fixed" => Law::Fixed(self.fixed_a),
+            _ => Law::Follow,
+        };
+        let filter = apply_to.map(|apply_to| (apply_to, cutoff_hz));
+        Settings { filter, use_measured_force, law, ..self.settings }
     }
 }
 
-/// `auto` or `never`.
+/// `auto`, `never` or `observer`.
 pub(crate) const fn use_force_name(use_force: UseForce) -> &'static str {
     match use_force {
         UseForce::Auto => "auto",
         UseForce::Never => "never",
+        UseForce::Observer(_) => "observer",
     }
 }

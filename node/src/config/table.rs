@@ -3,9 +3,8 @@
 //! The configuration file, ROS parameters, flags, `--help` and the validator of the parameter services all
 //! read it, so a parameter is added here and nowhere else.
 
-use super::{Config, InputConfig, Value, use_force_name};
+use super::{Config, InputConfig, Value};
 use crate::error::NodeError;
-use mr_damper_model::pipeline::UseForce;
 
 /// What values a parameter takes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -184,219 +183,10 @@ macro_rules! input {
     };
 }
 
-const MAIN: [Parameter; 21] = [
-    text!(
-        "model",
-        Kind::Text,
-        false,
-        "free-running model: a preset (`mr-damper presets`) or a model file",
-        model
-    ),
-    text!(
-        "arx_model",
-        Kind::Text,
-        false,
-        "ARX model that measured force seeds: a preset, a model file, none, or auto (the thesis' best ARX beside a thesis preset, else none)",
-        arx_model
-    ),
-    Parameter {
-        name: "use_measured_force",
-        kind: Kind::Choice(&["auto", "never"]),
-        runtime: true,
-        doc: "auto: measured force seeds the ARX model while it is fresh; never: it serves the residual alone",
-        get: |c| Value::Text(use_force_name(c.settings.use_measured_force).to_owned()),
-        set: |c, v| {
-            if let Value::Text(t) = v {
-                c.settings.use_measured_force = if t == "never" { UseForce::Never } else { UseForce::Auto };
-            }
-        },
-    },
-    double!(
-        "force_timeout_s",
-        0.001..=3600.0,
-        true,
-        "age beyond which measured force counts as lost, s",
-        settings.force_timeout_s
-    ),
-    double!(
-        "coast_s",
-        0.0..=3600.0,
-        true,
-        "how long ARX runs on its own predictions after measured force is lost, s",
-        settings.coast_s
-    ),
-    double!(
-        "input_timeout_s",
-        0.001..=3600.0,
-        true,
-        "age beyond which displacement and drive count as stale, s",
-        settings.input_timeout_s
-    ),
-    double!(
-        "hold_s",
-        0.0..=3600.0,
-        true,
-        "how long the last estimate is held, flagged, when no model can run, s",
-        settings.hold_s
-    ),
-    double!(
-        "bumpless_tau_s",
-        0.0..=3600.0,
-        true,
-        "time constant with which the step at a change of mode decays, s",
-        settings.bumpless_tau_s
-    ),
-    double!(
-        "gap_s",
-        0.001..=3600.0,
-        true,
-        "gap between displacements beyond which history starts anew, s",
-        settings.gap_s
-    ),
-    double!(
-        "residual.window_s",
-        0.01..=3600.0,
-        true,
-        "time constant of the windowed residual figures, s",
-        settings.residual_window_s
-    ),
-    double!(
-        "residual.alarm_ratio",
-        1.0..=1000.0,
-        true,
-        "factor over the model's expected RSSE that is no fault yet; a residual that stays above it raises the alarm",
-        settings.alarm_ratio
-    ),
-    double!(
-        "residual.alarm_block_s",
-        0.05..=10.0,
-        true,
-        "length of the blocks over which the alarm takes the residual's power, s",
-        settings.alarm_block_s
-    ),
-    double!(
-        "residual.false_alarm_interval_s",
-        60.0..=1e9,
-        true,
-        "mean time between false alarms, at least, s",
-        settings.false_alarm_interval_s
-    ),
-    double!(
-        "history.duration_s",
-        10.0..=3600.0,
-        true,
-        "length of the raw input that is kept for the action close_loop, s; 30 s of motion are the least that names anything",
-        history_duration_s
-    ),
-    text!(
-        "close_loop.out",
-        Kind::Text,
-        true,
-        "directory of the model files that the action close_loop writes, on the node's machine; empty: the system's temporary directory",
-        close_loop_out
-    ),
-    Parameter {
-        name: "close_loop.auto_load",
-        kind: Kind::Bool,
-        runtime: true,
-        doc: "true: swap the model that the action close_loop has found in, unasked; false: load_model does, when somebody calls it",
-        get: |c| Value::Bool(c.close_loop_auto_load),
-        set: |c, v| {
-            if let Value::Bool(b) = v {
-                c.close_loop_auto_load = *b;
-            }
-        },
-    },
-    text!(
-        "filter.apply_to",
-        Kind::Choice(&["model", "inputs", "output", "none"]),
-        true,
-        "where the low-pass sits: on displacement, on the model's output (and the force it is compared with), nowhere, or as the model file says",
-        filter_apply_to
-    ),
-    double!(
-        "filter.cutoff_hz",
-        0.0..=10000.0,
-        true,
-        "corner of the low-pass, Hz, when filter.apply_to is set; 0: the model file's",
-        filter_cutoff_hz
-    ),
-    double!(
-        "align_wait_s",
-        0.0..=1.0,
-        false,
-        "how long a displacement waits for drive, velocity and force of its stamp, where they share stamps, s",
-        align_wait_s
-    ),
-    Parameter {
-        name: "domain_id",
-        kind: Kind::Integer(-1, 232),
-        runtime: false,
-        doc: "ROS domain; -1: ROS_DOMAIN_ID from the environment, else 0",
-        get: |c| Value::Integer(c.domain_id),
-        set: |c, v| {
-            if let Value::Integer(n) = v {
-                c.domain_id = *n;
-            }
-        },
-    },
-    text!(
-        "discovery_range",
-        Kind::Choice(&["system_default", "localhost", "subnet"]),
-        false,
-        "who may find the node; system_default: ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_LOCALHOST_ONLY, else localhost",
-        discovery_range
-    ),
-];
-
-const ZENOH: [Parameter; 7] = [
-    list!(
-        "zenoh.listen",
-        "endpoints that the Zenoh mirror listens on, e.g. ['tcp/127.0.0.1:7447']; none: it does not listen",
-        zenoh.listen
-    ),
-    list!("zenoh.connect", "endpoints of Zenoh routers or peers that the mirror connects to", zenoh.connect),
-    text!("zenoh.mode", Kind::Choice(&["peer", "client"]), false, "Zenoh mode of the mirror", zenoh.mode),
-    text!(
-        "zenoh.encoding",
-        Kind::Choice(&["cbor", "json", "cdr"]),
-        false,
-        "encoding of the state/ keys",
-        zenoh.encoding
-    ),
-    double!("zenoh.web_rate_hz", 1.0..=50.0, false, "highest rate of the web/ keys, Hz", zenoh.web_rate_hz),
-    double!(
-        "zenoh.history_s",
-        0.0..=600.0,
-        false,
-        "length of the history that a late joiner can ask for, s",
-        zenoh.history_s
-    ),
-    Parameter {
-        name: "zenoh.allow_non_loopback",
-        kind: Kind::Bool,
-        runtime: false,
-        doc: "allow Zenoh endpoints beyond this machine",
-        get: |c| Value::Bool(c.zenoh.allow_non_loopback),
-        set: |c, v| {
-            if let Value::Bool(b) = v {
-                c.zenoh.allow_non_loopback = *b;
-            }
-        },
-    },
-];
-
-const INPUTS: [[Parameter; 4]; 5] = [
-    input!(displacement, "mr_damper_msgs/msg/Displacement", "m"),
-    input!(velocity, "mr_damper_msgs/msg/Velocity", "m/s"),
-    input!(coil_current, "mr_damper_msgs/msg/CoilCurrent", "A"),
-    input!(command_voltage, "mr_damper_msgs/msg/CommandVoltage", "V"),
-    input!(measured_force, "mr_damper_msgs/msg/Force", "N"),
-];
+mod list;
 
 /// All parameters.
-pub static TABLE: std::sync::LazyLock<Vec<Parameter>> =
-    std::sync::LazyLock::new(|| MAIN.into_iter().chain(INPUTS.into_iter().flatten()).chain(ZENOH).collect());
+pub static TABLE: std::sync::LazyLock<Vec<Parameter>> = std::sync::LazyLock::new(|| list::all().collect());
 
 /// Input configuration by topic name, for the source.
 impl Config {
@@ -409,6 +199,8 @@ impl Config {
             "coil_current" => Some(&self.coil_current),
             "command_voltage" => Some(&self.command_voltage),
             "measured_force" => Some(&self.measured_force),
+            "body_velocity" => Some(&self.body_velocity),
+            "force_request" => Some(&self.force_request),
             _ => None,
         }
     }

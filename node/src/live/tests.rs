@@ -60,6 +60,8 @@ fn step(board: &mut Board, k: i64) {
         validity: reasons.validity(),
         reasons,
         input_age: Second(0.0),
+        band: [Newton(force_n - 70.0), Newton(force_n + 30.0)],
+        calibrated: false,
     }));
     if k < 400 {
         see(Event::Residual(Residual {

@@ -83,6 +83,8 @@ pub struct Player {
     command_voltage: Publisher<CommandVoltage>,
     force: Publisher<Force>,
     temperature: Publisher<Temperature>,
+    body_velocity: Publisher<Velocity>,
+    force_request: Publisher<Force>,
     clock: Option<Publisher<Clock>>,
 }
 
@@ -102,6 +104,8 @@ impl Player {
             command_voltage: ros.publish(&args.topic("command_voltage"))?,
             force: ros.publish(&args.topic("measured_force"))?,
             temperature: ros.publish(&args.topic("case_temperature"))?,
+            body_velocity: ros.publish(&args.topic("body_velocity"))?,
+            force_request: ros.publish(&args.topic("force_request"))?,
             clock: if clock { Some(ros.publish("/clock")?) } else { None },
             ros,
         })
@@ -193,14 +197,18 @@ impl Player {
             Reading::CaseTemperature(t) => {
                 self.temperature.publish(Temperature { header, temperature: t.get(), variance }).is_ok()
             }
+            Reading::BodyVelocity(v) => {
+                self.body_velocity.publish(Velocity { header, velocity: v.get(), variance }).is_ok()
+            }
+            Reading::ForceRequest(f) => {
+                self.force_request.publish(Force { header, force: f.get(), variance }).is_ok()
+            }
         }
     }
 
     /// Leaves the domain.
     pub fn stop(self) {
-        let Self { ros, displacement, velocity, coil_current, command_voltage, force, temperature, clock } =
-            self;
-        drop((displacement, velocity, coil_current, command_voltage, force, temperature, clock));
+        let Self { ros, .. } = self;
         ros.stop();
     }
 }

@@ -55,7 +55,7 @@ impl Recording {
             Event::Residual(residual) => self.residuals.push(*residual),
             Event::Transition(transition) => self.transitions.push(*transition),
             Event::Alarm(change) => self.alarms.push(*change),
-            Event::Refusal(_) => {}
+            Event::Refusal(_) | Event::Command(_) => {}
         }
     }
 

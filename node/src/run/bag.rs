@@ -201,6 +201,8 @@ impl Bag<'_> {
         run.velocity_m_s = plain(take(Quantity::Velocity));
         run.force_n = plain(take(Quantity::Force));
         run.case_temp_c = plain(take(Quantity::CaseTemperature));
+        run.body_velocity_m_s = plain(take(Quantity::BodyVelocity));
+        run.force_request_n = plain(take(Quantity::ForceRequest));
         let drives = [take(Quantity::Current), take(Quantity::Command)];
         let mut left = Vec::new();
         for mut topic in self.topics {

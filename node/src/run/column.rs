@@ -11,6 +11,8 @@ pub(super) enum Quantity {
     Current,
     Command,
     CaseTemperature,
+    BodyVelocity,
+    ForceRequest,
     AmbientTemperature,
     Setpoint,
 }
@@ -43,13 +45,15 @@ const fn from_fahrenheit(value: f64) -> f64 {
 }
 
 impl Quantity {
-    pub(super) const ALL: [Self; 8] = [
+    pub(super) const ALL: [Self; 10] = [
         Self::Displacement,
         Self::Velocity,
         Self::Force,
         Self::Current,
         Self::Command,
         Self::CaseTemperature,
+        Self::BodyVelocity,
+        Self::ForceRequest,
         Self::AmbientTemperature,
         Self::Setpoint,
     ];
@@ -89,6 +93,8 @@ impl Quantity {
             Self::CaseTemperature => {
                 const { &[unit("case_temp_c", same), unit("case_temp_f", from_fahrenheit)] }
             }
+            Self::BodyVelocity => const { &[unit("body_velocity_m_s", same)] },
+            Self::ForceRequest => const { &[unit("force_request_n", same)] },
             Self::AmbientTemperature => {
                 const { &[unit("ambient_temp_c", same), unit("ambient_temp_f", from_fahrenheit)] }
             }

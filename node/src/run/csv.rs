@@ -276,6 +276,8 @@ impl<'a> Table<'a> {
                 Column::Known(Quantity::Velocity, _) => run.velocity_m_s = recorded,
                 Column::Known(Quantity::Force, _) => run.force_n = recorded,
                 Column::Known(Quantity::CaseTemperature, _) => run.case_temp_c = recorded,
+                Column::Known(Quantity::BodyVelocity, _) => run.body_velocity_m_s = recorded,
+                Column::Known(Quantity::ForceRequest, _) => run.force_request_n = recorded,
                 Column::Known(Quantity::Current, _) => drives[0] = recorded.map(|trace| (header, trace)),
                 Column::Known(Quantity::Command, _) => drives[1] = recorded.map(|trace| (header, trace)),
                 Column::Known(quantity, _) => run.other.push((quantity.si_name().to_owned(), trace)),

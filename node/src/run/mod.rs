@@ -12,6 +12,8 @@
 //! | `current_a` | `coil_current` | `mr_damper_msgs/msg/CoilCurrent` |
 //! | `command_v` | `command_voltage` | `mr_damper_msgs/msg/CommandVoltage` |
 //! | `case_temp_c` | `case_temperature` | `sensor_msgs/msg/Temperature` |
+//! | `body_velocity_m_s` | `body_velocity` | `mr_damper_msgs/msg/Velocity` |
+//! | `force_request_n` | `force_request` | `mr_damper_msgs/msg/Force` |
 //! | `ambient_temp_c` | `ambient_temperature` | `sensor_msgs/msg/Temperature` |
 //! | any other | `other/<column>` | `std_msgs/msg/Float64`, stamped by its log time |
 //!
@@ -210,6 +212,8 @@ fn columns_of<'a>(run: &'a Run, path: &Path) -> Result<Vec<(&'a str, &'a Trace)>
     columns.extend(run.force_n.as_ref().map(|trace| ("force_n", trace)));
     columns.extend(run.drive.as_ref().map(|(kind, trace)| (kind.name(), trace)));
     columns.extend(run.case_temp_c.as_ref().map(|trace| ("case_temp_c", trace)));
+    columns.extend(run.body_velocity_m_s.as_ref().map(|trace| ("body_velocity_m_s", trace)));
+    columns.extend(run.force_request_n.as_ref().map(|trace| ("force_request_n", trace)));
     columns.extend(run.other.iter().map(|(name, trace)| (name.as_str(), trace)));
     columns.sort_by_key(|(name, _)| csv_write::rank(name));
     for (index, (name, trace)) in columns.iter().enumerate() {

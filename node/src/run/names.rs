@@ -3,13 +3,15 @@
 use super::column::Quantity;
 
 /// Last part of the topics of known quantities. The set point has none: it travels as `other/setpoint_m`.
-const TOPICS: [(Quantity, &str); 7] = [
+const TOPICS: [(Quantity, &str); 9] = [
     (Quantity::Displacement, "displacement"),
     (Quantity::Velocity, "velocity"),
     (Quantity::Force, "measured_force"),
     (Quantity::Current, "coil_current"),
     (Quantity::Command, "command_voltage"),
     (Quantity::CaseTemperature, "case_temperature"),
+    (Quantity::BodyVelocity, "body_velocity"),
+    (Quantity::ForceRequest, "force_request"),
     (Quantity::AmbientTemperature, "ambient_temperature"),
 ];
 

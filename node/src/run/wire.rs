@@ -56,8 +56,8 @@ impl Decoder {
         let Role::Known(quantity) = role else { return None };
         let (own, decoder) = match quantity {
             Quantity::Displacement => (Displacement::TYPE, Self::Displacement),
-            Quantity::Velocity => (Velocity::TYPE, Self::Velocity),
-            Quantity::Force => (Force::TYPE, Self::Force),
+            Quantity::Velocity | Quantity::BodyVelocity => (Velocity::TYPE, Self::Velocity),
+            Quantity::Force | Quantity::ForceRequest => (Force::TYPE, Self::Force),
             Quantity::Current => (CoilCurrent::TYPE, Self::Current),
             Quantity::Command => (CommandVoltage::TYPE, Self::Command),
             Quantity::CaseTemperature | Quantity::AmbientTemperature => {
@@ -128,10 +128,12 @@ impl Encoder {
             Some(Quantity::Displacement) => Self::new::<Displacement>(|stamp, displacement, cdr| {
                 stamped(stamp, cdr, |header| Displacement { header, displacement, variance: 0.0 })
             }),
-            Some(Quantity::Velocity) => Self::new::<Velocity>(|stamp, velocity, cdr| {
-                stamped(stamp, cdr, |header| Velocity { header, velocity, variance: 0.0 })
-            }),
-            Some(Quantity::Force) => Self::new::<Force>(|stamp, force, cdr| {
+            Some(Quantity::Velocity | Quantity::BodyVelocity) => {
+                Self::new::<Velocity>(|stamp, velocity, cdr| {
+                    stamped(stamp, cdr, |header| Velocity { header, velocity, variance: 0.0 })
+                })
+            }
+            Some(Quantity::Force | Quantity::ForceRequest) => Self::new::<Force>(|stamp, force, cdr| {
                 stamped(stamp, cdr, |header| Force { header, force, variance: 0.0 })
             }),
             Some(Quantity::Current) => Self::new::<CoilCurrent>(|stamp, current, cdr| {

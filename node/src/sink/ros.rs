@@ -13,7 +13,7 @@ use crate::wire::{self, ModelNames};
 use crate::worker::{Stop, Worker};
 use mr_damper_model::pipeline::{AlarmChange, Event, Refusal, Refused};
 use mr_damper_model::sample::Channel;
-use mr_damper_msgs::{ForceEstimate, ForceResidual, ModeChange};
+use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
 use ros2_client::Publisher;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, RwLock};
@@ -50,6 +50,7 @@ struct Publishers {
     estimate: Publisher<ForceEstimate>,
     residual: Publisher<ForceResidual>,
     mode: Publisher<ModeChange>,
+    command: Publisher<CurrentCommand>,
 }
 
 impl RosSink {
@@ -62,6 +63,7 @@ impl RosSink {
             estimate: ros.publish(&args.topic("force_estimate"))?,
             residual: ros.publish(&args.topic("force_residual"))?,
             mode: ros.publish(&args.topic("mode"))?,
+            command: ros.publish(&args.topic("current_command"))?,
         };
         let counters = Arc::new(RosSinkCounters::default());
         let frame_id = args.namespace().trim_start_matches('/').replace('/', "_");
@@ -160,6 +162,9 @@ impl Publishing {
                 self.say_alarm(alarm);
                 true
             }
+            Event::Command(commanded) => {
+                self.publishers.command.publish(wire::current_command(commanded, &self.frame_id)).is_ok()
+            }
             Event::Input(_) => true,
         };
         if !published {
@@ -233,6 +238,12 @@ fn warn(refusal: &Refusal, count: u64) {
     let advice = match refusal.why {
         Refused::NotFinite => "check the sensor's driver",
         Refused::Repeated | Refused::TimeBack => "check the publisher's stamps, and that only one publishes",
+        Refused::OutOfRange => {
+            "check the sensor's unit and offset, or raise the parameter plausible.* that bounds it"
+        }
+        Refused::TooFast => {
+            "check the sensor for spikes and its unit, or raise the parameter plausible.speed_max_m_s"
+        }
         Refused::WrongDrive => "load a model that was identified on this kind of drive",
     };
     tracing::warn!(

@@ -31,6 +31,17 @@ const NAP: Duration = Duration::from_millis(10);
 /// Sleep while a displacement is held back.
 const HOLDING_NAP: Duration = Duration::from_millis(1);
 
+/// The input topics that have parameters. The first one is polled first: see the module's comment on the order.
+const INPUTS: [&str; 7] = [
+    "displacement",
+    "coil_current",
+    "command_voltage",
+    "velocity",
+    "measured_force",
+    "body_velocity",
+    "force_request",
+];
+
 /// Counters of the source.
 #[derive(Debug, Default)]
 pub struct SourceCounters {
@@ -83,8 +94,8 @@ impl RosSource {
         velocity: VelocitySource,
         samples: SampleSink,
     ) -> Result<Self, NodeError> {
-        let mut channels = Vec::with_capacity(6);
-        for topic in ["displacement", "coil_current", "command_voltage", "velocity", "measured_force"] {
+        let mut channels = Vec::with_capacity(INPUTS.len() + 1);
+        for topic in INPUTS {
             let settings = config.input(topic).cloned().unwrap_or_default();
             let input = subscribe(ros, args, topic, &settings)?;
             channels.push(Channel { topic, input, sign: settings.sign, offset: settings.offset });
@@ -143,7 +154,7 @@ fn subscribe(ros: &mut Ros, args: &RosArgs, topic: &str, settings: &InputConfig)
         }
         _ => match topic {
             "displacement" => Input::Displacement(ros.subscribe(&name)?),
-            "velocity" => Input::Velocity(ros.subscribe(&name)?),
+            "velocity" | "body_velocity" => Input::Velocity(ros.subscribe(&name)?),
             "coil_current" => Input::CoilCurrent(ros.subscribe(&name)?),
             "command_voltage" => Input::CommandVoltage(ros.subscribe(&name)?),
             _ => Input::Force(ros.subscribe(&name)?),
@@ -182,7 +193,7 @@ impl Channel {
             Input::Joint(s, joint) => {
                 let column = match self.topic {
                     "displacement" => |m: JointState| m.position,
-                    "velocity" => |m: JointState| m.velocity,
+                    "velocity" | "body_velocity" => |m: JointState| m.velocity,
                     _ => |m: JointState| m.effort,
                 };
                 stream(s, move |m| {
@@ -202,6 +213,8 @@ impl Channel {
             "coil_current" => Reading::Drive(Drive::new(DriveKind::CoilCurrent, value)),
             "command_voltage" => Reading::Drive(Drive::new(DriveKind::CommandVoltage, value)),
             "measured_force" => Reading::Force(Newton(value)),
+            "body_velocity" => Reading::BodyVelocity(MetrePerSecond(value)),
+            "force_request" => Reading::ForceRequest(Newton(value)),
             _ => Reading::CaseTemperature(Celsius(value)),
         };
         // A message without a stamp is taken to be as old as its arrival.
@@ -236,7 +249,6 @@ fn pump(
     while !stop.is_raised() {
         let received = now();
         let was_holding = collator.is_holding();
-        // The first channel is displacement: see the module's comment on the order.
         for (channel, stream) in &mut streams {
             let mut context =
                 Context::from_waker(if was_holding || channel.wakes() { &waker } else { Waker::noop() });

@@ -203,6 +203,8 @@ pub(crate) fn estimate(nanos: i64, force_n: f64) -> Event {
         validity: if force_n.is_finite() { Validity::Extrapolating } else { Validity::Invalid },
         reasons: Reasons::OUTSIDE_ENVELOPE,
         input_age: Second(0.002),
+        band: [Newton(f64::NAN); 2],
+        calibrated: false,
     })
 }
 

@@ -2,13 +2,11 @@
 
 use super::config::Encoding;
 use super::payload::{Item, ModelNames};
-use mr_damper_model::pipeline::{Event, Transition};
+use crate::wire;
+use mr_damper_model::pipeline::Event;
 use mr_damper_model::sample::{Drive, Reading, Sample};
-use mr_damper_msgs::standard::{Header, Temperature, Time};
-use mr_damper_msgs::{
-    CdrError, CoilCurrent, CommandVoltage, Displacement, Force, ForceEstimate, ForceResidual, Message,
-    ModeChange, Reasons, Velocity, cdr,
-};
+use mr_damper_msgs::standard::{Header, Temperature};
+use mr_damper_msgs::{CdrError, CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity, cdr};
 
 /// Length of the attachment that goes with CDR, in bytes.
 pub(super) const ATTACHMENT_LEN: usize = 17;
@@ -78,40 +76,13 @@ fn attachment(item: &Item, seq: u64) -> [u8; ATTACHMENT_LEN] {
 
 /// The ROS message in CDR with its header; `None` for what has no message.
 fn ros_bytes(event: &Event, names: &ModelNames, frame_id: &str) -> Option<Result<Vec<u8>, EncodeError>> {
-    let header = |stamp: mr_damper_model::sample::Stamp| Header {
-        // The stamp that does not fit in a ROS header (after 2038) is exact in the attachment.
-        stamp: Time::from_nanos_saturating(stamp.nanos()),
-        frame_id: frame_id.to_owned(),
-    };
+    // A stamp that does not fit in a ROS header (after 2038) is exact in the attachment.
     Some(match event {
-        Event::Input(sample) => input_bytes(sample, header(sample.stamp)),
-        Event::Estimate(e) => write(&ForceEstimate {
-            header: header(e.stamp),
-            force: e.force.get(),
-            std_dev: e.std_dev.get(),
-            model: names.of(e.slot).to_owned(),
-            mode: e.mode as u8,
-            validity: e.validity as u8,
-            reasons: Reasons::from_bits(e.reasons.0),
-            input_age: e.input_age.get(),
-        }),
-        Event::Residual(r) => write(&ForceResidual {
-            header: header(r.stamp),
-            measured: r.measured.get(),
-            predicted: r.predicted.get(),
-            residual: r.residual.get(),
-            normalised: r.normalised,
-            windowed_rsse: r.windowed_rsse.get(),
-            windowed_esr: r.windowed_esr,
-            window: r.window.get(),
-            alarm: r.alarm,
-        }),
-        Event::Transition(Transition { stamp, from, to, cause }) => write(&ModeChange {
-            header: header(*stamp),
-            from_mode: *from as u8,
-            to_mode: *to as u8,
-            reason: cause.text().to_owned(),
-        }),
+        Event::Input(sample) => input_bytes(sample, wire::header(sample.stamp, frame_id)),
+        Event::Estimate(estimate) => write(&wire::force_estimate(estimate, names, frame_id)),
+        Event::Residual(residual) => write(&wire::force_residual(residual, frame_id)),
+        Event::Transition(transition) => write(&wire::mode_change(transition, frame_id)),
+        Event::Command(commanded) => write(&wire::current_command(commanded, frame_id)),
         Event::Refusal(_) | Event::Alarm(_) => return None,
     })
 }
@@ -121,12 +92,14 @@ fn input_bytes(sample: &Sample, header: Header) -> Result<Vec<u8>, EncodeError> 
     let variance = 0.0;
     match sample.reading {
         Reading::Displacement(x) => write(&Displacement { header, displacement: x.get(), variance }),
-        Reading::Velocity(v) => write(&Velocity { header, velocity: v.get(), variance }),
+        Reading::Velocity(v) | Reading::BodyVelocity(v) => {
+            write(&Velocity { header, velocity: v.get(), variance })
+        }
         Reading::Drive(Drive::CoilCurrent(i)) => write(&CoilCurrent { header, current: i.get(), variance }),
         Reading::Drive(Drive::CommandVoltage(u)) => {
             write(&CommandVoltage { header, voltage: u.get(), variance })
         }
-        Reading::Force(f) => write(&Force { header, force: f.get(), variance }),
+        Reading::Force(f) | Reading::ForceRequest(f) => write(&Force { header, force: f.get(), variance }),
         Reading::CaseTemperature(t) => write(&Temperature { header, temperature: t.get(), variance }),
     }
 }
@@ -140,6 +113,7 @@ mod tests {
     use super::super::samples;
     use super::*;
     use mr_damper_model::pipeline::Validity;
+    use mr_damper_msgs::ForceEstimate;
 
     #[test]
     fn cdr_carries_the_ros_message_and_the_rest_in_the_attachment() {

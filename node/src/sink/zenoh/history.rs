@@ -70,7 +70,11 @@ impl History {
         let list = match item.event {
             Event::Estimate(_) => &mut self.estimates,
             Event::Residual(_) => &mut self.residuals,
-            Event::Input(_) | Event::Refusal(_) | Event::Transition(_) | Event::Alarm(_) => return,
+            Event::Input(_)
+            | Event::Refusal(_)
+            | Event::Transition(_)
+            | Event::Alarm(_)
+            | Event::Command(_) => return,
         };
         if self.length_ns == 0 {
             return;

@@ -5,8 +5,9 @@
 //! reads.
 
 use super::topic::Topic;
+use mr_damper_model::inverse::LimitedBy;
 use mr_damper_model::pipeline::{
-    AlarmChange, Estimate, Event, Mode, Reasons, Refusal, Residual, Transition, Validity,
+    AlarmChange, Commanded, Estimate, Event, Mode, Reasons, Refusal, Residual, Transition, Validity,
 };
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Volt};
@@ -26,7 +27,8 @@ pub struct ModelNames {
 
 impl ModelNames {
     /// Name of the model that an estimate comes from.
-    pub(super) fn of(&self, slot: mr_damper_model::pipeline::Slot) -> &str {
+    #[must_use]
+    pub fn of(&self, slot: mr_damper_model::pipeline::Slot) -> &str {
         match slot {
             mr_damper_model::pipeline::Slot::Free => &self.free,
             mr_damper_model::pipeline::Slot::Seeded => self.seeded.as_deref().unwrap_or(&self.free),
@@ -58,6 +60,11 @@ impl Item {
             },
             Event::Alarm(alarm) if alarm.raised => Validity::Degraded,
             Event::Alarm(_) => Validity::Valid,
+            Event::Command(commanded) => match commanded.command.limited_by {
+                LimitedBy::None => Validity::Valid,
+                LimitedBy::Safe | LimitedBy::NoInverse => Validity::Stale,
+                _ => Validity::Degraded,
+            },
         };
         Self { event, validity }
     }
@@ -74,6 +81,7 @@ impl Item {
             Event::Residual(residual) => residual.stamp,
             Event::Transition(transition) => transition.stamp,
             Event::Alarm(alarm) => alarm.stamp,
+            Event::Command(commanded) => commanded.stamp,
         }
     }
 
@@ -87,6 +95,7 @@ impl Item {
             Event::Residual(residual) => Payload::Residual(ResidualPayload::new(head, residual)),
             Event::Transition(transition) => Payload::Mode(ModePayload::new(head, transition)),
             Event::Alarm(alarm) => Payload::Alarm(AlarmPayload::new(head, alarm)),
+            Event::Command(commanded) => Payload::Command(CommandPayload::new(head, commanded)),
         }
     }
 }
@@ -114,6 +123,7 @@ pub(super) enum Payload<'a> {
     Mode(ModePayload),
     Refused(RefusedPayload),
     Alarm(AlarmPayload),
+    Command(CommandPayload),
 }
 
 /// An accepted input; its field is named after the channel.
@@ -148,6 +158,9 @@ pub(super) struct EstimatePayload<'a> {
     #[serde(serialize_with = "reason_names")]
     reasons: Reasons,
     input_age_s: Option<f64>,
+    band_low_n: Option<f64>,
+    band_high_n: Option<f64>,
+    band_calibrated: bool,
 }
 
 impl<'a> EstimatePayload<'a> {
@@ -162,6 +175,9 @@ impl<'a> EstimatePayload<'a> {
             mode: estimate.mode.name(),
             reasons: estimate.reasons,
             input_age_s: finite(estimate.input_age.get()),
+            band_low_n: finite(estimate.band[0].get()),
+            band_high_n: finite(estimate.band[1].get()),
+            band_calibrated: estimate.calibrated,
         }
     }
 }
@@ -277,13 +293,48 @@ impl AlarmPayload {
     }
 }
 
+/// A current command.
+#[derive(Debug, Serialize)]
+pub(super) struct CommandPayload {
+    seq: u64,
+    stamp_ns: i64,
+    validity: &'static str,
+    current_a: f64,
+    force_requested_n: Option<f64>,
+    force_expected_n: Option<f64>,
+    achievable: bool,
+    dissipative: bool,
+    limited_by: &'static str,
+    achievable_min_n: Option<f64>,
+    achievable_max_n: Option<f64>,
+}
+
+impl CommandPayload {
+    fn new(head: Head, commanded: &Commanded) -> Self {
+        let command = &commanded.command;
+        Self {
+            seq: head.seq,
+            stamp_ns: head.stamp_ns,
+            validity: head.validity,
+            current_a: command.current.get(),
+            force_requested_n: finite(command.requested.get()),
+            force_expected_n: finite(command.expected.get()),
+            achievable: command.is_achievable,
+            dissipative: command.dissipative,
+            limited_by: command.limited_by.name(),
+            achievable_min_n: finite(command.achievable[0].get()),
+            achievable_max_n: finite(command.achievable[1].get()),
+        }
+    }
+}
+
 const fn unit_of(reading: Reading) -> &'static str {
     match reading {
         Reading::Displacement(_) => Metre::SYMBOL,
-        Reading::Velocity(_) => MetrePerSecond::SYMBOL,
+        Reading::Velocity(_) | Reading::BodyVelocity(_) => MetrePerSecond::SYMBOL,
         Reading::Drive(Drive::CoilCurrent(_)) => Ampere::SYMBOL,
         Reading::Drive(Drive::CommandVoltage(_)) => Volt::SYMBOL,
-        Reading::Force(_) => Newton::SYMBOL,
+        Reading::Force(_) | Reading::ForceRequest(_) => Newton::SYMBOL,
         Reading::CaseTemperature(_) => Celsius::SYMBOL,
     }
 }

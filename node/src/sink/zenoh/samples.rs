@@ -1,9 +1,10 @@
 //! Events for the tests of this module.
 
 use super::payload::ModelNames;
+use mr_damper_model::inverse::{Command, LimitedBy};
 use mr_damper_model::pipeline::{
-    AlarmChange, Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, Transition,
-    Validity,
+    AlarmChange, Cause, Commanded, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot,
+    Transition, Validity,
 };
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
@@ -35,6 +36,8 @@ pub(super) fn estimate(nanos: i64, force_n: f64) -> Event {
         validity: Validity::Valid,
         reasons: Reasons::NONE,
         input_age: Second(0.001),
+        band: [Newton(force_n - 20.0), Newton(force_n + 20.0)],
+        calibrated: true,
     })
 }
 
@@ -75,5 +78,19 @@ pub(super) fn one_of_each() -> Vec<Event> {
             why: Refused::NotFinite,
         }),
         Event::Alarm(AlarmChange { stamp: Stamp::from_nanos(11), raised: true, ratio: 1.75 }),
+        input(12, Reading::BodyVelocity(MetrePerSecond(0.2))),
+        input(13, Reading::ForceRequest(Newton(300.0))),
+        Event::Command(Commanded {
+            stamp: Stamp::from_nanos(14),
+            command: Command {
+                current: Ampere(0.6),
+                requested: Newton(300.0),
+                expected: Newton(299.5),
+                achievable: [Newton(80.0), Newton(900.0)],
+                is_achievable: true,
+                dissipative: true,
+                limited_by: LimitedBy::None,
+            },
+        }),
     ]
 }

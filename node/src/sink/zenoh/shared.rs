@@ -98,7 +98,7 @@ impl Book {
             Event::Transition(transition) => self.mode = Some(transition.to),
             Event::Residual(residual) => self.residual = Some(*residual),
             Event::Alarm(alarm) => self.alarm = alarm.raised.then_some(*alarm),
-            Event::Input(_) | Event::Refusal(_) => {}
+            Event::Input(_) | Event::Refusal(_) | Event::Command(_) => {}
         }
         self.history.push(item, seq, clock.nanos_at(at));
     }

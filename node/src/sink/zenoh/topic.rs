@@ -18,6 +18,10 @@ pub enum Topic {
     MeasuredForce,
     /// Temperature of the damper's case.
     CaseTemperature,
+    /// Velocity of the body above the damper.
+    BodyVelocity,
+    /// Forces that are asked for.
+    ForceRequest,
     /// Force estimates.
     ForceEstimate,
     /// Residuals of the free-running model.
@@ -28,6 +32,8 @@ pub enum Topic {
     Refused,
     /// The residual alarm rises and falls.
     Alarm,
+    /// Currents that are commanded.
+    CurrentCommand,
 }
 
 /// One field of a payload: name, unit (empty for text and truth values), meaning.
@@ -35,18 +41,21 @@ pub(super) type Field = (&'static str, &'static str, &'static str);
 
 impl Topic {
     /// All topics, in the order of their indices.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 14] = [
         Self::Displacement,
         Self::Velocity,
         Self::CoilCurrent,
         Self::CommandVoltage,
         Self::MeasuredForce,
         Self::CaseTemperature,
+        Self::BodyVelocity,
+        Self::ForceRequest,
         Self::ForceEstimate,
         Self::ForceResidual,
         Self::Mode,
         Self::Refused,
         Self::Alarm,
+        Self::CurrentCommand,
     ];
 
     /// The topic's name, the last part of its keys; that of the ROS topic where there is one.
@@ -59,11 +68,14 @@ impl Topic {
             Self::CommandVoltage => "command_voltage",
             Self::MeasuredForce => "measured_force",
             Self::CaseTemperature => "case_temperature",
+            Self::BodyVelocity => "body_velocity",
+            Self::ForceRequest => "force_request",
             Self::ForceEstimate => "force_estimate",
             Self::ForceResidual => "force_residual",
             Self::Mode => "mode",
             Self::Refused => "refused",
             Self::Alarm => "alarm",
+            Self::CurrentCommand => "current_command",
         }
     }
 
@@ -77,6 +89,8 @@ impl Topic {
             Reading::Drive(Drive::CommandVoltage(_)) => Self::CommandVoltage,
             Reading::Force(_) => Self::MeasuredForce,
             Reading::CaseTemperature(_) => Self::CaseTemperature,
+            Reading::BodyVelocity(_) => Self::BodyVelocity,
+            Reading::ForceRequest(_) => Self::ForceRequest,
         }
     }
 
@@ -90,13 +104,22 @@ impl Topic {
             Event::Residual(_) => Self::ForceResidual,
             Event::Transition(_) => Self::Mode,
             Event::Alarm(_) => Self::Alarm,
+            Event::Command(_) => Self::CurrentCommand,
         }
     }
 
     /// True for what enters the node.
     #[must_use]
     pub const fn is_input(self) -> bool {
-        !matches!(self, Self::ForceEstimate | Self::ForceResidual | Self::Mode | Self::Refused | Self::Alarm)
+        !matches!(
+            self,
+            Self::ForceEstimate
+                | Self::ForceResidual
+                | Self::Mode
+                | Self::Refused
+                | Self::Alarm
+                | Self::CurrentCommand
+        )
     }
 
     /// The ROS message type of the topic; none for [`Topic::Refused`] and [`Topic::Alarm`], which stay CBOR among
@@ -110,6 +133,9 @@ impl Topic {
             Self::CommandVoltage => "mr_damper_msgs/msg/CommandVoltage",
             Self::MeasuredForce => "mr_damper_msgs/msg/Force",
             Self::CaseTemperature => "sensor_msgs/msg/Temperature",
+            Self::BodyVelocity => "mr_damper_msgs/msg/Velocity",
+            Self::ForceRequest => "mr_damper_msgs/msg/Force",
+            Self::CurrentCommand => "mr_damper_msgs/msg/CurrentCommand",
             Self::ForceEstimate => "mr_damper_msgs/msg/ForceEstimate",
             Self::ForceResidual => "mr_damper_msgs/msg/ForceResidual",
             Self::Mode => "mr_damper_msgs/msg/ModeChange",
@@ -121,12 +147,17 @@ impl Topic {
     pub(super) const fn value_field(self) -> &'static str {
         match self {
             Self::Displacement => "displacement_m",
-            Self::Velocity => "velocity_m_s",
+            Self::Velocity | Self::BodyVelocity => "velocity_m_s",
             Self::CoilCurrent => "current_a",
             Self::CommandVoltage => "command_v",
             Self::CaseTemperature => "case_temp_c",
-            Self::MeasuredForce => "force_n",
-            Self::ForceEstimate | Self::ForceResidual | Self::Mode | Self::Refused | Self::Alarm => "value",
+            Self::MeasuredForce | Self::ForceRequest => "force_n",
+            Self::ForceEstimate
+            | Self::ForceResidual
+            | Self::Mode
+            | Self::Refused
+            | Self::Alarm
+            | Self::CurrentCommand => "value",
         }
     }
 
@@ -139,6 +170,12 @@ impl Topic {
             Self::CommandVoltage => &[("command_v", "V", "command voltage of the damper's driver")],
             Self::MeasuredForce => &[("force_n", "N", "positive is tension on the rod")],
             Self::CaseTemperature => &[("case_temp_c", "degC", "temperature of the damper's case")],
+            Self::BodyVelocity => {
+                &[("velocity_m_s", "m/s", "velocity of the body above the damper, up positive")]
+            }
+            Self::ForceRequest => {
+                &[("force_n", "N", "force that is asked for; positive is tension on the rod")]
+            }
             Self::ForceEstimate => &[
                 ("force_n", "N", "positive is tension on the rod; null when there is no estimate"),
                 ("std_dev_n", "N", "standard deviation to expect; null when not known"),
@@ -146,6 +183,13 @@ impl Topic {
                 ("mode", "", "one of modes"),
                 ("reasons", "", "list of reasons; empty when all is well"),
                 ("input_age_s", "s", "displacement stamp minus stamp of the drive; null when none was used"),
+                ("band_low_n", "N", "lower end of the 90 % band; null when not known"),
+                ("band_high_n", "N", "upper end of the 90 % band; null when not known"),
+                (
+                    "band_calibrated",
+                    "",
+                    "true when the band is from held-out runs; else it is taken from std_dev_n",
+                ),
             ],
             Self::ForceResidual => &[
                 ("measured_n", "N", "measured force at the stamp"),
@@ -161,6 +205,20 @@ impl Topic {
                 ("from_mode", "", "one of modes"),
                 ("to_mode", "", "one of modes"),
                 ("reason", "", "why, for people"),
+            ],
+            Self::CurrentCommand => &[
+                ("current_a", "A", "never null"),
+                ("force_requested_n", "N", "null when nobody asks for a force"),
+                (
+                    "force_expected_n",
+                    "N",
+                    "force that the model expects of that current; null when not known",
+                ),
+                ("achievable", "", "the damper can give the requested force now"),
+                ("dissipative", "", "the requested force takes energy out of the motion"),
+                ("limited_by", "", "what kept the current from the one asked for"),
+                ("achievable_min_n", "N", "the least force at this motion; null when not known"),
+                ("achievable_max_n", "N", "the largest force at this motion; null when not known"),
             ],
             Self::Alarm => &[
                 ("raised", "", "true when the alarm was raised, false when it fell"),

@@ -1,0 +1,324 @@
+//! Whether readings can be what they say, each judged by the others.
+//!
+//! ```text
+//! stuck displacement   x unchanged for T_s while |v| > V measured, or the force has moved by a tenth of its training range
+//! stuck force          F unchanged while the rod has gone a fifth of its training range
+//! velocity             sum (dx - int v dt)^2 > 0.05 sum (dx^2 + (int v dt)^2)     over stretches of 0.1 s, forgetting over 1 s
+//! drive                i beyond (-0.1, 1.2) i_max, or |di| > 1.5 r dt + 0.05 i_max
+//! passivity            int (F - P) v dt < -0.2 int |F - P| |v| dt                 forgetting over T_p
+//! ```
+//!
+//! | symbol | what |
+//! |---|---|
+//! | x, v, F, i | displacement, measured velocity, measured force, current: raw readings |
+//! | T_s, T_p | [`Plausible::stuck_s`], [`Plausible::passive_window_s`] |
+//! | V | [`MOVING_M_S`] |
+//! | i_max, r | `current.max_a`, `current.rate_max_a_s`: what the driver can make |
+//! | P | force of the model at rest: offset and gas spring |
+//!
+//! Velocity is compared by the way it makes, because a slope of displacement is noise. What is out of a sensor's range, and what
+//! jumps, does not come here: the gate refuses it. A force that stands still or drives the rod is used for nothing but residuals.
+
+use super::event::Reasons;
+use crate::effect::{Effect, EffectModel};
+use crate::error::Error;
+use crate::inverse::Limits;
+use crate::model::Model;
+use crate::sample::{DriveKind, Stamp};
+
+/// Measured speed above which a rod moves, m/s.
+const MOVING_M_S: f64 = 0.02;
+/// Share of the force's training range that says that a rod moves.
+const FORCE_MOVED: f64 = 0.1;
+/// Share of the displacement's training range over which a load cell must have changed.
+const ROD_MOVED: f64 = 0.2;
+/// The same where the model knows no training range, m.
+const ROD_MOVED_M: f64 = 5e-3;
+/// Stretches over which the ways are compared, s; and how long they are remembered.
+const STRETCH_S: f64 = 0.1;
+const STRETCHES_S: f64 = 1.0;
+/// Share of the ways' squares by which they may differ.
+const DISAGREES: f64 = 0.05;
+/// Root mean square of a stretch below which nothing is said, m.
+const LEAST_WAY_M: f64 = 5e-4;
+/// Share of the work to and fro that a damper may give.
+const GIVES: f64 = 0.2;
+/// Mean speed below which nothing is said of the work, m/s.
+const LEAST_SPEED_M_S: f64 = 5e-3;
+
+/// What readings can be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plausible {
+    /// Largest displacement either way, m; more is refused.
+    pub displacement_max_m: f64,
+    /// Largest speed of the rod, m/s; a displacement that would need more is refused, until three agree.
+    pub speed_max_m_s: f64,
+    /// Largest force either way, N; more is refused, measured or asked for.
+    pub force_max_n: f64,
+    /// How long displacement stands still before it is stuck, s.
+    pub stuck_s: f64,
+    /// Time constant with which the work of the damper is forgotten, s.
+    pub passive_window_s: f64,
+}
+
+impl Default for Plausible {
+    fn default() -> Self {
+        Self {
+            displacement_max_m: 1.0,
+            speed_max_m_s: 5.0,
+            force_max_n: 1e5,
+            stuck_s: 0.1,
+            passive_window_s: 2.0,
+        }
+    }
+}
+
+impl Plausible {
+    /// Checks that every number lies in its range.
+    ///
+    /// # Errors
+    /// Names the setting, its value and its range.
+    pub fn validate(&self) -> Result<(), Error> {
+        let above =
+            |name, value| Error::check(name, value, "above 0 and at most 1e9", |x| x > 0.0 && x <= 1e9);
+        above("plausible.displacement_max_m", self.displacement_max_m)?;
+        above("plausible.speed_max_m_s", self.speed_max_m_s)?;
+        above("plausible.force_max_n", self.force_max_n)?;
+        above("plausible.stuck_s", self.stuck_s)?;
+        above("plausible.passive_window_s", self.passive_window_s)?;
+        Ok(())
+    }
+}
+
+/// Equal readings that make one stand still.
+const EQUAL: u32 = 5;
+
+/// What is known of the damper, for judging.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Known {
+    /// Widths of the training ranges, m and N; NaN where not known.
+    pub(super) stroke_m: f64,
+    pub(super) forces_n: f64,
+    /// What the driver can make, A and A/s; infinite where the drive is no current.
+    pub(super) current_max_a: f64,
+    pub(super) current_rate_a_s: f64,
+    /// Force at rest, N, and its gas spring, N/m.
+    pub(super) offset_n: f64,
+    pub(super) gas_n_m: f64,
+}
+
+impl Known {
+    /// What `model` and the driver's limits tell.
+    pub(super) fn of(model: &Model, limits: &Limits) -> Self {
+        let width = |range: Option<[f64; 2]>| range.map_or(f64::NAN, |[low, high]| high - low);
+        let is_current = model.force.drive() == Some(DriveKind::CoilCurrent);
+        let gas = |effect: &EffectModel| match (effect.effect(), effect.parameters()) {
+            (Effect::GasSpring, [stiffness_n_m]) => *stiffness_n_m,
+            _ => 0.0,
+        };
+        Self {
+            stroke_m: width(model.envelope.displacement_m),
+            forces_n: width(model.envelope.force_n),
+            current_max_a: if is_current { limits.current_max_a } else { f64::INFINITY },
+            current_rate_a_s: limits.rate_max_a_s,
+            offset_n: model.force.force_offset_n(),
+            gas_n_m: model.effects.as_slice().iter().map(gas).sum(),
+        }
+    }
+}
+
+/// The judge of one damper's readings.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Judge {
+    displacement: Still,
+    force: Still,
+    way: Way,
+    work: Work,
+    drive: Option<(Stamp, f64)>,
+    drive_odd: bool,
+}
+
+/// A reading that may stand still, and how far another has moved meanwhile.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Still {
+    last: Option<f64>,
+    since: Stamp,
+    /// Readings since then.
+    count: u32,
+    /// Range of the other one since then.
+    other: Option<[f64; 2]>,
+    /// Largest measured speed since then, m/s.
+    speed_m_s: f64,
+}
+
+impl Still {
+    /// Takes a reading; anything but the last one moves.
+    fn see(&mut self, stamp: Stamp, value: f64) {
+        if self.last != Some(value) {
+            *self = Self { last: Some(value), since: stamp, ..Self::default() };
+        }
+        self.count = self.count.saturating_add(1);
+    }
+
+    fn see_other(&mut self, value: f64) {
+        let [low, high] = self.other.unwrap_or([value; 2]);
+        self.other = Some([low.min(value), high.max(value)]);
+    }
+
+    fn other_moved(&self) -> f64 {
+        self.other.map_or(0.0, |[low, high]| high - low)
+    }
+}
+
+/// Ways by displacement and by measured velocity.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Way {
+    /// Where and when the stretch began.
+    begin: Option<(Stamp, f64)>,
+    by_velocity_m: f64,
+    /// Forgetting sums of squares, and their weight.
+    apart: f64,
+    both: f64,
+    weight: f64,
+}
+
+impl Way {
+    fn see(&mut self, stamp: Stamp, dt_s: f64, displacement_m: f64, velocity_m_s: f64) {
+        let Some((begin, from_m)) = self.begin else {
+            self.begin = Some((stamp, displacement_m));
+            return;
+        };
+        self.by_velocity_m += velocity_m_s * dt_s;
+        let stretch_s = stamp.since(begin).get();
+        if stretch_s < STRETCH_S {
+            return;
+        }
+        let (way_m, keep) = (displacement_m - from_m, (-stretch_s / STRETCHES_S).exp());
+        self.apart = keep * self.apart + (way_m - self.by_velocity_m).powi(2);
+        self.both = keep * self.both + way_m.powi(2) + self.by_velocity_m.powi(2);
+        self.weight = keep * self.weight + 1.0;
+        (self.begin, self.by_velocity_m) = (Some((stamp, displacement_m)), 0.0);
+    }
+
+    /// Displacement has gone on without velocity, or from anew: the stretch means nothing.
+    fn breaks(&mut self) {
+        (self.begin, self.by_velocity_m) = (None, 0.0);
+    }
+
+    fn disagrees(&self) -> bool {
+        self.weight >= 3.0
+            && self.both > self.weight * LEAST_WAY_M.powi(2)
+            && self.apart > DISAGREES * self.both
+    }
+}
+
+/// Work that the damper takes.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Work {
+    taken_j: f64,
+    to_and_fro_j: f64,
+    way_m: f64,
+    time_s: f64,
+}
+
+impl Work {
+    fn see(&mut self, dt_s: f64, force_n: f64, velocity_m_s: f64, window_s: f64) {
+        let keep = (-dt_s / window_s).exp();
+        let power_w = force_n * velocity_m_s;
+        self.taken_j = keep * self.taken_j + power_w * dt_s;
+        self.to_and_fro_j = keep * self.to_and_fro_j + power_w.abs() * dt_s;
+        self.way_m = keep * self.way_m + velocity_m_s.abs() * dt_s;
+        self.time_s = keep * self.time_s + dt_s;
+    }
+
+    fn gives(&self, window_s: f64) -> bool {
+        self.time_s > 0.3 * window_s
+            && self.way_m > LEAST_SPEED_M_S * self.time_s
+            && self.taken_j < -GIVES * self.to_and_fro_j
+    }
+}
+
+/// A displacement and what goes with it.
+pub(super) struct Seen {
+    pub(super) stamp: Stamp,
+    pub(super) dt_s: Option<f64>,
+    pub(super) displacement_m: f64,
+    /// Measured, and fresh.
+    pub(super) velocity_m_s: Option<f64>,
+}
+
+impl Judge {
+    /// Takes a drive, in A; true drives are none of a voltage.
+    #[inline]
+    pub(super) fn drive(&mut self, stamp: Stamp, current_a: f64, known: &Known) {
+        let most_a = known.current_max_a;
+        let beyond = !(-0.1 * most_a..=1.2 * most_a).contains(&current_a);
+        let jumps = self.drive.is_some_and(|(at, last_a)| {
+            let can_a = 1.5 * known.current_rate_a_s * stamp.since(at).get() + 0.05 * most_a;
+            (current_a - last_a).abs() > can_a
+        });
+        self.drive = Some((stamp, current_a));
+        self.drive_odd = most_a.is_finite() && (beyond || jumps);
+    }
+
+    /// Takes a measured force.
+    #[inline]
+    pub(super) fn force(&mut self, stamp: Stamp, force_n: f64) {
+        self.force.see(stamp, force_n);
+        self.displacement.see_other(force_n);
+    }
+
+    /// Takes a displacement.
+    #[inline]
+    pub(super) fn displacement(&mut self, seen: &Seen) {
+        self.displacement.see(seen.stamp, seen.displacement_m);
+        self.force.see_other(seen.displacement_m);
+        match (seen.velocity_m_s, seen.dt_s) {
+            (Some(velocity_m_s), Some(dt_s)) => {
+                self.displacement.speed_m_s = self.displacement.speed_m_s.max(velocity_m_s.abs());
+                self.way.see(seen.stamp, dt_s, seen.displacement_m, velocity_m_s);
+            }
+            _ => self.way.breaks(),
+        }
+    }
+
+    /// Takes the force over its value at rest, measured at a sample with the model's velocity.
+    #[inline]
+    pub(super) fn work(&mut self, dt_s: f64, force_n: f64, velocity_m_s: f64, plausible: &Plausible) {
+        self.work.see(dt_s, force_n, velocity_m_s, plausible.passive_window_s);
+    }
+
+    /// True while measured force stands still or drives the rod: nothing but residuals may be made of it.
+    #[inline]
+    pub(super) fn force_is_odd(&self, known: &Known, plausible: &Plausible) -> bool {
+        self.force_is_stuck(known) || self.work.gives(plausible.passive_window_s)
+    }
+
+    fn force_is_stuck(&self, known: &Known) -> bool {
+        let enough_m = if known.stroke_m > 0.0 { ROD_MOVED * known.stroke_m } else { ROD_MOVED_M };
+        self.force.count >= EQUAL && self.force.other_moved() > enough_m
+    }
+
+    /// What is odd at `now`.
+    #[inline]
+    pub(super) fn reasons(&self, now: Stamp, known: &Known, plausible: &Plausible) -> Reasons {
+        let mut reasons = Reasons::NONE;
+        let still =
+            self.displacement.count >= EQUAL && now.since(self.displacement.since).get() >= plausible.stuck_s;
+        let others_move = self.displacement.speed_m_s > MOVING_M_S
+            || self.displacement.other_moved() > FORCE_MOVED * known.forces_n;
+        if (still && others_move) || self.force_is_stuck(known) {
+            reasons |= Reasons::SENSOR_STUCK;
+        }
+        if self.way.disagrees() {
+            reasons |= Reasons::VELOCITY_DISAGREES;
+        }
+        if self.drive_odd {
+            reasons |= Reasons::DRIVE_IMPLAUSIBLE;
+        }
+        if self.work.gives(plausible.passive_window_s) {
+            reasons |= Reasons::NOT_PASSIVE;
+        }
+        reasons
+    }
+}
