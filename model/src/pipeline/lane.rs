@@ -285,7 +285,12 @@ impl SeededLane {
             }
         }
         match self.front.step(given, reasons) {
-            Some(inputs) => self.history.push_inputs(&inputs),
+            Some(inputs) => {
+                if outside(&self.model, &inputs) {
+                    *reasons |= Reasons::OUTSIDE_ENVELOPE;
+                }
+                self.history.push_inputs(&inputs);
+            }
             None => self.history.push_unknown_inputs(),
         }
         let at_rate = (self.period_s / self.nominal_s - 1.0).abs() <= Self::PERIOD_TOLERANCE;
@@ -294,6 +299,9 @@ impl SeededLane {
         }
         let predicted =
             self.model.force.predict_n(&self.history).filter(|force_n| at_rate && force_n.is_finite());
+        if predicted.is_some_and(|force_n| Envelope::leaves(self.model.envelope.force_n, force_n)) {
+            *reasons |= Reasons::OUTSIDE_ENVELOPE;
+        }
         self.history.push_force(predicted.unwrap_or(f64::NAN));
         predicted
     }

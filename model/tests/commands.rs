@@ -1,0 +1,304 @@
+//! Current commands of the pipeline: laws, requests that go stale, silence, changes while it runs. And the observer.
+
+mod common;
+
+use common::{Bench, PERIOD_NS, force_n, preset, samples};
+use mr_damper_model::inverse::{Law, LimitedBy, Limits};
+use mr_damper_model::pipeline::{Commanded, Event, Models, Pipeline, Plan, Settings, UseForce};
+use mr_damper_model::preset::{BEST_ARX, BEST_FUZZY_TANH};
+use mr_damper_model::sample::{Reading, Sample, Stamp};
+use mr_damper_model::units::{MetrePerSecond, Newton};
+use std::ops::Range;
+
+fn fuzzy_tanh() -> Models {
+    Models::alone(preset(BEST_FUZZY_TANH))
+}
+
+/// A damper that is asked for things.
+struct Asked {
+    pipeline: Pipeline,
+    commands: Vec<Commanded>,
+}
+
+impl Asked {
+    fn new(models: Models, settings: Settings) -> Self {
+        Self { pipeline: Pipeline::new(models, settings).expect("it runs"), commands: Vec::new() }
+    }
+
+    fn feed(&mut self, sample: &Sample) {
+        let commands = &mut self.commands;
+        self.pipeline.step(sample, &mut |event| {
+            if let Event::Command(commanded) = event {
+                commands.push(commanded);
+            }
+        });
+    }
+
+    /// Feeds motion without measured force; `ask` makes a reading of each sample's stamp.
+    fn run(&mut self, range: Range<i64>, ask: impl Fn(i64) -> Option<Reading>) -> &mut Self {
+        for k in range {
+            let [drive, _, displacement] = samples(k, 0);
+            for sample in ask(k).map(|reading| Sample { reading, ..drive }).into_iter().chain([displacement])
+            {
+                self.feed(&sample);
+            }
+        }
+        self
+    }
+
+    fn tick(&mut self, ms: i64) {
+        let commands = &mut self.commands;
+        self.pipeline.tick(Stamp::from_nanos(ms * 1_000_000), &mut |event| {
+            if let Event::Command(commanded) = event {
+                commands.push(commanded);
+            }
+        });
+    }
+
+    fn last(&self) -> &Commanded {
+        self.commands.last().expect("a command")
+    }
+
+    fn currents_a(&self) -> Vec<f64> {
+        self.commands.iter().map(|commanded| commanded.command.current.get()).collect()
+    }
+}
+
+/// A force along the motion, which the thesis' damper has.
+fn wanted(k: i64) -> Option<Reading> {
+    Some(Reading::ForceRequest(Newton(0.9 * force_n(k))))
+}
+
+#[test]
+fn nothing_is_commanded_unasked_and_everything_after_it() {
+    let mut damper = Asked::new(fuzzy_tanh(), Settings::default());
+    damper.run(0..100, |_| None);
+    assert!(damper.commands.is_empty());
+    damper.run(100..600, wanted);
+    assert_eq!(damper.commands.len(), 500, "one a displacement");
+    let stamps: Vec<_> = (100..600).map(|k| samples(k, 0)[2].stamp).collect();
+    assert_eq!(damper.commands.iter().map(|c| c.stamp).collect::<Vec<_>>(), stamps);
+    let met = damper.commands.iter().filter(|c| c.command.limited_by == LimitedBy::None).count();
+    assert!(met > 300, "{met} of 500 are met");
+    assert!(damper.currents_a().iter().all(|a| (0.0..=2.5).contains(a)));
+    let mut off = Asked::new(fuzzy_tanh(), Settings { law: Law::Off, ..Settings::default() });
+    assert!(off.run(0..100, wanted).commands.is_empty());
+}
+
+#[test]
+fn a_request_that_stops_or_is_no_number_ends_in_the_safe_current() {
+    let limits = Limits { safe_a: 0.3, safe_after_s: 0.2, ..Limits::default() };
+    let settings = Settings { limits, request_timeout_s: 0.05, ..Settings::default() };
+    let hard = |_| Some(Reading::ForceRequest(Newton(5000.0)));
+    // 0.05 s later nobody asks any more, and 0.2 s after that the current is safe.
+    let mut damper = Asked::new(fuzzy_tanh(), settings);
+    damper.run(0..300, hard).run(300..460, |_| None);
+    let says = |k: usize| damper.commands[k].command.limited_by;
+    assert_eq!((says(320), says(330)), (LimitedBy::CurrentMax, LimitedBy::Safe), "25 samples are 49 ms");
+    let currents_a = damper.currents_a();
+    let falling = &currents_a[326..];
+    assert!(falling.windows(2).all(|pair| pair[1] <= pair[0]) && falling[0] > 2.0, "{falling:?}");
+    assert!(currents_a[400] > 0.3 && currents_a[430] == 0.3, "{falling:?}");
+    // NaN is no request, at once.
+    let mut damper = Asked::new(fuzzy_tanh(), settings);
+    damper.run(0..300, hard).run(300..302, |_| Some(Reading::ForceRequest(Newton(f64::NAN))));
+    assert_eq!(damper.last().command.limited_by, LimitedBy::Safe);
+    assert!(damper.last().command.requested.get().is_nan());
+}
+
+/// Ticks tell what becomes of the current, and leave no trace: the next displacement finds the same without them.
+#[test]
+fn silence_lets_the_current_go_to_the_safe_one() {
+    let settings =
+        Settings { limits: Limits { safe_after_s: 0.4, ..Limits::default() }, ..Settings::default() };
+    let hard = |_| Some(Reading::ForceRequest(Newton(5000.0)));
+    let run = |ticks: bool| {
+        let mut damper = Asked::new(fuzzy_tanh(), settings);
+        damper.run(0..300, hard);
+        let fed = damper.commands.len();
+        if ticks {
+            for ms in (600..880).step_by(20) {
+                damper.tick(ms);
+            }
+        }
+        let told = damper.commands.split_off(fed);
+        // 893 ms.
+        damper.run(457..467, |_| None);
+        (told, damper.commands.split_off(fed))
+    };
+    let ((told, after), (none, without)) = (run(true), run(false));
+    assert!(none.is_empty());
+    let plain = |commands: &[Commanded]| -> Vec<_> {
+        commands.iter().map(|c| (c.stamp, c.command.current)).collect()
+    };
+    assert_eq!(plain(&after), plain(&without));
+    assert!((0.6..1.4).contains(&after[0].command.current.get()), "in the middle of its way: {after:?}");
+    // Displacement ended at 584 ms; it counts for another 100 ms.
+    let at = |ms: i64| {
+        told.iter().rfind(|c| c.stamp <= Stamp::from_nanos(ms * 1_000_000)).map(|c| c.command.current.get())
+    };
+    assert_eq!(at(680), None);
+    // The last tick, at 860 ms: 276 ms of silence, of which 176 count.
+    let middle_a = at(879).expect("told by then");
+    assert!((middle_a - (2.5 - 0.176 * 2.5 / 0.4)).abs() < 1e-3, "{middle_a}");
+    assert!(told.iter().all(|c| c.command.limited_by == LimitedBy::Safe));
+    let stamps: Vec<_> = told.iter().map(|c| c.stamp).collect();
+    assert!(stamps.is_sorted_by(|a, b| a < b), "{stamps:?}");
+}
+
+#[test]
+fn hooks_ask_for_what_the_body_does() {
+    let body = |k: i64| Some(Reading::BodyVelocity(MetrePerSecond(0.3 * (k as f64 / 40.0).sin())));
+    for (law, sign) in [(Law::Skyhook(1500.0), 1.0), (Law::Groundhook(1500.0), -1.0)] {
+        let mut damper = Asked::new(fuzzy_tanh(), Settings { law, ..Settings::default() });
+        damper.run(0..800, body);
+        assert_eq!(damper.commands.len(), 800);
+        let counted = damper.commands.iter().filter(|c| c.command.dissipative).count();
+        assert!((200..700).contains(&counted), "{law:?}: {counted}");
+        for (k, commanded) in damper.commands.iter().enumerate().skip(10) {
+            let command = &commanded.command;
+            if law == Law::Skyhook(1500.0) {
+                let asked_n = sign * 450.0 * (k as f64 / 40.0).sin();
+                assert!((command.requested.get() - asked_n).abs() < 1e-9);
+            }
+            assert!(command.dissipative || command.limited_by != LimitedBy::None, "{command:?}");
+        }
+        // Without the body's velocity there is no demand.
+        damper.run(800..900, |_| None);
+        assert_eq!(damper.last().command.limited_by, LimitedBy::Safe);
+    }
+}
+
+#[test]
+fn a_fixed_current_needs_neither_model_nor_motion() {
+    let settings = Settings { law: Law::Fixed(1.5), ..Settings::default() };
+    for models in [fuzzy_tanh(), Models::alone(preset("thesis/arx-passive/rp-icps"))] {
+        let mut damper = Asked::new(models, settings);
+        damper.run(0..50, |_| None);
+        damper.tick(400);
+        assert_eq!(damper.commands.len(), 51);
+        assert!(damper.currents_a().iter().skip(1).all(|a| *a == 1.5), "{:?}", damper.currents_a());
+        assert!(damper.commands.iter().skip(1).all(|c| c.command.limited_by == LimitedBy::None));
+    }
+}
+
+#[test]
+fn a_model_without_an_inverse_says_so() {
+    let passive = Models::alone(preset("thesis/arx-passive/rp-icps"));
+    let mut damper = Asked::new(passive, Settings::default());
+    damper.run(0..50, wanted);
+    let command = damper.last().command;
+    assert_eq!((command.limited_by, command.current.get()), (LimitedBy::NoInverse, 0.0));
+    assert!((command.requested.get() - 0.9 * force_n(49)).abs() < 1e-9);
+    let hook = Settings { law: Law::Skyhook(1500.0), ..Settings::default() };
+    let refused = Plan::new(passive, hook).expect_err("a hook seeks forces").to_string();
+    assert!(refused.starts_with("law skyhook: no inverse of the arx model"), "{refused}");
+    let beyond = Settings { law: Law::Fixed(3.0), ..Settings::default() };
+    assert!(
+        Plan::new(passive, beyond).expect_err("above the limit").to_string().contains("fixed.current_a is 3")
+    );
+}
+
+#[test]
+fn a_change_of_model_or_limits_goes_on_from_the_current_that_is() {
+    let limits = Limits { rate_max_a_s: 20.0, ..Limits::default() };
+    let settings = Settings { limits, ..Settings::default() };
+    let mut damper = Asked::new(fuzzy_tanh(), settings);
+    damper.run(0..300, |_| Some(Reading::ForceRequest(Newton(5000.0))));
+    for plan in [
+        Plan::new(Models::alone(preset("thesis/fuzzy-tanh/rp1-cs")), settings),
+        Plan::new(fuzzy_tanh(), Settings { limits: Limits { current_max_a: 2.0, ..limits }, ..settings }),
+    ] {
+        let plan = plan.expect("in range");
+        damper.pipeline.take(plan, &mut |_| {});
+        let from = damper.commands.len() as i64;
+        damper.run(from..from + 100, wanted);
+    }
+    let most_a = 20.0 * PERIOD_NS as f64 * 1e-9 + 1e-12;
+    let currents_a = damper.currents_a();
+    let steps = currents_a.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    // A limit that is lowered holds at once.
+    let over = steps.filter(|step| *step > most_a).count();
+    assert!(over <= 1, "{over}");
+    assert!(currents_a[400..].iter().all(|a| *a <= 2.0));
+}
+
+#[test]
+fn bad_requests_change_nothing_for_the_estimate() {
+    let forces = |bad: bool| {
+        let mut bench = Bench::thesis();
+        for k in 0..300 {
+            if bad {
+                bench.feed_reading(
+                    k,
+                    Reading::ForceRequest(Newton([f64::NAN, f64::INFINITY, -1e9, 1e4][k as usize % 4])),
+                );
+            }
+            bench.run(k..k + 1, |_| true);
+        }
+        bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>()
+    };
+    assert!(forces(false) == forces(true));
+}
+
+/// The observer brings the estimate to the measured force, and the residual stays what the model lacks.
+#[test]
+fn an_observer_corrects_the_estimate_and_hides_nothing() {
+    let settings = |use_measured_force| Settings { use_measured_force, ..Settings::default() };
+    let run = |use_measured_force| {
+        let mut bench = Bench::new(settings(use_measured_force));
+        bench.measure_free_run_plus(200.0, 1500);
+        bench.run(0..1000, |_| true);
+        bench.run(1000..1500, |_| false);
+        bench
+    };
+    let (plain, observed) = (run(UseForce::Never), run(UseForce::Observer(0.1)));
+    let residuals = |bench: &Bench| bench.residuals().map(|r| r.residual.get().to_bits()).collect::<Vec<_>>();
+    assert!(residuals(&plain) == residuals(&observed));
+    let added: Vec<f64> = observed
+        .estimates()
+        .zip(plain.estimates())
+        .map(|(with, without)| with.force.get() - without.force.get())
+        .collect();
+    assert!((added[999] - 200.0).abs() < 1.0, "{}", added[999]);
+    let first = 1.0 - (-1.0_f64).exp();
+    // After one time constant, 51 samples past the first residual.
+    assert!((added[54] - 200.0 * first).abs() < 10.0, "{}", added[54]);
+    assert!(added[1499].abs() < 10.0, "without force the bias is believed for a while: {}", added[1499]);
+    let steps = added.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    assert!(steps < 5.0, "{steps}");
+}
+
+/// At a change of mode neither the value nor the slope of what is added to the free run steps.
+#[test]
+fn a_change_of_mode_breaks_no_slope() {
+    let settings = Settings { bumpless_tau_s: 0.05, ..Settings::default() };
+    let models = fuzzy_tanh().with_seeded(preset(BEST_ARX)).expect("both want a current");
+    let mut bench = Bench::new(settings);
+    bench.constant_current = true;
+    bench.measure_free_run_plus(150.0, 1200);
+    bench.run(0..600, |_| true);
+    bench.run(600..1200, |_| false);
+    assert!(models.seeded.is_some());
+    let free = bench.free_run_n();
+    let added: Vec<f64> = bench.estimates().zip(&free).map(|(e, free)| e.force.get() - free).collect();
+    // From ARX to the model, 50 ms + 200 ms after the force was lost.
+    let change = bench
+        .events
+        .iter()
+        .filter_map(|event| match event {
+            Event::Transition(t) if t.to == mr_damper_model::pipeline::Mode::Model => Some(t.stamp),
+            _ => None,
+        })
+        .next_back()
+        .expect("it falls back to the model");
+    let at = (change.nanos() / PERIOD_NS) as usize;
+    let value = (added[at] - added[at - 1]).abs();
+    assert!(value < 15.0, "value {value}");
+    // The jump of the slope, against that of a plain exponential, d / tau.
+    let slope_before = (added[at - 1] - added[at - 6]) * 512.0 / 5.0;
+    let slope_after = (added[at + 5] - added[at]) * 512.0 / 5.0;
+    let plain = added[at].abs() / settings.bumpless_tau_s;
+    assert!((slope_after - slope_before).abs() < 0.6 * plain, "{slope_before} {slope_after} {plain}");
+    assert!(added[at + 300].abs() < 0.5, "{}", added[at + 300]);
+}

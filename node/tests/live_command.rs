@@ -1,0 +1,189 @@
+//! Current commands of the real service, over real DDS: a supervisor asks for forces, and gets currents, also when it falls silent.
+
+use mr_damper_model::inverse::LimitedBy;
+use mr_damper_model::pipeline::{Commanded, Event, Pipeline};
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_model::sample::{Run, Stamp, Trace};
+use mr_damper_msgs::{CurrentCommand, Force, ForceEstimate, LimitedBy as OnWire, Message};
+use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::interrupt::Interrupt;
+use mr_damper_node::models;
+use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::ros::Ros;
+use mr_damper_node::service::Service;
+use mr_damper_node::wire::header;
+use ros2_client::{NodeOptions, Subscription};
+use std::time::{Duration, Instant};
+
+const DOMAIN: i64 = 94;
+/// A new request every so many samples.
+const EVERY: usize = 64;
+
+/// A run of the rig in which four fifths of the measured force are asked for, eight times a second.
+fn run() -> Run {
+    let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(4.0);
+    let run = record(&experiment, &Plant::default(), &Channels::default(), 7);
+    let force = run.force_n.as_ref().expect("a force");
+    let at = |k: usize| (force.stamps[k], 0.8 * force.values[k]);
+    let (stamps, values) = (0..force.len()).step_by(EVERY).map(at).unzip();
+    Run { force_request_n: Some(Trace { stamps, values }), ..run }
+}
+
+fn config(domain: i64) -> Config {
+    let mut config = Config { domain_id: domain, align_wait_s: 0.5, ..Config::default() };
+    for (name, value) in [
+        ("model", Value::Text("thesis/fuzzy-tanh/rp3-cs".into())),
+        ("request_timeout_s", Value::Double(0.2)),
+        ("current.safe_a", Value::Double(0.25)),
+        ("current.safe_after_s", Value::Double(0.3)),
+    ] {
+        config.set(name, &value).expect("in range");
+    }
+    config
+}
+
+/// What the same pipeline commands when the run is put through it without any ROS.
+fn offline(config: &Config, run: &Run) -> Vec<Commanded> {
+    let (models, _) = models::from_config(config).expect("it loads");
+    let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
+    let mut pipeline = Pipeline::new(models, settings).expect("it runs");
+    let mut commands = Vec::new();
+    for sample in run.samples() {
+        pipeline.step(&sample, &mut |event| {
+            if let Event::Command(commanded) = event {
+                commands.push(commanded);
+            }
+        });
+    }
+    commands
+}
+
+fn drain<M: Message>(subscription: &Subscription<M>, into: &mut Vec<M>) {
+    while let Some((message, _)) = subscription.take().expect("readable") {
+        into.push(message);
+    }
+}
+
+#[test]
+fn a_supervisor_asks_for_forces_and_falls_silent() {
+    let (config, args, run) = (config(DOMAIN), RosArgs::default(), run());
+    let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+    let mut ros = Ros::start(&config, &args, NodeOptions::new(), "supervisor").expect("a peer starts");
+    let commands: Subscription<CurrentCommand> = ros.subscribe("/current_command").expect("a topic");
+    let estimates: Subscription<ForceEstimate> = ros.subscribe("/force_estimate").expect("a topic");
+    let interrupt = Interrupt::manual();
+    let player = Player::start(&config, &args, false).expect("the player starts");
+    assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
+
+    let (mut heard, mut estimated) = (Vec::new(), Vec::new());
+    std::thread::scope(|scope| {
+        let playing = scope
+            .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));
+        // And a second of silence after it.
+        let mut end: Option<Instant> = None;
+        while end.is_none_or(|end| Instant::now() < end) {
+            drain(&commands, &mut heard);
+            drain(&estimates, &mut estimated);
+            if playing.is_finished() {
+                end.get_or_insert_with(|| Instant::now() + Duration::from_secs(1));
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    });
+    let expected = offline(&config, &run);
+    let samples = run.displacement_m.len();
+    assert_eq!(expected.len(), samples, "the first request comes with the first displacement");
+    let (live, silent) = heard.split_at(samples.min(heard.len()));
+    assert_eq!(live.len(), samples, "one command a displacement");
+    let first = live[0].header.stamp.as_nanos();
+    let shift = |stamp: Stamp| stamp.nanos() - expected[0].stamp.nanos() + first;
+    let (mut same, mut asked_later) = (0, 0);
+    for (message, commanded) in live.iter().zip(&expected) {
+        assert_eq!(message.header.stamp.as_nanos(), shift(commanded.stamp));
+        assert!((0.0..=2.5).contains(&message.current));
+        let command = &commanded.command;
+        if message.current.to_bits() == command.current.get().to_bits() {
+            same += 1;
+            assert_eq!(message.limited_by, command.limited_by as u8);
+            assert_eq!(message.achievable_max.to_bits(), command.achievable[1].get().to_bits());
+        } else {
+            // Displacement does not wait for a request, which may have been sent after it.
+            asked_later += 1;
+        }
+    }
+    println!("{samples} commands: {same} as without ROS to the bit, {asked_later} with another request");
+    assert!(same > samples * 9 / 10, "{same} of {samples}");
+    assert!(live.iter().filter(|m| m.limited_by == u8::from(OnWire::None)).count() > samples / 4);
+
+    // Silence: the current has gone to the safe one by now.
+    assert!(silent.len() > 10, "{} commands in a second of silence", silent.len());
+    assert!(silent.iter().all(|m| m.limited_by == LimitedBy::Safe as u8));
+    assert_eq!(silent.last().map(|m| m.current), Some(0.25));
+
+    // Estimates have their band, which says that nobody has calibrated it.
+    let sound: Vec<_> = estimated.iter().filter(|e| e.force.is_finite() && e.std_dev.is_finite()).collect();
+    assert!(sound.len() > samples * 9 / 10);
+    assert!(sound.iter().all(|e| e.band_low < e.force && e.force < e.band_high && !e.band_calibrated));
+    player.stop();
+    drop((commands, estimates));
+    ros.stop();
+    service.stop().expect("no thread panicked");
+}
+
+/// Requests of no sense, and at odds with everything: each has its answer, and the estimate goes on.
+#[test]
+fn bad_requests_are_answered_and_harm_nothing() {
+    let (config, args) = (config(DOMAIN + 1), RosArgs::default());
+    let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+    let mut ros = Ros::start(&config, &args, NodeOptions::new(), "supervisor").expect("a peer starts");
+    let commands: Subscription<CurrentCommand> = ros.subscribe("/current_command").expect("a topic");
+    let request = ros.publish::<Force>("/force_request").expect("a topic");
+    let interrupt = Interrupt::manual();
+    let player = Player::start(&config, &args, false).expect("the player starts");
+    assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
+    // Motion without requests: they come from the supervisor.
+    let run = Run { force_request_n: None, ..run() };
+    let asked =
+        [("NaN", f64::NAN), ("too large", 9e4), ("beyond any load cell", 1e7), ("too large the other way", -9e4)];
+    let answers = std::thread::scope(|scope| {
+        scope
+            .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));
+        asked.map(|(what, force)| {
+            let begin = Instant::now();
+            let mut heard = Vec::new();
+            while begin.elapsed() < Duration::from_millis(700) {
+                let stamp = mr_damper_node::hot::now();
+                request
+                    .publish(Force { header: header(stamp, ""), force, variance: 0.0 })
+                    .expect("published");
+                std::thread::sleep(Duration::from_millis(10));
+                drain(&commands, &mut heard);
+            }
+            (what, heard)
+        })
+    });
+    for (what, heard) in &answers {
+        // The first third may still hold what was asked for before.
+        let settled = &heard[heard.len() / 3..];
+        let mut why: Vec<u8> = settled.iter().map(|m| m.limited_by).collect();
+        why.sort_unstable();
+        why.dedup();
+        println!("{what}: {} commands, limited by {why:?}", heard.len());
+        assert!(settled.iter().all(|m| (0.0..=2.5).contains(&m.current)));
+        match *what {
+            "NaN" | "beyond any load cell" => {
+                // Nothing was asked for yet when the first NaN came; later it is no request.
+                assert!(why.iter().all(|by| *by == u8::from(OnWire::Safe)), "{why:?}");
+            }
+            _ => {
+                let of = [OnWire::CurrentMax, OnWire::Passivity, OnWire::CurrentMin].map(u8::from);
+                assert!(!why.is_empty() && why.iter().all(|by| of.contains(by)), "{why:?}");
+                assert!(settled.iter().all(|m| !m.achievable));
+            }
+        }
+    }
+    player.stop();
+    drop((commands, request));
+    ros.stop();
+    service.stop().expect("no thread panicked");
+}
