@@ -402,7 +402,8 @@ fn trained(envelope: Envelope) -> Models {
 /// Each range of the training by itself, just wide enough for the thesis' motion, and too narrow for it.
 #[test]
 fn leaving_the_training_envelope_is_extrapolating() {
-    let narrow: [(&str, fn() -> Models); 5] = [
+    type Trained = (&'static str, fn() -> Models);
+    let narrow: [Trained; 5] = [
         ("none", || trained(WIDE)),
         ("displacement", || trained(Envelope { displacement_m: Some([-0.01, 0.008]), ..WIDE })),
         ("velocity", || trained(Envelope { velocity_m_s: Some([-0.1, 0.135]), ..WIDE })),

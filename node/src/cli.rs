@@ -68,7 +68,11 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error}");
-            match error {
+            let cause = match &error {
+                NodeError::Damper { why, .. } => why,
+                other => other,
+            };
+            match cause {
                 NodeError::Parameter { .. }
                 | NodeError::UnknownParameter { .. }
                 | NodeError::RosArgs(_)

@@ -36,6 +36,14 @@ pub enum NodeError {
     /// An argument after `--ros-args` is not understood.
     #[error("--ros-args: {0}")]
     RosArgs(String),
+    /// A damper of several.
+    #[error("damper {name}: {why}")]
+    Damper {
+        /// Its name.
+        name: String,
+        /// What is wrong with it.
+        why: Box<NodeError>,
+    },
     /// Arguments do not go together, in words.
     #[error("{0}")]
     Usage(String),

@@ -12,6 +12,7 @@ pub mod config;
 pub mod control;
 pub mod diagnostics;
 pub mod error;
+pub mod fleet;
 pub mod history;
 pub mod hot;
 pub mod interrupt;

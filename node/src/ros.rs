@@ -59,10 +59,41 @@ pub type NewGoalOf<A> = NewGoalHandle<Part<<A as Action>::Goal>>;
 /// A goal of an action that is worked on.
 pub type ExecutingOf<A> = ExecutingGoalHandle<Part<<A as Action>::Goal>>;
 
+/// The domain as this process has joined it: one participant, whatever the number of its nodes.
+#[derive(Clone)]
+pub struct Domain {
+    context: Context,
+}
+
+impl Domain {
+    /// Joins the domain that `config` asks for.
+    ///
+    /// # Errors
+    /// When the participant cannot be created (no network interface, no free ports).
+    pub fn join(config: &Config) -> Result<Self, NodeError> {
+        let domain = domain_id(config)?;
+        let mut builder = DomainParticipantBuilder::new(domain);
+        if is_loopback_only(config) {
+            require_loopback()?;
+            builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
+        }
+        let participant = builder.build().map_err(|e| {
+            failed(
+                format!("joining domain {domain}"),
+                &e,
+                "see that a network interface is up and UDP ports from 7400 are free",
+            )
+        })?;
+        let context = Context::from_domain_participant(participant)
+            .map_err(|e| failed("creating the ROS context", &e, ""))?;
+        Ok(Self { context })
+    }
+}
+
 /// A ROS 2 node of this process.
 pub struct Ros {
     node: Arc<Node>,
-    context: Context,
+    domain: Domain,
     spinner: JoinHandle<()>,
 }
 
@@ -104,34 +135,31 @@ impl Ros {
     /// Joins the domain and creates the node called `name`.
     ///
     /// # Errors
-    /// When the participant cannot be created (no network interface, no free ports) or the name is bad.
+    /// Those of [`Domain::join`] and [`Ros::start_in`].
     pub fn start(
         config: &Config,
         args: &RosArgs,
         options: NodeOptions,
         name: &str,
     ) -> Result<Self, NodeError> {
-        let domain = domain_id(config)?;
-        let loopback_only = is_loopback_only(config);
-        let mut builder = DomainParticipantBuilder::new(domain);
-        if loopback_only {
-            require_loopback()?;
-            builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
-        }
-        let participant = builder.build().map_err(|e| {
-            failed(
-                format!("joining domain {domain}"),
-                &e,
-                "see that a network interface is up and UDP ports from 7400 are free",
-            )
-        })?;
-        let context = Context::from_domain_participant(participant)
-            .map_err(|e| failed("creating the ROS context", &e, ""))?;
+        Self::start_in(&Domain::join(config)?, args, options, name)
+    }
+
+    /// Creates the node called `name` in a domain that was joined.
+    ///
+    /// # Errors
+    /// When the name is bad, or the system gives no thread.
+    pub fn start_in(
+        domain: &Domain,
+        args: &RosArgs,
+        options: NodeOptions,
+        name: &str,
+    ) -> Result<Self, NodeError> {
         let node_name = NodeName::new(&args.namespace(), name).map_err(|e| {
             failed(format!("node name {}/{name}", args.namespace()), &e, "use letters, digits and _")
         })?;
         let mut node =
-            context.new_node(node_name, options).map_err(|e| failed("creating the node", &e, ""))?;
+            domain.context.new_node(node_name, options).map_err(|e| failed("creating the node", &e, ""))?;
         let spinner = node.spinner().map_err(|e| failed("creating the node's spinner", &e, ""))?;
         let spinner = run_async("ros-spinner", async move {
             if let Err(error) = spinner.spin().await {
@@ -141,7 +169,7 @@ impl Ros {
                 );
             }
         })?;
-        Ok(Self { node: Arc::new(node), context, spinner })
+        Ok(Self { node: Arc::new(node), domain: domain.clone(), spinner })
     }
 
     /// Subscribes to a topic by its full name: best effort, so that any publisher matches.
@@ -279,13 +307,13 @@ impl Ros {
 
     /// Leaves the domain. Publishers and subscriptions must be dropped by now.
     pub fn stop(self) {
-        let Self { node, context, spinner } = self;
+        let Self { node, domain, spinner } = self;
         // Dropping the node is what stops its spinner.
         drop(node);
         if spinner.join().is_err() {
             tracing::error!("the ROS node's background thread had panicked");
         }
-        drop(context);
+        drop(domain);
     }
 }
 

@@ -15,7 +15,7 @@ use crate::error::NodeError;
 use crate::hot::{self, Hot, HotCounters, Inlet};
 use crate::models;
 use crate::overseer::{Overseer, SharedHistory};
-use crate::ros::{self, Ros};
+use crate::ros::{self, Domain, Ros};
 use crate::services::Services;
 use crate::sink::ros::{RosSink, RosSinkCounters, SharedNames};
 use crate::sink::zenoh::{Damper, Encoding, Link, Mirror, SessionMode, ZenohConfig};
@@ -32,8 +32,26 @@ pub struct Service {
     ros_sink: RosSink,
     overseer: Overseer,
     services: Services,
-    zenoh: Option<(Link, Mirror)>,
+    zenoh: Option<(Arc<Link>, Mirror)>,
     counters: Counters,
+}
+
+/// What the dampers of a process share: its place in the ROS domain, and its Zenoh session.
+pub struct Process {
+    domain: Domain,
+    link: Option<Arc<Link>>,
+}
+
+impl Process {
+    /// Joins what `config` asks for.
+    ///
+    /// # Errors
+    /// When ROS or Zenoh do not start.
+    pub fn join(config: &Config) -> Result<Self, NodeError> {
+        let domain = Domain::join(config)?;
+        let link = zenoh_config(config).map(|settings| Link::open(&settings)).transpose()?;
+        Ok(Self { domain, link: link.map(Arc::new) })
+    }
 }
 
 /// Counters of all threads.
@@ -48,32 +66,44 @@ pub struct Counters {
 }
 
 impl Service {
-    /// Starts the service. `watch`: also return an inlet that gets every event, inputs included.
+    /// Starts the service of the process's only damper; see [`Service::start_in`].
     ///
     /// # Errors
-    /// When a model does not load, or ROS or Zenoh do not start. What had started by then is stopped.
+    /// Those of [`Process::join`] and [`Service::start_in`].
     pub fn start(config: &Config, args: &RosArgs, watch: bool) -> Result<(Self, Option<Inlet>), NodeError> {
+        Self::start_in(&Process::join(config)?, config, args, watch)
+    }
+
+    /// Starts the service of one damper. `watch`: also return an inlet that gets every event, inputs included.
+    ///
+    /// # Errors
+    /// When a model does not load, or the node or the mirror do not start. What had started by then is stopped.
+    pub fn start_in(
+        process: &Process,
+        config: &Config,
+        args: &RosArgs,
+        watch: bool,
+    ) -> Result<(Self, Option<Inlet>), NodeError> {
         let (models, names) = models::from_config(config)?;
         let velocity = models.free.conditioning.velocity;
         let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
         let pipeline = Pipeline::new(models, settings)?;
         say_commands(&models, &settings);
         let control = Arc::new(Control::new(config, models, names.clone()));
-        let mut ros = Ros::start(config, args, control.node_options(), args.node_name())?;
+        let mut ros = Ros::start_in(&process.domain, args, control.node_options(), args.node_name())?;
 
         let (ros_outlet, ros_inlet) = hot::channel(false);
         let ros_sink = RosSink::start(&mut ros, args, control.names(), ros_inlet)?;
         let mut outlets = vec![ros_outlet.waking(ros_sink.thread())];
 
         let mut zenoh = None;
-        if let Some(settings) = zenoh_config(config) {
+        if let Some(link) = &process.link {
             let (outlet, inlet) = hot::channel(true);
-            let link = Link::open(&settings)?;
             let mirror =
-                Mirror::start(&link, Damper::named(args.damper()), names, inlet.events, inlet.dropped)?;
+                Mirror::start(link, Damper::named(args.damper()), names, inlet.events, inlet.dropped)?;
             outlets.push(outlet.waking(mirror.waker()));
             control.attach_mirror(mirror.renamer());
-            zenoh = Some((link, mirror));
+            zenoh = Some((Arc::clone(link), mirror));
         }
         let (outlet, inlet) = hot::channel(true);
         outlets.push(outlet);
@@ -166,7 +196,8 @@ impl Service {
         note("overseer", self.overseer.stop());
         if let Some((link, mirror)) = self.zenoh {
             mirror.stop();
-            link.close();
+            // The last damper of the process closes the session.
+            drop(link);
         }
         self.ros.stop();
         if panicked.is_empty() {

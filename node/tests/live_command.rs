@@ -15,7 +15,7 @@ use mr_damper_node::wire::header;
 use ros2_client::{NodeOptions, Subscription};
 use std::time::{Duration, Instant};
 
-const DOMAIN: i64 = 94;
+const DOMAIN: i64 = 86;
 /// A new request every so many samples.
 const EVERY: usize = 64;
 
@@ -143,8 +143,12 @@ fn bad_requests_are_answered_and_harm_nothing() {
     assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
     // Motion without requests: they come from the supervisor.
     let run = Run { force_request_n: None, ..run() };
-    let asked =
-        [("NaN", f64::NAN), ("too large", 9e4), ("beyond any load cell", 1e7), ("too large the other way", -9e4)];
+    let asked = [
+        ("NaN", f64::NAN),
+        ("too large", 9e4),
+        ("beyond any load cell", 1e7),
+        ("too large the other way", -9e4),
+    ];
     let answers = std::thread::scope(|scope| {
         scope
             .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));

@@ -1,9 +1,10 @@
 //! `mr-damper node`: the service.
 
 use crate::command::Surroundings;
-use crate::config::{self, Config, ParameterFlags};
+use crate::config::{self, ParameterFlags};
 use crate::error::NodeError;
-use crate::service::{self, Service};
+use crate::fleet::Fleet;
+use crate::service;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -15,6 +16,9 @@ const WATCH: Duration = Duration::from_millis(100);
 ///
 /// Takes the usual ROS arguments: --ros-args -p name:=value -r from:=to -r __ns:=/front_left
 /// --params-file FILE --log-level LEVEL. Flags are stronger than ROS parameters, and those than --config.
+///
+/// Several dampers: dampers = ["front_left", "front_right"] in --config, each a node in a namespace of its own, with parameters
+/// below its name ([front_left] model = "fl.toml"). What stands outside of these is for all.
 ///
 /// Example: mr-damper node --ros-args -p model:=thesis/fuzzy-tanh/rp3-cs
 #[derive(Debug, clap::Args)]
@@ -32,55 +36,46 @@ pub struct Args {
 /// # Errors
 /// When it does not start, or one of its threads panicked.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
-    let config = configuration(args, around)?;
-    let (service, _) = Service::start(&config, &around.ros_args, false)?;
-    let names = service.names();
-    {
+    let dampers = config::dampers(args.config.as_deref(), &around.ros_args, &args.parameters.given)?;
+    let fleet = Fleet::start(&dampers)?;
+    for ((_, service), damper) in fleet.services().zip(&dampers) {
+        let names = service.names();
         let names = names.read().unwrap_or_else(std::sync::PoisonError::into_inner);
         tracing::info!(
             model = names.free,
             arx_model = names.seeded.as_deref().unwrap_or("none"),
-            reach = service::reach(&config)?,
-            zenoh = ?config.zenoh.listen,
-            node = format!("{}/{}", around.ros_args.namespace().trim_end_matches('/'), around.ros_args.node_name()),
+            reach = service::reach(&damper.config)?,
+            zenoh = ?damper.config.zenoh.listen,
+            node = format!("{}/{}", damper.args.namespace().trim_end_matches('/'), damper.args.node_name()),
             "the node is up"
         );
     }
     let mut dead = None;
     while around.interrupt.sleep_until(Instant::now() + WATCH) {
-        dead = service.dead_thread();
+        dead = fleet.dead_thread().map(|(damper, thread)| format!("the {thread} thread of {damper}"));
         if dead.is_some() {
             break;
         }
     }
-    let counters = service.counters();
-    let ended = service.stop();
-    tracing::info!(
-        samples = counters.hot.samples.load(Ordering::Relaxed),
-        refused = counters.ros_sink.refused.load(Ordering::Relaxed),
-        lost = counters.hot.overflow.load(Ordering::Relaxed),
-        incomplete = counters.source.incomplete.load(Ordering::Relaxed),
-        estimates = counters.ros_sink.estimates.load(Ordering::Relaxed),
-        residuals = counters.ros_sink.residuals.load(Ordering::Relaxed),
-        "the node has ended"
-    );
+    let counters: Vec<_> =
+        fleet.services().map(|(name, service)| (name.to_owned(), service.counters())).collect();
+    let ended = fleet.stop();
+    for (damper, counters) in counters {
+        tracing::info!(
+            damper,
+            samples = counters.hot.samples.load(Ordering::Relaxed),
+            refused = counters.ros_sink.refused.load(Ordering::Relaxed),
+            lost = counters.hot.overflow.load(Ordering::Relaxed),
+            incomplete = counters.source.incomplete.load(Ordering::Relaxed),
+            estimates = counters.ros_sink.estimates.load(Ordering::Relaxed),
+            residuals = counters.ros_sink.residuals.load(Ordering::Relaxed),
+            "the node has ended"
+        );
+    }
     match dead {
         Some(thread) => Err(NodeError::Failed(format!(
-            "the {thread} thread has died; the log above says why. Please report it, and restart the node"
+            "{thread} has died; the log above says why. Please report it, and restart the node"
         ))),
         None => ended,
     }
-}
-
-/// Defaults, file, ROS parameters, flags: from weak to strong.
-fn configuration(args: &Args, around: &Surroundings) -> Result<Config, NodeError> {
-    let mut config = Config::default();
-    if let Some(path) = &args.config {
-        config::load_file(path, &mut config)?;
-    }
-    around.ros_args.apply(&mut config)?;
-    for (name, value) in &args.parameters.given {
-        config.set(name, value)?;
-    }
-    Ok(config)
 }

@@ -7,24 +7,22 @@
 //! listen = ["tcp/127.0.0.1:7447"]
 //! ```
 
-use super::{Config, Value};
+use super::{Assignment, Value};
 use crate::error::NodeError;
 use std::path::Path;
 
-/// Sets what the file at `path` says.
+/// What the file at `path` says.
 ///
 /// # Errors
-/// When the file cannot be read, is no TOML, or holds something that is no parameter.
-pub fn load(path: &Path, config: &mut Config) -> Result<(), NodeError> {
+/// When the file cannot be read, is no TOML, or holds what no parameter is.
+pub(super) fn read(path: &Path) -> Result<Vec<Assignment>, NodeError> {
     let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
     let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
     let table: toml::Table = toml::from_str(&text).map_err(|e| in_file(e.to_string()))?;
     let mut values = Vec::new();
     flatten("", table, &mut values).map_err(in_file)?;
-    for (name, value) in values {
-        config.set(&name, &value).map_err(|e| in_file(e.to_string()))?;
-    }
-    Ok(())
+    let origin = Some((path.to_owned(), None));
+    Ok(values.into_iter().map(|(name, value)| Assignment { name, value, origin: origin.clone() }).collect())
 }
 
 fn flatten(prefix: &str, table: toml::Table, out: &mut Vec<(String, Value)>) -> Result<(), String> {
@@ -52,6 +50,7 @@ fn flatten(prefix: &str, table: toml::Table, out: &mut Vec<(String, Value)>) -> 
 
 #[cfg(test)]
 mod tests {
+    use super::super::Config;
     use super::*;
 
     fn load_text(text: &str) -> Result<Config, NodeError> {
@@ -59,7 +58,8 @@ mod tests {
         let path = dir.path().join("node.toml");
         std::fs::write(&path, text).expect("writes");
         let mut config = Config::default();
-        load(&path, &mut config).map(|()| config)
+        read(&path)?.iter().try_for_each(|assignment| assignment.apply(&mut config))?;
+        Ok(config)
     }
 
     #[test]

@@ -1,15 +1,18 @@
 //! Configuration of the node: one table of parameters behind file, ROS parameters and flags.
 //!
 //! Strength, from weak to strong: defaults, configuration file (`--config`), ROS parameters (`--ros-args`,
-//! `--params-file`), flags. At run time, ROS parameter services change those that the table marks so.
+//! `--params-file`), flags; [`dampers`] brings them together. At run time, ROS parameter services change those that the table marks so.
 
+mod assignment;
+mod dampers;
 mod file;
 mod flags;
 pub mod ros_args;
 mod table;
 mod value;
 
-pub use file::load as load_file;
+pub use assignment::Assignment;
+pub use dampers::{Damper, dampers};
 pub use flags::ParameterFlags;
 pub use ros_args::RosArgs;
 pub use table::{Parameter, TABLE, find};
@@ -61,6 +64,8 @@ pub struct ZenohSettings {
 /// Everything that the node can be told.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
+    /// Names of the process's dampers; empty: the node itself is one.
+    pub dampers: Vec<String>,
     /// Preset name or model file of the free-running model.
     pub model: String,
     /// Preset name or model file of the ARX model; `auto`: the thesis' best one for thesis presets, else none;
@@ -115,6 +120,7 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
+            dampers: Vec::new(),
             model: String::new(),
             arx_model: "auto".to_owned(),
             settings: Settings::default(),

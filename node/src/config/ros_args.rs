@@ -9,7 +9,7 @@
 //!
 //! Unknown arguments are an error. A bare `--` ends the ROS arguments.
 
-use super::Value;
+use super::{Assignment, Value};
 use crate::error::NodeError;
 use std::path::{Path, PathBuf};
 
@@ -156,16 +156,27 @@ impl RosArgs {
     /// # Errors
     /// When a file does not load, or a parameter does not fit.
     pub fn apply(&self, config: &mut super::Config) -> Result<(), NodeError> {
-        for source in &self.parameters {
-            match source {
-                ParameterSource::Given(name, value) => set(config, name, value)?,
-                ParameterSource::File(path) => self.apply_file(path, config)?,
-            }
-        }
-        Ok(())
+        self.assignments()?.iter().try_for_each(|assignment| assignment.apply(config))
     }
 
-    fn apply_file(&self, path: &Path, config: &mut super::Config) -> Result<(), NodeError> {
+    /// The parameters, in the order given; of files, those that are meant for this node.
+    ///
+    /// # Errors
+    /// When a file does not load.
+    pub fn assignments(&self) -> Result<Vec<Assignment>, NodeError> {
+        let mut all = Vec::new();
+        for source in &self.parameters {
+            match source {
+                ParameterSource::Given(name, value) => {
+                    all.push(Assignment { name: name.clone(), value: value.clone(), origin: None });
+                }
+                ParameterSource::File(path) => all.extend(self.of_file(path)?),
+            }
+        }
+        Ok(all)
+    }
+
+    fn of_file(&self, path: &Path) -> Result<Vec<Assignment>, NodeError> {
         let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
         let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
         let sections: std::collections::BTreeMap<String, serde_json::Value> =
@@ -175,6 +186,7 @@ impl RosArgs {
         let mut matching: Vec<_> =
             sections.iter().filter(|(section, _)| matches_node(section, &full, self.node_name())).collect();
         matching.sort_by_key(|(section, _)| !section.contains('*'));
+        let mut all = Vec::new();
         for (section, body) in matching {
             let parameters = body
                 .get("ros__parameters")
@@ -182,28 +194,15 @@ impl RosArgs {
                 .ok_or_else(|| in_file(format!("{section} holds no ros__parameters")))?;
             let mut values = Vec::new();
             flatten("", parameters, &mut values).map_err(in_file)?;
-            for (name, value) in values {
-                set(config, &name, &value).map_err(|e| in_file(format!("{section}: {e}")))?;
-            }
+            let origin = Some((path.to_owned(), Some(section.clone())));
+            all.extend(values.into_iter().map(|(name, value)| Assignment {
+                name,
+                value,
+                origin: origin.clone(),
+            }));
         }
-        Ok(())
+        Ok(all)
     }
-}
-
-/// `use_sim_time` belongs to every ROS node and is not ours to keep in the table.
-fn set(config: &mut super::Config, name: &str, value: &Value) -> Result<(), NodeError> {
-    if name == "use_sim_time" {
-        return match value {
-            Value::Bool(false) => Ok(()),
-            _ => Err(NodeError::Parameter {
-                name: name.to_owned(),
-                value: value.to_string(),
-                expected: "false: simulation time comes in a later version, stamps are used as they are"
-                    .to_owned(),
-            }),
-        };
-    }
-    config.set(name, value)
 }
 
 fn assignment<'a>(argument: &str, rule: &'a str) -> Result<(&'a str, &'a str), NodeError> {

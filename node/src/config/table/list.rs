@@ -4,7 +4,12 @@ use super::{Kind, Parameter};
 use crate::config::{Value, use_force_name};
 use mr_damper_model::pipeline::UseForce;
 
-const MAIN: [Parameter; 22] = [
+const MAIN: [Parameter; 23] = [
+    list!(
+        "dampers",
+        "names of several dampers, each a node in a namespace of its own with parameters below its name (front_left.model); none: the node is the damper",
+        dampers
+    ),
     text!(
         "model",
         Kind::Text,

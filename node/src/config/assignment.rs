@@ -1,0 +1,55 @@
+//! One parameter as a source has it, before it is known whose it is.
+
+use super::{Config, Value};
+use crate::error::NodeError;
+use std::path::PathBuf;
+
+/// A name, a value, and where they stand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Assignment {
+    /// The parameter; below the name of a damper where it is that one's alone.
+    pub name: String,
+    /// What it is to be.
+    pub value: Value,
+    /// The file, and its section where it has such.
+    pub origin: Option<(PathBuf, Option<String>)>,
+}
+
+impl Assignment {
+    /// Sets it on `config`, as the parameter called `name`.
+    ///
+    /// # Errors
+    /// Those of [`Config::set`], with the file.
+    pub fn apply_as(&self, name: &str, config: &mut Config) -> Result<(), NodeError> {
+        let set =
+            if name == "use_sim_time" { not_simulated(&self.value) } else { config.set(name, &self.value) };
+        set.map_err(|error| match &self.origin {
+            None => error,
+            Some((path, None)) => NodeError::File { path: path.clone(), message: error.to_string() },
+            Some((path, Some(section))) => {
+                NodeError::File { path: path.clone(), message: format!("{section}: {error}") }
+            }
+        })
+    }
+
+    /// Sets it on `config`.
+    ///
+    /// # Errors
+    /// Those of [`Config::set`], with the file.
+    pub fn apply(&self, config: &mut Config) -> Result<(), NodeError> {
+        self.apply_as(&self.name, config)
+    }
+}
+
+/// `use_sim_time` belongs to every ROS node and is not ours to keep in the table.
+fn not_simulated(value: &Value) -> Result<(), NodeError> {
+    match value {
+        Value::Bool(false) => Ok(()),
+        _ => Err(NodeError::Parameter {
+            name: "use_sim_time".to_owned(),
+            value: value.to_string(),
+            expected: "false: simulation time comes in a later version, stamps are used as they are"
+                .to_owned(),
+        }),
+    }
+}

@@ -1,0 +1,184 @@
+//! Several dampers in one process: one configuration, a namespace and a model each.
+//!
+//! ```toml
+//! dampers = ["front_left", "rear_left"]
+//! force_timeout_s = 0.1          # of all
+//! [front_left]
+//! model = "fl.toml"              # of one
+//! [rear_left]
+//! model = "rl.toml"
+//! current.max_a = 1.5
+//! ```
+//!
+//! The same as ROS parameters: `-p dampers:="[front_left, rear_left]" -p front_left.model:=fl.toml`, or a section
+//! `/front_left/mr_damper` of a parameter file. Each damper is a node of its own, below the namespace of the process. What one
+//! source says of a damper is stronger than what it says of all. Domain, discovery and Zenoh endpoints are the process's.
+
+use super::{Assignment, Config, RosArgs, TABLE, Value, file};
+use crate::error::NodeError;
+use std::path::Path;
+
+/// A damper of the process.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Damper {
+    /// Its name, as in keys.
+    pub name: String,
+    /// What it is told.
+    pub config: Config,
+    /// The arguments of ROS, with its own namespace.
+    pub args: RosArgs,
+}
+
+/// The dampers that a configuration file, the arguments of ROS and flags ask for, from weak to strong: at least one.
+///
+/// # Errors
+/// When a source cannot be read, a parameter does not fit, a name is no name, or dampers differ in what is the process's.
+pub fn dampers(
+    file: Option<&Path>,
+    args: &RosArgs,
+    flags: &[(&'static str, Value)],
+) -> Result<Vec<Damper>, NodeError> {
+    let of_file = file.map(file::read).transpose()?.unwrap_or_default();
+    let flag = |(name, value): &(&'static str, Value)| Assignment {
+        name: (*name).to_owned(),
+        value: value.clone(),
+        origin: None,
+    };
+    let of_flags: Vec<Assignment> = flags.iter().map(flag).collect();
+    let sources = |args: &RosArgs| -> Result<_, NodeError> {
+        Ok([of_file.clone(), args.assignments()?, of_flags.clone()])
+    };
+
+    let names = names(&sources(args)?)?;
+    if names.is_empty() {
+        let mut config = Config::default();
+        sources(args)?.iter().flatten().try_for_each(|assignment| assignment.apply(&mut config))?;
+        return Ok(vec![Damper { name: args.damper().to_owned(), config, args: args.clone() }]);
+    }
+    let all = names.iter().map(|name| {
+        let namespace = Some(format!("{}/{name}", args.namespace().trim_end_matches('/')));
+        let args = RosArgs { namespace, ..args.clone() };
+        let config = config_of(name, &names, &sources(&args)?)?;
+        Ok(Damper { name: args.damper().to_owned(), config, args })
+    });
+    let all: Vec<Damper> = all.collect::<Result<_, NodeError>>()?;
+    let shared = |config: &Config| (config.domain_id, config.discovery_range.clone(), config.zenoh.clone());
+    match all.iter().find(|damper| shared(&damper.config) != shared(&all[0].config)) {
+        None => Ok(all),
+        Some(other) => Err(NodeError::Usage(format!(
+            "{} and {} differ in domain_id, discovery_range or zenoh.*, which are those of the process: set them without the name of \
+             a damper",
+            all[0].name, other.name
+        ))),
+    }
+}
+
+/// The list `dampers`, as the strongest source has it.
+fn names(sources: &[Vec<Assignment>]) -> Result<Vec<String>, NodeError> {
+    let mut config = Config::default();
+    for assignment in sources.iter().flatten().filter(|assignment| assignment.name == "dampers") {
+        assignment.apply(&mut config)?;
+    }
+    for (index, name) in config.dampers.iter().enumerate() {
+        let refuse = |why: &str| NodeError::Parameter {
+            name: "dampers".to_owned(),
+            value: format!("{:?}", config.dampers),
+            expected: format!("names for namespaces; \"{name}\" {why}"),
+        };
+        let mut letters = name.chars();
+        let begins = letters.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_');
+        if !begins || !letters.all(|c| c.is_ascii_alphanumeric() || c == '_') {
+            return Err(refuse("is not made of letters, digits and _, with a letter first"));
+        }
+        if config.dampers[..index].contains(name) {
+            return Err(refuse("stands there twice"));
+        }
+        if TABLE.iter().any(|parameter| parameter.name.split('.').next() == Some(name.as_str())) {
+            return Err(refuse("is the name of a parameter"));
+        }
+    }
+    Ok(config.dampers)
+}
+
+/// What the damper called `own` is told, of all the `names`.
+fn config_of(own: &str, names: &[String], sources: &[Vec<Assignment>]) -> Result<Config, NodeError> {
+    let mut config = Config::default();
+    for source in sources {
+        let (mut general, mut special) = (Vec::new(), Vec::new());
+        for assignment in source {
+            match assignment.name.split_once('.') {
+                Some((name, rest)) if name == own => special.push((assignment, rest)),
+                Some((name, _)) if names.iter().any(|other| other == name) => {}
+                _ => general.push((assignment, assignment.name.as_str())),
+            }
+        }
+        for (assignment, name) in general.into_iter().chain(special) {
+            assignment.apply_as(name, &mut config)?;
+        }
+    }
+    Ok(config)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(toml: &str, line: &str) -> Result<Vec<Damper>, NodeError> {
+        let dir = tempfile::tempdir().expect("a temporary directory");
+        let path = dir.path().join("vehicle.toml");
+        std::fs::write(&path, toml).expect("written");
+        let (_, args) = RosArgs::split(line.split('|').map(str::to_owned))?;
+        dampers(Some(&path), &args, &[("hold_s", Value::Double(3.0))])
+    }
+
+    #[test]
+    fn one_damper_is_the_node_itself() {
+        let found = parsed("model = \"a.toml\"", "--ros-args|-r|__ns:=/rear").expect("a good file");
+        assert_eq!(found.len(), 1);
+        assert_eq!((found[0].name.as_str(), found[0].config.model.as_str()), ("rear", "a.toml"));
+        assert_eq!(found[0].config.settings.hold_s, 3.0);
+    }
+
+    #[test]
+    fn each_damper_has_what_is_said_of_all_and_of_itself() {
+        let toml = "dampers = [\"left\", \"right\"]\nmodel = \"a.toml\"\ncoast_s = 0.3\n[left]\nmodel = \"l.toml\"\n\
+                    [right.current]\nmax_a = 1.5\n[zenoh]\nlisten = [\"tcp/127.0.0.1:1\"]\n";
+        let line = "--ros-args|-r|__ns:=/front|-p|right.coast_s:=0.5|-p|coast_s:=0.4";
+        let found = parsed(toml, line).expect("a good file");
+        let text: Vec<String> = found
+            .iter()
+            .map(|d| {
+                let (c, current_a) = (&d.config, d.config.settings.limits.current_max_a);
+                let topic = d.args.topic("displacement");
+                format!(
+                    "{} {} coast {} max {current_a} {topic} {:?}",
+                    d.name, c.model, c.settings.coast_s, c.zenoh.listen
+                )
+            })
+            .collect();
+        assert_eq!(
+            text,
+            [
+                "front/left l.toml coast 0.4 max 2.5 /front/left/displacement [\"tcp/127.0.0.1:1\"]",
+                "front/right a.toml coast 0.5 max 1.5 /front/right/displacement [\"tcp/127.0.0.1:1\"]",
+            ]
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_is_said() {
+        for (toml, says) in [
+            ("dampers = [\"a\", \"a\"]", "\"a\" stands there twice"),
+            ("dampers = [\"zenoh\"]", "\"zenoh\" is the name of a parameter"),
+            ("dampers = [\"front-left\"]", "\"front-left\" is not made of"),
+            ("dampers = [\"\"]", "\"\" is not made of"),
+            ("dampers = [\"a\"]\n[b]\nmodel = \"x\"", "there is no parameter b.model"),
+            ("dampers = [\"a\"]\n[a]\nmodle = \"x\"", "did you mean model?"),
+            ("dampers = [\"a\", \"b\"]\n[a]\ndomain_id = 3", "differ in domain_id"),
+            ("dampers = 3", "must be a list of texts"),
+        ] {
+            let message = parsed(toml, "").expect_err(toml).to_string();
+            assert!(message.contains(says), "{toml}: {message}");
+        }
+    }
+}

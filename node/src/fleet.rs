@@ -1,0 +1,61 @@
+//! The dampers of a process: one service each, started and ended together.
+//!
+//! They share the process's place in the ROS domain and its Zenoh session, and nothing that samples pass: each has its own
+//! topics, rings and threads, so that what one is fed with never reaches another.
+
+use crate::config::Damper;
+use crate::error::NodeError;
+use crate::service::{Process, Service};
+
+/// The running services, by the names of their dampers.
+pub struct Fleet {
+    services: Vec<(String, Service)>,
+}
+
+impl Fleet {
+    /// Starts a service for each of `dampers`.
+    ///
+    /// # Errors
+    /// When one does not start; the message names it, and those that had started are stopped.
+    pub fn start(dampers: &[Damper]) -> Result<Self, NodeError> {
+        let Some(first) = dampers.first() else { return Ok(Self { services: Vec::new() }) };
+        let process = Process::join(&first.config)?;
+        let mut fleet = Self { services: Vec::with_capacity(dampers.len()) };
+        for damper in dampers {
+            match Service::start_in(&process, &damper.config, &damper.args, false) {
+                Ok((service, _)) => fleet.services.push((damper.name.clone(), service)),
+                Err(error) => {
+                    if let Err(ended) = fleet.stop() {
+                        tracing::error!("{ended}");
+                    }
+                    return Err(if dampers.len() == 1 {
+                        error
+                    } else {
+                        NodeError::Damper { name: damper.name.clone(), why: Box::new(error) }
+                    });
+                }
+            }
+        }
+        Ok(fleet)
+    }
+
+    /// The services, by the names of their dampers.
+    pub fn services(&self) -> impl Iterator<Item = (&str, &Service)> {
+        self.services.iter().map(|(name, service)| (name.as_str(), service))
+    }
+
+    /// The damper and the name of a thread that has died, if one has.
+    #[must_use]
+    pub fn dead_thread(&self) -> Option<(&str, &'static str)> {
+        self.services().find_map(|(name, service)| Some((name, service.dead_thread()?)))
+    }
+
+    /// Ends all services.
+    ///
+    /// # Errors
+    /// The first that had panicked.
+    pub fn stop(self) -> Result<(), NodeError> {
+        let ended: Vec<_> = self.services.into_iter().map(|(_, service)| service.stop()).collect();
+        ended.into_iter().collect()
+    }
+}

@@ -1,0 +1,145 @@
+//! Two dampers in one process: one is fed with rubbish, and the other's estimates are those of a run without it, to the bit.
+
+use mr_damper_model::pipeline::{Event, Pipeline};
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_model::sample::Run;
+use mr_damper_msgs::{CoilCurrent, CurrentCommand, Displacement, Force, ForceEstimate};
+use mr_damper_node::config::{Config, RosArgs, dampers};
+use mr_damper_node::fleet::Fleet;
+use mr_damper_node::hot::now;
+use mr_damper_node::interrupt::Interrupt;
+use mr_damper_node::models;
+use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::ros::Ros;
+use mr_damper_node::wire::header;
+use ros2_client::{NodeOptions, Subscription};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+fn vehicle(dir: &std::path::Path, domain: i64) -> std::path::PathBuf {
+    let path = dir.join("vehicle.toml");
+    let text = format!(
+        "dampers = [\"left\", \"right\"]\ndomain_id = {domain}\nalign_wait_s = 0.5\n\
+         model = \"thesis/fuzzy-tanh/rp3-cs\"\nlaw = \"fixed\"\n\
+         [left.fixed]\ncurrent_a = 0.5\n\
+         [right]\nmodel = \"thesis/fuzzy-tanh/rp1-cs\"\n[right.fixed]\ncurrent_a = 1.5\n"
+    );
+    std::fs::write(&path, text).expect("written");
+    path
+}
+
+fn run() -> Run {
+    let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(4.0);
+    record(&experiment, &Plant::default(), &Channels::default(), 11)
+}
+
+fn offline(config: &Config, run: &Run) -> Vec<u64> {
+    let (models, _) = models::from_config(config).expect("it loads");
+    let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
+    let mut pipeline = Pipeline::new(models, settings).expect("it runs");
+    let mut forces = Vec::new();
+    for sample in run.samples() {
+        pipeline.step(&sample, &mut |event| {
+            if let Event::Estimate(estimate) = event {
+                forces.push(estimate.force.get().to_bits());
+            }
+        });
+    }
+    forces
+}
+
+#[test]
+fn one_damper_s_rubbish_never_touches_the_other() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let all = dampers(Some(&vehicle(dir.path(), 84)), &RosArgs::default(), &[]).expect("a good file");
+    let [left, right] = all.as_slice() else { panic!("two dampers") };
+    let fleet = Fleet::start(&all).expect("both start");
+    assert_eq!(fleet.services().map(|(name, _)| name).collect::<Vec<_>>(), ["left", "right"]);
+
+    let mut ros =
+        Ros::start(&left.config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
+    let estimates: Subscription<ForceEstimate> = ros.subscribe("/left/force_estimate").expect("a topic");
+    let commands: [Subscription<CurrentCommand>; 2] =
+        ["/left/current_command", "/right/current_command"].map(|name| ros.subscribe(name).expect("a topic"));
+    let of_right: Subscription<ForceEstimate> = ros.subscribe("/right/force_estimate").expect("a topic");
+    let displacement = ros.publish::<Displacement>("/right/displacement").expect("a topic");
+    let current = ros.publish::<CoilCurrent>("/right/coil_current").expect("a topic");
+    let force = ros.publish::<Force>("/right/measured_force").expect("a topic");
+
+    let (interrupt, run) = (Interrupt::manual(), run());
+    let player = Player::start(&left.config, &left.args, false).expect("the player starts");
+    assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
+    let done = AtomicBool::new(false);
+    let (mut heard, mut told, mut right_said) = (Vec::new(), [const { Vec::new() }; 2], 0_u32);
+    std::thread::scope(|scope| {
+        let playing = scope
+            .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));
+        scope.spawn(|| {
+            let rubbish = [f64::NAN, 1e300, -1e300, f64::INFINITY, 0.0, 0.01, -0.01, 5.0];
+            let mut k = 0_usize;
+            while !done.load(Ordering::Relaxed) {
+                // Stamps that stand still and jump to and fro.
+                let stamp = now().shifted([0, -20_000_000_000, 3_000_000_000][k % 3]);
+                let value = rubbish[(k * 5 + k / 7) % rubbish.len()];
+                let sent = displacement
+                    .publish(Displacement { header: header(stamp, ""), displacement: value, variance: 0.0 })
+                    .is_ok()
+                    & current
+                        .publish(CoilCurrent { header: header(stamp, ""), current: value, variance: -1.0 })
+                        .is_ok()
+                    & force
+                        .publish(Force { header: header(stamp, ""), force: value, variance: f64::NAN })
+                        .is_ok();
+                assert!(sent);
+                k += 1;
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        let mut end: Option<Instant> = None;
+        while end.is_none_or(|end| Instant::now() < end) {
+            while let Some((message, _)) = estimates.take().expect("readable") {
+                heard.push(message);
+            }
+            for (subscription, told) in commands.iter().zip(&mut told) {
+                while let Some((message, _)) = subscription.take().expect("readable") {
+                    told.push(message.current);
+                }
+            }
+            while of_right.take().expect("readable").is_some() {
+                right_said += 1;
+            }
+            if playing.is_finished() {
+                end.get_or_insert_with(|| Instant::now() + Duration::from_millis(300));
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        done.store(true, Ordering::Relaxed);
+    });
+    let expected = offline(&left.config, &run);
+    let said: Vec<u64> = heard.iter().map(|message| message.force.to_bits()).collect();
+    assert!(
+        said.starts_with(&expected),
+        "{} estimates, {} expected, alike but for some",
+        said.len(),
+        expected.len()
+    );
+    assert!(heard.iter().all(|message| message.model == "thesis/fuzzy-tanh/rp3-cs" || message.mode < 2));
+    assert!(right_said > 100, "the other one answers all the same: {right_said}");
+    // Each has its own parameters; the first command has no time to go anywhere in.
+    assert_eq!(told.map(|told| told.last().copied()), [Some(0.5), Some(1.5)]);
+    assert_ne!(left.config.model, right.config.model);
+    assert_eq!(fleet.dead_thread(), None);
+    player.stop();
+    drop((estimates, commands, of_right, displacement, current, force));
+    ros.stop();
+    fleet.stop().expect("no thread panicked");
+}
+
+#[test]
+fn a_damper_that_cannot_start_is_named_and_the_others_end() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let mut all = dampers(Some(&vehicle(dir.path(), 85)), &RosArgs::default(), &[]).expect("a good file");
+    all[1].config.model = "thesis/fuzzy-tanh/rp9-cs".to_owned();
+    let refused = Fleet::start(&all).err().expect("there is no such preset").to_string();
+    assert!(refused.starts_with("damper right: ") && refused.contains("rp9-cs"), "{refused}");
+}
