@@ -1,5 +1,6 @@
 //! From the lanes to the estimate: mode, bumpless change, validity.
 
+use super::doubt::Doubt;
 use super::event::{Cause, Estimate, Event, Reasons, Slot, Validity};
 use super::lane::Given;
 use super::mode::{Conditions, Mode};
@@ -48,6 +49,11 @@ impl Bump {
 
     pub(super) const fn last_output_n(&self) -> Option<f64> {
         self.last_output_n
+    }
+
+    /// What is left of the step, N: the output minus the mode's own force.
+    pub(super) const fn offset_n(&self) -> f64 {
+        self.offset_n
     }
 
     fn forget(&mut self) {
@@ -104,6 +110,8 @@ impl Pipeline {
         let mut seeded_reasons = Reasons::NONE;
         let seeded_n = self.seeded.as_mut().and_then(|lane| lane.step(&given, &mut seeded_reasons));
 
+        self.note_operating(stamp);
+
         let before = self.machine.mode();
         let force_fresh = self.settings.use_measured_force == UseForce::Auto
             && self.last_force.is_some_and(|at| stamp.since(at).get() <= self.settings.force_timeout_s);
@@ -141,7 +149,11 @@ impl Pipeline {
             }
             emit(Event::Transition(transition));
         }
-        emit(Event::Estimate(self.estimate(stamp, force_n, mode, reasons, input_age_s)));
+        let doubt = self.doubt(stamp, force_n, mode, reasons);
+        if !matches!(mode, Mode::Hold | Mode::Fault) {
+            self.last_doubt = doubt;
+        }
+        emit(Event::Estimate(self.estimate(stamp, force_n, doubt, reasons, input_age_s)));
 
         // Without a prediction there is no residual, but the force still seeds ARX.
         let predicted_n = free_n.unwrap_or(f64::NAN);
@@ -180,19 +192,12 @@ impl Pipeline {
         &self,
         stamp: Stamp,
         force_n: f64,
-        mode: Mode,
+        doubt: Doubt,
         reasons: Reasons,
         input_age_s: f64,
     ) -> Estimate {
+        let mode = self.machine.mode();
         let slot = if matches!(mode, Mode::Arx | Mode::ArxCoast) { Slot::Seeded } else { Slot::Free };
-        let one_step_n = self.seeded.as_ref().and_then(super::lane::SeededLane::expected_rsse_n);
-        let free_n = self.free.expected_rsse_n();
-        let std_dev_n = match mode {
-            Mode::Arx => one_step_n,
-            // A coasting ARX is somewhere between: the free-running figure is the careful one.
-            Mode::ArxCoast | Mode::Model => free_n,
-            Mode::Hold | Mode::Fault => None,
-        };
         let by_mode = match mode {
             Mode::Hold => Validity::Stale,
             Mode::Fault => Validity::Invalid,
@@ -201,7 +206,9 @@ impl Pipeline {
         Estimate {
             stamp,
             force: Newton(force_n),
-            std_dev: Newton(std_dev_n.unwrap_or(f64::NAN)),
+            std_dev: Newton(doubt.std_dev_n),
+            band: doubt.band_n.map(Newton),
+            calibrated: doubt.calibrated,
             slot,
             mode,
             validity: reasons.validity().max(by_mode),
@@ -234,6 +241,7 @@ impl Pipeline {
             _ => f64::NAN,
         };
         let age_s = self.drive.at(last).map_or(f64::NAN, |(at, _)| last.since(at).get());
-        self.estimate(last, force_n, mode, Reasons::DISPLACEMENT_LOST, age_s)
+        let doubt = self.doubt(last, force_n, mode, Reasons::DISPLACEMENT_LOST);
+        self.estimate(last, force_n, doubt, Reasons::DISPLACEMENT_LOST, age_s)
     }
 }

@@ -27,6 +27,8 @@ struct Front {
     low_pass: LowPass,
     motion: MotionState,
     settled_s: f64,
+    /// Conditioned velocity at the last displacement, m/s; NaN when there was none.
+    velocity_m_s: f64,
 }
 
 impl Front {
@@ -36,6 +38,7 @@ impl Front {
             low_pass: conditioning.low_pass(),
             motion: MotionState::default(),
             settled_s: 0.0,
+            velocity_m_s: f64::NAN,
         }
     }
 
@@ -51,7 +54,9 @@ impl Front {
             given.dt_s,
             given.displacement_m,
             given.measured_velocity_m_s,
-        )?;
+        );
+        self.velocity_m_s = motion.as_ref().map_or(f64::NAN, |motion| motion.velocity_m_s);
+        let motion = motion?;
         Some(Inputs {
             dt_s: given.dt_s,
             displacement_m: motion.displacement_m,
@@ -108,6 +113,15 @@ impl FreeLane {
 
     pub(super) const fn model(&self) -> Model {
         self.model
+    }
+
+    pub(super) const fn model_ref(&self) -> &Model {
+        &self.model
+    }
+
+    /// Conditioned velocity at the last displacement, m/s; NaN when there was none.
+    pub(super) const fn velocity_m_s(&self) -> f64 {
+        self.front.velocity_m_s
     }
 
     /// Root mean squared error to expect when running free, N.
@@ -230,6 +244,15 @@ impl SeededLane {
 
     pub(super) const fn model(&self) -> Model {
         self.model
+    }
+
+    pub(super) const fn model_ref(&self) -> &Model {
+        &self.model
+    }
+
+    /// Conditioned velocity at the last displacement, m/s; NaN when there was none.
+    pub(super) const fn velocity_m_s(&self) -> f64 {
+        self.front.velocity_m_s
     }
 
     /// Root mean squared error to expect one step ahead, N.
