@@ -72,7 +72,7 @@ impl Calibrator {
     /// [`Error::Data`] when they are too little for every predictor.
     pub fn finish(&self) -> Result<Uncertainty, Error> {
         let has_drive = self.model.force.drive().is_some();
-        let free_run = bands(&self.free_run, self.runs, has_drive, "running free").map(|(bands, _)| bands);
+        let free_run = bands(&self.free_run, self.runs, has_drive, "running free");
         let period = self.model.force.force_fed_period().filter(|_| self.model.feeds_on_force());
         let one_step = match period {
             None => None,
@@ -85,8 +85,8 @@ impl Calibrator {
     }
 
     fn one_step(&self, has_drive: bool, period_s: f64) -> Option<OneStep> {
-        let (bands, level) = bands(&self.one_step, self.runs, has_drive, "one step ahead").ok()?;
-        let coasting = coasting(&self.one_step.coasting, &bands, level, period_s)?;
+        let bands = bands(&self.one_step, self.runs, has_drive, "one step ahead").ok()?;
+        let coasting = coasting(&self.one_step.coasting, self.runs, &bands, period_s)?;
         Some(OneStep { bands, coasting })
     }
 }
@@ -99,8 +99,8 @@ fn too_little(what: &str) -> Error {
     Error::Data { message }
 }
 
-/// The table of one predictor, and the level that its quantiles were taken at.
-fn bands(rows: &Rows, runs: usize, has_drive: bool, predictor: &str) -> Result<(Bands, f64), Error> {
+/// The table of one predictor.
+fn bands(rows: &Rows, runs: usize, has_drive: bool, predictor: &str) -> Result<Bands, Error> {
     if runs < RUNS {
         return Err(too_little(&format!("from {runs} held-out runs")));
     }
@@ -115,7 +115,7 @@ fn bands(rows: &Rows, runs: usize, has_drive: bool, predictor: &str) -> Result<(
         return Err(too_little(&what));
     }
     let groups = Groups::new(&rows.base, &effective, has_drive);
-    let level = groups.level(runs);
+    let level = level(&groups.strata(), runs);
     let mut bands = Bands {
         speed_edges_m_s: groups.speed_edges_m_s,
         drive_edges: groups.drive_edges,
@@ -127,9 +127,9 @@ fn bands(rows: &Rows, runs: usize, has_drive: bool, predictor: &str) -> Result<(
             width(groups.rows_for(speed, drive).iter().map(|row| row.error_n), level);
     }
     if has_drive {
-        bands.drive_held = held(rows, &bands, level);
+        bands.drive_held = held(rows, runs, &bands);
     }
-    Ok((bands, level))
+    Ok(bands)
 }
 
 fn spans(rows: &[Row]) -> bool {
@@ -233,35 +233,55 @@ impl Groups {
         }
     }
 
-    /// The level at which runs that are left out of the table are covered as they shall be, on average over their rows.
-    fn level(&self, runs: usize) -> f64 {
-        /// Steps from the level of independent rows to the highest that is tried.
-        const STEPS: usize = 36;
-        let levels: Vec<f64> = (0..=STEPS).map(|k| COVERAGE + 0.0025 * k as f64).collect();
-        let mut covered = vec![0_usize; levels.len()];
-        for run in 0..runs {
-            for (speed, drive) in self.cells() {
-                let sorted = |rows: &[Row], own: bool| {
-                    let errors = rows.iter().filter(|row| (row.run == run) == own).map(|row| row.error_n);
-                    let mut errors: Vec<f64> = errors.collect();
-                    errors.sort_unstable_by(f64::total_cmp);
-                    errors
-                };
-                let left_out = sorted(&self.cells[speed][drive], true);
-                if left_out.is_empty() {
-                    continue;
-                }
-                let others = sorted(self.rows_for(speed, drive), false);
-                for (covered, level) in covered.iter_mut().zip(&levels) {
-                    let half_band_n = quantile(&others, *level);
-                    *covered += left_out.partition_point(|error_n| *error_n <= half_band_n);
-                }
+    /// The errors of each region, with those that its width comes from.
+    fn strata(&self) -> Vec<Stratum> {
+        fn scores(rows: &[Row]) -> Vec<(usize, f64)> {
+            rows.iter().map(|row| (row.run, row.error_n)).collect()
+        }
+        let stratum = |(speed, drive): (usize, usize)| Stratum {
+            own: scores(&self.cells[speed][drive]),
+            source: scores(self.rows_for(speed, drive)),
+        };
+        self.cells().map(stratum).collect()
+    }
+}
+
+/// Scores, each with its run, that share a width.
+struct Stratum {
+    /// Those to be covered.
+    own: Vec<(usize, f64)>,
+    /// Those that the width is a quantile of.
+    source: Vec<(usize, f64)>,
+}
+
+/// The level of the quantiles at which runs that are left out of them are covered as they shall be, on average over their
+/// scores.
+fn level(strata: &[Stratum], runs: usize) -> f64 {
+    /// Steps from the level of independent rows to the highest that is tried.
+    const STEPS: usize = 36;
+    let levels: Vec<f64> = (0..=STEPS).map(|k| COVERAGE + 0.0025 * k as f64).collect();
+    let mut covered = vec![0_usize; levels.len()];
+    let sorted = |scores: &[(usize, f64)], which: &dyn Fn(usize) -> bool| {
+        let mut scores: Vec<f64> = scores.iter().filter(|(run, _)| which(*run)).map(|(_, s)| *s).collect();
+        scores.sort_unstable_by(f64::total_cmp);
+        scores
+    };
+    for run in 0..runs {
+        for stratum in strata {
+            let left_out = sorted(&stratum.own, &|of| of == run);
+            if left_out.is_empty() {
+                continue;
+            }
+            let others = sorted(&stratum.source, &|of| of != run);
+            for (covered, level) in covered.iter_mut().zip(&levels) {
+                let half_band = quantile(&others, *level);
+                *covered += left_out.partition_point(|score| *score <= half_band);
             }
         }
-        let wanted = COVERAGE * self.all.len() as f64;
-        let enough = covered.iter().position(|covered| *covered as f64 >= wanted);
-        levels[enough.unwrap_or(STEPS)]
     }
+    let all: usize = strata.iter().map(|stratum| stratum.own.len()).sum();
+    let enough = covered.iter().position(|covered| *covered as f64 >= COVERAGE * all as f64);
+    levels[enough.unwrap_or(STEPS)]
 }
 
 /// Edges that part `values` into N + 1 regions of about as many each; fewer where values are few and repeat. An edge lies
@@ -282,52 +302,44 @@ fn quantile_edges<const N: usize>(values: impl Iterator<Item = f64>) -> Edges<N>
     edges
 }
 
-/// Factors on the widths of `bands` over the time coasted; `None` when there are no rows.
-fn coasting(rows: &[Row], bands: &Bands, level: f64, period_s: f64) -> Option<Growth> {
+/// Factors on the widths of `bands` over the time coasted; `None` when there are too few rows.
+fn coasting(rows: &[Row], runs: usize, bands: &Bands, period_s: f64) -> Option<Growth> {
     let samples = (COAST_S / period_s).max(2.0);
     // Twice as long each, or more where that would be too many times.
     let ratio = (samples / 2.0).powf(1.0 / (TIMES - 2) as f64).max(2.0);
     let mut times: Vec<f64> =
         (0..TIMES - 1).map(|k| (2.0 * ratio.powi(k as i32)).min(samples) * period_s).collect();
     times.dedup();
-    let factors = |rows: &[Row]| Width {
-        std_dev: width(
-            rows.iter().map(|row| row.error_n / bands.width_at(row.speed_m_s, row.drive).std_dev),
-            level,
-        )
-        .std_dev,
-        half_band: width(
-            rows.iter().map(|row| row.error_n / bands.width_at(row.speed_m_s, row.drive).half_band),
-            level,
-        )
-        .half_band,
+    let region = |row: &Row| bands.width_at(row.speed_m_s, row.drive);
+    let std_dev = |rows: &[Row]| {
+        let squares: f64 = rows.iter().map(|row| (row.error_n / region(row).std_dev).powi(2)).sum();
+        (squares / rows.len() as f64).sqrt()
     };
-    let nodes = grown(rows, &times, (period_s, Width { std_dev: 1.0, half_band: 1.0 }), factors);
-    Growth::new(&nodes).filter(|growth| growth.len > 1)
+    let score = |row: &Row| row.error_n / region(row).half_band;
+    let first = (period_s, Width { std_dev: 1.0, half_band: 1.0 });
+    Growth::new(&grown(rows, runs, &times, first, std_dev, score)).filter(|growth| growth.len > 1)
 }
 
 /// What a held drive adds, over its age. Where too few runs move their drive nothing is known beyond the age that
 /// the drive has anyway.
-fn held(rows: &Rows, bands: &Bands, level: f64) -> Option<Growth> {
+fn held(rows: &Rows, runs: usize, bands: &Bands) -> Option<Growth> {
     let mut ages: Vec<f64> = rows.base.iter().map(|row| row.time_s).collect();
     ages.sort_unstable_by(f64::total_cmp);
     let fresh_s = ages[(ages.len() - 1) * 99 / 100];
+    let fresh = (fresh_s, Width::default());
     let times: Vec<f64> = AGES_S.into_iter().filter(|age| *age > 1.5 * fresh_s).collect();
     let moving = moving(&rows.base);
     let of_moving: Vec<Row> = rows.held.iter().filter(|row| moving[row.run]).copied().collect();
-    let added = |rows: &[Row]| {
-        let excess = |row: &Row, width_n: f64| row.error_n * row.error_n - width_n * width_n;
-        let mean: f64 =
-            rows.iter().map(|row| excess(row, bands.width_at(row.speed_m_s, row.drive).std_dev)).sum::<f64>()
-                / rows.len() as f64;
-        let scores = rows
-            .iter()
-            .map(|row| excess(row, bands.width_at(row.speed_m_s, row.drive).half_band).max(0.0).sqrt());
-        Width { std_dev: mean.max(0.0).sqrt(), half_band: width(scores, level).half_band }
+    if !spans(&of_moving) {
+        return Growth::new(&[fresh]);
+    }
+    let region = |row: &Row| bands.width_at(row.speed_m_s, row.drive);
+    let std_dev = |rows: &[Row]| {
+        let excess: f64 = rows.iter().map(|row| row.error_n.powi(2) - region(row).std_dev.powi(2)).sum();
+        (excess / rows.len() as f64).max(0.0).sqrt()
     };
-    let fresh = (fresh_s, Width::default());
-    let nodes = if spans(&of_moving) { grown(&of_moving, &times, fresh, added) } else { vec![fresh] };
-    Growth::new(&nodes)
+    let score = |row: &Row| (row.error_n.powi(2) - region(row).half_band.powi(2)).max(0.0).sqrt();
+    Growth::new(&grown(&of_moving, runs, &times, fresh, std_dev, score))
 }
 
 /// Which runs move their drive, by number.
@@ -347,19 +359,32 @@ fn moving(rows: &[Row]) -> Vec<bool> {
 /// Times with too few rows are left out.
 fn grown(
     rows: &[Row],
+    runs: usize,
     times: &[f64],
     first: (f64, Width),
-    widths: impl Fn(&[Row]) -> Width,
+    std_dev: impl Fn(&[Row]) -> f64,
+    score: impl Fn(&Row) -> f64,
 ) -> Vec<(f64, Width)> {
+    let about = |time_s: f64| -> Vec<Row> {
+        rows.iter().filter(|row| (row.time_s / time_s - 1.0).abs() <= ABOUT).copied().collect()
+    };
+    let near = times.iter().map(|time_s| (*time_s, about(*time_s)));
+    let near: Vec<(f64, Vec<Row>)> = near.filter(|(_, rows)| rows.len() >= ROWS_AT_TIME).collect();
+    let strata: Vec<Stratum> = near
+        .iter()
+        .map(|(_, rows)| {
+            let scores: Vec<(usize, f64)> = rows.iter().map(|row| (row.run, score(row))).collect();
+            Stratum { own: scores.clone(), source: scores }
+        })
+        .collect();
+    let level = level(&strata, runs);
     let mut nodes = vec![first];
-    let mut last = first.1;
-    for time_s in times {
-        let about = |row: &&Row| (row.time_s / time_s - 1.0).abs() <= ABOUT;
-        let near: Vec<Row> = rows.iter().filter(about).copied().collect();
-        if near.len() >= ROWS_AT_TIME {
-            last = last.max(widths(&near));
-            nodes.push((*time_s, last));
-        }
+    for ((time_s, rows), stratum) in near.iter().zip(&strata) {
+        let mut scores: Vec<f64> = stratum.own.iter().map(|(_, score)| *score).collect();
+        scores.sort_unstable_by(f64::total_cmp);
+        let here = Width { std_dev: std_dev(rows), half_band: quantile(&scores, level) };
+        let (_, before) = nodes[nodes.len() - 1];
+        nodes.push((*time_s, before.max(here)));
     }
     nodes
 }
@@ -400,8 +425,7 @@ mod tests {
     fn a_known_quantile_comes_back_in_every_region() {
         // Errors are even from 0 to 10 N, three times that at the upper half of the speeds.
         let size = |row: &Row, share: f64| share * if row.speed_m_s < 0.5 { 10.0 } else { 30.0 };
-        let (bands, level) = bands(&of(rows(5, 20_000, size)), 5, true, "").expect("enough");
-        assert!((level - 0.9).abs() < 0.006, "runs do not differ: {level}");
+        let bands = bands(&of(rows(5, 20_000, size)), 5, true, "").expect("enough");
         assert_eq!((bands.speed_edges_m_s.len, bands.drive_edges.len), (3, 2));
         for (edges, expected) in [
             (bands.speed_edges_m_s.as_slice(), [0.25, 0.5, 0.75].as_slice()),
@@ -423,8 +447,12 @@ mod tests {
     #[test]
     fn runs_that_differ_raise_the_level() {
         let size = |row: &Row, share: f64| share * (1.0 + row.run as f64);
-        let (_, level) = bands(&of(rows(8, 4000, size)), 8, true, "").expect("enough");
-        assert!(level > 0.905, "{level}");
+        let of_runs = |size: &dyn Fn(&Row, f64) -> f64| {
+            let scores: Vec<(usize, f64)> = rows(8, 4000, size).iter().map(|r| (r.run, r.error_n)).collect();
+            level(&[Stratum { own: scores.clone(), source: scores }], 8)
+        };
+        let (alike, differ) = (of_runs(&|_, share| share), of_runs(&size));
+        assert!((alike - 0.9).abs() < 0.004 && differ > 0.915, "{alike} {differ}");
     }
 
     #[test]
@@ -432,7 +460,7 @@ mod tests {
         let size = |_: &Row, share: f64| share;
         // 12 regions of 130, 4 speeds of 390; then 4 speeds of 120.
         for (count, own) in [(520, 4), (160, 1)] {
-            let (bands, _) = bands(&of(rows(3, count, size)), 3, true, "").expect("enough");
+            let bands = bands(&of(rows(3, count, size)), 3, true, "").expect("enough");
             let mut widths: Vec<u64> =
                 bands.width_n.iter().flatten().map(|width| width.half_band.to_bits()).collect();
             widths.sort_unstable();
@@ -469,7 +497,7 @@ mod tests {
         let mut all = of(rows(4, 4000, |_, share| 10.0 * share));
         all.held = rows(4, 4000, |_, share| 50.0 * share);
         all.held.iter_mut().for_each(|row| row.time_s = 0.1);
-        let (moved, _) = bands(&all, 4, true, "").expect("enough");
+        let moved = bands(&all, 4, true, "").expect("enough");
         let held = moved.drive_held.expect("a drive");
         assert_eq!((held.len, held.first_s(), held.last_s()), (2, 0.0, 0.1));
         let (whole, least) = (held.at(0.1), held.at(0.05));
@@ -479,7 +507,7 @@ mod tests {
         for row in all.base.iter_mut().chain(&mut all.held) {
             row.drive = row.run as f64;
         }
-        let (constant, _) = bands(&all, 4, true, "").expect("enough");
+        let constant = bands(&all, 4, true, "").expect("enough");
         assert_eq!(constant.drive_held.map(|held| held.len), Some(1));
     }
 }

@@ -3,15 +3,15 @@
 //! ```text
 //! h(g)     = R(g)_(ceil((n_g + 1) q))                      base half-width of region g
 //! H(g,c,a) = sqrt( (G(c) h(g))^2 + A(a)^2 )                half-width: the force lies in Fhat -/+ H
-//! G(c)     = the same quantile of |r_c| / h(g),            not below 1
-//! A(a)     = the same quantile of sqrt( (r_a^2 - h(g)^2)_+ )
+//! G(c)     = such a quantile of |r_c| / h(g),              not below 1
+//! A(a)     = such a quantile of sqrt( (r_a^2 - h(g)^2)_+ )
 //! ```
 //!
 //! | symbol | meaning | unit |
 //! |---|---|---|
 //! | `R(g)_(k)` | the k-th smallest of the n_g residuals \|measured - predicted\| of region g | N |
 //! | `g` | region: \|conditioned velocity\| x drive, edges at quantiles of the held-out rows | - |
-//! | `q` | level, .9 or a little more, see below | 1 |
+//! | `q` | level, .9 or a little more, see below; h, G and A each have their own | 1 |
 //! | `c` | time since the newest measured force that the prediction was seeded with | s |
 //! | `a` | age of the drive that the prediction was made from | s |
 //! | `r_c`, `r_a` | residuals of the model coasting for c, and on a drive held for a | N |
@@ -19,23 +19,24 @@
 //! The standard deviation goes the same way, with root mean squares in place of quantiles.
 //!
 //! h is split conformal prediction (Vovk, Gammerman, Shafer 2005; Lei et al. 2018, section 2.2), region by region
-//! (Mondrian). G and A are conformal too, with the scores that stand there (locally weighted, Lei et al. 2018, section 5.2): at
-//! each time that was tried the band covers 90 % whatever the distribution of the residuals. Between two of them G and
-//! A are linear, beyond the last they stay, and the spread says that it is not calibrated there. No region borrows
-//! from its neighbours: the width steps at an edge.
+//! (Mondrian). G and A are conformal too, with the scores that stand there (locally weighted, Lei et al. 2018, section
+//! 5.2): at each time that was tried, 90 % are covered on average over the regions, whatever the distribution of the
+//! residuals. Between two of them G and A are linear, beyond the last they stay, and the spread says that it is not
+//! calibrated there. No region borrows from its neighbours: the width steps at an edge. A region with less than 200
+//! effective rows takes the width of its speed, and that one of all rows.
 //!
 //! **Offset.** Residuals are those of the model as it runs live, with the force offset of its own file. A session's
 //! own offset, which an identification takes out, is not known live, and so it belongs into the band.
 //!
 //! **Runs differ** (temperature, offset, excitation), so rows of one run are no independent draws, and the pooled .9
-//! quantile of few runs covers less than 90 % of a new one. The level q is therefore the one at which each
-//! held-out run, left out of the table in turn, is covered at 90 % on average: two layers, runs and rows in them, as in
-//! Dunn, Wasserman and Ramdas 2022, with the level found by leaving out as in CV+ (Barber et al. 2021). What is promised is
-//! the share over new runs like these; a single run may have more or less.
+//! quantile of few runs covers less than 90 % of a new one. The level q is therefore the one at which the held-out
+//! runs, each left out of the table in turn, are covered at 90 % on average over their rows: two layers, runs and rows in
+//! them, as in Dunn, Wasserman and Ramdas 2022, with the level found by leaving out as in CV+ (Barber et al. 2021). What
+//! is promised is the share over new runs like these; a single run may have more or less.
 //!
-//! Two predictors, never mixed: **free run** and **one step**, either of which may be missing. Only the second one coasts. While it does,
-//! a drive that ages counts as much as in either of them, and beyond the longest coasting that was tried it is no
-//! better than running free.
+//! Two predictors, never mixed: **free run** and **one step**, either of which may be missing. Only the second one
+//! coasts. While it does, a drive that ages counts as much as in either of them (the two were not tried together), and
+//! beyond the longest coasting that was tried it is no better than running free.
 
 mod calibrate;
 mod rows;
