@@ -49,13 +49,13 @@ use serde::{Deserialize, Serialize};
 use table::UncertaintyTable;
 
 /// Regions of speed, at most.
-pub const SPEEDS: usize = 4;
+const SPEEDS: usize = 4;
 /// Regions of drive, at most.
-pub const DRIVES: usize = 3;
+const DRIVES: usize = 3;
 /// Times of a [`Growth`], at most.
-pub const TIMES: usize = 8;
+const TIMES: usize = 8;
 /// Half-width of a 90 % band over the standard deviation, for a normal distribution; used where nothing is calibrated.
-pub const NORMAL_HALF_BAND: f64 = 1.645;
+pub(crate) const NORMAL_HALF_BAND: f64 = 1.645;
 
 /// What a prediction is made from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
