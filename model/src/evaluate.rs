@@ -140,7 +140,7 @@ pub fn evaluate_into(
 }
 
 /// Checks that `run` has what `model` feeds on, and a force to compare with.
-fn require_channels(model: &Model, run: &Run) -> Result<(), Error> {
+pub(crate) fn require_channels(model: &Model, run: &Run) -> Result<(), Error> {
     let missing = |channel, needed_by: &str| Error::MissingChannel {
         run: run.name.clone(),
         channel,

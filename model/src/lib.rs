@@ -17,6 +17,7 @@ pub mod pipeline;
 pub mod preset;
 pub mod rig;
 pub mod sample;
+pub mod uncertainty;
 pub mod units;
 
 pub use error::Error;

@@ -3,6 +3,7 @@
 use crate::condition::Conditioning;
 use crate::effect::{Augmented, AugmentedState, Effects};
 use crate::force::{ForceModel, Inputs};
+use crate::uncertainty::Uncertainty;
 use serde::{Deserialize, Serialize};
 
 /// A model as the pipeline runs it. `Copy`, without heap: it can be swapped in between two samples.
@@ -87,4 +88,7 @@ pub struct Expected {
     pub free_run_rsse_n: Option<f64>,
     /// One step ahead of measured force, N.
     pub one_step_rsse_n: Option<f64>,
+    /// The same by region, with 90 % bands, calibrated on held-out runs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<Uncertainty>,
 }

@@ -3,53 +3,14 @@
 //! The data are not part of this repository. `MR_DAMPER_DATA` says where they are (default `../shared/data`
 //! from the workspace); without them these tests pass and say that they were skipped.
 
+mod measured;
+
+use measured::folder;
 use mr_damper_model::force::{ForceModel, FreeRun};
 use mr_damper_model::identify::{Dataset, Identified, ModelSpec, Options, Watch, identify};
 use mr_damper_model::metrics::ErrorSum;
 use mr_damper_model::model::Model;
-use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
-use std::path::{Path, PathBuf};
-
-/// The runs of one folder, by name; `None` (and a word about it) when it is not there.
-fn folder(name: &str) -> Option<Vec<Run>> {
-    let root = std::env::var_os("MR_DAMPER_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
-    let Ok(entries) = std::fs::read_dir(root.join(name)) else {
-        eprintln!("SKIPPED: no measured data in {}; set MR_DAMPER_DATA", root.join(name).display());
-        return None;
-    };
-    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("a readable folder").path()).collect();
-    paths.retain(|path| path.extension().is_some_and(|e| e == "csv"));
-    paths.sort();
-    Some(paths.iter().map(|path| read(path)).collect())
-}
-
-/// A plain reader for these files; the product's own is in the node.
-fn read(path: &Path) -> Run {
-    let text = std::fs::read_to_string(path).expect("a readable file");
-    let mut lines = text.lines();
-    let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
-    let mut columns = vec![Trace::default(); names.len()];
-    let time = names.iter().position(|name| *name == "time_s").expect("time_s");
-    for line in lines {
-        let values: Vec<f64> = line.split(',').map(|cell| cell.parse().expect("a number")).collect();
-        let stamp = Stamp::from_seconds(values[time]).expect("a time");
-        for (column, value) in columns.iter_mut().zip(values) {
-            column.stamps.push(stamp);
-            column.values.push(value);
-        }
-    }
-    let column = |name| names.iter().position(|n| *n == name).map(|j| columns[j].clone());
-    let current = column("current_a").map(|trace| (DriveKind::CoilCurrent, trace));
-    Run {
-        name: path.file_stem().expect("a name").to_string_lossy().into_owned(),
-        displacement_m: column("displacement_m").expect("displacement_m"),
-        velocity_m_s: column("velocity_m_s"),
-        force_n: column("force_n"),
-        drive: current.or_else(|| column("command_v").map(|trace| (DriveKind::CommandVoltage, trace))),
-        ..Run::default()
-    }
-}
+use mr_damper_model::sample::{Run, Trace};
 
 /// A part of a run, by shares of its samples.
 fn part(run: &Run, from: f64, to: f64) -> Run {

@@ -4,7 +4,7 @@
 mod common;
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
-use common::{preset, samples};
+use common::{calibrated, preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
@@ -29,6 +29,11 @@ fn the_hot_path_does_not_allocate() {
     for mut models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope), anfis] {
         // So little is expected, and blocks are so short, that the alarm rises between two of the gaps below.
         models.free.expected.free_run_rsse_n = Some(1.0);
+        // One of them with widths by region.
+        if models.seeded.is_some() {
+            models.free = calibrated(models.free);
+            models.seeded = models.seeded.map(calibrated);
+        }
         let settings = Settings { alarm_block_s: 0.05, false_alarm_interval_s: 60.0, ..Settings::default() };
         let mut pipeline = Pipeline::new(models, settings).expect("presets run");
         let mut counts = [0_u32; 7];

@@ -34,7 +34,7 @@ fn every_topic_is_published_as_cbor_and_for_the_web_as_json() {
     let expected = serde_json::json!({
         "seq": 1, "stamp_ns": 7, "validity": "EXTRAPOLATING", "force_n": 119.0, "std_dev_n": null,
         "model": "thesis/fuzzy-tanh/rp3-cs", "mode": "model", "reasons": ["OUTSIDE_ENVELOPE"],
-        "input_age_s": 0.002,
+        "input_age_s": 0.002, "band_low_n": null, "band_high_n": null, "band_calibrated": false,
     });
     assert_eq!(estimate, expected);
     assert_eq!(json(&inbox.of("web/force_residual")[0])["validity"], "EXTRAPOLATING");
@@ -43,6 +43,12 @@ fn every_topic_is_published_as_cbor_and_for_the_web_as_json() {
         "seq": 1, "stamp_ns": 11, "validity": "DEGRADED", "raised": true, "ratio": 1.75,
     });
     assert_eq!(json(&inbox.of("web/alarm")[0]), alarm);
+    let command = serde_json::json!({
+        "seq": 1, "stamp_ns": 14, "validity": "DEGRADED", "current_a": 2.5, "force_requested_n": 900.0,
+        "force_expected_n": 700.0, "achievable": false, "dissipative": true, "limited_by": "CURRENT_MAX",
+        "achievable_min_n": 80.0, "achievable_max_n": 700.0,
+    });
+    assert_eq!(json(&inbox.of("web/current_command")[0]), command);
 }
 
 #[test]
@@ -232,8 +238,9 @@ fn status_shows_what_flowed_and_what_was_lost() {
     assert_eq!(status["residual"], residual);
     assert_eq!((&status["state"], &status["mode"]), (&"running".into(), &"model".into()));
     assert_eq!(status["routes"].as_array().map(Vec::len), Some(2 * Topic::ALL.len()));
-    let route = &status["routes"][6];
-    assert_eq!(route["key"], "mr_damper/front_left/state/force_estimate");
+    let key = "mr_damper/front_left/state/force_estimate";
+    let routes = status["routes"].as_array().expect("a list");
+    let route = routes.iter().find(|route| route["key"] == key).expect("a route");
     assert_eq!((&route["sent"], &route["dropped"]), (&1.into(), &0.into()));
     assert!(route["age_s"].as_f64().is_some_and(|age_s| (0.0..20.0).contains(&age_s)), "{route}");
 }

@@ -413,6 +413,7 @@ impl<'a> Desk<'a> {
         let mut model = Model { force, effects: *fitted.model.effects(), ..*self.base };
         model.expected.free_run_rsse_n = Some((squares / confirm.len().max(1) as f64).sqrt());
         model.expected.one_step_rsse_n = None;
+        model.expected.uncertainty = None;
         model
     }
 }

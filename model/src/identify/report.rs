@@ -170,6 +170,7 @@ pub(super) fn assemble(
     let expected = Expected {
         free_run_rsse_n: free_run.map(|fit| fit.rsse_n),
         one_step_rsse_n: one_step.map(|fit| fit.rsse_n),
+        uncertainty: None,
     };
     Identified {
         model: Model { expected, ..model },

@@ -15,6 +15,7 @@
 //! [conditioning]               # filter, derivative, rate
 //! [envelope]                   # training ranges
 //! [expected]                   # RSSE to expect, N
+//! [expected.uncertainty]       # widths by region, where they were calibrated; see `crate::uncertainty`
 //! [provenance]                 # runs with SHA-256, tool version, seed, metrics
 //! ```
 //!

@@ -142,6 +142,11 @@ impl Bump {
         self.output.last_n
     }
 
+    /// What is added now, N: the output minus the mode's own force.
+    pub(super) const fn offset_n(&self) -> f64 {
+        self.offset_n
+    }
+
     pub(super) fn forget(&mut self) {
         *self = Self::default();
     }

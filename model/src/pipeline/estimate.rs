@@ -2,6 +2,7 @@
 
 use super::bump::{Forces, Speaker};
 use super::command::Moving;
+use super::doubt::Doubt;
 use super::event::{Cause, Estimate, Event, Reasons, Slot, Validity};
 use super::lane::Given;
 use super::mode::{Conditions, Mode};
@@ -63,6 +64,8 @@ impl Pipeline {
         let mut seeded_reasons = Reasons::NONE;
         let seeded_n = self.seeded.as_mut().and_then(|lane| lane.step(&given, &mut seeded_reasons));
 
+        self.note_operating(stamp);
+
         let before = self.machine.mode();
         let force_fresh = self.settings.use_measured_force == UseForce::Auto && self.force_is_fresh(stamp);
         let force_odd = self.judge.force_is_odd(&self.known, &self.settings.plausible);
@@ -100,7 +103,11 @@ impl Pipeline {
             }
             emit(Event::Transition(transition));
         }
-        emit(Event::Estimate(self.estimate(stamp, force_n, mode, reasons, input_age_s)));
+        let doubt = self.doubt(stamp, force_n, mode, reasons);
+        if !matches!(mode, Mode::Hold | Mode::Fault) {
+            self.last_doubt = doubt;
+        }
+        emit(Event::Estimate(self.estimate(stamp, force_n, doubt, reasons, input_age_s)));
         self.command(stamp, step_s, reasons, force_odd, emit);
 
         // Without a prediction there is no residual, but the force still seeds ARX.
@@ -108,7 +115,7 @@ impl Pipeline {
         let counts = !(free_reasons.has(Reasons::SETTLING)
             || free_reasons.has(Reasons::TEMPERATURE_MISSING)
             || reasons.has(Reasons::DRIVE_STALE));
-        let velocity_m_s = self.free.inputs().map_or(f64::NAN, |inputs| inputs.velocity_m_s);
+        let velocity_m_s = self.free.velocity_m_s();
         let rest_n = self.known.offset_n + self.known.gas_n_m * displacement_m;
         self.force
             .wait(stamp, Awaiting { predicted_n, dt_s, index: self.index, counts, velocity_m_s, rest_n });
@@ -172,19 +179,12 @@ impl Pipeline {
         &self,
         stamp: Stamp,
         force_n: f64,
-        mode: Mode,
+        doubt: Doubt,
         reasons: Reasons,
         input_age_s: f64,
     ) -> Estimate {
+        let mode = self.machine.mode();
         let slot = if matches!(mode, Mode::Arx | Mode::ArxCoast) { Slot::Seeded } else { Slot::Free };
-        let one_step_n = self.seeded.as_ref().and_then(super::lane::SeededLane::expected_rsse_n);
-        let free_n = self.free.expected_rsse_n();
-        let std_dev_n = match mode {
-            Mode::Arx => one_step_n,
-            // A coasting ARX is somewhere between: the free-running figure is the careful one.
-            Mode::ArxCoast | Mode::Model => free_n,
-            Mode::Hold | Mode::Fault => None,
-        };
         let by_mode = match mode {
             Mode::Hold => Validity::Stale,
             Mode::Fault => Validity::Invalid,
@@ -193,9 +193,9 @@ impl Pipeline {
         Estimate {
             stamp,
             force: Newton(force_n),
-            std_dev: Newton(std_dev_n.unwrap_or(f64::NAN)),
-            band: [-1.645, 1.645].map(|z| Newton(force_n + z * std_dev_n.unwrap_or(f64::NAN))),
-            calibrated: false,
+            std_dev: Newton(doubt.std_dev_n),
+            band: doubt.band_n.map(Newton),
+            calibrated: doubt.calibrated,
             slot,
             mode,
             validity: reasons.validity().max(by_mode),
@@ -228,7 +228,8 @@ impl Pipeline {
             _ => f64::NAN,
         };
         let age_s = self.drive.at(last).map_or(f64::NAN, |(at, _)| last.since(at).get());
-        self.estimate(last, force_n, mode, Reasons::DISPLACEMENT_LOST, age_s)
+        let doubt = self.doubt(last, force_n, mode, Reasons::DISPLACEMENT_LOST);
+        self.estimate(last, force_n, doubt, Reasons::DISPLACEMENT_LOST, age_s)
     }
 }
 

@@ -49,11 +49,13 @@ pub struct Estimate {
     pub stamp: Stamp,
     /// Estimated force; NaN when there is none (validity is then [`Validity::Invalid`]).
     pub force: Newton,
-    /// Standard deviation to expect, from the model's identification; NaN when not known.
+    /// Standard deviation to expect: of the model's calibration, or else from its identification; NaN when not known.
     pub std_dev: Newton,
-    /// 90 % band of the force, low and high; NaN when not known.
+    /// 90 % band of the force, low and high; NaN when not known. Around the force that the mode's model says, and
+    /// never without `force` itself: after a change of mode the two differ for a while.
     pub band: [Newton; 2],
-    /// The band is calibrated on held-out runs; else it is taken from the standard deviation as for normal errors.
+    /// The band is that of a calibration ([`crate::uncertainty`]), within what the calibration has tried. Else it is a
+    /// guess from the standard deviation or, while the last estimate is held, from the range of the training forces.
     pub calibrated: bool,
     /// Model that the estimate comes from.
     pub slot: Slot,
@@ -327,9 +329,24 @@ impl Reasons {
         self.0 & other.0 == other.0
     }
 
+    /// True when a bit of `other` is set.
+    #[inline]
+    #[must_use]
+    pub const fn any(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
     /// Names of the reasons that are set.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         Self::ALL.iter().filter(move |(bit, _)| self.has(*bit)).map(|(_, name)| *name)
+    }
+}
+
+impl std::ops::BitOr for Reasons {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
     }
 }
 

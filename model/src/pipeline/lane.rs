@@ -27,6 +27,8 @@ struct Front {
     low_pass: LowPass,
     motion: MotionState,
     settled_s: f64,
+    /// What the last displacement made; `None` when it made none.
+    inputs: Option<Inputs>,
 }
 
 impl Front {
@@ -36,6 +38,7 @@ impl Front {
             low_pass: conditioning.low_pass(),
             motion: MotionState::default(),
             settled_s: 0.0,
+            inputs: None,
         }
     }
 
@@ -51,15 +54,21 @@ impl Front {
             given.dt_s,
             given.displacement_m,
             given.measured_velocity_m_s,
-        )?;
-        Some(Inputs {
+        );
+        self.inputs = motion.map(|motion| Inputs {
             dt_s: given.dt_s,
             displacement_m: motion.displacement_m,
             velocity_m_s: motion.velocity_m_s,
             acceleration_m_s2: motion.acceleration_m_s2,
             drive: given.drive,
             case_temp_c: given.case_temp_c,
-        })
+        });
+        self.inputs
+    }
+
+    /// Conditioned velocity at the last displacement, m/s; NaN when there was none.
+    fn velocity_m_s(&self) -> f64 {
+        self.inputs.map_or(f64::NAN, |inputs| inputs.velocity_m_s)
     }
 }
 
@@ -88,8 +97,6 @@ pub(super) struct FreeLane {
     force_filter: LowPassState,
     fresh_output: bool,
     fresh_force: bool,
-    /// What the last step worked on.
-    inputs: Option<Inputs>,
 }
 
 impl FreeLane {
@@ -104,18 +111,26 @@ impl FreeLane {
             force_filter: LowPassState::default(),
             fresh_output: true,
             fresh_force: true,
-            inputs: None,
             model,
         })
     }
 
     /// Conditioned inputs of the last step; `None` while there are none.
     pub(super) const fn inputs(&self) -> Option<Inputs> {
-        self.inputs
+        self.front.inputs
     }
 
     pub(super) const fn model(&self) -> Model {
         self.model
+    }
+
+    pub(super) const fn model_ref(&self) -> &Model {
+        &self.model
+    }
+
+    /// Conditioned velocity at the last displacement, m/s; NaN when there was none.
+    pub(super) fn velocity_m_s(&self) -> f64 {
+        self.front.velocity_m_s()
     }
 
     /// Root mean squared error to expect when running free, N.
@@ -154,7 +169,6 @@ impl FreeLane {
             self.reset();
         }
         let inputs = self.front.step(given, reasons);
-        self.inputs = inputs;
         if !drive_is_there(&self.model.force, given) {
             *reasons |= Reasons::DRIVE_MISSING;
             return None;
@@ -236,6 +250,15 @@ impl SeededLane {
 
     pub(super) const fn model(&self) -> Model {
         self.model
+    }
+
+    pub(super) const fn model_ref(&self) -> &Model {
+        &self.model
+    }
+
+    /// Conditioned velocity at the last displacement, m/s; NaN when there was none.
+    pub(super) fn velocity_m_s(&self) -> f64 {
+        self.front.velocity_m_s()
     }
 
     /// Root mean squared error to expect one step ahead, N.

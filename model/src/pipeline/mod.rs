@@ -22,6 +22,7 @@
 mod alarm;
 mod bump;
 mod command;
+mod doubt;
 mod estimate;
 mod event;
 mod gate;
@@ -33,6 +34,7 @@ mod plausible;
 mod settings;
 mod window;
 
+pub(crate) use doubt::BEYOND_CALIBRATION;
 pub use event::{
     AlarmChange, Cause, Commanded, Estimate, Event, Reasons, Refusal, Refused, Residual, Slot, Transition,
     Validity,
@@ -46,10 +48,12 @@ use crate::condition::{ForceAligner, Hold};
 use crate::error::Error;
 use crate::model::Model;
 use crate::sample::{Reading, Sample, Stamp};
+use crate::uncertainty::Operating;
 use crate::units::{Newton, Second};
 use alarm::{Alarm, Edge};
 use bump::Bump;
 use command::Commanding;
+use doubt::{Doubt, Seeds};
 use gate::Gate;
 use lane::{FreeLane, SeededLane};
 use observer::Observer;
@@ -125,12 +129,16 @@ impl From<Plan> for Pipeline {
             observer: Observer::default(),
             judge: Judge::default(),
             commanding: Commanding::new(commander),
+            free_at: None,
+            seeded_at: None,
+            last_doubt: Doubt::NONE,
             window: Window::default(),
             alarm: Alarm::default(),
             index: 0,
             last_displacement: None,
             last_received: None,
             last_force: None,
+            seeds: Seeds::default(),
             last_stale_report: None,
             pending: Reasons::NONE,
         }
@@ -169,6 +177,11 @@ pub struct Pipeline {
     known: Known,
     judge: Judge,
     commanding: Commanding,
+    /// Where the lanes were at the last displacement.
+    free_at: Option<Operating>,
+    seeded_at: Option<Operating>,
+    /// How far the last estimate of a model may be off.
+    last_doubt: Doubt,
     window: Window,
     alarm: Alarm,
     /// Displacements accepted so far.
@@ -177,6 +190,8 @@ pub struct Pipeline {
     last_received: Option<Stamp>,
     /// Stamp of the newest measured force that met its displacement.
     last_force: Option<Stamp>,
+    /// What is measured of the seeded lane's history.
+    seeds: Seeds,
     last_stale_report: Option<Stamp>,
     /// Reasons that came up between two estimates.
     pending: Reasons,
@@ -351,6 +366,7 @@ impl Pipeline {
         self.commanding.forget_body();
         self.last_displacement = None;
         self.last_force = None;
+        self.seeds = Seeds::default();
         if let Some(transition) = self.machine.force_to(Mode::Fault, cause, stamp) {
             emit(Event::Transition(transition));
         }
@@ -373,6 +389,7 @@ impl Pipeline {
     fn settle_residuals(&mut self, emit: &mut impl FnMut(Event)) {
         while let Some((stamp, measured_n, waiting)) = self.force.next_known(self.settings.force_timeout_s) {
             self.last_force = Some(stamp);
+            self.seeds.add(waiting.index, stamp);
             if let Some(lane) = &mut self.seeded {
                 // Newest sample has age 0: the force of sample k seeds the prediction of k + 1.
                 let age = self.index.wrapping_sub(waiting.index) as usize;

@@ -128,6 +128,11 @@ impl Settings {
     /// `model` with the filter of these settings, where they have one.
     pub(super) fn applied_to(&self, mut model: Model) -> Model {
         if let Some((apply_to, cutoff_hz)) = self.filter {
+            let conditioning = &model.conditioning;
+            if (apply_to, cutoff_hz) != (conditioning.apply_to, conditioning.cutoff_hz) {
+                // It was calibrated behind its own filter.
+                model.expected.uncertainty = None;
+            }
             model.conditioning.apply_to = apply_to;
             model.conditioning.cutoff_hz = cutoff_hz;
         }

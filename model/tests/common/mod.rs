@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "each test binary uses its share")]
 
 use mr_damper_model::model::Model;
+use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{Estimate, Event, Models, Pipeline, Residual, Settings, UseForce};
 use mr_damper_model::preset;
 use mr_damper_model::sample::{Channel, Drive, Reading, Sample, Stamp};
@@ -14,6 +15,36 @@ pub(crate) const PERIOD_NS: i64 = 1_953_125;
 
 pub(crate) fn preset(name: &str) -> Model {
     preset::load(name).expect("a known preset")
+}
+
+/// `model` with an uncertainty that no run has given: the same for every model.
+pub(crate) fn calibrated(model: Model) -> Model {
+    const TABLE: &str = "
+[expected.uncertainty.free_run]
+speed_edges_m_s = [0.05, 0.1]
+drive_edges = [1.0]
+std_dev_n = [[10.0, 12.0], [15.0, 17.0], [20.0, 22.0]]
+half_band_n = [[20.0, 24.0], [30.0, 34.0], [40.0, 44.0]]
+[expected.uncertainty.free_run.drive_held]
+age_s = [0.002, 0.1, 0.3]
+added_std_dev_n = [0.0, 20.0, 40.0]
+added_half_band_n = [0.0, 40.0, 80.0]
+[expected.uncertainty.one_step]
+speed_edges_m_s = [0.1]
+drive_edges = []
+std_dev_n = [[1.0], [1.5]]
+half_band_n = [[2.0], [3.0]]
+[expected.uncertainty.one_step.drive_held]
+age_s = [0.002, 0.3]
+added_std_dev_n = [0.0, 0.5]
+added_half_band_n = [0.0, 1.0]
+[expected.uncertainty.one_step.coasting]
+time_s = [0.001953125, 0.01, 0.25]
+std_dev_factor = [1.0, 3.0, 8.0]
+half_band_factor = [1.0, 3.0, 8.0]
+[provenance]";
+    let written = ModelFile { model, provenance: Provenance::default() }.to_toml().expect("writes");
+    ModelFile::from_toml(&written.replacen("[provenance]", TABLE, 1)).expect("reads").model
 }
 
 fn motion(k: i64) -> (f64, f64, f64) {
@@ -64,6 +95,10 @@ impl Bench {
         let models = Models::alone(preset(preset::BEST_FUZZY_TANH))
             .with_seeded(preset(preset::BEST_ARX))
             .expect("both want a current");
+        Self::of(models, settings)
+    }
+
+    pub(crate) fn of(models: Models, settings: Settings) -> Self {
         Self {
             pipeline: Pipeline::new(models, settings).expect("presets run"),
             events: Vec::new(),

@@ -2,9 +2,10 @@
 
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
+use mr_damper_model::inverse::{Command, LimitedBy};
 use mr_damper_model::pipeline::{
-    AlarmChange, Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, Transition,
-    Validity,
+    AlarmChange, Cause, Commanded, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot,
+    Transition, Validity,
 };
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
@@ -245,6 +246,20 @@ pub(crate) fn one_of_each() -> Vec<Event> {
             why: Refused::NotFinite,
         }),
         Event::Alarm(AlarmChange { stamp: Stamp::from_nanos(11), raised: true, ratio: 1.75 }),
+        Event::Input(sample(12, Reading::BodyVelocity(MetrePerSecond(0.2)))),
+        Event::Input(sample(13, Reading::ForceRequest(Newton(900.0)))),
+        Event::Command(Commanded {
+            stamp: Stamp::from_nanos(14),
+            command: Command {
+                current: Ampere(2.5),
+                requested: Newton(900.0),
+                expected: Newton(700.0),
+                achievable: [Newton(80.0), Newton(700.0)],
+                is_achievable: false,
+                dissipative: true,
+                limited_by: LimitedBy::CurrentMax,
+            },
+        }),
     ]
 }
 

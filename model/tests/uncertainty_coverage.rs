@@ -1,0 +1,216 @@
+//! How many measured forces lie in the calibrated 90 % bands of the running pipeline, on runs that neither
+//! identification nor calibration has seen.
+//!
+//! Generated runs are replicates of two experiments with random motion and current, each with an excitation of its
+//! own, on a bench that drifts ([`mr_damper_model::rig::Drift`]). Measured ones are found by `MR_DAMPER_DATA`. Which of them are for what is
+//! drawn by lot, so that calibration and test are exchangeable; a single draw may land beside 90 % because there are few
+//! runs, so what counts is the mean over draws. `MR_DAMPER_LONG=1` makes more sets and more draws; `--nocapture` shows
+//! all figures.
+
+mod coverage;
+mod measured;
+
+use coverage::{Away, Row, Tally, cover, generated};
+use measured::folder;
+use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
+use mr_damper_model::model::Model;
+use mr_damper_model::pipeline::Mode;
+use mr_damper_model::sample::Run;
+use mr_damper_model::uncertainty::{Predictor, calibrate};
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::collections::BTreeMap;
+
+/// Runs for identification, for calibration and for the test.
+type Parts = [Vec<Run>; 3];
+
+fn long() -> bool {
+    std::env::var_os("MR_DAMPER_LONG").is_some()
+}
+
+/// A model of `train`, calibrated on `held_out`.
+fn model(spec: ModelSpec, [train, held_out, _]: &Parts) -> Model {
+    let options = Options { restarts: 4, most_rows: Some(4000), ..Options::default() };
+    let mut model = identify(spec, train, &options, &Watch::none()).expect("identifies").model;
+    model.expected.uncertainty = Some(calibrate(&model, held_out).expect("enough to calibrate with"));
+    model
+}
+
+/// All rows of the test runs.
+fn rows(model: &Model, test: &[Run], away: Away) -> Vec<Row> {
+    (0..).zip(test).flat_map(|(seed, run)| cover(model, run, away, seed)).collect()
+}
+
+/// The coverage of those rows that `which` says yes to, printed under `name`; it must lie within `range`.
+fn assert_covers(name: &str, rows: &[Row], range: [f64; 2], which: impl Fn(&Row) -> bool) -> f64 {
+    let tally = Tally::of(rows.iter().filter(|row| which(row)));
+    println!("{name}: {}", tally.text());
+    assert!(tally.rows > 400, "{name}: {tally:?}");
+    assert!((range[0]..=range[1]).contains(&tally.coverage()), "{name}: {}", tally.text());
+    tally.coverage()
+}
+
+const WANTED: [f64; 2] = [0.88, 0.92];
+
+/// While an input is away, errors differ more from run to run, and eight runs tell of them: a single set of runs may
+/// land here, the mean over sets may not.
+const OF_A_SET: [f64; 2] = [0.85, 0.95];
+
+/// The mean over sets must be what is wanted.
+fn assert_mean(name: &str, shares: &[f64]) {
+    let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+    println!("{name}: {:.1} % over {} sets", 100.0 * mean, shares.len());
+    assert!((WANTED[0]..=WANTED[1]).contains(&mean), "{name}: {mean}");
+}
+
+/// A region has some 200 effective rows or more in calibration and in test: the difference of two such shares has a
+/// standard deviation of 3 %. Three of them, because there are twelve regions.
+const OF_A_REGION: [f64; 2] = [0.81, 0.99];
+
+/// On all inputs each region has a width of its own.
+fn assert_regions(name: &str, rows: &[Row], mode: Mode) {
+    let mut regions: BTreeMap<u64, Vec<Row>> = BTreeMap::new();
+    for row in rows.iter().filter(|row| row.mode == mode && row.calibrated) {
+        regions.entry((1e6 * row.width_n).round() as u64).or_default().push(*row);
+    }
+    assert_eq!(regions.len(), 12, "{name}");
+    for (width, rows) in regions {
+        assert_covers(&format!("{name}, -/+ {:.1} N", 0.5e-6 * width as f64), &rows, OF_A_REGION, |_| true);
+    }
+}
+
+/// Sets of replicates: two an experiment to identify, four to calibrate, five to test.
+fn sets() -> impl Iterator<Item = (u64, Parts)> {
+    let parts = |set| [generated(1..=2, set), generated(3..=6, set), generated(7..=11, set)];
+    (1..=if long() { 8 } else { 1 }).map(move |set| (set, parts(set)))
+}
+
+#[test]
+fn nine_of_ten_generated_forces_lie_in_the_band_of_a_free_run() {
+    let mut when_aged = Vec::new();
+    for (set, parts) in sets() {
+        let model = model(ModelSpec::FUZZY_TANH, &parts);
+        let all = rows(&model, &parts[2], Away::None);
+        assert_covers(&format!("set {set}, fuzzy-tanh"), &all, WANTED, |_| true);
+        assert_regions(&format!("set {set}, fuzzy-tanh"), &all, Mode::Model);
+        let aged = rows(&model, &parts[2], Away::Drive);
+        let is_aged = |row: &Row| row.drive_age_s > 0.003;
+        when_aged.push(assert_covers(
+            &format!("set {set}, fuzzy-tanh, drive held"),
+            &aged,
+            OF_A_SET,
+            is_aged,
+        ));
+        for [from, to] in [[0.003, 0.04], [0.04, 0.15], [0.15, 0.3]] {
+            let name = format!("set {set}, fuzzy-tanh, drive held for {from} to {to} s");
+            assert_covers(&name, &aged, [0.82, 0.98], |row| (from..to).contains(&row.drive_age_s));
+        }
+    }
+    assert_mean("fuzzy-tanh, drive held", &when_aged);
+}
+
+#[test]
+fn nine_of_ten_generated_forces_lie_in_the_band_of_one_step() {
+    let mut when_coasting = Vec::new();
+    for (set, parts) in sets() {
+        let model = model(ModelSpec::ARX_SEMI_ACTIVE, &parts);
+        let all = rows(&model, &parts[2], Away::None);
+        assert_covers(&format!("set {set}, arx"), &all, WANTED, |row| row.mode == Mode::Arx);
+        assert_regions(&format!("set {set}, arx"), &all, Mode::Arx);
+        let lost = rows(&model, &parts[2], Away::Force);
+        let coasts = |row: &Row| row.mode != Mode::Model && row.coast_s > 0.003;
+        assert_covers(&format!("set {set}, arx, force lost at times"), &lost, WANTED, |_| true);
+        when_coasting.push(assert_covers(&format!("set {set}, arx, coasting"), &lost, OF_A_SET, coasts));
+        for [from, to] in [[0.003, 0.02], [0.02, 0.06], [0.06, 0.15], [0.15, 0.25]] {
+            let name = format!("set {set}, arx, coasting for {from} to {to} s");
+            assert_covers(&name, &lost, [0.82, 0.98], |row| coasts(row) && (from..to).contains(&row.coast_s));
+        }
+        let model_mode = format!("set {set}, arx running free");
+        assert_covers(&model_mode, &lost, [0.8, 0.98], |row| row.mode == Mode::Model);
+        let aged = rows(&model, &parts[2], Away::Drive);
+        assert_covers(&format!("set {set}, arx, drive held"), &aged, WANTED, |row| row.drive_age_s > 0.003);
+    }
+    assert_mean("arx, coasting", &when_coasting);
+}
+
+/// Draws thirds of runs by lot.
+fn thirds(runs: &[Run], random: &mut Pcg64Mcg) -> Parts {
+    let mut order: Vec<usize> = (0..runs.len()).collect();
+    order.shuffle(random);
+    [0, 1, 2].map(|part| order.iter().skip(part).step_by(3).map(|k| runs[*k].clone()).collect())
+}
+
+/// Draws thirds of motions x currents (named motion by motion) by lot, as a Latin square: each motion and each current in every part.
+fn latin_thirds(runs: &[Run], currents: usize, random: &mut Pcg64Mcg) -> Parts {
+    let mut shuffled = |count: usize| {
+        let mut order: Vec<usize> = (0..count).collect();
+        order.shuffle(random);
+        order
+    };
+    let (motion, current) = (shuffled(runs.len() / currents), shuffled(currents));
+    let turn = random.random_range(0..3);
+    let part_of = |k: usize| (motion[k / currents] + current[k % currents] + turn) % 3;
+    [0, 1, 2].map(|part| (0..runs.len()).filter(|k| part_of(*k) == part).map(|k| runs[k].clone()).collect())
+}
+
+/// While coasting: utfsm-mr has five runs to calibrate on, so that one left out is covered from four, and the level that
+/// this asks for is a little high (92.0 % over 40 draws).
+const OF_FEW: [f64; 2] = [0.87, 0.93];
+
+/// Coverage by draw; the mean over draws must lie within `range`.
+fn assert_draws(
+    name: &str,
+    spec: ModelSpec,
+    away: Away,
+    range: [f64; 2],
+    which: impl Fn(&Row) -> bool,
+    draw: impl Fn(&mut Pcg64Mcg) -> Parts,
+) {
+    let mut shares = Vec::new();
+    let mut counted = Tally::default();
+    for seed in 0..if long() { 40 } else { 10 } {
+        let parts = draw(&mut Pcg64Mcg::seed_from_u64(seed));
+        let model = model(spec, &parts);
+        let predictor = if spec == ModelSpec::FUZZY_TANH { Predictor::FreeRun } else { Predictor::OneStep };
+        assert!(model.expected.uncertainty.is_some_and(|u| u.covers(predictor)), "{name} {seed}");
+        let rows = rows(&model, &parts[2], away);
+        let tally = Tally::of(rows.iter().filter(|row| which(row)));
+        shares.push(tally.coverage());
+        counted.rows += tally.rows;
+    }
+    let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+    let each: Vec<String> = shares.iter().map(|share| format!("{:.1}", 100.0 * share)).collect();
+    println!(
+        "{name}: {:.1} % over {} draws ({} rows): {}",
+        100.0 * mean,
+        shares.len(),
+        counted.rows,
+        each.join(" ")
+    );
+    assert!((range[0]..=range[1]).contains(&mean), "{name}: {mean}");
+}
+
+#[test]
+fn nine_of_ten_measured_forces_lie_in_the_band() {
+    let one_step = |row: &Row| row.mode == Mode::Arx && row.coast_s < 0.015;
+    let coasts = |row: &Row| row.mode != Mode::Model && row.coast_s > 0.015;
+    if let Some(runs) = folder("utfsm-mr") {
+        assert_eq!(runs.len(), 30);
+        let draw = |random: &mut Pcg64Mcg| latin_thirds(&runs, 5, random);
+        assert_draws("utfsm-mr, fuzzy-tanh", ModelSpec::FUZZY_TANH, Away::None, WANTED, |_| true, draw);
+        // An ARX model holds at one rate: 1000 Hz, three motions.
+        let fast =
+            |run: &&Run| ["10mm2hz", "5mm3hz", "5mm4hz"].iter().any(|motion| run.name.contains(motion));
+        let fast: Vec<Run> = runs.iter().filter(fast).cloned().collect();
+        let draw = |random: &mut Pcg64Mcg| latin_thirds(&fast, 5, random);
+        assert_draws("utfsm-mr, arx", ModelSpec::ARX_SEMI_ACTIVE, Away::None, WANTED, one_step, draw);
+        assert_draws("utfsm-mr, arx coasting", ModelSpec::ARX_SEMI_ACTIVE, Away::Force, OF_FEW, coasts, draw);
+    }
+    if let Some(runs) = folder("utfpr-mr") {
+        let draw = |random: &mut Pcg64Mcg| thirds(&runs, random);
+        assert_draws("utfpr-mr, fuzzy-tanh", ModelSpec::FUZZY_TANH, Away::None, WANTED, |_| true, draw);
+        assert_draws("utfpr-mr, arx", ModelSpec::ARX_SEMI_ACTIVE, Away::None, WANTED, one_step, draw);
+        assert_draws("utfpr-mr, arx coasting", ModelSpec::ARX_SEMI_ACTIVE, Away::Force, OF_FEW, coasts, draw);
+    }
+}
