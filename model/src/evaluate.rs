@@ -8,9 +8,10 @@ use crate::effect::Need;
 use crate::error::Error;
 use crate::metrics::{ErrorSum, Fit};
 use crate::model::Model;
-use crate::pipeline::{Event, Mode, Models, Pipeline, Settings};
+use crate::pipeline::{Estimate, Event, Mode, Models, Pipeline, Settings};
 use crate::sample::{Run, Stamp};
 use crate::units::Newton;
+use serde::Serialize;
 use std::collections::VecDeque;
 
 /// What an evaluation found.
@@ -26,8 +27,19 @@ pub struct Evaluation {
     pub one_step: Option<Fit>,
     /// Persistence on the samples of `one_step` or `free_run`.
     pub persistence: Option<Fit>,
+    /// How often the measured force lay within the calibrated 90 % band of its estimate; `None` for a model without one.
+    pub band: Option<Coverage>,
     /// Samples of the run that the pipeline refused.
     pub refused: u64,
+}
+
+/// How often the measured force lay within the band.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Coverage {
+    /// Share of the samples, 1.
+    pub share: f64,
+    /// Estimates with a calibrated band whose force was measured.
+    pub samples: u64,
 }
 
 /// Gathers an evaluation from the events of a pipeline, live or replayed.
@@ -36,7 +48,9 @@ pub struct Evaluator {
     free: ErrorSum,
     one_step: ErrorSum,
     persistence: ErrorSum,
-    waiting: VecDeque<(Stamp, f64)>,
+    waiting: VecDeque<Estimate>,
+    /// Measured forces within a calibrated band, and all of them.
+    banded: [u64; 2],
     last_measured: Option<(Stamp, f64)>,
     refused: u64,
 }
@@ -44,26 +58,34 @@ pub struct Evaluator {
 impl Evaluator {
     /// Longest step over which persistence counts as one step, s.
     const STEP_S: f64 = 0.1;
-    /// One-step estimates that may wait for their measurement.
+    /// Estimates that may wait for their measurement.
     const WAITING: usize = 512;
 
     /// Takes an event. `counts` says whether a residual's stamp counts.
     pub fn take(&mut self, event: &Event, counts: impl Fn(Stamp) -> bool) {
         match event {
-            Event::Estimate(estimate) if estimate.mode == Mode::Arx => {
+            Event::Estimate(estimate) => {
                 if self.waiting.len() == Self::WAITING {
                     self.waiting.pop_front();
                 }
-                self.waiting.push_back((estimate.stamp, estimate.force.get()));
+                self.waiting.push_back(*estimate);
             }
             Event::Residual(residual) => {
                 let (stamp, measured_n) = (residual.stamp, residual.measured.get());
-                while self.waiting.front().is_some_and(|(at, _)| *at < stamp) {
+                while self.waiting.front().is_some_and(|estimate| estimate.stamp < stamp) {
                     self.waiting.pop_front();
                 }
-                let one_step = self.waiting.front().filter(|(at, _)| *at == stamp).map(|(_, f)| *f);
+                let estimate = self.waiting.front().filter(|estimate| estimate.stamp == stamp);
+                let one_step = estimate
+                    .filter(|estimate| estimate.mode == Mode::Arx)
+                    .map(|estimate| estimate.force.get());
                 if counts(stamp) {
                     self.free.add(measured_n, residual.predicted.get());
+                    if let Some(estimate) = estimate.filter(|estimate| estimate.calibrated) {
+                        let [low, high] = estimate.band;
+                        self.banded[0] += u64::from((low.get()..=high.get()).contains(&measured_n));
+                        self.banded[1] += 1;
+                    }
                     if let Some(predicted_n) = one_step {
                         self.one_step.add(measured_n, predicted_n);
                     }
@@ -76,11 +98,7 @@ impl Evaluator {
                 self.last_measured = Some((stamp, measured_n));
             }
             Event::Refusal(_) => self.refused += 1,
-            Event::Estimate(_)
-            | Event::Input(_)
-            | Event::Transition(_)
-            | Event::Alarm(_)
-            | Event::Command(_) => {}
+            Event::Input(_) | Event::Transition(_) | Event::Alarm(_) | Event::Command(_) => {}
         }
     }
 
@@ -93,12 +111,14 @@ impl Evaluator {
     /// What was found so far.
     #[must_use]
     pub fn finish(&self) -> Evaluation {
+        let [inside, samples] = self.banded;
         Evaluation {
             free_run: self.free.fit(),
             free_run_without_offset: self.free.fit_without_offset(),
             offset: Newton(self.free.mean_error_n()),
             one_step: self.one_step.fit(),
             persistence: self.persistence.fit(),
+            band: (samples > 0).then(|| Coverage { share: inside as f64 / samples as f64, samples }),
             refused: self.refused,
         }
     }

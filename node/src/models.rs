@@ -5,7 +5,7 @@ use crate::error::NodeError;
 use crate::wire::ModelNames;
 use mr_damper_model::force::ForceModel;
 use mr_damper_model::model::Model;
-use mr_damper_model::model_file::ModelFile;
+use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::Models;
 use mr_damper_model::preset;
 use sha2::{Digest, Sha256};
@@ -16,10 +16,18 @@ use std::path::Path;
 /// # Errors
 /// When there is no such preset or file, or the file is wrong.
 pub fn load(name: &str) -> Result<Model, NodeError> {
+    Ok(load_whole(name)?.model)
+}
+
+/// The same with how it came about, of which a preset says nothing.
+///
+/// # Errors
+/// Those of [`load`].
+pub fn load_whole(name: &str) -> Result<ModelFile, NodeError> {
     if name.starts_with("thesis/") && !Path::new(name).exists() {
-        return Ok(preset::load(name)?);
+        return Ok(ModelFile { model: preset::load(name)?, provenance: Provenance::default() });
     }
-    Ok(load_file(Path::new(name))?.model)
+    load_file(Path::new(name))
 }
 
 /// The model file at `path`.

@@ -5,6 +5,49 @@ use mr_damper_node::run::{SaveOptions, save};
 use std::path::Path;
 use std::process::Command;
 
+/// A band is calibrated on held-out runs, by either command, and other runs are held to it.
+#[test]
+fn a_band_is_calibrated_on_held_out_runs() {
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let runs: Vec<String> = (1..=6).map(|seed| run(dir.path(), &format!("{seed}.csv"), seed)).collect();
+    let at = |name: &str| dir.path().join(name).display().to_string();
+    let (model, bare, again) = (at("model.toml"), at("bare.toml"), at("again.toml"));
+    let mut identify =
+        vec!["identify", "--model", "fuzzy-tanh", &runs[0], "--restarts", "2", "--json", "-", "--out"];
+    let identified = json(&[identify.as_slice(), &[&bare]].concat());
+    assert_eq!(identified["band_calibrated"], false);
+    identify.extend([model.as_str(), "--validate", &runs[1], &runs[2], &runs[3], &runs[4]]);
+    let identified = json(&identify);
+    assert_eq!(identified["band_calibrated"], true);
+    let none = json(&[
+        "evaluate",
+        &bare,
+        &runs[1],
+        &runs[2],
+        &runs[3],
+        &runs[4],
+        "--calibrate",
+        &again,
+        "--json",
+        "-",
+    ]);
+    assert!(none["runs"].as_array().is_some_and(|runs| runs.iter().all(|run| run["band"].is_null())));
+    for model in [&model, &again] {
+        let band = &json(&["evaluate", model, &runs[5], "--json", "-"])["runs"][0]["band"];
+        let (share, samples) = (band["share"].as_f64(), band["samples"].as_u64());
+        // One run of six seconds: far from any promise, and not nothing.
+        assert!(share.is_some_and(|share| (0.75..0.99).contains(&share)), "{band}");
+        assert!(samples.is_some_and(|samples| samples > 2500), "{band}");
+    }
+    let output = Command::new(env!("CARGO_BIN_EXE_mr-damper"))
+        .args(["evaluate", &bare, &runs[1], "--calibrate", &at("none.toml")])
+        .output()
+        .expect("it runs");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && said.contains("1 of 3") && said.contains("hold out"), "{said}");
+    assert!(!Path::new(&at("none.toml")).exists());
+}
+
 /// A run of the rig on disk.
 fn run(dir: &Path, name: &str, seed: u64) -> String {
     let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(6.0);

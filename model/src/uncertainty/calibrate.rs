@@ -93,7 +93,7 @@ impl Calibrator {
 
 fn too_little(what: &str) -> Error {
     let message = format!(
-        "the uncertainty cannot be calibrated {what}; hold out at least {RUNS} runs, or longer ones, of the kind \
+        "held-out runs are too few to calibrate the uncertainty: {what}; hold out at least {RUNS} runs, or longer ones, of the kind \
          that the model will meet"
     );
     Error::Data { message }
@@ -102,7 +102,7 @@ fn too_little(what: &str) -> Error {
 /// The table of one predictor.
 fn bands(rows: &Rows, runs: usize, has_drive: bool, predictor: &str) -> Result<Bands, Error> {
     if runs < RUNS {
-        return Err(too_little(&format!("from {runs} held-out runs")));
+        return Err(too_little(&format!("{runs} of {RUNS}")));
     }
     let effective = effective_shares(&rows.base, runs);
     let in_all: f64 = rows.base.iter().map(|row| effective[row.run]).sum();

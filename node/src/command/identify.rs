@@ -18,6 +18,7 @@ use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
 use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use mr_damper_model::sample::{DriveKind, Run};
+use mr_damper_model::uncertainty::Calibrator;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
@@ -101,6 +102,8 @@ struct Report<'a> {
     velocity_trials: Vec<VelocityReport>,
     training: Scores,
     validation: Option<Scores>,
+    /// The 90 % band of the estimates is calibrated on the held-out runs.
+    band_calibrated: bool,
     runs: Vec<RunReport<'a>>,
     active_bounds: Vec<String>,
     warnings: &'a [String],
@@ -201,6 +204,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
             persistence: found.persistence,
         },
         validation,
+        band_calibrated: found.model.expected.uncertainty.is_some(),
         runs: found.runs.iter().map(run_report).collect(),
         active_bounds: found.active_bounds.iter().map(|b| format!("{} = {}", b.parameter, b.value)).collect(),
         warnings: &found.warnings,
@@ -239,7 +243,7 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
     })
 }
 
-/// Scores the model on the held-out runs; their error becomes the one to expect.
+/// Scores the model on the held-out runs; their error becomes the one to expect, and calibrates its band.
 fn validate(
     found: &mut Identified,
     held_out: &[Run],
@@ -249,11 +253,17 @@ fn validate(
         return Ok(None);
     }
     let mut all = Evaluator::default();
+    let mut calibrator = Calibrator::new(found.model);
     for run in held_out {
         if around.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
         evaluate_into(&mut all, found.model, run, Settings::default(), |_| true)?;
+        calibrator.add(run)?;
+    }
+    match calibrator.finish() {
+        Ok(uncertainty) => found.model.expected.uncertainty = Some(uncertainty),
+        Err(why) => found.warnings.push(format!("the 90 % band of its estimates is a guess: {why}")),
     }
     let scored = all.finish();
     let rsse = |fit: &Option<Fit>| fit.as_ref().map(|fit| fit.rsse_n);
@@ -327,6 +337,9 @@ fn remarks(report: &Report<'_>) -> Vec<String> {
         .into_iter()
         .collect();
     remarks.extend(report.warnings.iter().cloned());
+    if report.band_calibrated {
+        remarks.push("the 90 % band of its estimates is calibrated on the held-out runs".to_owned());
+    }
     let bounds = report.active_bounds.iter();
     let vague = |e: &&Estimate<'_>| e.standard_error.is_none_or(|error| error > 0.5 * e.value.abs());
     let vague: Vec<&str> = report.estimates.iter().filter(vague).map(|e| e.parameter).collect();
