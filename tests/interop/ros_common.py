@@ -3,7 +3,15 @@
 import time
 
 from builtin_interfaces.msg import Time
-from mr_damper_msgs.msg import CoilCurrent, Displacement, Force, ForceEstimate, ForceResidual, ModeChange
+from mr_damper_msgs.msg import (
+    CoilCurrent,
+    CurrentCommand,
+    Displacement,
+    Force,
+    ForceEstimate,
+    ForceResidual,
+    ModeChange,
+)
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from peer_common import fail
@@ -15,6 +23,8 @@ TYPES = {
     "force_estimate": ForceEstimate,
     "force_residual": ForceResidual,
     "mode": ModeChange,
+    "force_request": Force,
+    "current_command": CurrentCommand,
 }
 
 
@@ -39,8 +49,8 @@ def message(topic, ns, value):
     """An input message with its stamp and its one figure."""
     result = TYPES[topic]()
     result.header.stamp = to_stamp(ns)
-    field = {"displacement": "displacement", "coil_current": "current", "measured_force": "force"}[topic]
-    setattr(result, field, value)
+    field = {"displacement": "displacement", "coil_current": "current"}
+    setattr(result, field.get(topic, "force"), value)
     return result
 
 

@@ -32,15 +32,18 @@ const ROUND_TRIP_RATIO: f64 = 1.3;
 /// Relative difference between the ESR of subscribers and that of `evaluate`, at most.
 const ESR_DIFFERENCE: f64 = 1e-9;
 
-const INPUTS: [(&str, &str); 3] = [
+const INPUTS: [(&str, &str); 5] = [
     ("/displacement", "mr_damper_msgs/msg/Displacement"),
     ("/coil_current", "mr_damper_msgs/msg/CoilCurrent"),
     ("/measured_force", "mr_damper_msgs/msg/Force"),
+    ("/force_request", "mr_damper_msgs/msg/Force"),
+    ("/body_velocity", "mr_damper_msgs/msg/Velocity"),
 ];
-const OUTPUTS: [(&str, &str); 3] = [
+const OUTPUTS: [(&str, &str); 4] = [
     ("/force_estimate", "mr_damper_msgs/msg/ForceEstimate"),
     ("/force_residual", "mr_damper_msgs/msg/ForceResidual"),
     ("/mode", "mr_damper_msgs/msg/ModeChange"),
+    ("/current_command", "mr_damper_msgs/msg/CurrentCommand"),
 ];
 
 #[test]
@@ -147,6 +150,77 @@ fn residuals_arrived(saw: &Value) {
         changes.iter().all(|change| !text(change, "/reason").is_empty()),
         "each has a reason: {changes:#?}"
     );
+}
+
+#[test]
+fn rclpy_jazzy_asks_for_forces() {
+    interop("supervisor with rclpy jazzy", |lab| supervisor(lab, Distro::Jazzy));
+}
+
+#[test]
+fn rclpy_kilted_asks_for_forces() {
+    interop("supervisor with rclpy kilted", |lab| supervisor(lab, Distro::Kilted));
+}
+
+/// A supervisor in rclpy asks for forces, of sense and of none, and falls silent; Zenoh hears the same commands.
+fn supervisor(lab: &Lab, distro: Distro) -> Outcome {
+    let listen = format!("zenoh.listen:=['{ZENOH_ENDPOINT}']");
+    let limits =
+        ["-p", "current.max_a:=2.0", "-p", "current.safe_a:=0.25", "-p", "current.safe_after_s:=0.3"];
+    let _node = lab.node(PRESET, &[["-p", &listen].as_slice(), &limits].concat());
+    let peer = lab.ros(distro, "supervisor_peer.py", &["--node", NODE]);
+    let heard = lab.peer("zenoh_reader.py", &[ZENOH_ENDPOINT, NODE.trim_start_matches('/'), "8"]).json(PEER);
+    let saw = peer.json(PEER);
+    assert_eq!(text(&saw, "/distro"), distro.name());
+    assert_eq!(count(&saw, "/before_anything_was_asked"), 0, "nothing is commanded unasked");
+
+    let limited = |phase: &str, by: &str| {
+        found(&saw, &format!("/{phase}/limited_by")).get(by).and_then(Value::as_u64).unwrap_or(0)
+    };
+    for phase in ["follow", "not_a_number", "too_large", "bad_load_cell", "unasked", "silence"] {
+        let told = found(&saw, &format!("/{phase}"));
+        assert!(count(told, "/commands") > 10, "{phase}: {told:#}");
+        assert!(
+            number(told, "/current/least") >= 0.0 && number(told, "/current/most") <= 2.0,
+            "{phase}: {told:#}"
+        );
+        assert!(truth(told, "/interval_holds"), "{phase}: {told:#}");
+    }
+    let follow = found(&saw, "/follow");
+    assert!(limited("follow", "NONE") * 3 > count(follow, "/commands"), "what can be met is met: {follow:#}");
+    assert!(count(follow, "/with_interval") > 100, "the achievable interval arrives: {follow:#}");
+    assert!(limited("too_large", "CURRENT_MAX") > 0 && limited("too_large", "PASSIVITY") > 0, "{saw:#}");
+    assert_eq!(limited("too_large", "NONE"), 0, "{saw:#}");
+    for phase in ["not_a_number", "unasked", "silence"] {
+        let told = found(&saw, &format!("/{phase}"));
+        assert_eq!(limited(phase, "SAFE"), count(told, "/commands"), "{phase}: {told:#}");
+        assert_eq!(number(told, "/current/last"), 0.25, "{phase} ends in the safe current: {told:#}");
+    }
+    for phase in ["follow", "bad_load_cell"] {
+        let told = found(&saw, &format!("/{phase}"));
+        assert!(count(told, "/banded") * 10 > count(told, "/estimates") * 9, "bands arrive: {told:#}");
+        assert!(truth(told, "/band_holds_force"), "{told:#}");
+    }
+    let flags = |phase: &str, reason: &str| {
+        found(&saw, &format!("/{phase}/reasons")).get(reason).and_then(Value::as_u64).unwrap_or(0)
+    };
+    assert_eq!(flags("follow", "INPUT_RANGE"), 0, "{saw:#}");
+    assert!(flags("bad_load_cell", "INPUT_RANGE") > 5, "flags arrive: {saw:#}");
+
+    let command = found(&heard, "/routes/state~1current_command");
+    assert!(count(command, "/count") > 200, "commands on Zenoh: {command:#}");
+    assert!((0.0..=2.0).contains(&number(command, "/last/current_a")), "{command:#}");
+    assert!(!text(command, "/last/limited_by").is_empty(), "{command:#}");
+    let estimate = found(&heard, "/routes/state~1force_estimate/last");
+    assert!(number(estimate, "/band_low_n") < number(estimate, "/band_high_n"), "{estimate:#}");
+    let _ = found(estimate, "/reasons");
+    assert!(count(&heard, "/routes/state~1force_request/count") > 200, "requests are mirrored: {heard:#}");
+    Outcome::Passed(format!(
+        "{} commands to a demand, {} of them met; Zenoh heard {}",
+        count(follow, "/commands"),
+        limited("follow", "NONE"),
+        count(command, "/count")
+    ))
 }
 
 #[test]

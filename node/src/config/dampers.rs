@@ -166,6 +166,24 @@ mod tests {
     }
 
     #[test]
+    fn the_examples_load() {
+        let example = |name: &str| {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../launch-configs").join(name);
+            dampers(Some(&path), &RosArgs::default(), &[]).expect(name)
+        };
+        assert_eq!(example("node.toml").len(), 1);
+        let corners = example("vehicle.toml");
+        let damping: Vec<f64> = corners.iter().map(|d| d.config.skyhook_n_s_m).collect();
+        assert_eq!(damping, [1500.0, 1500.0, 1200.0, 1200.0]);
+        assert_eq!(corners[3].config.displacement.sign, -1.0);
+        assert!(
+            corners
+                .iter()
+                .all(|d| d.config.settings.limits.rate_max_a_s == 200.0 && d.config.law == "skyhook")
+        );
+    }
+
+    #[test]
     fn what_cannot_be_is_said() {
         for (toml, says) in [
             ("dampers = [\"a\", \"a\"]", "\"a\" stands there twice"),

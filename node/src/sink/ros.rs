@@ -236,7 +236,7 @@ impl RefusalLog {
 
 fn warn(refusal: &Refusal, count: u64) {
     let advice = match refusal.why {
-        Refused::NotFinite => "check the sensor's driver",
+        Refused::NotFinite => "check who publishes it",
         Refused::Repeated | Refused::TimeBack => "check the publisher's stamps, and that only one publishes",
         Refused::OutOfRange => {
             "check the sensor's unit and offset, or raise the parameter plausible.* that bounds it"
