@@ -76,9 +76,8 @@ impl Evaluator {
                     self.waiting.pop_front();
                 }
                 let estimate = self.waiting.front().filter(|estimate| estimate.stamp == stamp);
-                let one_step = estimate
-                    .filter(|estimate| estimate.mode == Mode::Arx)
-                    .map(|estimate| estimate.force.get());
+                let one_step =
+                    estimate.filter(|estimate| estimate.mode == Mode::Arx).map(Estimate::unsmoothed_n);
                 if counts(stamp) {
                     self.free.add(measured_n, residual.predicted.get());
                     if let Some(estimate) = estimate.filter(|estimate| estimate.calibrated) {

@@ -211,7 +211,7 @@ fn an_extrapolating_estimate_is_not_calibrated() {
 #[test]
 fn too_few_runs_are_refused() {
     let error = calibrate(&preset(BEST_FUZZY_TANH), &[]).expect_err("no runs").to_string();
-    assert!(error.contains("from 0 held-out runs") && error.contains("hold out at least 3 runs"), "{error}");
+    assert!(error.contains("0 of 3") && error.contains("hold out at least 3 runs"), "{error}");
 }
 
 #[test]

@@ -58,7 +58,7 @@ fn reasons_are_one_bit_each() {
 fn current_command() {
     let ours = constants("LIMITED_BY_", "uint8", LimitedBy::ALL.iter().map(|l| (l.name(), u8::from(*l))));
     assert_eq!(ours, defined::<CurrentCommand>());
-    assert_eq!(ours.len(), 6);
+    assert_eq!(ours.len(), 7);
 }
 
 #[test]

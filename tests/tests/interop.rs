@@ -496,7 +496,8 @@ fn compare_with_evaluate(lab: &Lab, model: &str, run: &Path, figure: &str, seen:
     let evaluated = lab.mr_damper(&["--quiet", "evaluate", model, utf8(run), "--json", "-"]).json(PEER);
     let rows = count(&evaluated, "/runs/0/free_run/samples");
 
-    let node = lab.node(model, &[]);
+    // What smooths a change of mode is in what a subscriber sees, and no error of a model.
+    let node = lab.node(model, &["-p", "bumpless_tau_s:=0.0"]);
     let mut subscriber = lab.ros(Distro::Jazzy, "esr_peer.py", &["--expect", &rows.to_string()]);
     assert_eq!(text(&subscriber.json_line(PEER), "/event"), "ready");
     lab.mr_damper(&["--quiet", "replay", utf8(run), "--wait", "20"]).output(PEER);

@@ -11,7 +11,7 @@
 //! |---|---|---|
 //! | F_mode | force by the mode at present | N |
 //! | F_before | by the mode before at the same sample, if it still can; else the last output, led on along its slope | N |
-//! | tau | `bumpless_tau_s` | s |
+//! | tau | half of `bumpless_tau_s`: what is left of a step then has the area of an exponential of that time constant | s |
 //!
 //! A critically damped end: the slowest that does not swing. Slopes are those of the last [`SLOPE_S`], since from one sample to the
 //! next a force fed by a load cell has mostly noise.
@@ -87,9 +87,9 @@ impl Bump {
         forces: &Forces,
         now: Speaker,
         before: Option<Option<Speaker>>,
-        tau_s: f64,
+        bumpless_tau_s: f64,
     ) -> Option<f64> {
-        let dt_s = forces.dt_s;
+        let (dt_s, tau_s) = (forces.dt_s, 0.5 * bumpless_tau_s);
         self.free.see(forces.free_n, dt_s);
         self.seeded.see(forces.seeded_n, dt_s);
         let force_n = forces.of(now)?;

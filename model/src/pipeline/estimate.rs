@@ -14,7 +14,7 @@ use crate::sample::{Sample, Stamp};
 use crate::units::{Newton, Second};
 
 impl Pipeline {
-    /// Takes an accepted displacement: steps both lanes, decides the mode, reports the estimate.
+    /// Takes an accepted displacement: steps both lanes, decides the mode, reports the estimate and the command.
     pub(super) fn on_displacement(
         &mut self,
         sample: &Sample,
@@ -23,92 +23,29 @@ impl Pipeline {
     ) {
         let stamp = sample.stamp;
         let mut reasons = std::mem::take(&mut self.pending);
-        let step_s = self.last_displacement.map(|last| stamp.since(last).get());
-        let dt_s = step_s.filter(|dt| *dt <= self.settings.gap_s);
-        if let Some(silence_s) = step_s.filter(|_| dt_s.is_none()) {
-            reasons |= Reasons::DISPLACEMENT_GAP;
-            if silence_s > self.settings.input_timeout_s
-                && let Some(last) = self.last_displacement
-            {
-                self.displacement_lost(silence_s, last, emit);
-            }
-        }
-        self.last_displacement = Some(stamp);
-        self.last_received = Some(sample.received);
-        self.last_stale_report = None;
-        self.index = self.index.wrapping_add(1);
-        if sample.received.since(stamp).get() > self.settings.input_timeout_s {
-            reasons |= Reasons::LATE;
-        }
-
-        let drive = self.drive.at(stamp);
-        let input_age_s = drive.map_or(f64::NAN, |(at, _)| stamp.since(at).get());
-        if input_age_s > self.settings.input_timeout_s {
-            reasons |= Reasons::DRIVE_STALE;
-        }
-        let velocity = self.velocity.at(stamp);
-        let measured_velocity_m_s =
-            velocity.filter(|(at, _)| stamp.since(*at).get() <= self.settings.gap_s).map(|(_, v)| v);
-        self.judge.displacement(&Seen { stamp, dt_s, displacement_m, velocity_m_s: measured_velocity_m_s });
-        reasons |= self.judge.reasons(stamp, &self.known, &self.settings.plausible);
-        let given = Given {
-            dt_s,
-            displacement_m,
-            measured_velocity_m_s,
-            drive: drive.map_or(f64::NAN, |(_, value)| value),
-            case_temp_c: self.temperature.at(stamp).map_or(f64::NAN, |(_, value)| value),
-        };
+        let step_s = self.pass_time(sample, &mut reasons, emit);
+        let given = self.gather(stamp, step_s, displacement_m, &mut reasons);
+        let dt_s = given.dt_s;
 
         let mut free_reasons = Reasons::NONE;
         let free_n = self.free.step(&given, &mut free_reasons);
         let mut seeded_reasons = Reasons::NONE;
         let seeded_n = self.seeded.as_mut().and_then(|lane| lane.step(&given, &mut seeded_reasons));
-
         self.note_operating(stamp);
-
-        let before = self.machine.mode();
-        let force_fresh = self.settings.use_measured_force == UseForce::Auto && self.force_is_fresh(stamp);
-        let force_odd = self.judge.force_is_odd(&self.known, &self.settings.plausible);
-        let conditions = Conditions {
-            arx_ready: seeded_n.is_some(),
-            force_fresh,
-            force_odd,
-            model_ready: free_n.is_some(),
-        };
-        let transition = self.machine.update(stamp, conditions, self.settings.coast_s, self.settings.hold_s);
-        let mode = self.machine.mode();
-
+        // A prediction is corrected, or smoothed, for the estimate alone: the residual is that of the free run.
         let observed_n = free_n.map(|force_n| force_n + self.observer.bias_n(stamp, &self.settings));
         let forces = Forces { dt_s: dt_s.unwrap_or(0.0), free_n: observed_n, seeded_n };
-        let force_n = match speaker(mode) {
-            Some(now) => {
-                let before = transition.map(|_| speaker(before));
-                self.bump.smooth(&forces, now, before, self.settings.bumpless_tau_s)
-            }
-            None if mode == Mode::Hold => self.bump.hold(&forces),
-            None => {
-                self.bump.forget();
-                None
-            }
-        }
-        .unwrap_or(f64::NAN);
+        let force_n = self.speak(stamp, &forces, emit);
+        let mode = self.machine.mode();
 
         reasons |= self.mode_reasons(mode, free_reasons, seeded_reasons);
-        if let Some(transition) = transition {
-            if matches!(mode, Mode::Model | Mode::Fault)
-                && let Some(lane) = &mut self.seeded
-            {
-                // What ARX said on its own is no history to come back to.
-                lane.forget_forces();
-            }
-            emit(Event::Transition(transition));
-        }
         let doubt = self.doubt(stamp, force_n, mode, reasons);
         if !matches!(mode, Mode::Hold | Mode::Fault) {
             self.last_doubt = doubt;
         }
+        let input_age_s = self.drive_age_s(stamp);
         emit(Event::Estimate(self.estimate(stamp, force_n, doubt, reasons, input_age_s)));
-        self.command(stamp, step_s, reasons, force_odd, emit);
+        self.command(stamp, step_s, reasons, emit);
 
         // Without a prediction there is no residual, but the force still seeds ARX.
         let predicted_n = free_n.unwrap_or(f64::NAN);
@@ -122,26 +59,113 @@ impl Pipeline {
         self.settle_residuals(emit);
     }
 
+    /// Notes that it is the time of `sample`, and returns the time since the displacement before, s.
+    fn pass_time(
+        &mut self,
+        sample: &Sample,
+        reasons: &mut Reasons,
+        emit: &mut impl FnMut(Event),
+    ) -> Option<f64> {
+        let stamp = sample.stamp;
+        let step_s = self.last_displacement.map(|last| stamp.since(last).get());
+        if let Some((last, silence_s)) = self.last_displacement.zip(step_s)
+            && silence_s > self.settings.gap_s
+        {
+            *reasons |= Reasons::DISPLACEMENT_GAP;
+            if silence_s > self.settings.input_timeout_s {
+                self.displacement_lost(silence_s, last, emit);
+            }
+        }
+        self.last_displacement = Some(stamp);
+        self.last_received = Some(sample.received);
+        self.last_stale_report = None;
+        self.index = self.index.wrapping_add(1);
+        if sample.received.since(stamp).get() > self.settings.input_timeout_s {
+            *reasons |= Reasons::LATE;
+        }
+        step_s
+    }
+
+    /// What both lanes are given, judged by each other.
+    fn gather(
+        &mut self,
+        stamp: Stamp,
+        step_s: Option<f64>,
+        displacement_m: f64,
+        reasons: &mut Reasons,
+    ) -> Given {
+        let gap_s = self.settings.gap_s;
+        let dt_s = step_s.filter(|dt_s| *dt_s <= gap_s);
+        if self.drive_age_s(stamp) > self.settings.input_timeout_s {
+            *reasons |= Reasons::DRIVE_STALE;
+        }
+        let value = |(_, value): (Stamp, f64)| value;
+        let velocity = self.velocity.at(stamp).filter(|(at, _)| stamp.since(*at).get() <= gap_s);
+        let velocity_m_s = velocity.map(value);
+        self.judge.displacement(&Seen { stamp, dt_s, displacement_m, velocity_m_s });
+        *reasons |= self.judge.reasons(stamp, &self.known, &self.settings.plausible);
+        Given {
+            dt_s,
+            displacement_m,
+            measured_velocity_m_s: velocity_m_s,
+            drive: self.drive.at(stamp).map_or(f64::NAN, value),
+            case_temp_c: self.temperature.at(stamp).map_or(f64::NAN, value),
+        }
+    }
+
+    /// Age of the drive at `stamp`, s; NaN when there is none.
+    fn drive_age_s(&self, stamp: Stamp) -> f64 {
+        self.drive.at(stamp).map_or(f64::NAN, |(at, _)| stamp.since(at).get())
+    }
+
+    /// Decides the mode, and returns the force that is put out; NaN in `fault`.
+    fn speak(&mut self, stamp: Stamp, forces: &Forces, emit: &mut impl FnMut(Event)) -> f64 {
+        let before = self.machine.mode();
+        let conditions = Conditions {
+            arx_ready: forces.seeded_n.is_some(),
+            force_fresh: self.settings.use_measured_force == UseForce::Auto && self.force_is_fresh(stamp),
+            force_odd: self.judge.force_is_odd(&self.known, &self.settings.plausible),
+            model_ready: forces.free_n.is_some(),
+        };
+        let transition = self.machine.update(stamp, conditions, self.settings.coast_s, self.settings.hold_s);
+        let mode = self.machine.mode();
+        if let Some(transition) = transition {
+            if matches!(mode, Mode::Model | Mode::Fault)
+                && let Some(lane) = &mut self.seeded
+            {
+                // What ARX said on its own is no history to come back to.
+                lane.forget_forces();
+            }
+            emit(Event::Transition(transition));
+        }
+        let force_n = match speaker(mode) {
+            Some(now) => {
+                let before = transition.map(|_| speaker(before));
+                self.bump.smooth(forces, now, before, self.settings.bumpless_tau_s)
+            }
+            None if mode == Mode::Hold => self.bump.hold(forces),
+            None => {
+                self.bump.forget();
+                None
+            }
+        };
+        force_n.unwrap_or(f64::NAN)
+    }
+
     /// True while the newest measured force that met its displacement is no older than `force_timeout_s`.
     fn force_is_fresh(&self, stamp: Stamp) -> bool {
         self.last_force.is_some_and(|at| stamp.since(at).get() <= self.settings.force_timeout_s)
     }
 
     /// Commands the current that the law asks for.
-    fn command(
-        &mut self,
-        stamp: Stamp,
-        step_s: Option<f64>,
-        reasons: Reasons,
-        force_odd: bool,
-        emit: &mut impl FnMut(Event),
-    ) {
+    fn command(&mut self, stamp: Stamp, step_s: Option<f64>, reasons: Reasons, emit: &mut impl FnMut(Event)) {
         // A drive that is old or cannot be says less of the coil than the last command does.
         let drive_counts = !(reasons.has(Reasons::DRIVE_STALE) || reasons.has(Reasons::DRIVE_IMPLAUSIBLE));
         let inputs = self
             .free
             .inputs()
             .map(|inputs| Inputs { drive: if drive_counts { inputs.drive } else { f64::NAN }, ..inputs });
+        let force_odd = self.judge.force_is_odd(&self.known, &self.settings.plausible);
         // Feedback is for the force of this sample: an older one is of another motion.
         let of_this = |at: Stamp| at == stamp || step_s.is_some_and(|step_s| stamp.since(at).get() < step_s);
         let newest = self.force.newest(stamp).filter(|(at, _)| of_this(*at) && !force_odd);
@@ -193,6 +217,7 @@ impl Pipeline {
         Estimate {
             stamp,
             force: Newton(force_n),
+            smoothing: Newton(self.bump.offset_n()),
             std_dev: Newton(doubt.std_dev_n),
             band: doubt.band_n.map(Newton),
             calibrated: doubt.calibrated,
@@ -227,7 +252,7 @@ impl Pipeline {
             Mode::Hold => self.bump.last_output_n().unwrap_or(f64::NAN),
             _ => f64::NAN,
         };
-        let age_s = self.drive.at(last).map_or(f64::NAN, |(at, _)| last.since(at).get());
+        let age_s = self.drive_age_s(last);
         let doubt = self.doubt(last, force_n, mode, Reasons::DISPLACEMENT_LOST);
         self.estimate(last, force_n, doubt, Reasons::DISPLACEMENT_LOST, age_s)
     }

@@ -49,6 +49,9 @@ pub struct Estimate {
     pub stamp: Stamp,
     /// Estimated force; NaN when there is none (validity is then [`Validity::Invalid`]).
     pub force: Newton,
+    /// How much of it is there only so that a change of mode or model neither steps nor kinks: `force` minus this is what the mode's model
+    /// says.
+    pub smoothing: Newton,
     /// Standard deviation to expect: of the model's calibration, or else from its identification; NaN when not known.
     pub std_dev: Newton,
     /// 90 % band of the force, low and high; NaN when not known. Around the force that the mode's model says, and
@@ -67,6 +70,14 @@ pub struct Estimate {
     pub reasons: Reasons,
     /// Stamp of the displacement minus stamp of the drive that was used; NaN when none was.
     pub input_age: Second,
+}
+
+impl Estimate {
+    /// What the mode's model says, N: the force before a change is smoothed.
+    #[must_use]
+    pub fn unsmoothed_n(&self) -> f64 {
+        self.force.get() - self.smoothing.get()
+    }
 }
 
 /// Measured force against the free-running model.

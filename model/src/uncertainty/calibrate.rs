@@ -483,8 +483,7 @@ mod tests {
     fn too_little_is_an_error_that_says_what_to_do() {
         let enough =
             |runs, count| bands(&of(rows(runs, count, |_, share| share)), runs, true, "running free");
-        for (runs, count, said) in [(2, 9000, "from 2 held-out runs"), (3, 40, "of the 200 that are needed")]
-        {
+        for (runs, count, said) in [(2, 9000, "uncertainty: 2 of 3"), (3, 40, "of the 200 that are needed")] {
             let message = enough(runs, count).expect_err("too little").to_string();
             assert!(message.contains(said) && message.contains("hold out at least 3 runs"), "{message}");
         }

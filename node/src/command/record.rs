@@ -157,6 +157,7 @@ fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap
         tap::<Velocity>(ros, topic("velocity"))?,
         tap::<Force>(ros, topic("measured_force"))?,
         tap::<Force>(ros, topic("force_request"))?,
+        tap::<Velocity>(ros, topic("body_velocity"))?,
         tap::<Temperature>(ros, topic("case_temperature"))?,
         tap::<ForceEstimate>(ros, topic("force_estimate"))?,
         tap::<ForceResidual>(ros, topic("force_residual"))?,

@@ -2,7 +2,6 @@
 
 use super::meter::{Histogram, RateMeter};
 use crate::wire::in_seconds;
-use mr_damper_model::inverse::Command;
 use mr_damper_model::pipeline::{AlarmChange, Estimate, Event, Mode, Residual, Transition};
 use mr_damper_model::sample::{Channel, Stamp};
 use std::collections::VecDeque;
@@ -114,8 +113,6 @@ pub struct Board {
     pub now_s: f64,
     /// The newest estimate.
     pub estimate: Option<Estimate>,
-    /// The newest command.
-    pub command: Option<Command>,
     /// The newest residual.
     pub residual: Option<Residual>,
     /// Changes of mode, in order.
@@ -172,12 +169,11 @@ impl Board {
                 let at_s = self.seconds(transition.stamp);
                 self.changes.push(Change { at_s, transition: *transition });
             }
-            Event::Command(commanded) => self.command = Some(commanded.command),
             Event::Alarm(change) => {
                 let at_s = self.seconds(change.stamp);
                 self.alarm = change.raised.then_some(Alarm { at_s, change: *change });
             }
-            Event::Refusal(_) => {}
+            Event::Refusal(_) | Event::Command(_) => {}
         }
     }
 

@@ -54,6 +54,7 @@ fn step(board: &mut Board, k: i64) {
     see(Event::Estimate(Estimate {
         stamp,
         force: Newton(force_n - 20.0),
+        smoothing: Newton(0.0),
         std_dev: Newton(30.0),
         slot: Slot::Free,
         mode,

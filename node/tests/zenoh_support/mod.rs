@@ -198,6 +198,7 @@ pub(crate) fn estimate(nanos: i64, force_n: f64) -> Event {
     Event::Estimate(Estimate {
         stamp: Stamp::from_nanos(nanos),
         force: Newton(force_n),
+        smoothing: Newton(0.0),
         std_dev: Newton(f64::NAN),
         slot: Slot::Free,
         mode: Mode::Model,

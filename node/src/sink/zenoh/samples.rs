@@ -30,6 +30,7 @@ pub(super) fn estimate(nanos: i64, force_n: f64) -> Event {
     Event::Estimate(Estimate {
         stamp: Stamp::from_nanos(nanos),
         force: Newton(force_n),
+        smoothing: Newton(0.0),
         std_dev: Newton(12.5),
         slot: Slot::Free,
         mode: Mode::Model,
