@@ -32,8 +32,8 @@ impl Default for Limits {
             safe_after_s: 0.5,
             hold_m_s: 2e-3,
             lead_s: 4e-3,
-            feedback_s: 10e-3,
-            feedback_gain: 1.0,
+            feedback_s: 15e-3,
+            feedback_gain: 1.2,
         }
     }
 }
