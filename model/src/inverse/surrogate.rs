@@ -128,7 +128,11 @@ impl Surrogate {
             }
             _ => Map::Fuzzy(Fuzzy::fit(&samples, &cycle)?),
         };
-        Ok(Some(Self { map, current_max_a: limits.current_max_a, fit: ground.fit_of(&map) }))
+        let fit = ground.fit_of(&map);
+        if fit.points[0] == 0 {
+            return Err(undetermined());
+        }
+        Ok(Some(Self { map, current_max_a: limits.current_max_a, fit }))
     }
 
     pub(super) const fn fit(&self) -> &SurrogateFit {
