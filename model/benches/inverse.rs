@@ -10,18 +10,42 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use motion::{SAMPLES, motion};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
-use mr_damper_model::inverse::{Commander, Demand, Limits};
+use mr_damper_model::force::{Dependence, ForceModel, Law, LawModel};
+use mr_damper_model::inverse::{Commander, Demand, Limits, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::preset;
+use mr_damper_model::sample::DriveKind;
 
 fn main() {
     divan::main();
 }
 
-fn command(bencher: Bencher, effects: &[EffectModel]) {
+fn fuzzy_tanh_model() -> Model {
+    preset::load(preset::BEST_FUZZY_TANH).expect("a preset")
+}
+
+/// `law` whose parameters are linear in the current.
+fn law_model(law: Law, none: &[f64], per_a: &[f64]) -> Model {
+    let dependence = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
+    let force = LawModel::new(law, dependence, &[none, per_a].concat(), 0.0).expect("in order");
+    Model { force: ForceModel::Law(force), ..fuzzy_tanh_model() }
+}
+
+fn bouc_wen_model() -> Model {
+    law_model(
+        Law::BoucWen,
+        &[600.0, 8e3, 1e3, 500.0, 80.0, 150.0, 2.0, 150.0, 300.0],
+        &[200.0, 4e3, 0.0, 0.0, 300.0, 0.0, 0.0, 0.0, 0.0],
+    )
+}
+
+fn with_effects(bencher: Bencher, effects: &[EffectModel]) {
     let effects = Effects::new(effects).expect("few enough");
-    let model = Model { effects, ..preset::load(preset::BEST_FUZZY_TANH).expect("a preset") };
-    let commander = Commander::new(&model, Limits::default()).expect("it follows a current");
+    command(bencher, &Model { effects, ..fuzzy_tanh_model() }, Method::Search);
+}
+
+fn command(bencher: Bencher, model: &Model, method: Method) {
+    let commander = Commander::with_method(model, Limits::default(), method).expect("it has an inverse");
     let motion = motion();
     bencher.counter(ItemsCount::new(SAMPLES)).with_inputs(|| commander).bench_refs(|commander| {
         let demand_n = |v_m_s: f64| 500.0 * v_m_s.signum() + 1500.0 * v_m_s;
@@ -32,20 +56,33 @@ fn command(bencher: Bencher, effects: &[EffectModel]) {
     });
 }
 
-#[divan::bench]
-fn fuzzy_tanh(bencher: Bencher) {
-    command(bencher, &[]);
+#[divan::bench(args = [Method::Search, Method::Polynomial, Method::Fuzzy])]
+fn fuzzy_tanh(bencher: Bencher, method: Method) {
+    command(bencher, &fuzzy_tanh_model(), method);
+}
+
+#[divan::bench(args = [Method::Search, Method::Polynomial, Method::Fuzzy])]
+fn bouc_wen(bencher: Bencher, method: Method) {
+    command(bencher, &bouc_wen_model(), method);
+}
+
+/// The search's closed form, and surrogates of it.
+#[divan::bench(args = [Method::Search, Method::Polynomial, Method::Fuzzy])]
+fn choi(bencher: Bencher, method: Method) {
+    let none = [0.0, 2500.0, 0.0, -2e4, 0.0, 0.0, 0.0].repeat(2);
+    let per_a = [0.0, 4000.0, 0.0, -6e4, 0.0, 0.0, 0.0].repeat(2);
+    command(bencher, &law_model(Law::Choi, &none, &per_a), method);
 }
 
 #[divan::bench]
 fn with_coil_lag(bencher: Bencher) {
-    command(bencher, &[EffectModel::new(Effect::CoilLag, &[0.012]).expect("within range")]);
+    with_effects(bencher, &[EffectModel::new(Effect::CoilLag, &[0.012]).expect("within range")]);
 }
 
 #[divan::bench]
 fn with_coil_lag_and_gas_spring(bencher: Bencher) {
     let effects = [(Effect::CoilLag, 0.012), (Effect::GasSpring, 2e3)];
-    command(
+    with_effects(
         bencher,
         &effects.map(|(effect, value)| EffectModel::new(effect, &[value]).expect("within range")),
     );

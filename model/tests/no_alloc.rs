@@ -8,7 +8,7 @@ use common::{calibrated, preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
-use mr_damper_model::inverse::{self, Commander, Demand, LimitedBy, Limits};
+use mr_damper_model::inverse::{self, Commander, Demand, LimitedBy, Limits, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Plan, Settings};
 use mr_damper_model::preset::{BEST_ANFIS, BEST_ARX, BEST_FUZZY_TANH};
@@ -131,7 +131,8 @@ fn moving(k: u32) -> Inputs {
     }
 }
 
-/// A commander on each kind of search: tanh functions alone, with an effect that only adds, and a model tried on copies.
+/// A commander on each kind of search: tanh functions alone, with an effect that only adds, and a model tried on copies. And on each
+/// surrogate that stands for one of them.
 #[test]
 fn no_command_allocates() {
     let effect = |effect, parameters: &[f64]| EffectModel::new(effect, parameters).expect("within range");
@@ -140,17 +141,23 @@ fn no_command_allocates() {
     for effects in [vec![], vec![lag, gas], vec![lag, spring]] {
         let effects = Effects::new(&effects).expect("few enough");
         let model = Model { effects, ..preset(BEST_FUZZY_TANH) };
-        let mut commander = Commander::new(&model, Limits::default()).expect("it follows a current");
-        let mut commanded = 0;
-        assert_no_alloc(|| {
-            for k in 0..300 {
-                let inputs = Inputs { drive: f64::NAN, case_temp_c: f64::NAN, ..moving(k) };
-                let demand_n = (!k.is_multiple_of(7)).then_some(4500.0 * inputs.velocity_m_s);
-                let command = commander.step(&inputs, Demand::of_force(demand_n), Some(500.0));
-                commanded += u32::from(command.limited_by != LimitedBy::Safe);
-            }
-        });
-        assert!(commanded > 200, "{commanded}");
+        for method in Method::ALL {
+            let commander = Commander::with_method(&model, Limits::default(), method);
+            let Ok(mut commander) = commander else {
+                assert!(model.effects.as_slice().contains(&spring) && method != Method::Search);
+                continue;
+            };
+            let mut commanded = 0;
+            assert_no_alloc(|| {
+                for k in 0..300 {
+                    let inputs = Inputs { drive: f64::NAN, case_temp_c: f64::NAN, ..moving(k) };
+                    let demand_n = (!k.is_multiple_of(7)).then_some(4500.0 * inputs.velocity_m_s);
+                    let command = commander.step(&inputs, Demand::of_force(demand_n), Some(500.0));
+                    commanded += u32::from(command.limited_by != LimitedBy::Safe);
+                }
+            });
+            assert!(commanded > 200, "{}: {commanded}", method.name());
+        }
     }
 }
 

@@ -49,6 +49,8 @@ pub enum Signal {
     Acceleration,
     /// Drive, A or V.
     Drive(DriveKind),
+    /// Force, N: of a model that is asked for the current, see [`crate::inverse`]. No sample of a model's inputs has it.
+    Force,
 }
 
 impl Signal {
@@ -60,6 +62,7 @@ impl Signal {
             Self::Velocity => "velocity",
             Self::Acceleration => "acceleration",
             Self::Drive(_) => "drive",
+            Self::Force => "force",
         }
     }
 
@@ -72,10 +75,11 @@ impl Signal {
             Self::Acceleration => "m_s2",
             Self::Drive(DriveKind::CoilCurrent) => "a",
             Self::Drive(DriveKind::CommandVoltage) => "v",
+            Self::Force => "n",
         }
     }
 
-    /// Its value at a sample.
+    /// Its value at a sample; NaN for a force.
     #[inline]
     #[must_use]
     pub const fn of(self, inputs: &Inputs) -> f64 {
@@ -84,6 +88,7 @@ impl Signal {
             Self::Velocity => inputs.velocity_m_s,
             Self::Acceleration => inputs.acceleration_m_s2,
             Self::Drive(_) => inputs.drive,
+            Self::Force => f64::NAN,
         }
     }
 }
@@ -273,11 +278,27 @@ impl Tsk {
     #[inline]
     #[must_use]
     pub fn force_n(&self, inputs: &Inputs) -> f64 {
+        self.output_at(&self.raw(inputs))
+    }
+
+    /// What its inputs are at a sample, in their signals' units.
+    #[inline]
+    fn raw(&self, inputs: &Inputs) -> [f64; MAX_INPUTS] {
+        let mut raw = [0.0; MAX_INPUTS];
+        for (raw, input) in raw.iter_mut().zip(self.inputs()) {
+            *raw = input.signal().of(inputs);
+        }
+        raw
+    }
+
+    /// Its output where its inputs are `raw`, in their signals' units.
+    #[inline]
+    pub(crate) fn output_at(&self, raw: &[f64; MAX_INPUTS]) -> f64 {
         let mut u = [0.0; MAX_INPUTS];
         // An input that is not there has one set, which always fires.
         let mut weights = [[1.0; MAX_SETS]; MAX_INPUTS];
-        for (j, input) in self.inputs().iter().enumerate() {
-            u[j] = input.normalise(input.signal().of(inputs));
+        for (j, (input, raw)) in self.inputs().iter().zip(raw).enumerate() {
+            u[j] = input.normalise(*raw);
             weights[j] = input.weights(u[j]);
         }
         self.output.mean_n + self.output.std_dev_n * self.blend(&u, &weights) + self.force_offset_n
@@ -332,10 +353,15 @@ impl Tsk {
     /// Force in newtons at a sample, and its derivatives over all parameters.
     #[must_use]
     pub fn force_and_gradient(&self, inputs: &Inputs) -> (f64, TskGradient) {
+        self.output_and_gradient_at(&self.raw(inputs))
+    }
+
+    /// Its output where its inputs are `raw`, in their signals' units, and the derivatives of it over all parameters.
+    pub(crate) fn output_and_gradient_at(&self, raw: &[f64; MAX_INPUTS]) -> (f64, TskGradient) {
         let mut u = [0.0; MAX_INPUTS];
         let mut firing = [Firing { weights: [1.0; MAX_SETS], ..Firing::default() }; MAX_INPUTS];
-        for (j, input) in self.inputs().iter().enumerate() {
-            u[j] = input.normalise(input.signal().of(inputs));
+        for (j, (input, raw)) in self.inputs().iter().zip(raw).enumerate() {
+            u[j] = input.normalise(*raw);
             firing[j] = input.fire(u[j]);
         }
         let scale = self.output.std_dev_n;

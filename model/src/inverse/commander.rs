@@ -26,17 +26,17 @@
 
 use super::law::Demand;
 use super::limits::{LimitedBy, Limits};
-use super::shape::Shape;
-use super::solve::{Moment, Solver};
-use crate::effect::{Augmented, AugmentedState, Effect, Effects};
+use super::method::Method;
+use super::prepare::Inverse;
+use super::shape::{HARDLY, Shape};
+use super::solve::Moment;
+use super::surrogate::{Surrogate, SurrogateFit};
+use crate::effect::AugmentedState;
 use crate::error::Error;
 use crate::force::Inputs;
 use crate::model::Model;
-use crate::sample::DriveKind;
 use crate::units::{Ampere, Newton};
 
-/// Share of the model's largest force below which the current hardly moves it.
-const HARDLY: f64 = 0.01;
 /// Share of what the current moves by which a demand may lie beyond and still count as met.
 const SLACK: f64 = 1e-3;
 
@@ -59,20 +59,6 @@ pub struct Command {
     pub limited_by: LimitedBy,
 }
 
-/// Time constants of a coil, s.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Coil {
-    rise_s: f64,
-    fall_s: f64,
-}
-
-impl Coil {
-    /// The time constant on the way from `from_a` to `to_a`.
-    fn tau_s(&self, from_a: f64, to_a: f64) -> f64 {
-        if to_a >= from_a { self.rise_s } else { self.fall_s }
-    }
-}
-
 /// Commands currents for forces, for one damper. `Copy`, without heap: it is handed to a real-time thread.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Commander {
@@ -80,17 +66,6 @@ pub struct Commander {
     /// None of a model that has no inverse: then only a current can be asked for.
     inverse: Option<Inverse>,
     memory: Memory,
-}
-
-/// What forces are sought on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Inverse {
-    /// The model without the lag of its coil.
-    model: Augmented,
-    coil: Option<Coil>,
-    gas_n_m: f64,
-    solver: Solver,
-    shape: Shape,
 }
 
 /// What is remembered from sample to sample.
@@ -110,13 +85,21 @@ struct Memory {
 }
 
 impl Commander {
-    /// A commander of `model` at rest, with the safe current on.
+    /// A commander of `model` at rest, with the safe current on, that searches for currents.
+    ///
+    /// # Errors
+    /// Those of [`Commander::with_method`].
+    pub fn new(model: &Model, limits: Limits) -> Result<Self, Error> {
+        Self::with_method(model, limits, Method::Search)
+    }
+
+    /// A commander of `model` at rest, with the safe current on, that finds currents by `method`. A surrogate is fitted here.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] for a limit that means nothing; [`Error::Data`] for a model that follows no current, or a voltage, and
-    /// for one that has no force within its own envelope.
-    pub fn new(model: &Model, limits: Limits) -> Result<Self, Error> {
-        let inverse = Some(Inverse::new(model, &limits)?);
+    /// for one that has no force within its own envelope; and for one that `method` cannot stand for, see [`Method`].
+    pub fn with_method(model: &Model, limits: Limits, method: Method) -> Result<Self, Error> {
+        let inverse = Some(Inverse::new(model, &limits, method)?);
         Ok(Self { inverse, ..Self::without_inverse(limits)? })
     }
 
@@ -141,6 +124,12 @@ impl Commander {
     #[must_use]
     pub fn shape(&self) -> Option<&Shape> {
         self.inverse.as_ref().map(|inverse| &inverse.shape)
+    }
+
+    /// How well the surrogate stands for the model; `None` of a commander that searches.
+    #[must_use]
+    pub fn fit(&self) -> Option<&SurrogateFit> {
+        self.inverse.as_ref()?.surrogate.as_ref().map(Surrogate::fit)
     }
 
     /// Goes on where `old` is: the driver still has its current, and the model's memory means the same where its effects are of the same
@@ -195,57 +184,6 @@ impl Commander {
     }
 }
 
-impl Inverse {
-    fn new(model: &Model, limits: &Limits) -> Result<Self, Error> {
-        limits.validate()?;
-        match model.force.drive() {
-            Some(DriveKind::CoilCurrent) => {}
-            Some(DriveKind::CommandVoltage) => {
-                return Err(refused(
-                    model,
-                    "follows a voltage, not a current; identify it on runs with current_a",
-                ));
-            }
-            None => {
-                return Err(refused(
-                    model,
-                    "knows no current, and no current changes its force; take one that does",
-                ));
-            }
-        }
-        let shape = Shape::of(model, limits.current_max_a);
-        if !shape.has_force() {
-            let [some, all] = shape.points;
-            let what = format!(
-                "has a finite force at {some} of {all} points of its own envelope; a current cannot be sought on it: look at it with \
-                 `mr-damper evaluate`, or take another"
-            );
-            return Err(refused(model, &what));
-        }
-        let (mut kept, mut coil, mut gas_n_m) = (Vec::new(), None, 0.0);
-        for effect in model.effects.as_slice() {
-            match (effect.effect(), effect.parameters()) {
-                (Effect::CoilLag, [tau_s]) => coil = Some(Coil { rise_s: *tau_s, fall_s: *tau_s }),
-                (Effect::CoilLagRiseFall, [rise_s, fall_s]) => {
-                    coil = Some(Coil { rise_s: *rise_s, fall_s: *fall_s });
-                }
-                (Effect::GasSpring, [stiffness_n_m]) => {
-                    gas_n_m += stiffness_n_m;
-                    kept.push(*effect);
-                }
-                _ => kept.push(*effect),
-            }
-        }
-        Ok(Self {
-            model: Augmented::new(model.force, Effects::new(&kept)?)?,
-            coil,
-            gas_n_m,
-            solver: Solver { current_max_a: limits.current_max_a, folded: shape.real_fold().is_some() },
-            shape,
-        })
-    }
-}
-
 /// What a step works on.
 struct Step<'a> {
     limits: &'a Limits,
@@ -292,7 +230,7 @@ impl Memory {
         let Step { limits, inverse, inputs, dt_s } = *on;
         let sought_n = demand_n - self.bias_n + self.pushed(on, demand_n, measured_n);
         let last = (Ampere(self.fluid_a), Newton(modelled_n));
-        let Some(solved) = inverse.solver.solve(&moment, sought_n, last) else {
+        let Some(solved) = inverse.solve(&moment, inputs, sought_n, last) else {
             return self.safe(limits, Demand::Force(demand_n), dt_s);
         };
         self.safe_rate_a_s = None;
@@ -339,7 +277,7 @@ impl Memory {
     /// `command`, with the forces that the model has.
     fn told(&self, on: &Step, command: Command, (modelled_n, moment): (f64, Moment)) -> Command {
         let last = (Ampere(self.fluid_a), Newton(modelled_n));
-        let solved = on.inverse.solver.solve(&moment, modelled_n, last);
+        let solved = on.inverse.solve(&moment, on.inputs, modelled_n, last);
         let fluid_a = self.after(on.inverse, command.current.get(), on.dt_s);
         let biased = |force_n: f64| Newton(force_n + self.bias_n);
         Command {
@@ -453,8 +391,4 @@ impl Memory {
 /// How much of its way a first-order lag of `tau_s` goes in `dt_s`; all of it without a lag.
 fn approach(dt_s: f64, tau_s: f64) -> f64 {
     if tau_s > 0.0 { -(-dt_s / tau_s).exp_m1() } else { 1.0 }
-}
-
-fn refused(model: &Model, what: &str) -> Error {
-    Error::Data { message: format!("no inverse of the {} model: it {what}", model.force.name()) }
 }

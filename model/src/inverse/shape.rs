@@ -8,7 +8,13 @@
 //! at constant velocity, with the current on, for long enough to forget where it started. What falls by no more than a
 //! hundredth of the model's largest force is rounding of fitted coefficients; what falls further is a fold. Which way it grows
 //! may differ from point to point: after a reversal a damper with hysteresis pulls along for a moment.
+//!
+//! A force that lies on the straight line from F(0) to F(i_max) wherever it was looked at, to rounding, is linear in the
+//! current at each motion, and the current for a force has a closed form, see [`super::Solver`]. That is looked at along a sine,
+//! where each of a loop's branches comes, at the memory that the model has there.
 
+use super::cycle::{Cycle, Phase};
+use super::prepare;
 use crate::effect::{Augmented, AugmentedState};
 use crate::force::Inputs;
 use crate::model::Model;
@@ -23,9 +29,15 @@ const VELOCITIES: [f64; 6] = [0.1, 0.3, 0.7, -0.1, -0.3, -0.7];
 const APPROACH: usize = 48;
 /// Share of the model's largest force by which it may fall.
 const ROUNDING: f64 = 0.01;
+/// Share of the model's largest force within which a line is straight.
+const STRAIGHT: f64 = 1e-9;
+/// Currents at which a line is looked at, as shares of the largest.
+const ALONG_LINE: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
+/// Share of the model's largest force below which the current hardly moves it.
+pub(super) const HARDLY: f64 = 0.01;
 /// Where a model knows no envelope: a damper of a seat or a small vehicle, m and m/s.
-const USUAL_M: [f64; 2] = [-0.015, 0.015];
-const USUAL_M_S: f64 = 0.2;
+pub(super) const USUAL_M: [f64; 2] = [-0.015, 0.015];
+pub(super) const USUAL_M_S: f64 = 0.2;
 
 /// A place where the force turns back as the current grows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,6 +59,9 @@ pub struct Shape {
     pub most_n: f64,
     /// The deepest fold; `None` where the force only grows.
     pub fold: Option<Fold>,
+    /// Farthest that the force at one motion lies off the straight line from that without current to that at the largest, N; infinite
+    /// where one of them is not finite.
+    pub bend_n: f64,
     /// Points of the grid that the model has a force at, and of the grid.
     pub points: [usize; 2],
 }
@@ -60,12 +75,15 @@ impl Shape {
             model.envelope.velocity_m_s.map_or(USUAL_M_S, |[low, high]| high.abs().max(low.abs()));
         let dt_s = if model.rate_hz > 0.0 { 1.0 / model.rate_hz } else { 1.0 / 512.0 };
         let augmented = model.augmented();
-        let mut shape = Self { most_n: 0.0, fold: None, points: [0; 2] };
+        let mut shape = Self { most_n: 0.0, fold: None, bend_n: 0.0, points: [0; 2] };
         for displacement_m in DISPLACEMENTS.map(|share| low_m + share * (high_m - low_m)) {
             for velocity_m_s in VELOCITIES.map(|share| share * fastest_m_s) {
                 let force_n = |current_a| arrive(&augmented, displacement_m, velocity_m_s, current_a, dt_s);
                 shape.look(displacement_m, velocity_m_s, current_max_a, force_n);
             }
+        }
+        if shape.has_force() {
+            shape.bend_n = bend_n(model, current_max_a);
         }
         shape
     }
@@ -101,11 +119,36 @@ impl Shape {
         self.points[0] == self.points[1]
     }
 
+    /// True when the force at one motion is linear in the current, to rounding.
+    #[must_use]
+    pub fn is_linear(&self) -> bool {
+        self.bend_n <= STRAIGHT * self.most_n
+    }
+
     /// The fold, where it is deeper than rounding.
     #[must_use]
     pub fn real_fold(&self) -> Option<Fold> {
         self.fold.filter(|fold| fold.fall_n > ROUNDING * self.most_n)
     }
+}
+
+/// Farthest that the force of `model` without the lag of its coil lies off a straight line over the current, N.
+fn bend_n(model: &Model, current_max_a: f64) -> f64 {
+    let Ok(augmented) = prepare::without_lag(model) else { return f64::INFINITY };
+    let mut bend_n = 0.0_f64;
+    for reach in [0.3, 0.9] {
+        Cycle::of(model).along(&augmented, reach, 0.5 * current_max_a, Phase::On, |at| {
+            let off_n = |share: f64| {
+                let [low_n, high_n, here_n] =
+                    [0.0, 1.0, share].map(|share| at.force_n_at(share * current_max_a).unwrap_or(f64::NAN));
+                (low_n + share * (high_n - low_n) - here_n).abs()
+            };
+            for off_n in ALONG_LINE.map(off_n) {
+                bend_n = if off_n.is_finite() { bend_n.max(off_n) } else { f64::INFINITY };
+            }
+        });
+    }
+    bend_n
 }
 
 /// Force of `model` after it has come to `displacement_m` with `velocity_m_s` and `current_a`.

@@ -9,6 +9,11 @@
 //! is within a ten-thousandth of what the current can move it, or where the current is known to a ten-thousandth of its
 //! range.
 //!
+//! A model whose force is linear in the current at each motion ([`super::Shape::is_linear`]: the polynomial of Choi et al., an ARX)
+//! needs no search: i = i_max (Fd - F(0)) / (F(i_max) - F(0)) is exact, by the two forces that are asked for anyway. It is the
+//! first secant of the search without the look at what it gives; nobody would choose the one or the other, and so it has no name
+//! among the [`super::Method`]s.
+//!
 //! A model whose force does not grow with the current one way everywhere ([`super::Shape`]) is looked at in [`PARTS`] parts of
 //! the range first; of several currents that give the force the one nearest the last is taken.
 //!
@@ -43,6 +48,8 @@ pub struct Solver {
     pub current_max_a: f64,
     /// True for a model whose force does not grow with the current one way.
     pub folded: bool,
+    /// True for a model whose force at each motion is linear in the current.
+    pub linear: bool,
 }
 
 impl Solver {
@@ -63,6 +70,13 @@ impl Solver {
     ) -> Option<Solution> {
         let (low, high) = (End::at(0.0, &mut force_n)?, End::at(self.current_max_a, &mut force_n)?);
         let mut achievable_n = [low.force_n.min(high.force_n), low.force_n.max(high.force_n)];
+        if self.linear {
+            let way_n = high.force_n - low.force_n;
+            // Where the current moves nothing, none is as good as any.
+            let share = if way_n == 0.0 { 0.0 } else { ((demand_n - low.force_n) / way_n).clamp(0.0, 1.0) };
+            let force_n = low.force_n + share * way_n;
+            return Some(Solution { current_a: share * self.current_max_a, force_n, achievable_n });
+        }
         if !self.folded {
             let near_n = NEAR * (achievable_n[1] - achievable_n[0]);
             // The last current is seldom far, and one end of a bracket for nothing.
@@ -152,6 +166,21 @@ impl<'a> Moment<'a> {
         }
     }
 
+    /// What effects that only add force add at this moment, N; `None` when the model has no force.
+    #[inline]
+    #[must_use]
+    pub fn added_n(&self) -> Option<f64> {
+        match self {
+            Self::Still { added_n, .. } => Some(*added_n),
+            Self::Whole { model, .. } if model.effects().is_empty() => Some(0.0),
+            Self::Whole { model, before, inputs } => {
+                let mut alone = before.free;
+                let bare_n = model.force().free_run(&mut alone, &Inputs { drive: 0.0, ..**inputs })?;
+                finite(self.force_n(0.0)? - bare_n)
+            }
+        }
+    }
+
     /// The model's force if the current were `current_a`; `None` when it has none, or none that is finite.
     #[inline]
     #[must_use]
@@ -237,7 +266,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn solver(folded: bool) -> Solver {
-        Solver { current_max_a: 2.5, folded }
+        Solver { current_max_a: 2.5, folded, linear: false }
     }
 
     proptest! {
@@ -264,6 +293,33 @@ mod tests {
             let steep_n = gain_n.abs() * sharpness * 2.5 * NEAR;
             prop_assert!((found.force_n - wanted).abs() <= NEAR * (high - low) + steep_n, "{found:?} {wanted}");
         }
+    }
+
+    proptest! {
+        #[test]
+        fn a_straight_line_needs_no_search(
+            base_n in -500.0..500.0_f64,
+            gain_n in -1000.0..1000.0_f64,
+            demand_n in -2000.0..2000.0_f64,
+        ) {
+            let force_n = |i: f64| base_n + gain_n * i;
+            let mut asked = 0;
+            let found = Solver { linear: true, ..solver(false) }
+                .search(|i| { asked += 1; Some(force_n(i)) }, demand_n, End { current_a: 1.0, force_n: 0.0 })
+                .expect("finite");
+            let [low, high] = found.achievable_n;
+            prop_assert!((0.0..=2.5).contains(&found.current_a));
+            prop_assert!((force_n(found.current_a) - demand_n.clamp(low, high)).abs() < 1e-9, "{found:?}");
+            prop_assert!((found.force_n - force_n(found.current_a)).abs() < 1e-9 && asked == 2);
+        }
+    }
+
+    #[test]
+    fn a_current_that_moves_nothing_is_none() {
+        let last = End { current_a: 1.0, force_n: 100.0 };
+        let found =
+            Solver { linear: true, ..solver(false) }.search(|_| Some(100.0), 100.0, last).expect("finite");
+        assert_eq!((found.current_a, found.force_n), (0.0, 100.0));
     }
 
     #[test]

@@ -1,0 +1,130 @@
+//! The motion that a model is looked at along: sines about the middle of its stroke, at one current each.
+//!
+//! ```text
+//! x = x_0 + r X cos w t,   v = -r X w sin w t,   a = -r X w^2 cos w t,   w = V / X,   0 < r <= 1
+//! ```
+//!
+//! | symbol | what | unit |
+//! |---|---|---|
+//! | x_0, X | middle and half width of the envelope's displacement | m |
+//! | V | larger end of its velocity | m/s |
+//! | r | reach: share of X and of V that a sine goes to | 1 |
+//!
+//! Displacement, velocity and acceleration come together as they do when a rod moves, which a grid of the three would not: a
+//! loop's upper and lower branch are both there, and each where it belongs. A model with a memory goes round once before it is
+//! looked at; of one without each point is asked alone.
+
+use super::shape::{USUAL_M, USUAL_M_S};
+use crate::effect::{Augmented, AugmentedState};
+use crate::force::{ForceModel, Inputs};
+use crate::model::Model;
+use std::f64::consts::TAU;
+
+/// Points of a sine that are looked at.
+pub(super) const POINTS: usize = 48;
+/// Least and most steps from one to the next.
+const STEPS: [f64; 2] = [2.0, 24.0];
+
+/// Where in a sine its points lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Phase {
+    /// On the points that a surrogate is fitted to.
+    On,
+    /// Halfway between them.
+    Between,
+}
+
+/// Sines of a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Cycle {
+    pub(super) middle_m: f64,
+    pub(super) half_m: f64,
+    pub(super) fastest_m_s: f64,
+    /// Steps from a point to the next.
+    steps: usize,
+    /// False for a model that each point can be asked of alone.
+    remembers: bool,
+}
+
+/// A point of a sine.
+pub(super) struct At<'a> {
+    /// The sample, with its current.
+    pub(super) inputs: Inputs,
+    /// The model's force there, N.
+    pub(super) force_n: f64,
+    model: &'a Augmented,
+    before: AugmentedState,
+}
+
+impl At<'_> {
+    /// The force if this one sample had another current.
+    pub(super) fn force_n_at(&self, current_a: f64) -> Option<f64> {
+        let mut state = self.before;
+        let inputs = Inputs { drive: current_a, ..self.inputs };
+        self.model.free_run(&mut state, &inputs).filter(|force_n| force_n.is_finite())
+    }
+}
+
+impl Cycle {
+    /// The sines of `model`. Its envelope must be a range, as [`super::Shape::has_force`] finds.
+    pub(super) fn of(model: &Model) -> Self {
+        let [low_m, high_m] = model.envelope.displacement_m.unwrap_or(USUAL_M);
+        let fastest_m_s =
+            model.envelope.velocity_m_s.map_or(USUAL_M_S, |[low, high]| high.abs().max(low.abs()));
+        let half_m = (0.5 * (high_m - low_m)).max(1e-6);
+        let fastest_m_s = fastest_m_s.max(1e-6);
+        let rate_hz = if model.rate_hz > 0.0 { model.rate_hz } else { 512.0 };
+        let steps = (TAU * half_m / fastest_m_s * rate_hz / POINTS as f64).ceil().clamp(STEPS[0], STEPS[1]);
+        let remembers = match &model.force {
+            ForceModel::Law(law) => law.law().has_memory(),
+            ForceModel::FuzzyTanh(_) | ForceModel::Lazy(_) | ForceModel::Tsk(_) => false,
+            ForceModel::Arx(_) | ForceModel::Lpv(_) | ForceModel::Network(_) => true,
+        };
+        Self {
+            middle_m: 0.5 * (low_m + high_m),
+            half_m,
+            fastest_m_s,
+            steps: steps as usize,
+            remembers: remembers || !model.effects.is_empty(),
+        }
+    }
+
+    /// Shows `see` each point of the sine of `reach` at `current_a` that `model` has a force at.
+    pub(super) fn along(
+        &self,
+        model: &Augmented,
+        reach: f64,
+        current_a: f64,
+        phase: Phase,
+        mut see: impl FnMut(&At),
+    ) {
+        let round = POINTS * self.steps;
+        let omega = self.fastest_m_s / self.half_m;
+        let dt_s = TAU / omega / round as f64;
+        let shown = match phase {
+            Phase::On => 0,
+            Phase::Between => self.steps / 2,
+        };
+        let mut state = AugmentedState::default();
+        for step in 0..2 * round {
+            let (sin, cos) = (TAU * step as f64 / round as f64).sin_cos();
+            let inputs = Inputs {
+                dt_s: (step > 0).then_some(dt_s),
+                displacement_m: self.middle_m + reach * self.half_m * cos,
+                velocity_m_s: -reach * self.fastest_m_s * sin,
+                acceleration_m_s2: -reach * self.fastest_m_s * omega * cos,
+                drive: current_a,
+                case_temp_c: 23.0,
+            };
+            let before = state;
+            let is_shown = step >= round && step % self.steps == shown;
+            if !is_shown && !self.remembers {
+                continue;
+            }
+            let force_n = model.free_run(&mut state, &inputs).filter(|force_n| force_n.is_finite());
+            if let Some(force_n) = force_n.filter(|_| is_shown) {
+                see(&At { inputs, force_n, model, before });
+            }
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! What forces are sought on: the model without the lag of its coil, which is the lead's business, and how a current is found.
+
+use super::limits::Limits;
+use super::method::Method;
+use super::shape::Shape;
+use super::solve::{Moment, Solution, Solver};
+use super::surrogate::Surrogate;
+use crate::effect::{Augmented, Effect, EffectModel, Effects};
+use crate::error::Error;
+use crate::force::Inputs;
+use crate::model::Model;
+use crate::sample::DriveKind;
+use crate::units::{Ampere, Newton};
+
+/// Time constants of a coil, s.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Coil {
+    pub(super) rise_s: f64,
+    pub(super) fall_s: f64,
+}
+
+impl Coil {
+    /// The time constant on the way from `from_a` to `to_a`.
+    pub(super) fn tau_s(&self, from_a: f64, to_a: f64) -> f64 {
+        if to_a >= from_a { self.rise_s } else { self.fall_s }
+    }
+}
+
+/// What forces are sought on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Inverse {
+    /// The model without the lag of its coil.
+    pub(super) model: Augmented,
+    pub(super) coil: Option<Coil>,
+    pub(super) gas_n_m: f64,
+    pub(super) shape: Shape,
+    solver: Solver,
+    /// What takes the place of the search, where that is asked for.
+    pub(super) surrogate: Option<Surrogate>,
+}
+
+impl Inverse {
+    pub(super) fn new(model: &Model, limits: &Limits, method: Method) -> Result<Self, Error> {
+        limits.validate()?;
+        match model.force.drive() {
+            Some(DriveKind::CoilCurrent) => {}
+            Some(DriveKind::CommandVoltage) => {
+                return Err(refused(
+                    model,
+                    "follows a voltage, not a current; identify it on runs with current_a",
+                ));
+            }
+            None => {
+                return Err(refused(
+                    model,
+                    "knows no current, and no current changes its force; take one that does",
+                ));
+            }
+        }
+        let shape = Shape::of(model, limits.current_max_a);
+        if !shape.has_force() {
+            let [some, all] = shape.points;
+            let what = format!(
+                "has a finite force at {some} of {all} points of its own envelope; a current cannot be sought on it: look at it with \
+                 `mr-damper evaluate`, or take another"
+            );
+            return Err(refused(model, &what));
+        }
+        let (mut coil, mut gas_n_m) = (None, 0.0);
+        for effect in model.effects.as_slice() {
+            match (effect.effect(), effect.parameters()) {
+                (Effect::CoilLag, [tau_s]) => coil = Some(Coil { rise_s: *tau_s, fall_s: *tau_s }),
+                (Effect::CoilLagRiseFall, [rise_s, fall_s]) => {
+                    coil = Some(Coil { rise_s: *rise_s, fall_s: *fall_s });
+                }
+                (Effect::GasSpring, [stiffness_n_m]) => gas_n_m += stiffness_n_m,
+                _ => {}
+            }
+        }
+        let current_max_a = limits.current_max_a;
+        let solver = Solver { current_max_a, folded: shape.real_fold().is_some(), linear: shape.is_linear() };
+        let surrogate = Surrogate::of(model, method, &shape, limits)?;
+        Ok(Self { model: without_lag(model)?, coil, gas_n_m, shape, solver, surrogate })
+    }
+
+    /// The current for `demand_n` at `moment`, which is that of `inputs`; `last` is the last one, and its force at this moment.
+    #[inline]
+    pub(super) fn solve(
+        &self,
+        moment: &Moment,
+        inputs: &Inputs,
+        demand_n: f64,
+        last: (Ampere, Newton),
+    ) -> Option<Solution> {
+        match &self.surrogate {
+            None => self.solver.solve(moment, demand_n, last),
+            Some(surrogate) => surrogate.solve(moment, inputs, demand_n, last.0),
+        }
+    }
+}
+
+/// `model` as its fluid has it: without the lag of its coil.
+pub(super) fn without_lag(model: &Model) -> Result<Augmented, Error> {
+    let lags = |effect: &&EffectModel| !matches!(effect.effect(), Effect::CoilLag | Effect::CoilLagRiseFall);
+    let kept: Vec<EffectModel> = model.effects.as_slice().iter().filter(lags).copied().collect();
+    Augmented::new(model.force, Effects::new(&kept)?)
+}
+
+pub(super) fn refused(model: &Model, what: &str) -> Error {
+    Error::Data { message: format!("no inverse of the {} model: it {what}", model.force.name()) }
+}
