@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Bench, PERIOD_NS, force_n, preset, samples};
-use mr_damper_model::inverse::{Law, LimitedBy, Limits};
+use mr_damper_model::inverse::{Law, LimitedBy, Limits, Method};
 use mr_damper_model::pipeline::{Commanded, Event, Models, Pipeline, Plan, Settings, UseForce};
 use mr_damper_model::preset::{BEST_ARX, BEST_FUZZY_TANH};
 use mr_damper_model::sample::{Reading, Sample, Stamp};
@@ -197,6 +197,22 @@ fn a_model_without_an_inverse_says_so() {
     assert!(
         Plan::new(passive, beyond).expect_err("above the limit").to_string().contains("fixed.current_a is 3")
     );
+}
+
+#[test]
+fn other_inverses_answer_too_and_refuse_what_they_cannot_stand_for() {
+    let by = |method| Settings { method, ..Settings::default() };
+    let currents = Method::ALL.map(|method| {
+        let mut damper = Asked::new(fuzzy_tanh(), by(method));
+        damper.run(0..600, wanted);
+        let met = damper.commands.iter().filter(|c| c.command.limited_by == LimitedBy::None).count();
+        assert!(met > 300, "{}: {met}", method.name());
+        damper.currents_a()
+    });
+    assert!(currents[0] != currents[1] && currents[0] != currents[2]);
+    let arx = Models::alone(preset(BEST_ARX));
+    let refused = Plan::new(arx, by(Method::Fuzzy)).expect_err("it feeds on force").to_string();
+    assert!(refused.starts_with("inverse.method fuzzy: ") && refused.contains("take search"), "{refused}");
 }
 
 #[test]

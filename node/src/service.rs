@@ -210,7 +210,7 @@ impl Service {
 
 /// Says what is commanded, and what cannot be.
 fn say_commands(models: &Models, settings: &Settings) {
-    match (settings.law, Commander::new(&models.free, settings.limits)) {
+    match (settings.law, Commander::with_method(&models.free, settings.limits, settings.method)) {
         (Law::Off, _) => tracing::info!("no current is commanded"),
         (Law::Follow, Err(why)) => {
             tracing::info!("a force_request would be answered with the safe current: {why}");
@@ -227,6 +227,14 @@ fn say_commands(models: &Models, settings: &Settings) {
                 );
             }
             tracing::info!(law = law.name(), max_a = settings.limits.current_max_a, "current_command");
+            if let Some(fit) = commander.fit() {
+                tracing::info!(
+                    method = settings.method.name(),
+                    current_rms_a = format!("{:.3}", fit.current.get()),
+                    force_rms_share = format!("{:.3}", fit.force_share()),
+                    "the inverse stands for the model's own as well as this, on motions between those it was fitted to"
+                );
+            }
         }
         (law, Err(_)) => tracing::info!(law = law.name(), "current_command"),
     }

@@ -72,6 +72,23 @@ fn json_alone_goes_to_stdout_and_the_rig_may_be_left_out() {
 }
 
 #[test]
+fn other_inverses_stand_in_and_say_how_well() {
+    let dir = folder();
+    for method in ["polynomial", "fuzzy"] {
+        let line =
+            format!("inverse {PRESET} --force demand.csv --no-rig --method {method} --json figures.json -q");
+        let output = mr_damper(dir.path(), &line);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let said = text(&output.stdout);
+        assert!(said.contains(&format!("by the {method} inverse, off by")), "{said}");
+        let json = std::fs::read_to_string(dir.path().join("figures.json")).expect("it was written");
+        let json: Value = serde_json::from_str(&json).expect("JSON");
+        assert_eq!((&json["method"], &json["dissipative_violations"]), (&method.into(), &0.into()));
+        assert!(json["tracking"]["error_achievable"].as_f64().is_some_and(|error| error < 0.3), "{json}");
+    }
+}
+
+#[test]
 fn what_has_no_answer_is_refused_with_what_to_do() {
     let dir = folder();
     for (line, code, words) in [
@@ -80,6 +97,7 @@ fn what_has_no_answer_is_refused_with_what_to_do() {
         (&format!("inverse {PRESET} --force none.csv"), 1, "none.csv"),
         (&format!("inverse {PRESET} --force demand.csv --current-max -2"), 1, "current.max_a is -2"),
         (&format!("inverse {PRESET}"), 2, "--force <RUN>"),
+        (&format!("inverse {PRESET} --force demand.csv --method neural"), 2, "search, polynomial, fuzzy"),
     ] {
         let output = mr_damper(dir.path(), line);
         let said = text(&output.stderr);

@@ -7,7 +7,7 @@ use super::Models;
 use super::lane::{FreeLane, SeededLane};
 use super::settings::Settings;
 use crate::error::Error;
-use crate::inverse::Commander;
+use crate::inverse::{Commander, Method};
 
 /// Models and settings that go together.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,12 +25,17 @@ impl Plan {
     /// A model without an inverse goes with every law that needs none; forces are then answered with the safe current.
     ///
     /// # Errors
-    /// When a model or a setting is out of range, or the law needs an inverse that the model has not; the message says which.
+    /// When a model or a setting is out of range, or law or method needs what the model has not; the message says which.
     pub fn new(models: Models, settings: Settings) -> Result<Self, Error> {
         settings.validate()?;
-        let commander = match Commander::new(&models.free, settings.limits) {
+        let commander = match Commander::with_method(&models.free, settings.limits, settings.method) {
             Err(why) if settings.law.needs_inverse() => {
                 return Err(Error::Data { message: format!("law {}: {why}", settings.law.name()) });
+            }
+            Err(why) if settings.method != Method::Search => {
+                return Err(Error::Data {
+                    message: format!("inverse.method {}: {why}", settings.method.name()),
+                });
             }
             Err(_) => Commander::without_inverse(settings.limits)?,
             Ok(commander) => commander,

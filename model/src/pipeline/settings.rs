@@ -3,7 +3,7 @@
 use super::plausible::Plausible;
 use crate::condition::ApplyTo;
 use crate::error::Error;
-use crate::inverse::{Law, Limits};
+use crate::inverse::{Law, Limits, Method};
 use crate::model::Model;
 
 /// Whether measured force may seed the ARX model.
@@ -48,6 +48,8 @@ pub struct Settings {
     pub law: Law,
     /// Limits of the command.
     pub limits: Limits,
+    /// How the current for a force is found.
+    pub method: Method,
     /// Age beyond which a force that is asked for, a body's velocity and displacement command nothing any more, s.
     pub request_timeout_s: f64,
     /// Filter that replaces the model file's: where it sits and its corner in Hz. `None`: the file's own.
@@ -71,6 +73,7 @@ impl Default for Settings {
             plausible: Plausible::default(),
             law: Law::default(),
             limits: Limits::default(),
+            method: Method::default(),
             request_timeout_s: 0.1,
             filter: None,
         }

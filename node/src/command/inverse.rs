@@ -9,7 +9,7 @@ use crate::report::inverse as report;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::identify::{Dataset, DatasetOptions};
 use mr_damper_model::inverse::track::{Bench, Course, Figures, Point, on_model, on_rig};
-use mr_damper_model::inverse::{Commander, Limits, Shape};
+use mr_damper_model::inverse::{Commander, Limits, Method, Shape};
 use mr_damper_model::model::Model;
 use mr_damper_model::rig::signal::RATE_HZ;
 use mr_damper_model::rig::{Channels, Motion, Plant};
@@ -39,6 +39,9 @@ pub struct Args {
     /// Time constant with which a coil that lags is led to its current, s; for models with the effect coil_lag.
     #[arg(long, value_name = "S", default_value_t = Limits::default().lead_s, allow_negative_numbers = true)]
     pub lead_s: f64,
+    /// How the current is found: search (on the model), polynomial or fuzzy (inverses that are fitted to the model).
+    #[arg(long, value_name = "NAME", default_value = Method::Search.name(), value_parser = method)]
+    pub method: Method,
     /// Do not follow the demand on the rig.
     #[arg(long)]
     pub no_rig: bool,
@@ -51,6 +54,11 @@ pub struct Args {
     /// How the run is read.
     #[command(flatten)]
     pub load: RunArgs,
+}
+
+/// A method by its name.
+fn method(name: &str) -> Result<Method, String> {
+    Method::named(name).ok_or_else(|| format!("take one of {}", Method::ALL.map(Method::name).join(", ")))
 }
 
 impl Args {
@@ -72,7 +80,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let model = models::load(&args.model)?;
     let run = args.load.load(&args.force)?.run;
     let limits = args.limits();
-    let commander = Commander::new(&model, limits)?;
+    let commander = Commander::with_method(&model, limits, args.method)?;
     let fold = commander.shape().and_then(Shape::real_fold);
     if let Some(fold) = fold {
         tracing::warn!(
@@ -103,6 +111,8 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         run: args.force.display().to_string(),
         limits,
         fold,
+        method: args.method,
+        fit: commander.fit().copied(),
         tracks,
     };
     args.output.page(|| Ok(report::html(&outcome)))?;

@@ -6,7 +6,7 @@ use super::table::table;
 use crate::closing::TOOL;
 use maud::{Markup, html};
 use mr_damper_model::inverse::track::{Figures, Point};
-use mr_damper_model::inverse::{Fold, Limits};
+use mr_damper_model::inverse::{Fold, Limits, Method, SurrogateFit};
 use mr_damper_model::units::N_PER_LBF;
 use serde::Serialize;
 use std::fmt::Write;
@@ -57,6 +57,10 @@ pub struct Outcome {
     pub limits: Limits,
     /// Where the model's force turns back as the current grows.
     pub fold: Option<Fold>,
+    /// How currents were found.
+    pub method: Method,
+    /// What that is worth, where it is not the model's own.
+    pub fit: Option<SurrogateFit>,
     /// The demand, followed in several places; the first on the model.
     pub tracks: Vec<Track>,
 }
@@ -70,6 +74,7 @@ pub struct Report<'a> {
     run: &'a str,
     current_max_a: f64,
     monotone: bool,
+    method: &'static str,
     #[serde(flatten)]
     on_model: Option<Row>,
     /// On the rig, fed forward; `null` where it was left out.
@@ -123,6 +128,19 @@ impl Outcome {
         self.tracks.iter().find(|track| track.place == place).map(|track| Row::from(&track.figures))
     }
 
+    /// How currents were found.
+    fn method_in_words(&self) -> String {
+        let method = self.method.name();
+        match &self.fit {
+            None => format!("currents by {method}"),
+            Some(fit) => format!(
+                "currents by the {method} inverse, off by {:.3} A and {:.1} % of the largest force on motions between those it was fitted to",
+                fit.current.get(),
+                100.0 * fit.force_share()
+            ),
+        }
+    }
+
     fn fold_in_words(&self) -> String {
         match self.fold {
             None => "the model's force grows with the current one way, on a grid of its envelope".to_owned(),
@@ -148,6 +166,7 @@ pub fn json(outcome: &Outcome) -> Report<'_> {
         run: &outcome.run,
         current_max_a: outcome.limits.current_max_a,
         monotone: outcome.fold.is_none(),
+        method: outcome.method.name(),
         on_model: outcome.row(Place::Model),
         rig: outcome.row(Place::Rig),
         rig_with_feedback: outcome.row(Place::RigWithFeedback),
@@ -158,10 +177,11 @@ pub fn json(outcome: &Outcome) -> Report<'_> {
 #[must_use]
 pub fn text(outcome: &Outcome) -> String {
     let mut text = format!(
-        "{}\ndemand: the force of {}; currents from 0 to {} A\n{}\n\n{:<34}{:>10}{:>22}{:>12}{:>12}\n",
+        "{}\ndemand: the force of {}; currents from 0 to {} A\n{}\n{}\n\n{:<34}{:>10}{:>22}{:>12}{:>12}\n",
         outcome.model,
         outcome.run,
         outcome.limits.current_max_a,
+        outcome.method_in_words(),
         outcome.fold_in_words(),
         "rms error over rms demand",
         "all",
@@ -215,7 +235,7 @@ pub fn html(outcome: &Outcome) -> String {
                  has without current, for more than it has at its largest, or would drive the rod; then the nearest current is \
                  commanded. On the rig a command holds from its sample to the next, through a driver and a coil that lag, on a \
                  damper that the model is not." }
-            p { (capital(&outcome.fold_in_words())) "." }
+            p { (capital(&outcome.method_in_words())) ". " (capital(&outcome.fold_in_words())) "." }
         }))
         @for track in &outcome.tracks { (pictures(track, outcome.limits.current_max_a)) }
     };

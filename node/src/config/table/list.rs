@@ -2,6 +2,7 @@
 
 use super::{Kind, Parameter};
 use crate::config::{Value, use_force_name};
+use mr_damper_model::inverse::Method;
 use mr_damper_model::pipeline::UseForce;
 
 const MAIN: [Parameter; 23] = [
@@ -185,7 +186,7 @@ const MAIN: [Parameter; 23] = [
     ),
 ];
 
-const COMMAND: [Parameter; 13] = [
+const COMMAND: [Parameter; 14] = [
     text!(
         "law",
         Kind::Choice(&["off", "follow", "skyhook", "groundhook", "fixed"]),
@@ -193,6 +194,18 @@ const COMMAND: [Parameter; 13] = [
         "what current is commanded: none at all; that of a force_request, once one has come; that of a damper between body and sky, or wheel and ground (both want body_velocity); a fixed one",
         law
     ),
+    Parameter {
+        name: "inverse.method",
+        kind: Kind::Choice(&["search", "polynomial", "fuzzy"]),
+        runtime: true,
+        doc: "how the current for a force is found: a search on the model, or a polynomial or fuzzy inverse that is fitted to it when it is loaded",
+        get: |c| Value::Text(c.settings.method.name().to_owned()),
+        set: |c, v| {
+            if let Value::Text(t) = v {
+                c.settings.method = Method::named(t).unwrap_or_default();
+            }
+        },
+    },
     double!("skyhook.damping_n_s_m", 0.0..=1e6, true, "damping between body and sky, N s/m", skyhook_n_s_m),
     double!(
         "groundhook.damping_n_s_m",
