@@ -12,6 +12,10 @@ use crate::sample::{Channel, DriveKind, Reading, Sample, Stamp};
 
 /// Samples in a row from another time, or another place, that make it a jump.
 const JUMP_AFTER: u32 = 3;
+/// Largest current, A, or command voltage, V: no driver of a damper makes more, and a model's memory would take long to forget it.
+const DRIVE_MAX: f64 = 1e3;
+/// Temperatures that a damper's case can have, °C.
+const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -100.0..=400.0;
 /// Least time that a rod is given to move, s: stamps of arrival come in bunches.
 const LEAST_S: f64 = 2e-3;
 
@@ -121,9 +125,9 @@ fn beyond(reading: Reading, plausible: &Plausible) -> bool {
     match reading {
         Reading::Displacement(x) => x.get().abs() > plausible.displacement_max_m,
         Reading::Force(f) | Reading::ForceRequest(f) => f.get().abs() > plausible.force_max_n,
-        Reading::Velocity(_) | Reading::Drive(_) | Reading::CaseTemperature(_) | Reading::BodyVelocity(_) => {
-            false
-        }
+        Reading::Velocity(v) | Reading::BodyVelocity(v) => v.get().abs() > plausible.speed_max_m_s,
+        Reading::Drive(drive) => drive.get().abs() > DRIVE_MAX,
+        Reading::CaseTemperature(t) => !TEMPERATURES_C.contains(&t.get()),
     }
 }
 
@@ -153,7 +157,8 @@ impl Seen {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::{Ampere, Metre, Newton};
+    use crate::sample::Drive;
+    use crate::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton};
 
     const PLAUSIBLE: Plausible = Plausible {
         displacement_max_m: 1.0,
@@ -237,9 +242,16 @@ mod tests {
     }
 
     #[test]
-    fn forces_beyond_any_load_cell_are_refused() {
+    fn what_no_sensor_can_have_is_refused() {
         let mut gate = Gate::default();
-        for reading in [Reading::Force(Newton(1e6)), Reading::ForceRequest(Newton(-1e6))] {
+        for reading in [
+            Reading::Force(Newton(1e6)),
+            Reading::ForceRequest(Newton(-1e6)),
+            Reading::Velocity(MetrePerSecond(-6.0)),
+            Reading::BodyVelocity(MetrePerSecond(1e300)),
+            Reading::Drive(Drive::CoilCurrent(Ampere(-2e3))),
+            Reading::CaseTemperature(Celsius(500.0)),
+        ] {
             let sample = at(1, reading);
             assert_eq!(gate.judge(&sample, None, &PLAUSIBLE), Verdict::Refuse(Refused::OutOfRange));
         }

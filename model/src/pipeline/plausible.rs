@@ -51,7 +51,7 @@ const LEAST_SPEED_M_S: f64 = 5e-3;
 pub struct Plausible {
     /// Largest displacement either way, m; more is refused.
     pub displacement_max_m: f64,
-    /// Largest speed of the rod, m/s; a displacement that would need more is refused, until three agree.
+    /// Largest speed of the rod, m/s; a measured one above it is refused, and a displacement that would need more, until three agree.
     pub speed_max_m_s: f64,
     /// Largest force either way, N; more is refused, measured or asked for.
     pub force_max_n: f64,

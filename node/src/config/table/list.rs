@@ -291,7 +291,7 @@ const PLAUSIBLE: [Parameter; 5] = [
         "plausible.speed_max_m_s",
         1e-6..=1e9,
         true,
-        "largest speed of the rod, m/s; a displacement that would need more is refused, until three agree",
+        "largest speed of the rod, m/s; a measured one above it is refused, and a displacement that would need more, until three agree",
         settings.plausible.speed_max_m_s
     ),
     double!(

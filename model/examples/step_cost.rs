@@ -1,0 +1,125 @@
+//! What one step costs, in the worst case too: a command, and the whole sample of the pipeline that commands.
+//!
+//! ```text
+//! cargo run --release -p mr-damper-model --example step_cost                 # times over 10^6 steps, each by itself
+//! model/examples/step_cost.sh                                                # instructions a step, by valgrind
+//! ```
+//!
+//! Times are of one machine, and the worst of a million also holds whatever the system did meanwhile; the system's share is told by an
+//! empty step that is timed the same way. Instructions are counted as the difference of two lengths, and do not depend on the machine.
+
+use mr_damper_model::force::Inputs;
+use mr_damper_model::inverse::{Commander, Demand, Limits, Method};
+use mr_damper_model::pipeline::{Models, Pipeline, Settings};
+use mr_damper_model::preset;
+use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
+use mr_damper_model::units::{Ampere, Metre, Newton};
+use std::hint::black_box;
+use std::process::ExitCode;
+use std::time::Instant;
+
+const RATE_HZ: f64 = 512.0;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match arguments.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
+        [] => times(1_000_000),
+        [what, count] if count.parse::<u64>().is_ok() => {
+            let count = count.parse().unwrap_or_default();
+            let Some(mut step) = step(what) else {
+                eprintln!("{what} is none of {}", WHAT.join(", "));
+                return ExitCode::from(2);
+            };
+            for k in 0..count {
+                step(k);
+            }
+        }
+        _ => {
+            eprintln!("usage: step_cost [WHAT COUNT]     WHAT: {}", WHAT.join(", "));
+            return ExitCode::from(2);
+        }
+    }
+    ExitCode::SUCCESS
+}
+
+/// What can be stepped.
+const WHAT: [&str; 6] = ["nothing", "search", "polynomial", "fuzzy", "pipeline", "pipeline-commanding"];
+
+/// A road of three sines, and a demand that changes along with it, sometimes beyond what the damper has.
+fn inputs(k: u64) -> (Inputs, f64) {
+    let t = k as f64 / RATE_HZ;
+    let [a, b, c] = [9.0, 31.0, 57.0].map(|omega: f64| omega * t);
+    let velocity_m_s = 0.072 * a.cos() + 0.062 * b.cos() + 0.03 * c.cos();
+    let inputs = Inputs {
+        dt_s: (k > 0).then_some(1.0 / RATE_HZ),
+        displacement_m: 0.008 * a.sin() + 0.002 * b.sin() + 0.03 / 57.0 * c.sin(),
+        velocity_m_s,
+        acceleration_m_s2: -0.65 * a.sin() - 1.9 * b.sin() - 1.7 * c.sin(),
+        drive: f64::NAN,
+        case_temp_c: f64::NAN,
+    };
+    let wanted = 0.5 + 0.7 * (4.4 * t).sin();
+    (inputs, wanted * (700.0 * (20.0 * velocity_m_s).tanh() + 1500.0 * velocity_m_s))
+}
+
+/// The step called `what`; `None` for a name that is none.
+#[expect(clippy::expect_used, reason = "presets run; an example may end where they do not")]
+fn step(what: &str) -> Option<Box<dyn FnMut(u64)>> {
+    let model = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
+    if what == "nothing" {
+        return Some(Box::new(|k| {
+            black_box(inputs(k));
+        }));
+    }
+    if let Some(method) = Method::named(what) {
+        let mut commander = Commander::with_method(&model, Limits::default(), method).expect("it has one");
+        return Some(Box::new(move |k| {
+            let (inputs, demand_n) = inputs(k);
+            black_box(commander.step(&inputs, Demand::Force(demand_n), None));
+        }));
+    }
+    let commands = match what {
+        "pipeline" => false,
+        "pipeline-commanding" => true,
+        _ => return None,
+    };
+    let arx = preset::load(preset::BEST_ARX).expect("a preset");
+    let models = Models::alone(model).with_seeded(arx).expect("both want a current");
+    let mut pipeline = Pipeline::new(models, Settings::default()).expect("presets run");
+    Some(Box::new(move |k| {
+        let (inputs, demand_n) = inputs(k);
+        let stamp = Stamp::from_nanos((k as f64 * 1e9 / RATE_HZ) as i64);
+        let readings = [
+            Reading::Drive(Drive::CoilCurrent(Ampere(1.2 + (0.006 * k as f64).sin()))),
+            Reading::Force(Newton(0.9 * demand_n)),
+            Reading::ForceRequest(Newton(demand_n)),
+            Reading::Displacement(Metre(inputs.displacement_m)),
+        ];
+        for reading in readings {
+            if commands || !matches!(reading, Reading::ForceRequest(_)) {
+                let sample = Sample { stamp, received: stamp, reading };
+                pipeline.step(&sample, &mut |event| {
+                    black_box(event);
+                });
+            }
+        }
+    }))
+}
+
+/// Prints the spread of single steps.
+fn times(count: u64) {
+    println!("{count} steps of each, ns            median       99 %    99.99 %      worst");
+    for what in WHAT {
+        let Some(mut step) = step(what) else { continue };
+        let mut ns: Vec<u32> = (0..count)
+            .map(|k| {
+                let begin = Instant::now();
+                step(k);
+                u32::try_from(begin.elapsed().as_nanos()).unwrap_or(u32::MAX)
+            })
+            .collect();
+        ns.sort_unstable();
+        let at = |share: f64| ns[((ns.len() - 1) as f64 * share) as usize];
+        println!("  {what:<28}{:>12}{:>11}{:>11}{:>11}", at(0.5), at(0.99), at(0.9999), at(1.0));
+    }
+}
