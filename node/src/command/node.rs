@@ -17,8 +17,8 @@ const WATCH: Duration = Duration::from_millis(100);
 /// Takes the usual ROS arguments: --ros-args -p name:=value -r from:=to -r __ns:=/front_left
 /// --params-file FILE --log-level LEVEL. Flags are stronger than ROS parameters, and those than --config.
 ///
-/// Several dampers: dampers = ["front_left", "front_right"] in --config, each a node in a namespace of its own, with parameters
-/// below its name ([front_left] model = "fl.toml"). What stands outside of these is for all.
+/// Several dampers in one process: name them in the parameter dampers. Each is a node in a namespace of its own, with parameters
+/// below its name (front_left.model); what stands outside of these is for all. launch-configs/vehicle.toml is an example.
 ///
 /// Example: mr-damper node --ros-args -p model:=thesis/fuzzy-tanh/rp3-cs
 #[derive(Debug, clap::Args)]
