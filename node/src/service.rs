@@ -88,7 +88,7 @@ impl Service {
         let velocity = models.free.conditioning.velocity;
         let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
         let pipeline = Pipeline::new(models, settings)?;
-        say_commands(&models, &settings);
+        say_commands(args.damper(), &models, &settings);
         let control = Arc::new(Control::new(config, models, names.clone()));
         let mut ros = Ros::start_in(&process.domain, args, control.node_options(), args.node_name())?;
 
@@ -209,15 +209,16 @@ impl Service {
 }
 
 /// Says what is commanded, and what cannot be.
-fn say_commands(models: &Models, settings: &Settings) {
+fn say_commands(damper: &str, models: &Models, settings: &Settings) {
     match (settings.law, Commander::with_method(&models.free, settings.limits, settings.method)) {
-        (Law::Off, _) => tracing::info!("no current is commanded"),
+        (Law::Off, _) => tracing::info!(damper, "no current is commanded"),
         (Law::Follow, Err(why)) => {
-            tracing::info!("a force_request would be answered with the safe current: {why}");
+            tracing::info!(damper, "a force_request would be answered with the safe current: {why}");
         }
         (law, Ok(commander)) => {
             if let Some(fold) = commander.shape().and_then(Shape::real_fold) {
                 tracing::warn!(
+                    damper,
                     displacement_m = fold.displacement_m,
                     velocity_m_s = fold.velocity_m_s,
                     current_a = fold.current_a,
@@ -226,7 +227,12 @@ fn say_commands(models: &Models, settings: &Settings) {
                      nearest the last is commanded"
                 );
             }
-            tracing::info!(law = law.name(), max_a = settings.limits.current_max_a, "current_command");
+            tracing::info!(
+                damper,
+                law = law.name(),
+                max_a = settings.limits.current_max_a,
+                "current_command"
+            );
             if let Some(fit) = commander.fit() {
                 tracing::info!(
                     method = settings.method.name(),
@@ -236,7 +242,7 @@ fn say_commands(models: &Models, settings: &Settings) {
                 );
             }
         }
-        (law, Err(_)) => tracing::info!(law = law.name(), "current_command"),
+        (law, Err(_)) => tracing::info!(damper, law = law.name(), "current_command"),
     }
 }
 
