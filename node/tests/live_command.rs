@@ -102,7 +102,10 @@ fn a_supervisor_asks_for_forces_and_falls_silent() {
         assert_eq!(message.header.stamp.as_nanos(), shift(commanded.stamp));
         assert!((0.0..=2.5).contains(&message.current));
         let command = &commanded.command;
-        if message.current.to_bits() == command.current.get().to_bits() {
+        let alike = |ours: f64, theirs: f64| ours.to_bits() == theirs.to_bits();
+        if alike(message.force_requested, command.requested.get())
+            && alike(message.current, command.current.get())
+        {
             same += 1;
             assert_eq!(message.limited_by, command.limited_by as u8);
             assert_eq!(message.achievable_max.to_bits(), command.achievable[1].get().to_bits());
