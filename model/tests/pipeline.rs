@@ -3,6 +3,7 @@
 mod common;
 
 use common::{Bench, preset, samples};
+use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce, Validity};
 use mr_damper_model::sample::{Drive, Reading, Stamp};
 use mr_damper_model::units::{Ampere, Metre, Newton, Volt};
@@ -187,6 +188,25 @@ fn models_are_swapped_without_a_gap_or_a_step() {
     let (before, at) = steps.split_at(290);
     let largest = |steps: &[f64]| steps.iter().copied().fold(0.0, f64::max);
     assert!(largest(&at[..10]) < 1.2 * largest(before), "{at:?}");
+}
+
+/// The same model, 300 N higher: what it adds must come in slowly.
+#[test]
+fn a_swap_to_a_model_that_is_higher_makes_no_step() {
+    let free = preset("thesis/fuzzy-tanh/rp3-cs");
+    let higher = Model { force: free.force.with_force_offset_n(free.force.force_offset_n() + 300.0), ..free };
+    let mut bench = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
+    bench.run(0..300, |_| false);
+    bench.pipeline.swap(Models::alone(higher), &mut |_| {}).expect("it goes with the settings");
+    bench.run(300..600, |_| false);
+    let mut as_it_was = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
+    as_it_was.run(0..600, |_| false);
+    let pairs = bench.estimates().zip(as_it_was.estimates());
+    let added: Vec<f64> = pairs.map(|(now, then)| now.force.get() - then.force.get()).collect();
+    assert!(added[..300].iter().skip(2).all(|n| *n == 0.0));
+    let steps = added[299..].windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    assert!(steps < 20.0, "a bare swap would step by 300 N: {steps}");
+    assert!((added[599] - 300.0).abs() < 0.1, "{}", added[599]);
 }
 
 #[test]

@@ -104,7 +104,9 @@ impl Bump {
                 _ => led_n,
             };
             let slope = if now == Speaker::Free { &self.free } else { &self.seeded };
-            (self.offset_n, self.offset_n_s) = (before_n - force_n, self.output.n_s - slope.n_s);
+            // Of a model that has just come nothing is known of its slope.
+            let kink_n_s = if swapped { 0.0 } else { self.output.n_s - slope.n_s };
+            (self.offset_n, self.offset_n_s) = (before_n - force_n, kink_n_s);
         }
         if tau_s <= 0.0 || (self.offset_n.abs() < NOTHING_N && self.offset_n_s.abs() * tau_s < NOTHING_N) {
             (self.offset_n, self.offset_n_s) = (0.0, 0.0);
