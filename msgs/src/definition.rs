@@ -35,6 +35,77 @@ macro_rules! text {
     (DiagnosticArray) => {
         "std_msgs/Header header\nDiagnosticStatus[] status\n"
     };
+    (State) => {
+        "uint8 id\nstring label\n"
+    };
+    (Transition) => {
+        "uint8 id\nstring label\n"
+    };
+    (TransitionDescription) => {
+        "Transition transition\nState start_state\nState goal_state\n"
+    };
+    (TransitionEvent) => {
+        "uint64 timestamp\nTransition transition\nState start_state\nState goal_state\n"
+    };
+    (ParameterValue) => {
+        concat!(
+            "uint8 type\nbool bool_value\nint64 integer_value\nfloat64 double_value\nstring string_value\n",
+            "byte[] byte_array_value\nbool[] bool_array_value\nint64[] integer_array_value\n",
+            "float64[] double_array_value\nstring[] string_array_value\n"
+        )
+    };
+    (Parameter) => {
+        "string name\nParameterValue value\n"
+    };
+    (FloatingPointRange) => {
+        "float64 from_value\nfloat64 to_value\nfloat64 step\n"
+    };
+    (IntegerRange) => {
+        "int64 from_value\nint64 to_value\nuint64 step\n"
+    };
+    (ParameterDescriptor) => {
+        concat!(
+            "string name\nuint8 type\nstring description\nstring additional_constraints\nbool read_only\n",
+            "bool dynamic_typing\nFloatingPointRange[<=1] floating_point_range\nIntegerRange[<=1] integer_range\n"
+        )
+    };
+    (ParameterEvent) => {
+        concat!(
+            "builtin_interfaces/Time stamp\nstring node\nParameter[] new_parameters\n",
+            "Parameter[] changed_parameters\nParameter[] deleted_parameters\n"
+        )
+    };
+    (SetParametersResult) => {
+        "bool successful\nstring reason\n"
+    };
+    (ListParametersResult) => {
+        "string[] names\nstring[] prefixes\n"
+    };
+    (Log) => {
+        concat!(
+            "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n",
+            "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\n",
+            "string function\nuint32 line\n"
+        )
+    };
+    (FieldType) => {
+        "uint8 type_id\nuint64 capacity\nuint64 string_capacity\nstring<=255 nested_type_name\n"
+    };
+    (Field) => {
+        "string name\nFieldType type\nstring default_value\n"
+    };
+    (IndividualTypeDescription) => {
+        "string<=255 type_name\nField[] fields\n"
+    };
+    (TypeDescription) => {
+        "IndividualTypeDescription type_description\nIndividualTypeDescription[] referenced_type_descriptions\n"
+    };
+    (TypeSource) => {
+        "string type_name\nstring encoding\nstring raw_file_contents\n"
+    };
+    (TypeKeyValue) => {
+        "string key\nstring value\n"
+    };
 }
 pub(crate) use text;
 
@@ -44,10 +115,28 @@ macro_rules! part {
     (Header) => { $crate::definition::part!("std_msgs" Header) };
     (KeyValue) => { $crate::definition::part!("diagnostic_msgs" KeyValue) };
     (DiagnosticStatus) => { $crate::definition::part!("diagnostic_msgs" DiagnosticStatus) };
-    ($package:literal $name:ident) => {
+    (State) => { $crate::definition::part!("lifecycle_msgs" State) };
+    (Transition) => { $crate::definition::part!("lifecycle_msgs" Transition) };
+    (TransitionDescription) => { $crate::definition::part!("lifecycle_msgs" TransitionDescription) };
+    (ParameterValue) => { $crate::definition::part!("rcl_interfaces" ParameterValue) };
+    (Parameter) => { $crate::definition::part!("rcl_interfaces" Parameter) };
+    (FloatingPointRange) => { $crate::definition::part!("rcl_interfaces" FloatingPointRange) };
+    (IntegerRange) => { $crate::definition::part!("rcl_interfaces" IntegerRange) };
+    (ParameterDescriptor) => { $crate::definition::part!("rcl_interfaces" ParameterDescriptor) };
+    (SetParametersResult) => { $crate::definition::part!("rcl_interfaces" SetParametersResult) };
+    (ListParametersResult) => { $crate::definition::part!("rcl_interfaces" ListParametersResult) };
+    (FieldType) => { $crate::definition::part!("type_description_interfaces" FieldType) };
+    (Field) => { $crate::definition::part!("type_description_interfaces" Field) };
+    (IndividualTypeDescription) => { $crate::definition::part!("type_description_interfaces" IndividualTypeDescription) };
+    (TypeDescription) => { $crate::definition::part!("type_description_interfaces" TypeDescription) };
+    (TypeSource) => { $crate::definition::part!("type_description_interfaces" TypeSource) };
+    // `diagnostic_msgs` has a `KeyValue` as well.
+    (TypeKeyValue) => { $crate::definition::part!("type_description_interfaces" TypeKeyValue as "KeyValue") };
+    ($package:literal $name:ident) => { $crate::definition::part!($package $name as stringify!($name)) };
+    ($package:literal $name:ident as $called:expr) => {
         concat!(
             "================================================================================\n",
-            "MSG: ", $package, "/", stringify!($name), "\n",
+            "MSG: ", $package, "/", $called, "\n",
             $crate::definition::text!($name)
         )
     };

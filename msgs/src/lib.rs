@@ -30,15 +30,18 @@
 pub mod action;
 pub mod cdr;
 mod definition;
+pub mod lifecycle;
 mod message;
 mod mr_damper;
 pub mod msgdef;
 mod nan;
+pub mod rcl;
 pub mod rihs01;
 pub mod srv;
 pub mod standard;
 mod state;
 mod time;
+pub mod type_description;
 
 pub use cdr::CdrError;
 pub use message::{Action, Descriptor, Message, Service};
@@ -69,4 +72,23 @@ pub const MESSAGES: &[Descriptor] = &[
     Descriptor::of::<standard::Temperature>(),
     Descriptor::of::<standard::Float64>(),
     Descriptor::of::<standard::Header>(),
+    Descriptor::of::<lifecycle::State>(),
+    Descriptor::of::<lifecycle::Transition>(),
+    Descriptor::of::<lifecycle::TransitionDescription>(),
+    Descriptor::of::<lifecycle::TransitionEvent>(),
+    Descriptor::of::<rcl::ParameterValue>(),
+    Descriptor::of::<rcl::Parameter>(),
+    Descriptor::of::<rcl::FloatingPointRange>(),
+    Descriptor::of::<rcl::IntegerRange>(),
+    Descriptor::of::<rcl::ParameterDescriptor>(),
+    Descriptor::of::<rcl::ParameterEvent>(),
+    Descriptor::of::<rcl::SetParametersResult>(),
+    Descriptor::of::<rcl::ListParametersResult>(),
+    Descriptor::of::<rcl::Log>(),
+    Descriptor::of::<type_description::FieldType>(),
+    Descriptor::of::<type_description::Field>(),
+    Descriptor::of::<type_description::IndividualTypeDescription>(),
+    Descriptor::of::<type_description::TypeDescription>(),
+    Descriptor::of::<type_description::TypeSource>(),
+    Descriptor::of::<type_description::KeyValue>(),
 ];

@@ -104,6 +104,25 @@ macro_rules! message {
 }
 pub(crate) use message;
 
+/// A [`Service`] type: `service! { /// doc. \n Name("package", "hash"): Request => Response }`.
+macro_rules! service {
+    ($(#[$doc:meta])* $name:ident($package:literal, $hash:literal): $request:ty => $response:ty) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug)]
+        pub struct $name;
+
+        impl $crate::Service for $name {
+            type Request = $request;
+            type Response = $response;
+            const PACKAGE: &'static str = $package;
+            const NAME: &'static str = stringify!($name);
+            const TYPE: &'static str = concat!($package, "/srv/", stringify!($name));
+            const TYPE_HASH: &'static str = concat!("RIHS01_", $hash);
+        }
+    };
+}
+pub(crate) use service;
+
 /// One of the `---` separated parts of a service or action definition, counted from zero.
 pub(crate) const fn section(text: &'static str, index: usize) -> &'static str {
     let bytes = text.as_bytes();

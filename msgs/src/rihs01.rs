@@ -10,6 +10,7 @@ use std::fmt::Write as _;
 use sha2::{Digest, Sha256};
 
 use crate::msgdef::{Base, Count, Definition, DefinitionError, Field, parse_all};
+use crate::type_description::{self, FieldType, IndividualTypeDescription, TypeDescription};
 use crate::{Message, Service};
 
 /// rosidl gives an empty structure one byte, as C has no empty structures.
@@ -53,19 +54,30 @@ pub fn service_hash<S: Service>() -> Result<String, DefinitionError> {
     hash(service, &text)
 }
 
+/// What a type looks like, with those inside it.
+///
+/// # Errors
+/// When the text cannot be read, or lacks a type that it uses.
+pub fn describe(type_name: &str, text: &str) -> Result<TypeDescription, DefinitionError> {
+    let all = parse_all(type_name, text)?;
+    let type_description = individual(type_name, find(&all, type_name)?);
+    let inside = referenced(&all, type_name)?.into_iter().map(|name| Ok(individual(name, find(&all, name)?)));
+    let referenced_type_descriptions = inside.collect::<Result<_, DefinitionError>>()?;
+    Ok(TypeDescription { type_description, referenced_type_descriptions })
+}
+
 /// The type description that is hashed, as JSON.
 ///
 /// # Errors
 /// When the text cannot be read, or lacks a type that it uses.
 pub fn type_description(type_name: &str, text: &str) -> Result<String, DefinitionError> {
-    let all = parse_all(type_name, text)?;
-    let mut json = format!("{{\"type_description\": {}", individual(type_name, find(&all, type_name)?));
-    let referenced: Vec<String> = referenced(&all, type_name)?
-        .into_iter()
-        .map(|name| Ok(individual(name, find(&all, name)?)))
-        .collect::<Result<_, DefinitionError>>()?;
-    let _ = write!(json, ", \"referenced_type_descriptions\": [{}]}}", referenced.join(", "));
-    Ok(json)
+    let described = describe(type_name, text)?;
+    let inside: Vec<_> = described.referenced_type_descriptions.iter().map(json).collect();
+    Ok(format!(
+        "{{\"type_description\": {}, \"referenced_type_descriptions\": [{}]}}",
+        json(&described.type_description),
+        inside.join(", ")
+    ))
 }
 
 fn find<'a>(all: &'a BTreeMap<String, Definition>, name: &str) -> Result<&'a Definition, DefinitionError> {
@@ -92,20 +104,17 @@ fn referenced<'a>(
     Ok(seen)
 }
 
-/// One type's own description. Names are ASCII identifiers, so nothing needs escaping.
-fn individual(type_name: &str, definition: &Definition) -> String {
-    let mut fields: Vec<String> = definition.fields.iter().map(described).collect();
+/// One type's own description.
+fn individual(type_name: &str, definition: &Definition) -> IndividualTypeDescription {
+    let mut fields: Vec<_> = definition.fields.iter().map(described).collect();
     if fields.is_empty() {
-        fields.push(described(&Field {
-            name: EMPTY.to_owned(),
-            base: Base::Primitive(3),
-            count: Count::One,
-        }));
+        let filler = Field { name: EMPTY.to_owned(), base: Base::Primitive(3), count: Count::One };
+        fields.push(described(&filler));
     }
-    format!("{{\"type_name\": \"{type_name}\", \"fields\": [{}]}}", fields.join(", "))
+    IndividualTypeDescription { type_name: type_name.to_owned(), fields }
 }
 
-fn described(field: &Field) -> String {
+fn described(field: &Field) -> type_description::Field {
     let (id, string_capacity, nested) = match &field.base {
         Base::Primitive(id) => (*id, 0, ""),
         Base::String(0) => (17, 0, ""),
@@ -118,12 +127,27 @@ fn described(field: &Field) -> String {
         Count::AtMost(size) => (96, size),
         Count::Sequence => (144, 0),
     };
-    format!(
-        "{{\"name\": \"{}\", \"type\": {{\"type_id\": {}, \"capacity\": {capacity}, \
-         \"string_capacity\": {string_capacity}, \"nested_type_name\": \"{nested}\"}}}}",
-        field.name,
-        id + offset,
-    )
+    let r#type = FieldType {
+        type_id: id + offset,
+        capacity: capacity.into(),
+        string_capacity: string_capacity.into(),
+        nested_type_name: nested.to_owned(),
+    };
+    type_description::Field { name: field.name.clone(), r#type, default_value: String::new() }
+}
+
+/// As Python's `json.dumps` spells it, without default values. Names are ASCII identifiers, so nothing needs escaping.
+fn json(described: &IndividualTypeDescription) -> String {
+    let field = |field: &type_description::Field| {
+        let FieldType { type_id, capacity, string_capacity, nested_type_name } = &field.r#type;
+        format!(
+            "{{\"name\": \"{}\", \"type\": {{\"type_id\": {type_id}, \"capacity\": {capacity}, \
+             \"string_capacity\": {string_capacity}, \"nested_type_name\": \"{nested_type_name}\"}}}}",
+            field.name,
+        )
+    };
+    let fields: Vec<_> = described.fields.iter().map(field).collect();
+    format!("{{\"type_name\": \"{}\", \"fields\": [{}]}}", described.type_name, fields.join(", "))
 }
 
 #[cfg(test)]

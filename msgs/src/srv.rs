@@ -2,20 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Service;
-use crate::message::{message, section};
+use crate::message::{message, section, service};
 
-/// Loads a force model into the running node. The one before stays when this fails.
-#[derive(Clone, Copy, Debug)]
-pub struct LoadModel;
-
-impl Service for LoadModel {
-    type Request = LoadModelRequest;
-    type Response = LoadModelResponse;
-    const PACKAGE: &'static str = "mr_damper_msgs";
-    const NAME: &'static str = "LoadModel";
-    const TYPE: &'static str = "mr_damper_msgs/srv/LoadModel";
-    const TYPE_HASH: &'static str = "RIHS01_813fbfd1d5f3f9f86b206cfd800185927f2a02ed3ef1262edebe85bb1540c38a";
+service! {
+    /// Loads a force model into the running node. The one before stays when this fails.
+    LoadModel("mr_damper_msgs", "813fbfd1d5f3f9f86b206cfd800185927f2a02ed3ef1262edebe85bb1540c38a"):
+        LoadModelRequest => LoadModelResponse
 }
 
 /// Request of [`LoadModel`].
@@ -46,17 +38,10 @@ message!(
     section(include_str!("../srv/LoadModel.srv"), 1)
 );
 
-/// Forgets filters, history and residual, as if the node had just started. The model stays.
-#[derive(Clone, Copy, Debug)]
-pub struct Reset;
-
-impl Service for Reset {
-    type Request = ResetRequest;
-    type Response = ResetResponse;
-    const PACKAGE: &'static str = "mr_damper_msgs";
-    const NAME: &'static str = "Reset";
-    const TYPE: &'static str = "mr_damper_msgs/srv/Reset";
-    const TYPE_HASH: &'static str = "RIHS01_7569d46093115dfd3b940ee2afe5a1e52a83f19fbd57266f84d63768c2b7e8b1";
+service! {
+    /// Forgets filters, history and residual, as if the node had just started. The model stays.
+    Reset("mr_damper_msgs", "7569d46093115dfd3b940ee2afe5a1e52a83f19fbd57266f84d63768c2b7e8b1"):
+        ResetRequest => ResetResponse
 }
 
 /// Request of [`Reset`].
@@ -87,17 +72,10 @@ message!(
     section(include_str!("../srv/Reset.srv"), 1)
 );
 
-/// Holds the estimator in one mode, or gives the choice back to the supervisor.
-#[derive(Clone, Copy, Debug)]
-pub struct SetMode;
-
-impl Service for SetMode {
-    type Request = SetModeRequest;
-    type Response = SetModeResponse;
-    const PACKAGE: &'static str = "mr_damper_msgs";
-    const NAME: &'static str = "SetMode";
-    const TYPE: &'static str = "mr_damper_msgs/srv/SetMode";
-    const TYPE_HASH: &'static str = "RIHS01_3bdee117533cb23ce7ce60e291cb24c73bef00d02dfb8d613937137d807423e5";
+service! {
+    /// Holds the estimator in one mode, or gives the choice back to the supervisor.
+    SetMode("mr_damper_msgs", "3bdee117533cb23ce7ce60e291cb24c73bef00d02dfb8d613937137d807423e5"):
+        SetModeRequest => SetModeResponse
 }
 
 /// Request of [`SetMode`].

@@ -7,6 +7,20 @@ use std::collections::BTreeSet;
 use mr_damper_msgs::action::{
     CloseLoopFeedback, CloseLoopGoal, CloseLoopResult, IdentifyFeedback, IdentifyGoal, IdentifyResult,
 };
+use mr_damper_msgs::lifecycle::{
+    ChangeState, ChangeStateRequest, ChangeStateResponse, GetAvailableStates, GetAvailableStatesRequest,
+    GetAvailableStatesResponse, GetAvailableTransitions, GetAvailableTransitionsRequest,
+    GetAvailableTransitionsResponse, GetState, GetStateRequest, GetStateResponse, State, Transition,
+    TransitionDescription, TransitionEvent,
+};
+use mr_damper_msgs::rcl::{
+    DescribeParameters, DescribeParametersRequest, DescribeParametersResponse, FloatingPointRange,
+    GetParameterTypes, GetParameterTypesRequest, GetParameterTypesResponse, GetParameters,
+    GetParametersRequest, GetParametersResponse, IntegerRange, ListParameters, ListParametersRequest,
+    ListParametersResponse, ListParametersResult, Log, Parameter, ParameterDescriptor, ParameterEvent,
+    ParameterValue, SetParameters, SetParametersAtomically, SetParametersAtomicallyRequest,
+    SetParametersAtomicallyResponse, SetParametersRequest, SetParametersResponse, SetParametersResult,
+};
 use mr_damper_msgs::srv::{
     LoadModel, LoadModelRequest, LoadModelResponse, Reset, ResetRequest, ResetResponse, SetMode,
     SetModeRequest, SetModeResponse,
@@ -14,10 +28,16 @@ use mr_damper_msgs::srv::{
 use mr_damper_msgs::standard::{
     Clock, DiagnosticArray, DiagnosticStatus, Float64, Header, JointState, KeyValue, Temperature, Time,
 };
+use mr_damper_msgs::type_description::{
+    self, Field, FieldType, GetTypeDescription, GetTypeDescriptionRequest, GetTypeDescriptionResponse,
+    IndividualTypeDescription, TypeDescription, TypeSource,
+};
 use mr_damper_msgs::{
     CoilCurrent, CommandVoltage, CurrentCommand, Descriptor, Displacement, Force, ForceEstimate,
     ForceResidual, MESSAGES, Message, ModeChange, Service, Velocity, cdr, msgdef, rihs01,
 };
+
+type TypeKeyValue = type_description::KeyValue;
 
 const CDR: &str = include_str!("golden/cdr.tsv");
 const HASHES: &str = include_str!("golden/hashes.tsv");
@@ -30,7 +50,16 @@ macro_rules! for_every_message {
             ModeChange Velocity Time DiagnosticArray DiagnosticStatus KeyValue Clock JointState Temperature
             Float64 Header LoadModelRequest LoadModelResponse ResetRequest ResetResponse SetModeRequest
             SetModeResponse CloseLoopGoal CloseLoopResult CloseLoopFeedback IdentifyGoal IdentifyResult
-            IdentifyFeedback
+            IdentifyFeedback State Transition TransitionDescription TransitionEvent GetStateRequest
+            GetStateResponse ChangeStateRequest ChangeStateResponse GetAvailableStatesRequest
+            GetAvailableStatesResponse GetAvailableTransitionsRequest GetAvailableTransitionsResponse
+            ParameterValue Parameter FloatingPointRange IntegerRange ParameterDescriptor ParameterEvent
+            SetParametersResult ListParametersResult Log GetParametersRequest GetParametersResponse
+            GetParameterTypesRequest GetParameterTypesResponse SetParametersRequest SetParametersResponse
+            SetParametersAtomicallyRequest SetParametersAtomicallyResponse ListParametersRequest
+            ListParametersResponse DescribeParametersRequest DescribeParametersResponse FieldType Field
+            IndividualTypeDescription TypeDescription TypeSource TypeKeyValue GetTypeDescriptionRequest
+            GetTypeDescriptionResponse
         )
     };
     ($check:ident: $($message:ident)+) => { [$($check::<$message>()),+] };
@@ -115,7 +144,22 @@ fn golden_hash(type_name: &str) -> &'static str {
 #[test]
 fn hashes_are_those_of_rosbags_and_rosidl() {
     let mut checked = BTreeSet::from(for_every_message!(hashed));
-    checked.extend([hashed_service::<LoadModel>(), hashed_service::<Reset>(), hashed_service::<SetMode>()]);
+    checked.extend([
+        hashed_service::<LoadModel>(),
+        hashed_service::<Reset>(),
+        hashed_service::<SetMode>(),
+        hashed_service::<GetState>(),
+        hashed_service::<ChangeState>(),
+        hashed_service::<GetAvailableStates>(),
+        hashed_service::<GetAvailableTransitions>(),
+        hashed_service::<GetParameters>(),
+        hashed_service::<GetParameterTypes>(),
+        hashed_service::<SetParameters>(),
+        hashed_service::<SetParametersAtomically>(),
+        hashed_service::<ListParameters>(),
+        hashed_service::<DescribeParameters>(),
+        hashed_service::<GetTypeDescription>(),
+    ]);
     let golden: BTreeSet<&str> = rows(HASHES).iter().map(|[name, _]| *name).collect();
     assert_eq!(checked, golden);
 }
@@ -155,7 +199,7 @@ fn defined<M: Message>() -> &'static str {
 #[test]
 fn definitions_and_structs_agree() {
     let defined = for_every_message!(defined);
-    assert_eq!(defined.len(), 30);
+    assert_eq!(defined.len(), 71);
     let topics: BTreeSet<&str> = defined.into_iter().filter(|name| name.contains("/msg/")).collect();
     let listed: BTreeSet<&str> = MESSAGES.iter().map(|message: &Descriptor| message.type_name).collect();
     assert_eq!(listed, topics);

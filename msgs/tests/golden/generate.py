@@ -29,12 +29,52 @@ STANDARD = [
     'diagnostic_msgs/msg/DiagnosticArray',
     'diagnostic_msgs/msg/DiagnosticStatus',
     'diagnostic_msgs/msg/KeyValue',
+    'lifecycle_msgs/msg/State',
+    'lifecycle_msgs/msg/Transition',
+    'lifecycle_msgs/msg/TransitionDescription',
+    'lifecycle_msgs/msg/TransitionEvent',
+    'rcl_interfaces/msg/FloatingPointRange',
+    'rcl_interfaces/msg/IntegerRange',
+    'rcl_interfaces/msg/ListParametersResult',
+    'rcl_interfaces/msg/Log',
+    'rcl_interfaces/msg/Parameter',
+    'rcl_interfaces/msg/ParameterDescriptor',
+    'rcl_interfaces/msg/ParameterEvent',
+    'rcl_interfaces/msg/ParameterValue',
+    'rcl_interfaces/msg/SetParametersResult',
     'rosgraph_msgs/msg/Clock',
     'sensor_msgs/msg/JointState',
     'sensor_msgs/msg/Temperature',
     'std_msgs/msg/Float64',
     'std_msgs/msg/Header',
+    'type_description_interfaces/msg/Field',
+    'type_description_interfaces/msg/FieldType',
+    'type_description_interfaces/msg/IndividualTypeDescription',
+    'type_description_interfaces/msg/KeyValue',
+    'type_description_interfaces/msg/TypeDescription',
+    'type_description_interfaces/msg/TypeSource',
 ]
+
+# rosbags knows no services; these are written down from the packages of ROS 2 Jazzy.
+FOREIGN_SERVICES = {
+    'lifecycle_msgs/srv/ChangeState': ('Transition transition', 'bool success'),
+    'lifecycle_msgs/srv/GetAvailableStates': ('', 'State[] available_states'),
+    'lifecycle_msgs/srv/GetAvailableTransitions': ('', 'TransitionDescription[] available_transitions'),
+    'lifecycle_msgs/srv/GetState': ('', 'State current_state'),
+    'rcl_interfaces/srv/DescribeParameters': ('string[] names', 'ParameterDescriptor[] descriptors'),
+    'rcl_interfaces/srv/GetParameterTypes': ('string[] names', 'uint8[] types'),
+    'rcl_interfaces/srv/GetParameters': ('string[] names', 'ParameterValue[] values'),
+    'rcl_interfaces/srv/ListParameters': (
+        'uint64 DEPTH_RECURSIVE=0\nstring[] prefixes\nuint64 depth', 'ListParametersResult result',
+    ),
+    'rcl_interfaces/srv/SetParameters': ('Parameter[] parameters', 'SetParametersResult[] results'),
+    'rcl_interfaces/srv/SetParametersAtomically': ('Parameter[] parameters', 'SetParametersResult result'),
+    'type_description_interfaces/srv/GetTypeDescription': (
+        'string type_name\nstring type_hash\nbool include_type_sources true',
+        'bool successful\nstring failure_reason\nTypeDescription type_description\n'
+        'TypeSource[] type_sources\nKeyValue[] extra_information',
+    ),
+}
 
 SECTIONS = {
     'msg': [''],
@@ -53,13 +93,19 @@ def definitions():
                 yield f'mr_damper_msgs/{folder}/{path.stem}{suffix}', text
 
 
+    for service, parts in FOREIGN_SERVICES.items():
+        for suffix, text in zip(SECTIONS['srv'], parts):
+            yield service + suffix, text
+
+
 def load():
-    """A type store with the standard types and ours."""
+    """A type store with the standard types and ours, and the services of others that we offer."""
     store = get_typestore(Stores.ROS2_JAZZY)
     ours = []
     for name, text in definitions():
         # rosbags knows messages only, so a part of a service is parsed as one and renamed.
-        as_message = f'mr_damper_msgs/msg/{name.split("/")[2]}'
+        package, _, base = name.split('/')
+        as_message = f'{package}/msg/{base}'
         (fields,) = get_types_from_msg(text, as_message).values()
         if not fields[1]:
             # rosidl gives an empty structure one byte, as C has no empty structures.
@@ -68,6 +114,7 @@ def load():
         store.register({name: fields})
         ours.append(name)
     services = [f'mr_damper_msgs/srv/{path.stem}' for path in sorted((PACKAGE / 'srv').iterdir())]
+    services += FOREIGN_SERVICES
     for name in services:
         describe_service(store, name)
     return store, ours, services
@@ -134,6 +181,39 @@ def status(level=0, name='mr_damper: estimator', message='', hardware='', **valu
 def joints(name=('rod',), position=(0.0125,), velocity=(-0.5,), effort=(812.0,)):
     return {'header': header('base_link'), 'name': list(name), 'position': list(position),
             'velocity': list(velocity), 'effort': list(effort)}
+
+
+def state(number=3, label='active'):
+    return {'id': number, 'label': label}
+
+
+def transition():
+    return {'transition': state(3, 'activate'), 'start_state': state(2, 'inactive'), 'goal_state': state()}
+
+
+def parameter(kind, **value):
+    return {'type': kind, 'bool_value': False, 'integer_value': 0, 'double_value': 0.0, 'string_value': '',
+            'byte_array_value': [], 'bool_array_value': [], 'integer_array_value': [],
+            'double_array_value': [], 'string_array_value': [], **value}
+
+
+def named(name):
+    return {'name': name, 'value': parameter(3, double_value=0.25)}
+
+
+def descriptor(**changes):
+    return {'name': 'coast_s', 'type': 3, 'description': 'how long, s', 'additional_constraints': '',
+            'read_only': False, 'dynamic_typing': False, 'floating_point_range': [], 'integer_range': [],
+            **changes}
+
+
+def field(name='force'):
+    return {'name': name, 'type': {'type_id': 11, 'capacity': 0, 'string_capacity': 0, 'nested_type_name': ''},
+            'default_value': ''}
+
+
+def described():
+    return {'type_name': 'a/msg/B', 'fields': [field(), field('xy')]}
 
 
 CASES = {
@@ -205,6 +285,88 @@ CASES = {
         'yes': {'success': True, 'message': 'RSSE 12.5 N', 'model_file': '/tmp/fit.toml'},
     },
     'mr_damper_msgs/action/Identify_Feedback': {'start': {'stage': '', 'progress': 0.0}},
+    'lifecycle_msgs/msg/State': {'empty': state(0, ''), 'active': state()},
+    'lifecycle_msgs/msg/Transition': {'configure': state(1, 'configure')},
+    'lifecycle_msgs/msg/TransitionDescription': {'activate': transition()},
+    'lifecycle_msgs/msg/TransitionEvent': {'activate': {'timestamp': 1_700_000_000_123_456_789, **transition()}},
+    'lifecycle_msgs/srv/GetState_Request': {'empty': {'structure_needs_at_least_one_member': 0}},
+    'lifecycle_msgs/srv/GetState_Response': {'active': {'current_state': state()}},
+    'lifecycle_msgs/srv/ChangeState_Request': {'activate': {'transition': state(3, 'activate')}},
+    'lifecycle_msgs/srv/ChangeState_Response': {'yes': {'success': True}},
+    'lifecycle_msgs/srv/GetAvailableStates_Request': {'empty': {'structure_needs_at_least_one_member': 0}},
+    'lifecycle_msgs/srv/GetAvailableStates_Response': {
+        'none': {'available_states': []}, 'two': {'available_states': [state(2, 'inactive'), state()]},
+    },
+    'lifecycle_msgs/srv/GetAvailableTransitions_Request': {'empty': {'structure_needs_at_least_one_member': 0}},
+    'lifecycle_msgs/srv/GetAvailableTransitions_Response': {
+        'none': {'available_transitions': []}, 'two': {'available_transitions': [transition(), transition()]},
+    },
+    'rcl_interfaces/msg/ParameterValue': {
+        'unset': parameter(0), 'bool': parameter(1, bool_value=True), 'integer': parameter(2, integer_value=-7),
+        'double': parameter(3, double_value=0.25), 'nan': parameter(3, double_value=NAN),
+        'string': parameter(4, string_value='auto'), 'bytes': parameter(5, byte_array_value=[1, 2, 255]),
+        'bools': parameter(6, bool_array_value=[True, False]),
+        'integers': parameter(7, integer_array_value=[1, -2, 3]),
+        'doubles': parameter(8, double_array_value=[0.5, -1.5]),
+        'strings': parameter(9, string_array_value=['a', 'bcd']),
+    },
+    'rcl_interfaces/msg/Parameter': {f'name_{j}': named('n' * j) for j in range(9)},
+    'rcl_interfaces/msg/FloatingPointRange': {'unit': {'from_value': 0.0, 'to_value': 1.0, 'step': 0.0}},
+    'rcl_interfaces/msg/IntegerRange': {'bits': {'from_value': -1, 'to_value': 232, 'step': 1}},
+    'rcl_interfaces/msg/ParameterDescriptor': {
+        'plain': descriptor(), 'double': descriptor(
+            floating_point_range=[{'from_value': 0.0, 'to_value': 3600.0, 'step': 0.0}]),
+        'integer': descriptor(integer_range=[{'from_value': -1, 'to_value': 232, 'step': 1}], read_only=True),
+    },
+    'rcl_interfaces/msg/ParameterEvent': {
+        'empty': {'stamp': time(), 'node': '/mr_damper', 'new_parameters': [], 'changed_parameters': [],
+                  'deleted_parameters': []},
+        'changed': {'stamp': time(), 'node': '/a/b', 'new_parameters': [named('x')],
+                    'changed_parameters': [named('y'), named('zz')], 'deleted_parameters': []},
+    },
+    'rcl_interfaces/msg/SetParametersResult': {'no': {'successful': False, 'reason': 'out of range'}},
+    'rcl_interfaces/msg/ListParametersResult': {'one': {'names': ['a.b'], 'prefixes': ['a']}},
+    'rcl_interfaces/msg/Log': {
+        'warn': {'stamp': time(), 'level': 30, 'name': 'front_left.mr_damper', 'msg': 'late', 'file': 'a.rs',
+                 'function': 'm', 'line': 7},
+    },
+    'rcl_interfaces/srv/GetParameters_Request': {'two': {'names': ['a', 'bc']}},
+    'rcl_interfaces/srv/GetParameters_Response': {'one': {'values': [parameter(3, double_value=0.25)]}},
+    'rcl_interfaces/srv/GetParameterTypes_Request': {'none': {'names': []}},
+    'rcl_interfaces/srv/GetParameterTypes_Response': {'two': {'types': [3, 0]}},
+    'rcl_interfaces/srv/SetParameters_Request': {'two': {'parameters': [named('a'), named('bcd')]}},
+    'rcl_interfaces/srv/SetParameters_Response': {'one': {'results': [{'successful': True, 'reason': ''}]}},
+    'rcl_interfaces/srv/SetParametersAtomically_Request': {'one': {'parameters': [named('a')]}},
+    'rcl_interfaces/srv/SetParametersAtomically_Response': {
+        'no': {'result': {'successful': False, 'reason': 'out of range'}},
+    },
+    'rcl_interfaces/srv/ListParameters_Request': {'all': {'prefixes': [], 'depth': 0}, 'one': {'prefixes': ['a'], 'depth': 1}},
+    'rcl_interfaces/srv/ListParameters_Response': {'one': {'result': {'names': ['a.b'], 'prefixes': ['a']}}},
+    'rcl_interfaces/srv/DescribeParameters_Request': {'one': {'names': ['a']}},
+    'rcl_interfaces/srv/DescribeParameters_Response': {'two': {'descriptors': [descriptor(), descriptor()]}},
+    'type_description_interfaces/msg/FieldType': {'force': field()['type']},
+    'type_description_interfaces/msg/Field': {'force': field()},
+    'type_description_interfaces/msg/IndividualTypeDescription': {'force': described()},
+    'type_description_interfaces/msg/TypeDescription': {
+        'alone': {'type_description': described(), 'referenced_type_descriptions': []},
+        'with': {'type_description': described(), 'referenced_type_descriptions': [described(), described()]},
+    },
+    'type_description_interfaces/msg/TypeSource': {
+        'force': {'type_name': 'a/msg/B', 'encoding': 'msg', 'raw_file_contents': 'float64 x\n'},
+    },
+    'type_description_interfaces/msg/KeyValue': {'pair': {'key': 'k', 'value': 'v'}},
+    'type_description_interfaces/srv/GetTypeDescription_Request': {
+        'one': {'type_name': 'a/msg/B', 'type_hash': 'RIHS01_00', 'include_type_sources': True},
+    },
+    'type_description_interfaces/srv/GetTypeDescription_Response': {
+        'no': {'successful': False, 'failure_reason': 'no such type', 'type_description': {
+            'type_description': {'type_name': '', 'fields': []}, 'referenced_type_descriptions': []},
+            'type_sources': [], 'extra_information': []},
+        'yes': {'successful': True, 'failure_reason': '', 'type_description': {
+            'type_description': described(), 'referenced_type_descriptions': [described()]},
+            'type_sources': [{'type_name': 'a/msg/B', 'encoding': 'msg', 'raw_file_contents': 'float64 x\n'}],
+            'extra_information': [{'key': 'k', 'value': 'v'}]},
+    },
 }
 
 
@@ -222,8 +384,9 @@ def build(store, name, value):
             (element, of), _ = inner
             if element.name == 'NAME':
                 item = [build(store, of, i) for i in item]
-            elif of[0] == 'float64':
-                item = numpy.array(item, dtype=numpy.float64)
+            elif of[0] != 'string':
+                # numpy's byte is signed.
+                item = numpy.array(item, dtype='uint8' if of[0] == 'byte' else of[0])
         made[key] = item
     return kind(**made)
 
