@@ -1,7 +1,7 @@
 //! A force model with all that is needed to run it: conditioning, training envelope, expected error.
 
 use crate::condition::Conditioning;
-use crate::effect::{Augmented, AugmentedState, Effects};
+use crate::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use crate::force::{ForceModel, Inputs};
 use crate::uncertainty::Uncertainty;
 use serde::{Deserialize, Serialize};
@@ -40,6 +40,33 @@ impl Model {
     #[must_use]
     pub const fn feeds_on_force(&self) -> bool {
         self.effects.is_empty() && self.force.force_fed_period().is_some()
+    }
+
+    /// Its force at rest, which does no work over a stroke.
+    pub(crate) fn preload(&self) -> Preload {
+        let gas_n_m = |effect: &EffectModel| match (effect.effect(), effect.parameters()) {
+            (Effect::GasSpring, [stiffness_n_m]) => *stiffness_n_m,
+            _ => 0.0,
+        };
+        Preload {
+            offset_n: self.force.force_offset_n(),
+            gas_n_m: self.effects.as_slice().iter().map(gas_n_m).sum(),
+        }
+    }
+}
+
+/// Force of a damper at rest: what its offset and its gas springs make.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Preload {
+    offset_n: f64,
+    gas_n_m: f64,
+}
+
+impl Preload {
+    /// The force at a displacement, N.
+    #[inline]
+    pub(crate) fn at_n(&self, displacement_m: f64) -> f64 {
+        self.offset_n + self.gas_n_m * displacement_m
     }
 }
 

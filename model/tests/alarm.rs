@@ -77,8 +77,7 @@ fn a_swap_a_reset_and_a_gap_end_it_at_once() {
     let mut bench = biased(3.0, 60);
     let models = Models::alone(preset(BEST_FUZZY_TANH));
     bench.run(0..12 * SECOND, |_| true);
-    let events = &mut bench.events;
-    bench.pipeline.swap(models, &mut |event| events.push(event)).expect("a preset goes with the settings");
+    bench.take(models, Settings::default()).expect("a preset goes with the settings");
     bench.run(12 * SECOND..24 * SECOND, |_| true);
     let events = &mut bench.events;
     bench.pipeline.reset(&mut |event| events.push(event));

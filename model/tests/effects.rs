@@ -7,7 +7,7 @@ use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::force::{Dependence, ForceModel, Law, LawModel};
 use mr_damper_model::identify::{Dataset, DatasetOptions, Watch, score, walk};
 use mr_damper_model::model::{Envelope, Model};
-use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce, Validity};
+use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Plan, Reasons, Settings, UseForce, Validity};
 use mr_damper_model::preset;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::ops::ControlFlow;
@@ -149,7 +149,8 @@ fn swapping_in_an_effect_makes_no_gap() {
     let (mut estimates, mut last, mut largest) = (0, None, 0.0_f64);
     for (k, sample) in samples.iter().enumerate().take(3500) {
         if k % 800 == 700 {
-            pipeline.swap(Models::alone(models[(k / 800 + 1) % 4]), &mut |_| {}).expect("it runs");
+            let next = Models::alone(models[(k / 800 + 1) % 4]);
+            pipeline.take(Plan::new(next, settings).expect("it runs"), &mut |_| {});
         }
         pipeline.step(sample, &mut |event| {
             if let Event::Estimate(e) = event

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Bench, preset, samples};
+use common::{Bench, both, preset, samples};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce, Validity};
 use mr_damper_model::sample::{Drive, Reading, Stamp};
@@ -163,9 +163,9 @@ fn settings_change_between_two_samples_and_bad_ones_change_nothing() {
     bench.run(0..100, |_| true);
     let before = *bench.pipeline.settings();
     let bad = Settings { coast_s: f64::NAN, ..before };
-    assert!(bench.pipeline.configure(bad).expect_err("NaN").to_string().contains("coast_s is NaN"));
+    assert!(bench.take(both(), bad).expect_err("NaN").to_string().contains("coast_s is NaN"));
     assert_eq!(*bench.pipeline.settings(), before);
-    bench.pipeline.configure(Settings { coast_s: 0.0, ..before }).expect("zero is in range");
+    bench.take(both(), Settings { coast_s: 0.0, ..before }).expect("zero is in range");
     bench.run(100..200, |_| false);
     insta::assert_snapshot!(bench.transitions(), @"
        2 ms  fault -> model     the model's inputs are there
@@ -180,7 +180,7 @@ fn models_are_swapped_without_a_gap_or_a_step() {
     bench.constant_current = true;
     bench.run(0..300, |_| false);
     let models = Models::alone(preset("thesis/fuzzy-tanh/rp1-cs"));
-    bench.pipeline.swap(models, &mut |_| {}).expect("a preset goes with the settings");
+    bench.take(models, *bench.pipeline.settings()).expect("a preset goes with the settings");
     bench.run(300..600, |_| false);
     let forces: Vec<f64> = bench.estimates().skip(5).map(|e| e.force.get()).collect();
     assert!(forces.iter().all(|f| f.is_finite()), "no gap");
@@ -197,7 +197,7 @@ fn a_swap_to_a_model_that_is_higher_makes_no_step() {
     let higher = Model { force: free.force.with_force_offset_n(free.force.force_offset_n() + 300.0), ..free };
     let mut bench = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
     bench.run(0..300, |_| false);
-    bench.pipeline.swap(Models::alone(higher), &mut |_| {}).expect("it goes with the settings");
+    bench.take(Models::alone(higher), *bench.pipeline.settings()).expect("it goes with the settings");
     bench.run(300..600, |_| false);
     let mut as_it_was = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
     as_it_was.run(0..600, |_| false);

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{PERIOD_NS, preset, samples};
+use common::{PERIOD_NS, both, preset, samples};
 use mr_damper_model::condition::VelocitySource;
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::force::{Arx, ForceModel, LAGS};
@@ -28,10 +28,6 @@ struct Drill {
     edit: Edit,
     /// Other than feeding: silence at the end, or a note of lost samples.
     end: fn(&mut Pipeline, &mut dyn FnMut(Event)),
-}
-
-fn both() -> Models {
-    Models::alone(preset(BEST_FUZZY_TANH)).with_seeded(preset(BEST_ARX)).expect("both want a current")
 }
 
 /// Both models on the thesis' motion, all inputs there.
@@ -344,6 +340,25 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
             Drill {
                 settings: driver,
                 edit: |k, feed| change(feed, is_drive, |_| (15.0 * seconds(k)).min(2.4)),
+                ..SOUND
+            },
+        ),
+        (
+            Reasons::DRIVE_IMPLAUSIBLE,
+            Drill {
+                settings: driver,
+                edit: |k, feed| change(feed, is_drive, |_| if k > 500 { 1.9 } else { 1.2 }),
+                ..SOUND
+            },
+            // The driver's clock is set back, and its current stays what it is.
+            Drill {
+                settings: driver,
+                edit: |k, feed| {
+                    change(feed, is_drive, |_| 1.2);
+                    if k > 500 {
+                        shift(&mut feed[..1], -10_000_000_000);
+                    }
+                },
                 ..SOUND
             },
         ),

@@ -69,8 +69,7 @@ pub fn model_file(closing: &Closing, runs: &Runs, origin: Origin) -> ModelFile {
     let over = |data: &[Dataset]| sum(data.iter().map(|data| errors(&after.augmented(), data)));
     let validation = over(runs.test).fit();
     let judged = validation.or_else(|| over(runs.confirm).fit());
-    let expected =
-        Expected { uncertainty: None, free_run_rsse_n: judged.map(|fit| fit.rsse_n), one_step_rsse_n: None };
+    let expected = Expected { free_run_rsse_n: judged.map(|fit| fit.rsse_n), ..Expected::default() };
     let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now());
     ModelFile {
         model: Model { expected, ..*after },

@@ -23,7 +23,7 @@ impl Fleet {
         let mut fleet = Self { services: Vec::with_capacity(dampers.len()) };
         for damper in dampers {
             match Service::start_in(&process, &damper.config, &damper.args, false) {
-                Ok((service, _)) => fleet.services.push((damper.name.clone(), service)),
+                Ok((service, _)) => fleet.services.push((damper.name().to_owned(), service)),
                 Err(error) => {
                     if let Err(ended) = fleet.stop() {
                         tracing::error!("{ended}");
@@ -31,7 +31,7 @@ impl Fleet {
                     return Err(if dampers.len() == 1 {
                         error
                     } else {
-                        NodeError::Damper { name: damper.name.clone(), why: Box::new(error) }
+                        NodeError::Damper { name: damper.name().to_owned(), why: Box::new(error) }
                     });
                 }
             }

@@ -45,12 +45,11 @@ impl Overseer {
         control: &Arc<Control>,
         inlet: Inlet,
     ) -> Result<Self, NodeError> {
-        let namespace = args.namespace();
         let history = Arc::new(Mutex::new(History::new(control.config().history_duration_s)));
         let overseeing = Overseeing {
             publisher: ros.publish(&args.topic("/diagnostics"))?,
-            node: format!("{}/{}", namespace.trim_end_matches('/'), args.node_name()),
-            damper: namespace.trim_matches('/').to_owned(),
+            node: args.full_name(),
+            damper: args.namespace().trim_matches('/').to_owned(),
             names: control.names(),
             control: Arc::clone(control),
             history: Arc::clone(&history),

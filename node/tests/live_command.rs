@@ -1,13 +1,15 @@
 //! Current commands of the real service, over real DDS: a supervisor asks for forces, and gets currents, also when it falls silent.
 
+mod live_support;
+
+use live_support::offline;
 use mr_damper_model::inverse::LimitedBy;
-use mr_damper_model::pipeline::{Commanded, Event, Pipeline};
+use mr_damper_model::pipeline::{Commanded, Event};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::{Run, Stamp, Trace};
 use mr_damper_msgs::{CurrentCommand, Force, ForceEstimate, LimitedBy as OnWire, Message};
 use mr_damper_node::config::{Config, RosArgs, Value};
 use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::models;
 use mr_damper_node::player::{Plan, Played, Player};
 use mr_damper_node::ros::Ros;
 use mr_damper_node::service::Service;
@@ -42,20 +44,11 @@ fn config(domain: i64) -> Config {
     config
 }
 
-/// What the same pipeline commands when the run is put through it without any ROS.
-fn offline(config: &Config, run: &Run) -> Vec<Commanded> {
-    let (models, _) = models::from_config(config).expect("it loads");
-    let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-    let mut pipeline = Pipeline::new(models, settings).expect("it runs");
-    let mut commands = Vec::new();
-    for sample in run.samples() {
-        pipeline.step(&sample, &mut |event| {
-            if let Event::Command(commanded) = event {
-                commands.push(commanded);
-            }
-        });
+fn commanded(event: Event) -> Option<Commanded> {
+    match event {
+        Event::Command(commanded) => Some(commanded),
+        _ => None,
     }
-    commands
 }
 
 fn drain<M: Message>(subscription: &Subscription<M>, into: &mut Vec<M>) {
@@ -90,7 +83,7 @@ fn a_supervisor_asks_for_forces_and_falls_silent() {
             std::thread::sleep(Duration::from_millis(5));
         }
     });
-    let expected = offline(&config, &run);
+    let expected = offline(&config, &run, commanded);
     let samples = run.displacement_m.len();
     assert_eq!(expected.len(), samples, "the first request comes with the first displacement");
     let (live, silent) = heard.split_at(samples.min(heard.len()));

@@ -236,8 +236,7 @@ impl Memory {
         self.safe_rate_a_s = None;
 
         let (x_m, v_m_s) = (inputs.displacement_m, inputs.velocity_m_s);
-        let preload_n = inverse.model.force().force_offset_n() + inverse.gas_n_m * x_m;
-        let dissipative = (demand_n - preload_n) * v_m_s >= 0.0;
+        let dissipative = (demand_n - inverse.preload.at_n(x_m)) * v_m_s >= 0.0;
         let achievable_n = solved.achievable_n.map(|force_n| force_n + self.bias_n);
         let moves_n = achievable_n[1] - achievable_n[0];
         let slack_n = SLACK * moves_n;

@@ -14,7 +14,7 @@
 //! loop's upper and lower branch are both there, and each where it belongs. A model with a memory goes round once before it is
 //! looked at; of one without each point is asked alone.
 
-use super::shape::{USUAL_M, USUAL_M_S};
+use super::shape::{Bounds, CASE_TEMP_C};
 use crate::effect::{Augmented, AugmentedState};
 use crate::force::{ForceModel, Inputs};
 use crate::model::Model;
@@ -68,12 +68,9 @@ impl At<'_> {
 impl Cycle {
     /// The sines of `model`. Its envelope must be a range, as [`super::Shape::has_force`] finds.
     pub(super) fn of(model: &Model) -> Self {
-        let [low_m, high_m] = model.envelope.displacement_m.unwrap_or(USUAL_M);
-        let fastest_m_s =
-            model.envelope.velocity_m_s.map_or(USUAL_M_S, |[low, high]| high.abs().max(low.abs()));
+        let Bounds { stroke_m: [low_m, high_m], fastest_m_s, rate_hz } = Bounds::of(model);
         let half_m = (0.5 * (high_m - low_m)).max(1e-6);
         let fastest_m_s = fastest_m_s.max(1e-6);
-        let rate_hz = if model.rate_hz > 0.0 { model.rate_hz } else { 512.0 };
         let steps = (TAU * half_m / fastest_m_s * rate_hz / POINTS as f64).ceil().clamp(STEPS[0], STEPS[1]);
         let remembers = match &model.force {
             ForceModel::Law(law) => law.law().has_memory(),
@@ -114,7 +111,7 @@ impl Cycle {
                 velocity_m_s: -reach * self.fastest_m_s * sin,
                 acceleration_m_s2: -reach * self.fastest_m_s * omega * cos,
                 drive: current_a,
-                case_temp_c: 23.0,
+                case_temp_c: CASE_TEMP_C,
             };
             let before = state;
             let is_shown = step >= round && step % self.steps == shown;

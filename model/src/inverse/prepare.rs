@@ -8,7 +8,7 @@ use super::surrogate::Surrogate;
 use crate::effect::{Augmented, Effect, EffectModel, Effects};
 use crate::error::Error;
 use crate::force::Inputs;
-use crate::model::Model;
+use crate::model::{Model, Preload};
 use crate::sample::DriveKind;
 use crate::units::{Ampere, Newton};
 
@@ -32,7 +32,7 @@ pub(super) struct Inverse {
     /// The model without the lag of its coil.
     pub(super) model: Augmented,
     pub(super) coil: Option<Coil>,
-    pub(super) gas_n_m: f64,
+    pub(super) preload: Preload,
     pub(super) shape: Shape,
     solver: Solver,
     /// What takes the place of the search, where that is asked for.
@@ -66,21 +66,20 @@ impl Inverse {
             );
             return Err(refused(model, &what));
         }
-        let (mut coil, mut gas_n_m) = (None, 0.0);
+        let mut coil = None;
         for effect in model.effects.as_slice() {
             match (effect.effect(), effect.parameters()) {
                 (Effect::CoilLag, [tau_s]) => coil = Some(Coil { rise_s: *tau_s, fall_s: *tau_s }),
                 (Effect::CoilLagRiseFall, [rise_s, fall_s]) => {
                     coil = Some(Coil { rise_s: *rise_s, fall_s: *fall_s });
                 }
-                (Effect::GasSpring, [stiffness_n_m]) => gas_n_m += stiffness_n_m,
                 _ => {}
             }
         }
         let current_max_a = limits.current_max_a;
         let solver = Solver { current_max_a, folded: shape.real_fold().is_some(), linear: shape.is_linear() };
         let surrogate = Surrogate::of(model, method, &shape, limits)?;
-        Ok(Self { model: without_lag(model)?, coil, gas_n_m, shape, solver, surrogate })
+        Ok(Self { model: without_lag(model)?, coil, preload: model.preload(), shape, solver, surrogate })
     }
 
     /// The current for `demand_n` at `moment`, which is that of `inputs`; `last` is the last one, and its force at this moment.

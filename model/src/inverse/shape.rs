@@ -35,9 +35,29 @@ const STRAIGHT: f64 = 1e-9;
 const ALONG_LINE: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
 /// Share of the model's largest force below which the current hardly moves it.
 pub(super) const HARDLY: f64 = 0.01;
-/// Where a model knows no envelope: a damper of a seat or a small vehicle, m and m/s.
-pub(super) const USUAL_M: [f64; 2] = [-0.015, 0.015];
-pub(super) const USUAL_M_S: f64 = 0.2;
+/// A model that fades with temperature is looked at where it was identified, °C.
+pub(super) const CASE_TEMP_C: f64 = 23.0;
+
+/// The motion that a model is looked at in: that of its envelope, or, where it knows none, of a damper of a seat or a small vehicle.
+pub(super) struct Bounds {
+    /// Ends of the stroke, m.
+    pub(super) stroke_m: [f64; 2],
+    /// Larger end of the velocity, m/s.
+    pub(super) fastest_m_s: f64,
+    /// Sample rate, Hz.
+    pub(super) rate_hz: f64,
+}
+
+impl Bounds {
+    pub(super) fn of(model: &Model) -> Self {
+        let fastest_m_s = |[low, high]: [f64; 2]| high.abs().max(low.abs());
+        Self {
+            stroke_m: model.envelope.displacement_m.unwrap_or([-0.015, 0.015]),
+            fastest_m_s: model.envelope.velocity_m_s.map_or(0.2, fastest_m_s),
+            rate_hz: if model.rate_hz > 0.0 { model.rate_hz } else { 512.0 },
+        }
+    }
+}
 
 /// A place where the force turns back as the current grows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,10 +90,8 @@ impl Shape {
     /// Looks at `model` from no current to `current_max_a`.
     #[must_use]
     pub fn of(model: &Model, current_max_a: f64) -> Self {
-        let [low_m, high_m] = model.envelope.displacement_m.unwrap_or(USUAL_M);
-        let fastest_m_s =
-            model.envelope.velocity_m_s.map_or(USUAL_M_S, |[low, high]| high.abs().max(low.abs()));
-        let dt_s = if model.rate_hz > 0.0 { 1.0 / model.rate_hz } else { 1.0 / 512.0 };
+        let Bounds { stroke_m: [low_m, high_m], fastest_m_s, rate_hz } = Bounds::of(model);
+        let dt_s = 1.0 / rate_hz;
         let augmented = model.augmented();
         let mut shape = Self { most_n: 0.0, fold: None, bend_n: 0.0, points: [0; 2] };
         for displacement_m in DISPLACEMENTS.map(|share| low_m + share * (high_m - low_m)) {
@@ -169,8 +187,7 @@ fn arrive(
             velocity_m_s,
             acceleration_m_s2: 0.0,
             drive: current_a,
-            // A model that fades with temperature is looked at where it was identified.
-            case_temp_c: 23.0,
+            case_temp_c: CASE_TEMP_C,
         };
         force_n = model.free_run(&mut state, &inputs);
     }

@@ -11,6 +11,7 @@
 use super::commander::{Command, Commander};
 use super::law::Demand;
 use super::limits::LimitedBy;
+use super::shape::CASE_TEMP_C;
 use crate::condition::{Conditioning, LowPass, MotionState, VelocitySource};
 use crate::effect::AugmentedState;
 use crate::error::Error;
@@ -222,7 +223,7 @@ impl Eyes {
             velocity_m_s: motion.map_or(f64::NAN, |motion| motion.velocity_m_s),
             acceleration_m_s2: motion.map_or(f64::NAN, |motion| motion.acceleration_m_s2),
             drive: f64::NAN,
-            case_temp_c: 23.0,
+            case_temp_c: CASE_TEMP_C,
         }
     }
 }

@@ -15,7 +15,7 @@ use super::event::Commanded;
 use super::settings::Settings;
 use crate::condition::Hold;
 use crate::force::Inputs;
-use crate::inverse::{Commander, Law};
+use crate::inverse::{Commander, Demand, Law};
 use crate::sample::Stamp;
 
 /// What commands currents, and what it is told.
@@ -98,22 +98,24 @@ impl Commanding {
 
     /// What the current has gone to after `silence_s` without displacement, where that is long enough.
     pub(super) fn silent(&self, last: Stamp, silence_s: f64, settings: &Settings) -> Option<Commanded> {
-        let idle_s = silence_s - settings.request_timeout_s;
-        if idle_s <= 0.0 || !self.speaks(settings) {
-            return None;
-        }
+        let (demand, idle_s) = idle(silence_s, settings).filter(|_| self.speaks(settings))?;
         let mut commander = self.commander;
-        let command = commander.idle(settings.law.demand(None, None, f64::NAN), idle_s);
+        let command = commander.idle(demand, idle_s);
         // A cast of a float saturates.
         Some(Commanded { stamp: last.shifted((silence_s * 1e9) as i64), command })
     }
 
     fn resume(&mut self, silence_s: f64, settings: &Settings) {
-        let idle_s = silence_s - settings.request_timeout_s;
-        if idle_s > 0.0 {
-            self.commander.idle(settings.law.demand(None, None, f64::NAN), idle_s);
+        if let Some((demand, idle_s)) = idle(silence_s, settings) {
+            self.commander.idle(demand, idle_s);
         }
     }
+}
+
+/// What is asked for after `silence_s` without displacement, and for how long it has been, s; `None` while the last command holds.
+fn idle(silence_s: f64, settings: &Settings) -> Option<(Demand, f64)> {
+    let idle_s = silence_s - settings.request_timeout_s;
+    (idle_s > 0.0).then(|| (settings.law.demand(None, None, f64::NAN), idle_s))
 }
 
 /// Inputs of which nothing is known.

@@ -139,14 +139,14 @@ impl Pipeline {
         let seeded = self.seeded.as_ref();
         let one_step_n = seeded.and_then(lane::SeededLane::expected_rsse_n);
         match mode {
-            Mode::Arx => by_lane(seeded.map(lane::SeededLane::model_ref), self.seeded_at, one_step_n),
+            Mode::Arx => by_lane(seeded.map(lane::SeededLane::model), self.seeded_at, one_step_n),
             // Without calibration, a coasting ARX is somewhere between: the free-running figure is the careful one.
-            Mode::ArxCoast => by_lane(seeded.map(lane::SeededLane::model_ref), self.seeded_at, free_n),
-            Mode::Model => by_lane(Some(self.free.model_ref()), self.free_at, free_n),
+            Mode::ArxCoast => by_lane(seeded.map(lane::SeededLane::model), self.seeded_at, free_n),
+            Mode::Model => by_lane(Some(self.free.model()), self.free_at, free_n),
             Mode::Hold => {
                 let lost = reasons.has(Reasons::DISPLACEMENT_LOST);
                 let held_s = if lost { HOLD_S } else { self.machine.seconds_in_mode(stamp) };
-                self.last_doubt.held(force_n, self.free.model_ref().envelope.force_n, held_s)
+                self.last_doubt.held(force_n, self.free.model().envelope.force_n, held_s)
             }
             Mode::Fault => Doubt::NONE,
         }

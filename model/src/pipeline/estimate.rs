@@ -53,7 +53,7 @@ impl Pipeline {
             || free_reasons.has(Reasons::TEMPERATURE_MISSING)
             || reasons.has(Reasons::DRIVE_STALE));
         let velocity_m_s = self.free.velocity_m_s();
-        let rest_n = self.known.offset_n + self.known.gas_n_m * displacement_m;
+        let rest_n = self.known.preload.at_n(displacement_m);
         self.force
             .wait(stamp, Awaiting { predicted_n, dt_s, index: self.index, counts, velocity_m_s, rest_n });
         self.settle_residuals(emit);

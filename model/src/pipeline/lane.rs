@@ -120,11 +120,7 @@ impl FreeLane {
         self.front.inputs
     }
 
-    pub(super) const fn model(&self) -> Model {
-        self.model
-    }
-
-    pub(super) const fn model_ref(&self) -> &Model {
+    pub(super) const fn model(&self) -> &Model {
         &self.model
     }
 
@@ -248,11 +244,7 @@ impl SeededLane {
         }))
     }
 
-    pub(super) const fn model(&self) -> Model {
-        self.model
-    }
-
-    pub(super) const fn model_ref(&self) -> &Model {
+    pub(super) const fn model(&self) -> &Model {
         &self.model
     }
 

@@ -112,10 +112,9 @@ impl Models {
 impl From<Plan> for Pipeline {
     /// A pipeline at rest.
     fn from(plan: Plan) -> Self {
-        let Plan { models, settings, free, seeded, commander } = plan;
+        let Plan { settings, free, seeded, commander } = plan;
         Self {
-            known: Known::of(&free.model(), &settings.limits),
-            models,
+            known: Known::of(free.model(), &settings.limits),
             settings,
             gate: Gate::default(),
             free,
@@ -162,7 +161,6 @@ struct Awaiting {
 /// The pipeline of one damper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pipeline {
-    models: Models,
     settings: Settings,
     gate: Gate,
     free: FreeLane,
@@ -218,36 +216,15 @@ impl Pipeline {
         self.machine.mode()
     }
 
-    /// Takes over other settings from the next sample on, without losing history.
-    ///
-    /// # Errors
-    /// When a setting is out of range, or does not go with the models; then nothing changes.
-    pub fn configure(&mut self, settings: Settings) -> Result<(), Error> {
-        let plan = Plan::new(self.models, settings)?;
-        self.take(plan, &mut |_| {});
-        Ok(())
-    }
-
-    /// Swaps in other models between two samples; see [`Pipeline::take`].
-    ///
-    /// # Errors
-    /// When a model does not go with the settings; then nothing changes.
-    pub fn swap(&mut self, models: Models, emit: &mut impl FnMut(Event)) -> Result<(), Error> {
-        let plan = Plan::new(models, self.settings)?;
-        self.take(plan, emit);
-        Ok(())
-    }
-
     /// Takes over a plan from the next sample on, in no time that counts. What the models of the plan share with the old ones
     /// (conditioning, and with it the filters' memory) is kept, so that estimates go on without a gap; the step that
     /// other models make in the estimate decays like that of a change of mode, and their residuals start anew.
     pub fn take(&mut self, plan: Plan, emit: &mut impl FnMut(Event)) {
-        let Plan { models, settings, mut free, mut seeded, commander } = plan;
+        let Plan { settings, mut free, mut seeded, commander } = plan;
         let others = free.model() != self.free.model()
             || seeded.as_ref().map(SeededLane::model) != self.seeded.as_ref().map(SeededLane::model);
         self.settings = settings;
-        self.models = models;
-        self.known = Known::of(&free.model(), &settings.limits);
+        self.known = Known::of(free.model(), &settings.limits);
         self.commanding.take(commander);
         if !others {
             return;
@@ -313,7 +290,7 @@ impl Pipeline {
         let stamp = sample.stamp;
         match sample.reading {
             Reading::Drive(drive) => {
-                self.judge.drive(stamp, drive.get(), &self.known);
+                self.judge.drive(stamp, drive.get(), self.drive.at(stamp), &self.known);
                 self.drive.push(stamp, drive.get());
             }
             Reading::BodyVelocity(v) => self.commanding.body_moves(stamp, v.get()),

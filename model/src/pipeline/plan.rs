@@ -12,7 +12,6 @@ use crate::inverse::{Commander, Method};
 /// Models and settings that go together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    pub(super) models: Models,
     pub(super) settings: Settings,
     pub(super) free: FreeLane,
     pub(super) seeded: Option<SeededLane>,
@@ -41,7 +40,6 @@ impl Plan {
             Ok(commander) => commander,
         };
         Ok(Self {
-            models,
             settings,
             free: FreeLane::new(settings.applied_to(models.free))?,
             seeded: match models.seeded {
@@ -50,5 +48,11 @@ impl Plan {
             },
             commander,
         })
+    }
+
+    /// What will command currents, at rest; without an inverse where the free model has none.
+    #[must_use]
+    pub const fn commander(&self) -> &Commander {
+        &self.commander
     }
 }

@@ -20,10 +20,9 @@
 //! jumps, does not come here: the gate refuses it. A force that stands still or drives the rod is used for nothing but residuals.
 
 use super::event::Reasons;
-use crate::effect::{Effect, EffectModel};
 use crate::error::Error;
 use crate::inverse::Limits;
-use crate::model::Model;
+use crate::model::{Model, Preload};
 use crate::sample::{DriveKind, Stamp};
 
 /// Measured speed above which a rod moves, m/s.
@@ -102,9 +101,8 @@ pub(super) struct Known {
     /// What the driver can make, A and A/s; infinite where the drive is no current.
     pub(super) current_max_a: f64,
     pub(super) current_rate_a_s: f64,
-    /// Force at rest, N, and its gas spring, N/m.
-    pub(super) offset_n: f64,
-    pub(super) gas_n_m: f64,
+    /// Force at rest.
+    pub(super) preload: Preload,
 }
 
 impl Known {
@@ -112,17 +110,12 @@ impl Known {
     pub(super) fn of(model: &Model, limits: &Limits) -> Self {
         let width = |range: Option<[f64; 2]>| range.map_or(f64::NAN, |[low, high]| high - low);
         let is_current = model.force.drive() == Some(DriveKind::CoilCurrent);
-        let gas = |effect: &EffectModel| match (effect.effect(), effect.parameters()) {
-            (Effect::GasSpring, [stiffness_n_m]) => *stiffness_n_m,
-            _ => 0.0,
-        };
         Self {
             stroke_m: width(model.envelope.displacement_m),
             forces_n: width(model.envelope.force_n),
             current_max_a: if is_current { limits.current_max_a } else { f64::INFINITY },
             current_rate_a_s: limits.rate_max_a_s,
-            offset_n: model.force.force_offset_n(),
-            gas_n_m: model.effects.as_slice().iter().map(gas).sum(),
+            preload: model.preload(),
         }
     }
 }
@@ -134,7 +127,6 @@ pub(super) struct Judge {
     force: Still,
     way: Way,
     work: Work,
-    drive: Option<(Stamp, f64)>,
     drive_odd: bool,
 }
 
@@ -248,16 +240,21 @@ pub(super) struct Seen {
 }
 
 impl Judge {
-    /// Takes a drive, in A; true drives are none of a voltage.
+    /// Takes a drive, in A, and the one before it, where there is one; true drives are none of a voltage.
     #[inline]
-    pub(super) fn drive(&mut self, stamp: Stamp, current_a: f64, known: &Known) {
+    pub(super) fn drive(
+        &mut self,
+        stamp: Stamp,
+        current_a: f64,
+        before: Option<(Stamp, f64)>,
+        known: &Known,
+    ) {
         let most_a = known.current_max_a;
         let beyond = !(-0.1 * most_a..=1.2 * most_a).contains(&current_a);
-        let jumps = self.drive.is_some_and(|(at, last_a)| {
+        let jumps = before.is_some_and(|(at, last_a)| {
             let can_a = 1.5 * known.current_rate_a_s * stamp.since(at).get() + 0.05 * most_a;
             (current_a - last_a).abs() > can_a
         });
-        self.drive = Some((stamp, current_a));
         self.drive_odd = most_a.is_finite() && (beyond || jumps);
     }
 

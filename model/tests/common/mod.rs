@@ -2,9 +2,10 @@
 
 #![allow(dead_code, reason = "each test binary uses its share")]
 
+use mr_damper_model::Error;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
-use mr_damper_model::pipeline::{Estimate, Event, Models, Pipeline, Residual, Settings, UseForce};
+use mr_damper_model::pipeline::{Estimate, Event, Models, Pipeline, Plan, Residual, Settings, UseForce};
 use mr_damper_model::preset;
 use mr_damper_model::sample::{Channel, Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Metre, Newton};
@@ -15,6 +16,13 @@ pub(crate) const PERIOD_NS: i64 = 1_953_125;
 
 pub(crate) fn preset(name: &str) -> Model {
     preset::load(name).expect("a known preset")
+}
+
+/// The thesis' best fuzzy-tanh model, and its best ARX.
+pub(crate) fn both() -> Models {
+    Models::alone(preset(preset::BEST_FUZZY_TANH))
+        .with_seeded(preset(preset::BEST_ARX))
+        .expect("both want a current")
 }
 
 /// `model` with an uncertainty that no run has given: the same for every model.
@@ -86,16 +94,13 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    /// The thesis' best fuzzy-tanh model, and its best ARX.
+    /// [`both`] models of the thesis.
     pub(crate) fn thesis() -> Self {
         Self::new(Settings::default())
     }
 
     pub(crate) fn new(settings: Settings) -> Self {
-        let models = Models::alone(preset(preset::BEST_FUZZY_TANH))
-            .with_seeded(preset(preset::BEST_ARX))
-            .expect("both want a current");
-        Self::of(models, settings)
+        Self::of(both(), settings)
     }
 
     pub(crate) fn of(models: Models, settings: Settings) -> Self {
@@ -160,6 +165,14 @@ impl Bench {
     fn feed(&mut self, sample: &Sample) {
         let events = &mut self.events;
         self.pipeline.step(sample, &mut |event| events.push(event));
+    }
+
+    /// Other models and settings from the next sample on, unless they do not go together.
+    pub(crate) fn take(&mut self, models: Models, settings: Settings) -> Result<(), Error> {
+        let plan = Plan::new(models, settings)?;
+        let events = &mut self.events;
+        self.pipeline.take(plan, &mut |event| events.push(event));
+        Ok(())
     }
 
     pub(crate) fn tick(&mut self, ms: i64) {

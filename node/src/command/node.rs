@@ -46,7 +46,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
             arx_model = names.seeded.as_deref().unwrap_or("none"),
             reach = service::reach(&damper.config)?,
             zenoh = ?damper.config.zenoh.listen,
-            node = format!("{}/{}", damper.args.namespace().trim_end_matches('/'), damper.args.node_name()),
+            node = damper.args.full_name(),
             "the node is up"
         );
     }

@@ -21,12 +21,18 @@ use std::path::Path;
 /// A damper of the process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Damper {
-    /// Its name, as in keys.
-    pub name: String,
     /// What it is told.
     pub config: Config,
     /// The arguments of ROS, with its own namespace.
     pub args: RosArgs,
+}
+
+impl Damper {
+    /// Its name, as in keys.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.args.damper()
+    }
 }
 
 /// The dampers that a configuration file, the arguments of ROS and flags ask for, from weak to strong: at least one.
@@ -53,13 +59,13 @@ pub fn dampers(
     if names.is_empty() {
         let mut config = Config::default();
         sources(args)?.iter().flatten().try_for_each(|assignment| assignment.apply(&mut config))?;
-        return Ok(vec![Damper { name: args.damper().to_owned(), config, args: args.clone() }]);
+        return Ok(vec![Damper { config, args: args.clone() }]);
     }
     let all = names.iter().map(|name| {
         let namespace = Some(format!("{}/{name}", args.namespace().trim_end_matches('/')));
         let args = RosArgs { namespace, ..args.clone() };
         let config = config_of(name, &names, &sources(&args)?)?;
-        Ok(Damper { name: args.damper().to_owned(), config, args })
+        Ok(Damper { config, args })
     });
     let all: Vec<Damper> = all.collect::<Result<_, NodeError>>()?;
     let shared = |config: &Config| (config.domain_id, config.discovery_range.clone(), config.zenoh.clone());
@@ -68,7 +74,8 @@ pub fn dampers(
         Some(other) => Err(NodeError::Usage(format!(
             "{} and {} differ in domain_id, discovery_range or zenoh.*, which are those of the process: set them without the name of \
              a damper",
-            all[0].name, other.name
+            all[0].name(),
+            other.name()
         ))),
     }
 }
@@ -135,7 +142,7 @@ mod tests {
     fn one_damper_is_the_node_itself() {
         let found = parsed("model = \"a.toml\"", "--ros-args|-r|__ns:=/rear").expect("a good file");
         assert_eq!(found.len(), 1);
-        assert_eq!((found[0].name.as_str(), found[0].config.model.as_str()), ("rear", "a.toml"));
+        assert_eq!((found[0].name(), found[0].config.model.as_str()), ("rear", "a.toml"));
         assert_eq!(found[0].config.settings.hold_s, 3.0);
     }
 
@@ -152,7 +159,10 @@ mod tests {
                 let topic = d.args.topic("displacement");
                 format!(
                     "{} {} coast {} max {current_a} {topic} {:?}",
-                    d.name, c.model, c.settings.coast_s, c.zenoh.listen
+                    d.name(),
+                    c.model,
+                    c.settings.coast_s,
+                    c.zenoh.listen
                 )
             })
             .collect();

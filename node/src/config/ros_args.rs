@@ -125,6 +125,12 @@ impl RosArgs {
         self.node.as_deref().unwrap_or("mr_damper")
     }
 
+    /// Fully qualified name of the node.
+    #[must_use]
+    pub fn full_name(&self) -> String {
+        format!("{}/{}", self.namespace().trim_end_matches('/'), self.node_name())
+    }
+
     /// Name of the damper: the node's namespace without slashes around it, or the node's name where there is none.
     #[must_use]
     pub fn damper(&self) -> &str {
@@ -181,7 +187,7 @@ impl RosArgs {
         let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
         let sections: std::collections::BTreeMap<String, serde_json::Value> =
             serde_saphyr::from_str(&text).map_err(|e| in_file(e.to_string()))?;
-        let full = format!("{}/{}", self.namespace().trim_end_matches('/'), self.node_name());
+        let full = self.full_name();
         // Wildcards first: what names the node is stronger, whatever the order in the file.
         let mut matching: Vec<_> =
             sections.iter().filter(|(section, _)| matches_node(section, &full, self.node_name())).collect();
