@@ -10,8 +10,9 @@ use crate::models;
 use crate::sink::ros::SharedNames;
 use crate::sink::zenoh::Renamer;
 use crate::wire::ModelNames;
+use mr_damper_model::inverse::{Commander, Fold, Law, SurrogateFit};
 use mr_damper_model::model::Model;
-use mr_damper_model::pipeline::{Models, Plan};
+use mr_damper_model::pipeline::{Models, Plan, Settings};
 use ros2_client::{NodeOptions, ParameterValue};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
@@ -22,6 +23,8 @@ const SWAP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The running service, for those who change it.
 pub struct Control {
+    /// Its damper, for the log.
+    damper: String,
     state: Mutex<State>,
     hot: Mutex<Option<Hot>>,
     names: SharedNames,
@@ -43,10 +46,11 @@ pub struct Loaded {
 }
 
 impl Control {
-    /// Control over a service with `config` that is about to run `models`.
+    /// Control over the service of `damper`, which has `config` and is about to run `models`.
     #[must_use]
-    pub fn new(config: &Config, models: Models, names: ModelNames) -> Self {
+    pub fn new(config: &Config, damper: &str, models: Models, names: ModelNames) -> Self {
         Self {
+            damper: damper.to_owned(),
             state: Mutex::new(State { config: config.clone(), models }),
             hot: Mutex::new(None),
             names: Arc::new(RwLock::new(names)),
@@ -131,7 +135,9 @@ impl Control {
         now.hash = models::hash(&models);
         let config = Config { model: asked.model, ..state.config.clone() };
         let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-        let place = self.send(Command::Take(Plan::new(models, settings)?))?;
+        let plan = Plan::new(models, settings)?;
+        let commander = *plan.commander();
+        let place = self.send(Command::Take(plan))?;
         *state = State { config, models };
         drop(state);
 
@@ -142,7 +148,24 @@ impl Control {
         if let Some(mirror) = self.mirror.get() {
             mirror.rename(now.clone());
         }
+        self.say_commands(&models.free, &settings, &commander);
         Ok(Loaded { before, now })
+    }
+
+    /// Says what `commander`, which is that of the model `free`, commands, and what it cannot.
+    pub(crate) fn say_commands(&self, free: &Model, settings: &Settings, commander: &Commander) {
+        let damper = self.damper.as_str();
+        match (settings.law, commander.shape()) {
+            (Law::Off, _) => tracing::info!(damper, "no current is commanded"),
+            (Law::Follow, None) => {
+                // A plan does without an inverse only where a search has none: asked again, it says why.
+                if let Err(why) = Commander::new(free, settings.limits) {
+                    tracing::info!(damper, "a force_request would be answered with the safe current: {why}");
+                }
+            }
+            (law, None) => tracing::info!(damper, law = law.name(), "current_command"),
+            (_, Some(shape)) => say_inverse(damper, settings, shape.real_fold(), commander.fit()),
+        }
     }
 
     /// Puts a command into the ring, and returns its place in it; `None` before the thread has started.
@@ -203,6 +226,36 @@ fn read(names: &SharedNames) -> ModelNames {
     names.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
+/// Says how currents for forces are found, and where there are several.
+fn say_inverse(damper: &str, settings: &Settings, fold: Option<Fold>, fit: Option<&SurrogateFit>) {
+    if let Some(fold) = fold {
+        tracing::warn!(
+            damper,
+            displacement_m = fold.displacement_m,
+            velocity_m_s = fold.velocity_m_s,
+            current_a = fold.current_a,
+            fall_n = fold.fall_n,
+            "the model's force does not grow with the current one way everywhere; of several currents that give a force the one \
+             nearest the last is commanded"
+        );
+    }
+    tracing::info!(
+        damper,
+        law = settings.law.name(),
+        max_a = settings.limits.current_max_a,
+        "current_command"
+    );
+    if let Some(fit) = fit {
+        tracing::info!(
+            damper,
+            method = settings.method.name(),
+            current_rms_a = format!("{:.3}", fit.current.get()),
+            force_rms_share = format!("{:.3}", fit.force_share()),
+            "the inverse stands for the model's own as well as this, on motions between those it was fitted to"
+        );
+    }
+}
+
 /// The configuration after `name` is set to `value`, and what runs by it; `None` when that changes nothing.
 fn changed(state: &State, name: &str, value: &ParameterValue) -> Result<Option<(Config, Plan)>, String> {
     let value = from_ros(value).ok_or_else(|| format!("{name}: no parameter takes this type"))?;
@@ -243,4 +296,34 @@ fn from_ros(value: &ParameterValue) -> Option<Value> {
         ParameterValue::StringArray(t) => Value::TextList(t.clone()),
         _ => return None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tracing_subscriber::fmt;
+
+    /// What the log says while `name` is loaded over the thesis' best model.
+    fn said_on_load(name: &str) -> String {
+        let mut config = Config::default();
+        config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned())).expect("a text");
+        let (models, names) = models::from_config(&config).expect("a preset");
+        let control = Control::new(&config, "rear_left", models, names);
+        let file = tempfile::NamedTempFile::new().expect("a temporary file");
+        let lines = Arc::new(file.reopen().expect("it opens"));
+        let log = fmt().with_ansi(false).with_writer(lines).finish();
+        tracing::subscriber::with_default(log, || control.load_model(name)).expect("a preset runs");
+        std::fs::read_to_string(file.path()).expect("text")
+    }
+
+    #[test]
+    fn what_a_model_cannot_be_asked_for_is_said_when_it_is_loaded() {
+        let folds = "does not grow with the current one way";
+        let said = said_on_load("thesis/sp-semi-active/rp-aprbs");
+        assert!(said.contains(folds) && said.contains("damper=\"rear_left\""), "{said}");
+        let said = said_on_load("thesis/fuzzy-tanh/rp1-cs");
+        assert!(said.contains("law=\"follow\"") && !said.contains(folds), "{said}");
+        let said = said_on_load("thesis/sp-passive/rp-icps");
+        assert!(said.contains("answered with the safe current: no inverse of the sp model"), "{said}");
+    }
 }

@@ -20,8 +20,7 @@ use crate::services::Services;
 use crate::sink::ros::{RosSink, RosSinkCounters, SharedNames};
 use crate::sink::zenoh::{Damper, Encoding, Link, Mirror, SessionMode, ZenohConfig};
 use crate::source::ros::{RosSource, SourceCounters};
-use mr_damper_model::inverse::{Commander, Law, Shape};
-use mr_damper_model::pipeline::{Models, Pipeline, Settings};
+use mr_damper_model::pipeline::{Pipeline, Plan};
 use std::sync::Arc;
 
 /// A running service.
@@ -87,9 +86,9 @@ impl Service {
         let (models, names) = models::from_config(config)?;
         let velocity = models.free.conditioning.velocity;
         let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-        let pipeline = Pipeline::new(models, settings)?;
-        say_commands(args.damper(), &models, &settings);
-        let control = Arc::new(Control::new(config, models, names.clone()));
+        let plan = Plan::new(models, settings)?;
+        let control = Arc::new(Control::new(config, args.damper(), models, names.clone()));
+        control.say_commands(&models.free, &settings, plan.commander());
         let mut ros = Ros::start_in(&process.domain, args, control.node_options(), args.node_name())?;
 
         let (ros_outlet, ros_inlet) = hot::channel(false);
@@ -114,8 +113,8 @@ impl Service {
             inlet
         });
 
-        let (running, samples) =
-            Hot::start(pipeline, outlets).map_err(NodeError::io("starting the estimating thread"))?;
+        let (running, samples) = Hot::start(Pipeline::from(plan), outlets)
+            .map_err(NodeError::io("starting the estimating thread"))?;
         let hot_counters = running.counters();
         control.attach(running);
         let source = RosSource::start(&mut ros, args, config, velocity, samples)?;
@@ -205,44 +204,6 @@ impl Service {
         } else {
             Err(NodeError::Failed(format!("threads had panicked: {}", panicked.join(", "))))
         }
-    }
-}
-
-/// Says what is commanded, and what cannot be.
-fn say_commands(damper: &str, models: &Models, settings: &Settings) {
-    match (settings.law, Commander::with_method(&models.free, settings.limits, settings.method)) {
-        (Law::Off, _) => tracing::info!(damper, "no current is commanded"),
-        (Law::Follow, Err(why)) => {
-            tracing::info!(damper, "a force_request would be answered with the safe current: {why}");
-        }
-        (law, Ok(commander)) => {
-            if let Some(fold) = commander.shape().and_then(Shape::real_fold) {
-                tracing::warn!(
-                    damper,
-                    displacement_m = fold.displacement_m,
-                    velocity_m_s = fold.velocity_m_s,
-                    current_a = fold.current_a,
-                    fall_n = fold.fall_n,
-                    "the model's force does not grow with the current one way everywhere; of several currents that give a force the one \
-                     nearest the last is commanded"
-                );
-            }
-            tracing::info!(
-                damper,
-                law = law.name(),
-                max_a = settings.limits.current_max_a,
-                "current_command"
-            );
-            if let Some(fit) = commander.fit() {
-                tracing::info!(
-                    method = settings.method.name(),
-                    current_rms_a = format!("{:.3}", fit.current.get()),
-                    force_rms_share = format!("{:.3}", fit.force_share()),
-                    "the inverse stands for the model's own as well as this, on motions between those it was fitted to"
-                );
-            }
-        }
-        (law, Err(_)) => tracing::info!(damper, law = law.name(), "current_command"),
     }
 }
 
