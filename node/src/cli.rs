@@ -4,7 +4,8 @@ use crate::command::{self, Surroundings};
 use crate::config::RosArgs;
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
-use crate::logging::{self, LogFormat};
+use crate::logging::{self, LogFormat, Outputs};
+use crate::player;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -40,6 +41,18 @@ enum Command {
     Presets(command::presets::Args),
 }
 
+impl Command {
+    /// What the command calls its node, for rules that are for one node alone.
+    const fn node_name(&self) -> &'static str {
+        match self {
+            Self::Replay(_) => player::NODE,
+            Self::Record(_) => command::record::NODE,
+            Self::Close(_) => command::close::live::NODE,
+            _ => "mr_damper",
+        }
+    }
+}
+
 /// Runs the command line `arguments` (without the program's name).
 #[must_use]
 pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
@@ -63,7 +76,8 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
         (None, true) => "warn",
         (None, false) => "info",
     };
-    logging::start(cli.log_format, level);
+    let outputs = Outputs { stderr: ros_args.stdout_logs, rosout: ros_args.rosout_logs };
+    logging::start(cli.log_format, level, outputs);
     match run(cli, ros_args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -84,8 +98,10 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
 }
 
 fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
+    let command = cli.command.unwrap_or_else(|| Command::Demo(command::demo::Args::default()));
+    let ros_args = ros_args.for_node(command.node_name());
     let around = Surroundings { interrupt: Interrupt::install()?, quiet: cli.quiet, ros_args };
-    match cli.command.unwrap_or_else(|| Command::Demo(command::demo::Args::default())) {
+    match command {
         Command::Demo(args) => command::demo::run(&args, &around),
         Command::Node(args) => command::node::run(&args, &around),
         Command::Replay(args) => command::replay::run(&args, &around),

@@ -1,21 +1,24 @@
-//! What may change while the service runs, whoever asks for it: parameters and models.
+//! What may change while the service runs, whoever asks for it: its state, parameters and models.
 //!
 //! Changes are checked here, under one lock, and handed to the estimating thread through its ring of commands in the
 //! order in which they were accepted: what it is told cannot fail.
 
-use crate::config::{Config, TABLE, Value, find};
+use crate::clock::Clock;
+use crate::config::{Change, Config, Parameter, Value, find};
 use crate::error::NodeError;
 use crate::hot::{Command, Hot, HotCounters};
+use crate::lifecycle::{Phase, Transition};
 use crate::models;
 use crate::sink::ros::SharedNames;
 use crate::sink::zenoh::Renamer;
 use crate::wire::ModelNames;
+use mr_damper_model::condition::VelocitySource;
 use mr_damper_model::inverse::{Commander, Fold, Law, SurrogateFit};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Models, Plan, Settings};
-use ros2_client::{NodeOptions, ParameterValue};
-use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
+use mr_damper_model::sample::Stamp;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How long the estimating thread may take to swap a model in before its silence is reported. It takes microseconds.
@@ -23,8 +26,9 @@ const SWAP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The running service, for those who change it.
 pub struct Control {
-    /// Its damper, for the log.
-    damper: String,
+    clock: Arc<Clock>,
+    /// The model wants measured velocity: its source waits for it.
+    wants_velocity: Arc<AtomicBool>,
     state: Mutex<State>,
     hot: Mutex<Option<Hot>>,
     names: SharedNames,
@@ -33,7 +37,9 @@ pub struct Control {
 
 struct State {
     config: Config,
-    models: Models,
+    phase: Phase,
+    /// There are some in the states inactive and active.
+    models: Option<Models>,
 }
 
 /// What a change of models did.
@@ -46,19 +52,20 @@ pub struct Loaded {
 }
 
 impl Control {
-    /// Control over the service of `damper`, which has `config` and is about to run `models`.
+    /// Control over a service that has `config` and is not configured yet.
     #[must_use]
-    pub fn new(config: &Config, damper: &str, models: Models, names: ModelNames) -> Self {
+    pub fn new(config: &Config) -> Self {
         Self {
-            damper: damper.to_owned(),
-            state: Mutex::new(State { config: config.clone(), models }),
+            clock: Arc::new(Clock::new(config.use_sim_time)),
+            wants_velocity: Arc::default(),
+            state: Mutex::new(State { config: config.clone(), phase: Phase::Unconfigured, models: None }),
             hot: Mutex::new(None),
-            names: Arc::new(RwLock::new(names)),
+            names: Arc::default(),
             mirror: OnceLock::new(),
         }
     }
 
-    /// The estimating thread runs: tell it what changes. Before that it starts with what has changed by then.
+    /// The estimating thread runs: tell it what changes.
     pub fn attach(&self, hot: Hot) {
         *lock(&self.hot) = Some(hot);
     }
@@ -86,16 +93,116 @@ impl Control {
         Arc::clone(&self.names)
     }
 
+    /// Those names at present.
+    #[must_use]
+    pub fn models_names(&self) -> ModelNames {
+        read(&self.names)
+    }
+
     /// The configuration at present.
     #[must_use]
     pub fn config(&self) -> Config {
         lock(&self.state).config.clone()
     }
 
-    /// The models at present.
+    /// The models at present; `None` while the node is not configured.
     #[must_use]
-    pub fn models(&self) -> Models {
+    pub fn models(&self) -> Option<Models> {
         lock(&self.state).models
+    }
+
+    /// The state at present.
+    #[must_use]
+    pub fn phase(&self) -> Phase {
+        lock(&self.state).phase
+    }
+
+    /// The node's clock.
+    #[must_use]
+    pub fn clock(&self) -> Arc<Clock> {
+        Arc::clone(&self.clock)
+    }
+
+    /// True while the model wants measured velocity.
+    #[must_use]
+    pub fn wants_velocity(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.wants_velocity)
+    }
+
+    /// Takes a transition, and returns its ends once it is done.
+    ///
+    /// # Errors
+    /// When it does not begin in the present state; when the models that the parameters name do not load, or do not go with the
+    /// settings; when the estimating thread does not answer. Then the state stays.
+    pub fn change_state(&self, transition: Transition) -> Result<(Phase, Phase), NodeError> {
+        let mut state = lock(&self.state);
+        let from = state.phase;
+        let to = from.after(transition).map_err(NodeError::Failed)?;
+        let place = match transition {
+            Transition::Configure => {
+                let (models, names) = models::from_config(&state.config)?;
+                let (settings, plan) = plan(&state.config, &models)?;
+                Self::say_commands(&models.free, &settings, plan.commander());
+                state.models = Some(models);
+                self.runs_on(Some(&models), names);
+                None
+            }
+            Transition::Cleanup => {
+                state.models = None;
+                self.runs_on(None, ModelNames::default());
+                None
+            }
+            Transition::Activate => {
+                let models = state.models.ok_or_else(|| NodeError::Failed("there is no model".to_owned()))?;
+                self.send(Command::Begin(plan(&state.config, &models)?.1))?
+            }
+            Transition::Deactivate => self.send(Command::End)?,
+            Transition::Shutdown => {
+                state.models = None;
+                self.send(Command::End)?
+            }
+        };
+        if let Some((place, counters)) = place {
+            await_obeyed(place, &counters)?;
+        }
+        state.phase = to;
+        tracing::info!("the node is {}; it was {}", to.name(), from.name());
+        Ok((from, to))
+    }
+
+    /// The node's models are other ones from now on, or none.
+    fn runs_on(&self, models: Option<&Models>, names: ModelNames) {
+        let measured = models.is_some_and(|m| m.free.conditioning.velocity == VelocitySource::Measured);
+        self.wants_velocity.store(measured, Ordering::Release);
+        *self.names.write().unwrap_or_else(PoisonError::into_inner) = names.clone();
+        if let Some(mirror) = self.mirror.get() {
+            mirror.rename(names);
+        }
+    }
+
+    /// Forgets all history: the next sample is the first.
+    ///
+    /// # Errors
+    /// When the node is not active, or too many changes wait.
+    pub fn reset(&self) -> Result<(), NodeError> {
+        let phase = self.phase();
+        if phase != Phase::Active {
+            return Err(NodeError::Failed(format!(
+                "the node is {}: there is nothing to reset",
+                phase.name()
+            )));
+        }
+        self.send(Command::Reset).map(|_| tracing::info!("reset"))
+    }
+
+    /// `/clock` says that it is `stamp`. When that is before what it said last, history is forgotten: it is of another run.
+    pub fn hear_clock(&self, stamp: Stamp) {
+        if let Some(back_s) = self.clock.hear(stamp) {
+            tracing::warn!(back_s, "simulated time went back: all history is forgotten");
+            if let Err(error) = self.reset() {
+                tracing::debug!("{error}");
+            }
+        }
     }
 
     /// Loads the preset or model file `name` as the free-running model, and returns once estimates come from it. The ARX
@@ -122,49 +229,51 @@ impl Control {
 
         // From here to the command's place in the ring nothing else may change.
         let mut state = lock(&self.state);
-        if made_from.is_some_and(|model| *model != state.models.free) {
+        let Some(running) = state.models else {
+            return Err(NodeError::Failed(format!(
+                "the node is {}: set the parameter model to {name}, and configure it",
+                state.phase.name()
+            )));
+        };
+        if made_from.is_some_and(|model| *model != running.free) {
             return Err(NodeError::Failed(format!(
                 "another model was loaded meanwhile, and {name} is made from the one before it"
             )));
         }
         let before = read(&self.names);
-        let models = models::succeeding(models, &state.models)?;
+        let models = models::succeeding(models, &running)?;
         if models.seeded.is_some() && now.seeded.is_none() {
             now.seeded.clone_from(&before.seeded);
         }
         now.hash = models::hash(&models);
         let config = Config { model: asked.model, ..state.config.clone() };
-        let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-        let plan = Plan::new(models, settings)?;
+        let (settings, plan) = plan(&config, &models)?;
         let commander = *plan.commander();
-        let place = self.send(Command::Take(plan))?;
-        *state = State { config, models };
+        let place = if state.phase == Phase::Active { self.send(Command::Take(plan))? } else { None };
+        (state.config, state.models) = (config, Some(models));
         drop(state);
 
         if let Some((place, counters)) = place {
             await_obeyed(place, &counters)?;
         }
-        *self.names.write().unwrap_or_else(PoisonError::into_inner) = now.clone();
-        if let Some(mirror) = self.mirror.get() {
-            mirror.rename(now.clone());
-        }
-        self.say_commands(&models.free, &settings, &commander);
+        self.runs_on(Some(&models), now.clone());
+        tracing::info!(model = now.free, before = before.free, hash = now.hash, "another model is in force");
+        Self::say_commands(&models.free, &settings, &commander);
         Ok(Loaded { before, now })
     }
 
     /// Says what `commander`, which is that of the model `free`, commands, and what it cannot.
-    pub(crate) fn say_commands(&self, free: &Model, settings: &Settings, commander: &Commander) {
-        let damper = self.damper.as_str();
+    fn say_commands(free: &Model, settings: &Settings, commander: &Commander) {
         match (settings.law, commander.shape()) {
-            (Law::Off, _) => tracing::info!(damper, "no current is commanded"),
+            (Law::Off, _) => tracing::info!("no current is commanded"),
             (Law::Follow, None) => {
                 // A plan does without an inverse only where a search has none: asked again, it says why.
                 if let Err(why) = Commander::new(free, settings.limits) {
-                    tracing::info!(damper, "a force_request would be answered with the safe current: {why}");
+                    tracing::info!("a force_request would be answered with the safe current: {why}");
                 }
             }
-            (law, None) => tracing::info!(damper, law = law.name(), "current_command"),
-            (_, Some(shape)) => say_inverse(damper, settings, shape.real_fold(), commander.fit()),
+            (law, None) => tracing::info!(law = law.name(), "current_command"),
+            (_, Some(shape)) => say_inverse(settings, shape.real_fold(), commander.fit()),
         }
     }
 
@@ -178,29 +287,74 @@ impl Control {
         }
     }
 
-    /// Options of a node with the parameters of the table, which checks and applies what peers set.
-    pub fn node_options(self: &Arc<Self>) -> NodeOptions {
-        let mut options = NodeOptions::new().enable_rosout(true);
-        let config = self.config();
-        for parameter in TABLE.iter() {
-            options = options.declare_parameter(parameter.name, to_ros((parameter.get)(&config)));
-        }
-        let (checked, applied) = (Arc::clone(self), Arc::clone(self));
-        options
-            .parameter_validator(Box::new(move |name, value| {
-                changed(&lock(&checked.state), name, value).map(drop)
-            }))
-            .parameter_set_action(Box::new(move |name, value| applied.set_parameter(name, value)))
-    }
-
-    fn set_parameter(&self, name: &str, value: &ParameterValue) -> Result<(), String> {
+    /// Sets parameters, all or none, and returns the names of those that have another value now.
+    ///
+    /// # Errors
+    /// When one is unknown, out of range or not to be set in this state, or they do not go together; in words.
+    pub fn set_parameters(&self, wanted: &[(&str, Value)]) -> Result<Vec<String>, String> {
         let mut state = lock(&self.state);
-        let Some((config, plan)) = changed(&state, name, value)? else { return Ok(()) };
-        self.send(Command::Take(plan)).map_err(|e| format!("{name}: {e}"))?;
-        tracing::info!(parameter = name, ?value, "set");
+        let mut config = state.config.clone();
+        let mut changed = Vec::new();
+        for (name, value) in wanted {
+            let parameter = find(name).map_err(|e| e.to_string())?;
+            let value = parameter.check(value).map_err(|e| e.to_string())?;
+            if (parameter.get)(&config) == value {
+                continue;
+            }
+            may_change(parameter, state.phase)?;
+            (parameter.set)(&mut config, &value);
+            changed.push((*name).to_owned());
+        }
+        if changed.is_empty() {
+            return Ok(changed);
+        }
+        if let Some(models) = &state.models {
+            // The pipeline may refuse what each parameter's own range allows: an ARX with a filter behind it.
+            let (settings, plan) = plan(&config, models).map_err(|e| e.to_string())?;
+            let commands =
+                |name: &String| name == "law" || name.starts_with("inverse.") || name.starts_with("current.");
+            if changed.iter().any(commands) {
+                Self::say_commands(&models.free, &settings, plan.commander());
+            }
+            if state.phase == Phase::Active {
+                self.send(Command::Take(plan)).map_err(|e| e.to_string())?;
+            }
+        }
+        tracing::info!(parameters = ?wanted, "set");
+        let another_time = self.clock.is_simulated() != config.use_sim_time;
         state.config = config;
-        Ok(())
+        if another_time {
+            self.clock.simulate(state.config.use_sim_time);
+            if state.phase == Phase::Active {
+                tracing::info!("the time is another one: all history is forgotten");
+                self.send(Command::Reset).map_err(|e| e.to_string())?;
+            }
+        }
+        Ok(changed)
     }
+}
+
+/// Whether `parameter` can be set in the state `phase`; if not, why, and what to do.
+fn may_change(parameter: &Parameter, phase: Phase) -> Result<(), String> {
+    match (parameter.change, phase) {
+        (Change::Running, _) | (Change::Unconfigured, Phase::Unconfigured) => Ok(()),
+        (Change::Unconfigured, _) => Err(format!(
+            "parameter {} cannot change while the node is {}{}",
+            parameter.name,
+            phase.name(),
+            parameter.instead()
+        )),
+        (Change::Never, _) => Err(format!(
+            "parameter {} cannot change while the node runs; restart it with the new value",
+            parameter.name
+        )),
+    }
+}
+
+/// What runs by `config` and `models`.
+fn plan(config: &Config, models: &Models) -> Result<(Settings, Plan), NodeError> {
+    let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
+    Ok((settings, Plan::new(*models, settings)?))
 }
 
 fn await_obeyed(place: u64, counters: &HotCounters) -> Result<(), NodeError> {
@@ -227,10 +381,9 @@ fn read(names: &SharedNames) -> ModelNames {
 }
 
 /// Says how currents for forces are found, and where there are several.
-fn say_inverse(damper: &str, settings: &Settings, fold: Option<Fold>, fit: Option<&SurrogateFit>) {
+fn say_inverse(settings: &Settings, fold: Option<Fold>, fit: Option<&SurrogateFit>) {
     if let Some(fold) = fold {
         tracing::warn!(
-            damper,
             displacement_m = fold.displacement_m,
             velocity_m_s = fold.velocity_m_s,
             current_a = fold.current_a,
@@ -239,63 +392,15 @@ fn say_inverse(damper: &str, settings: &Settings, fold: Option<Fold>, fit: Optio
              nearest the last is commanded"
         );
     }
-    tracing::info!(
-        damper,
-        law = settings.law.name(),
-        max_a = settings.limits.current_max_a,
-        "current_command"
-    );
+    tracing::info!(law = settings.law.name(), max_a = settings.limits.current_max_a, "current_command");
     if let Some(fit) = fit {
         tracing::info!(
-            damper,
             method = settings.method.name(),
             current_rms_a = format!("{:.3}", fit.current.get()),
             force_rms_share = format!("{:.3}", fit.force_share()),
             "the inverse stands for the model's own as well as this, on motions between those it was fitted to"
         );
     }
-}
-
-/// The configuration after `name` is set to `value`, and what runs by it; `None` when that changes nothing.
-fn changed(state: &State, name: &str, value: &ParameterValue) -> Result<Option<(Config, Plan)>, String> {
-    let value = from_ros(value).ok_or_else(|| format!("{name}: no parameter takes this type"))?;
-    let parameter = find(name).map_err(|e| e.to_string())?;
-    let value = parameter.check(&value).map_err(|e| e.to_string())?;
-    if (parameter.get)(&state.config) == value {
-        return Ok(None);
-    }
-    if !parameter.runtime {
-        return Err(format!(
-            "parameter {name} cannot change while the node runs; restart it with the new value"
-        ));
-    }
-    let mut config = state.config.clone();
-    config.set(name, &value).map_err(|e| e.to_string())?;
-    // The pipeline may refuse what each parameter's own range allows: an ARX with a filter behind it.
-    let settings = config.pipeline_settings(state.models.free.conditioning.cutoff_hz);
-    let plan = Plan::new(state.models, settings).map_err(|e| e.to_string())?;
-    Ok(Some((config, plan)))
-}
-
-fn to_ros(value: Value) -> ParameterValue {
-    match value {
-        Value::Bool(b) => ParameterValue::Boolean(b),
-        Value::Integer(n) => ParameterValue::Integer(n),
-        Value::Double(x) => ParameterValue::Double(x),
-        Value::Text(t) => ParameterValue::String(t),
-        Value::TextList(t) => ParameterValue::StringArray(t),
-    }
-}
-
-fn from_ros(value: &ParameterValue) -> Option<Value> {
-    Some(match value {
-        ParameterValue::Boolean(b) => Value::Bool(*b),
-        ParameterValue::Integer(n) => Value::Integer(*n),
-        ParameterValue::Double(x) => Value::Double(*x),
-        ParameterValue::String(t) => Value::Text(t.clone()),
-        ParameterValue::StringArray(t) => Value::TextList(t.clone()),
-        _ => return None,
-    })
 }
 
 #[cfg(test)]
@@ -307,8 +412,8 @@ mod tests {
     fn said_on_load(name: &str) -> String {
         let mut config = Config::default();
         config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned())).expect("a text");
-        let (models, names) = models::from_config(&config).expect("a preset");
-        let control = Control::new(&config, "rear_left", models, names);
+        let control = Control::new(&config);
+        control.change_state(Transition::Configure).expect("a preset");
         let file = tempfile::NamedTempFile::new().expect("a temporary file");
         let lines = Arc::new(file.reopen().expect("it opens"));
         let log = fmt().with_ansi(false).with_writer(lines).finish();
@@ -320,7 +425,7 @@ mod tests {
     fn what_a_model_cannot_be_asked_for_is_said_when_it_is_loaded() {
         let folds = "does not grow with the current one way";
         let said = said_on_load("thesis/sp-semi-active/rp-aprbs");
-        assert!(said.contains(folds) && said.contains("damper=\"rear_left\""), "{said}");
+        assert!(said.contains(folds), "{said}");
         let said = said_on_load("thesis/fuzzy-tanh/rp1-cs");
         assert!(said.contains("law=\"follow\"") && !said.contains(folds), "{said}");
         let said = said_on_load("thesis/sp-passive/rp-icps");

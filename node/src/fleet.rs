@@ -5,6 +5,7 @@
 
 use crate::config::Damper;
 use crate::error::NodeError;
+use crate::rosout;
 use crate::service::{Process, Service};
 
 /// The running services, by the names of their dampers.
@@ -22,6 +23,8 @@ impl Fleet {
         let process = Process::join(&first.config)?;
         let mut fleet = Self { services: Vec::with_capacity(dampers.len()) };
         for damper in dampers {
+            // What its threads log is said to be its own, where there are others.
+            let _inside = (dampers.len() > 1).then(|| rosout::span(&damper.args.full_name()).entered());
             match Service::start_in(&process, &damper.config, &damper.args, false) {
                 Ok((service, _)) => fleet.services.push((damper.name().to_owned(), service)),
                 Err(error) => {

@@ -9,14 +9,15 @@
 //! put something into a ring unparks it. A ring that is full drops and counts: a slow sink loses its own
 //! events and nobody else's. Old models need no freeing: plans hold no heap.
 
+use crate::clock::Clock;
 use crate::worker::{Stop, Worker};
 use mr_damper_model::pipeline::{Event, Pipeline, Plan};
-use mr_damper_model::sample::{Sample, Stamp};
+use mr_damper_model::sample::Sample;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::Thread;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 /// Samples that may wait for the estimating thread: one second of five channels at 3 kHz.
 const SAMPLES: usize = 16_384;
@@ -29,19 +30,15 @@ const TICK: Duration = Duration::from_millis(20);
 
 /// What can be asked of the running pipeline.
 #[derive(Debug, Clone)]
-#[expect(clippy::large_enum_variant, reason = "a boxed plan would be freed on the estimating thread")]
 pub enum Command {
+    /// Begin to estimate, without a past. Not boxed: a box would be freed on the estimating thread.
+    Begin(Plan),
+    /// Fall silent: what comes from now on is nobody's.
+    End,
     /// Other models or settings, taken over between two samples.
     Take(Plan),
     /// Forget all history.
     Reset,
-}
-
-/// Now, on the system's clock, as stamps have it.
-#[must_use]
-pub fn now() -> Stamp {
-    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    Stamp::from_nanos(i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX))
 }
 
 /// One sink's end of its ring, as the estimating thread holds it.
@@ -101,6 +98,8 @@ impl Outlet {
 pub struct HotCounters {
     /// Samples taken.
     pub samples: AtomicU64,
+    /// Those of them that came while nothing was estimated.
+    pub idle: AtomicU64,
     /// Samples lost because the ring was full.
     pub overflow: AtomicU64,
     /// Commands obeyed.
@@ -140,17 +139,17 @@ pub struct Hot {
 }
 
 impl Hot {
-    /// Starts the thread on `pipeline`, feeding `outlets`.
+    /// Starts the thread, feeding `outlets`. It is idle until it is told to begin.
     ///
     /// # Errors
     /// When the system starts no thread.
-    pub fn start(pipeline: Pipeline, outlets: Vec<Outlet>) -> std::io::Result<(Self, SampleSink)> {
+    pub fn start(clock: Arc<Clock>, outlets: Vec<Outlet>) -> std::io::Result<(Self, SampleSink)> {
         let (sample_ring, samples) = RingBuffer::new(SAMPLES);
         let (commands, command_ring) = RingBuffer::new(COMMANDS);
         let counters = Arc::new(HotCounters::default());
         let worker = Worker::start("estimating", {
             let counters = Arc::clone(&counters);
-            move |stop| run(pipeline, outlets, samples, command_ring, stop, &counters)
+            move |stop| run(&clock, outlets, samples, command_ring, stop, &counters)
         })?;
         let sink = SampleSink { ring: sample_ring, counters: Arc::clone(&counters), thread: worker.thread() };
         Ok((Self { commands, sent: 0, counters, worker }, sink))
@@ -187,13 +186,14 @@ impl Hot {
 }
 
 fn run(
-    mut pipeline: Pipeline,
+    clock: &Clock,
     mut outlets: Vec<Outlet>,
     mut samples: Consumer<Sample>,
     mut commands: Consumer<Command>,
     stop: &Stop,
     counters: &HotCounters,
 ) {
+    let mut pipeline: Option<Pipeline> = None;
     let mut overflow_seen = 0;
     loop {
         while let Ok(command) = commands.pop() {
@@ -204,6 +204,10 @@ fn run(
         while let Ok(sample) = samples.pop() {
             worked = true;
             counters.samples.fetch_add(1, Ordering::Relaxed);
+            let Some(pipeline) = &mut pipeline else {
+                counters.idle.fetch_add(1, Ordering::Relaxed);
+                continue;
+            };
             let overflow = counters.overflow.load(Ordering::Relaxed);
             if overflow != overflow_seen {
                 overflow_seen = overflow;
@@ -219,18 +223,24 @@ fn run(
         if stop.is_raised() {
             return;
         }
-        let mut fanout = Fanout::new(&mut outlets);
-        pipeline.tick(now(), &mut |event| fanout.put(event));
-        fanout.wake();
+        if let (Some(pipeline), Some(now)) = (&mut pipeline, clock.now()) {
+            let mut fanout = Fanout::new(&mut outlets);
+            pipeline.tick(now, &mut |event| fanout.put(event));
+            fanout.wake();
+        }
         std::thread::park_timeout(TICK);
     }
 }
 
-fn obey(pipeline: &mut Pipeline, command: Command, outlets: &mut [Outlet]) {
+fn obey(pipeline: &mut Option<Pipeline>, command: Command, outlets: &mut [Outlet]) {
     let mut fanout = Fanout::new(outlets);
-    match command {
-        Command::Take(plan) => pipeline.take(plan, &mut |event| fanout.put(event)),
-        Command::Reset => pipeline.reset(&mut |event| fanout.put(event)),
+    match (command, pipeline) {
+        (Command::Begin(plan), pipeline) => *pipeline = Some(Pipeline::from(plan)),
+        (Command::End, pipeline) => *pipeline = None,
+        (Command::Take(plan), Some(pipeline)) => pipeline.take(plan, &mut |event| fanout.put(event)),
+        (Command::Reset, Some(pipeline)) => pipeline.reset(&mut |event| fanout.put(event)),
+        // What has not begun has nothing to change: it begins with what holds by then.
+        (Command::Take(_) | Command::Reset, None) => {}
     }
     fanout.wake();
 }

@@ -4,8 +4,9 @@
 //! thread steps the pipeline of `mr-damper-model`, and one ring a sink carries what follows to ROS, Zenoh and
 //! the screen.
 
+pub mod actions;
 pub mod cli;
-pub mod close_loop;
+pub mod clock;
 pub mod closing;
 pub mod command;
 pub mod config;
@@ -16,18 +17,23 @@ pub mod fleet;
 pub mod history;
 pub mod hot;
 pub mod interrupt;
+pub mod latency;
+pub mod lifecycle;
 pub mod live;
 pub mod logging;
 pub mod models;
 pub mod overseer;
+pub mod parameters;
 pub mod player;
 pub mod report;
 pub mod ros;
+pub mod rosout;
 pub mod run;
 pub mod service;
 pub mod services;
 pub mod sink;
 pub mod source;
+pub mod types;
 pub mod wire;
 pub mod worker;
 

@@ -1,15 +1,19 @@
-//! The overseer: keeps the history of raw input, and says on `/diagnostics` how the model does, once a second.
+//! The overseer: keeps the history of raw input, puts the log on `/rosout`, and says on `/diagnostics` how node and model do, once a
+//! second.
 //!
 //! It has a ring of its own from the estimating thread and looks into it a few times a second, unasked: nothing here
 //! is in a hurry, and being woken for each sample would cost more than the models.
 
+use crate::clock::Clock;
 use crate::config::RosArgs;
 use crate::control::Control;
-use crate::diagnostics::{Health, Surroundings};
+use crate::diagnostics::{Health, Surroundings, Work};
 use crate::error::NodeError;
 use crate::history::History;
-use crate::hot::{Inlet, now};
+use crate::hot::Inlet;
 use crate::ros::Ros;
+use crate::rosout::Rosout;
+use crate::service::Counters;
 use crate::sink::ros::SharedNames;
 use crate::wire::header;
 use crate::worker::{Stop, Worker};
@@ -35,33 +39,6 @@ pub struct Overseer {
 }
 
 impl Overseer {
-    /// Creates the publisher and starts the thread.
-    ///
-    /// # Errors
-    /// When the topic cannot be published or the system starts no thread.
-    pub fn start(
-        ros: &mut Ros,
-        args: &RosArgs,
-        control: &Arc<Control>,
-        inlet: Inlet,
-    ) -> Result<Self, NodeError> {
-        let history = Arc::new(Mutex::new(History::new(control.config().history_duration_s)));
-        let overseeing = Overseeing {
-            publisher: ros.publish(&args.topic("/diagnostics"))?,
-            node: args.full_name(),
-            damper: args.namespace().trim_matches('/').to_owned(),
-            names: control.names(),
-            control: Arc::clone(control),
-            history: Arc::clone(&history),
-            health: Health::default(),
-            said_dropped: false,
-            lost: 0,
-        };
-        let worker = Worker::start("overseer", move |stop| overseeing.run(inlet, stop))
-            .map_err(NodeError::io("starting the thread that oversees the model"))?;
-        Ok(Self { worker, history })
-    }
-
     /// The history of raw input.
     #[must_use]
     pub fn history(&self) -> SharedHistory {
@@ -83,8 +60,10 @@ impl Overseer {
     }
 }
 
-struct Overseeing {
+/// What an overseer is made of, before its thread runs.
+pub struct Overseeing {
     publisher: Publisher<DiagnosticArray>,
+    rosout: Option<Rosout>,
     /// Fully qualified name of the node.
     node: String,
     /// Its namespace, without slashes around it.
@@ -93,6 +72,7 @@ struct Overseeing {
     control: Arc<Control>,
     history: SharedHistory,
     health: Health,
+    work: Work,
     /// The log has been told that the history is full before its time.
     said_dropped: bool,
     /// Events that the ring had no room for.
@@ -100,13 +80,58 @@ struct Overseeing {
 }
 
 impl Overseeing {
-    fn run(mut self, mut inlet: Inlet, stop: &Stop) {
+    /// Creates the publisher; `rosout`: where the log goes.
+    ///
+    /// # Errors
+    /// When the topic cannot be published.
+    pub fn offer(
+        ros: &mut Ros,
+        args: &RosArgs,
+        control: &Arc<Control>,
+        rosout: Option<Rosout>,
+    ) -> Result<Self, NodeError> {
+        Ok(Self {
+            publisher: ros.publish(&args.topic("/diagnostics"))?,
+            rosout,
+            node: args.full_name(),
+            damper: args.namespace().trim_matches('/').to_owned(),
+            names: control.names(),
+            control: Arc::clone(control),
+            history: Arc::new(Mutex::new(History::new(control.config().history_duration_s))),
+            health: Health::default(),
+            work: Work::default(),
+            said_dropped: false,
+            lost: 0,
+        })
+    }
+
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// When the system starts no thread.
+    pub fn start(self, inlet: Inlet, counters: Counters) -> Result<Overseer, NodeError> {
+        let history = Arc::clone(&self.history);
+        let worker = Worker::start("overseer", move |stop| self.run(inlet, &counters, stop))
+            .map_err(NodeError::io("starting the thread that oversees the model"))?;
+        Ok(Overseer { worker, history })
+    }
+
+    fn run(mut self, mut inlet: Inlet, counters: &Counters, stop: &Stop) {
+        let clock = self.control.clock();
         let mut due = Instant::now() + PERIOD;
-        while !stop.is_raised() {
+        loop {
+            // Read before draining: what was said by the time of the end is still published.
+            let last_round = stop.is_raised();
             self.drain(&mut inlet);
+            if let Some(rosout) = &mut self.rosout {
+                rosout.drain(&clock);
+            }
+            if last_round {
+                return;
+            }
             if Instant::now() >= due {
                 due = (due + PERIOD).max(Instant::now());
-                self.look(&inlet);
+                self.look(&inlet, counters, &clock);
             }
             std::thread::park_timeout(NAP);
         }
@@ -121,11 +146,12 @@ impl Overseeing {
                 history.push(sample);
             }
             self.health.take(&event, at);
+            self.work.take(&event, at);
         }
     }
 
     /// Once a second: publishes, follows the parameters, says what was lost.
-    fn look(&mut self, inlet: &Inlet) {
+    fn look(&mut self, inlet: &Inlet, counters: &Counters, clock: &Clock) {
         let config = self.control.config();
         let (history_s, dropped) = {
             let mut history = lock(&self.history);
@@ -152,8 +178,17 @@ impl Overseeing {
             false_alarm_interval_s: config.settings.false_alarm_interval_s,
             history_s,
         };
-        let status = vec![self.health.residual_status(Instant::now(), &around)];
-        if self.publisher.publish(DiagnosticArray { header: header(now(), ""), status }).is_err() {
+        let phase = self.control.phase();
+        let now = Instant::now();
+        let status = vec![
+            self.work.status(now, &around, &names, phase, counters),
+            self.health.residual_status(now, &around),
+        ];
+        if self
+            .publisher
+            .publish(DiagnosticArray { header: header(clock.now_or_system(), ""), status })
+            .is_err()
+        {
             tracing::warn!("/diagnostics was not published");
         }
     }

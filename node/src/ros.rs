@@ -7,6 +7,7 @@
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use futures::channel::oneshot;
+use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::{Action, Message, Service};
 use ros2_client::action::{
     ActionClient, ActionClientQosPolicies, ActionServerQosPolicies, AsyncActionServer, ExecutingGoalHandle,
@@ -23,6 +24,7 @@ use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use tracing::Span;
 
 /// Depth of every topic's history, one second at 1 kHz. It never shows to a peer. A writer drops what its middleware's
 /// thread has not sent when the history is full, and a usual depth of 10 lost samples on a busy machine; a reader
@@ -31,6 +33,9 @@ const DEPTH: usize = 1024;
 
 /// Requests and answers that a service keeps, as everywhere in ROS 2.
 const SERVICE_DEPTH: usize = 10;
+
+/// Lines of the log that late readers get, fewer than the 1000 of other nodes: they stay in memory.
+const LOG_DEPTH: usize = 100;
 
 /// A part of a service, as the client library wants it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -191,6 +196,20 @@ impl Ros {
     pub fn publish<M: Message>(&mut self, topic: &str) -> Result<Publisher<M>, NodeError> {
         let qos = QosProfile::publisher_default().history(History::KeepLast { depth: DEPTH });
         let topic_handle = self.topic::<M>(topic, &qos)?;
+        self.own()?
+            .create_publisher(&topic_handle, None)
+            .map_err(|e| failed(format!("publishing {topic}"), &e, ""))
+    }
+
+    /// Publishes a log by its full name, as `/rosout` is everywhere: who comes late hears the last lines.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn publish_log(&mut self, topic: &str) -> Result<Publisher<Log>, NodeError> {
+        let qos = QosProfile::publisher_default()
+            .history(History::KeepLast { depth: LOG_DEPTH })
+            .durability(Durability::TransientLocal);
+        let topic_handle = self.topic::<Log>(topic, &qos)?;
         self.own()?
             .create_publisher(&topic_handle, None)
             .map_err(|e| failed(format!("publishing {topic}"), &e, ""))
@@ -383,11 +402,20 @@ fn run_async(
     task: impl Future<Output = ()> + Send + 'static,
 ) -> Result<JoinHandle<()>, NodeError> {
     let starting = format!("starting the thread {name}");
-    let runtime =
-        tokio::runtime::Builder::new_current_thread().build().map_err(NodeError::io(starting.as_str()))?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_time()
+        .build()
+        .map_err(NodeError::io(starting.as_str()))?;
     std::thread::Builder::new()
         .name(name.to_owned())
-        .spawn(move || runtime.block_on(task))
+        .spawn({
+            let span = Span::current();
+            move || {
+                // What it logs is its damper's.
+                let _inside = span.entered();
+                runtime.block_on(task);
+            }
+        })
         .map_err(NodeError::io(starting.as_str()))
 }
 

@@ -5,7 +5,8 @@
 //!                                                          ├→ ring ─→ Zenoh thread ─→ keys
 //!                                                          ├→ ring ─→ overseer ─→ /diagnostics, history
 //!                                                          └→ ring ─→ whoever asked for one (screen, report)
-//! load_model ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
+//! parameters, ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
+//! load_model, state
 //! close_loop ─→ actions thread ─→ diagnosing thread, on a copy of the history ─→ control, where that is allowed
 //! ```
 
@@ -13,14 +14,15 @@ use crate::config::{Config, RosArgs};
 use crate::control::Control;
 use crate::error::NodeError;
 use crate::hot::{self, Hot, HotCounters, Inlet};
-use crate::models;
-use crate::overseer::{Overseer, SharedHistory};
+use crate::lifecycle::{Phase, Transition};
+use crate::overseer::{Overseeing, Overseer, SharedHistory};
 use crate::ros::{self, Domain, Ros};
+use crate::rosout::Rosout;
 use crate::services::Services;
 use crate::sink::ros::{RosSink, RosSinkCounters, SharedNames};
 use crate::sink::zenoh::{Damper, Encoding, Link, Mirror, SessionMode, ZenohConfig};
 use crate::source::ros::{RosSource, SourceCounters};
-use mr_damper_model::pipeline::{Pipeline, Plan};
+use ros2_client::NodeOptions;
 use std::sync::Arc;
 
 /// A running service.
@@ -54,7 +56,7 @@ impl Process {
 }
 
 /// Counters of all threads.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Counters {
     /// Of the estimating thread.
     pub hot: Arc<HotCounters>,
@@ -76,51 +78,62 @@ impl Service {
     /// Starts the service of one damper. `watch`: also return an inlet that gets every event, inputs included.
     ///
     /// # Errors
-    /// When a model does not load, or the node or the mirror do not start. What had started by then is stopped.
+    /// When a model does not load, or the node or the mirror do not start. What had started by then ends with its threads.
     pub fn start_in(
         process: &Process,
         config: &Config,
         args: &RosArgs,
         watch: bool,
     ) -> Result<(Self, Option<Inlet>), NodeError> {
-        let (models, names) = models::from_config(config)?;
-        let velocity = models.free.conditioning.velocity;
-        let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-        let plan = Plan::new(models, settings)?;
-        let control = Arc::new(Control::new(config, args.damper(), models, names.clone()));
-        control.say_commands(&models.free, &settings, plan.commander());
-        let mut ros = Ros::start_in(&process.domain, args, control.node_options(), args.node_name())?;
+        let control = Arc::new(Control::new(config));
+        if config.autostart {
+            // Before anything runs, so that a model that does not load ends the start at once.
+            control.change_state(Transition::Configure)?;
+        }
+        let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
+        let mut ros = Ros::start_in(&process.domain, args, options, args.node_name())?;
+        let rosout = args.rosout_logs.then(|| Rosout::start(&mut ros, &args.full_name())).transpose()?;
 
         let (ros_outlet, ros_inlet) = hot::channel(false);
-        let ros_sink = RosSink::start(&mut ros, args, control.names(), ros_inlet)?;
+        let ros_sink = RosSink::start(&mut ros, args, control.names(), control.clock(), ros_inlet)?;
         let mut outlets = vec![ros_outlet.waking(ros_sink.thread())];
 
         let mut zenoh = None;
         if let Some(link) = &process.link {
             let (outlet, inlet) = hot::channel(true);
-            let mirror =
-                Mirror::start(link, Damper::named(args.damper()), names, inlet.events, inlet.dropped)?;
+            let mirror = Mirror::start(
+                link,
+                Damper::named(args.damper()),
+                control.models_names(),
+                inlet.events,
+                inlet.dropped,
+            )?;
             outlets.push(outlet.waking(mirror.waker()));
             control.attach_mirror(mirror.renamer());
             zenoh = Some((Arc::clone(link), mirror));
         }
-        let (outlet, inlet) = hot::channel(true);
+        let (outlet, overseen) = hot::channel(true);
         outlets.push(outlet);
-        let overseer = Overseer::start(&mut ros, args, &control, inlet)?;
+        let overseeing = Overseeing::offer(&mut ros, args, &control, rosout)?;
         let watched = watch.then(|| {
             let (outlet, inlet) = hot::channel(true);
             outlets.push(outlet);
             inlet
         });
 
-        let (running, samples) = Hot::start(Pipeline::from(plan), outlets)
-            .map_err(NodeError::io("starting the estimating thread"))?;
+        let (running, samples) =
+            Hot::start(control.clock(), outlets).map_err(NodeError::io("starting the estimating thread"))?;
         let hot_counters = running.counters();
         control.attach(running);
-        let source = RosSource::start(&mut ros, args, config, velocity, samples)?;
+        let source = RosSource::start(&mut ros, args, config, &control, samples)?;
         let counters =
             Counters { hot: hot_counters, source: source.counters(), ros_sink: ros_sink.counters() };
+        let overseer = overseeing.start(overseen, counters.clone())?;
         let services = Services::start(&mut ros, args, &control, overseer.history())?;
+        if config.autostart {
+            services.announce(Transition::Configure, Phase::Unconfigured, Phase::Inactive);
+            services.change_state(Transition::Activate)?;
+        }
         let service = Self { ros, source, control, ros_sink, overseer, services, zenoh, counters };
         Ok((service, watched))
     }

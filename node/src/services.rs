@@ -1,29 +1,62 @@
-//! The node's own ROS services: `load_model`. And what they share with its action, `close_loop`.
+//! The services that a node offers. Those of the client library know of no range, no lifecycle and no type.
 //!
-//! One thread answers them one after the other. It reads files and waits for the estimating thread, so it is none of
+//! | services | type from |
+//! |---|---|
+//! | `load_model`, `reset`, `set_mode` | `mr_damper_msgs` |
+//! | `~/get_parameters` and the five others | `rcl_interfaces` |
+//! | `~/get_state`, `~/change_state`, `~/get_available_states`, `~/get_available_transitions`, `~/get_transition_graph` | `lifecycle_msgs` |
+//! | `~/get_type_description` | `type_description_interfaces` |
+//!
+//! One thread answers them all, one request after the other. It reads files and waits for the estimating thread, so it is none of
 //! those that samples pass.
 
-use crate::close_loop;
+use crate::actions::Actions;
+use crate::clock::system_now;
 use crate::config::RosArgs;
 use crate::control::{Control, Loaded};
 use crate::error::NodeError;
+use crate::lifecycle::{self, Phase, Transition};
 use crate::overseer::SharedHistory;
-use crate::ros::{Part, Ros, ServerOf, Task};
-use futures::channel::oneshot;
-use futures::future::{Either, select};
-use mr_damper_msgs::srv::{LoadModel, LoadModelRequest, LoadModelResponse};
-use ros2_client::{Node, ParameterValue};
-use std::pin::pin;
+use crate::parameters::{self, Parameters};
+use crate::ros::{Part, Ros, Task};
+use crate::types;
+use futures::future::{BoxFuture, join_all, select};
+use mr_damper_msgs::Service;
+use mr_damper_msgs::lifecycle::{
+    ChangeState, ChangeStateRequest, ChangeStateResponse, GetAvailableStates, GetAvailableStatesResponse,
+    GetAvailableTransitions, GetAvailableTransitionsResponse, GetState, GetStateResponse,
+    Transition as TransitionMsg, TransitionEvent,
+};
+use mr_damper_msgs::rcl::{
+    DescribeParameters, DescribeParametersResponse, GetParameterTypes, GetParameterTypesResponse,
+    GetParameters, GetParametersResponse, ListParameters, ListParametersResponse, Parameter, ParameterValue,
+    SetParameters, SetParametersAtomically, SetParametersAtomicallyResponse, SetParametersResponse,
+};
+use mr_damper_msgs::srv::{
+    LoadModel, LoadModelResponse, Reset, ResetResponse, SetMode, SetModeRequest, SetModeResponse,
+};
+use mr_damper_msgs::type_description::GetTypeDescription;
+use mr_damper_msgs::{Mode, UnknownValue};
+use ros2_client::Publisher;
+use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::Duration;
 
-/// The running services.
+/// How long the first answer to a client waits. Its request may be here before DDS has heard of the reader of answers, and
+/// what is sent then is lost; other middlewares wait for that reader up to 100 ms.
+const ACQUAINTANCE: Duration = Duration::from_millis(50);
+/// Clients of a service that are remembered to be known.
+const KNOWN: usize = 64;
+
+/// The running services and actions.
 pub struct Services {
     answering: Task,
-    close_loop: Task,
+    actions: Task,
+    manager: Arc<Manager>,
 }
 
 impl Services {
-    /// Offers services and action, and starts the threads that answer. Nothing can be created on the node from then on.
+    /// Offers services and actions, and starts the threads that answer.
     ///
     /// # Errors
     /// When a service cannot be offered or the system starts no thread.
@@ -33,18 +66,40 @@ impl Services {
         control: &Arc<Control>,
         history: SharedHistory,
     ) -> Result<Self, NodeError> {
-        let action = close_loop::offer(ros, args)?;
-        let load_model = ros.serve::<LoadModel>(&args.topic("load_model"))?;
-        let answering = Answering { load_model, control: Arc::clone(control), node: ros.share() };
-        let answering = Task::start("ros-services", |stopped| answering.run(stopped))?;
-        let close_loop = close_loop::start(action, ros, args, control, history)?;
-        Ok(Self { answering, close_loop })
+        let parameters = Arc::new(Parameters::start(ros, control, &args.full_name())?);
+        let events = ros.publish(&args.topic("~/transition_event"))?;
+        let manager = Arc::new(Manager { control: Arc::clone(control), events });
+        let mut desk = Desk { ros, args, open: Vec::new() };
+        desk.offer_own(control, &parameters)?;
+        desk.offer_parameters(&parameters)?;
+        desk.offer_lifecycle(&manager)?;
+        desk.offer::<GetTypeDescription>("~/get_type_description", |request| types::describe(&request))?;
+        let open = desk.open;
+        let actions = Actions::offer(ros, args, control, &parameters, history)?;
+        let answering = Task::start("ros-services", |stopped| async move {
+            // The end of the one is that of the other; requests are answered between two of these looks.
+            let _ = select(stopped, join_all(open)).await;
+        })?;
+        Ok(Self { answering, actions: actions.start()?, manager })
+    }
+
+    /// Takes a transition of the node, and tells those who listen.
+    ///
+    /// # Errors
+    /// Those of [`Control::change_state`].
+    pub fn change_state(&self, transition: Transition) -> Result<(), NodeError> {
+        self.manager.change(transition)
+    }
+
+    /// Tells those who listen of a transition that was taken before anybody could.
+    pub fn announce(&self, transition: Transition, from: Phase, to: Phase) {
+        self.manager.publish(transition, from, to);
     }
 
     /// True while the threads run; false after a panic.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        self.answering.is_alive() && self.close_loop.is_alive()
+        self.answering.is_alive() && self.actions.is_alive()
     }
 
     /// Ends the threads. `Err` when one had panicked.
@@ -53,57 +108,187 @@ impl Services {
     /// The panic's payload.
     pub fn stop(self) -> std::thread::Result<()> {
         let ended = self.answering.stop();
-        ended.and(self.close_loop.stop())
+        ended.and(self.actions.stop())
     }
 }
 
-struct Answering {
-    load_model: ServerOf<LoadModel>,
+/// Takes transitions, and says so.
+struct Manager {
     control: Arc<Control>,
-    node: Arc<Node>,
+    events: Publisher<TransitionEvent>,
 }
 
-impl Answering {
-    async fn run(self, mut stopped: oneshot::Receiver<()>) {
-        loop {
-            let (id, Part(request)) =
-                match select(pin!(self.load_model.async_receive_request()), &mut stopped).await {
-                    Either::Left((Ok(request), _)) => request,
-                    Either::Left((Err(error), _)) => {
-                        tracing::warn!(%error, "a request to load_model cannot be read");
+impl Manager {
+    fn change(&self, transition: Transition) -> Result<(), NodeError> {
+        let (from, to) = self.control.change_state(transition)?;
+        self.publish(transition, from, to);
+        Ok(())
+    }
+
+    fn publish(&self, transition: Transition, from: Phase, to: Phase) {
+        let id = from.ways().find(|(way, _)| *way == transition).map_or(0, |(_, id)| id);
+        let event = TransitionEvent {
+            timestamp: u64::try_from(system_now().nanos()).unwrap_or_default(),
+            transition: TransitionMsg { id, label: transition.name().to_owned() },
+            start_state: from.message(),
+            goal_state: to.message(),
+        };
+        if let Err(error) = self.events.publish(event) {
+            tracing::warn!(%error, "a transition of the node was not published");
+        }
+    }
+
+    fn answer(&self, request: &ChangeStateRequest) -> ChangeStateResponse {
+        let changed = Phase::meant(&request.transition)
+            .map_err(NodeError::Failed)
+            .and_then(|transition| self.change(transition));
+        if let Err(error) = &changed {
+            tracing::warn!("change_state refused: {error}");
+        }
+        ChangeStateResponse { success: changed.is_ok() }
+    }
+}
+
+/// Where services are offered.
+struct Desk<'a> {
+    ros: &'a mut Ros,
+    args: &'a RosArgs,
+    /// What answers the requests of each service, for ever.
+    open: Vec<BoxFuture<'static, ()>>,
+}
+
+impl Desk<'_> {
+    /// Offers the service that the node calls `name`, answered by `answer`.
+    fn offer<S>(
+        &mut self,
+        name: &str,
+        answer: impl Fn(S::Request) -> S::Response + Send + Sync + 'static,
+    ) -> Result<(), NodeError>
+    where
+        S: Service<Request: Sync, Response: Sync> + 'static,
+    {
+        let name = self.args.service(name);
+        let server = self.ros.serve::<S>(&name)?;
+        self.open.push(Box::pin(async move {
+            let mut known = VecDeque::with_capacity(KNOWN);
+            loop {
+                let (id, Part(request)) = match server.async_receive_request().await {
+                    Ok(request) => request,
+                    Err(error) => {
+                        tracing::warn!(service = name, %error, "a request cannot be read");
                         continue;
                     }
-                    Either::Right(_) => return,
                 };
-            let response = self.load_model(&request);
-            if let Err(error) = self.load_model.async_send_response(id, Part(response)).await {
-                tracing::warn!(%error, "the answer of load_model was not sent");
+                if !known.contains(&id.writer_gid) {
+                    known.truncate(KNOWN - 1);
+                    known.push_front(id.writer_gid);
+                    tokio::time::sleep(ACQUAINTANCE).await;
+                }
+                if let Err(error) = server.async_send_response(id, Part(answer(request))).await {
+                    tracing::warn!(service = name, %error, "an answer was not sent");
+                }
             }
-        }
+        }));
+        Ok(())
     }
 
-    fn load_model(&self, request: &LoadModelRequest) -> LoadModelResponse {
-        match self.control.load_model(&request.model) {
-            Ok(loaded) => {
-                tell(&loaded, &self.node);
-                let Loaded { before, now } = loaded;
-                let message = format!("{} is in force; before it was {}", now.free, before.free);
-                LoadModelResponse { success: true, message }
+    fn offer_own(&mut self, control: &Arc<Control>, parameters: &Arc<Parameters>) -> Result<(), NodeError> {
+        let (changing, told) = (Arc::clone(control), Arc::clone(parameters));
+        self.offer::<LoadModel>("load_model", move |request| load_model(&changing, &told, &request.model))?;
+        let changing = Arc::clone(control);
+        self.offer::<Reset>("reset", move |_| {
+            let done = changing.reset();
+            let message = done.as_ref().map_or_else(ToString::to_string, |()| String::new());
+            ResetResponse { success: done.is_ok(), message }
+        })?;
+        let told = Arc::clone(parameters);
+        self.offer::<SetMode>("set_mode", move |request| {
+            let done = set_mode(&told, &request);
+            SetModeResponse { success: done.is_ok(), message: done.err().unwrap_or_default() }
+        })
+    }
+
+    fn offer_parameters(&mut self, parameters: &Arc<Parameters>) -> Result<(), NodeError> {
+        let of = Arc::clone(parameters);
+        self.offer::<GetParameters>("~/get_parameters", move |request| GetParametersResponse {
+            values: of.get(&request.names),
+        })?;
+        self.offer::<GetParameterTypes>("~/get_parameter_types", |request| GetParameterTypesResponse {
+            types: parameters::types(&request.names),
+        })?;
+        let of = Arc::clone(parameters);
+        self.offer::<SetParameters>("~/set_parameters", move |request| SetParametersResponse {
+            results: request.parameters.chunks(1).map(|one| of.set(one)).collect(),
+        })?;
+        let of = Arc::clone(parameters);
+        self.offer::<SetParametersAtomically>("~/set_parameters_atomically", move |request| {
+            SetParametersAtomicallyResponse { result: of.set(&request.parameters) }
+        })?;
+        self.offer::<ListParameters>("~/list_parameters", |request| ListParametersResponse {
+            result: parameters::list(&request.prefixes, request.depth),
+        })?;
+        self.offer::<DescribeParameters>("~/describe_parameters", |request| DescribeParametersResponse {
+            descriptors: parameters::describe(&request.names),
+        })
+    }
+
+    fn offer_lifecycle(&mut self, manager: &Arc<Manager>) -> Result<(), NodeError> {
+        let of = Arc::clone(manager);
+        self.offer::<GetState>("~/get_state", move |_| GetStateResponse {
+            current_state: of.control.phase().message(),
+        })?;
+        let of = Arc::clone(manager);
+        self.offer::<ChangeState>("~/change_state", move |request| of.answer(&request))?;
+        self.offer::<GetAvailableStates>("~/get_available_states", |_| GetAvailableStatesResponse {
+            available_states: Phase::ALL.map(Phase::message).to_vec(),
+        })?;
+        let of = Arc::clone(manager);
+        self.offer::<GetAvailableTransitions>("~/get_available_transitions", move |_| {
+            GetAvailableTransitionsResponse {
+                available_transitions: lifecycle::graph(Some(of.control.phase())),
             }
-            Err(error) => {
-                tracing::warn!(model = request.model, "load_model refused: {error}");
-                LoadModelResponse { success: false, message: error.to_string() }
-            }
+        })?;
+        self.offer::<GetAvailableTransitions>("~/get_transition_graph", |_| GetAvailableTransitionsResponse {
+            available_transitions: lifecycle::graph(None),
+        })
+    }
+}
+
+fn load_model(control: &Control, parameters: &Parameters, model: &str) -> LoadModelResponse {
+    match control.load_model(model) {
+        Ok(Loaded { before, now }) => {
+            parameters.announce(&["model".to_owned()]);
+            let message = format!("{} is in force; before it was {}", now.free, before.free);
+            LoadModelResponse { success: true, message }
+        }
+        Err(error) => {
+            tracing::warn!(model, "load_model refused: {error}");
+            LoadModelResponse { success: false, message: error.to_string() }
         }
     }
 }
 
-/// Says in the log and by the parameter `model` that another model is in force.
-pub(crate) fn tell(loaded: &Loaded, node: &Node) {
-    let (before, now) = (&loaded.before.free, &loaded.now.free);
-    tracing::info!(model = now, before, hash = loaded.now.hash, "another model is in force");
-    // The value is the one that the configuration has by now, so this only tells those who listen.
-    if let Err(error) = node.set_parameter("model", ParameterValue::String(now.clone())) {
-        tracing::warn!(error, "the parameter model does not say what runs");
-    }
+/// Holds the mode by the parameter `mode`.
+fn set_mode(parameters: &Parameters, request: &SetModeRequest) -> Result<(), String> {
+    let mode = if request.automatic {
+        "auto"
+    } else {
+        let unknown = |UnknownValue { .. }| format!("there is no mode {}", request.mode);
+        match Mode::try_from(request.mode).map_err(unknown)? {
+            mode @ (Mode::ArxCoast | Mode::Hold) => {
+                return Err(format!(
+                    "{} lasts for a bounded time only, so it cannot be asked for; ask for arx, model or fault",
+                    mode.name()
+                ));
+            }
+            mode => mode.name(),
+        }
+    };
+    let value = ParameterValue {
+        r#type: ParameterValue::STRING,
+        string_value: mode.to_owned(),
+        ..ParameterValue::default()
+    };
+    let set = parameters.set(&[Parameter { name: "mode".to_owned(), value }]);
+    if set.successful { Ok(()) } else { Err(set.reason) }
 }

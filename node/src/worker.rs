@@ -4,6 +4,7 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, JoinHandle, Result, Thread};
+use tracing::Span;
 
 /// Raised when the thread has to end. What is there by then is still worked off: read it *before* draining a ring.
 #[derive(Debug)]
@@ -32,8 +33,12 @@ impl Worker {
     pub fn start(name: &str, body: impl FnOnce(&Stop) + Send + 'static) -> io::Result<Self> {
         let stop = Arc::new(Stop(AtomicBool::new(false)));
         let thread = Builder::new().name(name.to_owned()).spawn({
-            let stop = Arc::clone(&stop);
-            move || body(&stop)
+            let (stop, span) = (Arc::clone(&stop), Span::current());
+            move || {
+                // What it logs is its damper's.
+                let _inside = span.entered();
+                body(&stop);
+            }
         })?;
         Ok(Self { stop, thread })
     }

@@ -63,10 +63,7 @@ fn live_over_dds_equals_evaluate() {
     for (name, args) in [
         ("thesis/fuzzy-tanh/rp3-cs", RosArgs::default()),
         // A namespace, and a model that feeds on force.
-        (
-            "thesis/arx-semi-active/rp-icps",
-            RosArgs { namespace: Some("/corner".into()), ..RosArgs::default() },
-        ),
+        ("thesis/arx-semi-active/rp-icps", RosArgs::in_namespace("/corner")),
     ] {
         let mut config = config(name);
         if name.contains("fuzzy") {

@@ -3,8 +3,8 @@
 use mr_damper_model::pipeline::{Event, Mode, Reasons, Refused, Validity};
 use mr_damper_model::sample::{Channel, Stamp};
 use mr_damper_msgs::{CoilCurrent, Displacement, Force};
+use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::hot::now;
 use mr_damper_node::ros::Ros;
 use mr_damper_node::service::Service;
 use mr_damper_node::wire::header;
@@ -61,7 +61,7 @@ impl Bench {
             std::thread::sleep(Duration::from_millis(20));
         }
         std::thread::sleep(Duration::from_millis(300));
-        let (start, first) = (Instant::now(), now());
+        let (start, first) = (Instant::now(), system_now());
         for k in 0..count {
             let since = PERIOD * u32::try_from(k).expect("few samples");
             std::thread::sleep((start + since).saturating_duration_since(Instant::now()));

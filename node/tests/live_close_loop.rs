@@ -73,7 +73,7 @@ impl Stage {
             close_loop_auto_load: auto_load,
             ..Config::default()
         };
-        let args = RosArgs { namespace: Some(namespace.to_owned()), ..RosArgs::default() };
+        let args = RosArgs::in_namespace(namespace);
         let (service, _) = Service::start(&config, &args, false).expect("the service starts");
         let history = service.history();
         for sample in run(60.0, LAG_S, 2).samples() {

@@ -7,9 +7,9 @@ use mr_damper_model::pipeline::Event;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
 use mr_damper_msgs::{CoilCurrent, CurrentCommand, Displacement, Force, ForceEstimate};
+use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{RosArgs, dampers};
 use mr_damper_node::fleet::Fleet;
-use mr_damper_node::hot::now;
 use mr_damper_node::interrupt::Interrupt;
 use mr_damper_node::player::{Plan, Played, Player};
 use mr_damper_node::ros::Ros;
@@ -73,7 +73,7 @@ fn one_damper_s_rubbish_never_touches_the_other() {
             let mut k = 0_usize;
             while !done.load(Ordering::Relaxed) {
                 // Stamps that stand still and jump to and fro.
-                let stamp = now().shifted([0, -20_000_000_000, 3_000_000_000][k % 3]);
+                let stamp = system_now().shifted([0, -20_000_000_000, 3_000_000_000][k % 3]);
                 let value = rubbish[(k * 5 + k / 7) % rubbish.len()];
                 let sent = displacement
                     .publish(Displacement { header: header(stamp, ""), displacement: value, variance: 0.0 })

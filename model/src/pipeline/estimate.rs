@@ -7,7 +7,7 @@ use super::event::{Cause, Estimate, Event, Reasons, Slot, Validity};
 use super::lane::Given;
 use super::mode::{Conditions, Mode};
 use super::plausible::Seen;
-use super::settings::UseForce;
+use super::settings::{Settings, UseForce};
 use super::{Awaiting, Pipeline};
 use crate::force::Inputs;
 use crate::sample::{Sample, Stamp};
@@ -44,7 +44,9 @@ impl Pipeline {
             self.last_doubt = doubt;
         }
         let input_age_s = self.drive_age_s(stamp);
-        emit(Event::Estimate(self.estimate(stamp, force_n, doubt, reasons, input_age_s)));
+        let received = Some(sample.received);
+        let estimate = self.estimate(stamp, force_n, doubt, reasons, input_age_s);
+        emit(Event::Estimate(Estimate { received, ..estimate }));
         self.command(stamp, step_s, reasons, emit);
 
         // Without a prediction there is no residual, but the force still seeds ARX.
@@ -127,7 +129,8 @@ impl Pipeline {
             force_odd: self.judge.force_is_odd(&self.known, &self.settings.plausible),
             model_ready: forces.free_n.is_some(),
         };
-        let transition = self.machine.update(stamp, conditions, self.settings.coast_s, self.settings.hold_s);
+        let Settings { only_mode, coast_s, hold_s, .. } = self.settings;
+        let transition = self.machine.update_to(only_mode, stamp, conditions, coast_s, hold_s);
         let mode = self.machine.mode();
         if let Some(transition) = transition {
             if matches!(mode, Mode::Model | Mode::Fault)
@@ -216,6 +219,7 @@ impl Pipeline {
         };
         Estimate {
             stamp,
+            received: None,
             force: Newton(force_n),
             smoothing: Newton(self.bump.offset_n()),
             std_dev: Newton(doubt.std_dev_n),

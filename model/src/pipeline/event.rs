@@ -47,6 +47,8 @@ pub enum Slot {
 pub struct Estimate {
     /// Stamp of the displacement sample.
     pub stamp: Stamp,
+    /// When that was received, on the clock of [`Sample::received`]; `None` in silence.
+    pub received: Option<Stamp>,
     /// Estimated force; NaN when there is none (validity is then [`Validity::Invalid`]).
     pub force: Newton,
     /// How much of it is there only so that a change of mode or model neither steps nor kinks: `force` minus this is what the mode's model
@@ -159,6 +161,8 @@ pub enum Cause {
     TimeJumped,
     /// A reset was asked for.
     Reset,
+    /// The mode was asked for.
+    Asked,
 }
 
 impl Cause {
@@ -177,6 +181,7 @@ impl Cause {
             Self::HoldEnded => "the last estimate was held for hold_s",
             Self::TimeJumped => "stamps jumped; history was dropped",
             Self::Reset => "reset",
+            Self::Asked => "the mode was asked for",
         }
     }
 }

@@ -44,7 +44,7 @@ impl Mode {
     }
 }
 
-/// What the machine is told at a displacement.
+/// What the machine is told at a displacement. Where one mode alone is allowed, the others lack what they need.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Conditions {
     /// The ARX model has all that it needs for a prediction.
@@ -132,6 +132,28 @@ impl ModeMachine {
         self.force_to(row.to, row.cause, now)
     }
 
+    /// The same where only one mode is allowed: that one, as long as its own conditions last, or else hold and fault.
+    #[inline]
+    pub fn update_to(
+        &mut self,
+        only: Option<Mode>,
+        now: Stamp,
+        c: Conditions,
+        coast_s: f64,
+        hold_s: f64,
+    ) -> Option<Transition> {
+        let allowed = match only {
+            None => return self.update(now, c, coast_s, hold_s),
+            Some(Mode::Fault) => return self.force_to(Mode::Fault, Cause::Asked, now),
+            Some(Mode::Model) => Conditions { arx_ready: false, force_odd: false, ..c },
+            Some(_) => Conditions { model_ready: false, ..c },
+        };
+        let asked = only.filter(|only| *only != self.mode);
+        let changed = self.update(now, allowed, coast_s, hold_s)?;
+        let cause = if Some(changed.to) == asked { Cause::Asked } else { changed.cause };
+        Some(Transition { cause, ..changed })
+    }
+
     /// Goes to `to` whatever the conditions; `None` when the machine is there already.
     pub fn force_to(&mut self, to: Mode, cause: Cause, now: Stamp) -> Option<Transition> {
         if to == self.mode {
@@ -178,6 +200,33 @@ mod tests {
                     when[0], when[1], when[2], when[3], told[0]
                 )
                 .expect("a text");
+            }
+        }
+        insta::assert_snapshot!(text);
+    }
+
+    /// What a machine goes through that is allowed `only` one mode: three displacements with all there is, then without
+    /// force, then without anything, a second apart.
+    #[test]
+    fn one_mode_alone_is_held_as_long_as_its_conditions_last() {
+        let all = Conditions { arx_ready: true, force_fresh: true, force_odd: false, model_ready: true };
+        let script = [
+            all,
+            Conditions { force_odd: true, ..all },
+            Conditions { force_fresh: false, ..all },
+            Conditions { arx_ready: false, force_fresh: false, ..all },
+            Conditions { arx_ready: false, force_fresh: false, model_ready: false, ..all },
+            Conditions { arx_ready: false, force_fresh: false, model_ready: false, ..all },
+        ];
+        let mut text = String::new();
+        for only in [None, Some(Mode::Arx), Some(Mode::Model), Some(Mode::Fault)] {
+            writeln!(text, "only {}", only.map_or("the best", Mode::name)).expect("a text");
+            let mut machine = ModeMachine::default();
+            for (second, conditions) in (0..).zip(script) {
+                let now = Stamp::from_nanos(second * 1_000_000_000);
+                let change = machine.update_to(only, now, conditions, 0.5, 0.5);
+                let why = change.map_or(String::new(), |change| format!(" ({})", change.cause.text()));
+                writeln!(text, "  {}{why}", machine.mode().name()).expect("a text");
             }
         }
         insta::assert_snapshot!(text);

@@ -1,5 +1,6 @@
 //! What can be set on a running pipeline.
 
+use super::mode::Mode;
 use super::plausible::Plausible;
 use crate::condition::ApplyTo;
 use crate::error::Error;
@@ -20,6 +21,8 @@ pub enum UseForce {
 /// Settings of a pipeline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
+    /// The one mode that is allowed, of arx, model and fault; `None`: the best that its conditions allow.
+    pub only_mode: Option<Mode>,
     /// Whether measured force may seed the ARX model.
     pub use_measured_force: UseForce,
     /// Age beyond which measured force counts as lost, s.
@@ -59,6 +62,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
+            only_mode: None,
             use_measured_force: UseForce::Auto,
             force_timeout_s: 0.05,
             coast_s: 0.2,
@@ -89,6 +93,14 @@ impl Settings {
     /// # Errors
     /// Names the setting, its value and its range.
     pub fn validate(&self) -> Result<(), Error> {
+        if let Some(mode @ (Mode::ArxCoast | Mode::Hold)) = self.only_mode {
+            return Err(Error::Data {
+                message: format!(
+                    "mode {} lasts for a bounded time, so it cannot be the only one",
+                    mode.name()
+                ),
+            });
+        }
         let positive = |s: f64| s > 0.0 && s <= 3600.0;
         for (name, value) in [
             ("force_timeout_s", self.force_timeout_s),

@@ -1,7 +1,7 @@
 //! `mr-damper close`: names the physical effect that a model lacks, adds it, and says what it mends.
 
 mod base;
-mod live;
+pub mod live;
 mod roles;
 mod write;
 

@@ -1,9 +1,9 @@
 //! `mr-damper record`: everything in and out, into a rosbag2 directory.
 
+use crate::clock::system_now;
 use crate::command::Surroundings;
 use crate::config::Config;
 use crate::error::NodeError;
-use crate::hot::now;
 use crate::ros::Ros;
 use crate::run::{BagOptions, BagWriter};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -15,6 +15,9 @@ use mr_damper_msgs::{
 use ros2_client::{NodeOptions, Subscription};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
+
+/// Name of the node, unless it is given another.
+pub const NODE: &str = "mr_damper_record";
 
 /// Record everything in and out of a damper's node into a rosbag2 directory (MCAP).
 ///
@@ -45,7 +48,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(5);
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let config = Config { domain_id: args.domain_id, ..Config::default() };
     let ros_args = &around.ros_args;
-    let name = ros_args.node.as_deref().unwrap_or("mr_damper_record");
+    let name = ros_args.node.as_deref().unwrap_or(NODE);
     let age = Duration::from_secs_f64(args.chunk_age.clamp(0.01, 3600.0));
     let mut bag = BagWriter::create(&args.out, BagOptions { chunk_max_age: age, ..BagOptions::default() })?;
     let mut ros = Ros::start(&config, ros_args, NodeOptions::new().enable_rosout(false), name)?;
@@ -127,7 +130,7 @@ impl<M: Message> Tap for TypedTap<M> {
                     self.spoken.set(true);
                     recorded.messages += 1;
                     let received_ns =
-                        info.received_timestamp().map_or_else(|| now().nanos(), |at| at.to_nanos());
+                        info.received_timestamp().map_or_else(|| system_now().nanos(), |at| at.to_nanos());
                     let sent_ns = info.source_timestamp().map_or(received_ns, |at| at.to_nanos());
                     bag.write_message(&self.topic, &message, received_ns, sent_ns)?;
                 }

@@ -21,9 +21,7 @@ impl Assignment {
     /// # Errors
     /// Those of [`Config::set`], with the file.
     pub fn apply_as(&self, name: &str, config: &mut Config) -> Result<(), NodeError> {
-        let set =
-            if name == "use_sim_time" { not_simulated(&self.value) } else { config.set(name, &self.value) };
-        set.map_err(|error| match &self.origin {
+        config.set(name, &self.value).map_err(|error| match &self.origin {
             None => error,
             Some((path, None)) => NodeError::File { path: path.clone(), message: error.to_string() },
             Some((path, Some(section))) => {
@@ -38,18 +36,5 @@ impl Assignment {
     /// Those of [`Config::set`], with the file.
     pub fn apply(&self, config: &mut Config) -> Result<(), NodeError> {
         self.apply_as(&self.name, config)
-    }
-}
-
-/// `use_sim_time` belongs to every ROS node and is not ours to keep in the table.
-fn not_simulated(value: &Value) -> Result<(), NodeError> {
-    match value {
-        Value::Bool(false) => Ok(()),
-        _ => Err(NodeError::Parameter {
-            name: "use_sim_time".to_owned(),
-            value: value.to_string(),
-            expected: "false: simulation time comes in a later version, stamps are used as they are"
-                .to_owned(),
-        }),
     }
 }

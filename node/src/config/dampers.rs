@@ -63,7 +63,8 @@ pub fn dampers(
     }
     let all = names.iter().map(|name| {
         let namespace = Some(format!("{}/{name}", args.namespace().trim_end_matches('/')));
-        let args = RosArgs { namespace, ..args.clone() };
+        let mut args = args.clone();
+        args.namespace = namespace;
         let config = config_of(name, &names, &sources(&args)?)?;
         Ok(Damper { config, args })
     });
@@ -135,6 +136,7 @@ mod tests {
         let path = dir.path().join("vehicle.toml");
         std::fs::write(&path, toml).expect("written");
         let (_, args) = RosArgs::split(line.split('|').map(str::to_owned))?;
+        let args = args.for_node("mr_damper");
         dampers(Some(&path), &args, &[("hold_s", Value::Double(3.0))])
     }
 

@@ -7,6 +7,7 @@ mod assignment;
 mod dampers;
 mod file;
 mod flags;
+mod params_file;
 pub mod ros_args;
 mod table;
 mod value;
@@ -15,7 +16,7 @@ pub use assignment::Assignment;
 pub use dampers::{Damper, dampers};
 pub use flags::ParameterFlags;
 pub use ros_args::RosArgs;
-pub use table::{Parameter, TABLE, find};
+pub use table::{Change, Kind, Parameter, TABLE, find};
 pub use value::Value;
 
 use crate::error::NodeError;
@@ -64,6 +65,10 @@ pub struct ZenohSettings {
 /// Everything that the node can be told.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
+    /// Configure and activate the node at once.
+    pub autostart: bool,
+    /// The time is what `/clock` says.
+    pub use_sim_time: bool,
     /// Names of the process's dampers; empty: the node itself is one.
     pub dampers: Vec<String>,
     /// Preset name or model file of the free-running model.
@@ -120,6 +125,8 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
+            autostart: true,
+            use_sim_time: false,
             dampers: Vec::new(),
             model: String::new(),
             arx_model: "auto".to_owned(),

@@ -2,42 +2,126 @@
 //!
 //! | argument | does |
 //! |---|---|
-//! | `-r from:=to`, `--remap` | renames a topic; `__ns:=/front_left` and `__node:=name` name the node |
+//! | `-r from:=to`, `--remap` | renames a topic or service; `__ns:=/front_left` and `__node:=name` name the node |
 //! | `-p name:=value`, `--param` | sets a parameter |
-//! | `--params-file FILE` | sets parameters from a YAML file (`/**`, node name, or fully qualified name) |
-//! | `--log-level LEVEL` | `debug`, `info`, `warn`, `error`, `fatal` |
+//! | `--params-file FILE` | sets parameters from a YAML file, of the sections that match the node's name (`params_file.rs`) |
+//! | `--log-level LEVEL` | `debug`, `info`, `warn`, `error`, `fatal`; `logger:=LEVEL` for one logger |
+//! | `--disable-rosout-logs`, `--disable-stdout-logs` | no log on `/rosout`, or on stderr |
+//! | `-e`, `--enclave ENCLAVE` | the enclave of the keystore, where security is asked for |
 //!
-//! Unknown arguments are an error. A bare `--` ends the ROS arguments.
+//! A rule or parameter with `node:` before it is for the node of that name alone; `rostopic://` and `rosservice://` limit a rule
+//! to topics or services. Of several rules that match, the first is taken. Unknown arguments are an error. A bare `--` ends the ROS
+//! arguments.
 
-use super::{Assignment, Value};
+use super::{Assignment, Config, Value, params_file};
 use crate::error::NodeError;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What `--ros-args` said.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct RosArgs {
-    /// Namespace of the node, from `__ns`.
+    /// Namespace of the node.
     pub namespace: Option<String>,
-    /// Name of the node, from `__node`.
+    /// Name of the node.
     pub node: Option<String>,
-    /// Topic renamings, from and to, in the order given.
-    pub remaps: Vec<(String, String)>,
+    /// Renamings, in the order given.
+    rules: Vec<Rule>,
     /// Parameter settings, in the order given; files stand where they were named.
-    pub parameters: Vec<ParameterSource>,
+    parameters: Vec<ParameterSource>,
     /// Log level.
     pub log_level: Option<String>,
+    /// Log lines go to `/rosout`.
+    pub rosout_logs: bool,
+    /// Log lines go to stderr.
+    pub stdout_logs: bool,
+    /// Enclave of the keystore.
+    pub enclave: Option<String>,
+}
+
+impl Default for RosArgs {
+    fn default() -> Self {
+        Self {
+            namespace: None,
+            node: None,
+            rules: Vec::new(),
+            parameters: Vec::new(),
+            log_level: None,
+            rosout_logs: true,
+            stdout_logs: true,
+            enclave: None,
+        }
+    }
+}
+
+/// A renaming.
+#[derive(Debug, Clone, PartialEq)]
+struct Rule {
+    /// Name of the only node that it is for.
+    node: Option<String>,
+    of: Named,
+    from: String,
+    to: String,
+}
+
+/// What a name is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Named {
+    Anything,
+    Topic,
+    Service,
+    Namespace,
+    Node,
 }
 
 /// One source of ROS parameters.
 #[derive(Debug, Clone, PartialEq)]
-pub enum ParameterSource {
-    /// `-p name:=value`.
-    Given(String, Value),
+enum ParameterSource {
+    /// `-p node:name:=value`.
+    Given { node: Option<String>, name: String, value: Value },
     /// `--params-file`.
     File(PathBuf),
 }
 
+impl Rule {
+    fn parse(argument: &str, rule: &str) -> Result<Self, NodeError> {
+        let (from, to) = assignment(argument, rule)?;
+        let (node, from) = of_node(from);
+        let (of, from) = match from {
+            "__ns" => (Named::Namespace, from),
+            "__node" | "__name" => (Named::Node, from),
+            _ => match (from.strip_prefix("rostopic://"), from.strip_prefix("rosservice://")) {
+                (Some(from), _) => (Named::Topic, from),
+                (None, Some(from)) => (Named::Service, from),
+                (None, None) => (Named::Anything, from),
+            },
+        };
+        let is_name = |name: &str| {
+            !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "_/~".contains(c))
+        };
+        if let Some(bad) = [from, to].into_iter().find(|name| !is_name(name)) {
+            return Err(NodeError::RosArgs(format!(
+                "{argument} {rule}: \"{bad}\" is no name; names are of letters, digits, _ and /, with ~ for the node's own"
+            )));
+        }
+        Ok(Self { node: node.map(str::to_owned), of, from: from.to_owned(), to: to.to_owned() })
+    }
+}
+
+/// The node that something is for, and the rest: `node:rest`, or `rest`.
+fn of_node(text: &str) -> (Option<&str>, &str) {
+    match text.split_once(':') {
+        Some((node, rest)) if !rest.starts_with("//") => (Some(node), rest),
+        _ => (None, text),
+    }
+}
+
 impl RosArgs {
+    /// No arguments but a namespace.
+    #[must_use]
+    pub fn in_namespace(namespace: &str) -> Self {
+        Self { namespace: Some(namespace.to_owned()), ..Self::default() }
+    }
+
     /// Splits the ROS arguments off a command line: returns what is left, and what was understood.
     ///
     /// # Errors
@@ -63,53 +147,72 @@ impl RosArgs {
             rest.next().ok_or_else(|| NodeError::RosArgs(format!("{argument} wants {what} behind it")))
         };
         match argument {
-            "-r" | "--remap" => {
-                let rule = value("from:=to")?;
-                let (from, to) = assignment(argument, &rule)?;
-                // `node:from` restricts a rule to one node of the process; there is one here.
-                match from.rsplit(':').next().unwrap_or(from) {
-                    "__ns" => self.namespace = Some(to.to_owned()),
-                    "__node" | "__name" => self.node = Some(to.to_owned()),
-                    topic => self.remaps.push((topic.to_owned(), to.to_owned())),
-                }
-            }
+            "-r" | "--remap" => self.rules.push(Rule::parse(argument, &value("from:=to")?)?),
             "-p" | "--param" => {
                 let rule = value("name:=value")?;
                 let (name, text) = assignment(argument, &rule)?;
-                let name = name.rsplit(':').next().unwrap_or(name);
-                self.parameters.push(ParameterSource::Given(name.to_owned(), Value::parse(text)));
+                let (node, name) = of_node(name);
+                self.parameters.push(ParameterSource::Given {
+                    node: node.map(str::to_owned),
+                    name: name.to_owned(),
+                    value: Value::parse(text),
+                });
             }
             "--params-file" => self.parameters.push(ParameterSource::File(value("a file")?.into())),
-            "--log-level" => {
-                let level = value("a level")?;
-                // `logger:=level` sets one logger; the node has one.
-                let level = level.rsplit(":=").next().unwrap_or(&level).to_lowercase();
-                if !["debug", "info", "warn", "error", "fatal"].contains(&level.as_str()) {
-                    return Err(NodeError::RosArgs(format!(
-                        "--log-level is {level}; use debug, info, warn, error or fatal"
-                    )));
-                }
-                self.log_level = Some(if level == "fatal" { "error".to_owned() } else { level });
+            "--log-level" => self.take_level(&value("a level")?)?,
+            "-e" | "--enclave" => self.enclave = Some(value("an enclave")?),
+            "--log-config-file" | "--log-file-name" => {
+                return Err(NodeError::RosArgs(format!(
+                    "{argument} is for rcl's logger, which is not in here; use --log-level or RUST_LOG, and send stderr to a file"
+                )));
             }
-            "--log-config-file" => {
-                return Err(NodeError::RosArgs(
-                    "--log-config-file is for rcl's logger, which is not in here; use --log-level or RUST_LOG"
-                        .to_owned(),
-                ));
-            }
-            "--enable-rosout-logs"
-            | "--disable-rosout-logs"
-            | "--enable-stdout-logs"
-            | "--disable-stdout-logs"
-            | "--enable-external-lib-logs"
-            | "--disable-external-lib-logs" => {}
+            "--enable-rosout-logs" => self.rosout_logs = true,
+            "--disable-rosout-logs" => self.rosout_logs = false,
+            "--enable-stdout-logs" => self.stdout_logs = true,
+            "--disable-stdout-logs" => self.stdout_logs = false,
+            // There is no external library for logs.
+            "--enable-external-lib-logs" | "--disable-external-lib-logs" => {}
             _ => {
                 return Err(NodeError::RosArgs(format!(
-                    "{argument} is unknown; known are -r, -p, --params-file, --log-level"
+                    "{argument} is unknown; known are -r, -p, --params-file, --log-level, --enclave, --disable-rosout-logs, \
+                     --disable-stdout-logs"
                 )));
             }
         }
         Ok(())
+    }
+
+    fn take_level(&mut self, given: &str) -> Result<(), NodeError> {
+        let (logger, level) =
+            given.split_once(":=").map_or((None, given), |(logger, level)| (Some(logger), level));
+        let level = level.to_lowercase();
+        if !["debug", "info", "warn", "error", "fatal"].contains(&level.as_str()) {
+            return Err(NodeError::RosArgs(format!(
+                "--log-level is {level}; use debug, info, warn, error or fatal"
+            )));
+        }
+        // The node has one logger, called as the node; those of rcl and rmw are not in here.
+        if logger
+            .is_none_or(|logger| logger.rsplit('.').next().is_some_and(|name| name.starts_with("mr_damper")))
+        {
+            self.log_level = Some(if level == "fatal" { "error".to_owned() } else { level });
+        }
+        Ok(())
+    }
+
+    /// The arguments as they are for the node that its program calls `own`: its namespace, its name, and the rules for it.
+    #[must_use]
+    pub fn for_node(mut self, own: &str) -> Self {
+        let is_for = |node: &Option<String>| node.as_deref().is_none_or(|node| node == own);
+        self.rules.retain(|rule| is_for(&rule.node));
+        self.parameters.retain(|source| match source {
+            ParameterSource::Given { node, .. } => is_for(node),
+            ParameterSource::File(_) => true,
+        });
+        let first = |of: Named| self.rules.iter().find(|rule| rule.of == of).map(|rule| rule.to.clone());
+        self.namespace = first(Named::Namespace).or(self.namespace);
+        self.node = first(Named::Node).or(self.node);
+        self
     }
 
     /// Namespace of the node, starting with a slash.
@@ -140,28 +243,43 @@ impl RosArgs {
         }
     }
 
-    /// Fully qualified name of the topic that the node calls `name`.
+    /// Fully qualified name of the topic that the node calls `name`; `~/name` is its own.
     #[must_use]
     pub fn topic(&self, name: &str) -> String {
-        let qualify = |name: &str| {
-            if name.starts_with('/') {
-                name.to_owned()
-            } else {
-                format!("{}/{name}", self.namespace().trim_end_matches('/'))
-            }
-        };
-        let full = qualify(name);
-        self.remaps
+        self.renamed(name, Named::Topic)
+    }
+
+    /// Fully qualified name of the service or action that the node calls `name`; `~/name` is its own.
+    #[must_use]
+    pub fn service(&self, name: &str) -> String {
+        self.renamed(name, Named::Service)
+    }
+
+    fn renamed(&self, name: &str, of: Named) -> String {
+        let full = self.qualified(name);
+        let rule = self
+            .rules
             .iter()
-            .find(|(from, _)| *from == name || qualify(from) == full)
-            .map_or(full, |(_, to)| qualify(to))
+            .filter(|rule| rule.of == Named::Anything || rule.of == of)
+            .find(|rule| self.qualified(&rule.from) == full);
+        rule.map_or(full, |rule| self.qualified(&rule.to))
+    }
+
+    fn qualified(&self, name: &str) -> String {
+        if name.starts_with('/') {
+            name.to_owned()
+        } else if let Some(rest) = name.strip_prefix('~') {
+            self.full_name() + rest
+        } else {
+            format!("{}/{name}", self.namespace().trim_end_matches('/'))
+        }
     }
 
     /// Sets the parameters on `config`, in the order given.
     ///
     /// # Errors
     /// When a file does not load, or a parameter does not fit.
-    pub fn apply(&self, config: &mut super::Config) -> Result<(), NodeError> {
+    pub fn apply(&self, config: &mut Config) -> Result<(), NodeError> {
         self.assignments()?.iter().try_for_each(|assignment| assignment.apply(config))
     }
 
@@ -173,39 +291,11 @@ impl RosArgs {
         let mut all = Vec::new();
         for source in &self.parameters {
             match source {
-                ParameterSource::Given(name, value) => {
+                ParameterSource::Given { name, value, .. } => {
                     all.push(Assignment { name: name.clone(), value: value.clone(), origin: None });
                 }
-                ParameterSource::File(path) => all.extend(self.of_file(path)?),
+                ParameterSource::File(path) => all.extend(params_file::read(path, &self.full_name())?),
             }
-        }
-        Ok(all)
-    }
-
-    fn of_file(&self, path: &Path) -> Result<Vec<Assignment>, NodeError> {
-        let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
-        let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
-        let sections: std::collections::BTreeMap<String, serde_json::Value> =
-            serde_saphyr::from_str(&text).map_err(|e| in_file(e.to_string()))?;
-        let full = self.full_name();
-        // Wildcards first: what names the node is stronger, whatever the order in the file.
-        let mut matching: Vec<_> =
-            sections.iter().filter(|(section, _)| matches_node(section, &full, self.node_name())).collect();
-        matching.sort_by_key(|(section, _)| !section.contains('*'));
-        let mut all = Vec::new();
-        for (section, body) in matching {
-            let parameters = body
-                .get("ros__parameters")
-                .and_then(serde_json::Value::as_object)
-                .ok_or_else(|| in_file(format!("{section} holds no ros__parameters")))?;
-            let mut values = Vec::new();
-            flatten("", parameters, &mut values).map_err(in_file)?;
-            let origin = Some((path.to_owned(), Some(section.clone())));
-            all.extend(values.into_iter().map(|(name, value)| Assignment {
-                name,
-                value,
-                origin: origin.clone(),
-            }));
         }
         Ok(all)
     }
@@ -217,49 +307,13 @@ fn assignment<'a>(argument: &str, rule: &'a str) -> Result<(&'a str, &'a str), N
     })
 }
 
-fn matches_node(section: &str, full: &str, name: &str) -> bool {
-    match section {
-        "/**" | "/*" | "*" | "**" => true,
-        _ => section == full || section == name || section.strip_prefix("/**/") == Some(name),
-    }
-}
-
-fn flatten(
-    prefix: &str,
-    map: &serde_json::Map<String, serde_json::Value>,
-    out: &mut Vec<(String, Value)>,
-) -> Result<(), String> {
-    for (key, value) in map {
-        let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-        match value {
-            serde_json::Value::Object(inner) => flatten(&name, inner, out)?,
-            serde_json::Value::Bool(b) => out.push((name, Value::Bool(*b))),
-            serde_json::Value::String(text) => out.push((name, Value::Text(text.clone()))),
-            serde_json::Value::Number(n) => {
-                let value = n.as_i64().map(Value::Integer).or_else(|| n.as_f64().map(Value::Double));
-                out.push((name, value.ok_or("a number is out of range")?));
-            }
-            serde_json::Value::Array(items) => {
-                let texts: Option<Vec<String>> =
-                    items.iter().map(|item| item.as_str().map(str::to_owned)).collect();
-                out.push((
-                    name.clone(),
-                    Value::TextList(texts.ok_or(format!("{name} must be a list of texts"))?),
-                ));
-            }
-            serde_json::Value::Null => return Err(format!("{name} has no value")),
-        }
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::Config;
     use super::*;
 
     fn split(line: &str) -> Result<(Vec<String>, RosArgs), NodeError> {
-        RosArgs::split(line.split_whitespace().map(str::to_owned))
+        let (plain, ros) = RosArgs::split(line.split_whitespace().map(str::to_owned))?;
+        Ok((plain, ros.for_node("mr_damper")))
     }
 
     #[test]
@@ -272,10 +326,36 @@ mod tests {
         assert_eq!(ros.namespace(), "/front_left");
         assert_eq!(ros.topic("displacement"), "/lvdt/x");
         assert_eq!(ros.topic("force_estimate"), "/front_left/force_estimate");
-        let mut config = Config::default();
-        ros.apply(&mut config).expect("good parameters");
-        assert_eq!(config.settings.coast_s, 0.5);
+        let [given] = &ros.assignments().expect("no file")[..] else { panic!("one parameter") };
+        assert_eq!((given.name.as_str(), &given.value), ("coast_s", &Value::Double(0.5)));
         assert_eq!(ros.log_level.as_deref(), Some("debug"));
+    }
+
+    #[test]
+    fn rules_may_be_for_one_node_for_topics_and_for_services() {
+        let (_, ros) = split(
+            "--ros-args -r other:__node:=x -r mr_damper:__node:=corner -r __ns:=/a -r other:reset:=no -r rostopic://reset:=topic \
+             -r rosservice://reset:=/all/reset -r ~/get_state:=state -r /a/load_model:=~/load -p other:coast_s:=1 -p mr_damper:hold_s:=2",
+        )
+        .expect("good arguments");
+        assert_eq!(ros.full_name(), "/a/corner");
+        assert_eq!(
+            (ros.topic("reset"), ros.service("reset")),
+            ("/a/topic".to_owned(), "/all/reset".to_owned())
+        );
+        assert_eq!(ros.service("~/get_state"), "/a/state");
+        assert_eq!(ros.service("load_model"), "/a/corner/load");
+        assert_eq!(ros.service("~/change_state"), "/a/corner/change_state");
+        let names: Vec<_> = ros.assignments().expect("no file").into_iter().map(|a| a.name).collect();
+        assert_eq!(names, ["hold_s"]);
+    }
+
+    #[test]
+    fn levels_may_be_those_of_other_loggers() {
+        let level = |line: &str| split(line).expect("good arguments").1.log_level;
+        assert_eq!(level("--ros-args --log-level rcl:=debug"), None);
+        assert_eq!(level("--ros-args --log-level front_left.mr_damper:=WARN"), Some("warn".to_owned()));
+        assert_eq!(level("--ros-args --log-level fatal"), Some("error".to_owned()));
     }
 
     #[test]
@@ -284,25 +364,13 @@ mod tests {
             ("--ros-args --frobnicate", "--frobnicate is unknown"),
             ("--ros-args -p", "-p wants name:=value"),
             ("--ros-args -p coast_s=1", "no :="),
+            ("--ros-args -r a:=b-c", "\"b-c\" is no name"),
+            ("--ros-args -r :=b", "\"\" is no name"),
             ("--ros-args --log-level loud", "--log-level is loud"),
             ("--ros-args --log-config-file x", "use --log-level"),
         ] {
             let message = split(line).expect_err("bad arguments").to_string();
             assert!(message.contains(expected), "{line}: {message}");
         }
-    }
-
-    #[test]
-    fn a_parameter_file_matches_by_wildcard_and_by_name() {
-        let dir = tempfile::tempdir().expect("a temporary directory");
-        let path = dir.path().join("params.yaml");
-        let text = "/front_left/mr_damper:\n  ros__parameters:\n    coast_s: 2.0\n\
-                    /**:\n  ros__parameters:\n    coast_s: 1.0\n    zenoh:\n      web_rate_hz: 20\n\
-                    /rear/mr_damper:\n  ros__parameters:\n    coast_s: 9.0\n";
-        std::fs::write(&path, text).expect("writes");
-        let line = format!("--ros-args -r __ns:=/front_left --params-file {}", path.display());
-        let mut config = Config::default();
-        split(&line).expect("good arguments").1.apply(&mut config).expect("a good file");
-        assert_eq!((config.settings.coast_s, config.zenoh.web_rate_hz), (2.0, 20.0));
     }
 }

@@ -15,6 +15,8 @@ pub enum Kind {
     Integer(i64, i64),
     /// A number in a closed range.
     Double(f64, f64),
+    /// 1 or -1.
+    Sign,
     /// Any text.
     Text,
     /// One of some texts.
@@ -23,14 +25,25 @@ pub enum Kind {
     TextList,
 }
 
+/// When a parameter can be set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// At the start.
+    Never,
+    /// While the node is not configured.
+    Unconfigured,
+    /// Always.
+    Running,
+}
+
 /// A parameter of the node.
 pub struct Parameter {
     /// Name, as a ROS parameter and (with dots as tables) in the configuration file.
     pub name: &'static str,
     /// Values that it takes.
     pub kind: Kind,
-    /// True when it can be changed while the node runs.
-    pub runtime: bool,
+    /// When it can be set.
+    pub change: Change,
     /// What it does, with its unit.
     pub doc: &'static str,
     pub(crate) get: fn(&Config) -> Value,
@@ -42,6 +55,15 @@ impl Parameter {
     #[must_use]
     pub fn flag(&self) -> String {
         self.name.replace(['.', '_'], "-")
+    }
+
+    /// What to do where it cannot be set any more, as the end of a sentence.
+    #[must_use]
+    pub fn instead(&self) -> &'static str {
+        match self.name {
+            "model" => "; load_model changes it on the running node",
+            _ => "; deactivate the node and clean it up before",
+        }
     }
 
     /// `value`, brought to the parameter's type.
@@ -57,6 +79,8 @@ impl Parameter {
             (Kind::Double(low, high), Value::Integer(n)) if (low..=high).contains(&(*n as f64)) => {
                 Some(Value::Double(*n as f64))
             }
+            (Kind::Sign, Value::Double(x)) if x.abs() == 1.0 => Some(value.clone()),
+            (Kind::Sign, Value::Integer(n)) if n.abs() == 1 => Some(Value::Double(*n as f64)),
             (Kind::Choice(choices), Value::Text(text)) if choices.contains(&text.as_str()) => {
                 Some(value.clone())
             }
@@ -78,6 +102,7 @@ impl Parameter {
             Kind::Bool => "true or false".to_owned(),
             Kind::Integer(low, high) => format!("a whole number from {low} to {high}"),
             Kind::Double(low, high) => format!("a number from {low} to {high}"),
+            Kind::Sign => "1 or -1".to_owned(),
             Kind::Text => "a text".to_owned(),
             Kind::Choice(choices) => format!("one of {}", choices.join(", ")),
             Kind::TextList => "a list of texts".to_owned(),
@@ -102,11 +127,11 @@ pub fn find(name: &str) -> Result<&'static Parameter, NodeError> {
 }
 
 macro_rules! double {
-    ($name:literal, $low:literal..=$high:literal, $runtime:literal, $doc:literal, $($field:ident).+) => {
+    ($name:literal, $low:literal..=$high:literal, $change:ident, $doc:literal, $($field:ident).+) => {
         Parameter {
             name: $name,
             kind: Kind::Double($low, $high),
-            runtime: $runtime,
+            change: $change,
             doc: $doc,
             get: |c| Value::Double(c.$($field).+),
             set: |c, v| if let Value::Double(x) = v { c.$($field).+ = *x; },
@@ -115,11 +140,11 @@ macro_rules! double {
 }
 
 macro_rules! text {
-    ($name:literal, $kind:expr, $runtime:literal, $doc:literal, $($field:ident).+) => {
+    ($name:literal, $kind:expr, $change:ident, $doc:literal, $($field:ident).+) => {
         Parameter {
             name: $name,
             kind: $kind,
-            runtime: $runtime,
+            change: $change,
             doc: $doc,
             get: |c| Value::Text(c.$($field).+.clone()),
             set: |c, v| if let Value::Text(t) = v { c.$($field).+.clone_from(t); },
@@ -132,7 +157,7 @@ macro_rules! list {
         Parameter {
             name: $name,
             kind: Kind::TextList,
-            runtime: false,
+            change: Never,
             doc: $doc,
             get: |c| Value::TextList(c.$($field).+.clone()),
             set: |c, v| if let Value::TextList(t) = v { c.$($field).+.clone_from(t); },
@@ -147,7 +172,7 @@ macro_rules! input {
             Parameter {
                 name: concat!(stringify!($field), ".type"),
                 kind: Kind::Choice(&["", $own, "std_msgs/msg/Float64", "sensor_msgs/msg/JointState"]),
-                runtime: false,
+                change: Never,
                 doc: concat!(
                     "message type of the input: empty for ", $own,
                     "; a Float64 is stamped on arrival"
@@ -158,23 +183,23 @@ macro_rules! input {
             Parameter {
                 name: concat!(stringify!($field), ".joint"),
                 kind: Kind::Text,
-                runtime: false,
+                change: Never,
                 doc: "joint of a JointState that is read (position, velocity or effort, as fits the input)",
                 get: |c| Value::Text(c.$field.joint.clone()),
                 set: |c, v| if let Value::Text(t) = v { c.$field.joint.clone_from(t); },
             },
             Parameter {
                 name: concat!(stringify!($field), ".sign"),
-                kind: Kind::Double(-1.0, 1.0),
-                runtime: false,
+                kind: Kind::Sign,
+                change: Never,
                 doc: "1, or -1 for a sensor that is mounted the other way round (extension and tension are positive)",
                 get: |c| Value::Double(c.$field.sign),
-                set: |c, v| if let Value::Double(x) = v { c.$field.sign = if *x < 0.0 { -1.0 } else { 1.0 }; },
+                set: |c, v| if let Value::Double(x) = v { c.$field.sign = *x; },
             },
             Parameter {
                 name: concat!(stringify!($field), ".offset"),
                 kind: Kind::Double(-1e6, 1e6),
-                runtime: false,
+                change: Never,
                 doc: concat!("subtracted from the reading before the sign is applied, ", $unit),
                 get: |c| Value::Double(c.$field.offset),
                 set: |c, v| if let Value::Double(x) = v { c.$field.offset = *x; },
@@ -220,6 +245,7 @@ mod tests {
                 Kind::Bool => Value::Bool(default != Value::Bool(true)),
                 Kind::Integer(_, high) => Value::Integer(high),
                 Kind::Double(_, high) => Value::Double(high),
+                Kind::Sign => Value::Double(-1.0),
                 Kind::Text => Value::Text("other".into()),
                 Kind::Choice(choices) => Value::Text((*choices.last().expect("choices")).to_owned()),
                 Kind::TextList => Value::TextList(vec!["a".into()]),

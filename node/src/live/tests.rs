@@ -53,6 +53,7 @@ fn step(board: &mut Board, k: i64) {
     };
     see(Event::Estimate(Estimate {
         stamp,
+        received: None,
         force: Newton(force_n - 20.0),
         smoothing: Newton(0.0),
         std_dev: Newton(30.0),

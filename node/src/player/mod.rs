@@ -6,9 +6,9 @@ mod keys;
 
 pub use keys::Keys;
 
+use crate::clock::system_now;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
-use crate::hot::now;
 use crate::interrupt::Interrupt;
 use crate::ros::Ros;
 use crate::wire::header;
@@ -18,6 +18,9 @@ use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Velocity}
 use ros2_client::{NodeOptions, Publisher};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
+
+/// Name of the node, unless it is given another.
+pub const NODE: &str = "mr_damper_replay";
 
 /// Messages a second that DDS carries without loss to best effort readers on one machine: a third of what a two-core
 /// machine was seen to carry.
@@ -95,7 +98,7 @@ impl Player {
     /// When ROS does not start.
     pub fn start(config: &Config, ros_args: &RosArgs, clock: bool) -> Result<Self, NodeError> {
         let args = ros_args;
-        let name = args.node.as_deref().unwrap_or("mr_damper_replay");
+        let name = args.node.as_deref().unwrap_or(NODE);
         let mut ros = Ros::start(config, args, NodeOptions::new().enable_rosout(false), name)?;
         Ok(Self {
             displacement: ros.publish(&args.topic("displacement"))?,
@@ -146,7 +149,8 @@ impl Player {
         let Some(first) = run.samples().next().map(|sample| sample.stamp) else { return };
         let from_s = plan.start;
         let to_s = plan.duration.map_or(f64::INFINITY, |d| from_s + d);
-        let shift_ns = if plan.clock { 0 } else { now().nanos() - first.nanos() - (from_s * 1e9) as i64 };
+        let shift_ns =
+            if plan.clock { 0 } else { system_now().nanos() - first.nanos() - (from_s * 1e9) as i64 };
         let mut pace = Pace::new(plan.rate);
         let mut last_clock: Option<Stamp> = None;
         for sample in run.samples() {

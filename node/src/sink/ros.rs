@@ -4,15 +4,17 @@
 //! thread. Refused samples are logged: the first at once, then no more than one line a second for each kind,
 //! with a count.
 
+use crate::clock::Clock;
 use crate::config::RosArgs;
 use crate::diagnostics::ALARM_ADVICE;
 use crate::error::NodeError;
 use crate::hot::Inlet;
+use crate::latency::Latency;
 use crate::ros::Ros;
 use crate::wire::{self, ModelNames};
 use crate::worker::{Stop, Worker};
 use mr_damper_model::pipeline::{AlarmChange, Event, Refusal, Refused};
-use mr_damper_model::sample::Channel;
+use mr_damper_model::sample::{Channel, Stamp};
 use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
 use ros2_client::Publisher;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -35,6 +37,8 @@ pub struct RosSinkCounters {
     pub refused: AtomicU64,
     /// Messages that the middleware did not take.
     pub failed: AtomicU64,
+    /// From the receipt of a displacement to the publishing of its estimate.
+    pub latency: Latency,
 }
 
 /// The names of the models that run; swapped with them.
@@ -58,7 +62,13 @@ impl RosSink {
     ///
     /// # Errors
     /// When a topic cannot be published or the system starts no thread.
-    pub fn start(ros: &mut Ros, args: &RosArgs, names: SharedNames, inlet: Inlet) -> Result<Self, NodeError> {
+    pub fn start(
+        ros: &mut Ros,
+        args: &RosArgs,
+        names: SharedNames,
+        clock: Arc<Clock>,
+        inlet: Inlet,
+    ) -> Result<Self, NodeError> {
         let publishers = Publishers {
             estimate: ros.publish(&args.topic("force_estimate"))?,
             residual: ros.publish(&args.topic("force_residual"))?,
@@ -70,6 +80,7 @@ impl RosSink {
         let publishing = Publishing {
             publishers,
             names,
+            clock,
             frame_id,
             counters: Arc::clone(&counters),
             log: RefusalLog::default(),
@@ -109,6 +120,7 @@ impl RosSink {
 struct Publishing {
     publishers: Publishers,
     names: SharedNames,
+    clock: Arc<Clock>,
     frame_id: String,
     counters: Arc<RosSinkCounters>,
     log: RefusalLog,
@@ -138,7 +150,9 @@ impl Publishing {
                 let message = wire::force_estimate(estimate, &names, &self.frame_id);
                 drop(names);
                 self.counters.estimates.fetch_add(1, Ordering::Relaxed);
-                self.publishers.estimate.publish(message).is_ok()
+                let published = self.publishers.estimate.publish(message).is_ok();
+                self.note_latency(estimate.received);
+                published
             }
             Event::Residual(residual) => {
                 self.counters.residuals.fetch_add(1, Ordering::Relaxed);
@@ -169,6 +183,16 @@ impl Publishing {
         };
         if !published {
             self.counters.failed.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Counts how long an estimate took. Simulated time says nothing of that.
+    fn note_latency(&self, received: Option<Stamp>) {
+        let now = self.clock.now().filter(|_| !self.clock.is_simulated());
+        if let Some((now, received)) = now.zip(received) {
+            // A clock that was set meanwhile gives nonsense, which is no time.
+            let took = Duration::try_from_secs_f64(now.since(received).get());
+            took.into_iter().for_each(|took| self.counters.latency.add(took));
         }
     }
 

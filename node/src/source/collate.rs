@@ -47,6 +47,7 @@ impl Companion {
 #[derive(Debug)]
 pub struct Collator {
     wait: Duration,
+    wants_velocity: bool,
     companions: [Companion; COMPANIONS.len()],
     /// Sorted by stamp, then by channel; with the time when it goes on at the latest.
     held: VecDeque<(Sample, Instant)>,
@@ -57,16 +58,25 @@ pub struct Collator {
 impl Collator {
     /// A collator that holds a displacement back for at most `wait`.
     #[must_use]
-    pub fn new(wait: Duration, wants_velocity: bool) -> Self {
+    pub fn new(wait: Duration) -> Self {
         Self {
             wait,
-            companions: COMPANIONS.map(|channel| Companion {
-                last: None,
-                shares: wants_velocity || channel != Channel::Velocity,
-            }),
+            wants_velocity: false,
+            companions: COMPANIONS
+                .map(|channel| Companion { last: None, shares: channel != Channel::Velocity }),
             incomplete: 0,
             held: VecDeque::with_capacity(HELD),
             stamps: VecDeque::with_capacity(REMEMBERED),
+        }
+    }
+
+    /// Whether the model wants measured velocity: then its stamps are taken to be shared too.
+    pub fn want_velocity(&mut self, wanted: bool) {
+        if wanted != self.wants_velocity {
+            self.wants_velocity = wanted;
+            for (channel, companion) in COMPANIONS.iter().zip(&mut self.companions) {
+                companion.shares = if *channel == Channel::Velocity { wanted } else { companion.shares };
+            }
         }
     }
 
@@ -151,7 +161,8 @@ mod tests {
     /// Feeds batches such as "i0 x0" at the given times (ms) and writes down what comes out when.
     fn story(batches: &[(u64, &str)]) -> String {
         let start = Instant::now();
-        let mut collator = Collator::new(WAIT, true);
+        let mut collator = Collator::new(WAIT);
+        collator.want_velocity(true);
         let mut lines = Vec::new();
         for (at_ms, batch) in batches {
             let mut batch: Vec<Sample> = batch

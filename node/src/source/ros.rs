@@ -7,15 +7,15 @@
 
 use super::collate::Collator;
 use crate::config::{Config, InputConfig, RosArgs};
+use crate::control::Control;
 use crate::error::NodeError;
-use crate::hot::{SampleSink, now};
+use crate::hot::SampleSink;
 use crate::ros::Ros;
 use crate::worker::{Stop, Worker};
 use futures::stream::{LocalBoxStream, StreamExt};
-use mr_damper_model::condition::VelocitySource;
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
-use mr_damper_msgs::standard::{Float64, Header, JointState, Temperature};
+use mr_damper_msgs::standard::{Clock, Float64, Header, JointState, Temperature};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
 use ros2_client::Subscription;
 use std::sync::Arc;
@@ -83,7 +83,7 @@ pub struct RosSource {
 }
 
 impl RosSource {
-    /// Subscribes to the input topics and starts the thread that takes them. `velocity`: where the model has it from.
+    /// Subscribes to the input topics and to `/clock`, and starts the thread that takes them.
     ///
     /// # Errors
     /// When a topic cannot be subscribed or the system starts no thread.
@@ -91,7 +91,7 @@ impl RosSource {
         ros: &mut Ros,
         args: &RosArgs,
         config: &Config,
-        velocity: VelocitySource,
+        control: &Arc<Control>,
         samples: SampleSink,
     ) -> Result<Self, NodeError> {
         let mut channels = Vec::with_capacity(INPUTS.len() + 1);
@@ -108,12 +108,16 @@ impl RosSource {
         });
         let counters = Arc::new(SourceCounters::default());
         let wait = Duration::from_secs_f64(config.align_wait_s);
-        let collator = Collator::new(wait, velocity == VelocitySource::Measured);
-        let worker = Worker::start("ros-source", {
-            let counters = Arc::clone(&counters);
-            move |stop| pump(&channels, samples, collator, &counters, stop)
-        })
-        .map_err(NodeError::io("starting the thread that takes ROS messages"))?;
+        let pump = Pump {
+            channels,
+            clock: ros.subscribe(&args.topic("/clock"))?,
+            control: Arc::clone(control),
+            samples,
+            collator: Collator::new(wait),
+            counters: Arc::clone(&counters),
+        };
+        let worker = Worker::start("ros-source", move |stop| pump.run(stop))
+            .map_err(NodeError::io("starting the thread that takes ROS messages"))?;
         Ok(Self { worker, counters })
     }
 
@@ -236,49 +240,69 @@ impl Wake for Unpark {
 ///
 /// An estimate is made when displacement arrives, so displacement wakes it. The others do so only when a displacement
 /// waits for them, or when they are stamped on arrival: at 1 kHz, being woken for each costs more than the models.
-fn pump(
-    channels: &[Channel],
-    mut samples: SampleSink,
-    mut collator: Collator,
-    counters: &SourceCounters,
-    stop: &Stop,
-) {
-    let waker = Waker::from(Arc::new(Unpark(std::thread::current())));
-    let mut streams: Vec<_> = channels.iter().map(|channel| (channel, channel.values())).collect();
-    let mut batch: Vec<Sample> = Vec::with_capacity(BATCH);
-    while !stop.is_raised() {
-        let received = now();
-        let was_holding = collator.is_holding();
-        for (channel, stream) in &mut streams {
-            let mut context =
-                Context::from_waker(if was_holding || channel.wakes() { &waker } else { Waker::noop() });
-            while batch.len() < BATCH
-                && let Poll::Ready(Some(taken)) = stream.poll_next_unpin(&mut context)
-            {
-                counters.messages.fetch_add(1, Ordering::Relaxed);
-                match taken {
-                    Ok(Some((stamp_ns, value))) => batch.push(channel.sample(stamp_ns, value, received)),
-                    Ok(None) => counters.note_unreadable(channel.topic, "the joint is not in the message"),
-                    Err(error) => counters.note_unreadable(channel.topic, &error),
+struct Pump {
+    channels: Vec<Channel>,
+    clock: Subscription<Clock>,
+    control: Arc<Control>,
+    samples: SampleSink,
+    collator: Collator,
+    counters: Arc<SourceCounters>,
+}
+
+impl Pump {
+    fn run(self, stop: &Stop) {
+        let Self { channels, clock, control, mut samples, mut collator, counters } = self;
+        let waker = Waker::from(Arc::new(Unpark(std::thread::current())));
+        let mut streams: Vec<_> = channels.iter().map(|channel| (channel, channel.values())).collect();
+        let mut batch: Vec<Sample> = Vec::with_capacity(BATCH);
+        let (time, wants_velocity) = (control.clock(), control.wants_velocity());
+        while !stop.is_raised() {
+            hear(&clock, &control);
+            // What comes before the first simulated time is as old as the system says, and its stamp tells.
+            let received = time.now_or_system();
+            collator.want_velocity(wants_velocity.load(Ordering::Acquire));
+            let was_holding = collator.is_holding();
+            for (channel, stream) in &mut streams {
+                let mut context =
+                    Context::from_waker(if was_holding || channel.wakes() { &waker } else { Waker::noop() });
+                while batch.len() < BATCH
+                    && let Poll::Ready(Some(taken)) = stream.poll_next_unpin(&mut context)
+                {
+                    counters.messages.fetch_add(1, Ordering::Relaxed);
+                    match taken {
+                        Ok(Some((stamp_ns, value))) => batch.push(channel.sample(stamp_ns, value, received)),
+                        Ok(None) => {
+                            counters.note_unreadable(channel.topic, "the joint is not in the message")
+                        }
+                        Err(error) => counters.note_unreadable(channel.topic, &error),
+                    }
                 }
             }
+            // A full batch may have left messages behind, and what is waited for now must wake: look again before sleeping.
+            let drained = batch.len() < BATCH;
+            let mut pushed = false;
+            collator.take(&mut batch, Instant::now(), |sample| {
+                samples.push(sample);
+                pushed = true;
+            });
+            if pushed {
+                samples.flush();
+            }
+            counters.incomplete.store(collator.incomplete(), Ordering::Relaxed);
+            let holding = collator.is_holding();
+            if drained && (was_holding || !holding) {
+                // A message that came since its topic was polled has left its wake-up behind: parking returns at once.
+                std::thread::park_timeout(if holding { HOLDING_NAP } else { NAP });
+            }
         }
-        // A full batch may have left messages behind, and what is waited for now must wake: look again before sleeping.
-        let drained = batch.len() < BATCH;
-        let mut pushed = false;
-        collator.take(&mut batch, Instant::now(), |sample| {
-            samples.push(sample);
-            pushed = true;
-        });
-        if pushed {
-            samples.flush();
-        }
-        counters.incomplete.store(collator.incomplete(), Ordering::Relaxed);
-        let holding = collator.is_holding();
-        if drained && (was_holding || !holding) {
-            // A message that came since its topic was polled has left its wake-up behind: parking returns at once.
-            std::thread::park_timeout(if holding { HOLDING_NAP } else { NAP });
-        }
+    }
+}
+
+/// Takes what `/clock` has said since the last time.
+fn hear(clock: &Subscription<Clock>, control: &Control) {
+    // What cannot be read is no time.
+    while let Ok(Some((message, _))) = clock.take() {
+        control.hear_clock(Stamp::from_nanos(message.clock.as_nanos()));
     }
 }
 

@@ -197,6 +197,7 @@ pub(crate) fn displacement(nanos: i64) -> Event {
 pub(crate) fn estimate(nanos: i64, force_n: f64) -> Event {
     Event::Estimate(Estimate {
         stamp: Stamp::from_nanos(nanos),
+        received: None,
         force: Newton(force_n),
         smoothing: Newton(0.0),
         std_dev: Newton(f64::NAN),

@@ -17,6 +17,9 @@ use std::fmt::Write;
 use std::pin::pin;
 use std::time::{Duration, Instant};
 
+/// Name of the node, unless it is given another.
+pub const NODE: &str = "mr_damper_close";
+
 /// How long a node may take to be found.
 const FIND: Duration = Duration::from_secs(5);
 /// How long it may take to accept or reject a goal. A first call can take three seconds.
@@ -63,7 +66,7 @@ pub(super) fn run(args: &LiveArgs, output: &OutputArgs, around: &Surroundings) -
     around.ros_args.apply(&mut config)?;
     config.domain_id = args.domain_id.map_or(config.domain_id, i64::from);
     let action = around.ros_args.topic("close_loop");
-    let name = around.ros_args.node.as_deref().unwrap_or("mr_damper_close");
+    let name = around.ros_args.node.as_deref().unwrap_or(NODE);
     let options = NodeOptions::new().enable_rosout(false);
     let mut ros = Ros::start(&config, &around.ros_args, options, name)?;
     let client = ros.action_client::<CloseLoop>(&action)?;

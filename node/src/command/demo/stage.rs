@@ -1,10 +1,11 @@
 //! The demo while it runs: service, player, collector and listener, and what is shown meanwhile.
 
 use super::Args;
+use crate::clock::system_now;
 use crate::command::Surroundings;
 use crate::config::Config;
 use crate::error::NodeError;
-use crate::hot::{Inlet, now};
+use crate::hot::Inlet;
 use crate::interrupt::Interrupt;
 use crate::live::{Board, Counts, Headline, Histogram, Terminal, plain};
 use crate::player::{Plan, Played, Player};
@@ -327,7 +328,7 @@ impl Listener {
         let subscription = ros.subscribe::<ForceEstimate>(&args.topic("force_estimate"))?;
         let listen = |stopped| async move {
             let heard = subscription.async_stream().for_each(|taken| {
-                let arrived = now();
+                let arrived = system_now();
                 if let Ok((estimate, _)) = taken {
                     shared.heard.fetch_add(1, Ordering::Relaxed);
                     let stamp = Stamp::from_nanos(estimate.header.stamp.as_nanos());

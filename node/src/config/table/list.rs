@@ -1,9 +1,50 @@
 //! The parameters themselves: node, command, plausibility, inputs, mirror.
 
+use super::Change::{Never, Running, Unconfigured};
 use super::{Kind, Parameter};
 use crate::config::{Value, use_force_name};
 use mr_damper_model::inverse::Method;
-use mr_damper_model::pipeline::UseForce;
+use mr_damper_model::pipeline::{Mode, UseForce};
+
+const NODE: [Parameter; 3] = [
+    Parameter {
+        name: "autostart",
+        kind: Kind::Bool,
+        change: Never,
+        doc: "true: configure and activate the node at once; false: wait for change_state, as a lifecycle manager wants it",
+        get: |c| Value::Bool(c.autostart),
+        set: |c, v| {
+            if let Value::Bool(b) = v {
+                c.autostart = *b;
+            }
+        },
+    },
+    Parameter {
+        name: "use_sim_time",
+        kind: Kind::Bool,
+        change: Running,
+        doc: "true: the time is what /clock says; false: the system's",
+        get: |c| Value::Bool(c.use_sim_time),
+        set: |c, v| {
+            if let Value::Bool(b) = v {
+                c.use_sim_time = *b;
+            }
+        },
+    },
+    Parameter {
+        name: "mode",
+        kind: Kind::Choice(&["auto", "arx", "model", "fault"]),
+        change: Running,
+        doc: "auto: the best mode that its conditions allow; else only that one, or fault where it cannot be (fault: no estimates)",
+        get: |c| Value::Text(c.settings.only_mode.map_or("auto", Mode::name).to_owned()),
+        set: |c, v| {
+            if let Value::Text(t) = v {
+                c.settings.only_mode =
+                    [Mode::Arx, Mode::Model, Mode::Fault].into_iter().find(|mode| mode.name() == t);
+            }
+        },
+    },
+];
 
 const MAIN: [Parameter; 23] = [
     list!(
@@ -14,21 +55,21 @@ const MAIN: [Parameter; 23] = [
     text!(
         "model",
         Kind::Text,
-        false,
+        Unconfigured,
         "free-running model: a preset (`mr-damper presets`) or a model file",
         model
     ),
     text!(
         "arx_model",
         Kind::Text,
-        false,
+        Unconfigured,
         "ARX model that measured force seeds: a preset, a model file, none, or auto (the thesis' best ARX beside a thesis preset, else none)",
         arx_model
     ),
     Parameter {
         name: "use_measured_force",
         kind: Kind::Choice(&["auto", "never", "observer"]),
-        runtime: true,
+        change: Running,
         doc: "auto: measured force seeds the ARX model while it is fresh; observer: it corrects the free-running model through a bias; never: it serves the residual alone",
         get: |c| Value::Text(use_force_name(c.settings.use_measured_force).to_owned()),
         set: |c, v| {
@@ -44,98 +85,98 @@ const MAIN: [Parameter; 23] = [
     double!(
         "observer_tau_s",
         0.001..=3600.0,
-        true,
+        Running,
         "time constant with which the observer follows measured force, s",
         observer_tau_s
     ),
     double!(
         "force_timeout_s",
         0.001..=3600.0,
-        true,
+        Running,
         "age beyond which measured force counts as lost, s",
         settings.force_timeout_s
     ),
     double!(
         "coast_s",
         0.0..=3600.0,
-        true,
+        Running,
         "how long ARX runs on its own predictions after measured force is lost, s",
         settings.coast_s
     ),
     double!(
         "input_timeout_s",
         0.001..=3600.0,
-        true,
+        Running,
         "age beyond which displacement and drive count as stale, s",
         settings.input_timeout_s
     ),
     double!(
         "hold_s",
         0.0..=3600.0,
-        true,
+        Running,
         "how long the last estimate is held, flagged, when no model can run, s",
         settings.hold_s
     ),
     double!(
         "bumpless_tau_s",
         0.0..=3600.0,
-        true,
+        Running,
         "time constant with which the step at a change of mode decays, s",
         settings.bumpless_tau_s
     ),
     double!(
         "gap_s",
         0.001..=3600.0,
-        true,
+        Running,
         "gap between displacements beyond which history starts anew, s",
         settings.gap_s
     ),
     double!(
         "residual.window_s",
         0.01..=3600.0,
-        true,
+        Running,
         "time constant of the windowed residual figures, s",
         settings.residual_window_s
     ),
     double!(
         "residual.alarm_ratio",
         1.0..=1000.0,
-        true,
+        Running,
         "factor over the model's expected RSSE that is no fault yet; a residual that stays above it raises the alarm",
         settings.alarm_ratio
     ),
     double!(
         "residual.alarm_block_s",
         0.05..=10.0,
-        true,
+        Running,
         "length of the blocks over which the alarm takes the residual's power, s",
         settings.alarm_block_s
     ),
     double!(
         "residual.false_alarm_interval_s",
         60.0..=1e9,
-        true,
+        Running,
         "mean time between false alarms, at least, s",
         settings.false_alarm_interval_s
     ),
     double!(
         "history.duration_s",
         10.0..=3600.0,
-        true,
+        Running,
         "length of the raw input that is kept for the action close_loop, s; 30 s of motion are the least that names anything",
         history_duration_s
     ),
     text!(
         "close_loop.out",
         Kind::Text,
-        true,
+        Running,
         "directory of the model files that the action close_loop writes, on the node's machine; empty: the system's temporary directory",
         close_loop_out
     ),
     Parameter {
         name: "close_loop.auto_load",
         kind: Kind::Bool,
-        runtime: true,
+        change: Running,
         doc: "true: swap the model that the action close_loop has found in, unasked; false: load_model does, when somebody calls it",
         get: |c| Value::Bool(c.close_loop_auto_load),
         set: |c, v| {
@@ -147,28 +188,28 @@ const MAIN: [Parameter; 23] = [
     text!(
         "filter.apply_to",
         Kind::Choice(&["model", "inputs", "output", "none"]),
-        true,
+        Running,
         "where the low-pass sits: on displacement, on the model's output (and the force it is compared with), nowhere, or as the model file says",
         filter_apply_to
     ),
     double!(
         "filter.cutoff_hz",
         0.0..=10000.0,
-        true,
+        Running,
         "corner of the low-pass, Hz, when filter.apply_to is set; 0: the model file's",
         filter_cutoff_hz
     ),
     double!(
         "align_wait_s",
         0.0..=1.0,
-        false,
+        Never,
         "how long a displacement waits for drive, velocity and force of its stamp, where they share stamps, s",
         align_wait_s
     ),
     Parameter {
         name: "domain_id",
         kind: Kind::Integer(-1, 232),
-        runtime: false,
+        change: Never,
         doc: "ROS domain; -1: ROS_DOMAIN_ID from the environment, else 0",
         get: |c| Value::Integer(c.domain_id),
         set: |c, v| {
@@ -180,7 +221,7 @@ const MAIN: [Parameter; 23] = [
     text!(
         "discovery_range",
         Kind::Choice(&["system_default", "localhost", "subnet"]),
-        false,
+        Never,
         "who may find the node; system_default: ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_LOCALHOST_ONLY, else localhost",
         discovery_range
     ),
@@ -190,14 +231,14 @@ const COMMAND: [Parameter; 14] = [
     text!(
         "law",
         Kind::Choice(&["off", "follow", "skyhook", "groundhook", "fixed"]),
-        true,
+        Running,
         "what current is commanded: none at all; that of a force_request, once one has come; that of a damper between body and sky, or wheel and ground (both want body_velocity); a fixed one",
         law
     ),
     Parameter {
         name: "inverse.method",
         kind: Kind::Choice(&["search", "polynomial", "fuzzy"]),
-        runtime: true,
+        change: Running,
         doc: "how the current for a force is found: a search on the model, or a polynomial or fuzzy inverse that is fitted to it when it is loaded",
         get: |c| Value::Text(c.settings.method.name().to_owned()),
         set: |c, v| {
@@ -206,33 +247,39 @@ const COMMAND: [Parameter; 14] = [
             }
         },
     },
-    double!("skyhook.damping_n_s_m", 0.0..=1e6, true, "damping between body and sky, N s/m", skyhook_n_s_m),
+    double!(
+        "skyhook.damping_n_s_m",
+        0.0..=1e6,
+        Running,
+        "damping between body and sky, N s/m",
+        skyhook_n_s_m
+    ),
     double!(
         "groundhook.damping_n_s_m",
         0.0..=1e6,
-        true,
+        Running,
         "damping between wheel and ground, N s/m",
         groundhook_n_s_m
     ),
-    double!("fixed.current_a", 0.0..=100.0, true, "current of the law fixed, A", fixed_a),
+    double!("fixed.current_a", 0.0..=100.0, Running, "current of the law fixed, A", fixed_a),
     double!(
         "request_timeout_s",
         0.001..=3600.0,
-        true,
+        Running,
         "age beyond which a force_request, body_velocity or displacement commands nothing any more, s",
         settings.request_timeout_s
     ),
     double!(
         "current.max_a",
         0.001..=100.0,
-        true,
+        Running,
         "largest current that the driver makes, A; none above it is commanded, and a measured one far above it is flagged",
         settings.limits.current_max_a
     ),
     Parameter {
         name: "current.rate_max_a_s",
         kind: Kind::Double(0.0, 1e9),
-        runtime: true,
+        change: Running,
         doc: "largest rate at which the driver's current changes, A/s; 0: not known, none is kept to",
         get: |c| Value::Double(finite_or_zero(c.settings.limits.rate_max_a_s)),
         set: |c, v| {
@@ -244,36 +291,42 @@ const COMMAND: [Parameter; 14] = [
     double!(
         "current.safe_a",
         0.0..=100.0,
-        true,
+        Running,
         "current to go to when nobody asks for anything any more or the motion is not known, A",
         settings.limits.safe_a
     ),
-    double!("current.safe_after_s", 0.0..=60.0, true, "how long that takes, s", settings.limits.safe_after_s),
+    double!(
+        "current.safe_after_s",
+        0.0..=60.0,
+        Running,
+        "how long that takes, s",
+        settings.limits.safe_after_s
+    ),
     double!(
         "current.hold_m_s",
         0.0..=1.0,
-        true,
+        Running,
         "speed below which the last current is held, m/s",
         settings.limits.hold_m_s
     ),
     double!(
         "current.lead_s",
         0.0..=60.0,
-        true,
+        Running,
         "time constant to which a coil's lag that the model knows is led, s",
         settings.limits.lead_s
     ),
     double!(
         "current.feedback_s",
         0.0..=60.0,
-        true,
+        Running,
         "time constant with which the inverse learns the model's bias from measured force, s",
         settings.limits.feedback_s
     ),
     double!(
         "current.feedback_gain",
         0.0..=5.0,
-        true,
+        Running,
         "how much of what the measured force misses is asked for on top, 1; 0 for none",
         settings.limits.feedback_gain
     ),
@@ -283,35 +336,35 @@ const PLAUSIBLE: [Parameter; 5] = [
     double!(
         "plausible.displacement_max_m",
         1e-6..=1e9,
-        true,
+        Running,
         "largest displacement either way, m; more is refused",
         settings.plausible.displacement_max_m
     ),
     double!(
         "plausible.speed_max_m_s",
         1e-6..=1e9,
-        true,
+        Running,
         "largest speed of the rod, m/s; a measured one above it is refused, and a displacement that would need more, until three agree",
         settings.plausible.speed_max_m_s
     ),
     double!(
         "plausible.force_max_n",
         1e-6..=1e9,
-        true,
+        Running,
         "largest force either way, N; more is refused, measured or asked for",
         settings.plausible.force_max_n
     ),
     double!(
         "plausible.stuck_s",
         1e-6..=1e9,
-        true,
+        Running,
         "how long displacement stands still, while the rod is known to move, before it is flagged, s",
         settings.plausible.stuck_s
     ),
     double!(
         "plausible.passive_window_s",
         1e-6..=1e9,
-        true,
+        Running,
         "time constant over which measured force must take energy, s",
         settings.plausible.passive_window_s
     ),
@@ -324,26 +377,26 @@ const ZENOH: [Parameter; 7] = [
         zenoh.listen
     ),
     list!("zenoh.connect", "endpoints of Zenoh routers or peers that the mirror connects to", zenoh.connect),
-    text!("zenoh.mode", Kind::Choice(&["peer", "client"]), false, "Zenoh mode of the mirror", zenoh.mode),
+    text!("zenoh.mode", Kind::Choice(&["peer", "client"]), Never, "Zenoh mode of the mirror", zenoh.mode),
     text!(
         "zenoh.encoding",
         Kind::Choice(&["cbor", "json", "cdr"]),
-        false,
+        Never,
         "encoding of the state/ keys",
         zenoh.encoding
     ),
-    double!("zenoh.web_rate_hz", 1.0..=50.0, false, "highest rate of the web/ keys, Hz", zenoh.web_rate_hz),
+    double!("zenoh.web_rate_hz", 1.0..=50.0, Never, "highest rate of the web/ keys, Hz", zenoh.web_rate_hz),
     double!(
         "zenoh.history_s",
         0.0..=600.0,
-        false,
+        Never,
         "length of the history that a late joiner can ask for, s",
         zenoh.history_s
     ),
     Parameter {
         name: "zenoh.allow_non_loopback",
         kind: Kind::Bool,
-        runtime: false,
+        change: Never,
         doc: "allow Zenoh endpoints beyond this machine",
         get: |c| Value::Bool(c.zenoh.allow_non_loopback),
         set: |c, v| {
@@ -366,7 +419,12 @@ const INPUTS: [[Parameter; 4]; 7] = [
 
 /// All of them.
 pub(super) fn all() -> impl Iterator<Item = Parameter> {
-    MAIN.into_iter().chain(COMMAND).chain(PLAUSIBLE).chain(INPUTS.into_iter().flatten()).chain(ZENOH)
+    NODE.into_iter()
+        .chain(MAIN)
+        .chain(COMMAND)
+        .chain(PLAUSIBLE)
+        .chain(INPUTS.into_iter().flatten())
+        .chain(ZENOH)
 }
 
 /// A number that says "none" by being infinite, as one that says it by being zero.

@@ -29,6 +29,7 @@ fn sample(nanos: i64, reading: Reading) -> Sample {
 pub(super) fn estimate(nanos: i64, force_n: f64) -> Event {
     Event::Estimate(Estimate {
         stamp: Stamp::from_nanos(nanos),
+        received: None,
         force: Newton(force_n),
         smoothing: Newton(0.0),
         std_dev: Newton(12.5),

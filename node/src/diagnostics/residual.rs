@@ -1,8 +1,9 @@
-//! What `/diagnostics` says of a running damper: one status for the free run's residual.
+//! How the model does: the free run's residual, and its alarm.
 
+use super::{Surroundings, value};
 use crate::wire::in_seconds;
 use mr_damper_model::pipeline::{AlarmChange, Event, Residual};
-use mr_damper_msgs::standard::{DiagnosticStatus, KeyValue};
+use mr_damper_msgs::standard::DiagnosticStatus;
 use std::time::{Duration, Instant};
 
 /// What to do about a raised alarm.
@@ -17,21 +18,6 @@ pub struct Health {
     residual: Option<(Residual, Instant)>,
     /// How the alarm was raised, while it stands.
     alarm: Option<AlarmChange>,
-}
-
-/// What a status says besides the health.
-#[derive(Debug, Clone, Copy)]
-pub struct Surroundings<'a> {
-    /// Name of the node, with its namespace.
-    pub node: &'a str,
-    /// The damper: the node's namespace, or empty.
-    pub damper: &'a str,
-    /// Name of the free-running model.
-    pub model: &'a str,
-    /// `residual.false_alarm_interval_s`.
-    pub false_alarm_interval_s: f64,
-    /// Seconds of raw input that are kept.
-    pub history_s: f64,
 }
 
 impl Health {
@@ -112,10 +98,6 @@ impl Health {
 
 fn ratio(residual: &Residual) -> f64 {
     residual.windowed_rsse.get() / residual.expected_rsse.get()
-}
-
-fn value(key: &str, value: impl std::fmt::Display) -> KeyValue {
-    KeyValue { key: key.to_owned(), value: value.to_string() }
 }
 
 #[cfg(test)]

@@ -1,24 +1,26 @@
-//! What a goal of `close_loop` is: a diagnosis of the running model on what the service remembers.
+//! The action `close_loop`: names what the running model lacks, on what the service remembers.
+//!
+//! Nothing is swapped in unless `close_loop.auto_load` says so.
 
+use super::{Job, Remembered, Step, Work, total_s, write_new};
 use crate::closing::{Origin, drive, model_file, rows, training_runs};
+use crate::command::close::in_words;
 use crate::control::Control;
 use crate::error::NodeError;
+use crate::parameters::Parameters;
 use crate::report::close as report;
 use crate::report::close::json::{self, SCHEMA};
-use crate::services;
 use mr_damper_model::diagnose::{self, Closing, Runs, Settings, Stage};
 use mr_damper_model::identify::Watch;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::Role;
 use mr_damper_model::sample::Run;
-use ros2_client::Node;
+use mr_damper_msgs::action::{CloseLoop, CloseLoopFeedback, CloseLoopGoal, CloseLoopResult};
 use serde::Serialize;
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Instant, SystemTime};
+use std::time::Instant;
 
 /// Shares of the history, by time: effects are found on the first, confirmed on the second, proved on the rest.
 const SHARES: [(Role, f64); 3] = [(Role::Estimate, 0.6), (Role::Confirm, 0.2), (Role::Test, 0.2)];
@@ -28,26 +30,94 @@ const SEED: u64 = 0;
 const NOTE: &str = "the runs are parts of one recording: first 60 % estimate, next 20 % confirm, last 20 % test. Parts of one \
                     session share what a session has; runs recorded apart (`mr-damper close`) prove more";
 
+/// The action.
+pub(super) struct CloseLoopWork {
+    remembered: Remembered,
+    parameters: Arc<Parameters>,
+}
+
+impl CloseLoopWork {
+    /// The action on what is remembered; `parameters` are told of a model that is swapped in.
+    pub(super) fn new(remembered: Remembered, parameters: Arc<Parameters>) -> Self {
+        Self { remembered, parameters }
+    }
+}
+
+impl Work for CloseLoopWork {
+    type Action = CloseLoop;
+    /// The report, JSON.
+    type Done = String;
+    const NAME: &'static str = "close_loop";
+
+    fn consider(&self, goal: &CloseLoopGoal) -> Result<Job<String>, String> {
+        let control = &self.remembered.control;
+        let config = control.config();
+        let running = control.models().ok_or("the node has no model; configure it first")?.free;
+        let mut base = running;
+        // The rows must be what the model runs on.
+        if let Some((apply_to, cutoff_hz)) = config.pipeline_settings(base.conditioning.cutoff_hz).filter {
+            (base.conditioning.apply_to, base.conditioning.cutoff_hz) = (apply_to, cutoff_hz);
+        }
+        let swap = config.close_loop_auto_load.then(|| Swap {
+            control: Arc::clone(control),
+            parameters: Arc::clone(&self.parameters),
+            running,
+        });
+        let diagnosis = Diagnosis {
+            base,
+            runs: self.remembered.runs(goal.history)?,
+            folder: self.remembered.folder(),
+            damper: self.remembered.damper.clone(),
+            swap,
+        };
+        Ok(Box::new(move |cancelled, say| {
+            let say = |stage| say(Step { stage: in_words(stage), progress: progress(stage) });
+            diagnosis.work(cancelled, &say)
+        }))
+    }
+
+    fn feedback(Step { stage, progress }: Step) -> CloseLoopFeedback {
+        CloseLoopFeedback { stage, progress }
+    }
+
+    fn result(worked: Result<String, &NodeError>) -> CloseLoopResult {
+        let success = worked.is_ok();
+        CloseLoopResult { success, report: worked.unwrap_or_else(error_json) }
+    }
+}
+
+/// About how much of the work is done when `stage` begins.
+fn progress(stage: Stage) -> f32 {
+    match stage {
+        Stage::Base => 0.0,
+        Stage::Scores(round) => (0.05 + 0.2 * (round as f32 - 1.0)).min(0.6),
+        Stage::Refits(round) => (0.15 + 0.2 * (round as f32 - 1.0)).min(0.65),
+        Stage::Pruning => 0.7,
+        Stage::Rival => 0.75,
+        Stage::Sealed => 0.95,
+    }
+}
+
 /// What a diagnosis needs, taken when the goal comes.
-pub(super) struct Job {
+struct Diagnosis {
     /// The running free model, conditioned as it runs.
-    pub(super) base: Model,
+    base: Model,
     /// The history, oldest first.
-    pub(super) runs: Vec<Run>,
+    runs: Vec<Run>,
     /// Directory of the model file.
-    pub(super) folder: PathBuf,
-    /// Name of the damper, for the file's name: several nodes may write into one directory.
-    pub(super) damper: String,
+    folder: PathBuf,
+    /// Name of the damper.
+    damper: String,
     /// How to swap the model in; `None` when that is not allowed.
-    pub(super) swap: Option<Swap>,
+    swap: Option<Swap>,
 }
 
 /// The running service, into which a model may be swapped.
-pub(super) struct Swap {
-    pub(super) control: Arc<Control>,
-    pub(super) node: Arc<Node>,
+struct Swap {
+    control: Arc<Control>,
+    parameters: Arc<Parameters>,
     /// The free model that ran when the goal came.
-    pub(super) running: Model,
+    running: Model,
 }
 
 /// What a goal is answered: what `mr-damper close` writes, and what is special here.
@@ -72,18 +142,18 @@ struct RunRow {
 }
 
 /// The report of a goal that came to nothing.
-pub(super) fn error_json(error: &NodeError) -> String {
+fn error_json(error: &NodeError) -> String {
     serde_json::json!({ "schema": SCHEMA, "error": error.to_string() }).to_string()
 }
 
-impl Job {
+impl Diagnosis {
     /// Diagnoses, writes the model file when an effect was named, swaps the model in where that is allowed, and returns
     /// the report as JSON.
     ///
     /// # Errors
     /// When the history is too short or lacks a channel, the model can be no base, or the file cannot be written;
     /// [`NodeError::Interrupted`].
-    pub(super) fn work(&self, cancelled: &AtomicBool, say: &dyn Fn(Stage)) -> Result<String, NodeError> {
+    fn work(&self, cancelled: &AtomicBool, say: &dyn Fn(Stage)) -> Result<String, NodeError> {
         let history_s = format!("{:.1}", total_s(&self.runs));
         tracing::info!(history_s, "close_loop: a goal is worked on");
         let worked = self.report(cancelled, say);
@@ -120,7 +190,14 @@ impl Job {
         }
         let origin = || Origin { seed: SEED, runs: training_runs(&closing, &runs), ..Origin::default() };
         let path = (!closing.effects.is_empty())
-            .then(|| write(&self.folder, &self.damper, &model_file(&closing, &runs, origin()).to_toml()?))
+            .then(|| {
+                write_new(
+                    &self.folder,
+                    &self.damper,
+                    "close",
+                    &model_file(&closing, &runs, origin()).to_toml()?,
+                )
+            })
             .transpose()?;
         let loaded = match (&path, &self.swap) {
             (Some(path), Some(swap)) => swap.load(path).map(|()| true),
@@ -157,24 +234,10 @@ impl Job {
 impl Swap {
     /// Swaps the model in `path` in, unless another one than that which was diagnosed runs by now.
     fn load(&self, path: &Path) -> Result<(), NodeError> {
-        let loaded = self.control.load_model_over(&path.display().to_string(), &self.running)?;
-        services::tell(&loaded, &self.node);
+        self.control.load_model_over(&path.display().to_string(), &self.running)?;
+        self.parameters.announce(&["model".to_owned()]);
         Ok(())
     }
-}
-
-/// Writes a model file under a name of its own; a file that is there may be the one that runs.
-fn write(folder: &Path, damper: &str, text: &str) -> Result<PathBuf, NodeError> {
-    let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now()).format("%Y%m%dT%H%M%S%3fZ");
-    let name = format!("mr-damper-close-{}-{now}.toml", damper.replace('/', "-"));
-    // Whoever reads the report may be anywhere.
-    let path =
-        std::path::absolute(folder.join(name)).map_err(NodeError::io("finding the current directory"))?;
-    let written = OpenOptions::new().write(true).create_new(true).open(&path);
-    written
-        .and_then(|mut file| file.write_all(text.as_bytes()))
-        .map_err(NodeError::io(format!("writing {}", path.display())))?;
-    Ok(path)
 }
 
 /// The verdict and what was named, for the log.
@@ -182,10 +245,6 @@ fn in_short(closing: &Closing) -> String {
     let named: Vec<_> = closing.effects.iter().map(|named| named.effect.effect().title()).collect();
     let named = if named.is_empty() { "nothing named".to_owned() } else { named.join(", ") };
     format!("{}: {named}", closing.verdict.name())
-}
-
-fn total_s(runs: &[Run]) -> f64 {
-    runs.iter().map(|run| run.duration().get()).sum()
 }
 
 /// The runs, cut where the time that they hold together reaches each share.

@@ -1,0 +1,263 @@
+//! The action `identify`: fits a model of a named kind to what the service remembers, and writes its file.
+//!
+//! The first four fifths of the history are fitted, the last fifth is held out and scored: its error is what the file tells a node
+//! to expect. Parts of one session share what a session has; `mr-damper identify` on runs recorded apart proves more. Nothing is
+//! swapped in: `load_model` does that.
+
+use super::{Job, Remembered, Step, Work, create, total_s, write_new};
+use crate::closing::TOOL;
+use crate::error::NodeError;
+use mr_damper_model::evaluate::{Evaluator, evaluate_into};
+use mr_damper_model::identify::{Form, Identified, ModelSpec, Options, Progress, Watch, identify};
+use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
+use mr_damper_model::pipeline::Settings;
+use mr_damper_model::sample::Run;
+use mr_damper_msgs::action::{Identify, IdentifyFeedback, IdentifyGoal, IdentifyResult};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::SystemTime;
+
+/// Share of the history, by time, that is fitted.
+const FITTED: f64 = 0.8;
+/// Less motion than this, s, determines no model.
+const LEAST_S: f64 = 5.0;
+
+/// The action.
+pub(super) struct IdentifyWork {
+    remembered: Remembered,
+}
+
+impl IdentifyWork {
+    /// The action on what is remembered.
+    pub(super) fn new(remembered: Remembered) -> Self {
+        Self { remembered }
+    }
+}
+
+/// What a goal came to.
+#[derive(Debug)]
+pub(super) struct Written {
+    /// For people.
+    message: String,
+    path: PathBuf,
+}
+
+impl Work for IdentifyWork {
+    type Action = Identify;
+    type Done = Written;
+    const NAME: &'static str = "identify";
+
+    fn consider(&self, goal: &IdentifyGoal) -> Result<Job<Written>, String> {
+        let spec = ModelSpec::named(&goal.model, Form::SemiActive).map_err(|error| error.to_string())?;
+        let runs = self.remembered.runs(goal.history)?;
+        let out = if goal.out.is_empty() {
+            Out::New(self.remembered.folder(), self.remembered.damper.clone())
+        } else if Path::new(&goal.out).exists() {
+            return Err(format!("{} is there already, and nothing is written over", goal.out));
+        } else {
+            Out::At(goal.out.clone().into())
+        };
+        let fit = Fitting { spec, runs, out };
+        Ok(Box::new(move |cancelled, say| fit.work(cancelled, say)))
+    }
+
+    fn feedback(Step { stage, progress }: Step) -> IdentifyFeedback {
+        IdentifyFeedback { stage, progress }
+    }
+
+    fn result(worked: Result<Written, &NodeError>) -> IdentifyResult {
+        match worked {
+            Ok(Written { message, path }) => {
+                IdentifyResult { success: true, message, model_file: path.display().to_string() }
+            }
+            Err(error) => {
+                IdentifyResult { success: false, message: error.to_string(), model_file: String::new() }
+            }
+        }
+    }
+}
+
+/// Where the model file goes.
+enum Out {
+    /// Under a name of its own in a directory, for a damper.
+    New(PathBuf, String),
+    /// There.
+    At(PathBuf),
+}
+
+/// The work on one goal.
+struct Fitting {
+    spec: ModelSpec,
+    /// The history, oldest first.
+    runs: Vec<Run>,
+    out: Out,
+}
+
+impl Fitting {
+    fn work(&self, cancelled: &AtomicBool, say: &(dyn Fn(Step) + Sync)) -> Result<Written, NodeError> {
+        let history_s = total_s(&self.runs);
+        tracing::info!(history_s, "identify: a goal is worked on");
+        let worked = self.fit(history_s, cancelled, say);
+        match &worked {
+            Ok(written) => tracing::info!(model_file = ?written.path, "identify: {}", written.message),
+            Err(error) => tracing::warn!("identify came to nothing: {error}"),
+        }
+        worked
+    }
+
+    fn fit(
+        &self,
+        history_s: f64,
+        cancelled: &AtomicBool,
+        say: &(dyn Fn(Step) + Sync),
+    ) -> Result<Written, NodeError> {
+        if history_s < LEAST_S {
+            return Err(NodeError::Failed(format!(
+                "there are {history_s:.1} s of history, and less than {LEAST_S} s of motion determine no model; the node keeps \
+                 displacement, drive and force as they come, for history.duration_s"
+            )));
+        }
+        let (fitted, held_out) = split(&self.runs, FITTED * history_s);
+        let last = Mutex::new(String::new());
+        let progress = |progress: Progress| {
+            let step = in_words(progress);
+            let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
+            if *last != step.stage {
+                last.clone_from(&step.stage);
+                say(step);
+            }
+        };
+        // The form, filter and velocity of the command, as it has them unasked.
+        let options = Options::default();
+        let watch = Watch { cancel: Some(cancelled), progress: Some(&progress) };
+        let found = identify(self.spec, &fitted, &options, &watch)?;
+        say(Step { stage: "scoring the part that was held out".to_owned(), progress: 0.95 });
+        self.write(found, &fitted, &held_out, &options, cancelled)
+    }
+
+    fn write(
+        &self,
+        mut found: Identified,
+        fitted: &[Run],
+        held_out: &[Run],
+        options: &Options,
+        cancelled: &AtomicBool,
+    ) -> Result<Written, NodeError> {
+        let mut evaluator = Evaluator::default();
+        for run in held_out {
+            evaluate_into(&mut evaluator, found.model, run, Settings::default(), |_| {
+                !cancelled.load(Ordering::Acquire)
+            })?;
+        }
+        if cancelled.load(Ordering::Acquire) {
+            return Err(NodeError::Interrupted);
+        }
+        let scored = evaluator.finish();
+        let expected = &mut found.model.expected;
+        expected.free_run_rsse_n = scored.free_run.map(|fit| fit.rsse_n).or(expected.free_run_rsse_n);
+        expected.one_step_rsse_n = scored.one_step.map(|fit| fit.rsse_n).or(expected.one_step_rsse_n);
+        let row = |role: Role| {
+            move |run: &Run| TrainingRun {
+                name: run.name.clone(),
+                sha256: String::new(),
+                samples: run.displacement_m.len() as u64,
+                force_offset_n: 0.0,
+                role: Some(role),
+            }
+        };
+        let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now());
+        let provenance = Provenance {
+            tool: TOOL.to_owned(),
+            date: now.to_rfc3339_opts(chrono::SecondsFormat::Secs, true),
+            seed: options.seed,
+            restarts: options.restarts,
+            rank: found.rank.and_then(|rank| u32::try_from(rank).ok()),
+            runs: fitted
+                .iter()
+                .map(row(Role::Estimate))
+                .chain(held_out.iter().map(row(Role::Test)))
+                .collect(),
+            training_free_run: found.free_run,
+            training_one_step: found.one_step,
+            validation_free_run: scored.free_run,
+            validation_one_step: scored.one_step,
+            persistence: scored.persistence,
+        };
+        let text = ModelFile { model: found.model, provenance }.to_toml()?;
+        let path = match &self.out {
+            Out::New(folder, damper) => write_new(folder, damper, found.model.force.name(), &text)?,
+            Out::At(path) => create(path, &text)?,
+        };
+        let figure = |what: &str, fit: Option<mr_damper_model::metrics::Fit>| {
+            fit.map(|fit| format!("; {what} RSSE {:.2} N, ESR {:.4}", fit.rsse_n, fit.esr))
+                .unwrap_or_default()
+        };
+        let message = format!(
+            "{}, {} parameters, from {:.0} s of history{}{}{}{}",
+            found.model.force.name(),
+            found.model.force.parameter_count(),
+            total_s(fitted),
+            figure("fitted, free run", found.free_run),
+            figure("held out, free run", scored.free_run),
+            figure("held out, one step", scored.one_step),
+            figure("held out, persistence (one step)", scored.persistence),
+        );
+        Ok(Written { message, path })
+    }
+}
+
+/// The part of `runs` before `until_s` seconds of motion, and the rest; pieces without length are left out.
+fn split(runs: &[Run], until_s: f64) -> (Vec<Run>, Vec<Run>) {
+    let (mut before, mut after) = (Vec::new(), Vec::new());
+    let mut begun_s = 0.0;
+    for run in runs {
+        let Some((first, last)) = run.displacement_m.stamps.first().zip(run.displacement_m.stamps.last())
+        else {
+            continue;
+        };
+        let cut = first.shifted(((until_s - begun_s) * 1e9) as i64);
+        begun_s += run.duration().get();
+        let end = last.shifted(1);
+        if cut > *first {
+            before.push(run.between(*first, cut.min(end)));
+        }
+        if cut < *last {
+            after.push(run.between(cut.max(*first), end));
+        }
+    }
+    (before, after)
+}
+
+/// What is being done, for people.
+fn in_words(progress: Progress) -> Step {
+    let share = |done: u32, of: u32| done as f32 / of.max(1) as f32;
+    let (stage, progress) = match progress {
+        Progress::Conditioning { runs } => (format!("conditioning {runs} runs"), 0.0),
+        Progress::Restart { done, of } => (format!("restart {done} of {of}"), 0.05 + 0.6 * share(done, of)),
+        Progress::Epoch { done, of } => (format!("epoch {done} of {of}"), 0.05 + 0.6 * share(done, of)),
+        Progress::Polish { done, of } => (format!("finish {done} of {of}"), 0.65 + 0.3 * share(done, of)),
+    };
+    Step { stage, progress }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mr_damper_model::sample::{Stamp, Trace};
+
+    #[test]
+    fn the_history_is_cut_by_time() {
+        let at = |from_s: i64, samples: i64| {
+            let stamps: Vec<_> =
+                (0..samples).map(|k| Stamp::from_nanos(from_s * 1_000_000_000 + k * 10_000_000)).collect();
+            let values = vec![0.0; stamps.len()];
+            Run { displacement_m: Trace { stamps, values }, ..Run::default() }
+        };
+        let lengths = |runs: &[Run]| runs.iter().map(|run| run.displacement_m.len()).collect::<Vec<_>>();
+        let (before, after) = split(&[at(0, 1001), at(20, 1001)], 8.0);
+        assert_eq!((lengths(&before), lengths(&after)), (vec![800], vec![201, 1001]));
+        let (before, after) = split(&[at(0, 1001), at(20, 1001)], 16.0);
+        assert_eq!((lengths(&before), lengths(&after)), (vec![1001, 600], vec![401]));
+    }
+}

@@ -1,0 +1,91 @@
+//! The time of a node: the system's, or what `/clock` says while `use_sim_time` is true.
+//!
+//! Any thread may read it: it is two atomics. Before the first `/clock` there is no simulated time, and what needs the
+//! time waits for it.
+
+use mr_damper_model::sample::Stamp;
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// No simulated time has come yet.
+const NONE: i64 = i64::MIN;
+
+/// Now, on the system's clock, as stamps have it.
+#[must_use]
+pub fn system_now() -> Stamp {
+    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    Stamp::from_nanos(i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX))
+}
+
+/// A node's clock.
+#[derive(Debug)]
+pub struct Clock {
+    simulated: AtomicBool,
+    sim_ns: AtomicI64,
+}
+
+impl Clock {
+    /// A clock that follows `/clock`, or the system.
+    #[must_use]
+    pub const fn new(simulated: bool) -> Self {
+        Self { simulated: AtomicBool::new(simulated), sim_ns: AtomicI64::new(NONE) }
+    }
+
+    /// The time; `None` while a simulated one has not come yet.
+    #[must_use]
+    pub fn now(&self) -> Option<Stamp> {
+        if !self.is_simulated() {
+            return Some(system_now());
+        }
+        let at = self.sim_ns.load(Ordering::Acquire);
+        (at != NONE).then_some(Stamp::from_nanos(at))
+    }
+
+    /// The time for a message: the system's where there is no other.
+    #[must_use]
+    pub fn now_or_system(&self) -> Stamp {
+        self.now().unwrap_or_else(system_now)
+    }
+
+    /// True while it follows `/clock`.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        self.simulated.load(Ordering::Acquire)
+    }
+
+    /// Follows `/clock` from now on, or the system; true when that is a change.
+    pub fn simulate(&self, simulated: bool) -> bool {
+        self.sim_ns.store(NONE, Ordering::Release);
+        self.simulated.swap(simulated, Ordering::AcqRel) != simulated
+    }
+
+    /// Takes what `/clock` says. Returns by how much it went back, s, if it did; the system's time goes on unmoved.
+    pub fn hear(&self, stamp: Stamp) -> Option<f64> {
+        if !self.is_simulated() {
+            return None;
+        }
+        let before = self.sim_ns.swap(stamp.nanos(), Ordering::AcqRel);
+        (before != NONE && stamp.nanos() < before).then(|| Stamp::from_nanos(before).since(stamp).get())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn simulated_time_is_what_was_heard_last() {
+        let clock = Clock::new(true);
+        let at = |s: i64| Stamp::from_nanos(s * 1_000_000_000);
+        assert_eq!(clock.now(), None);
+        assert_eq!(clock.hear(at(5)), None);
+        assert_eq!((clock.now(), clock.hear(at(6)), clock.hear(at(6))), (Some(at(5)), None, None));
+        assert_eq!(clock.hear(at(2)), Some(4.0));
+        assert_eq!(clock.now(), Some(at(2)));
+        assert!(clock.simulate(false) && !clock.simulate(false));
+        assert_eq!(clock.hear(at(1)), None);
+        assert!(clock.now().expect("the system's") > at(1_700_000_000));
+        assert!(clock.simulate(true));
+        assert_eq!(clock.now(), None, "what was heard before is forgotten");
+    }
+}

@@ -1,0 +1,168 @@
+//! Parameter files of ROS 2: YAML, with a section for each node or for all that a pattern matches.
+//!
+//! ```yaml
+//! /**:                        # every node
+//!   ros__parameters:
+//!     coast_s: 0.3
+//! /front_left/mr_damper:      # this one
+//!   ros__parameters:
+//!     current: {max_a: 1.5}
+//! ```
+//!
+//! In a pattern `*` is any one part of a name and `**` any number of them. A section that names the node is stronger than one that
+//! matches it by a pattern, whatever their order in the file.
+
+use super::{Assignment, Value};
+use crate::error::NodeError;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What the file at `path` says of the node called `full_name`.
+///
+/// # Errors
+/// When the file cannot be read, is no such file, or holds what no parameter is.
+pub(super) fn read(path: &Path, full_name: &str) -> Result<Vec<Assignment>, NodeError> {
+    let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
+    let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
+    let sections: BTreeMap<String, serde_json::Value> =
+        serde_saphyr::from_str(&text).map_err(|e| in_file(e.to_string()))?;
+    let mut matching: Vec<_> = sections.iter().filter(|(section, _)| matches(section, full_name)).collect();
+    if matching.is_empty() {
+        let names: Vec<_> = sections.keys().map(String::as_str).collect();
+        tracing::warn!(file = %path.display(), "no section is for {full_name}; there are {}", names.join(", "));
+    }
+    matching.sort_by_key(|(section, _)| !section.contains('*'));
+    let mut all = Vec::new();
+    for (section, body) in matching {
+        let parameters = body
+            .get("ros__parameters")
+            .and_then(serde_json::Value::as_object)
+            .ok_or_else(|| in_file(format!("{section} holds no ros__parameters")))?;
+        let mut values = Vec::new();
+        flatten("", parameters, &mut values).map_err(|why| in_file(format!("{section}: {why}")))?;
+        let origin = Some((path.to_owned(), Some(section.clone())));
+        all.extend(values.into_iter().map(|(name, value)| Assignment {
+            name,
+            value,
+            origin: origin.clone(),
+        }));
+    }
+    Ok(all)
+}
+
+/// True when the pattern `section` matches the node called `full_name`. Without a slash in front it means one all the same.
+fn matches(section: &str, full_name: &str) -> bool {
+    fn parts_match(pattern: &[&str], name: &[&str]) -> bool {
+        match (pattern, name) {
+            ([], []) => true,
+            (["**", rest @ ..], _) => (0..=name.len()).any(|skip| parts_match(rest, &name[skip..])),
+            (["*", rest @ ..], [_, others @ ..]) => parts_match(rest, others),
+            ([part, rest @ ..], [own, others @ ..]) => part == own && parts_match(rest, others),
+            _ => false,
+        }
+    }
+    let parts = |text| str::split(str::trim_matches(text, '/'), '/').collect::<Vec<_>>();
+    parts_match(&parts(section), &parts(full_name))
+}
+
+fn flatten(
+    prefix: &str,
+    map: &serde_json::Map<String, serde_json::Value>,
+    out: &mut Vec<(String, Value)>,
+) -> Result<(), String> {
+    for (key, value) in map {
+        let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        match value {
+            serde_json::Value::Object(inner) => flatten(&name, inner, out)?,
+            serde_json::Value::Bool(b) => out.push((name, Value::Bool(*b))),
+            serde_json::Value::String(text) => out.push((name, Value::Text(text.clone()))),
+            serde_json::Value::Number(n) => {
+                let value = n.as_i64().map(Value::Integer).or_else(|| n.as_f64().map(Value::Double));
+                out.push((name, value.ok_or("a number is out of range")?));
+            }
+            serde_json::Value::Array(items) => {
+                let texts: Option<Vec<String>> =
+                    items.iter().map(|item| item.as_str().map(str::to_owned)).collect();
+                let texts = texts.ok_or_else(|| format!("{name} must be a list of texts"))?;
+                out.push((name, Value::TextList(texts)));
+            }
+            serde_json::Value::Null => return Err(format!("{name} has no value")),
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_match_whole_names() {
+        let name = "/front/left/mr_damper";
+        for section in [
+            "/**",
+            "**",
+            "/**/mr_damper",
+            "/front/**",
+            "/front/*/mr_damper",
+            "/front/left/mr_damper",
+            "front/left/mr_damper",
+            "/front/**/left/*",
+            "/**/left/**",
+        ] {
+            assert!(matches(section, name), "{section}");
+        }
+        for section in [
+            "/*",
+            "/mr_damper",
+            "mr_damper",
+            "/front/*",
+            "/front/right/mr_damper",
+            "/**/left",
+            "/front/left/mr",
+        ] {
+            assert!(!matches(section, name), "{section}");
+        }
+        assert!(matches("mr_damper", "/mr_damper") && matches("/*", "/mr_damper"));
+    }
+
+    #[test]
+    fn what_names_the_node_is_stronger_than_a_pattern() {
+        let dir = tempfile::tempdir().expect("a temporary directory");
+        let path = dir.path().join("params.yaml");
+        let text = "/front_left/mr_damper:\n  ros__parameters:\n    coast_s: 2.0\n\
+                    /**:\n  ros__parameters:\n    coast_s: 1.0\n    zenoh:\n      web_rate_hz: 20\n\
+                    /rear/mr_damper:\n  ros__parameters:\n    coast_s: 9.0\n";
+        std::fs::write(&path, text).expect("writes");
+        let read: Vec<_> = read(&path, "/front_left/mr_damper")
+            .expect("a good file")
+            .into_iter()
+            .map(|assignment| (assignment.name, assignment.value))
+            .collect();
+        let named = |name: &str, value| (name.to_owned(), value);
+        assert_eq!(
+            read,
+            [
+                named("coast_s", Value::Double(1.0)),
+                named("zenoh.web_rate_hz", Value::Integer(20)),
+                named("coast_s", Value::Double(2.0))
+            ]
+        );
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_its_place() {
+        let dir = tempfile::tempdir().expect("a temporary directory");
+        let path = dir.path().join("params.yaml");
+        for (text, says) in [
+            ("/**:\n  coast_s: 1\n", "/** holds no ros__parameters"),
+            ("/**:\n  ros__parameters:\n    coast_s:\n", "/**: coast_s has no value"),
+            ("/**:\n  ros__parameters:\n    dampers: [1]\n", "dampers must be a list of texts"),
+            (": {", "params.yaml"),
+        ] {
+            std::fs::write(&path, text).expect("writes");
+            let message = read(&path, "/mr_damper").expect_err(text).to_string();
+            assert!(message.contains(says), "{text}: {message}");
+        }
+    }
+}

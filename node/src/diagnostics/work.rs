@@ -1,0 +1,231 @@
+//! How the node does: what comes in and goes out, how old it is, what was lost, how long it takes.
+
+use super::{Surroundings, value};
+use crate::lifecycle::Phase;
+use crate::service::Counters;
+use crate::wire::ModelNames;
+use mr_damper_model::pipeline::{Estimate, Event, Validity};
+use mr_damper_model::sample::Channel;
+use mr_damper_msgs::standard::{DiagnosticStatus, KeyValue};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Estimates older than this are none.
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// What comes on one channel, or goes out.
+#[derive(Debug, Clone, Copy, Default)]
+struct Flow {
+    since_look: u64,
+    last: Option<Instant>,
+}
+
+impl Flow {
+    fn note(&mut self, at: Instant) {
+        self.since_look += 1;
+        self.last = Some(at);
+    }
+}
+
+/// What was seen of the node's work since the last status.
+#[derive(Debug, Clone, Default)]
+pub struct Work {
+    inputs: [Flow; INPUTS.len()],
+    estimates: Flow,
+    commands: Flow,
+    estimate: Option<Estimate>,
+    looked: Option<Instant>,
+}
+
+/// The channels that are told of, by name.
+const INPUTS: [(Channel, &str); 6] = [
+    (Channel::Displacement, "displacement"),
+    (Channel::Drive, "drive"),
+    (Channel::Force, "measured_force"),
+    (Channel::CaseTemperature, "case_temperature"),
+    (Channel::BodyVelocity, "body_velocity"),
+    (Channel::ForceRequest, "force_request"),
+];
+
+impl Work {
+    /// Takes an event that came `at`.
+    pub fn take(&mut self, event: &Event, at: Instant) {
+        match event {
+            Event::Input(sample) => {
+                let channel = sample.reading.channel();
+                if let Some(index) = INPUTS.iter().position(|(known, _)| *known == channel) {
+                    self.inputs[index].note(at);
+                }
+            }
+            Event::Estimate(estimate) => {
+                self.estimates.note(at);
+                self.estimate = Some(*estimate);
+            }
+            Event::Command(_) => self.commands.note(at),
+            Event::Refusal(_) | Event::Residual(_) | Event::Transition(_) | Event::Alarm(_) => {}
+        }
+    }
+
+    /// The status at `now`; counts for rates begin anew.
+    pub fn status(
+        &mut self,
+        now: Instant,
+        around: &Surroundings<'_>,
+        names: &ModelNames,
+        phase: Phase,
+        counters: &Counters,
+    ) -> DiagnosticStatus {
+        let (level, message) = self.verdict(now, phase);
+        let mut values = vec![
+            value("state", phase.name()),
+            value("model", &names.free),
+            value("arx_model", names.seeded.as_deref().unwrap_or("none")),
+            value("model_hash", &names.hash),
+        ];
+        if let Some(estimate) = self.estimate.filter(|_| phase == Phase::Active) {
+            values.push(value("mode", estimate.mode.name()));
+            values.push(value("validity", estimate.validity.name()));
+        }
+        self.push_flows(now, &mut values);
+        let read = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        let (hot, source, sink) = (&counters.hot, &counters.source, &counters.ros_sink);
+        for (name, count) in [
+            ("received", read(&source.messages)),
+            ("unreadable", read(&source.unreadable)),
+            ("incomplete", read(&source.incomplete)),
+            ("dropped", read(&hot.overflow)),
+            ("idle", read(&hot.idle)),
+            ("refused", read(&sink.refused)),
+            ("estimates", read(&sink.estimates)),
+            ("not_published", read(&sink.failed)),
+        ] {
+            values.push(value(name, count));
+        }
+        if let Some(took) = sink.latency.take() {
+            for (name, seconds) in [
+                ("latency_median_ms", took.median_s),
+                ("latency_p99_ms", took.p99_s),
+                ("latency_worst_ms", took.worst_s),
+            ] {
+                values.push(value(name, format_args!("{:.3}", seconds * 1e3)));
+            }
+        }
+        DiagnosticStatus {
+            level,
+            name: format!("{}: node", around.node),
+            message,
+            hardware_id: around.damper.to_owned(),
+            values,
+        }
+    }
+
+    /// Rates since the last status, and ages.
+    fn push_flows(&mut self, now: Instant, values: &mut Vec<KeyValue>) {
+        let seconds = self.looked.map(|at| now.saturating_duration_since(at).as_secs_f64());
+        self.looked = Some(now);
+        let inputs = self.inputs.iter_mut().zip(INPUTS).map(|(flow, (_, name))| (name, flow));
+        let outputs = [("estimate", &mut self.estimates), ("command", &mut self.commands)];
+        for (name, flow) in inputs.chain(outputs) {
+            let count = std::mem::take(&mut flow.since_look);
+            let Some(last) = flow.last else { continue };
+            if let Some(seconds) = seconds.filter(|seconds| *seconds > 0.0) {
+                values.push(value(&format!("{name}_hz"), format_args!("{:.1}", count as f64 / seconds)));
+            }
+            let age_s = now.saturating_duration_since(last).as_secs_f64();
+            values.push(value(&format!("{name}_age_s"), format_args!("{age_s:.2}")));
+        }
+    }
+
+    fn verdict(&self, now: Instant, phase: Phase) -> (u8, String) {
+        if phase != Phase::Active {
+            let advice = match phase {
+                Phase::Unconfigured => "; change_state configures it",
+                Phase::Inactive => "; change_state activates it",
+                Phase::Active | Phase::Finalized => "",
+            };
+            return (DiagnosticStatus::OK, format!("the node is {}{advice}", phase.name()));
+        }
+        let fresh = self.estimates.last.is_some_and(|at| now.saturating_duration_since(at) <= SILENCE);
+        let Some(estimate) = self.estimate.filter(|_| fresh) else {
+            let message =
+                "no estimates: displacement is silent; see that it is published, with QoS and domain as here";
+            return (DiagnosticStatus::STALE, message.to_owned());
+        };
+        let reasons: Vec<&str> = estimate.reasons.names().collect();
+        let why = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join(", ")) };
+        let message =
+            format!("estimates in mode {} are {}{why}", estimate.mode.name(), estimate.validity.name());
+        let level = match estimate.validity {
+            Validity::Valid => DiagnosticStatus::OK,
+            Validity::Degraded | Validity::Extrapolating => DiagnosticStatus::WARN,
+            Validity::Stale | Validity::Invalid => DiagnosticStatus::ERROR,
+        };
+        (level, message)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mr_damper_model::pipeline::Reasons;
+    use mr_damper_model::sample::{Reading, Sample, Stamp};
+    use mr_damper_model::units::Metre;
+    use std::fmt::Write;
+
+    #[test]
+    fn statuses_as_text() {
+        let around = Surroundings {
+            node: "/front_left/mr_damper",
+            damper: "front_left",
+            model: "thesis/fuzzy-tanh/rp3-cs",
+            false_alarm_interval_s: 86_400.0,
+            history_s: 120.0,
+        };
+        let names = ModelNames { free: around.model.to_owned(), seeded: None, hash: "abc".to_owned() };
+        let counters = Counters::default();
+        let mut text = String::new();
+        let mut say = |what: &str, status: &DiagnosticStatus| {
+            let values: Vec<_> = status.values.iter().map(|v| format!("{}={}", v.key, v.value)).collect();
+            writeln!(text, "{what}: {} {}\n    {}", status.level, status.message, values.join(" "))
+                .expect("a text");
+        };
+        let (mut work, begin) = (Work::default(), Instant::now());
+        let at = |s: u64| begin + Duration::from_secs(s);
+        say(
+            "not configured",
+            &work.status(at(0), &around, &ModelNames::default(), Phase::Unconfigured, &counters),
+        );
+        say("active, and nothing comes", &work.status(at(1), &around, &names, Phase::Active, &counters));
+        for k in 0..100 {
+            let stamp = Stamp::from_nanos(k * 10_000_000);
+            let sample = Sample { stamp, received: stamp, reading: Reading::Displacement(Metre(0.0)) };
+            work.take(&Event::Input(sample), at(2));
+            let (mode, validity) = (mr_damper_model::pipeline::Mode::Model, Validity::Degraded);
+            let estimate = Estimate { mode, validity, reasons: Reasons::DRIVE_STALE, ..estimate(stamp) };
+            work.take(&Event::Estimate(estimate), at(2));
+            counters.ros_sink.latency.add(Duration::from_micros(80));
+        }
+        say("with an old drive", &work.status(at(2), &around, &names, Phase::Active, &counters));
+        say("silence", &work.status(at(9), &around, &names, Phase::Active, &counters));
+        insta::assert_snapshot!(text);
+    }
+
+    fn estimate(stamp: Stamp) -> Estimate {
+        use mr_damper_model::pipeline::{Mode, Slot};
+        use mr_damper_model::units::{Newton, Second};
+        Estimate {
+            stamp,
+            received: Some(stamp),
+            force: Newton(1.0),
+            smoothing: Newton(0.0),
+            std_dev: Newton(1.0),
+            band: [Newton(0.0), Newton(2.0)],
+            calibrated: false,
+            slot: Slot::Free,
+            mode: Mode::Model,
+            validity: Validity::Valid,
+            reasons: Reasons::NONE,
+            input_age: Second(0.0),
+        }
+    }
+}

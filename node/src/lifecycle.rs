@@ -1,0 +1,185 @@
+//! The states of a managed node, and how it goes from one to the other.
+//!
+//! ```text
+//!                configure            activate
+//!  unconfigured ──────────→ inactive ──────────→ active
+//!       ↑        cleanup ┘      └ deactivate ───────┘
+//!       └────────────────       shutdown: from each of the three to finalized
+//! ```
+//!
+//! | state | the node |
+//! |---|---|
+//! | unconfigured | has no model; those parameters that need a restart otherwise can be set |
+//! | inactive | has its models, checked; takes no samples, publishes no estimates and commands no current |
+//! | active | is at work |
+//! | finalized | does nothing more, and can only be ended |
+//!
+//! Transitions here are done when their service answers: there are no states between.
+
+use mr_damper_msgs::lifecycle::{State, Transition as TransitionMsg, TransitionDescription};
+
+/// A state of the node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// No model was loaded.
+    Unconfigured,
+    /// Ready, and silent.
+    Inactive,
+    /// At work.
+    Active,
+    /// At its end.
+    Finalized,
+}
+
+/// A way from one state to another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transition {
+    /// Load the models.
+    Configure,
+    /// Forget them.
+    Cleanup,
+    /// Begin to work, without a past.
+    Activate,
+    /// Fall silent.
+    Deactivate,
+    /// Fall silent for good.
+    Shutdown,
+}
+
+/// Each transition with its ends and its number in `lifecycle_msgs`.
+const TABLE: [(Transition, u8, Phase, Phase); 7] = [
+    (Transition::Configure, 1, Phase::Unconfigured, Phase::Inactive),
+    (Transition::Cleanup, 2, Phase::Inactive, Phase::Unconfigured),
+    (Transition::Activate, 3, Phase::Inactive, Phase::Active),
+    (Transition::Deactivate, 4, Phase::Active, Phase::Inactive),
+    (Transition::Shutdown, 5, Phase::Unconfigured, Phase::Finalized),
+    (Transition::Shutdown, 6, Phase::Inactive, Phase::Finalized),
+    (Transition::Shutdown, 7, Phase::Active, Phase::Finalized),
+];
+
+impl Phase {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Unconfigured, Self::Inactive, Self::Active, Self::Finalized];
+
+    /// The name, as in `lifecycle_msgs`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unconfigured => "unconfigured",
+            Self::Inactive => "inactive",
+            Self::Active => "active",
+            Self::Finalized => "finalized",
+        }
+    }
+
+    /// The state as a message.
+    #[must_use]
+    pub fn message(self) -> State {
+        let id = match self {
+            Self::Unconfigured => State::UNCONFIGURED,
+            Self::Inactive => State::INACTIVE,
+            Self::Active => State::ACTIVE,
+            Self::Finalized => State::FINALIZED,
+        };
+        State { id, label: self.name().to_owned() }
+    }
+
+    /// Where `transition` leads from here.
+    ///
+    /// # Errors
+    /// When it does not begin here; the message says which do.
+    pub fn after(self, transition: Transition) -> Result<Self, String> {
+        let row = TABLE.iter().find(|(other, _, from, _)| (*other, *from) == (transition, self));
+        row.map(|(_, _, _, to)| *to).ok_or_else(|| {
+            let possible: Vec<_> = self.ways().map(|(transition, _)| transition.name()).collect();
+            let possible = if possible.is_empty() { "none".to_owned() } else { possible.join(", ") };
+            format!("{} does not begin in the state {}; possible: {possible}", transition.name(), self.name())
+        })
+    }
+
+    /// The transitions that begin here, with their numbers.
+    pub fn ways(self) -> impl Iterator<Item = (Transition, u8)> {
+        TABLE
+            .iter()
+            .filter(move |(_, _, from, _)| *from == self)
+            .map(|(transition, id, _, _)| (*transition, *id))
+    }
+
+    /// The transition that a request means, by label or by number; a shutdown by any of its numbers.
+    ///
+    /// # Errors
+    /// When there is no such transition.
+    pub fn meant(request: &TransitionMsg) -> Result<Transition, String> {
+        let named = |(transition, id, _, _): &&(Transition, u8, Phase, Phase)| {
+            if request.label.is_empty() { *id == request.id } else { transition.name() == request.label }
+        };
+        TABLE.iter().find(named).map(|row| row.0).ok_or_else(|| {
+            format!(
+                "there is no transition {} \"{}\"; there are configure, cleanup, activate, deactivate, shutdown",
+                request.id, request.label
+            )
+        })
+    }
+}
+
+impl Transition {
+    /// The name, as in `lifecycle_msgs`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Configure => "configure",
+            Self::Cleanup => "cleanup",
+            Self::Activate => "activate",
+            Self::Deactivate => "deactivate",
+            Self::Shutdown => "shutdown",
+        }
+    }
+}
+
+/// All transitions with their ends, or those out of `from` alone.
+#[must_use]
+pub fn graph(from: Option<Phase>) -> Vec<TransitionDescription> {
+    let rows = TABLE.iter().filter(|row| from.is_none_or(|phase| phase == row.2));
+    rows.map(|(transition, id, start, goal)| TransitionDescription {
+        transition: TransitionMsg { id: *id, label: transition.name().to_owned() },
+        start_state: start.message(),
+        goal_state: goal.message(),
+    })
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fmt::Write;
+
+    #[test]
+    fn the_table_written_out() {
+        let mut text = String::new();
+        let all = [
+            Transition::Configure,
+            Transition::Cleanup,
+            Transition::Activate,
+            Transition::Deactivate,
+            Transition::Shutdown,
+        ];
+        for phase in Phase::ALL {
+            writeln!(text, "{} {}", phase.message().id, phase.name()).expect("a text");
+            for transition in all {
+                let told = phase.after(transition).map_or_else(|why| why, |to| format!("-> {}", to.name()));
+                writeln!(text, "  {:<10} {told}", transition.name()).expect("a text");
+            }
+        }
+        insta::assert_snapshot!(text);
+    }
+
+    #[test]
+    fn a_request_is_meant_by_its_label_or_by_its_number() {
+        let request = |id, label: &str| Phase::meant(&TransitionMsg { id, label: label.to_owned() });
+        assert_eq!(request(3, ""), Ok(Transition::Activate));
+        assert_eq!(request(0, "configure"), Ok(Transition::Configure));
+        assert_eq!(request(7, ""), Ok(Transition::Shutdown));
+        assert!(request(99, "").expect_err("unknown").contains("99"));
+        assert!(request(1, "start").expect_err("unknown").contains("\"start\""));
+    }
+}

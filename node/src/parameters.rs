@@ -1,0 +1,250 @@
+//! The node's parameters for its peers: the six services of `rcl_interfaces`, and `/parameter_events`.
+//!
+//! The client library has such services, but they know of no range, no description and no read-only parameter, so these are our
+//! own, over the one table of parameters. [`Control`] checks and applies what is set.
+
+use crate::config::{Change, Kind, Parameter, TABLE, Value, find};
+use crate::control::Control;
+use crate::error::NodeError;
+use crate::ros::Ros;
+use crate::wire::header;
+use mr_damper_msgs::rcl;
+use mr_damper_msgs::rcl::{
+    FloatingPointRange, IntegerRange, ListParametersResult, ParameterDescriptor, ParameterEvent,
+    ParameterValue, SetParametersResult,
+};
+use ros2_client::Publisher;
+use std::sync::Arc;
+
+/// What stands between the parts of a name.
+const SEPARATOR: char = '.';
+
+/// The parameters of a node.
+pub struct Parameters {
+    control: Arc<Control>,
+    events: Publisher<ParameterEvent>,
+    /// The node's full name.
+    node: String,
+}
+
+impl Parameters {
+    /// Publishes events of `node` (its full name), the first of which says what there is.
+    ///
+    /// # Errors
+    /// When the topic cannot be published.
+    pub fn start(ros: &mut Ros, control: &Arc<Control>, node: &str) -> Result<Self, NodeError> {
+        let events = ros.publish("/parameter_events")?;
+        let parameters = Self { control: Arc::clone(control), events, node: node.to_owned() };
+        let all: Vec<String> = TABLE.iter().map(|parameter| parameter.name.to_owned()).collect();
+        let new_parameters = parameters.present(&all);
+        parameters.publish(ParameterEvent { new_parameters, ..ParameterEvent::default() });
+        Ok(parameters)
+    }
+
+    /// Values by name, in their order; not set where there is no such parameter.
+    #[must_use]
+    pub fn get(&self, names: &[String]) -> Vec<ParameterValue> {
+        let config = self.control.config();
+        let value = |name: &String| config.get(name).map(to_ros).unwrap_or_default();
+        names.iter().map(value).collect()
+    }
+
+    /// Sets them, all or none.
+    #[must_use]
+    pub fn set(&self, wanted: &[rcl::Parameter]) -> SetParametersResult {
+        match self.try_set(wanted) {
+            Ok(()) => SetParametersResult { successful: true, reason: String::new() },
+            Err(reason) => {
+                tracing::warn!("a parameter was not set: {reason}");
+                SetParametersResult { successful: false, reason }
+            }
+        }
+    }
+
+    fn try_set(&self, wanted: &[rcl::Parameter]) -> Result<(), String> {
+        let named = wanted.iter().map(|rcl::Parameter { name, value }| {
+            Ok((name.as_str(), from_ros(value).ok_or_else(|| unfit(name, value))?))
+        });
+        let changed = self.control.set_parameters(&named.collect::<Result<Vec<_>, String>>()?)?;
+        self.announce(&changed);
+        Ok(())
+    }
+
+    /// Says on `/parameter_events` that parameters have another value by now.
+    pub fn announce(&self, names: &[String]) {
+        if !names.is_empty() {
+            let changed_parameters = self.present(names);
+            self.publish(ParameterEvent { changed_parameters, ..ParameterEvent::default() });
+        }
+    }
+
+    fn present(&self, names: &[String]) -> Vec<rcl::Parameter> {
+        let values = self.get(names).into_iter();
+        names.iter().cloned().zip(values).map(|(name, value)| rcl::Parameter { name, value }).collect()
+    }
+
+    fn publish(&self, event: ParameterEvent) {
+        let stamp = header(self.control.clock().now_or_system(), "").stamp;
+        let event = ParameterEvent { stamp, node: self.node.clone(), ..event };
+        if let Err(error) = self.events.publish(event) {
+            tracing::warn!(%error, "a change of parameters was not published");
+        }
+    }
+}
+
+/// Types by name, in their order.
+#[must_use]
+pub fn types(names: &[String]) -> Vec<u8> {
+    names
+        .iter()
+        .map(|name| find(name).map_or(ParameterValue::NOT_SET, |parameter| type_of(parameter.kind)))
+        .collect()
+}
+
+/// What parameters are and take, in the order of `names`; without type where there is no such parameter.
+#[must_use]
+pub fn describe(names: &[String]) -> Vec<ParameterDescriptor> {
+    let descriptor = |name: &String| match find(name) {
+        Ok(parameter) => descriptor(parameter),
+        Err(_) => ParameterDescriptor { name: name.clone(), ..ParameterDescriptor::default() },
+    };
+    names.iter().map(descriptor).collect()
+}
+
+/// Names below prefixes, as every ROS 2 node lists them: to a depth in dots, any where it is 0.
+#[must_use]
+pub fn list(prefixes: &[String], depth: u64) -> ListParametersResult {
+    let shallow = |rest: &str| depth == 0 || (rest.matches(SEPARATOR).count() as u64) < depth;
+    let below = |name: &str, prefix: &String| {
+        let rest = name.strip_prefix(prefix.as_str());
+        rest.is_some_and(|rest| rest.is_empty() || rest.strip_prefix(SEPARATOR).is_some_and(shallow))
+    };
+    let is_meant = |name: &str| {
+        if prefixes.is_empty() { shallow(name) } else { prefixes.iter().any(|prefix| below(name, prefix)) }
+    };
+    let mut found = ListParametersResult::default();
+    for name in TABLE.iter().map(|parameter| parameter.name).filter(|name| is_meant(name)) {
+        found.names.push(name.to_owned());
+        if let Some((prefix, _)) = name.rsplit_once(SEPARATOR)
+            && !found.prefixes.iter().any(|known| known == prefix)
+        {
+            found.prefixes.push(prefix.to_owned());
+        }
+    }
+    found
+}
+
+fn descriptor(parameter: &Parameter) -> ParameterDescriptor {
+    let (mut floating_point_range, mut integer_range) = (Vec::new(), Vec::new());
+    let mut constraints = Vec::new();
+    match parameter.kind {
+        Kind::Double(from_value, to_value) => {
+            floating_point_range.push(FloatingPointRange { from_value, to_value, step: 0.0 });
+        }
+        Kind::Sign => {
+            floating_point_range.push(FloatingPointRange { from_value: -1.0, to_value: 1.0, step: 2.0 });
+        }
+        Kind::Integer(from_value, to_value) => {
+            integer_range.push(IntegerRange { from_value, to_value, step: 1 });
+        }
+        Kind::Choice(_) => constraints.push(parameter.expected()),
+        Kind::Bool | Kind::Text | Kind::TextList => {}
+    }
+    if parameter.change == Change::Unconfigured {
+        constraints.push(format!("set only while the node is unconfigured{}", parameter.instead()));
+    }
+    ParameterDescriptor {
+        name: parameter.name.to_owned(),
+        r#type: type_of(parameter.kind),
+        description: parameter.doc.to_owned(),
+        additional_constraints: constraints.join("; "),
+        read_only: parameter.change == Change::Never,
+        dynamic_typing: false,
+        floating_point_range,
+        integer_range,
+    }
+}
+
+const fn type_of(kind: Kind) -> u8 {
+    match kind {
+        Kind::Bool => ParameterValue::BOOL,
+        Kind::Integer(..) => ParameterValue::INTEGER,
+        Kind::Double(..) | Kind::Sign => ParameterValue::DOUBLE,
+        Kind::Text | Kind::Choice(_) => ParameterValue::STRING,
+        Kind::TextList => ParameterValue::STRING_ARRAY,
+    }
+}
+
+fn to_ros(value: Value) -> ParameterValue {
+    let unset = ParameterValue::default();
+    match value {
+        Value::Bool(bool_value) => ParameterValue { r#type: ParameterValue::BOOL, bool_value, ..unset },
+        Value::Integer(integer_value) => {
+            ParameterValue { r#type: ParameterValue::INTEGER, integer_value, ..unset }
+        }
+        Value::Double(double_value) => {
+            ParameterValue { r#type: ParameterValue::DOUBLE, double_value, ..unset }
+        }
+        Value::Text(string_value) => ParameterValue { r#type: ParameterValue::STRING, string_value, ..unset },
+        Value::TextList(string_array_value) => {
+            ParameterValue { r#type: ParameterValue::STRING_ARRAY, string_array_value, ..unset }
+        }
+    }
+}
+
+fn from_ros(value: &ParameterValue) -> Option<Value> {
+    Some(match value.r#type {
+        ParameterValue::BOOL => Value::Bool(value.bool_value),
+        ParameterValue::INTEGER => Value::Integer(value.integer_value),
+        ParameterValue::DOUBLE => Value::Double(value.double_value),
+        ParameterValue::STRING => Value::Text(value.string_value.clone()),
+        ParameterValue::STRING_ARRAY => Value::TextList(value.string_array_value.clone()),
+        _ => return None,
+    })
+}
+
+fn unfit(name: &str, value: &ParameterValue) -> String {
+    match value.r#type {
+        ParameterValue::NOT_SET => format!("{name}: parameters of this node cannot be undeclared"),
+        other => format!("{name}: no parameter of this node is of type {other} of rcl_interfaces"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_parameter_is_described_whole() {
+        for parameter in TABLE.iter() {
+            let [described] = &describe(&[parameter.name.to_owned()])[..] else { panic!("one") };
+            assert_ne!(described.r#type, ParameterValue::NOT_SET, "{}", parameter.name);
+            assert!(!described.description.is_empty(), "{}", parameter.name);
+            let default = to_ros((parameter.get)(&crate::config::Config::default()));
+            assert_eq!(default.r#type, described.r#type, "{}", parameter.name);
+            assert_eq!(from_ros(&default), Some((parameter.get)(&crate::config::Config::default())));
+        }
+        let names = ["coast_s", "domain_id", "law", "displacement.sign", "model", "coats"].map(str::to_owned);
+        let told: Vec<_> = describe(&names).iter().map(|d| format!("{d:?}")).collect();
+        insta::assert_snapshot!(told.join("\n"));
+        assert_eq!(types(&names), [3, 2, 4, 3, 4, 0]);
+    }
+
+    #[test]
+    fn names_are_listed_by_prefix_and_depth() {
+        let listed = |prefixes: &[&str], depth| {
+            let prefixes: Vec<String> = prefixes.iter().map(|text| (*text).to_owned()).collect();
+            list(&prefixes, depth)
+        };
+        assert_eq!(listed(&[], 0).names.len(), TABLE.len());
+        let shallow = listed(&[], 1);
+        assert!(shallow.names.iter().all(|name| !name.contains('.')) && shallow.prefixes.is_empty());
+        let skyhook = listed(&["skyhook"], 1);
+        assert_eq!(
+            (skyhook.names, skyhook.prefixes),
+            (vec!["skyhook.damping_n_s_m".to_owned()], vec!["skyhook".to_owned()])
+        );
+        assert_eq!(listed(&["sky"], 0), ListParametersResult::default());
+        assert_eq!(listed(&["coast_s"], 7).names, ["coast_s"]);
+    }
+}

@@ -1,0 +1,68 @@
+//! Another node on the domain, which calls services.
+
+use futures::executor::block_on;
+use futures::future::{Either, select};
+use mr_damper_msgs::Service;
+use mr_damper_node::config::{Config, RosArgs};
+use mr_damper_node::ros::{Part, Ros};
+use ros2_client::NodeOptions;
+use std::pin::pin;
+use std::time::{Duration, Instant};
+
+/// How long an answer may take: a first call can take three seconds (see ros2.md).
+const PATIENCE: Duration = Duration::from_secs(15);
+
+/// The configuration of a node on a domain of its own.
+pub(crate) fn config(domain: i64) -> Config {
+    Config { domain_id: domain, align_wait_s: 0.5, ..Config::default() }
+}
+
+/// Waits until `is` so, for at most 10 s.
+pub(crate) fn wait_until(what: &str, mut is: impl FnMut() -> bool) {
+    let deadline = Instant::now() + Duration::from_secs(10);
+    while !is() {
+        assert!(Instant::now() < deadline, "waited for {what}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// The calling node.
+pub(crate) struct Caller {
+    pub(crate) ros: Ros,
+}
+
+impl Caller {
+    pub(crate) fn new(config: &Config) -> Self {
+        let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
+        let ros = Ros::start(config, &RosArgs::default(), options, "caller").expect("a peer starts");
+        Self { ros }
+    }
+
+    /// The answer of the service `name` below `node`.
+    pub(crate) fn call<S: Service>(&mut self, node: &str, name: &str, request: S::Request) -> S::Response
+    where
+        S::Request: Sync,
+        S::Response: Sync,
+    {
+        let client = self.ros.client::<S>(&format!("{node}/{name}")).expect("a client");
+        block_on(client.wait_for_service(self.ros.node()));
+        let call = pin!(client.async_call_service(Part(request)));
+        let late = pin!(async {
+            let (sender, receiver) = futures::channel::oneshot::channel();
+            std::thread::spawn(move || {
+                std::thread::sleep(PATIENCE);
+                // Nobody waits any more when the answer came in time.
+                let _ = sender.send(());
+            });
+            let _ = receiver.await;
+        });
+        match block_on(select(call, late)) {
+            Either::Left((answer, _)) => answer.expect("an answer that can be read").0,
+            Either::Right(_) => panic!("{name} is not answered within {} s", PATIENCE.as_secs()),
+        }
+    }
+
+    pub(crate) fn stop(self) {
+        self.ros.stop();
+    }
+}
