@@ -119,12 +119,13 @@ impl Fitting {
             )));
         }
         let (fitted, held_out) = split(&self.runs, FITTED * history_s);
-        let last = Mutex::new(String::new());
+        // Restarts end on several threads, in any order.
+        let behind = Mutex::new(-1.0);
         let progress = |progress: Progress| {
             let step = in_words(progress);
-            let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
-            if *last != step.stage {
-                last.clone_from(&step.stage);
+            let mut behind = behind.lock().unwrap_or_else(PoisonError::into_inner);
+            if step.progress > *behind {
+                *behind = step.progress;
                 say(step);
             }
         };
