@@ -82,7 +82,8 @@ fn drive(corners: &[Corner], rate_hz: f64, seconds: f64) -> Vec<i64> {
         std::thread::sleep(Duration::from_secs_f64(at_s).saturating_sub(begin.elapsed()));
         let stamp = system_now();
         for (index, corner) in corners.iter().enumerate() {
-            let phase = std::f64::consts::TAU * 1.5 * at_s + index as f64;
+            // Whole cycles a second, so that a second drive goes on where the first ended.
+            let phase = std::f64::consts::TAU * 2.0 * at_s + index as f64;
             let (displacement, current) = (0.01 * phase.sin(), if at_s % 2.0 < 1.0 { 0.4 } else { 0.8 });
             let header = header(stamp, "");
             let current = CoilCurrent { header: header.clone(), current, variance: 0.0 };
