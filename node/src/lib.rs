@@ -13,6 +13,7 @@ pub mod config;
 pub mod control;
 pub mod diagnostics;
 pub mod error;
+pub mod files;
 pub mod fleet;
 pub mod history;
 pub mod hot;
