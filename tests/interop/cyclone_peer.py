@@ -9,14 +9,16 @@ announces. Prints one JSON line.
 
 import argparse
 import os
+import sys
 import time
 from dataclasses import dataclass
 
 # Loopback only, multicast on it: the namespaces of the tests have nothing else.
+INTERFACE = sys.argv[sys.argv.index("--interface") + 1] if "--interface" in sys.argv else "lo"
 os.environ.setdefault(
     "CYCLONEDDS_URI",
     "<CycloneDDS><Domain><General><Interfaces>"
-    "<NetworkInterface name='lo' multicast='true'/></Interfaces></General></Domain></CycloneDDS>",
+    f"<NetworkInterface name='{INTERFACE}' multicast='true'/></Interfaces></General></Domain></CycloneDDS>",
 )
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription
@@ -224,6 +226,7 @@ class Peer:
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--interface", default="lo", help="network interface, read before CycloneDDS starts")
     parser.add_argument("--namespace", default="", help="of the node, such as /front_left")
     parser.add_argument("--against", choices=["node", "echo"], default="node")
     parser.add_argument("--csv", help="run to send; default: a sine")

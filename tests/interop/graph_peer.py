@@ -2,7 +2,8 @@
 """Watches one node in the graph: tells when it is there, and when it has gone.
 
 Prints {"event": "ready"} once the node is seen, then {"event": "gone", "unix_ns": ...} when the graph no longer
-lists it. Times are CLOCK_REALTIME, to compare with the moment at which the caller sent a signal.
+lists it. Times are CLOCK_REALTIME, to compare with the moment at which the caller sent a signal. With --absent S it looks for S
+seconds, and prints only whether the node was ever there: {"found": false}.
 """
 
 import argparse
@@ -16,15 +17,30 @@ from peer_common import emit, fail
 from ros_common import full_names, wait_until
 
 
+def look(args, watcher):
+    """Prints whether the node is in the graph at any time of the next seconds."""
+    deadline, found = time.monotonic() + args.absent, False
+    while time.monotonic() < deadline and not found:
+        found = args.node in full_names(watcher)
+        time.sleep(0.05)
+    emit({"found": found})
+    watcher.destroy_node()
+    rclpy.shutdown()
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--node", default="/mr_damper", help="fully qualified name of the node")
     parser.add_argument("--seconds", type=float, default=60.0, help="longest wait for it to go")
+    parser.add_argument("--absent", type=float, help="only look whether it is there, for so many seconds")
     args = parser.parse_args()
     rclpy.init()
     watcher = Node("graph_peer")
     executor = SingleThreadedExecutor()
     executor.add_node(watcher)
+    if args.absent is not None:
+        look(args, watcher)
+        return
     wait_until(
         lambda: args.node in full_names(watcher),
         executor,

@@ -3,6 +3,7 @@
 #
 # usage: netns.sh run COMMAND...        runs COMMAND in a new namespace and ends with its exit code
 #        netns.sh hold                  makes one, prints its "pid", keeps it until standard input closes
+#        netns.sh wire PID PID          a cable between two held ones, 10.77.0.1 to 10.77.0.2: two hosts (root only)
 #        netns.sh enter PID COMMAND...  becomes COMMAND (same process id) in the namespace that PID holds
 #
 # COMMAND under enter dies with the process that started it (SIGKILL), so nothing is left behind when a test
@@ -32,6 +33,14 @@ case $verb in
   hold)
     exec unshare "${spaces[@]}" -- bash -euc "$up"' && echo $$ && exec cat >/dev/null'
     ;;
+  wire)
+    [ $# = 3 ] || die "usage: netns.sh wire PID PID"
+    [ "$(id -u)" = 0 ] || die "only root can wire two namespaces"
+    ip link add near netns "$2" type veth peer name far netns "$3"
+    wired='ip addr add "$2" dev "$1" && ip link set "$1" up && ip route replace 224.0.0.0/4 dev "$1"'
+    nsenter --target "$2" --net -- bash -euc "$wired" netns near 10.77.0.1/24
+    nsenter --target "$3" --net -- bash -euc "$wired" netns far 10.77.0.2/24
+    ;;
   enter)
     [ $# -ge 3 ] || die "usage: netns.sh enter PID COMMAND..."
     pid=$2
@@ -40,5 +49,5 @@ case $verb in
     [ "$(id -u)" = 0 ] || spaces=(--user --preserve-credentials --net)
     exec nsenter --target "$pid" "${spaces[@]}" -- setpriv --pdeathsig KILL "$@"
     ;;
-  *) die "usage: netns.sh run COMMAND... | hold | enter PID COMMAND..." ;;
+  *) die "usage: netns.sh run COMMAND... | hold | wire PID PID | enter PID COMMAND..." ;;
 esac

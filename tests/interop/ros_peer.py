@@ -47,6 +47,7 @@ def arguments():
     parser.add_argument(
         "--force-seconds", type=float, default=math.inf, help="measured force stops after this long"
     )
+    parser.add_argument("--list-below", help="list the parameters below this alone, and describe fewer of them")
     return parser.parse_args()
 
 
@@ -144,7 +145,8 @@ class Peer:
         client = AsyncParameterClient(self.node, self.args.node)
         # rclpy's wait_for_services also wants services that ros2-client does not offer, so wait for calls.
         result = {}
-        listed = self.call("list_parameters", client.list_parameters())
+        below = [self.args.list_below] if self.args.list_below else None
+        listed = self.call("list_parameters", client.list_parameters(below))
         result["listed"] = sorted(listed.result.names)
         described = self.call("describe_parameters", client.describe_parameters(["coast_s", "model"]))
         result["described"] = {d.name: d.type for d in described.descriptors}

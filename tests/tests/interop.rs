@@ -303,6 +303,36 @@ fn a_model_was_identified(saw: &Value) {
 }
 
 #[test]
+fn another_host_is_served_when_the_subnet_may_find_the_node() {
+    interop("two hosts", |lab| {
+        let Some(far) = lab.neighbour() else {
+            return Outcome::Skipped("two network namespaces cannot be wired: that takes root".to_owned());
+        };
+        // By default the node is this machine's alone: nobody over there sees it.
+        let hidden = lab.node(PRESET, &[]);
+        let seen = far.ros(Distro::Jazzy, "graph_peer.py", &["--node", NODE, "--absent", "4"]).json(PEER);
+        assert!(!truth(&seen, "/found"), "{seen:#}");
+        drop(hidden);
+        let _node = lab.node(PRESET, &["-p", "discovery_range:=subnet"]);
+        // Longer answers of services are lost on their way: docs/decisions/0006-answers-between-hosts.md.
+        let args = ["--node", NODE, "--force-seconds", "3", "--list-below", "current"];
+        let saw = far.ros(Distro::Jazzy, "ros_peer.py", &args).json(PEER);
+        estimates_arrived(&saw);
+        residuals_arrived(&saw);
+        assert!(truth(&saw, "/parameters/set/successful"), "{:#}", found(&saw, "/parameters"));
+        models_were_loaded(&saw);
+        diagnostics_arrived(&saw);
+        let cyclone = far.peer("cyclone_peer.py", &["--interface", "far"]).json(PEER);
+        estimates_arrived(&cyclone);
+        Outcome::Passed(format!(
+            "{} estimates to rclpy, {} to CycloneDDS, over a cable",
+            count(&saw, "/force_estimate/count"),
+            count(&cyclone, "/force_estimate/count")
+        ))
+    });
+}
+
+#[test]
 fn rclpy_jazzy_asks_for_forces() {
     interop("supervisor with rclpy jazzy", |lab| supervisor(lab, Distro::Jazzy));
 }

@@ -11,6 +11,7 @@ use process::{Program, script};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::rc::Rc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// The node's fully qualified name when nothing renames it.
@@ -41,7 +42,7 @@ pub(crate) struct Lab {
     holder: Child,
     domain: u32,
     folder: tempfile::TempDir,
-    logs: RefCell<Vec<(String, PathBuf)>>,
+    logs: Rc<RefCell<Vec<(String, PathBuf)>>>,
 }
 
 impl Lab {
@@ -50,6 +51,18 @@ impl Lab {
         // also beside a second run of these tests.
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let domain = 1 + (std::process::id() * 7 + NEXT.fetch_add(1, Ordering::Relaxed)) % 100;
+        Self::of(domain, Rc::default())
+    }
+
+    /// Another host in the same domain, at the other end of a cable; `None` when only root can have one.
+    pub(crate) fn neighbour(&self) -> Option<Self> {
+        let other = Self::of(self.domain, Rc::clone(&self.logs));
+        let ends = [self.holder.id(), other.holder.id()].map(|id| id.to_string());
+        let wired = Command::new(script("netns.sh")).arg("wire").args(ends).status();
+        wired.is_ok_and(|status| status.success()).then_some(other)
+    }
+
+    fn of(domain: u32, logs: Rc<RefCell<Vec<(String, PathBuf)>>>) -> Self {
         let folder = tempfile::tempdir().expect("a temporary directory");
         let mut holder = Command::new(script("netns.sh"))
             .arg("hold")
@@ -66,7 +79,7 @@ impl Lab {
             "no network namespace: `tests/interop/netns.sh hold` should print its process id and wait; \
              its message above says what it lacks"
         );
-        Self { holder, domain, folder, logs: RefCell::default() }
+        Self { holder, domain, folder, logs }
     }
 
     /// A directory that goes with the laboratory.
