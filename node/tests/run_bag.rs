@@ -9,24 +9,6 @@ use mr_damper_node::run::{
     BagOptions, BagWriter, LoadOptions, Note, Part, RunError, SaveOptions, Sync, Topic, convert, load, save,
 };
 use run_support::*;
-use std::fmt::Write as _;
-
-/// A CSV text in canonical form with all known columns, both drives, others, and cells left empty.
-fn canonical(rows: usize) -> String {
-    let mut text =
-        "time_s,displacement_m,velocity_m_s,force_n,current_a,command_v,case_temp_c,ambient_temp_c,\
-                    setpoint_m,Pump [bar],pump_bar,2nd\n"
-            .to_owned();
-    for row in 0..rows {
-        let (x, t) = (row as f64 * 0.1, 1_700_000_000_000_000_001 + row as i64 * 1_234_567);
-        let time = format!("{}.{:09}", t / 1_000_000_000, t % 1_000_000_000);
-        let time = time.trim_end_matches('0');
-        let force = if row % 3 == 0 { String::new() } else { format!("{}", x.cos() * 1000.0) };
-        writeln!(text, "{time},{},{x},{force},0.1,-0,20.5,21,{},1e-300,,{row}", x.sin(), x / 3.0)
-            .expect("text");
-    }
-    text
-}
 
 #[test]
 fn csv_to_bag_and_back_is_byte_identical() {
@@ -281,18 +263,23 @@ fn metadata_decides_about_the_files() {
         std::fs::write(&metadata, text).expect("written");
         refusal(&path, &plain())
     };
-    let advice = "`ros2 bag reindex` writes it anew, or name the .mcap file itself";
+    let advice = "`ros2 bag reindex` writes it anew, or name the .mcap or .db3 file itself";
     assert_eq!(
         refused(&split.replace("bag/a_second_1.mcap", "../../etc/gone.mcap")),
         format!("bag/metadata.yaml: it names `../../etc/gone.mcap`, which is not there; {advice}")
     );
     assert!(refused("no: bag\n").starts_with("bag/metadata.yaml: not the metadata of a bag: "));
     assert!(
-        refused(&yaml.replace("identifier: mcap", "identifier: sqlite3"))
-            .contains("bag: sqlite3 bags (.db3)")
+        refused(&yaml.replace("identifier: mcap", "identifier: rosbag1"))
+            .contains("storage `rosbag1` is not read, only mcap and sqlite3")
     );
-    let compressed = yaml.replace("_mode: \"\"", "_mode: FILE").replace("_format: \"\"", "_format: zstd");
-    assert!(refused(&compressed).starts_with("bag: compressed with `zstd, FILE mode`, which is not read"));
+    for (mode, format, name) in [("FILE", "lz4", "lz4, FILE mode"), ("BLOCK", "zstd", "zstd, BLOCK mode")] {
+        let compressed = yaml
+            .replace("_mode: \"\"", &format!("_mode: {mode}"))
+            .replace("_format: \"\"", &format!("_format: {format}"));
+        let text = refused(&compressed);
+        assert!(text.starts_with(&format!("bag: compressed with `{name}`, which is not read")), "{text}");
+    }
 
     // Without metadata, names decide, and a note says so.
     std::fs::remove_file(&metadata).expect("removed");

@@ -258,17 +258,18 @@ fn paths_that_are_no_run_are_refused() {
     assert_eq!(
         text(&path),
         "run.xlsx: not a run: a .xlsx file; a run is a CSV file, a rosbag2 directory with metadata.yaml, or \
-         an .mcap file"
+         an .mcap or .db3 file"
     );
     assert!(text(&dir.path().join("none.csv")).starts_with("none.csv: cannot open: No such file"));
-    let db3 = dir.path().join("bag.db3");
-    std::fs::write(&db3, b"SQLite format 3\0").expect("written");
-    assert!(
-        text(&db3)
-            .starts_with("bag.db3: sqlite3 bags (.db3) are not read yet, that comes with a later version")
-    );
     std::fs::create_dir(dir.path().join("empty")).expect("created");
-    assert!(text(&dir.path().join("empty")).contains("a directory without metadata.yaml or .mcap files"));
+    assert!(
+        text(&dir.path().join("empty"))
+            .contains("a directory without metadata.yaml and without .mcap or .db3 files")
+    );
+    for name in ["a.mcap", "a.db3"] {
+        std::fs::write(dir.path().join("empty").join(name), "").expect("written");
+    }
+    assert!(text(&dir.path().join("empty")).contains("that holds both .mcap and .db3 files; name the one"));
 }
 
 #[test]
@@ -285,7 +286,10 @@ fn written_files_are_canonical_and_not_overwritten() {
         error.ends_with("out.csv: exists already and is not overwritten; remove it or choose another name")
     );
     let error = save(&run, &dir.path().join("out.xls"), &SaveOptions::default()).expect_err("refused");
-    assert!(error.to_string().contains("name a .csv file, or a directory without extension"), "{error}");
+    assert!(
+        error.to_string().contains("name a .csv, .mcap or .db3 file, or a directory without extension"),
+        "{error}"
+    );
     // Nothing half-done is left.
     assert_eq!(std::fs::read_dir(out.parent().expect("parent")).expect("listed").count(), 1);
 }

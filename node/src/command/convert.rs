@@ -1,18 +1,19 @@
-//! `mr-damper convert`: between CSV and rosbag2.
+//! `mr-damper convert`: between CSV and rosbag2, and between the forms of rosbag2.
 
 use crate::command::Surroundings;
+use crate::command::bag_args::BagArgs;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::run::{self, Part, SaveOptions};
 use std::path::PathBuf;
 
-/// Convert a run between CSV and rosbag2 (MCAP), without loss.
+/// Convert a run between CSV and rosbag2 (MCAP, sqlite3), without loss.
 ///
-/// A target that ends in .csv becomes a CSV file, any other a rosbag2 directory. With --start and --duration a part of
+/// A target that ends in .csv, .mcap or .db3 becomes such a file, any other a rosbag2 directory. With --start and --duration a part of
 /// the run is cut out, such as one half to identify from and one to test on.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// CSV file, rosbag2 directory, or .mcap file.
+    /// CSV file, rosbag2 directory, or .mcap or .db3 file; bags may be compressed, damaged, or without metadata.
     #[arg(value_name = "IN")]
     pub input: PathBuf,
     /// Target; must not exist.
@@ -27,6 +28,9 @@ pub struct Args {
     /// Write this many seconds; by default to the end.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
+    /// How bags are written.
+    #[command(flatten)]
+    pub bag: BagArgs,
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
@@ -37,8 +41,9 @@ pub struct Args {
 /// # Errors
 /// When the run does not load, or the target exists or cannot be written.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    args.bag.check(&args.output)?;
     let part = Part { start_s: args.start, duration_s: args.duration };
-    let save = SaveOptions { namespace: args.namespace.clone(), part, ..SaveOptions::default() };
+    let save = SaveOptions { namespace: args.namespace.clone(), part, bag: args.bag.options() };
     let loaded = run::convert(&args.input, &args.output, &args.load.options(), &save)?;
     for note in &loaded.notes {
         tracing::warn!(run = %args.input.display(), "{note}");

@@ -1,5 +1,6 @@
 //! The commands, one file each: its arguments, and what it does with them.
 
+pub mod bag_args;
 pub mod close;
 pub mod compare;
 pub mod conditioning;

@@ -2,6 +2,7 @@
 
 use crate::clock::system_now;
 use crate::command::Surroundings;
+use crate::command::bag_args::BagArgs;
 use crate::config::Config;
 use crate::error::NodeError;
 use crate::ros::Ros;
@@ -19,9 +20,10 @@ use std::time::{Duration, Instant};
 /// Name of the node, unless it is given another.
 pub const NODE: &str = "mr_damper_record";
 
-/// Record everything in and out of a damper's node into a rosbag2 directory (MCAP).
+/// Record everything in and out of a damper's node into a rosbag2 directory.
 ///
-/// A process that is killed loses at most the last chunk, whose age --chunk-age bounds. Ctrl-C ends properly.
+/// A process that is killed loses at most the last chunk, whose age --chunk-age bounds; the bag reads without repair.
+/// Ctrl-C ends properly.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Directory to make; must not exist.
@@ -33,6 +35,9 @@ pub struct Args {
     /// Longest time that a message waits in memory, s.
     #[arg(long, value_name = "S", default_value_t = 1.0)]
     pub chunk_age: f64,
+    /// How the bag is written.
+    #[command(flatten)]
+    pub bag: BagArgs,
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
     #[arg(long, value_name = "ID", default_value_t = -1)]
     pub domain_id: i64,
@@ -50,7 +55,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let ros_args = &around.ros_args;
     let name = ros_args.node.as_deref().unwrap_or(NODE);
     let age = Duration::from_secs_f64(args.chunk_age.clamp(0.01, 3600.0));
-    let mut bag = BagWriter::create(&args.out, BagOptions { chunk_max_age: age, ..BagOptions::default() })?;
+    let mut bag = BagWriter::create(&args.out, BagOptions { chunk_max_age: age, ..args.bag.options() })?;
     let mut ros = Ros::start(&config, ros_args, NodeOptions::new().enable_rosout(false), name)?;
     let taps = taps(&mut ros, &|topic| ros_args.topic(topic))?;
     let deadline = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e9)));
@@ -81,7 +86,8 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         tracing::warn!(messages = recorded.unreadable, "messages could not be read and are not in the bag");
     }
     if !around.quiet {
-        eprintln!("{}: {} messages, {} bytes", summary.path.display(), recorded.messages, summary.bytes);
+        let (path, files) = (summary.path.display(), summary.files);
+        eprintln!("{path}: {} messages, {files} files, {} bytes", recorded.messages, summary.bytes);
     }
     Ok(())
 }

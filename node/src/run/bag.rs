@@ -2,19 +2,17 @@
 
 use super::column::Quantity;
 use super::csv::settle_drive;
-use super::hash::{Hash, HashingReader};
-use super::mcap::{Sink, read};
+use super::hash::Hash;
 use super::names::{Role, normal_namespace, role_of};
+use super::pack::{MessageUnpacker, is_packed};
+use super::storage::{Sink, TopicInfo, read};
 use super::wire::{Decoder, Fault};
-use super::{LoadOptions, Note, RunError, bag_write::COLUMN_KEY};
-use mcap::records::{Channel, MessageHeader, SchemaHeader};
+use super::{LoadOptions, Note, RunError};
 use mr_damper_model::sample::{Run, Stamp, Trace};
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// Reads the run in MCAP files that follow each other; `path` names the whole.
+/// Reads the run in files that follow each other; `path` names the whole.
 pub(super) fn load(
     path: &Path,
     files: &[PathBuf],
@@ -22,16 +20,10 @@ pub(super) fn load(
     notes: &mut Vec<Note>,
     hash: &mut Hash,
 ) -> Result<Run, RunError> {
-    let mut bag =
-        Bag { options, topics: Vec::new(), schemas: HashMap::new(), channels: HashMap::new(), stray: 0 };
+    let unpacker = MessageUnpacker::new();
+    let mut bag = Bag { options, topics: Vec::new(), of_file: HashMap::new(), stray: 0, unpacker };
     for file in files {
-        let source = File::open(file).map_err(RunError::io(file, "open"))?;
-        let mut source = HashingReader::new(BufReader::with_capacity(1 << 18, source), hash);
-        // Ids of schemas and channels hold within one file.
-        bag.schemas.clear();
-        bag.channels.clear();
-        read(file, &mut source, &mut bag, notes)?;
-        source.drain().map_err(RunError::io(file, "read"))?;
+        read(file, &mut bag, notes, hash)?;
     }
     bag.into_run(path, notes)
 }
@@ -64,21 +56,18 @@ impl Topic {
         (!series.trace.is_empty()).then_some(&series.trace)
     }
 
-    fn message(&mut self, header: &MessageHeader, data: &[u8]) {
+    fn message(&mut self, log_time: Result<i64, String>, data: &[u8], unpacker: &mut MessageUnpacker) {
         self.messages += 1;
         let Some(decoder) = &self.decoder else { return };
-        let decoded = match decoder.decode(data) {
-            Ok(decoded) => decoded,
-            Err(Fault(fault)) => {
+        let cdr = if is_packed(data) { unpacker.unpack(data) } else { Ok(data) };
+        let decoded = cdr.and_then(|cdr| decoder.decode(cdr).map_err(|Fault(fault)| fault));
+        let (decoded, log_time) = match (decoded, log_time) {
+            (Ok(decoded), Ok(log_time)) => (decoded, log_time),
+            (Err(fault), _) | (_, Err(fault)) => {
                 self.undecodable.0 += 1;
                 self.undecodable.1.get_or_insert(fault);
                 return;
             }
-        };
-        let Ok(log_time) = i64::try_from(header.log_time) else {
-            self.undecodable.0 += 1;
-            self.undecodable.1.get_or_insert(format!("log time {} ns is out of range", header.log_time));
-            return;
         };
         // A stamp of zero is how publishers say that they did not set it.
         let unset = decoded.stamp == Some(0) && log_time != 0;
@@ -118,50 +107,50 @@ impl Topic {
 struct Bag<'a> {
     options: &'a LoadOptions,
     topics: Vec<Topic>,
-    schemas: HashMap<u16, String>,
-    channels: HashMap<u16, usize>,
-    /// Messages of channels whose description was lost to damage.
+    /// The topics by the ids of the file at hand.
+    of_file: HashMap<i64, usize>,
+    /// Messages of topics whose description was lost to damage.
     stray: u64,
+    unpacker: MessageUnpacker,
 }
 
 impl Sink for Bag<'_> {
-    fn schema(&mut self, header: SchemaHeader) {
-        self.schemas.insert(header.id, header.name);
+    fn begin_file(&mut self) {
+        self.of_file.clear();
     }
 
-    fn channel(&mut self, channel: Channel) {
-        let type_name = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+    fn topic(&mut self, id: i64, info: TopicInfo) {
         let known =
-            self.topics.iter().position(|topic| topic.name == channel.topic && topic.type_name == type_name);
+            self.topics.iter().position(|topic| topic.name == info.name && topic.type_name == info.type_name);
         let index = known.unwrap_or_else(|| {
-            self.topics.push(new_topic(channel.clone(), type_name, self.options));
+            self.topics.push(new_topic(info, self.options));
             self.topics.len() - 1
         });
-        self.channels.insert(channel.id, index);
+        self.of_file.insert(id, index);
     }
 
-    fn message(&mut self, header: &MessageHeader, data: &[u8]) {
-        match self.channels.get(&header.channel_id) {
-            Some(&index) => self.topics[index].message(header, data),
+    fn message(&mut self, topic: i64, log_time: Result<i64, String>, data: &[u8]) {
+        match self.of_file.get(&topic) {
+            Some(&index) => self.topics[index].message(log_time, data, &mut self.unpacker),
             None => self.stray += 1,
         }
     }
 }
 
-fn new_topic(channel: Channel, type_name: String, options: &LoadOptions) -> Topic {
-    let (namespace, role) = match role_of(&channel.topic) {
+fn new_topic(info: TopicInfo, options: &LoadOptions) -> Topic {
+    let (namespace, role) = match role_of(&info.name) {
         Some((namespace, Role::Other(name))) => {
-            let column = channel.metadata.get(COLUMN_KEY).cloned().unwrap_or(name);
+            let column = info.column.clone().unwrap_or(name);
             (namespace, Some(Role::Other(column)))
         }
         Some((namespace, role)) => (namespace, Some(role)),
         None => ("", None),
     };
-    let cdr = channel.message_encoding == "cdr";
+    let cdr = info.encoding == "cdr";
     let decoder = role
         .as_ref()
         .filter(|_| cdr)
-        .and_then(|role| Decoder::new(role, &type_name, options.joint.as_deref()));
+        .and_then(|role| Decoder::new(role, &info.type_name, options.joint.as_deref()));
     let roles = match (role, &decoder) {
         (_, None) => vec![],
         (Some(Role::Joints), _) => {
@@ -171,9 +160,9 @@ fn new_topic(channel: Channel, type_name: String, options: &LoadOptions) -> Topi
     };
     Topic {
         namespace: namespace.to_owned(),
-        name: channel.topic,
-        type_name,
-        encoding: channel.message_encoding,
+        name: info.name,
+        type_name: info.type_name,
+        encoding: info.encoding,
         decoder,
         series: roles.into_iter().map(|role| Series { role, trace: Trace::default() }).collect(),
         messages: 0,
@@ -228,7 +217,7 @@ impl Bag<'_> {
             notes.push(Note::TopicsLeft { topics: left });
         }
         if self.stray > 0 {
-            let first = "the record that describes their channel is missing".to_owned();
+            let first = "what describes their topic is missing".to_owned();
             notes.push(Note::Undecodable { topic: "(unknown)".into(), count: self.stray, first });
         }
         settle_drive(path, drives, options, &mut run)?;

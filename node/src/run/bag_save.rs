@@ -3,7 +3,7 @@
 use super::bag_write::{BagOptions, BagWriter, Topic, TopicId};
 use super::names::Namer;
 use super::wire::Encoder;
-use super::{RunError, columns_of};
+use super::{RunError, columns_of, write_beside};
 use mr_damper_model::sample::{Run, Trace};
 use std::path::Path;
 
@@ -25,6 +25,31 @@ pub(super) fn save(run: &Run, dir: &Path, namespace: &str, options: BagOptions) 
     write(writer, dir, &columns, namespace).inspect_err(|_| {
         // The directory is ours alone: `create` refuses one that exists. The first error counts.
         let _ = std::fs::remove_dir_all(dir);
+    })
+}
+
+/// The same into one file at `path`, without a directory and its `metadata.yaml`.
+pub(super) fn save_file(
+    run: &Run,
+    path: &Path,
+    namespace: &str,
+    options: BagOptions,
+) -> Result<(), RunError> {
+    let columns = columns_of(run, path)?;
+    if options.max_file_bytes.is_some() || options.max_file_duration.is_some() {
+        let what = "several files into one".to_owned();
+        let why = "only a bag's directory can be split: name one, without extension".to_owned();
+        return Err(RunError::Unwritable { path: path.to_owned(), what, why });
+    }
+    write_beside(path, |part| {
+        write(BagWriter::create_file(part, options)?, path, &columns, namespace).inspect_err(|_| {
+            // Journals of a database; the first error counts.
+            for journal in ["-wal", "-shm"] {
+                let mut name = part.as_os_str().to_owned();
+                name.push(journal);
+                let _ = std::fs::remove_file(name);
+            }
+        })
     })
 }
 

@@ -1,44 +1,110 @@
-//! Writing rosbag2 bags: one MCAP file and `metadata.yaml` in a directory of their own.
+//! Writing rosbag2 bags: files of one storage, and `metadata.yaml`, in a directory of their own.
 //!
-//! The file is written in chunks that are complete when they reach the operating system, and never rewritten:
-//! when the process is killed, the bag holds everything up to the last chunk and reads without repair (also
-//! without `metadata.yaml`, which comes at the end).
+//! Messages wait in a chunk until that is old or big enough; then the operating system has them. When the
+//! process is killed, the bag holds everything up to the last chunk and reads without repair (also without
+//! `metadata.yaml`, which comes at the end). How a chunk becomes durable is the storage's affair:
+//! [`McapFile`], [`SqliteFile`].
 
-use super::metadata::{self, TopicEntry, Written};
+use super::mcap_write::McapFile;
+use super::metadata::{self, FileEntry, TopicEntry, Written};
 use super::names::{is_topic_name, is_type_name};
+use super::pack::{pack_file, packed_name};
+use super::sqlite_write::SqliteFile;
 use super::{RunError, write_file};
-use mcap::records::{MessageHeader, Metadata};
-use mcap::{Compression, WriteOptions};
-use mr_damper_msgs::{Message, cdr};
-use std::collections::{BTreeMap, HashMap};
-use std::fs::{self, File};
-use std::io::{BufWriter, Write};
+use mr_damper_msgs::cdr;
+use std::collections::HashMap;
+use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+
+/// What the files of a bag are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Storage {
+    /// MCAP, the default of ROS 2 since Iron.
+    #[default]
+    Mcap,
+    /// An SQLite database, the default before that.
+    Sqlite3,
+}
+
+impl Storage {
+    /// The name that `metadata.yaml` and `ros2 bag` have for it.
+    #[must_use]
+    pub fn identifier(self) -> &'static str {
+        match self {
+            Self::Mcap => "mcap",
+            Self::Sqlite3 => "sqlite3",
+        }
+    }
+
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Mcap => "mcap",
+            Self::Sqlite3 => "db3",
+        }
+    }
+
+    pub(super) fn of_identifier(name: &str) -> Option<Self> {
+        [Self::Mcap, Self::Sqlite3].into_iter().find(|storage| storage.identifier() == name)
+    }
+
+    /// The storage of a file by its name, packed or not.
+    pub(super) fn of_file(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
+        let (_, extension) = name.strip_suffix(".zstd").unwrap_or(&name).rsplit_once('.')?;
+        [Self::Mcap, Self::Sqlite3].into_iter().find(|storage| storage.extension() == extension)
+    }
+}
 
 /// How a bag is written.
 #[derive(Debug, Clone)]
 pub struct BagOptions {
+    /// What its files are.
+    pub storage: Storage,
     /// The longest time for which a message stays in memory before its chunk is handed to the operating
     /// system, as long as the writer is called: what a `SIGKILL` can cost at most.
     pub chunk_max_age: Duration,
     /// Size at which a chunk is handed over before its time, in bytes before compression.
     pub chunk_max_bytes: usize,
-    /// Compress chunks with zstd.
+    /// Compress with zstd: chunks of MCAP, whole files of sqlite3 once they are complete (mode `FILE`).
     pub compress: bool,
     /// When data are forced to the disk.
     pub sync: Sync,
+    /// Size at which another file is begun, in bytes as they lie on the disk before files are packed. A file with
+    /// its index may be a little larger; it holds one message at least.
+    pub max_file_bytes: Option<u64>,
+    /// Duration of log times after which another file is begun.
+    pub max_file_duration: Option<Duration>,
 }
 
 impl Default for BagOptions {
-    /// One second, 1 MiB, zstd, and one sync at the end.
+    /// MCAP in one file, one second, 1 MiB, zstd, and one sync at the end.
     fn default() -> Self {
         Self {
+            storage: Storage::Mcap,
             chunk_max_age: Duration::from_secs(1),
             chunk_max_bytes: 1 << 20,
             compress: true,
             sync: Sync::AtEnd,
+            max_file_bytes: None,
+            max_file_duration: None,
         }
+    }
+}
+
+impl BagOptions {
+    /// The same for another storage. A database is not packed then, which would have to wait for its end.
+    #[must_use]
+    pub fn stored(self, storage: Storage) -> Self {
+        let compress = if self.storage == storage { self.compress } else { storage == Storage::Mcap };
+        Self { storage, compress, ..self }
+    }
+
+    /// Files are packed as a whole.
+    fn packs(&self) -> bool {
+        self.storage == Storage::Sqlite3 && self.compress
     }
 }
 
@@ -46,7 +112,8 @@ impl Default for BagOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sync {
     /// Once, in [`BagWriter::finish`]. A killed process loses at most the last chunk; a power cut may lose as
-    /// much as the system holds back, typically 5 to 30 s. A chunk costs no wait for the disk.
+    /// much as the system holds back, typically 5 to 30 s. A chunk costs no wait for the disk (in sqlite3: but for
+    /// one in about 4 MB, when its log is merged).
     AtEnd,
     /// After every chunk. A power cut, too, loses at most the last chunk. A chunk waits for the disk, some
     /// milliseconds on flash and tens of them on a loaded disk: call the writer on a thread that may wait.
@@ -73,7 +140,7 @@ pub struct Topic<'a> {
 impl<'a> Topic<'a> {
     /// A topic of one of our message types.
     #[must_use]
-    pub fn of<M: Message>(name: &'a str) -> Self {
+    pub fn of<M: mr_damper_msgs::Message>(name: &'a str) -> Self {
         Self { name, type_name: M::TYPE, definition: M::DEFINITION, type_hash: M::TYPE_HASH, column: None }
     }
 }
@@ -90,33 +157,136 @@ pub struct BagSummary {
     pub path: PathBuf,
     /// Messages, by topic in the order of their first mention.
     pub topics: Vec<(String, u64)>,
-    /// Size of the MCAP file in bytes.
+    /// How many files it has.
+    pub files: usize,
+    /// Their size in bytes.
     pub bytes: u64,
+}
+
+/// A message on its way into a file.
+pub(super) struct Message<'a> {
+    /// Its topic's place in the bag.
+    pub(super) topic: usize,
+    pub(super) sequence: u32,
+    pub(super) log_time: u64,
+    pub(super) publish_time: u64,
+    pub(super) cdr: &'a [u8],
+}
+
+/// The file at hand, of either storage.
+enum OpenFile {
+    Mcap(Box<McapFile>),
+    Sqlite(SqliteFile),
+}
+
+impl OpenFile {
+    fn create(path: &Path, options: &BagOptions) -> Result<Self, RunError> {
+        match options.storage {
+            Storage::Mcap => McapFile::create(path, options).map(Box::new).map(Self::Mcap),
+            Storage::Sqlite3 => SqliteFile::create(path, options).map(Self::Sqlite),
+        }
+    }
+
+    fn topic(&mut self, topic: &Topic<'_>) -> Result<(), RunError> {
+        match self {
+            Self::Mcap(file) => file.topic(topic),
+            Self::Sqlite(file) => file.topic(topic),
+        }
+    }
+
+    fn message(&mut self, message: &Message<'_>) -> Result<(), RunError> {
+        match self {
+            Self::Mcap(file) => file.message(message),
+            Self::Sqlite(file) => file.message(message),
+        }
+    }
+
+    fn flush(&mut self) -> Result<(), RunError> {
+        match self {
+            Self::Mcap(file) => file.flush(),
+            Self::Sqlite(file) => file.flush(),
+        }
+    }
+
+    fn bytes(&self) -> Result<u64, RunError> {
+        match self {
+            Self::Mcap(file) => file.bytes(),
+            Self::Sqlite(file) => file.bytes(),
+        }
+    }
+
+    /// Ends it; nothing may be written behind.
+    fn finish(&mut self, metadata: String) -> Result<(), RunError> {
+        match self {
+            Self::Mcap(file) => file.finish(metadata),
+            Self::Sqlite(file) => file.finish(&metadata),
+        }
+    }
 }
 
 struct TopicState {
     name: String,
     type_name: String,
+    definition: String,
     type_hash: String,
-    channel: u16,
+    column: Option<String>,
+    /// Messages in all files, and in those before the one at hand.
     messages: u64,
+    before: u64,
 }
 
-/// Writes one bag. Dropped without [`finish`](Self::finish), it leaves a readable MCAP file and no
-/// `metadata.yaml`.
+impl TopicState {
+    fn new(topic: &Topic<'_>) -> Self {
+        Self {
+            name: topic.name.to_owned(),
+            type_name: topic.type_name.to_owned(),
+            definition: topic.definition.to_owned(),
+            type_hash: topic.type_hash.to_owned(),
+            column: topic.column.map(str::to_owned),
+            messages: 0,
+            before: 0,
+        }
+    }
+
+    fn entry(&self, messages: u64) -> TopicEntry<'_> {
+        TopicEntry { name: &self.name, type_name: &self.type_name, type_hash: &self.type_hash, messages }
+    }
+}
+
+/// Where a bag goes.
+enum Place {
+    /// A directory, and what its files' names begin with.
+    Directory(PathBuf, String),
+    /// One file, without a directory of its own and without `metadata.yaml`.
+    File(PathBuf),
+}
+
+impl Place {
+    fn file(&self, number: usize, storage: Storage) -> PathBuf {
+        match self {
+            Self::Directory(dir, stem) => dir.join(format!("{stem}_{number}.{}", storage.extension())),
+            Self::File(path) => path.clone(),
+        }
+    }
+}
+
+/// Writes one bag. Dropped without [`finish`](Self::finish), it leaves readable files and no `metadata.yaml`.
 pub struct BagWriter {
-    dir: PathBuf,
-    file_name: String,
+    place: Place,
     path: PathBuf,
-    writer: mcap::Writer<BufWriter<File>>,
-    /// A second handle of the same file: the writer keeps its own to itself.
-    file: File,
+    file: OpenFile,
+    /// What the file at hand holds.
+    entry: FileEntry,
+    /// Files before it, and those who bring them to the disk, packed or not, and tell their sizes.
+    finished: Vec<FileEntry>,
+    settling: Vec<JoinHandle<Result<u64, RunError>>>,
     options: BagOptions,
     topics: Vec<TopicState>,
     by_name: HashMap<String, TopicId>,
     /// When the oldest message that is still in memory came, and how many bytes wait.
     waiting: Option<(Instant, usize)>,
-    bounds: Option<(u64, u64)>,
+    /// Size of the file at hand without what waits.
+    flushed_bytes: u64,
     /// For encoding messages.
     buffer: Vec<u8>,
 }
@@ -130,7 +300,7 @@ impl BagWriter {
         // The name goes into metadata.yaml as plain text, so it keeps to harmless characters.
         let stem = dir.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
         let harmless = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '.' | '-') { c } else { '_' };
-        let file_name = format!("bag_{}_0.mcap", stem.chars().map(harmless).collect::<String>());
+        let stem = format!("bag_{}", stem.chars().map(harmless).collect::<String>());
         if let Some(parent) = dir.parent() {
             fs::create_dir_all(parent).map_err(RunError::io(parent, "create"))?;
         }
@@ -138,32 +308,31 @@ impl BagWriter {
             std::io::ErrorKind::AlreadyExists => RunError::Exists { path: dir.to_owned() },
             _ => RunError::io(dir, "create")(error),
         })?;
-        let path = dir.join(&file_name);
-        let file = File::create_new(&path).map_err(RunError::io(&path, "create"))?;
-        let handle = file.try_clone().map_err(RunError::io(&path, "create"))?;
-        let writer = WriteOptions::new()
-            .profile("ros2")
-            .library(concat!("mr-damper ", env!("CARGO_PKG_VERSION")))
-            .compression(options.compress.then_some(Compression::Zstd))
-            // Worker threads do not pay for chunks of this size.
-            .compression_threads(0)
-            // Chunks are ended here, by age and size, and put together in memory: the file only ever grows by
-            // whole chunks.
-            .chunk_size(None)
-            .disable_seeking(true)
-            .create(BufWriter::new(file))
-            .map_err(|source| RunError::Write { path: path.clone(), source })?;
+        Self::begin(Place::Directory(dir.to_owned(), stem), options)
+    }
+
+    /// Creates one file instead, which is neither split nor packed.
+    pub(super) fn create_file(path: &Path, options: BagOptions) -> Result<Self, RunError> {
+        let compress = options.compress && !options.packs();
+        let options = BagOptions { max_file_bytes: None, max_file_duration: None, compress, ..options };
+        Self::begin(Place::File(path.to_owned()), options)
+    }
+
+    fn begin(place: Place, options: BagOptions) -> Result<Self, RunError> {
+        let path = place.file(0, options.storage);
+        let file = OpenFile::create(&path, &options)?;
         Ok(Self {
-            dir: dir.to_owned(),
-            file_name,
+            entry: entry_of(&path, &options),
+            place,
             path,
-            writer,
-            file: handle,
+            file,
+            finished: Vec::new(),
+            settling: Vec::new(),
             options,
             topics: Vec::new(),
             by_name: HashMap::new(),
             waiting: None,
-            bounds: None,
+            flushed_bytes: 0,
             buffer: Vec::new(),
         })
     }
@@ -188,25 +357,9 @@ impl BagWriter {
             let why = format!("`{}` is not a ROS 2 type, as in std_msgs/msg/Float64", topic.type_name);
             return Err(self.unwritable(topic.name, why));
         }
-        // rosbag2's own keys, and ours.
-        let mut keys = BTreeMap::from([("offered_qos_profiles".into(), metadata::offered_qos().to_owned())]);
-        if !topic.type_hash.is_empty() {
-            keys.insert("topic_type_hash".into(), topic.type_hash.to_owned());
-        }
-        if let Some(column) = topic.column {
-            keys.insert(COLUMN_KEY.into(), column.to_owned());
-        }
-        let schema = self.writer.add_schema(topic.type_name, "ros2msg", topic.definition.as_bytes());
-        let channel = schema.and_then(|schema| self.writer.add_channel(schema, topic.name, "cdr", &keys));
-        let channel = channel.map_err(|source| self.failed(source))?;
+        self.file.topic(topic)?;
         let id = TopicId(self.topics.len());
-        self.topics.push(TopicState {
-            name: topic.name.to_owned(),
-            type_name: topic.type_name.to_owned(),
-            type_hash: topic.type_hash.to_owned(),
-            channel,
-            messages: 0,
-        });
+        self.topics.push(TopicState::new(topic));
         self.by_name.insert(topic.name.to_owned(), id);
         Ok(id)
     }
@@ -215,7 +368,7 @@ impl BagWriter {
     /// due. Times are nanoseconds since the epoch: when the message was recorded, and when it was published.
     ///
     /// # Errors
-    /// When a time is negative, which MCAP cannot hold, or the disk refuses. After a refusal the writer only
+    /// When a time is negative, which bags cannot hold, or the disk refuses. After a refusal the writer only
     /// repeats it.
     pub fn write(
         &mut self,
@@ -232,16 +385,17 @@ impl BagWriter {
             );
             return Err(self.unwritable(&self.topics[topic.0].name, why));
         };
+        if self.is_full(log_time) {
+            self.split()?;
+        }
         let state = &mut self.topics[topic.0];
         // The sequence number is 32 bits wide and wraps.
         let sequence = state.messages as u32;
-        let header = MessageHeader { channel_id: state.channel, sequence, log_time, publish_time };
         state.messages += 1;
-        if let Err(source) = self.writer.write_to_known_channel(&header, cdr) {
-            return Err(self.failed(source));
-        }
-        let (first, last) = self.bounds.unwrap_or((log_time, log_time));
-        self.bounds = Some((first.min(log_time), last.max(log_time)));
+        self.entry.messages += 1;
+        self.file.message(&Message { topic: topic.0, sequence, log_time, publish_time, cdr })?;
+        let (first, last) = self.entry.bounds.unwrap_or((log_time, log_time));
+        self.entry.bounds = Some((first.min(log_time), last.max(log_time)));
         let (since, bytes) = self.waiting.unwrap_or_else(|| (Instant::now(), 0));
         self.waiting = Some((since, bytes + cdr.len()));
         self.flush_if_due()
@@ -251,7 +405,7 @@ impl BagWriter {
     ///
     /// # Errors
     /// Those of [`topic`](Self::topic) and [`write`](Self::write).
-    pub fn write_message<M: Message>(
+    pub fn write_message<M: mr_damper_msgs::Message>(
         &mut self,
         name: &str,
         message: &M,
@@ -292,48 +446,106 @@ impl BagWriter {
     /// When the disk refuses.
     pub fn flush(&mut self) -> Result<(), RunError> {
         self.waiting = None;
-        self.writer.flush().map_err(|source| self.failed(source))?;
-        if self.options.sync == Sync::EveryChunk {
-            self.file.sync_data().map_err(RunError::io(&self.path, "write to disk"))?;
+        self.file.flush()?;
+        if self.options.max_file_bytes.is_some() {
+            self.flushed_bytes = self.file.bytes()?;
         }
         Ok(())
     }
 
-    /// Ends the file with its index and writes `metadata.yaml`; both are on the disk when this returns.
+    /// Whether a message of this time belongs into another file.
+    fn is_full(&self, log_time: u64) -> bool {
+        let Some((first, _)) = self.entry.bounds else { return false };
+        let waiting = self.waiting.map_or(0, |(_, bytes)| bytes as u64);
+        let long = u128::from(log_time.saturating_sub(first));
+        self.options.max_file_bytes.is_some_and(|most| self.flushed_bytes + waiting >= most)
+            || self.options.max_file_duration.is_some_and(|most| long >= most.as_nanos())
+    }
+
+    /// Ends the file at hand and begins another one with the same topics.
+    fn split(&mut self) -> Result<(), RunError> {
+        self.end_file()?;
+        self.path = self.place.file(self.finished.len(), self.options.storage);
+        self.file = OpenFile::create(&self.path, &self.options)?;
+        self.entry = entry_of(&self.path, &self.options);
+        for topic in &self.topics {
+            let TopicState { name, type_name, definition, type_hash, column, .. } = topic;
+            let column = column.as_deref();
+            self.file.topic(&Topic { name, type_name, definition, type_hash, column })?;
+        }
+        Ok(())
+    }
+
+    fn end_file(&mut self) -> Result<(), RunError> {
+        let topics = self.topics.iter().map(|topic| topic.entry(topic.messages - topic.before)).collect();
+        let entry = self.entry.clone();
+        let metadata = self.written(std::slice::from_ref(&entry), topics).yaml("");
+        self.file.finish(metadata)?;
+        for topic in &mut self.topics {
+            topic.before = topic.messages;
+        }
+        self.finished.push(entry);
+        self.waiting = None;
+        self.flushed_bytes = 0;
+        // On a thread of its own: the disk may take seconds, and a recorder has more to do meanwhile.
+        let (path, packs) = (self.path.clone(), self.options.packs());
+        let settling =
+            std::thread::Builder::new().name("bag-settling".into()).spawn(move || settle(&path, packs));
+        self.settling.push(settling.map_err(RunError::io(&self.path, "start a thread to end"))?);
+        Ok(())
+    }
+
+    fn written<'a>(&self, files: &'a [FileEntry], topics: Vec<TopicEntry<'a>>) -> Written<'a> {
+        Written { storage: self.options.storage, packed: self.options.packs(), files, topics }
+    }
+
+    /// Ends the file at hand with its index and writes `metadata.yaml`; all is on the disk when this returns.
     ///
     /// # Errors
     /// When the disk refuses.
     pub fn finish(mut self) -> Result<BagSummary, RunError> {
-        let topics = self.topics.iter().map(|topic| TopicEntry {
-            name: &topic.name,
-            type_name: &topic.type_name,
-            type_hash: &topic.type_hash,
-            messages: topic.messages,
-        });
-        let written = Written { file: &self.file_name, bounds: self.bounds, topics: topics.collect() };
-        let text = written.file_text();
-        // rosbag2 keeps a copy inside, so that the bare file can be opened too.
-        let record = Metadata {
-            name: "rosbag2".into(),
-            metadata: BTreeMap::from([("serialized_metadata".into(), written.yaml(""))]),
+        self.end_file()?;
+        let mut bytes = 0;
+        for settling in std::mem::take(&mut self.settling) {
+            let why = || std::io::Error::other("the thread that did it panicked");
+            bytes += settling.join().map_err(|_| RunError::io(&self.path, "end")(why()))??;
+        }
+        let topics = self.topics.iter().map(|topic| topic.entry(topic.messages)).collect();
+        let text = self.written(&self.finished, topics).file_text();
+        let path = match &self.place {
+            Place::Directory(dir, _) => {
+                let path = dir.join(metadata::FILE_NAME);
+                write_file(&path, |sink| {
+                    sink.write_all(text.as_bytes()).map_err(RunError::io(&path, "write"))
+                })?;
+                dir
+            }
+            Place::File(path) => path,
         };
-        let end = self.writer.write_metadata(&record).and_then(|()| self.writer.finish().map(|_| ()));
-        end.map_err(|source| self.failed(source))?;
-        self.file.sync_all().map_err(RunError::io(&self.path, "write to disk"))?;
-        let bytes = self.file.metadata().map_err(RunError::io(&self.path, "look at"))?.len();
-        let path = self.dir.join(metadata::FILE_NAME);
-        write_file(&path, |sink| sink.write_all(text.as_bytes()).map_err(RunError::io(&path, "write")))?;
         let topics = self.topics.iter().map(|topic| (topic.name.clone(), topic.messages)).collect();
-        Ok(BagSummary { path: self.dir.clone(), topics, bytes })
-    }
-
-    fn failed(&self, source: mcap::McapError) -> RunError {
-        RunError::Write { path: self.path.clone(), source }
+        Ok(BagSummary { path: path.clone(), topics, files: self.finished.len(), bytes })
     }
 
     fn unwritable(&self, topic: &str, why: String) -> RunError {
         RunError::Unwritable { path: self.path.clone(), what: format!("topic {topic}"), why }
     }
+}
+
+/// Brings a file that is complete to the disk, packed or not; returns its size there.
+fn settle(path: &Path, packs: bool) -> Result<u64, RunError> {
+    if packs {
+        return pack_file(path);
+    }
+    let file = fs::File::open(path).map_err(RunError::io(path, "open"))?;
+    file.sync_all().map_err(RunError::io(path, "write to disk"))?;
+    Ok(file.metadata().map_err(RunError::io(path, "look at"))?.len())
+}
+
+/// What `metadata.yaml` will say of a file, by its name when it is complete.
+fn entry_of(path: &Path, options: &BagOptions) -> FileEntry {
+    let path = if options.packs() { packed_name(path) } else { path.to_owned() };
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    FileEntry { name, bounds: None, messages: 0 }
 }
 
 /// Key of a channel's metadata that names the run's column.
@@ -342,6 +554,7 @@ pub(super) const COLUMN_KEY: &str = "mr_damper_column";
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mr_damper_msgs::Message as _;
     use mr_damper_msgs::standard::Float64;
 
     const FLOAT: Topic<'static> = Topic {
@@ -384,7 +597,7 @@ mod tests {
     #[test]
     fn chunks_leave_by_age_and_by_size() {
         let dir = tempfile::tempdir().expect("temporary directory");
-        let length = |writer: &BagWriter| writer.file.metadata().expect("size").len();
+        let length = |writer: &BagWriter| writer.file.bytes().expect("size");
         // By age: a message alone waits, and leaves without another one.
         let options = BagOptions { chunk_max_age: Duration::from_millis(30), ..BagOptions::default() };
         let mut writer = create(&dir.path().join("age"), options);

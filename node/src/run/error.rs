@@ -20,7 +20,7 @@ pub enum RunError {
     },
     /// The path is neither CSV nor a bag.
     #[error(
-        "{}: not a run: {why}; a run is a CSV file, a rosbag2 directory with metadata.yaml, or an .mcap file",
+        "{}: not a run: {why}; a run is a CSV file, a rosbag2 directory with metadata.yaml, or an .mcap or .db3 file",
         path.display()
     )]
     NotARun {
@@ -29,16 +29,15 @@ pub enum RunError {
         /// What it is instead.
         why: String,
     },
-    /// A sqlite3 bag.
-    #[error(
-        "{}: sqlite3 bags (.db3) are not read yet, that comes with a later version; convert it once with \
-         `rosbags-convert --src BAG --dst OUT --dst-storage mcap` (from PyPI: rosbags) or `ros2 bag \
-         convert`, and give OUT",
-        path.display()
-    )]
-    Sqlite {
-        /// The file or the directory that names it.
+    /// SQLite cannot read or write a database, for another reason than its content.
+    #[error("{}: cannot {action}: {why}", path.display())]
+    Database {
+        /// The file.
         path: PathBuf,
+        /// What was tried, as a verb.
+        action: &'static str,
+        /// SQLite's reason.
+        why: String,
     },
     /// The header row does not describe a run.
     #[error("{}, line {line}: {why}", path.display())]
@@ -171,7 +170,7 @@ pub enum RunError {
     },
     /// `metadata.yaml` cannot be used.
     #[error(
-        "{}: {why}; `ros2 bag reindex` writes it anew, or name the .mcap file itself",
+        "{}: {why}; `ros2 bag reindex` writes it anew, or name the .mcap or .db3 file itself",
         path.display()
     )]
     Metadata {
@@ -180,12 +179,14 @@ pub enum RunError {
         /// What is wrong.
         why: String,
     },
-    /// A file whose very beginning is not MCAP.
-    #[error("{}: not an MCAP file: {why}", path.display())]
-    NotMcap {
+    /// A file that is not what its name or its beginning promises.
+    #[error("{}: not {format}: {why}", path.display())]
+    NotABag {
         /// The file.
         path: PathBuf,
-        /// What it begins with.
+        /// What it should be: `an MCAP file`, `a rosbag2 database`, ...
+        format: &'static str,
+        /// What it is instead.
         why: String,
     },
     /// Compression that this build does not read.
@@ -211,7 +212,8 @@ pub enum RunError {
     },
     /// A path that no run can be written to.
     #[error(
-        "{}: cannot tell what to write: name a .csv file, or a directory without extension for a rosbag2 bag",
+        "{}: cannot tell what to write: name a .csv, .mcap or .db3 file, or a directory without extension for a \
+         rosbag2 bag",
         path.display()
     )]
     Target {
@@ -271,11 +273,11 @@ pub enum Note {
         /// Names that would be used.
         known: String,
     },
-    /// An MCAP file ended or broke before its end; all messages before that were read.
+    /// A bag's file ended or broke before its end; all messages before that were read.
     CutShort {
         /// The file.
         path: PathBuf,
-        /// Byte offset of the first record that could not be read.
+        /// Byte offset of the first record that could not be read; of a database, where the file ends.
         offset: u64,
         /// Messages read from the file, of all topics.
         messages: u64,
@@ -290,6 +292,33 @@ pub enum Note {
         offset: u64,
         /// What is wrong with it.
         why: String,
+    },
+    /// Rows of a damaged database were passed over.
+    RowsDamaged {
+        /// The file.
+        path: PathBuf,
+        /// The first message that could not be read, by its id; `None` for rows that are no messages.
+        first: Option<i64>,
+        /// The last one; `None` when nothing behind could be read.
+        last: Option<i64>,
+        /// What is wrong.
+        why: String,
+    },
+    /// A packed file ended or broke before its end; what came out before that was read.
+    PackedCutShort {
+        /// The file.
+        path: PathBuf,
+        /// Bytes that came out.
+        bytes: u64,
+        /// What was found there.
+        why: String,
+    },
+    /// A database whose recorder was killed has a journal beside it, which was taken into account.
+    Journal {
+        /// The database.
+        path: PathBuf,
+        /// What the journal's name has more than the database's.
+        journal: &'static str,
     },
     /// Messages that could not be decoded were dropped.
     Undecodable {
@@ -326,7 +355,7 @@ pub enum Note {
         /// Their names.
         topics: Vec<String>,
     },
-    /// The bag has no usable `metadata.yaml`: the recorder was killed. Its MCAP files were read by name.
+    /// The bag has no usable `metadata.yaml`: the recorder was killed. Its files were read by name.
     NoMetadata {
         /// The bag.
         path: PathBuf,
@@ -351,6 +380,23 @@ impl fmt::Display for Note {
             Self::ChunkDamaged { path, offset, why } => {
                 write!(f, "{}: chunk at byte {offset} left out: {why}", path.display())
             }
+            Self::RowsDamaged { path, first: None, why, .. } => {
+                write!(f, "{}: damaged, and read as far as it goes: {why}", path.display())
+            }
+            Self::RowsDamaged { path, first: Some(first), last: Some(last), why } => {
+                write!(f, "{}: messages {first} to {last} left out: {why}", path.display())
+            }
+            Self::RowsDamaged { path, first: Some(first), last: None, why } => {
+                write!(f, "{}: messages from {first} on left out: {why}", path.display())
+            }
+            Self::PackedCutShort { path, bytes, why } => {
+                write!(f, "{}: unpacked up to byte {bytes} of its content; there: {why}", path.display())
+            }
+            Self::Journal { path, journal } => write!(
+                f,
+                "{0}: its recorder left {0}{journal} (recording cut off, or still on?), which was read with it",
+                path.display()
+            ),
             Self::Undecodable { topic, count, first } => {
                 write!(f, "topic {topic}: {count} messages could not be decoded; the first: {first}")
             }
@@ -368,7 +414,7 @@ impl fmt::Display for Note {
             }
             Self::NoMetadata { path } => write!(
                 f,
-                "{}: no metadata.yaml (recording cut off?); the .mcap files were read in order of name",
+                "{}: no metadata.yaml (recording cut off?); its files were read in order of name",
                 path.display()
             ),
         }

@@ -4,10 +4,13 @@
 //! split buys three things: exact byte offsets for notes, a damaged chunk that costs only itself, and
 //! length fields that are checked before the crate (which trusts them in places) sees them.
 
+use super::bag_write::COLUMN_KEY;
+use super::storage::{Sink, TopicInfo};
 use super::{Note, RunError};
 use mcap::McapError;
-use mcap::records::{Channel, MessageHeader, Record, SchemaHeader, op};
+use mcap::records::{Channel, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::collections::HashMap;
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -17,16 +20,6 @@ const RECORD_LIMIT: usize = 256 << 20;
 const FRAME: usize = 9;
 /// A chunk up to its compression's name.
 const CHUNK_HEAD: usize = 32;
-
-/// Takes the records that matter from a file, in file order.
-pub(super) trait Sink {
-    /// A schema: a message type.
-    fn schema(&mut self, header: SchemaHeader);
-    /// A channel: a topic.
-    fn channel(&mut self, channel: Channel);
-    /// A message of a channel.
-    fn message(&mut self, header: &MessageHeader, data: &[u8]);
-}
 
 /// ` at byte N`, or nothing.
 pub(super) fn at(offset: Option<u64>) -> String {
@@ -44,13 +37,28 @@ pub(super) fn read(
     notes: &mut Vec<Note>,
 ) -> Result<(), RunError> {
     let mut file = File { path, source, offset: 0, messages: 0, body: Vec::new() };
-    match file.records(sink, notes) {
+    match file.records(&mut Records { sink, types: HashMap::new() }, notes) {
         Ok(()) => Ok(()),
         Err(Stop::Damaged(offset, why)) => {
             notes.push(Note::CutShort { path: path.to_owned(), offset, messages: file.messages, why });
             Ok(())
         }
         Err(Stop::Failed(error)) => Err(error),
+    }
+}
+
+/// Hands records to a sink, with the names of types in place of the ids that the file has for them.
+struct Records<'a, S> {
+    sink: &'a mut S,
+    types: HashMap<u16, String>,
+}
+
+impl<S: Sink> Records<'_, S> {
+    fn channel(&mut self, mut channel: Channel) {
+        let type_name = self.types.get(&channel.schema_id).cloned().unwrap_or_default();
+        let column = channel.metadata.remove(COLUMN_KEY);
+        let topic = TopicInfo { name: channel.topic, type_name, encoding: channel.message_encoding, column };
+        self.sink.topic(channel.id.into(), topic);
     }
 }
 
@@ -72,17 +80,15 @@ struct File<'a, R> {
 }
 
 impl<R: Read> File<'_, R> {
-    fn records(&mut self, sink: &mut impl Sink, notes: &mut Vec<Note>) -> Result<(), Stop> {
+    fn records(&mut self, sink: &mut Records<'_, impl Sink>, notes: &mut Vec<Note>) -> Result<(), Stop> {
         let mut magic = [0; 8];
         if self.fill(&mut magic)? < magic.len() || magic != *mcap::MAGIC {
             let why = match self.offset {
                 0 => "it is empty".to_owned(),
-                _ if magic.starts_with(b"SQLite ") => {
-                    return Err(Stop::Failed(RunError::Sqlite { path: self.path.to_owned() }));
-                }
                 _ => format!("it begins with `{}`", magic.escape_ascii()),
             };
-            return Err(Stop::Failed(RunError::NotMcap { path: self.path.to_owned(), why }));
+            let (path, format) = (self.path.to_owned(), "an MCAP file");
+            return Err(Stop::Failed(RunError::NotABag { path, format, why }));
         }
         loop {
             let start = self.offset;
@@ -159,7 +165,7 @@ impl<R: Read> File<'_, R> {
         &mut self,
         start: u64,
         length: u64,
-        sink: &mut impl Sink,
+        sink: &mut Records<'_, impl Sink>,
         notes: &mut Vec<Note>,
     ) -> Result<(), Stop> {
         self.body(start, length)?;
@@ -207,7 +213,7 @@ fn read_chunk(
     body: &[u8],
     length: u64,
     complete: bool,
-    sink: &mut impl Sink,
+    sink: &mut Records<'_, impl Sink>,
 ) -> (u64, Result<(), ChunkFault>) {
     let mut messages = 0;
     let end = (|| {
@@ -279,15 +285,19 @@ fn check_chunk_head(body: &[u8], complete: bool) -> Result<(), ChunkFault> {
 }
 
 /// Hands one record to the sink; returns 1 for a message. Records that do not matter are not parsed at all.
-fn emit(opcode: u8, data: &[u8], sink: &mut impl Sink) -> Result<u64, String> {
+fn emit(opcode: u8, data: &[u8], sink: &mut Records<'_, impl Sink>) -> Result<u64, String> {
     if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
         return Ok(0);
     }
     match mcap::parse_record(opcode, data).map_err(|error| error.to_string())? {
-        Record::Schema { header, .. } => sink.schema(header),
+        Record::Schema { header, .. } => {
+            sink.types.insert(header.id, header.name);
+        }
         Record::Channel(channel) => sink.channel(channel),
         Record::Message { header, data } => {
-            sink.message(&header, &data);
+            let log_time = i64::try_from(header.log_time)
+                .map_err(|_| format!("log time {} ns is out of range", header.log_time));
+            sink.sink.message(header.channel_id.into(), log_time, &data);
             return Ok(1);
         }
         _ => {}
@@ -304,9 +314,9 @@ mod tests {
     struct Count(u64);
 
     impl Sink for Count {
-        fn schema(&mut self, _: SchemaHeader) {}
-        fn channel(&mut self, _: Channel) {}
-        fn message(&mut self, _: &MessageHeader, _: &[u8]) {
+        fn begin_file(&mut self) {}
+        fn topic(&mut self, _: i64, _: TopicInfo) {}
+        fn message(&mut self, _: i64, _: Result<i64, String>, _: &[u8]) {
             self.0 += 1;
         }
     }

@@ -1,5 +1,6 @@
 //! `metadata.yaml` of a rosbag2 directory: version 9, as ROS 2 Jazzy writes it, and any version when read.
 
+use super::bag_write::Storage;
 use super::{Note, RunError};
 use serde::Deserialize;
 use std::fmt::Write as _;
@@ -7,6 +8,12 @@ use std::path::{Path, PathBuf};
 
 /// Name of the file in the bag.
 pub(super) const FILE_NAME: &str = "metadata.yaml";
+
+/// Version of the form that is written.
+pub(super) const VERSION: u32 = 9;
+
+/// The distribution whose form it is.
+pub(super) const ROS_DISTRO: &str = "jazzy";
 
 /// The offered quality of service that is recorded for every topic: the one that the node publishes with,
 /// and one that `ros2 bag play` can offer to any subscriber. Infinite times are written as rmw does.
@@ -28,7 +35,7 @@ const QOS: &str = "\
   avoid_ros_namespace_conventions: false
 ";
 
-/// The quality of service as the YAML text that a channel of the MCAP file carries.
+/// The quality of service as the YAML text that the files carry.
 pub(super) fn offered_qos() -> &'static str {
     QOS.trim_end()
 }
@@ -41,30 +48,44 @@ pub(super) struct TopicEntry<'a> {
     pub(super) messages: u64,
 }
 
-/// What a written bag holds.
-pub(super) struct Written<'a> {
-    /// Name of the one MCAP file.
-    pub(super) file: &'a str,
+/// A file of a written bag.
+#[derive(Debug, Clone)]
+pub(super) struct FileEntry {
+    /// Its name below the bag's directory.
+    pub(super) name: String,
     /// First and last log time in nanoseconds; `None` without messages.
     pub(super) bounds: Option<(u64, u64)>,
+    pub(super) messages: u64,
+}
+
+/// What a written bag holds.
+pub(super) struct Written<'a> {
+    pub(super) storage: Storage,
+    /// Its files are packed with zstd.
+    pub(super) packed: bool,
+    pub(super) files: &'a [FileEntry],
     pub(super) topics: Vec<TopicEntry<'a>>,
 }
 
+/// Start and duration; without messages, rosbag2's own "no time yet" as start.
+fn start_and_duration(bounds: Option<(u64, u64)>) -> (u64, u64) {
+    bounds.map_or((i64::MAX as u64, 0), |(first, last)| (first, last - first))
+}
+
 impl Written<'_> {
-    /// The inner mapping, as the MCAP file carries it too. `indent` is put before every line.
+    /// The inner mapping, as the files carry it too. `indent` is put before every line.
     ///
     /// Written by hand: the form is fixed, and the only free text, topic and type names, is checked before
     /// and holds no character that YAML cares about.
     pub(super) fn yaml(&self, indent: &str) -> String {
         let messages: u64 = self.topics.iter().map(|topic| topic.messages).sum();
-        // An empty bag has rosbag2's own "no time yet" as start.
-        let (start, duration) = match self.bounds {
-            Some((first, last)) => (first, last - first),
-            None => (i64::MAX as u64, 0),
-        };
+        let bounds = self.files.iter().filter_map(|file| file.bounds);
+        let bounds = bounds.reduce(|all, file| (all.0.min(file.0), all.1.max(file.1)));
+        let (start, duration) = start_and_duration(bounds);
         let mut text = format!(
-            "version: 9\nstorage_identifier: mcap\nduration:\n  nanoseconds: {duration}\nstarting_time:\n  \
-             nanoseconds_since_epoch: {start}\nmessage_count: {messages}\n"
+            "version: {VERSION}\nstorage_identifier: {}\nduration:\n  nanoseconds: {duration}\nstarting_time:\n  \
+             nanoseconds_since_epoch: {start}\nmessage_count: {messages}\n",
+            self.storage.identifier()
         );
         // Writing to a `String` cannot fail.
         if self.topics.is_empty() {
@@ -84,13 +105,22 @@ impl Written<'_> {
             let _ =
                 write!(text, "      type_description_hash: \"{type_hash}\"\n    message_count: {messages}\n");
         }
-        let file = self.file;
-        let _ = write!(
-            text,
-            "compression_format: \"\"\ncompression_mode: \"\"\nrelative_file_paths:\n  - {file}\nfiles:\n  - \
-             path: {file}\n    starting_time:\n      nanoseconds_since_epoch: {start}\n    duration:\n      \
-             nanoseconds: {duration}\n    message_count: {messages}\ncustom_data: ~\nros_distro: jazzy\n"
-        );
+        let (format, mode) = if self.packed { ("zstd", "FILE") } else { ("\"\"", "\"\"") };
+        let _ =
+            write!(text, "compression_format: {format}\ncompression_mode: {mode}\nrelative_file_paths:\n");
+        for FileEntry { name, .. } in self.files {
+            let _ = writeln!(text, "  - {name}");
+        }
+        text.push_str("files:\n");
+        for FileEntry { name, bounds, messages } in self.files {
+            let (start, duration) = start_and_duration(*bounds);
+            let _ = write!(
+                text,
+                "  - path: {name}\n    starting_time:\n      nanoseconds_since_epoch: {start}\n    \
+                 duration:\n      nanoseconds: {duration}\n    message_count: {messages}\n"
+            );
+        }
+        let _ = writeln!(text, "custom_data: ~\nros_distro: {ROS_DISTRO}");
         text.lines().fold(String::with_capacity(text.len() * 2), |mut all, line| {
             let _ = writeln!(all, "{indent}{line}");
             all
@@ -119,9 +149,9 @@ struct Information {
     compression_mode: Option<String>,
 }
 
-/// The MCAP files of a bag directory, in order.
+/// The files of a bag directory, in order. What each of them is, its own beginning says.
 ///
-/// Without `metadata.yaml`, which a killed recorder leaves behind, these are the `.mcap` files sorted by name
+/// Without `metadata.yaml`, which a killed recorder leaves behind, these are the files of one storage sorted by name
 /// (numbers by value, so that `bag_10` follows `bag_9`), and a note says so.
 pub(super) fn files(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, RunError> {
     let path = dir.join(FILE_NAME);
@@ -134,15 +164,20 @@ pub(super) fn files(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, R
     let document: Document = serde_saphyr::from_str(&text)
         .map_err(|error| fail(format!("not the metadata of a bag: {}", first_line(&error.to_string()))))?;
     let information = document.rosbag2_bagfile_information;
-    match information.storage_identifier.as_str() {
-        "mcap" => {}
-        "sqlite3" => return Err(RunError::Sqlite { path: dir.to_owned() }),
-        other => return Err(fail(format!("storage `{other}` is not read, only mcap"))),
+    if Storage::of_identifier(&information.storage_identifier).is_none() {
+        let other = &information.storage_identifier;
+        return Err(fail(format!("storage `{other}` is not read, only mcap and sqlite3")));
     }
-    let mode = information.compression_mode.unwrap_or_default();
-    if !mode.is_empty() && !mode.eq_ignore_ascii_case("none") && !mode.eq_ignore_ascii_case("storage") {
-        let name = format!("{}, {mode} mode", information.compression_format.unwrap_or_default());
-        return Err(RunError::Compression { path: dir.to_owned(), offset: None, name });
+    let mode = information.compression_mode.unwrap_or_default().to_ascii_lowercase();
+    let format = information.compression_format.unwrap_or_default();
+    match mode.as_str() {
+        // The storage's own compression shows in the file.
+        "" | "none" | "storage" => {}
+        "file" | "message" if format == "zstd" => {}
+        _ => {
+            let name = format!("{format}, {} mode", mode.to_ascii_uppercase());
+            return Err(RunError::Compression { path: dir.to_owned(), offset: None, name });
+        }
     }
     if information.relative_file_paths.is_empty() {
         return Err(fail("it names no file".into()));
@@ -161,29 +196,38 @@ pub(super) fn files(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, R
 }
 
 fn files_by_name(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, RunError> {
-    let mut found = Vec::new();
-    let mut sqlite = false;
+    let mut found: [Vec<PathBuf>; 2] = Default::default();
     for entry in std::fs::read_dir(dir).map_err(RunError::io(dir, "list"))? {
         let path = entry.map_err(RunError::io(dir, "list"))?.path();
-        match path.extension().and_then(|extension| extension.to_str()) {
-            Some("mcap") => found.push(path),
-            Some("db3") => sqlite = true,
-            _ => {}
+        match Storage::of_file(&path) {
+            Some(Storage::Mcap) => found[0].push(path),
+            Some(Storage::Sqlite3) => found[1].push(path),
+            None => {}
         }
     }
-    if found.is_empty() {
-        let path = dir.to_owned();
-        if sqlite {
-            return Err(RunError::Sqlite { path });
+    let fail = |why: &str| Err(RunError::NotARun { path: dir.to_owned(), why: why.to_owned() });
+    let mut found = match found {
+        [mcap, sqlite] if mcap.is_empty() && sqlite.is_empty() => {
+            return fail("a directory without metadata.yaml and without .mcap or .db3 files");
         }
-        return Err(RunError::NotARun {
-            path,
-            why: "a directory without metadata.yaml or .mcap files".into(),
-        });
-    }
+        [found, none] | [none, found] if none.is_empty() => found,
+        _ => {
+            return fail(
+                "a directory without metadata.yaml that holds both .mcap and .db3 files; name the one that is \
+                 meant",
+            );
+        }
+    };
+    // A recorder that is killed while it packs a file leaves both, and the plain one is whole.
+    let whole: Vec<PathBuf> = found.iter().filter(|path| !is_packed_name(path)).cloned().collect();
+    found.retain(|path| !is_packed_name(path) || !whole.contains(&path.with_extension("")));
     found.sort_by_key(|path| name_key(path));
     notes.push(Note::NoMetadata { path: dir.to_owned() });
     Ok(found)
+}
+
+fn is_packed_name(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "zstd")
 }
 
 /// A sorting key in which runs of digits count by length first, hence by value.
@@ -226,7 +270,9 @@ mod tests {
     fn what_is_written_is_read() {
         let dir = tempfile::tempdir().expect("temporary directory");
         let topic = TopicEntry { name: "/d/force", type_name: "a/msg/B", type_hash: "RIHS01_0", messages: 2 };
-        let written = Written { file: "x_0.mcap", bounds: Some((5, 9)), topics: vec![topic] };
+        let file = FileEntry { name: "x_0.mcap".into(), bounds: Some((5, 9)), messages: 2 };
+        let (storage, packed) = (Storage::Mcap, false);
+        let written = Written { storage, packed, files: &[file], topics: vec![topic] };
         std::fs::write(dir.path().join(FILE_NAME), written.file_text()).expect("written");
         std::fs::write(dir.path().join("x_0.mcap"), "").expect("written");
         let files = files(dir.path(), &mut Vec::new()).expect("read back");

@@ -20,6 +20,9 @@
 //! Each of these topics may also be `std_msgs/msg/Float64`, and displacement, velocity and force one joint of
 //! a `sensor_msgs/msg/JointState`. A [`Run`] has no place for variances and frame names, so these are the
 //! parts of a recorded bag that a conversion drops; topics that are no part of a run are named in a note.
+//!
+//! A bag is a rosbag2 directory or one of its files alone, stored as MCAP or sqlite3, split or not, packed as
+//! rosbag2 does it (`FILE`, `MESSAGE`, chunks of MCAP) or not. [`storage`] makes one of all these.
 
 mod bag;
 mod bag_save;
@@ -31,11 +34,16 @@ mod decimal;
 mod error;
 mod hash;
 mod mcap;
+mod mcap_write;
 mod metadata;
 mod names;
+mod pack;
+mod sqlite;
+mod sqlite_write;
+mod storage;
 mod wire;
 
-pub use bag_write::{BagOptions, BagSummary, BagWriter, Sync, Topic, TopicId};
+pub use bag_write::{BagOptions, BagSummary, BagWriter, Storage, Sync, Topic, TopicId};
 pub use error::{Note, RunError};
 
 use hash::{Hash, HashingReader};
@@ -111,7 +119,8 @@ pub struct Loaded {
     pub run: Run,
     /// What the user should hear of.
     pub notes: Vec<Note>,
-    /// SHA-256 of the CSV or MCAP file; of several files, of one after the other (`cat *.mcap | sha256sum`).
+    /// SHA-256 of the file as it lies on the disk; of several files of a bag, of one after the other
+    /// (`cat *.mcap | sha256sum`).
     pub sha256: [u8; 32],
 }
 
@@ -123,10 +132,11 @@ impl Loaded {
     }
 }
 
-/// Reads a run from a CSV file, a rosbag2 directory, or a bare `.mcap` file.
+/// Reads a run from a CSV file, a rosbag2 directory, or a bare `.mcap` or `.db3` file, which may be packed
+/// (`.mcap.zstd`, `.db3.zstd`).
 ///
 /// # Errors
-/// When the path is none of these (`.db3` among them), cannot be read, has faults that were not allowed by
+/// When the path is none of these, cannot be read, has faults that were not allowed by
 /// `options`, or leaves a choice open (two drives, several namespaces). A bag that ends or breaks early is no
 /// error: what could be read is in the run, the rest in the notes.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
@@ -139,8 +149,9 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
             let files = metadata::files(path, &mut notes)?;
             bag::load(path, &files, options, &mut notes, &mut hash)?
         }
-        "mcap" => bag::load(path, &[path.to_owned()], options, &mut notes, &mut hash)?,
-        "db3" => return Err(RunError::Sqlite { path: path.to_owned() }),
+        _ if Storage::of_file(path).is_some() => {
+            bag::load(path, &[path.to_owned()], options, &mut notes, &mut hash)?
+        }
         "csv" | "txt" | "dat" | "tsv" | "" => load_csv(path, options, &mut notes, &mut hash)?,
         _ if options.thesis_txt => load_csv(path, options, &mut notes, &mut hash)?,
         "yaml" => {
@@ -163,8 +174,8 @@ fn load_csv(
     csv::read(path, HashingReader::new(file, hash), options, notes)
 }
 
-/// Writes a run: to a `.csv` file in canonical form, or to a new bag directory when the path has no
-/// extension.
+/// Writes a run: to a `.csv` file in canonical form, to a bare `.mcap` or `.db3` file, or to a new bag directory when
+/// the path has no extension.
 ///
 /// # Errors
 /// When the target exists or cannot be written, or the format cannot hold the run (a bag: times before 1970
@@ -176,6 +187,12 @@ pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunErro
     let run = &*options.part.of(run, path)?;
     match extension(path).as_str() {
         "csv" => write_file(path, |sink| csv_write::write(run, path, sink)),
+        "mcap" => {
+            bag_save::save_file(run, path, &options.namespace, options.bag.clone().stored(Storage::Mcap))
+        }
+        "db3" => {
+            bag_save::save_file(run, path, &options.namespace, options.bag.clone().stored(Storage::Sqlite3))
+        }
         "" => bag_save::save(run, path, &options.namespace, options.bag.clone()),
         _ => Err(RunError::Target { path: path.to_owned() }),
     }
@@ -241,16 +258,23 @@ fn write_file(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> Result<(), RunError>,
 ) -> Result<(), RunError> {
+    write_beside(path, |part| {
+        let file = File::create(part).map_err(RunError::io(part, "create"))?;
+        let mut sink = BufWriter::new(file);
+        fill(&mut sink)?;
+        sink.flush().map_err(RunError::io(part, "write"))?;
+        sink.get_ref().sync_all().map_err(RunError::io(part, "write to disk"))
+    })
+}
+
+/// The same for what opens its file by itself: `fill` is given the temporary name.
+fn write_beside(path: &Path, fill: impl FnOnce(&Path) -> Result<(), RunError>) -> Result<(), RunError> {
     let part = part_name(path);
     let written = (|| {
         if let Some(parent) = path.parent() {
             fs::create_dir_all(parent).map_err(RunError::io(parent, "create"))?;
         }
-        let file = File::create(&part).map_err(RunError::io(&part, "create"))?;
-        let mut sink = BufWriter::new(file);
-        fill(&mut sink)?;
-        sink.flush().map_err(RunError::io(&part, "write"))?;
-        sink.get_ref().sync_all().map_err(RunError::io(&part, "write to disk"))?;
+        fill(&part)?;
         fs::rename(&part, path).map_err(RunError::io(path, "create"))
     })();
     written.inspect_err(|_| {

@@ -1,8 +1,12 @@
-//! What the tests of runs on disk share.
+//! What the tests of runs on disk share; none of them uses all of it.
 
-use mr_damper_msgs::Displacement;
+#![allow(dead_code)]
+
+use mr_damper_model::sample::Run;
 use mr_damper_msgs::standard::{Header, Time};
-use mr_damper_node::run::{BagOptions, BagWriter, LoadOptions, Loaded, RunError, load};
+use mr_damper_msgs::{Displacement, Force};
+use mr_damper_node::run::{BagOptions, BagWriter, LoadOptions, Loaded, RunError, Storage, load};
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -26,8 +30,77 @@ pub(crate) fn refusal(path: &Path, options: &LoadOptions) -> String {
 
 /// The one MCAP file of a bag.
 pub(crate) fn mcap_of(bag: &Path) -> PathBuf {
+    file_of(bag, "mcap")
+}
+
+/// The one file of a bag with this extension.
+pub(crate) fn file_of(bag: &Path, extension: &str) -> PathBuf {
+    let found: Vec<_> =
+        files_of(bag).into_iter().filter(|path| path.extension().is_some_and(|e| e == extension)).collect();
+    assert_eq!(found.len(), 1, "{found:?}");
+    found.into_iter().next().expect("one")
+}
+
+/// All files of a bag, by name.
+pub(crate) fn files_of(bag: &Path) -> Vec<PathBuf> {
     let files = std::fs::read_dir(bag).expect("listed").map(|entry| entry.expect("entry").path());
-    files.into_iter().find(|path| path.extension().is_some_and(|e| e == "mcap")).expect("an MCAP file")
+    let mut files: Vec<_> = files.collect();
+    files.sort();
+    files
+}
+
+/// Every file below a directory with its bytes, to see whether anything was touched.
+pub(crate) fn contents(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    files_of(dir).into_iter().map(|path| (path.clone(), std::fs::read(path).expect("read"))).collect()
+}
+
+/// A CSV text in canonical form with all known columns, both drives, others, and cells left empty.
+pub(crate) fn canonical(rows: usize) -> String {
+    let mut text =
+        "time_s,displacement_m,velocity_m_s,force_n,current_a,command_v,case_temp_c,ambient_temp_c,\
+                    setpoint_m,Pump [bar],pump_bar,2nd\n"
+            .to_owned();
+    for row in 0..rows {
+        let (x, t) = (row as f64 * 0.1, 1_700_000_000_000_000_001 + row as i64 * 1_234_567);
+        let time = format!("{}.{:09}", t / 1_000_000_000, t % 1_000_000_000);
+        let time = time.trim_end_matches('0');
+        let force = if row % 3 == 0 { String::new() } else { format!("{}", x.cos() * 1000.0) };
+        writeln!(text, "{time},{},{x},{force},0.1,-0,20.5,21,{},1e-300,,{row}", x.sin(), x / 3.0)
+            .expect("text");
+    }
+    text
+}
+
+/// True when every channel of `part` is a beginning of that of `whole`.
+pub(crate) fn is_prefix(part: &Run, whole: &Run) -> bool {
+    let force = |run: &Run| run.force_n.clone().unwrap_or_default();
+    whole.displacement_m.stamps.starts_with(&part.displacement_m.stamps)
+        && whole.displacement_m.values.starts_with(&part.displacement_m.values)
+        && force(whole).stamps.starts_with(&force(part).stamps)
+        && force(whole).values.starts_with(&force(part).values)
+}
+
+/// Writes 1000 samples of displacement and force, 1 ms apart, each of them `sin(step)`.
+pub(crate) fn thousand(dir: &Path, options: BagOptions) {
+    samples(dir, options, 1000);
+}
+
+/// The same with another number of samples.
+pub(crate) fn samples(dir: &Path, options: BagOptions, count: i64) {
+    bag(dir, options, |writer| {
+        for step in 1..=count {
+            let (nanos, value) = (step * 1_000_000, (step as f64).sin());
+            let force = Force { header: at(nanos), force: value, variance: 0.0 };
+            writer.write_message("/measured_force", &force, nanos, nanos)?;
+            writer.write_message("/displacement", &displacement(nanos, value), nanos, nanos)?;
+        }
+        Ok(())
+    });
+}
+
+/// Options for a database that is not packed.
+pub(crate) fn sqlite() -> BagOptions {
+    BagOptions::default().stored(Storage::Sqlite3)
 }
 
 pub(crate) fn at(nanos: i64) -> Header {

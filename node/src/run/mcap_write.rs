@@ -1,0 +1,99 @@
+//! One MCAP file of a bag, while it is written.
+//!
+//! It is written in chunks that are complete when they reach the operating system, and never rewritten: when
+//! the process is killed, the file holds everything up to the last chunk and reads without repair.
+
+use super::bag_write::{BagOptions, COLUMN_KEY, Message, Sync, Topic};
+use super::{RunError, metadata};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Compression, WriteOptions};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+/// The file.
+pub(super) struct McapFile {
+    path: PathBuf,
+    writer: mcap::Writer<BufWriter<File>>,
+    /// A second handle of the same file: the writer keeps its own to itself.
+    file: File,
+    sync: Sync,
+    /// The file's own ids of the bag's topics.
+    channels: Vec<u16>,
+}
+
+impl McapFile {
+    pub(super) fn create(path: &Path, options: &BagOptions) -> Result<Self, RunError> {
+        let file = File::create_new(path).map_err(RunError::io(path, "create"))?;
+        let handle = file.try_clone().map_err(RunError::io(path, "create"))?;
+        let writer = WriteOptions::new()
+            .profile("ros2")
+            .library(concat!("mr-damper ", env!("CARGO_PKG_VERSION")))
+            .compression(options.compress.then_some(Compression::Zstd))
+            // Worker threads do not pay for chunks of this size.
+            .compression_threads(0)
+            // Chunks are ended from outside, by age and size, and put together in memory: the file only ever
+            // grows by whole chunks.
+            .chunk_size(None)
+            .disable_seeking(true)
+            .create(BufWriter::new(file))
+            .map_err(|source| RunError::Write { path: path.to_owned(), source })?;
+        Ok(Self { path: path.to_owned(), writer, file: handle, sync: options.sync, channels: Vec::new() })
+    }
+
+    /// Adds the bag's next topic.
+    pub(super) fn topic(&mut self, topic: &Topic<'_>) -> Result<(), RunError> {
+        // rosbag2's own keys, and ours.
+        let mut keys = BTreeMap::from([("offered_qos_profiles".into(), metadata::offered_qos().to_owned())]);
+        if !topic.type_hash.is_empty() {
+            keys.insert("topic_type_hash".into(), topic.type_hash.to_owned());
+        }
+        if let Some(column) = topic.column {
+            keys.insert(COLUMN_KEY.into(), column.to_owned());
+        }
+        let schema = self.writer.add_schema(topic.type_name, "ros2msg", topic.definition.as_bytes());
+        let channel = schema.and_then(|schema| self.writer.add_channel(schema, topic.name, "cdr", &keys));
+        self.channels.push(channel.map_err(|source| self.failed(source))?);
+        Ok(())
+    }
+
+    pub(super) fn message(&mut self, message: &Message<'_>) -> Result<(), RunError> {
+        let header = MessageHeader {
+            channel_id: self.channels[message.topic],
+            sequence: message.sequence,
+            log_time: message.log_time,
+            publish_time: message.publish_time,
+        };
+        self.writer.write_to_known_channel(&header, message.cdr).map_err(|source| self.failed(source))
+    }
+
+    /// Ends the chunk at hand and hands it to the system.
+    pub(super) fn flush(&mut self) -> Result<(), RunError> {
+        self.writer.flush().map_err(|source| self.failed(source))?;
+        if self.sync == Sync::EveryChunk {
+            self.file.sync_data().map_err(RunError::io(&self.path, "write to disk"))?;
+        }
+        Ok(())
+    }
+
+    /// Bytes that the system has by now.
+    pub(super) fn bytes(&self) -> Result<u64, RunError> {
+        Ok(self.file.metadata().map_err(RunError::io(&self.path, "look at"))?.len())
+    }
+
+    /// Ends the file with its index. `metadata` is the bag's.
+    pub(super) fn finish(&mut self, metadata: String) -> Result<(), RunError> {
+        // rosbag2 keeps a copy inside, so that the bare file can be opened too.
+        let record = Metadata {
+            name: "rosbag2".into(),
+            metadata: BTreeMap::from([("serialized_metadata".into(), metadata)]),
+        };
+        let end = self.writer.write_metadata(&record).and_then(|()| self.writer.finish().map(|_| ()));
+        end.map_err(|source| self.failed(source))
+    }
+
+    fn failed(&self, source: mcap::McapError) -> RunError {
+        RunError::Write { path: self.path.clone(), source }
+    }
+}

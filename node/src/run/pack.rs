@@ -1,0 +1,177 @@
+//! zstd around what a bag holds, as rosbag2's compression modes `FILE` and `MESSAGE` put it there.
+//!
+//! Unpacking goes as far as the data do, in memory bounded by the window of the format (128 MiB) and by the
+//! longest message that is taken (64 MiB).
+
+use super::RunError;
+use std::fs::{self, File};
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+use zstd::bulk::Decompressor;
+use zstd::stream::read::Decoder;
+use zstd::zstd_safe::get_frame_content_size;
+
+/// What a zstd frame begins with. No CDR message does: its first byte is zero.
+const MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+/// Messages longer than this are not unpacked; those of a run have some hundred bytes.
+const MESSAGE_LIMIT: usize = 64 << 20;
+/// Window sizes up to 2^27 bytes, which every level of zstd but `--ultra --long` keeps to.
+const WINDOW_LOG_MAX: u32 = 27;
+/// zstd's own default: fast, and most of what can be gained.
+const LEVEL: i32 = 3;
+
+/// True when `data` begin as zstd.
+pub(super) fn is_packed(data: &[u8]) -> bool {
+    data.starts_with(&MAGIC)
+}
+
+/// The data of a zstd file as far as they go. Damage ends them; [`fault`](Self::fault) tells of it.
+pub(super) struct Unpacked<R: BufRead> {
+    decoder: Decoder<'static, R>,
+    bytes: u64,
+    fault: Option<String>,
+}
+
+impl<R: BufRead> Unpacked<R> {
+    pub(super) fn new(source: R) -> io::Result<Self> {
+        let mut decoder = Decoder::with_buffer(source)?;
+        decoder.window_log_max(WINDOW_LOG_MAX)?;
+        Ok(Self { decoder, bytes: 0, fault: None })
+    }
+
+    /// What ended the data before their time, and after how many bytes.
+    pub(super) fn fault(self) -> Option<(u64, String)> {
+        self.fault.map(|why| (self.bytes, why))
+    }
+}
+
+impl<R: BufRead> Read for Unpacked<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.fault.is_some() {
+            return Ok(0);
+        }
+        match self.decoder.read(buffer) {
+            Ok(count) => {
+                self.bytes += count as u64;
+                Ok(count)
+            }
+            // What the system refuses has its number; the rest is what zstd says of the data.
+            Err(error) if error.raw_os_error().is_some() || error.kind() == io::ErrorKind::Interrupted => {
+                Err(error)
+            }
+            Err(error) => {
+                self.fault = Some(error.to_string());
+                Ok(0)
+            }
+        }
+    }
+}
+
+/// Unpacks messages one by one into memory that is reused.
+pub(super) struct MessageUnpacker {
+    bulk: Option<Decompressor<'static>>,
+    buffer: Vec<u8>,
+}
+
+impl MessageUnpacker {
+    pub(super) fn new() -> Self {
+        Self { bulk: None, buffer: Vec::new() }
+    }
+
+    /// The message inside `data`, or what is wrong with it.
+    pub(super) fn unpack(&mut self, data: &[u8]) -> Result<&[u8], String> {
+        self.buffer.clear();
+        let fault = |error: io::Error| format!("zstd: {error}");
+        let too_long = || format!("zstd: it unpacks to more than {MESSAGE_LIMIT} bytes");
+        let size =
+            get_frame_content_size(data).map_err(|_| "zstd: the frame's head is damaged".to_owned())?;
+        let Some(size) = size else {
+            // A writer that did not know the size when it began.
+            let unpacked = Decoder::with_buffer(data).and_then(|mut decoder| {
+                decoder.window_log_max(WINDOW_LOG_MAX)?;
+                decoder.take(MESSAGE_LIMIT as u64 + 1).read_to_end(&mut self.buffer)
+            });
+            let count = unpacked.map_err(fault)?;
+            return if count > MESSAGE_LIMIT { Err(too_long()) } else { Ok(&self.buffer) };
+        };
+        let size = usize::try_from(size).ok().filter(|size| *size <= MESSAGE_LIMIT).ok_or_else(too_long)?;
+        let bulk = match &mut self.bulk {
+            Some(bulk) => bulk,
+            none => none.insert(Decompressor::new().map_err(fault)?),
+        };
+        self.buffer.reserve(size);
+        bulk.decompress_to_buffer(data, &mut self.buffer).map_err(fault)?;
+        Ok(&self.buffer)
+    }
+}
+
+/// The name of a file once it is packed.
+pub(super) fn packed_name(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".zstd");
+    name.into()
+}
+
+/// Packs a whole file and removes it; returns the size of what is left. Until the packed file is complete and
+/// on the disk, it has another name, so that whatever happens one of both is whole.
+pub(super) fn pack_file(path: &Path) -> Result<u64, RunError> {
+    let packed = packed_name(path);
+    let part = packed.with_extension("zstd.part");
+    let written = (|| {
+        let source = BufReader::new(File::open(path).map_err(RunError::io(path, "open"))?);
+        let sink = File::create(&part).map_err(RunError::io(&part, "create"))?;
+        let mut sink = BufWriter::new(sink);
+        zstd::stream::copy_encode(source, &mut sink, LEVEL).map_err(RunError::io(&part, "write"))?;
+        sink.flush().map_err(RunError::io(&part, "write"))?;
+        sink.get_ref().sync_all().map_err(RunError::io(&part, "write to disk"))?;
+        fs::rename(&part, &packed).map_err(RunError::io(&packed, "create"))?;
+        fs::remove_file(path).map_err(RunError::io(path, "remove"))?;
+        Ok(fs::metadata(&packed).map_err(RunError::io(&packed, "look at"))?.len())
+    })();
+    written.inspect_err(|_| {
+        // It may not exist; the first error counts.
+        let _ = fs::remove_file(&part);
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn false_sizes_are_refused_before_memory_is_taken() {
+        let mut unpacker = MessageUnpacker::new();
+        let message = [7_u8; 3000];
+        let packed = zstd::bulk::compress(&message, LEVEL).expect("compressed");
+        assert_eq!(unpacker.unpack(&packed).expect("unpacked"), message);
+        // Without a size in its head.
+        let unsized_frame = zstd::stream::encode_all(&message[..], LEVEL).expect("compressed");
+        assert_eq!(get_frame_content_size(&unsized_frame).ok(), Some(None), "the size is not known");
+        assert_eq!(unpacker.unpack(&unsized_frame).expect("unpacked"), message);
+        // A frame of 2^60 bytes, as its head says.
+        let mut huge = [&MAGIC[..], &[0b1110_0000]].concat();
+        huge.extend((1_u64 << 60).to_le_bytes());
+        let refused = unpacker.unpack(&huge).expect_err("refused");
+        assert!(refused.contains("more than 67108864 bytes"), "{refused}");
+        let bomb = zstd::stream::encode_all(io::repeat(0).take(MESSAGE_LIMIT as u64 + 1), LEVEL);
+        let refused = unpacker.unpack(&bomb.expect("compressed")).expect_err("refused");
+        assert!(refused.contains("more than 67108864 bytes"), "{refused}");
+        for damaged in [&packed[..packed.len() - 1], &MAGIC[..], &[]] {
+            unpacker.unpack(damaged).expect_err("refused");
+        }
+    }
+
+    #[test]
+    fn a_cut_stream_ends_with_a_fault() {
+        let data: Vec<u8> =
+            (0..2_000_000_u32).flat_map(|n| n.wrapping_mul(2_654_435_761).to_le_bytes()).collect();
+        let packed = zstd::stream::encode_all(&data[..], LEVEL).expect("compressed");
+        let mut unpacked = Unpacked::new(&packed[..packed.len() / 2]).expect("begins");
+        let mut got = Vec::new();
+        unpacked.read_to_end(&mut got).expect("no error of the system");
+        assert!(got.len() > data.len() / 4 && data.starts_with(&got), "{} bytes", got.len());
+        let (bytes, why) = unpacked.fault().expect("told");
+        assert_eq!(bytes, got.len() as u64);
+        assert!(why.contains("incomplete"), "{why}");
+    }
+}
