@@ -37,6 +37,7 @@ pub mod msgdef;
 mod nan;
 pub mod rcl;
 pub mod rihs01;
+pub mod rosbag2;
 pub mod srv;
 pub mod standard;
 mod state;

@@ -21,6 +21,12 @@ use mr_damper_msgs::rcl::{
     ParameterValue, SetParameters, SetParametersAtomically, SetParametersAtomicallyRequest,
     SetParametersAtomicallyResponse, SetParametersRequest, SetParametersResponse, SetParametersResult,
 };
+use mr_damper_msgs::rosbag2::{
+    Burst, BurstRequest, BurstResponse, GetRate, GetRateRequest, GetRateResponse, IsPaused, IsPausedRequest,
+    IsPausedResponse, Pause, PauseRequest, PauseResponse, PlayNext, PlayNextRequest, PlayNextResponse,
+    Resume, ResumeRequest, ResumeResponse, Seek, SeekRequest, SeekResponse, SetRate, SetRateRequest,
+    SetRateResponse, TogglePaused, TogglePausedRequest, TogglePausedResponse,
+};
 use mr_damper_msgs::srv::{
     LoadModel, LoadModelRequest, LoadModelResponse, Reset, ResetRequest, ResetResponse, SetMode,
     SetModeRequest, SetModeResponse,
@@ -59,7 +65,10 @@ macro_rules! for_every_message {
             SetParametersAtomicallyRequest SetParametersAtomicallyResponse ListParametersRequest
             ListParametersResponse DescribeParametersRequest DescribeParametersResponse FieldType Field
             IndividualTypeDescription TypeDescription TypeSource TypeKeyValue GetTypeDescriptionRequest
-            GetTypeDescriptionResponse
+            GetTypeDescriptionResponse PauseRequest PauseResponse ResumeRequest ResumeResponse
+            TogglePausedRequest TogglePausedResponse IsPausedRequest IsPausedResponse GetRateRequest
+            GetRateResponse SetRateRequest SetRateResponse PlayNextRequest PlayNextResponse BurstRequest
+            BurstResponse SeekRequest SeekResponse
         )
     };
     ($check:ident: $($message:ident)+) => { [$($check::<$message>()),+] };
@@ -159,6 +168,15 @@ fn hashes_are_those_of_rosbags_and_rosidl() {
         hashed_service::<ListParameters>(),
         hashed_service::<DescribeParameters>(),
         hashed_service::<GetTypeDescription>(),
+        hashed_service::<Pause>(),
+        hashed_service::<Resume>(),
+        hashed_service::<TogglePaused>(),
+        hashed_service::<IsPaused>(),
+        hashed_service::<GetRate>(),
+        hashed_service::<SetRate>(),
+        hashed_service::<PlayNext>(),
+        hashed_service::<Burst>(),
+        hashed_service::<Seek>(),
     ]);
     let golden: BTreeSet<&str> = rows(HASHES).iter().map(|[name, _]| *name).collect();
     assert_eq!(checked, golden);
@@ -199,7 +217,7 @@ fn defined<M: Message>() -> &'static str {
 #[test]
 fn definitions_and_structs_agree() {
     let defined = for_every_message!(defined);
-    assert_eq!(defined.len(), 71);
+    assert_eq!(defined.len(), 89);
     let topics: BTreeSet<&str> = defined.into_iter().filter(|name| name.contains("/msg/")).collect();
     let listed: BTreeSet<&str> = MESSAGES.iter().map(|message: &Descriptor| message.type_name).collect();
     assert_eq!(listed, topics);
