@@ -8,13 +8,18 @@ use crate::player::{Keys, Plan, Played, Player, Rate};
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::sample::Run;
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::time::Duration;
 
 /// Play recorded runs onto the node's input topics.
 ///
-/// Runs are CSV files, rosbag2 directories, or bare .mcap files. Original spacing is kept; stamps are moved so
+/// Runs are CSV files, rosbag2 directories, or bare .mcap or .db3 files. Original spacing is kept; stamps are moved so
 /// that the first sample is now, unless --clock is given, which keeps them and publishes /clock.
-/// Space pauses and resumes when a terminal is there.
+///
+/// Where a terminal is there, space pauses and resumes, right arrow or s plays one sample while paused, up and down
+/// change the speed by a tenth, and q ends. From elsewhere, the services of `ros2 bag play` do that: ~/pause, ~/resume,
+/// ~/toggle_paused, ~/is_paused, ~/get_rate, ~/set_rate, ~/play_next, ~/burst, ~/seek (rosbag2_interfaces), as in
+/// `ros2 service call /mr_damper_replay/pause rosbag2_interfaces/srv/Pause`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Runs to play, one after the other.
@@ -32,9 +37,16 @@ pub struct Args {
     /// Play this many seconds of each run.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
-    /// Keep the recorded stamps and publish /clock with them.
+    /// Keep the recorded stamps and publish /clock: with each sample, or HZ times a second of real time.
+    #[arg(long, value_name = "HZ", num_args = 0..=1, require_equals = true, default_missing_value = "samples")]
+    pub clock: Option<ClockRate>,
+    /// Wait for the first sample until told to go on.
     #[arg(long)]
-    pub clock: bool,
+    pub start_paused: bool,
+    /// Play onto another topic, e.g. displacement:=/lvdt/displacement; several are several --remap. The same as
+    /// --ros-args -r OLD:=NEW.
+    #[arg(long, value_name = "OLD:=NEW")]
+    pub remap: Vec<String>,
     /// Wait this long for a node to listen before the first sample, s.
     #[arg(long, value_name = "S", default_value_t = 5.0)]
     pub wait: f64,
@@ -44,6 +56,27 @@ pub struct Args {
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
     #[arg(long, value_name = "ID", default_value_t = -1)]
     pub domain_id: i64,
+}
+
+/// When the time is published.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ClockRate {
+    /// With the samples.
+    Samples,
+    /// So many times a second.
+    Hz(f64),
+}
+
+impl FromStr for ClockRate {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.parse::<f64>() {
+            _ if text == "samples" => Ok(Self::Samples),
+            Ok(hz) if (0.01..=10_000.0).contains(&hz) => Ok(Self::Hz(hz)),
+            _ => Err("give a number from 0.01 to 10000, as in --clock=40, or nothing at all"),
+        }
+    }
 }
 
 /// Plays the runs.
@@ -56,19 +89,30 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         runs.push(args.load.load(path)?.run);
     }
     let config = Config { domain_id: args.domain_id, ..Config::default() };
-    let player = Player::start(&config, &around.ros_args, args.clock)?;
+    let ros_args = around.ros_args.with_topics_renamed(&args.remap, &Player::TOPICS)?;
+    let mut player = Player::start(&config, &ros_args, args.clock.is_some())?;
+    player.offer_services(&ros_args)?;
+    if args.start_paused {
+        player.control().pause();
+        tracing::info!("paused from the start: press space, or call ~/resume");
+    }
     if !player.wait_for_listener(Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)), &around.interrupt) {
-        tracing::warn!(
-            "nobody listens to {} yet; playing all the same",
-            around.ros_args.topic("displacement")
-        );
+        tracing::warn!("nobody listens to {} yet; playing all the same", ros_args.topic("displacement"));
     }
     let keys = Keys::start(around.quiet);
     let mut played = Played::default();
     'all: loop {
         for run in &runs {
-            let plan =
-                Plan { rate: args.rate, start: args.start, duration: args.duration, clock: args.clock };
+            let plan = Plan {
+                rate: args.rate,
+                start: args.start,
+                duration: args.duration,
+                clock: args.clock.is_some(),
+                clock_hz: args.clock.and_then(|clock| match clock {
+                    ClockRate::Hz(hz) => Some(hz),
+                    ClockRate::Samples => None,
+                }),
+            };
             let bar = progress(run, &plan, around.quiet);
             player.play(run, &plan, &mut played, &around.interrupt, keys.as_ref(), &|at_s| {
                 bar.set_position((at_s * 1e3) as u64);

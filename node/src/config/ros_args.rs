@@ -255,6 +255,27 @@ impl RosArgs {
         self.renamed(name, Named::Service)
     }
 
+    /// The same with further renamings, `from:=to`, which come before those that are there. Each has to be of one of the
+    /// topics `known`, for a name that is misspelt would rename nothing.
+    ///
+    /// # Errors
+    /// When a rule is none, or renames something else.
+    pub fn with_topics_renamed(&self, rules: &[String], known: &[&str]) -> Result<Self, NodeError> {
+        let mut first = Vec::new();
+        for text in rules {
+            let rule = Rule::parse("--remap", text)?;
+            if !known.iter().any(|name| self.qualified(name) == self.qualified(&rule.from)) {
+                let (from, known) = (&rule.from, known.join(", "));
+                return Err(NodeError::Usage(format!(
+                    "--remap {text}: {from} is not among the topics: {known}"
+                )));
+            }
+            first.push(rule);
+        }
+        first.extend(self.rules.iter().cloned());
+        Ok(Self { rules: first, ..self.clone() })
+    }
+
     fn renamed(&self, name: &str, of: Named) -> String {
         let full = self.qualified(name);
         let rule = self
@@ -314,6 +335,40 @@ mod tests {
     fn split(line: &str) -> Result<(Vec<String>, RosArgs), NodeError> {
         let (plain, ros) = RosArgs::split(line.split_whitespace().map(str::to_owned))?;
         Ok((plain, ros.for_node("mr_damper")))
+    }
+
+    #[test]
+    fn further_renamings_go_first_and_by_names_that_there_are() {
+        let (_, ros) =
+            split("--ros-args -r __ns:=/front -r coil_current:=/amps -r displacement:=/other").expect("good");
+        let ros = ros.for_node("mr_damper_replay");
+        let known = ["displacement", "velocity", "coil_current", "measured_force", "/clock"];
+        let with = |rules: &[&str]| {
+            let rules: Vec<String> = rules.iter().map(|&rule| rule.to_owned()).collect();
+            ros.with_topics_renamed(&rules, &known)
+        };
+        let all =
+            with(&["displacement:=/lvdt/x", "/front/velocity:=/v", "/clock:=/bag_clock"]).expect("good");
+        for (name, topic) in [
+            ("displacement", "/lvdt/x"),
+            ("velocity", "/v"),
+            ("coil_current", "/amps"),
+            ("measured_force", "/front/measured_force"),
+            ("/clock", "/bag_clock"),
+        ] {
+            assert_eq!(all.topic(name), topic);
+        }
+        for (rule, why) in [
+            (
+                "displacment:=/x",
+                "--remap displacment:=/x: displacment is not among the topics: displacement, velocity",
+            ),
+            ("displacement", "--remap displacement: there is no :="),
+            ("displacement:=", "--remap displacement:=: \"\" is no name"),
+        ] {
+            let message = with(&[rule]).expect_err("refused").to_string();
+            assert!(message.contains(why), "{message}");
+        }
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The keyboard while a run plays.
 
+use super::Rate;
+use super::control::Control;
 use crate::interrupt::Interrupt;
 use ratatui::crossterm::event::{Event, KeyCode, KeyModifiers, poll, read};
 use ratatui::crossterm::terminal::{disable_raw_mode, enable_raw_mode};
@@ -7,14 +9,15 @@ use std::cell::Cell;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-/// The keyboard, when there is one: space pauses and resumes, q and Ctrl-C end.
+/// The keyboard, when there is one: space pauses and resumes, right arrow or s plays one sample while paused, up and
+/// down change the speed by a tenth, q and Ctrl-C end.
 pub struct Keys {
     last_look: Cell<Instant>,
 }
 
 impl Keys {
     /// Spacing of looks at the keyboard: a system call a sample would be too many.
-    const LOOK_EVERY: Duration = Duration::from_millis(50);
+    const LOOK_EVERY: Duration = super::LOOK_EVERY;
 
     /// Puts the terminal into raw mode, if there is one on both ends.
     #[must_use]
@@ -23,34 +26,35 @@ impl Keys {
         (terminal && enable_raw_mode().is_ok()).then(|| Self { last_look: Cell::new(Instant::now()) })
     }
 
-    /// Looks at the keyboard; while paused, waits. Returns how long the pause was.
-    pub(super) fn wait_while_paused(&self, interrupt: &Interrupt) -> Duration {
+    /// Looks at the keyboard and does what was pressed.
+    pub(super) fn look(&self, control: &Control, interrupt: &Interrupt) {
         if self.last_look.get().elapsed() < Self::LOOK_EVERY {
-            return Duration::ZERO;
+            return;
         }
         self.last_look.set(Instant::now());
-        let start = Instant::now();
-        let mut paused = false;
-        loop {
-            match Self::pressed(if paused { Self::LOOK_EVERY } else { Duration::ZERO }) {
-                Some(Key::Pause) => paused = !paused,
+        while let Ok(true) = poll(Duration::ZERO) {
+            match Self::pressed() {
+                Some(Key::Pause) => control.toggle_paused(),
+                Some(Key::Step) => control.nudge(),
+                Some(Key::Speed(factor)) => {
+                    if let Rate::Times(rate) = control.rate() {
+                        control.set_rate(rate * factor);
+                    }
+                }
                 Some(Key::End) => interrupt.raise(),
-                None if !paused => break,
                 None => {}
             }
-            if interrupt.is_raised() {
-                break;
-            }
         }
-        start.elapsed()
     }
 
-    /// The next key that means something, waiting for at most `timeout`.
-    fn pressed(timeout: Duration) -> Option<Key> {
-        let Ok(true) = poll(timeout) else { return None };
+    /// The key that was pressed, if it means something.
+    fn pressed() -> Option<Key> {
         let Ok(Event::Key(key)) = read() else { return None };
         match key.code {
             KeyCode::Char(' ') => Some(Key::Pause),
+            KeyCode::Char('s') | KeyCode::Right => Some(Key::Step),
+            KeyCode::Up => Some(Key::Speed(1.1)),
+            KeyCode::Down => Some(Key::Speed(1.0 / 1.1)),
             KeyCode::Char('q') | KeyCode::Esc => Some(Key::End),
             // Raw mode takes Ctrl-C away from the signal handler.
             KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Key::End),
@@ -69,5 +73,7 @@ impl Drop for Keys {
 /// What a key means.
 enum Key {
     Pause,
+    Step,
+    Speed(f64),
     End,
 }

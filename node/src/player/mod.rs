@@ -2,29 +2,34 @@
 //!
 //! A client of the service like any other: it has a participant of its own, and publishes as a recorder's peer would.
 
+mod control;
 mod keys;
+mod pace;
+mod services;
 
+pub use control::Control;
 pub use keys::Keys;
 
 use crate::clock::system_now;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
-use crate::ros::Ros;
+use crate::ros::{Ros, Task};
 use crate::wire::header;
 use mr_damper_model::sample::{Drive, Reading, Run, Sample, Stamp};
 use mr_damper_msgs::standard::{Clock, Temperature, Time};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Velocity};
+use pace::Pace;
 use ros2_client::{NodeOptions, Publisher};
 use std::str::FromStr;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Name of the node, unless it is given another.
 pub const NODE: &str = "mr_damper_replay";
 
-/// Messages a second that DDS carries without loss to best effort readers on one machine: a third of what a two-core
-/// machine was seen to carry.
-const MAX_MESSAGES_PER_S: f64 = 4000.0;
+/// How long the player sleeps at most before it looks for a signal and at the keyboard.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// How fast to play.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,17 +74,22 @@ pub struct Plan {
     pub duration: Option<f64>,
     /// Keep stamps, publish /clock.
     pub clock: bool,
+    /// How often /clock is published, a second of real time; `None`: with each sample, a millisecond apart at least.
+    pub clock_hz: Option<f64>,
 }
 
 impl Default for Plan {
     fn default() -> Self {
-        Self { rate: Rate::Times(1.0), start: 0.0, duration: None, clock: false }
+        Self { rate: Rate::Times(1.0), start: 0.0, duration: None, clock: false, clock_hz: None }
     }
 }
 
 /// Publishers for all input topics.
 pub struct Player {
     ros: Ros,
+    node: String,
+    control: Arc<Control>,
+    services: Option<Task>,
     displacement: Publisher<Displacement>,
     velocity: Publisher<Velocity>,
     coil_current: Publisher<CoilCurrent>,
@@ -92,6 +102,19 @@ pub struct Player {
 }
 
 impl Player {
+    /// The topics that are played onto, as the node calls them; remapping goes by these names.
+    pub const TOPICS: [&str; 9] = [
+        "displacement",
+        "velocity",
+        "coil_current",
+        "command_voltage",
+        "measured_force",
+        "case_temperature",
+        "body_velocity",
+        "force_request",
+        "/clock",
+    ];
+
     /// Joins the domain as `mr_damper_replay`, in the namespace of the ROS arguments; `clock`: to publish /clock.
     ///
     /// # Errors
@@ -109,9 +132,28 @@ impl Player {
             temperature: ros.publish(&args.topic("case_temperature"))?,
             body_velocity: ros.publish(&args.topic("body_velocity"))?,
             force_request: ros.publish(&args.topic("force_request"))?,
-            clock: if clock { Some(ros.publish("/clock")?) } else { None },
+            clock: if clock { Some(ros.publish(&args.topic("/clock"))?) } else { None },
             ros,
+            node: name.to_owned(),
+            control: Arc::default(),
+            services: None,
         })
+    }
+
+    /// Offers the services of `ros2 bag play` below the node's name: `~/pause`, `~/resume`, `~/toggle_paused`,
+    /// `~/is_paused`, `~/get_rate`, `~/set_rate`, `~/play_next`, `~/burst`, `~/seek`.
+    ///
+    /// # Errors
+    /// When DDS refuses one, or the system gives no thread.
+    pub fn offer_services(&mut self, ros_args: &RosArgs) -> Result<(), NodeError> {
+        self.services = Some(services::offer(&mut self.ros, ros_args, &self.node, &self.control)?);
+        Ok(())
+    }
+
+    /// What tells the player to pause, step, jump or change its speed.
+    #[must_use]
+    pub fn control(&self) -> &Control {
+        &self.control
     }
 
     /// Waits until somebody listens on every topic that matters; false after `timeout` or on a signal.
@@ -137,6 +179,9 @@ impl Player {
     }
 
     /// Plays one run; `at` is told how many seconds of it have been played.
+    ///
+    /// Stamps are moved so that the first sample is now, and the first one after a jump too; a pause moves nothing.
+    /// With a clock they stay as they were recorded.
     pub fn play(
         &self,
         run: &Run,
@@ -147,38 +192,29 @@ impl Player {
         at: &dyn Fn(f64),
     ) {
         let Some(first) = run.samples().next().map(|sample| sample.stamp) else { return };
-        let from_s = plan.start;
-        let to_s = plan.duration.map_or(f64::INFINITY, |d| from_s + d);
-        let shift_ns =
-            if plan.clock { 0 } else { system_now().nanos() - first.nanos() - (from_s * 1e9) as i64 };
-        let mut pace = Pace::new(plan.rate);
-        let mut last_clock: Option<Stamp> = None;
-        for sample in run.samples() {
-            let run_s = sample.stamp.since(first).get();
-            if run_s < from_s {
-                continue;
-            }
-            if run_s >= to_s || interrupt.is_raised() {
-                break;
-            }
-            if let Some(keys) = keys {
-                pace.add_pause(keys.wait_while_paused(interrupt));
-            }
-            if !pace.wait(run_s - from_s, interrupt) {
-                break;
-            }
-            let stamp = sample.stamp.shifted(shift_ns);
-            if plan.clock && last_clock.is_none_or(|last| stamp.since(last).get() >= 1e-3) {
-                last_clock = Some(stamp);
-                let clock = Clock { clock: Time::from_nanos_saturating(stamp.nanos()) };
-                let taken = self.clock.as_ref().is_none_or(|publisher| publisher.publish(clock).is_ok());
-                played.failed += u64::from(!taken);
-            }
-            let taken = self.publish(&Sample { stamp, ..sample });
-            played.samples += 1;
-            played.failed += u64::from(!taken);
-            at(run_s - from_s);
+        let last = run.samples().last().map_or(first, |sample| sample.stamp);
+        self.control.begin(plan.rate, (first, last));
+        let mut playing = Playing {
+            player: self,
+            plan,
+            first,
+            pace: Pace::new(plan.rate, plan.start),
+            last_clock: None,
+            next_tick: None,
+            interrupt,
+            keys,
+        };
+        let mut from = Some(plan.start);
+        while let Some(from_s) = from {
+            from = playing.stretch(run, from_s, played, at);
         }
+        self.control.end();
+    }
+
+    /// Publishes the time of the run.
+    fn tell_time(&self, stamp: Stamp) -> bool {
+        let clock = Clock { clock: Time::from_nanos_saturating(stamp.nanos()) };
+        self.clock.as_ref().is_none_or(|publisher| publisher.publish(clock).is_ok())
     }
 
     fn publish(&self, sample: &Sample) -> bool {
@@ -212,42 +248,125 @@ impl Player {
 
     /// Leaves the domain.
     pub fn stop(self) {
-        let Self { ros, .. } = self;
+        let Self { ros, services, displacement, velocity, coil_current, command_voltage, force, .. } = self;
+        let Self { temperature, body_velocity, force_request, clock, .. } = self;
+        if services.is_some_and(|services| services.stop().is_err()) {
+            tracing::error!("the thread that answers the player's services had panicked");
+        }
+        // What was made on the node goes before it.
+        drop((displacement, velocity, coil_current, command_voltage, force));
+        drop((temperature, body_velocity, force_request, clock));
         ros.stop();
     }
 }
 
-/// Keeps the spacing of samples.
-struct Pace {
-    rate: Rate,
-    start: Instant,
-    sent: u64,
+/// A run while it is played.
+struct Playing<'a> {
+    player: &'a Player,
+    plan: &'a Plan,
+    /// Stamp of the run's first sample.
+    first: Stamp,
+    pace: Pace,
+    /// The last time that was published with a sample.
+    last_clock: Option<Stamp>,
+    /// When the time is published next, where it is at a rate of its own.
+    next_tick: Option<Instant>,
+    interrupt: &'a Interrupt,
+    keys: Option<&'a Keys>,
 }
 
-impl Pace {
-    fn new(rate: Rate) -> Self {
-        Self { rate, start: Instant::now(), sent: 0 }
+/// What comes next.
+enum Next {
+    Play,
+    /// Go on from these seconds.
+    Jump(f64),
+    End,
+}
+
+impl Playing<'_> {
+    /// Plays from `from_s` on to the end, or to where it shall go on elsewhere, which it returns.
+    fn stretch(&mut self, run: &Run, from_s: f64, played: &mut Played, at: &dyn Fn(f64)) -> Option<f64> {
+        let plan = self.plan;
+        let to_s = plan.duration.map_or(f64::INFINITY, |duration| plan.start + duration);
+        let shift_ns =
+            if plan.clock { 0 } else { system_now().nanos() - self.first.nanos() - (from_s * 1e9) as i64 };
+        for sample in run.samples() {
+            let run_s = sample.stamp.since(self.first).get();
+            if run_s < from_s {
+                continue;
+            }
+            if run_s >= to_s {
+                break;
+            }
+            match self.next(run_s, played) {
+                Next::Play => {}
+                Next::Jump(to_s) => {
+                    self.pace.jump(to_s);
+                    self.last_clock = None;
+                    return Some(to_s);
+                }
+                Next::End => break,
+            }
+            let stamp = sample.stamp.shifted(shift_ns);
+            let due = self.last_clock.is_none_or(|last| stamp.since(last).get() >= 1e-3);
+            if plan.clock && plan.clock_hz.is_none() && due {
+                self.last_clock = Some(stamp);
+                played.failed += u64::from(!self.player.tell_time(stamp));
+            }
+            let taken = self.player.publish(&Sample { stamp, ..sample });
+            self.pace.sent(Instant::now(), run_s);
+            self.player.control.played();
+            played.samples += 1;
+            played.failed += u64::from(!taken);
+            at((run_s - plan.start).max(0.0));
+        }
+        None
     }
 
-    fn add_pause(&mut self, pause: Duration) {
-        self.start += pause;
+    /// Waits until the sample at `next_s` is due, or something else is to be done.
+    fn next(&mut self, next_s: f64, played: &mut Played) -> Next {
+        let control = &self.player.control;
+        loop {
+            if let Some(keys) = self.keys {
+                keys.look(control, self.interrupt);
+            }
+            if self.interrupt.is_raised() {
+                return Next::End;
+            }
+            let now = Instant::now();
+            let tick = self.tick(now, next_s, played);
+            let mut state = control.lock();
+            if let Some(to) = state.seek.take() {
+                return Next::Jump(to.since(self.first).get());
+            }
+            let stands = state.paused && state.steps == 0;
+            if state.paused {
+                self.pace.stand(now, next_s);
+            } else {
+                self.pace.run(state.rate(), now, next_s);
+            }
+            let left = if stands { LOOK_EVERY } else { self.pace.left(now, next_s) };
+            if left.is_zero() {
+                return Next::Play;
+            }
+            drop(control.wait(state, left.min(LOOK_EVERY).min(tick)));
+        }
     }
 
-    /// Waits until the sample at `run_s` is due; false when interrupted.
-    fn wait(&mut self, run_s: f64, interrupt: &Interrupt) -> bool {
-        let due_s = match self.rate {
-            Rate::Times(rate) => run_s / rate,
-            Rate::Max => self.sent as f64 / MAX_MESSAGES_PER_S,
-        };
-        self.sent += 1;
-        let due = self.start + Duration::from_secs_f64(due_s.max(0.0));
-        let left = due.saturating_duration_since(Instant::now());
-        if left > Duration::from_millis(50) {
-            return interrupt.sleep_until(due);
+    /// Publishes the time when that is due at a rate of its own; returns how long until it is again. It goes on while
+    /// paused, and stands still then.
+    fn tick(&mut self, now: Instant, next_s: f64, played: &mut Played) -> Duration {
+        let Some(hz) = self.plan.clock_hz.filter(|_| self.plan.clock) else { return LOOK_EVERY };
+        let due = *self.next_tick.get_or_insert(now);
+        if now < due {
+            return due - now;
         }
-        if !left.is_zero() {
-            std::thread::sleep(left);
-        }
-        true
+        let nanos = (self.pace.position(now, next_s) * 1e9).round() as i64;
+        played.failed += u64::from(!self.player.tell_time(self.first.shifted(nanos)));
+        let period = Duration::from_secs_f64(1.0 / hz);
+        // Ticks that were missed are not made up for.
+        let next = if due + period > now { due + period } else { now + period };
+        self.next_tick = Some(next);
+        next - now
     }
 }
