@@ -4,13 +4,15 @@
     python3 -m venv /tmp/bag-venv
     /tmp/bag-venv/bin/pip install rosbags mcap mcap-ros2-support
 
-Check that both open a bag we wrote and find in it exactly the columns of a CSV file, every value to the bit
-and every stamp to the nanosecond:
+Check that they open a bag we wrote (a directory, or one of its files alone) and find in it exactly the columns of a
+CSV file, every value to the bit and every stamp to the nanosecond, and that `metadata.yaml` says of each file what is
+in it. `mcap` reads MCAP alone, `rosbags` sqlite3 too:
 
-    mr-damper convert RUN.csv BAG
+    mr-damper convert RUN.csv BAG --storage sqlite3 --max-bag-duration 1
     /tmp/bag-venv/bin/python tests/interop/check_bags.py BAG RUN.csv
 
-Write bags with `rosbags` from a CSV file, OUT/v8 and OUT/v9, for us to read:
+Write bags with `rosbags` from a CSV file, for us to read: OUT/v8 and OUT/v9 in MCAP, OUT/sqlite, and packed ones of
+both storages, by file and by message. OUT/humble is OUT/sqlite in the schema of Humble, without definitions and hashes:
 
     /tmp/bag-venv/bin/python tests/interop/check_bags.py --write OUT RUN.csv
     mr-damper convert OUT/v8 BACK.csv        # must equal RUN.csv in its canonical form
@@ -23,6 +25,8 @@ from __future__ import annotations
 
 import argparse
 import csv
+import shutil
+import sqlite3
 import sys
 from decimal import Decimal
 from pathlib import Path
@@ -31,8 +35,9 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from ruamel.yaml import YAML
 
 # Column: (topic, type, field with the value).
 TOPICS = {
@@ -84,7 +89,8 @@ def by_rosbags(bag: Path) -> dict[str, list[tuple[int, float]]]:
         for connection in reader.connections:
             # The hashes in the bag are those that rosbags computes from the definitions.
             expected = reader.typestore.hash_rihs01(connection.msgtype)
-            if connection.digest != expected:
+            # Of a bare MCAP file, rosbags does not look for them.
+            if connection.digest != expected and (connection.digest or bag.suffix != ".mcap"):
                 message = f"type hash {connection.digest}, rosbags says {expected}"
                 raise SystemExit(f"{connection.topic}: {message}")
     return found
@@ -93,7 +99,7 @@ def by_rosbags(bag: Path) -> dict[str, list[tuple[int, float]]]:
 def by_mcap(bag: Path) -> dict[str, list[tuple[int, float]]]:
     """What `mcap` and `mcap-ros2-support` find, by topic."""
     found: dict[str, list[tuple[int, float]]] = {}
-    for path in sorted(bag.glob("*.mcap")):
+    for path in [bag] if bag.is_file() else sorted(bag.glob("*.mcap")):
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
             for schema, channel, record, message in reader.iter_decoded_messages():
@@ -115,8 +121,12 @@ def bits(value: float) -> str:
 def check(bag: Path, source: Path) -> int:
     """Compares both views of a bag with a CSV file; returns the number of differences."""
     columns = {topic_of(name)[0]: samples for name, samples in read_csv(source).items()}
-    faults = 0
-    for reader, found in (("rosbags", by_rosbags(bag)), ("mcap", by_mcap(bag))):
+    faults = check_metadata(bag) if bag.is_dir() else 0
+    readers = [("rosbags", by_rosbags)]
+    if bag.suffix == ".mcap" or any(bag.glob("*.mcap")):
+        readers.append(("mcap", by_mcap))
+    for reader, read in readers:
+        found = read(bag)
         for topic in sorted(columns.keys() | found.keys()):
             want = [(t, bits(v)) for t, v in columns.get(topic, [])]
             have = [(t, bits(v)) for t, v in found.get(topic, [])]
@@ -134,8 +144,68 @@ def check(bag: Path, source: Path) -> int:
     return faults
 
 
+def check_metadata(bag: Path) -> int:
+    """Holds what metadata.yaml says of the whole and of each file against the files; returns the differences."""
+    told = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    names = [file["path"] for file in told["files"]]
+    unlike = [("file names", told["relative_file_paths"], names)]
+    here = sorted(path.name for path in bag.iterdir() if path.name != "metadata.yaml")
+    unlike.append(("files in the directory", here, sorted(names)))
+    with Reader(bag) as reader:
+        stamps = [timestamp for _, timestamp, _ in reader.messages()]
+        counts = [connection.msgcount for connection in reader.connections]
+        unlike.append(("message counts", [reader.message_count, sum(counts)], [len(stamps)] * 2))
+        unlike.append(("start and end", [reader.start_time, reader.end_time], [min(stamps), max(stamps) + 1]))
+    packed = told["compression_mode"] == "FILE"
+    unlike.append(("packed names", {name.endswith(".zstd") for name in names}, {packed}))
+    for file in [] if packed else told["files"]:
+        with Reader(bag / file["path"]) as reader:
+            start = file["starting_time"]["nanoseconds_since_epoch"]
+            said = [file["message_count"], start, start + file["duration"]["nanoseconds"] + 1]
+            unlike.append((file["path"], said, [reader.message_count, reader.start_time, reader.end_time]))
+    unlike = [(what, said, found) for what, said, found in unlike if said != found]
+    for what, said, found in unlike:
+        print(f"metadata.yaml: {what}: it says {said}, there is {found}", file=sys.stderr)
+    print(f"metadata.yaml: {len(names)} files")
+    return len(unlike)
+
+
+# Name of a bag: rosbag2's version, storage, and where it is packed.
+FORMS = {
+    "v8": (8, StoragePlugin.MCAP, CompressionMode.NONE),
+    "v9": (9, StoragePlugin.MCAP, CompressionMode.NONE),
+    "sqlite": (8, StoragePlugin.SQLITE3, CompressionMode.NONE),
+    "mcap-file": (9, StoragePlugin.MCAP, CompressionMode.FILE),
+    "mcap-message": (9, StoragePlugin.MCAP, CompressionMode.MESSAGE),
+    "mcap-storage": (9, StoragePlugin.MCAP, CompressionMode.STORAGE),
+    "sqlite-file": (9, StoragePlugin.SQLITE3, CompressionMode.FILE),
+    "sqlite-message": (9, StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+}
+
+
+def make_humble(bag: Path, out: Path) -> None:
+    """A sqlite3 bag in the form that Humble gives it."""
+    shutil.copytree(bag, out)
+    (database,) = out.glob("*.db3")
+    with sqlite3.connect(database) as connection:
+        connection.execute("DROP TABLE message_definitions")
+        connection.execute("ALTER TABLE topics DROP COLUMN type_description_hash")
+        connection.execute("UPDATE schema SET schema_version = 3, ros_distro = 'humble'")
+    connection.close()
+    yaml = YAML(typ="safe")
+    text = yaml.load((out / "metadata.yaml").read_text())
+    told = text["rosbag2_bagfile_information"]
+    told["version"] = 5
+    for key in ("custom_data", "ros_distro"):
+        del told[key]
+    for topic in told["topics_with_message_count"]:
+        del topic["topic_metadata"]["type_description_hash"]
+    with (out / "metadata.yaml").open("w") as file:
+        yaml.dump(text, file)
+
+
 def write(out: Path, source: Path) -> None:
-    """Writes the columns of a CSV file as bags of rosbag2 versions 8 and 9, stored as MCAP."""
+    """Writes the columns of a CSV file as bags of all forms."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted((Path(__file__).parents[2] / "msgs" / "msg").glob("*.msg")):
         store.register(get_types_from_msg(path.read_text(), f"mr_damper_msgs/msg/{path.stem}"))
@@ -146,8 +216,10 @@ def write(out: Path, source: Path) -> None:
         QosLiveliness.AUTOMATIC, never, avoid_ros_namespace_conventions=False,
     )  # fmt: skip
     time_type, header_type = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
-    for version in (8, 9):
-        with Writer(out / f"v{version}", version=version, storage_plugin=StoragePlugin.MCAP) as writer:
+    for form, (version, storage, compression) in FORMS.items():
+        bag = Writer(out / form, version=version, storage_plugin=storage)
+        bag.set_compression(compression, CompressionFormat.ZSTD)
+        with bag as writer:
             samples = []
             for index, name in enumerate(columns):
                 topic, kind, field = topic_of(name)
@@ -161,14 +233,15 @@ def write(out: Path, source: Path) -> None:
                     fields |= {"header": header_type(stamp, "damper"), "variance": 0.0}
                 message = store.types[kind](**fields)
                 writer.write(connection, nanos, store.serialize_cdr(message, kind))
-        print(f"{out / f'v{version}'}: {len(columns)} topics, {len(samples)} messages written")
+        print(f"{out / form}: {len(columns)} topics, {len(samples)} messages written")
+    make_humble(out / "sqlite", out / "humble")
 
 
 def main() -> int:
     """Reads the command line."""
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=plain)
-    parser.add_argument("bag", type=Path, help="the bag directory; with --write, the directory for bags")
+    parser.add_argument("bag", type=Path, help="the bag or its file; with --write, the directory for bags")
     parser.add_argument("csv", type=Path, help="the CSV file with the same data")
     parser.add_argument("--write", action="store_true", help="write bags instead of checking one")
     arguments = parser.parse_args()
