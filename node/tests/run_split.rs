@@ -250,3 +250,31 @@ fn messages_packed_one_by_one_are_read_with_and_without_metadata() {
         }
     }
 }
+
+#[test]
+fn a_file_that_was_only_begun_does_not_cost_the_others() {
+    let dir = temporary();
+    for (storage, extension) in [(Storage::Mcap, "mcap"), (Storage::Sqlite3, "db3")] {
+        let path = dir.path().join(storage.identifier());
+        let options = BagOptions {
+            max_file_duration: Some(Duration::from_millis(300)),
+            ..BagOptions::default().stored(storage)
+        };
+        thousand(&path, options);
+        std::fs::remove_file(path.join("metadata.yaml")).expect("removed");
+        // What a recorder leaves that is killed as it splits.
+        let begun = path.join(format!("bag_{}_4.{extension}", storage.identifier()));
+        std::fs::write(&begun, "").expect("written");
+        let loaded = read(&path);
+        assert_eq!(loaded.run.displacement_m.len(), 1000);
+        let notes: Vec<String> = loaded.notes.iter().map(ToString::to_string).collect();
+        let left = |note: &String| note.starts_with("left out: ") && note.ends_with("it is empty");
+        assert!(notes.len() == 2 && notes.iter().any(left), "{notes:?}");
+        // Nothing but such files is no bag.
+        for file in files_of(&path) {
+            std::fs::write(&file, "").expect("written");
+        }
+        let text = refusal(&path, &plain());
+        assert!(text.ends_with("it is empty"), "{text}");
+    }
+}

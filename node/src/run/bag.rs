@@ -22,8 +22,20 @@ pub(super) fn load(
 ) -> Result<Run, RunError> {
     let unpacker = MessageUnpacker::new();
     let mut bag = Bag { options, topics: Vec::new(), of_file: HashMap::new(), stray: 0, unpacker };
+    let mut left = None;
     for file in files {
-        read(file, &mut bag, notes, hash)?;
+        match read(file, &mut bag, notes, hash) {
+            // A recorder that is killed as it begins another file leaves one that is not yet a bag's. The others
+            // are worth reading all the same.
+            Err(error @ RunError::NotABag { .. }) if files.len() > 1 => {
+                notes.push(Note::FileLeft { why: error.to_string() });
+                left.get_or_insert(error);
+            }
+            other => other?,
+        }
+    }
+    if let Some(error) = left.filter(|_| bag.topics.is_empty()) {
+        return Err(error);
     }
     bag.into_run(path, notes)
 }

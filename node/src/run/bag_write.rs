@@ -3,13 +3,12 @@
 //! Messages wait in a chunk until that is old or big enough; then the operating system has them. When the
 //! process is killed, the bag holds everything up to the last chunk and reads without repair (also without
 //! `metadata.yaml`, which comes at the end). How a chunk becomes durable is the storage's affair:
-//! [`McapFile`], [`SqliteFile`].
+//! [`OpenFile`].
 
-use super::mcap_write::McapFile;
+use super::bag_file::{Message, OpenFile};
 use super::metadata::{self, FileEntry, TopicEntry, Written};
 use super::names::{is_topic_name, is_type_name};
 use super::pack::{pack_file, packed_name};
-use super::sqlite_write::SqliteFile;
 use super::{RunError, write_file};
 use mr_damper_msgs::cdr;
 use std::collections::HashMap;
@@ -161,67 +160,6 @@ pub struct BagSummary {
     pub files: usize,
     /// Their size in bytes.
     pub bytes: u64,
-}
-
-/// A message on its way into a file.
-pub(super) struct Message<'a> {
-    /// Its topic's place in the bag.
-    pub(super) topic: usize,
-    pub(super) sequence: u32,
-    pub(super) log_time: u64,
-    pub(super) publish_time: u64,
-    pub(super) cdr: &'a [u8],
-}
-
-/// The file at hand, of either storage.
-enum OpenFile {
-    Mcap(Box<McapFile>),
-    Sqlite(SqliteFile),
-}
-
-impl OpenFile {
-    fn create(path: &Path, options: &BagOptions) -> Result<Self, RunError> {
-        match options.storage {
-            Storage::Mcap => McapFile::create(path, options).map(Box::new).map(Self::Mcap),
-            Storage::Sqlite3 => SqliteFile::create(path, options).map(Self::Sqlite),
-        }
-    }
-
-    fn topic(&mut self, topic: &Topic<'_>) -> Result<(), RunError> {
-        match self {
-            Self::Mcap(file) => file.topic(topic),
-            Self::Sqlite(file) => file.topic(topic),
-        }
-    }
-
-    fn message(&mut self, message: &Message<'_>) -> Result<(), RunError> {
-        match self {
-            Self::Mcap(file) => file.message(message),
-            Self::Sqlite(file) => file.message(message),
-        }
-    }
-
-    fn flush(&mut self) -> Result<(), RunError> {
-        match self {
-            Self::Mcap(file) => file.flush(),
-            Self::Sqlite(file) => file.flush(),
-        }
-    }
-
-    fn bytes(&self) -> Result<u64, RunError> {
-        match self {
-            Self::Mcap(file) => file.bytes(),
-            Self::Sqlite(file) => file.bytes(),
-        }
-    }
-
-    /// Ends it; nothing may be written behind.
-    fn finish(&mut self, metadata: String) -> Result<(), RunError> {
-        match self {
-            Self::Mcap(file) => file.finish(metadata),
-            Self::Sqlite(file) => file.finish(&metadata),
-        }
-    }
 }
 
 struct TopicState {

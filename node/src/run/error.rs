@@ -304,6 +304,11 @@ pub enum Note {
         /// What is wrong.
         why: String,
     },
+    /// A file of several is none of a bag; the others were read.
+    FileLeft {
+        /// Which, and what it is instead.
+        why: String,
+    },
     /// A packed file ended or broke before its end; what came out before that was read.
     PackedCutShort {
         /// The file.
@@ -389,6 +394,7 @@ impl fmt::Display for Note {
             Self::RowsDamaged { path, first: Some(first), last: None, why } => {
                 write!(f, "{}: messages from {first} on left out: {why}", path.display())
             }
+            Self::FileLeft { why } => write!(f, "left out: {why}"),
             Self::PackedCutShort { path, bytes, why } => {
                 write!(f, "{}: unpacked up to byte {bytes} of its content; there: {why}", path.display())
             }

@@ -3,7 +3,8 @@
 //! It is written in chunks that are complete when they reach the operating system, and never rewritten: when
 //! the process is killed, the file holds everything up to the last chunk and reads without repair.
 
-use super::bag_write::{BagOptions, COLUMN_KEY, Message, Sync, Topic};
+use super::bag_file::Message;
+use super::bag_write::{BagOptions, COLUMN_KEY, Sync, Topic};
 use super::{RunError, metadata};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, WriteOptions};

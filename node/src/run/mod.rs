@@ -25,6 +25,7 @@
 //! rosbag2 does it (`FILE`, `MESSAGE`, chunks of MCAP) or not. [`storage`] makes one of all these.
 
 mod bag;
+mod bag_file;
 mod bag_save;
 mod bag_write;
 mod column;

@@ -5,7 +5,8 @@
 //! one that is not leaves nothing behind. The log is merged into the file at the end; until then it lies beside
 //! it, and belongs to it.
 
-use super::bag_write::{BagOptions, Message, Sync, Topic};
+use super::bag_file::Message;
+use super::bag_write::{BagOptions, Sync, Topic};
 use super::sqlite::COLUMNS_TABLE;
 use super::{RunError, metadata};
 use rusqlite::{Connection, OpenFlags, params};

@@ -1,0 +1,68 @@
+//! The file of a bag that is written at the moment, of either storage.
+
+use super::RunError;
+use super::bag_write::{BagOptions, Storage, Topic};
+use super::mcap_write::McapFile;
+use super::sqlite_write::SqliteFile;
+use std::path::Path;
+
+/// A message on its way into a file.
+pub(super) struct Message<'a> {
+    /// Its topic's place in the bag.
+    pub(super) topic: usize,
+    pub(super) sequence: u32,
+    pub(super) log_time: u64,
+    pub(super) publish_time: u64,
+    pub(super) cdr: &'a [u8],
+}
+
+/// The file at hand, of either storage.
+pub(super) enum OpenFile {
+    Mcap(Box<McapFile>),
+    Sqlite(SqliteFile),
+}
+
+impl OpenFile {
+    pub(super) fn create(path: &Path, options: &BagOptions) -> Result<Self, RunError> {
+        match options.storage {
+            Storage::Mcap => McapFile::create(path, options).map(Box::new).map(Self::Mcap),
+            Storage::Sqlite3 => SqliteFile::create(path, options).map(Self::Sqlite),
+        }
+    }
+
+    pub(super) fn topic(&mut self, topic: &Topic<'_>) -> Result<(), RunError> {
+        match self {
+            Self::Mcap(file) => file.topic(topic),
+            Self::Sqlite(file) => file.topic(topic),
+        }
+    }
+
+    pub(super) fn message(&mut self, message: &Message<'_>) -> Result<(), RunError> {
+        match self {
+            Self::Mcap(file) => file.message(message),
+            Self::Sqlite(file) => file.message(message),
+        }
+    }
+
+    pub(super) fn flush(&mut self) -> Result<(), RunError> {
+        match self {
+            Self::Mcap(file) => file.flush(),
+            Self::Sqlite(file) => file.flush(),
+        }
+    }
+
+    pub(super) fn bytes(&self) -> Result<u64, RunError> {
+        match self {
+            Self::Mcap(file) => file.bytes(),
+            Self::Sqlite(file) => file.bytes(),
+        }
+    }
+
+    /// Ends it; nothing may be written behind.
+    pub(super) fn finish(&mut self, metadata: String) -> Result<(), RunError> {
+        match self {
+            Self::Mcap(file) => file.finish(metadata),
+            Self::Sqlite(file) => file.finish(&metadata),
+        }
+    }
+}
