@@ -20,6 +20,7 @@ pub mod hot;
 pub mod interrupt;
 pub mod latency;
 pub mod lifecycle;
+pub mod listed_peers;
 pub mod live;
 pub mod logging;
 pub mod models;

@@ -6,6 +6,7 @@
 
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
+use crate::listed_peers::ListedPeers;
 use futures::channel::oneshot;
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::{Action, Message, Service};
@@ -19,7 +20,7 @@ use ros2_client::{
     ActionTypeName, Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, ServiceMapping,
     ServiceTypeName, Subscription,
 };
-use rustdds::DomainParticipantBuilder;
+use rustdds::{DomainParticipantBuilder, RTPSEntity};
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
@@ -68,6 +69,8 @@ pub type ExecutingOf<A> = ExecutingGoalHandle<Part<<A as Action>::Goal>>;
 #[derive(Clone)]
 pub struct Domain {
     context: Context,
+    /// Tells listed hosts of this process, as long as it is in the domain.
+    _listed: Option<Arc<ListedPeers>>,
 }
 
 impl Domain {
@@ -77,6 +80,12 @@ impl Domain {
     /// When the participant cannot be created (no network interface, no free ports).
     pub fn join(config: &Config) -> Result<Self, NodeError> {
         let domain = domain_id(config)?;
+        if config.discovery_range == "localhost" && !config.discovery_peers.is_empty() {
+            return Err(NodeError::Usage(
+                "discovery_peers are on other hosts, and discovery_range is localhost: leave one of them out"
+                    .to_owned(),
+            ));
+        }
         let mut builder = DomainParticipantBuilder::new(domain);
         if is_loopback_only(config) {
             require_loopback()?;
@@ -89,9 +98,14 @@ impl Domain {
                 "see that a network interface is up and UDP ports from 7400 are free",
             )
         })?;
+        let peers = listed_peers(config);
+        let listed = match peers.is_empty() {
+            true => None,
+            false => Some(ListedPeers::start(&peers, domain, participant.guid().prefix.as_ref())?),
+        };
         let context = Context::from_domain_participant(participant)
             .map_err(|e| failed("creating the ROS context", &e, ""))?;
-        Ok(Self { context })
+        Ok(Self { context, _listed: listed.map(Arc::new) })
     }
 }
 
@@ -122,12 +136,26 @@ pub fn domain_id(config: &Config) -> Result<u16, NodeError> {
     }
 }
 
-/// True when only this machine may find the node: by parameter, by ROS' environment, and by default.
+/// The hosts that are told of this process though no multicast reaches them: by parameter, or by ROS' environment.
+#[must_use]
+pub fn listed_peers(config: &Config) -> Vec<String> {
+    if config.discovery_range == "localhost" {
+        return Vec::new();
+    }
+    if !config.discovery_peers.is_empty() {
+        return config.discovery_peers.clone();
+    }
+    let text = std::env::var("ROS_STATIC_PEERS").unwrap_or_default();
+    text.split(';').map(str::trim).filter(|host| !host.is_empty()).map(str::to_owned).collect()
+}
+
+/// True when only this machine may find the node: by parameter, by ROS' environment, and by default. Hosts that are listed may.
 #[must_use]
 pub fn is_loopback_only(config: &Config) -> bool {
     match config.discovery_range.as_str() {
         "localhost" => true,
         "subnet" => false,
+        _ if !listed_peers(config).is_empty() => false,
         _ => {
             let range = std::env::var("ROS_AUTOMATIC_DISCOVERY_RANGE").unwrap_or_default();
             let localhost_only = std::env::var("ROS_LOCALHOST_ONLY").unwrap_or_default();

@@ -242,6 +242,11 @@ fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
 /// # Errors
 /// When `ROS_DOMAIN_ID` is no domain.
 pub fn reach(config: &Config) -> Result<String, NodeError> {
-    let range = if ros::is_loopback_only(config) { "this machine only" } else { "all networks" };
+    let mut range =
+        if ros::is_loopback_only(config) { "this machine only" } else { "all networks" }.to_owned();
+    let listed = ros::listed_peers(config);
+    if !listed.is_empty() {
+        range += &format!(" and {}", listed.join(", "));
+    }
     Ok(format!("domain {}, {range}", ros::domain_id(config)?))
 }

@@ -4,6 +4,8 @@
 # usage: netns.sh run COMMAND...        runs COMMAND in a new namespace and ends with its exit code
 #        netns.sh hold                  makes one, prints its "pid", keeps it until standard input closes
 #        netns.sh wire PID PID          a cable between two held ones, 10.77.0.1 to 10.77.0.2: two hosts (root only)
+#        netns.sh route PID PID PID     the outer two on either side of the middle one, a router that carries no multicast:
+#                                       10.77.1.2 and 10.77.2.2 (root only)
 #        netns.sh enter PID COMMAND...  becomes COMMAND (same process id) in the namespace that PID holds
 #
 # COMMAND under enter dies with the process that started it (SIGKILL), so nothing is left behind when a test
@@ -41,6 +43,19 @@ case $verb in
     nsenter --target "$2" --net -- bash -euc "$wired" netns near 10.77.0.1/24
     nsenter --target "$3" --net -- bash -euc "$wired" netns far 10.77.0.2/24
     ;;
+  route)
+    [ $# = 4 ] || die "usage: netns.sh route PID PID PID"
+    [ "$(id -u)" = 0 ] || die "only root can wire namespaces"
+    ip link add near netns "$2" type veth peer name near netns "$3"
+    ip link add far netns "$4" type veth peer name far netns "$3"
+    nsenter --target "$3" --net -- bash -euc 'for side in near:1 far:2; do
+      ip addr add "10.77.${side#*:}.1/24" dev "${side%:*}" && ip link set "${side%:*}" up; done
+      echo 1 >/proc/sys/net/ipv4/ip_forward'
+    leaf='ip addr add "10.77.$2.2/24" dev "$1" && ip link set "$1" up && ip route add default via "10.77.$2.1"
+      ip route replace 224.0.0.0/4 dev "$1"'
+    nsenter --target "$2" --net -- bash -euc "$leaf" netns near 1
+    nsenter --target "$4" --net -- bash -euc "$leaf" netns far 2
+    ;;
   enter)
     [ $# -ge 3 ] || die "usage: netns.sh enter PID COMMAND..."
     pid=$2
@@ -49,5 +64,5 @@ case $verb in
     [ "$(id -u)" = 0 ] || spaces=(--user --preserve-credentials --net)
     exec nsenter --target "$pid" "${spaces[@]}" -- setpriv --pdeathsig KILL "$@"
     ;;
-  *) die "usage: netns.sh run COMMAND... | hold | wire PID PID | enter PID COMMAND..." ;;
+  *) die "usage: netns.sh run COMMAND... | hold | wire PID PID | route PID PID PID | enter PID COMMAND..." ;;
 esac

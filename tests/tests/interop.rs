@@ -333,6 +333,29 @@ fn another_host_is_served_when_the_subnet_may_find_the_node() {
 }
 
 #[test]
+fn a_listed_host_is_served_where_no_multicast_goes() {
+    interop("a listed host", |lab| {
+        let Some([_router, far]) = lab.behind_a_router() else {
+            return Outcome::Skipped("network namespaces cannot be wired: that takes root".to_owned());
+        };
+        // Without the list, nobody over there hears of the node.
+        let unlisted = lab.node(PRESET, &["-p", "discovery_range:=subnet"]);
+        let seen = far.ros(Distro::Jazzy, "graph_peer.py", &["--node", NODE, "--absent", "4"]).json(PEER);
+        assert!(!truth(&seen, "/found"), "{seen:#}");
+        drop(unlisted);
+        let _node = lab.node(PRESET, &["-p", "discovery_peers:=['10.77.2.2']"]);
+        let args = ["--node", NODE, "--force-seconds", "3", "--list-below", "current"];
+        let saw = far.ros(Distro::Jazzy, "ros_peer.py", &args).json(PEER);
+        estimates_arrived(&saw);
+        residuals_arrived(&saw);
+        Outcome::Passed(format!(
+            "{} estimates to rclpy behind a router",
+            count(&saw, "/force_estimate/count")
+        ))
+    });
+}
+
+#[test]
 fn rclpy_jazzy_asks_for_forces() {
     interop("supervisor with rclpy jazzy", |lab| supervisor(lab, Distro::Jazzy));
 }

@@ -69,11 +69,14 @@ pub fn dampers(
         Ok(Damper { config, args })
     });
     let all: Vec<Damper> = all.collect::<Result<_, NodeError>>()?;
-    let shared = |config: &Config| (config.domain_id, config.discovery_range.clone(), config.zenoh.clone());
+    let shared = |config: &Config| {
+        let Config { domain_id, discovery_range, discovery_peers, zenoh, .. } = config.clone();
+        (domain_id, discovery_range, discovery_peers, zenoh)
+    };
     match all.iter().find(|damper| shared(&damper.config) != shared(&all[0].config)) {
         None => Ok(all),
         Some(other) => Err(NodeError::Usage(format!(
-            "{} and {} differ in domain_id, discovery_range or zenoh.*, which are those of the process: set them without the name of \
+            "{} and {} differ in domain_id, discovery_* or zenoh.*, which are those of the process: set them without the name of \
              a damper",
             all[0].name(),
             other.name()

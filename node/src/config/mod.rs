@@ -118,6 +118,8 @@ pub struct Config {
     pub domain_id: i64,
     /// `localhost`, `subnet` or `system_default`.
     pub discovery_range: String,
+    /// Hosts that are told of the node; empty: `ROS_STATIC_PEERS`.
+    pub discovery_peers: Vec<String>,
     /// Zenoh mirror.
     pub zenoh: ZenohSettings,
 }
@@ -151,6 +153,7 @@ impl Default for Config {
             align_wait_s: 0.05,
             domain_id: -1,
             discovery_range: "system_default".to_owned(),
+            discovery_peers: Vec::new(),
             zenoh: ZenohSettings {
                 listen: Vec::new(),
                 connect: Vec::new(),

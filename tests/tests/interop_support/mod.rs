@@ -62,6 +62,15 @@ impl Lab {
         wired.is_ok_and(|status| status.success()).then_some(other)
     }
 
+    /// Another host in the same domain, behind a router that carries no multicast; with the router, which has to stay. `None` when
+    /// only root can have one.
+    pub(crate) fn behind_a_router(&self) -> Option<[Self; 2]> {
+        let [router, other] = [(); 2].map(|()| Self::of(self.domain, Rc::clone(&self.logs)));
+        let all = [self.holder.id(), router.holder.id(), other.holder.id()].map(|id| id.to_string());
+        let wired = Command::new(script("netns.sh")).arg("route").args(all).status();
+        wired.is_ok_and(|status| status.success()).then_some([router, other])
+    }
+
     fn of(domain: u32, logs: Rc<RefCell<Vec<(String, PathBuf)>>>) -> Self {
         let folder = tempfile::tempdir().expect("a temporary directory");
         let mut holder = Command::new(script("netns.sh"))

@@ -46,7 +46,7 @@ const NODE: [Parameter; 3] = [
     },
 ];
 
-const MAIN: [Parameter; 23] = [
+const MAIN: [Parameter; 24] = [
     list!(
         "dampers",
         "names of several dampers, each a node in a namespace of its own with parameters below its name (front_left.model); none: the node is the damper",
@@ -218,6 +218,11 @@ const MAIN: [Parameter; 23] = [
             }
         },
     },
+    list!(
+        "discovery_peers",
+        "hosts (IPv4 addresses or names) that are told of the node where no multicast reaches them; the node then leaves this machine; none: ROS_STATIC_PEERS",
+        discovery_peers
+    ),
     text!(
         "discovery_range",
         Kind::Choice(&["system_default", "localhost", "subnet"]),
