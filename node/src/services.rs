@@ -14,14 +14,13 @@ use crate::actions::Actions;
 use crate::clock::system_now;
 use crate::config::RosArgs;
 use crate::control::{Control, Loaded};
+use crate::desk::Desk;
 use crate::error::NodeError;
 use crate::lifecycle::{self, Phase, Transition};
 use crate::overseer::SharedHistory;
 use crate::parameters::{self, Parameters};
-use crate::ros::{Part, Ros, Task};
+use crate::ros::{Ros, Task};
 use crate::types;
-use futures::future::{BoxFuture, join_all, select};
-use mr_damper_msgs::Service;
 use mr_damper_msgs::lifecycle::{
     ChangeState, ChangeStateRequest, ChangeStateResponse, GetAvailableStates, GetAvailableStatesResponse,
     GetAvailableTransitions, GetAvailableTransitionsResponse, GetState, GetStateResponse,
@@ -38,15 +37,7 @@ use mr_damper_msgs::srv::{
 use mr_damper_msgs::type_description::GetTypeDescription;
 use mr_damper_msgs::{Mode, UnknownValue};
 use ros2_client::Publisher;
-use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Duration;
-
-/// How long the first answer to a client waits. Its request may be here before DDS has heard of the reader of answers, and
-/// what is sent then is lost; other middlewares wait for that reader up to 100 ms.
-const ACQUAINTANCE: Duration = Duration::from_millis(50);
-/// Clients of a service that are remembered to be known.
-const KNOWN: usize = 64;
 
 /// The running services and actions.
 pub struct Services {
@@ -69,17 +60,13 @@ impl Services {
         let parameters = Arc::new(Parameters::start(ros, control, &args.full_name())?);
         let events = ros.publish(&args.topic("~/transition_event"))?;
         let manager = Arc::new(Manager { control: Arc::clone(control), events });
-        let mut desk = Desk { ros, args, open: Vec::new() };
-        desk.offer_own(control, &parameters)?;
-        desk.offer_parameters(&parameters)?;
-        desk.offer_lifecycle(&manager)?;
-        desk.offer::<GetTypeDescription>("~/get_type_description", |request| types::describe(&request))?;
-        let open = desk.open;
         let actions = Actions::offer(ros, args, control, &parameters, history)?;
-        let answering = Task::start("ros-services", |stopped| async move {
-            // The end of the one is that of the other; requests are answered between two of these looks.
-            let _ = select(stopped, join_all(open)).await;
-        })?;
+        let mut offer = Offer(Desk::new(ros, args));
+        offer.offer_own(control, &parameters)?;
+        offer.offer_parameters(&parameters)?;
+        offer.offer_lifecycle(&manager)?;
+        offer.0.offer::<GetTypeDescription>("~/get_type_description", |request| types::describe(&request))?;
+        let answering = offer.0.start("ros-services")?;
         Ok(Self { answering, actions: actions.start()?, manager })
     }
 
@@ -149,60 +136,22 @@ impl Manager {
     }
 }
 
-/// Where services are offered.
-struct Desk<'a> {
-    ros: &'a mut Ros,
-    args: &'a RosArgs,
-    /// What answers the requests of each service, for ever.
-    open: Vec<BoxFuture<'static, ()>>,
-}
+/// The node's services, while they are offered.
+struct Offer<'a>(Desk<'a>);
 
-impl Desk<'_> {
-    /// Offers the service that the node calls `name`, answered by `answer`.
-    fn offer<S>(
-        &mut self,
-        name: &str,
-        answer: impl Fn(S::Request) -> S::Response + Send + Sync + 'static,
-    ) -> Result<(), NodeError>
-    where
-        S: Service<Request: Sync, Response: Sync> + 'static,
-    {
-        let name = self.args.service(name);
-        let server = self.ros.serve::<S>(&name)?;
-        self.open.push(Box::pin(async move {
-            let mut known = VecDeque::with_capacity(KNOWN);
-            loop {
-                let (id, Part(request)) = match server.async_receive_request().await {
-                    Ok(request) => request,
-                    Err(error) => {
-                        tracing::warn!(service = name, %error, "a request cannot be read");
-                        continue;
-                    }
-                };
-                if !known.contains(&id.writer_gid) {
-                    known.truncate(KNOWN - 1);
-                    known.push_front(id.writer_gid);
-                    tokio::time::sleep(ACQUAINTANCE).await;
-                }
-                if let Err(error) = server.async_send_response(id, Part(answer(request))).await {
-                    tracing::warn!(service = name, %error, "an answer was not sent");
-                }
-            }
-        }));
-        Ok(())
-    }
-
+impl Offer<'_> {
     fn offer_own(&mut self, control: &Arc<Control>, parameters: &Arc<Parameters>) -> Result<(), NodeError> {
         let (changing, told) = (Arc::clone(control), Arc::clone(parameters));
-        self.offer::<LoadModel>("load_model", move |request| load_model(&changing, &told, &request.model))?;
+        self.0
+            .offer::<LoadModel>("load_model", move |request| load_model(&changing, &told, &request.model))?;
         let changing = Arc::clone(control);
-        self.offer::<Reset>("reset", move |_| {
+        self.0.offer::<Reset>("reset", move |_| {
             let done = changing.reset();
             let message = done.as_ref().map_or_else(ToString::to_string, |()| String::new());
             ResetResponse { success: done.is_ok(), message }
         })?;
         let told = Arc::clone(parameters);
-        self.offer::<SetMode>("set_mode", move |request| {
+        self.0.offer::<SetMode>("set_mode", move |request| {
             let done = set_mode(&told, &request);
             SetModeResponse { success: done.is_ok(), message: done.err().unwrap_or_default() }
         })
@@ -210,46 +159,46 @@ impl Desk<'_> {
 
     fn offer_parameters(&mut self, parameters: &Arc<Parameters>) -> Result<(), NodeError> {
         let of = Arc::clone(parameters);
-        self.offer::<GetParameters>("~/get_parameters", move |request| GetParametersResponse {
+        self.0.offer::<GetParameters>("~/get_parameters", move |request| GetParametersResponse {
             values: of.get(&request.names),
         })?;
-        self.offer::<GetParameterTypes>("~/get_parameter_types", |request| GetParameterTypesResponse {
+        self.0.offer::<GetParameterTypes>("~/get_parameter_types", |request| GetParameterTypesResponse {
             types: parameters::types(&request.names),
         })?;
         let of = Arc::clone(parameters);
-        self.offer::<SetParameters>("~/set_parameters", move |request| SetParametersResponse {
+        self.0.offer::<SetParameters>("~/set_parameters", move |request| SetParametersResponse {
             results: request.parameters.chunks(1).map(|one| of.set(one)).collect(),
         })?;
         let of = Arc::clone(parameters);
-        self.offer::<SetParametersAtomically>("~/set_parameters_atomically", move |request| {
+        self.0.offer::<SetParametersAtomically>("~/set_parameters_atomically", move |request| {
             SetParametersAtomicallyResponse { result: of.set(&request.parameters) }
         })?;
-        self.offer::<ListParameters>("~/list_parameters", |request| ListParametersResponse {
+        self.0.offer::<ListParameters>("~/list_parameters", |request| ListParametersResponse {
             result: parameters::list(&request.prefixes, request.depth),
         })?;
-        self.offer::<DescribeParameters>("~/describe_parameters", |request| DescribeParametersResponse {
+        self.0.offer::<DescribeParameters>("~/describe_parameters", |request| DescribeParametersResponse {
             descriptors: parameters::describe(&request.names),
         })
     }
 
     fn offer_lifecycle(&mut self, manager: &Arc<Manager>) -> Result<(), NodeError> {
         let of = Arc::clone(manager);
-        self.offer::<GetState>("~/get_state", move |_| GetStateResponse {
+        self.0.offer::<GetState>("~/get_state", move |_| GetStateResponse {
             current_state: of.control.phase().message(),
         })?;
         let of = Arc::clone(manager);
-        self.offer::<ChangeState>("~/change_state", move |request| of.answer(&request))?;
-        self.offer::<GetAvailableStates>("~/get_available_states", |_| GetAvailableStatesResponse {
+        self.0.offer::<ChangeState>("~/change_state", move |request| of.answer(&request))?;
+        self.0.offer::<GetAvailableStates>("~/get_available_states", |_| GetAvailableStatesResponse {
             available_states: Phase::ALL.map(Phase::message).to_vec(),
         })?;
         let of = Arc::clone(manager);
-        self.offer::<GetAvailableTransitions>("~/get_available_transitions", move |_| {
+        self.0.offer::<GetAvailableTransitions>("~/get_available_transitions", move |_| {
             GetAvailableTransitionsResponse {
                 available_transitions: lifecycle::graph(Some(of.control.phase())),
             }
         })?;
-        self.offer::<GetAvailableTransitions>("~/get_transition_graph", |_| GetAvailableTransitionsResponse {
-            available_transitions: lifecycle::graph(None),
+        self.0.offer::<GetAvailableTransitions>("~/get_transition_graph", |_| {
+            GetAvailableTransitionsResponse { available_transitions: lifecycle::graph(None) }
         })
     }
 }

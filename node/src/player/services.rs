@@ -5,9 +5,9 @@
 use super::Rate;
 use super::control::Control;
 use crate::config::RosArgs;
+use crate::desk::Desk;
 use crate::error::NodeError;
-use crate::ros::{Part, Ros, ServerOf, Task};
-use futures::future::{join_all, select};
+use crate::ros::{Ros, Task};
 use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::Service;
 use mr_damper_msgs::rosbag2::{
@@ -15,17 +15,14 @@ use mr_damper_msgs::rosbag2::{
     PlayNext, PlayNextResponse, Resume, ResumeResponse, Seek, SeekResponse, SetRate, SetRateResponse,
     TogglePaused, TogglePausedResponse,
 };
-use std::pin::{Pin, pin};
 use std::sync::Arc;
 
 /// The services of one player, while they are put together.
 struct Offer<'a> {
-    ros: &'a mut Ros,
-    args: &'a RosArgs,
+    desk: Desk<'a>,
     /// Full name of the node.
     node: String,
-    control: &'a Arc<Control>,
-    answering: Vec<Pin<Box<dyn Future<Output = ()> + Send>>>,
+    player: &'a Arc<Control>,
 }
 
 impl Offer<'_> {
@@ -35,10 +32,8 @@ impl Offer<'_> {
         name: &str,
         act: fn(&Control, S::Request) -> S::Response,
     ) -> Result<(), NodeError> {
-        let full = self.args.service(&format!("{}/{name}", self.node));
-        let server = self.ros.serve::<S>(&full)?;
-        self.answering.push(Box::pin(answer::<S>(server, Arc::clone(self.control), act)));
-        Ok(())
+        let player = Arc::clone(self.player);
+        self.desk.offer::<S>(&format!("{}/{name}", self.node), move |request| act(&player, request))
     }
 }
 
@@ -47,10 +42,10 @@ pub(super) fn offer(
     ros: &mut Ros,
     args: &RosArgs,
     node: &str,
-    control: &Arc<Control>,
+    player: &Arc<Control>,
 ) -> Result<Task, NodeError> {
     let node = format!("{}/{node}", args.namespace().trim_end_matches('/'));
-    let mut offer = Offer { ros, args, node, control, answering: Vec::new() };
+    let mut offer = Offer { desk: Desk::new(ros, args), node, player };
     offer.add::<Pause>("pause", |control, _| {
         control.pause();
         PauseResponse::default()
@@ -81,26 +76,5 @@ pub(super) fn offer(
     offer.add::<Seek>("seek", |control, asked| SeekResponse {
         success: control.seek(Stamp::from_nanos(asked.time.as_nanos())),
     })?;
-    let answering = offer.answering;
-    Task::start("replay-services", |stopped| async move {
-        select(pin!(join_all(answering)), stopped).await;
-    })
-}
-
-async fn answer<S: Service<Request: Sync, Response: Sync>>(
-    server: ServerOf<S>,
-    control: Arc<Control>,
-    act: fn(&Control, S::Request) -> S::Response,
-) {
-    loop {
-        match server.async_receive_request().await {
-            Ok((id, Part(request))) => {
-                let response = Part(act(&control, request));
-                if let Err(error) = server.async_send_response(id, response).await {
-                    tracing::warn!(%error, service = S::TYPE, "an answer was not sent");
-                }
-            }
-            Err(error) => tracing::warn!(%error, service = S::TYPE, "a request cannot be read"),
-        }
-    }
+    offer.desk.start("replay-services")
 }
