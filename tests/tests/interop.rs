@@ -340,12 +340,12 @@ fn a_listed_host_is_served_where_no_multicast_goes() {
         };
         // Without the list, nobody over there hears of the node.
         let unlisted = lab.node(PRESET, &["-p", "discovery_range:=subnet"]);
-        let seen = far.ros(Distro::Jazzy, "graph_peer.py", &["--node", NODE, "--absent", "4"]).json(PEER);
+        let seen = far.ros(Distro::Kilted, "graph_peer.py", &["--node", NODE, "--absent", "4"]).json(PEER);
         assert!(!truth(&seen, "/found"), "{seen:#}");
         drop(unlisted);
         let _node = lab.node(PRESET, &["-p", "discovery_peers:=['10.77.2.2']"]);
         let args = ["--node", NODE, "--force-seconds", "3", "--list-below", "current"];
-        let saw = far.ros(Distro::Jazzy, "ros_peer.py", &args).json(PEER);
+        let saw = far.ros(Distro::Kilted, "ros_peer.py", &args).json(PEER);
         estimates_arrived(&saw);
         residuals_arrived(&saw);
         Outcome::Passed(format!(
@@ -597,9 +597,9 @@ fn round_trip(name: &str, lab: &Lab, seconds: u64) -> Value {
 fn sigint_and_sigterm_end_the_node_and_peers_see_it_go() {
     interop("shutdown", |lab| {
         let mut figures = Vec::new();
-        for signal in ["INT", "TERM"] {
+        for (signal, distro) in [("INT", Distro::Jazzy), ("TERM", Distro::Kilted)] {
             let mut node = lab.node(PRESET, &[]);
-            let mut watcher = lab.ros(Distro::Jazzy, "graph_peer.py", &["--node", NODE]);
+            let mut watcher = lab.ros(distro, "graph_peer.py", &["--node", NODE]);
             assert_eq!(text(&watcher.json_line(PEER), "/event"), "ready");
             std::thread::sleep(Duration::from_millis(500)); // discovery of all its topics is over
             let sent = SystemTime::now();
