@@ -1,7 +1,9 @@
 //! `load_model` on the real service, over real DDS: the model is swapped between two samples and nothing is lost.
 
+mod live_support;
+
 use futures::executor::block_on;
-use futures::future::{Either, select};
+use live_support::answer;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{AlarmChange, Estimate, Event, Residual};
@@ -16,10 +18,9 @@ use mr_damper_node::hot::Inlet;
 use mr_damper_node::interrupt::Interrupt;
 use mr_damper_node::models;
 use mr_damper_node::player::{Plan, Played, Player};
-use mr_damper_node::ros::{ClientOf, Part, Ros};
+use mr_damper_node::ros::{ClientOf, Ros};
 use mr_damper_node::service::Service;
 use ros2_client::{NodeOptions, Subscription};
-use std::pin::pin;
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 97;
@@ -59,21 +60,8 @@ impl Peer {
 
     /// The answer to a request for `model`. A first call may take three seconds (see ros2.md).
     fn load(&self, model: &str) -> LoadModelResponse {
-        let request = Part(LoadModelRequest { model: model.to_owned() });
-        let call = pin!(self.client.async_call_service(request));
-        let late = pin!(async {
-            let (sender, receiver) = futures::channel::oneshot::channel();
-            std::thread::spawn(move || {
-                std::thread::sleep(Duration::from_secs(15));
-                // Nobody waits any more when the answer came in time.
-                let _ = sender.send(());
-            });
-            let _ = receiver.await;
-        });
-        match block_on(select(call, late)) {
-            Either::Left((answer, _)) => answer.expect("an answer that can be read").0,
-            Either::Right(_) => panic!("load_model {model} is not answered within 15 s"),
-        }
+        let request = LoadModelRequest { model: model.to_owned() };
+        answer::<LoadModel>(&self.client, request)
     }
 
     /// The statuses of the next diagnostics, within 5 s.

@@ -1,7 +1,9 @@
 //! The player over real DDS: its services, as a client of `ros2 bag play` would call them, and `/clock`.
 
+mod live_support;
+
 use futures::executor::block_on;
-use futures::future::{Either, select};
+use live_support::answer;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use mr_damper_msgs::rosbag2::{
     Burst, BurstRequest, GetRate, GetRateRequest, IsPaused, IsPausedRequest, Pause, PauseRequest, PlayNext,
@@ -13,9 +15,8 @@ use mr_damper_msgs::{CoilCurrent, Displacement, Force, Service};
 use mr_damper_node::config::{Config, RosArgs};
 use mr_damper_node::interrupt::Interrupt;
 use mr_damper_node::player::{Plan, Played, Player};
-use mr_damper_node::ros::{ClientOf, Part, Ros};
+use mr_damper_node::ros::{ClientOf, Ros};
 use ros2_client::{NodeOptions, Subscription};
-use std::pin::pin;
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 78;
@@ -93,20 +94,7 @@ impl Peer {
 
     /// The answer to a request. A first call may take three seconds.
     fn call<S: Service>(&self, client: &ClientOf<S>, request: S::Request) -> S::Response {
-        let call = pin!(client.async_call_service(Part(request)));
-        let late = pin!(async {
-            let (sender, receiver) = futures::channel::oneshot::channel();
-            std::thread::spawn(move || {
-                std::thread::sleep(Duration::from_secs(15));
-                // Nobody waits any more when the answer came in time.
-                let _ = sender.send(());
-            });
-            let _ = receiver.await;
-        });
-        match block_on(select(call, late)) {
-            Either::Left((answer, _)) => answer.expect("an answer that can be read").0,
-            Either::Right(_) => panic!("{} is not answered within 15 s", S::TYPE),
-        }
+        answer::<S>(client, request)
     }
 
     fn is_paused(&self) -> bool {

@@ -152,6 +152,19 @@ macro_rules! text {
     };
 }
 
+macro_rules! truth {
+    ($name:literal, $change:ident, $doc:literal, $($field:ident).+) => {
+        Parameter {
+            name: $name,
+            kind: Kind::Bool,
+            change: $change,
+            doc: $doc,
+            get: |c| Value::Bool(c.$($field).+),
+            set: |c, v| if let Value::Bool(b) = v { c.$($field).+ = *b; },
+        }
+    };
+}
+
 macro_rules! list {
     ($name:literal, $doc:literal, $($field:ident).+) => {
         Parameter {

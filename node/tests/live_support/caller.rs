@@ -4,7 +4,7 @@ use futures::executor::block_on;
 use futures::future::{Either, select};
 use mr_damper_msgs::Service;
 use mr_damper_node::config::{Config, RosArgs};
-use mr_damper_node::ros::{Part, Ros};
+use mr_damper_node::ros::{ClientOf, Part, Ros};
 use ros2_client::NodeOptions;
 use std::pin::pin;
 use std::time::{Duration, Instant};
@@ -26,6 +26,24 @@ pub(crate) fn wait_until(what: &str, mut is: impl FnMut() -> bool) {
     }
 }
 
+/// The answer of a service that was found.
+pub(crate) fn answer<S: Service>(client: &ClientOf<S>, request: S::Request) -> S::Response {
+    let call = pin!(client.async_call_service(Part(request)));
+    let late = pin!(async {
+        let (sender, receiver) = futures::channel::oneshot::channel();
+        std::thread::spawn(move || {
+            std::thread::sleep(PATIENCE);
+            // Nobody waits any more when the answer came in time.
+            let _ = sender.send(());
+        });
+        let _ = receiver.await;
+    });
+    match block_on(select(call, late)) {
+        Either::Left((answer, _)) => answer.expect("an answer that can be read").0,
+        Either::Right(_) => panic!("{} is not answered within {} s", S::TYPE, PATIENCE.as_secs()),
+    }
+}
+
 /// The calling node.
 pub(crate) struct Caller {
     pub(crate) ros: Ros,
@@ -39,27 +57,10 @@ impl Caller {
     }
 
     /// The answer of the service `name` below `node`.
-    pub(crate) fn call<S: Service>(&mut self, node: &str, name: &str, request: S::Request) -> S::Response
-    where
-        S::Request: Sync,
-        S::Response: Sync,
-    {
+    pub(crate) fn call<S: Service>(&mut self, node: &str, name: &str, request: S::Request) -> S::Response {
         let client = self.ros.client::<S>(&format!("{node}/{name}")).expect("a client");
         block_on(client.wait_for_service(self.ros.node()));
-        let call = pin!(client.async_call_service(Part(request)));
-        let late = pin!(async {
-            let (sender, receiver) = futures::channel::oneshot::channel();
-            std::thread::spawn(move || {
-                std::thread::sleep(PATIENCE);
-                // Nobody waits any more when the answer came in time.
-                let _ = sender.send(());
-            });
-            let _ = receiver.await;
-        });
-        match block_on(select(call, late)) {
-            Either::Left((answer, _)) => answer.expect("an answer that can be read").0,
-            Either::Right(_) => panic!("{name} is not answered within {} s", PATIENCE.as_secs()),
-        }
+        answer::<S>(&client, request)
     }
 
     pub(crate) fn stop(self) {

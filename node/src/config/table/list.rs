@@ -7,30 +7,13 @@ use mr_damper_model::inverse::Method;
 use mr_damper_model::pipeline::{Mode, UseForce};
 
 const NODE: [Parameter; 3] = [
-    Parameter {
-        name: "autostart",
-        kind: Kind::Bool,
-        change: Never,
-        doc: "true: configure and activate the node at once; false: wait for change_state, as a lifecycle manager wants it",
-        get: |c| Value::Bool(c.autostart),
-        set: |c, v| {
-            if let Value::Bool(b) = v {
-                c.autostart = *b;
-            }
-        },
-    },
-    Parameter {
-        name: "use_sim_time",
-        kind: Kind::Bool,
-        change: Running,
-        doc: "true: the time is what /clock says; false: the system's",
-        get: |c| Value::Bool(c.use_sim_time),
-        set: |c, v| {
-            if let Value::Bool(b) = v {
-                c.use_sim_time = *b;
-            }
-        },
-    },
+    truth!(
+        "autostart",
+        Never,
+        "true: configure and activate the node at once; false: wait for change_state, as a lifecycle manager wants it",
+        autostart
+    ),
+    truth!("use_sim_time", Running, "true: the time is what /clock says; false: the system's", use_sim_time),
     Parameter {
         name: "mode",
         kind: Kind::Choice(&["auto", "arx", "model", "fault"]),
@@ -173,18 +156,12 @@ const MAIN: [Parameter; 24] = [
         "directory of the model files that the action close_loop writes, on the node's machine; empty: the system's temporary directory",
         close_loop_out
     ),
-    Parameter {
-        name: "close_loop.auto_load",
-        kind: Kind::Bool,
-        change: Running,
-        doc: "true: swap the model that the action close_loop has found in, unasked; false: load_model does, when somebody calls it",
-        get: |c| Value::Bool(c.close_loop_auto_load),
-        set: |c, v| {
-            if let Value::Bool(b) = v {
-                c.close_loop_auto_load = *b;
-            }
-        },
-    },
+    truth!(
+        "close_loop.auto_load",
+        Running,
+        "true: swap the model that the action close_loop has found in, unasked; false: load_model does, when somebody calls it",
+        close_loop_auto_load
+    ),
     text!(
         "filter.apply_to",
         Kind::Choice(&["model", "inputs", "output", "none"]),
@@ -398,18 +375,12 @@ const ZENOH: [Parameter; 7] = [
         "length of the history that a late joiner can ask for, s",
         zenoh.history_s
     ),
-    Parameter {
-        name: "zenoh.allow_non_loopback",
-        kind: Kind::Bool,
-        change: Never,
-        doc: "allow Zenoh endpoints beyond this machine",
-        get: |c| Value::Bool(c.zenoh.allow_non_loopback),
-        set: |c, v| {
-            if let Value::Bool(b) = v {
-                c.zenoh.allow_non_loopback = *b;
-            }
-        },
-    },
+    truth!(
+        "zenoh.allow_non_loopback",
+        Never,
+        "allow Zenoh endpoints beyond this machine",
+        zenoh.allow_non_loopback
+    ),
 ];
 
 const INPUTS: [[Parameter; 4]; 7] = [
