@@ -12,6 +12,7 @@
 //! `MR_DAMPER_LONG=1` makes the round trip a bench: it lasts a minute and is held to its limit, for which the machine
 //! must be idle. Measured runs are looked for in `MR_DAMPER_DATA`.
 
+mod interop_deploy;
 mod interop_support;
 
 use interop_support::gate::{Outcome, data, interop, long, say};

@@ -196,6 +196,24 @@ mod tests {
                 .iter()
                 .all(|d| d.config.settings.limits.rate_max_a_s == 200.0 && d.config.law == "skyhook")
         );
+        let of_yaml = |line: &str| {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../launch-configs/vehicle.params.yaml");
+            let line = format!("--ros-args --params-file {} {line}", path.display());
+            let (_, args) =
+                RosArgs::split(line.split_whitespace().map(str::to_owned)).expect("good arguments");
+            dampers(None, &args.for_node("mr_damper"), &[]).expect("vehicle.params.yaml")
+        };
+        let configs = |dampers: &[Damper]| dampers.iter().map(|d| d.config.clone()).collect::<Vec<_>>();
+        let in_one_process = of_yaml("");
+        assert_eq!(
+            configs(&in_one_process).into_iter().map(|c| Config { dampers: vec![], ..c }).collect::<Vec<_>>(),
+            configs(&corners).into_iter().map(|c| Config { dampers: vec![], ..c }).collect::<Vec<_>>(),
+            "vehicle.params.yaml says what vehicle.toml says"
+        );
+        for corner in &in_one_process {
+            let alone = of_yaml(&format!("-r __ns:=/{}", corner.name()));
+            assert_eq!(configs(&alone), configs(std::slice::from_ref(corner)), "{}", corner.name());
+        }
     }
 
     #[test]

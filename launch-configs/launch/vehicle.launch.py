@@ -1,0 +1,59 @@
+"""The four dampers of a vehicle: in one process, or with separate:=true in four.
+
+ros2 launch mr_damper vehicle.launch.py params_file:=/etc/mr-damper/vehicle.params.yaml
+
+One process shares one participant, so that a vehicle costs discovery what one damper does; four fail one by one.
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition, UnlessCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+CORNERS = ["front_left", "front_right", "rear_left", "rear_right"]
+
+
+def argument(name, value_type):
+    """A parameter of the node that is an argument of this file."""
+    return {name: ParameterValue(LaunchConfiguration(name), value_type=value_type)}
+
+
+def process(**more):
+    """A process with the arguments of this file."""
+    return Node(
+        package="mr_damper",
+        executable="mr-damper",
+        arguments=["node"],
+        ros_arguments=["--log-level", LaunchConfiguration("log_level")],
+        parameters=[
+            LaunchConfiguration("params_file"),
+            argument("use_sim_time", bool),
+            argument("autostart", bool),
+        ],
+        output="screen",
+        **more,
+    )
+
+
+def generate_launch_description():
+    separate = LaunchConfiguration("separate")
+    params_file = PathJoinSubstitution([FindPackageShare("mr_damper"), "config", "vehicle.params.yaml"])
+    return LaunchDescription([
+        DeclareLaunchArgument(
+            "params_file",
+            default_value=params_file,
+            description="Parameters (YAML); dampers in section /mr_damper names what one process serves",
+        ),
+        DeclareLaunchArgument("separate", default_value="false", description="true: a process for each damper"),
+        DeclareLaunchArgument("use_sim_time", default_value="false", description="Time is what /clock says"),
+        DeclareLaunchArgument(
+            "autostart", default_value="true", description="false: wait for change_state of a lifecycle manager"
+        ),
+        DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error"),
+        # Without a name, or launch would say its parameters of /mr_damper alone, and not of the four.
+        process(condition=UnlessCondition(separate)),
+        *[process(namespace=corner, name="mr_damper", condition=IfCondition(separate)) for corner in CORNERS],
+    ])
