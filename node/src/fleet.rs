@@ -22,7 +22,7 @@ impl Fleet {
     pub fn start(dampers: &[Damper]) -> Result<Self, NodeError> {
         let Some(first) = dampers.first() else { return Ok(Self { services: Vec::new() }) };
         files::allow(dampers.len());
-        let process = Process::join(&first.config)?;
+        let process = Process::join(&first.config, first.args.enclave.as_deref())?;
         let mut fleet = Self { services: Vec::with_capacity(dampers.len()) };
         for damper in dampers {
             // What its threads log is said to be its own, where there are others.

@@ -32,6 +32,7 @@ pub mod report;
 pub mod ros;
 pub mod rosout;
 pub mod run;
+pub mod security;
 pub mod service;
 pub mod services;
 pub mod sink;

@@ -7,6 +7,7 @@
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::listed_peers::ListedPeers;
+use crate::security::Enclave;
 use futures::channel::oneshot;
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::{Action, Message, Service};
@@ -74,11 +75,13 @@ pub struct Domain {
 }
 
 impl Domain {
-    /// Joins the domain that `config` asks for.
+    /// Joins the domain that `config` asks for; with DDS-Security where the environment or `enclave` ask for it.
     ///
     /// # Errors
-    /// When the participant cannot be created (no network interface, no free ports).
-    pub fn join(config: &Config) -> Result<Self, NodeError> {
+    /// When the participant cannot be created (no network interface, no free ports), or security that is asked for cannot
+    /// be had.
+    pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
+        let enclave = Enclave::asked_for(enclave)?;
         let domain = domain_id(config)?;
         if config.discovery_range == "localhost" && !config.discovery_peers.is_empty() {
             return Err(NodeError::Usage(
@@ -91,13 +94,16 @@ impl Domain {
             require_loopback()?;
             builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
         }
-        let participant = builder.build().map_err(|e| {
-            failed(
-                format!("joining domain {domain}"),
-                &e,
-                "see that a network interface is up and UDP ports from 7400 are free",
-            )
-        })?;
+        let mut advice = "see that a network interface is up and UDP ports from 7400 are free".to_owned();
+        if let Some(enclave) = &enclave {
+            builder = enclave.secure(builder)?;
+            let directory = enclave.directory().display();
+            advice +=
+                &format!(", and that the files in {directory} are signed, valid and for domain {domain}");
+            tracing::info!(enclave = %directory, "DDS-Security is on");
+        }
+        let participant =
+            builder.build().map_err(|e| failed(format!("joining domain {domain}"), &e, &advice))?;
         let peers = listed_peers(config);
         let listed = match peers.is_empty() {
             true => None,
@@ -175,7 +181,7 @@ impl Ros {
         options: NodeOptions,
         name: &str,
     ) -> Result<Self, NodeError> {
-        Self::start_in(&Domain::join(config)?, args, options, name)
+        Self::start_in(&Domain::join(config, args.enclave.as_deref())?, args, options, name)
     }
 
     /// Creates the node called `name` in a domain that was joined.

@@ -44,12 +44,12 @@ pub struct Process {
 }
 
 impl Process {
-    /// Joins what `config` asks for.
+    /// Joins what `config` asks for, as the `enclave` of a keystore where DDS-Security is asked for.
     ///
     /// # Errors
     /// When ROS or Zenoh do not start.
-    pub fn join(config: &Config) -> Result<Self, NodeError> {
-        let domain = Domain::join(config)?;
+    pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
+        let domain = Domain::join(config, enclave)?;
         let link = zenoh_config(config).map(|settings| Link::open(&settings)).transpose()?;
         Ok(Self { domain, link: link.map(Arc::new) })
     }
@@ -72,7 +72,8 @@ impl Service {
     /// # Errors
     /// Those of [`Process::join`] and [`Service::start_in`].
     pub fn start(config: &Config, args: &RosArgs, watch: bool) -> Result<(Self, Option<Inlet>), NodeError> {
-        Self::start_in(&Process::join(config)?, config, args, watch)
+        let process = Process::join(config, args.enclave.as_deref())?;
+        Self::start_in(&process, config, args, watch)
     }
 
     /// Starts the service of one damper. `watch`: also return an inlet that gets every event, inputs included.

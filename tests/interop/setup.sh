@@ -2,12 +2,13 @@
 # Prepares the foreign peers of the interop tests: two real ROS 2 distributions with our messages compiled in,
 # and one environment with CycloneDDS, Zenoh and the bag readers.
 #
-# usage: setup.sh [jazzy] [kilted] [peers]      (nothing named: all three)
+# usage: setup.sh [jazzy] [kilted] [peers] [secure]      (nothing named: the first three)
 #
 # Everything lands under $MR_DAMPER_INTEROP_DIR (default /var/tmp/mr-damper-interop):
 #   jazzy/venv   jazzy/msgs     rclpy and friends from wheels; mr_damper_msgs built against them
 #   kilted/venv  kilted/msgs
 #   peers/venv                  cyclonedds, eclipse-zenoh, rosbags, mcap, mcap-ros2-support
+#   secure/secure_peer          a peer on Debian's Fast DDS, which has DDS-Security; needs libfastrtps-dev and openssl
 # A part is skipped when its stamp still names these requirements, these interface files, this script and
 # this Python. Delete the directory to start over.
 #
@@ -39,6 +40,10 @@ sys.exit(not os.path.exists(os.path.join(sysconfig.get_paths()["include"], "Pyth
 # What a part depends on, as one line.
 fingerprint() {
   local part=$1
+  if [ "$part" = secure ]; then
+    cat "$here/secure_peer.cpp" "${BASH_SOURCE[0]}" | sha256sum | cut -d' ' -f1
+    return
+  fi
   {
     "$python" -VV
     cat "$here/requirements/$part.txt" "${BASH_SOURCE[0]}"
@@ -88,6 +93,14 @@ build_messages() {
   fi
 }
 
+build_secure_peer() {
+  command -v openssl >/dev/null || die "openssl is missing; on Debian: apt-get install openssl"
+  [ -e /usr/include/fastdds/dds/domain/DomainParticipant.hpp ] ||
+    die "Fast DDS is missing; on Debian: apt-get install libfastrtps-dev"
+  c++ -std=c++17 -O1 -o "$base/secure/secure_peer" "$here/secure_peer.cpp" -lfastrtps -lfastcdr ||
+    die "secure_peer.cpp did not build; it is written for Fast DDS 2.9"
+}
+
 # The part works when its own Python can import what the peers import.
 verify() {
   local part=$1
@@ -112,12 +125,16 @@ prepare() {
   fi
   say "$part: installing"
   rm -rf "$base/$part/stamp" "$base/$part/venv" "$base/$part/msgs" "$base/$part/build"
-  install_requirements "$part"
-  if [ "$part" != peers ]; then
-    say "$part: building mr_damper_msgs"
-    build_messages "$part"
+  if [ "$part" = secure ]; then
+    build_secure_peer
+  else
+    install_requirements "$part"
+    if [ "$part" != peers ]; then
+      say "$part: building mr_damper_msgs"
+      build_messages "$part"
+    fi
+    verify "$part"
   fi
-  verify "$part"
   echo "$wanted" >"$base/$part/stamp"
   say "$part is ready after $((SECONDS - started)) s"
 }
@@ -126,9 +143,9 @@ check_tools
 [ $# -gt 0 ] || set -- jazzy kilted peers
 for part in "$@"; do
   case $part in
-    jazzy | kilted | peers) (prepare "$part") ;;
+    jazzy | kilted | peers | secure) (prepare "$part") ;;
     *)
-      say "there is no part '$part'; parts are jazzy, kilted, peers"
+      say "there is no part '$part'; parts are jazzy, kilted, peers, secure"
       exit 2
       ;;
   esac

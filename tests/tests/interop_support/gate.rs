@@ -70,6 +70,36 @@ pub(crate) fn echo_binary() -> PathBuf {
     built("MR_DAMPER_ECHO", "echo_peer", "cargo build --release --workspace --bins")
 }
 
+/// An `mr-damper` with the feature `security`: `MR_DAMPER_SECURE_BIN`, or target/secure/release/mr-damper.
+pub(crate) fn secure_binary() -> Result<PathBuf, String> {
+    let beside = || target().join("secure/release/mr-damper");
+    let path = std::env::var_os("MR_DAMPER_SECURE_BIN").map_or_else(beside, PathBuf::from);
+    if path.is_file() {
+        Ok(path)
+    } else {
+        Err(format!(
+            "{} is missing; `cargo build --release --features security --target-dir target/secure` makes it, or name \
+             another in MR_DAMPER_SECURE_BIN",
+            path.display()
+        ))
+    }
+}
+
+/// The directory of a part that tests/interop/setup.sh prepares only when it is named.
+pub(crate) fn optional_environment(part: &str) -> Result<PathBuf, String> {
+    let path = environments().join(part);
+    if path.join("stamp").is_file() {
+        Ok(path)
+    } else {
+        Err(format!("{} is not prepared; run tests/interop/setup.sh {part}", path.display()))
+    }
+}
+
+fn environments() -> PathBuf {
+    std::env::var_os("MR_DAMPER_INTEROP_DIR")
+        .map_or_else(|| PathBuf::from("/var/tmp/mr-damper-interop"), PathBuf::from)
+}
+
 fn built(variable: &str, file: &str, how: &str) -> PathBuf {
     let path = std::env::var_os(variable).map_or_else(|| target().join("release").join(file), PathBuf::from);
     assert!(path.is_file(), "{} is missing; `{how}` makes it, or name another in {variable}", path.display());
@@ -84,15 +114,7 @@ fn target() -> PathBuf {
 
 /// The directory of one part that tests/interop/setup.sh prepared.
 pub(crate) fn environment(part: &str) -> PathBuf {
-    let base = std::env::var_os("MR_DAMPER_INTEROP_DIR")
-        .map_or_else(|| PathBuf::from("/var/tmp/mr-damper-interop"), PathBuf::from);
-    let path = base.join(part);
-    assert!(
-        path.join("stamp").is_file(),
-        "{} is not prepared; run tests/interop/setup.sh {part}",
-        path.display()
-    );
-    path
+    optional_environment(part).unwrap_or_else(|why| panic!("{why}"))
 }
 
 /// Measured runs, if they are on this machine: `MR_DAMPER_DATA`, or shared/data beside the repository.

@@ -131,6 +131,17 @@ impl Lab {
     }
 
     fn start(&self, name: &str, program: &Path, args: &[&str]) -> Program {
+        self.start_with(name, program, args, &[])
+    }
+
+    /// Starts another program, with variables of its own.
+    pub(crate) fn start_with(
+        &self,
+        name: &str,
+        program: &Path,
+        args: &[&str],
+        variables: &[(&str, &Path)],
+    ) -> Program {
         let mut logs = self.logs.borrow_mut();
         let log = self.folder().join(format!("{}.log", logs.len()));
         logs.push((name.to_owned(), log.clone()));
@@ -142,6 +153,9 @@ impl Lab {
             ["ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "CYCLONEDDS_URI"]
         {
             command.env_remove(name);
+        }
+        for (name, value) in variables {
+            command.env(name, value);
         }
         Program::spawn(name, command, &log)
     }
