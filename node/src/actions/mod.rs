@@ -8,8 +8,8 @@
 //!
 //! | action | names | work |
 //! |---|---|---|
-//! | `close_loop` | what the running model lacks | [`close_loop`] |
-//! | `identify` | a model of some kind that fits the history | [`identify`] |
+//! | `close_loop` | what the running model lacks | `close_loop.rs` |
+//! | `identify` | a model of some kind that fits the history | `identify.rs` |
 //!
 //! The estimating thread knows nothing of it: a job has a copy of the history and a thread of its own. One goal at
 //! a time of each action: another one is rejected meanwhile.

@@ -22,7 +22,7 @@
 //! parts of a recorded bag that a conversion drops; topics that are no part of a run are named in a note.
 //!
 //! A bag is a rosbag2 directory or one of its files alone, stored as MCAP or sqlite3, split or not, packed as
-//! rosbag2 does it (`FILE`, `MESSAGE`, chunks of MCAP) or not. [`storage`] makes one of all these.
+//! rosbag2 does it (`FILE`, `MESSAGE`, chunks of MCAP) or not. `storage.rs` makes one of all these.
 
 mod bag;
 mod bag_file;

@@ -1,0 +1,172 @@
+//! Runs on disk against readers that are not ours: bags both ways, and the error of measured runs as subscribers see it.
+
+use crate::PEER;
+use crate::interop_support::gate::{Outcome, data, interop};
+use crate::interop_support::json::{count, found, number, text};
+use crate::interop_support::{Distro, Lab};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Relative difference between the ESR of subscribers and that of `evaluate`, at most.
+const ESR_DIFFERENCE: f64 = 1e-9;
+/// Bags that are written for `rosbags` and `mcap`, and how.
+const OUR_BAGS: [(&str, &[&str]); 8] = [
+    ("bag", &[]),
+    ("plain", &["--compression", "none"]),
+    ("split", &["--max-bag-duration", "0.5"]),
+    ("sqlite", &["--storage", "sqlite3"]),
+    ("sqlite-split", &["--storage", "sqlite3", "--max-bag-size", "120000"]),
+    ("sqlite-packed", &["--storage", "sqlite3", "--compression", "zstd", "--max-bag-duration", "1.5"]),
+    ("bare.mcap", &[]),
+    ("bare.db3", &[]),
+];
+/// Bags that `rosbags` writes, by the names that `check_bags.py` gives them.
+const THEIR_BAGS: [&str; 9] = [
+    "v8",
+    "v9",
+    "sqlite",
+    "humble",
+    "mcap-file",
+    "mcap-message",
+    "mcap-storage",
+    "sqlite-file",
+    "sqlite-message",
+];
+
+#[test]
+fn bags_go_both_ways_with_rosbags_and_mcap() {
+    interop("bags", |lab| {
+        let path = |name: &str| utf8(&lab.folder().join(name)).to_owned();
+        let mut text = "time_s,displacement_m,force_n,current_a\n".to_owned();
+        for k in 0..2000 {
+            let t = f64::from(k) * 0.002;
+            text += &format!(
+                "{t:.3},{:e},{},{}\n",
+                0.01 * (6.0 * t).sin(),
+                300.0 * (6.0 * t).cos(),
+                0.5 + 0.1 * t
+            );
+        }
+        std::fs::write(path("run.csv"), text).expect("room in the temporary directory");
+        let convert = |from: &str, to: &str| {
+            lab.mr_damper(&["--quiet", "convert", &path(from), &path(to)]).output(PEER);
+        };
+        // The canonical form, in which equal runs are equal bytes.
+        convert("run.csv", "ours.csv");
+        let mut told = Vec::new();
+        for (name, arguments) in OUR_BAGS {
+            let (from, to) = (path("ours.csv"), path(name));
+            lab.mr_damper(&[&["--quiet", "convert", &from, &to], arguments].concat()).output(PEER);
+            told.push(lab.peer("check_bags.py", &[&to, &from]).output(PEER));
+        }
+        lab.peer("check_bags.py", &["--write", &path("theirs"), &path("ours.csv")]).output(PEER);
+        let ours = std::fs::read(path("ours.csv")).expect("readable");
+        for name in THEIR_BAGS {
+            convert(&format!("theirs/{name}"), &format!("{name}.csv"));
+            let theirs = std::fs::read(path(&format!("{name}.csv"))).expect("readable");
+            assert!(ours == theirs, "{name}: a run that rosbags wrote comes back otherwise");
+        }
+        let read = format!("{} of ours; {} of theirs\n{}", told.len(), THEIR_BAGS.len(), told.join("\n"));
+        Outcome::Passed(read.replace('\n', "; "))
+    });
+}
+
+#[test]
+fn subscribers_see_the_esr_of_evaluate_fuzzy_tanh_on_measured_sines() {
+    interop("ESR of fuzzy-tanh on utfsm-mr", |lab| {
+        let folder = match data("utfsm-mr") {
+            Ok(folder) => folder,
+            Err(why) => return Outcome::Skipped(why),
+        };
+        let runs = csv_files(&folder);
+        let replayed = folder.join("sine-10mm2hz-1.00a.csv");
+        let model = identify(lab, "fuzzy-tanh", &runs, &[]);
+        compare_with_evaluate(lab, &model, &replayed, "free_run", "residual")
+    });
+}
+
+#[test]
+fn subscribers_see_the_esr_of_evaluate_arx_on_measured_random_motion() {
+    interop("ESR of arx on nees-mr", |lab| {
+        let folder = match data("nees-mr") {
+            Ok(folder) => folder,
+            Err(why) => return Outcome::Skipped(why),
+        };
+        // The node and our recorder take all of 3004.8 Hz in four channels; a subscriber in Python does not.
+        let run = every_tenth_row(&folder.join("ranran-50.csv"), lab.folder());
+        let model = identify(lab, "arx", std::slice::from_ref(&run), &["--velocity", "measured"]);
+        compare_with_evaluate(lab, &model, &run, "one_step", "estimate")
+    });
+}
+
+pub(crate) fn identify(lab: &Lab, model: &str, runs: &[PathBuf], more: &[&str]) -> String {
+    let out = utf8(&lab.folder().join("model.toml")).to_owned();
+    let mut args = vec!["--quiet", "identify", "--model", model];
+    args.extend(runs.iter().map(|run| utf8(run)));
+    args.extend(["--out", &out]);
+    args.extend(more);
+    lab.mr_damper(&args).output(Duration::from_secs(600));
+    out
+}
+
+/// Replays `run` through a node with `model`, and holds the ESR that a subscriber works out against `evaluate`:
+/// the free run by the residuals, and the `figure` that the model is identified for by what `seen` names.
+fn compare_with_evaluate(lab: &Lab, model: &str, run: &Path, figure: &str, seen: &str) -> Outcome {
+    let evaluated = lab.mr_damper(&["--quiet", "evaluate", model, utf8(run), "--json", "-"]).json(PEER);
+    let rows = count(&evaluated, "/runs/0/free_run/samples");
+
+    // What smooths a change of mode is in what a subscriber sees, and no error of a model.
+    let node = lab.node(model, &["-p", "bumpless_tau_s:=0.0"]);
+    let mut subscriber = lab.ros(Distro::Jazzy, "esr_peer.py", &["--expect", &rows.to_string()]);
+    assert_eq!(text(&subscriber.json_line(PEER), "/event"), "ready");
+    lab.mr_damper(&["--quiet", "replay", utf8(run), "--wait", "20"]).output(PEER);
+    let saw = subscriber.json_line(PEER);
+    drop(node);
+
+    let mut figures = Vec::new();
+    for (figure, seen) in [("free_run", "residual"), (figure, seen)] {
+        let expected = found(&evaluated, &format!("/runs/0/{figure}"));
+        let seen = found(&saw, &format!("/{seen}"));
+        assert_eq!(
+            count(seen, "/samples"),
+            count(expected, "/samples"),
+            "samples of the {figure} error: subscriber {saw:#}, evaluate {evaluated:#}"
+        );
+        for quantity in ["/esr", "/rsse_n"] {
+            let (ours, theirs) = (number(expected, quantity), number(seen, quantity));
+            let difference = (ours - theirs).abs() / ours.abs();
+            assert!(
+                difference <= ESR_DIFFERENCE,
+                "{figure}{quantity}: evaluate {ours:e}, subscriber {theirs:e}, relative difference {difference:e}"
+            );
+            if quantity == "/esr" {
+                figures.push(format!("{figure} ESR {ours:.6}, difference {difference:.0e}"));
+            }
+        }
+    }
+    figures.dedup();
+    Outcome::Passed(format!("{rows} samples, {}", figures.join("; ")))
+}
+
+fn csv_files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).expect("a readable folder of runs");
+    let mut files: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    files.retain(|path| path.extension().is_some_and(|extension| extension == "csv"));
+    files.sort();
+    files
+}
+
+/// A copy of a run with its header and every tenth row.
+fn every_tenth_row(run: &Path, folder: &Path) -> PathBuf {
+    let text = std::fs::read_to_string(run).expect("a readable run");
+    let mut lines = text.lines();
+    let mut thinned = lines.next().expect("a header").to_owned() + "\n";
+    thinned.extend(lines.step_by(10).map(|line| format!("{line}\n")));
+    let path = folder.join("every-tenth-row.csv");
+    std::fs::write(&path, thinned).expect("room in the temporary directory");
+    path
+}
+
+pub(crate) fn utf8(path: &Path) -> &str {
+    path.to_str().expect("a path in UTF-8")
+}

@@ -1,0 +1,4 @@
+//! What ROS 2 tools expect of a node, and where it is found.
+
+mod hosts;
+mod manage;
