@@ -79,7 +79,7 @@ impl Service {
     /// Starts the service of one damper. `watch`: also return an inlet that gets every event, inputs included.
     ///
     /// # Errors
-    /// When a model does not load, or the node or the mirror do not start. What had started by then ends with its threads.
+    /// When a model does not load, or the node or the mirror do not start; threads that had started by then end with the process.
     pub fn start_in(
         process: &Process,
         config: &Config,
