@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 pub const NODE: &str = "mr_damper_close";
 
 /// How long a node may take to be found.
-const FIND: Duration = Duration::from_secs(5);
+const FIND: Duration = Duration::from_secs(10);
 /// How long it may take to accept or reject a goal. A first call can take three seconds.
 const ACCEPT: Duration = Duration::from_secs(10);
 /// How long it may take to accept a cancellation: Ctrl-C ends the command within a second.
