@@ -1,5 +1,6 @@
 //! What all closings have in common: the command, the demo and the action `close_loop`.
 
+use crate::provenance::{TOOL, date};
 use mr_damper_model::Error;
 use mr_damper_model::diagnose::{Closing, Runs};
 use mr_damper_model::effect::Augmented;
@@ -9,10 +10,6 @@ use mr_damper_model::model::{Expected, Model};
 use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
 use mr_damper_model::sample::{DriveKind, Run};
 use std::ops::ControlFlow;
-use std::time::SystemTime;
-
-/// The program and its version, as files of models name it.
-pub const TOOL: &str = concat!("mr-damper ", env!("CARGO_PKG_VERSION"));
 
 /// `runs` as rows for a closing around `base`, conditioned as it is.
 ///
@@ -70,12 +67,11 @@ pub fn model_file(closing: &Closing, runs: &Runs, origin: Origin) -> ModelFile {
     let validation = over(runs.test).fit();
     let judged = validation.or_else(|| over(runs.confirm).fit());
     let expected = Expected { free_run_rsse_n: judged.map(|fit| fit.rsse_n), ..Expected::default() };
-    let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now());
     ModelFile {
         model: Model { expected, ..*after },
         provenance: Provenance {
             tool: TOOL.to_owned(),
-            date: now.to_rfc3339_opts(chrono::SecondsFormat::Secs, true),
+            date: date(),
             seed: origin.seed,
             restarts: origin.restarts,
             runs: origin.runs,

@@ -147,23 +147,19 @@ impl Control {
                 self.runs_on(Some(&models), names);
                 None
             }
-            Transition::Cleanup => {
-                state.models = None;
-                self.runs_on(None, ModelNames::default());
-                None
-            }
+            Transition::Cleanup => None,
             Transition::Activate => {
                 let models = state.models.ok_or_else(|| NodeError::Failed("there is no model".to_owned()))?;
                 self.send(Command::Begin(plan(&state.config, &models)?.1))?
             }
-            Transition::Deactivate => self.send(Command::End)?,
-            Transition::Shutdown => {
-                state.models = None;
-                self.send(Command::End)?
-            }
+            Transition::Deactivate | Transition::Shutdown => self.send(Command::End)?,
         };
         if let Some((place, counters)) = place {
             await_obeyed(place, &counters)?;
+        }
+        if matches!(to, Phase::Unconfigured | Phase::Finalized) {
+            state.models = None;
+            self.runs_on(None, ModelNames::default());
         }
         state.phase = to;
         tracing::info!("the node is {}; it was {}", to.name(), from.name());
@@ -380,17 +376,22 @@ fn read(names: &SharedNames) -> ModelNames {
     names.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
+/// Says where several currents give a force, and which one is taken.
+pub(crate) fn say_fold(fold: &Fold) {
+    tracing::warn!(
+        displacement_m = fold.displacement_m,
+        velocity_m_s = fold.velocity_m_s,
+        current_a = fold.current_a,
+        fall_n = fold.fall_n,
+        "the model's force does not grow with the current one way everywhere; of several currents that give a force the one \
+         nearest the last is commanded"
+    );
+}
+
 /// Says how currents for forces are found, and where there are several.
 fn say_inverse(settings: &Settings, fold: Option<Fold>, fit: Option<&SurrogateFit>) {
     if let Some(fold) = fold {
-        tracing::warn!(
-            displacement_m = fold.displacement_m,
-            velocity_m_s = fold.velocity_m_s,
-            current_a = fold.current_a,
-            fall_n = fold.fall_n,
-            "the model's force does not grow with the current one way everywhere; of several currents that give a force the one \
-             nearest the last is commanded"
-        );
+        say_fold(&fold);
     }
     tracing::info!(law = settings.law.name(), max_a = settings.limits.current_max_a, "current_command");
     if let Some(fit) = fit {

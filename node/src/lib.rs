@@ -28,6 +28,7 @@ pub mod models;
 pub mod overseer;
 pub mod parameters;
 pub mod player;
+pub mod provenance;
 pub mod report;
 pub mod ros;
 pub mod rosout;

@@ -104,12 +104,14 @@ impl Phase {
             .filter(move |(_, _, from, _)| *from == self)
             .map(|(transition, id, _, _)| (*transition, *id))
     }
+}
 
+impl Transition {
     /// The transition that a request means, by label or by number; a shutdown by any of its numbers.
     ///
     /// # Errors
     /// When there is no such transition.
-    pub fn meant(request: &TransitionMsg) -> Result<Transition, String> {
+    pub fn meant(request: &TransitionMsg) -> Result<Self, String> {
         let named = |(transition, id, _, _): &&(Transition, u8, Phase, Phase)| {
             if request.label.is_empty() { *id == request.id } else { transition.name() == request.label }
         };
@@ -120,9 +122,7 @@ impl Phase {
             )
         })
     }
-}
 
-impl Transition {
     /// The name, as in `lifecycle_msgs`.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn a_request_is_meant_by_its_label_or_by_its_number() {
-        let request = |id, label: &str| Phase::meant(&TransitionMsg { id, label: label.to_owned() });
+        let request = |id, label: &str| Transition::meant(&TransitionMsg { id, label: label.to_owned() });
         assert_eq!(request(3, ""), Ok(Transition::Activate));
         assert_eq!(request(0, "configure"), Ok(Transition::Configure));
         assert_eq!(request(7, ""), Ok(Transition::Shutdown));

@@ -174,16 +174,14 @@ impl Overseeing {
         let around = Surroundings {
             node: &self.node,
             damper: &self.damper,
-            model: &names.free,
+            names: &names,
             false_alarm_interval_s: config.settings.false_alarm_interval_s,
             history_s,
         };
         let phase = self.control.phase();
         let now = Instant::now();
-        let status = vec![
-            self.work.status(now, &around, &names, phase, counters),
-            self.health.residual_status(now, &around),
-        ];
+        let status =
+            vec![self.work.status(now, &around, phase, counters), self.health.residual_status(now, &around)];
         if self
             .publisher
             .publish(DiagnosticArray { header: header(clock.now_or_system(), ""), status })

@@ -126,7 +126,7 @@ impl Manager {
     }
 
     fn answer(&self, request: &ChangeStateRequest) -> ChangeStateResponse {
-        let changed = Phase::meant(&request.transition)
+        let changed = Transition::meant(&request.transition)
             .map_err(NodeError::Failed)
             .and_then(|transition| self.change(transition));
         if let Err(error) = &changed {

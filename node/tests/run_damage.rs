@@ -23,26 +23,10 @@ fn a_truncated_file_yields_what_came_before() {
         let all = read(&file).run;
         assert_eq!(all.displacement_m.len(), 1000);
         let cut = dir.path().join("cut.mcap");
-        let (mut last, mut most) = (0, 0);
-        for length in (0..whole.len()).step_by(997) {
-            std::fs::write(&cut, &whole[..length]).expect("written");
-            match load(&cut, &plain()) {
-                Ok(loaded) => {
-                    assert!(is_prefix(&loaded.run, &all), "at {length}");
-                    let samples = loaded.run.displacement_m.len();
-                    assert!(samples >= last, "{samples} samples at {length} after {last}");
-                    last = samples;
-                    let data_end = loaded.notes.is_empty();
-                    let noted = loaded.notes.iter().any(
-                        |note| matches!(note, Note::CutShort { offset, .. } if *offset <= length as u64),
-                    );
-                    assert!(noted || (data_end && samples == 1000), "at {length}: {:?}", loaded.notes);
-                    most = most.max(samples);
-                }
-                // Before the first displacement there is no run.
-                Err(error) => assert_eq!(last, 0, "at {length}: {error}"),
-            }
-        }
+        let most = read_cut_short(&whole, &all, &cut, 997, |notes, length, samples| {
+            let cut_short = |note: &Note| matches!(note, Note::CutShort { offset, .. } if *offset <= length);
+            notes.iter().any(cut_short) || (notes.is_empty() && samples == 1000)
+        });
         assert!(most > 900, "{most}");
     }
 }

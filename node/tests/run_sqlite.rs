@@ -150,24 +150,9 @@ fn a_truncated_database_yields_what_came_before() {
     let whole = std::fs::read(&file).expect("read");
     let all = read(&file).run;
     let cut = dir.path().join("cut.db3");
-    let (mut last, mut most) = (0, 0);
-    for length in (0..whole.len()).step_by(1999) {
-        std::fs::write(&cut, &whole[..length]).expect("written");
-        match load(&cut, &plain()) {
-            Ok(loaded) => {
-                assert!(is_prefix(&loaded.run, &all), "at {length}");
-                let samples = loaded.run.displacement_m.len();
-                assert!(samples >= last, "{samples} samples at {length} after {last}");
-                last = samples;
-                most = most.max(samples);
-                let noted =
-                    |note: &Note| matches!(note, Note::CutShort { offset, .. } if *offset == length as u64);
-                assert!(loaded.notes.iter().any(noted), "at {length}: {:?}", loaded.notes);
-            }
-            // Before the first displacement there is no run.
-            Err(error) => assert_eq!(last, 0, "at {length}: {error}"),
-        }
-    }
+    let most = read_cut_short(&whole, &all, &cut, 1999, |notes, length, _| {
+        notes.iter().any(|note| matches!(note, Note::CutShort { offset, .. } if *offset == length))
+    });
     assert!(most > 900, "{most}");
 }
 

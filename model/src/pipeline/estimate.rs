@@ -130,7 +130,7 @@ impl Pipeline {
             model_ready: forces.free_n.is_some(),
         };
         let Settings { only_mode, coast_s, hold_s, .. } = self.settings;
-        let transition = self.machine.update_to(only_mode, stamp, conditions, coast_s, hold_s);
+        let transition = self.machine.update(only_mode, stamp, conditions, coast_s, hold_s);
         let mode = self.machine.mode();
         if let Some(transition) = transition {
             if matches!(mode, Mode::Model | Mode::Fault)

@@ -118,9 +118,9 @@ impl ModeMachine {
         self.since.map_or(0.0, |since| now.since(since).get())
     }
 
-    /// Takes the conditions at stamp `now` and returns the change of mode, if there is one.
+    /// Goes by the table.
     #[inline]
-    pub fn update(&mut self, now: Stamp, c: Conditions, coast_s: f64, hold_s: f64) -> Option<Transition> {
+    fn update_to_best(&mut self, now: Stamp, c: Conditions, coast_s: f64, hold_s: f64) -> Option<Transition> {
         let elapsed_s = self.seconds_in_mode(now);
         let over = match self.mode {
             Mode::ArxCoast => elapsed_s > coast_s,
@@ -132,9 +132,10 @@ impl ModeMachine {
         self.force_to(row.to, row.cause, now)
     }
 
-    /// The same where only one mode is allowed: that one, as long as its own conditions last, or else hold and fault.
+    /// Takes the conditions at stamp `now` and returns the change of mode, if there is one. Where `only` one mode is allowed, it is that
+    /// one as long as its own conditions last, or else hold and fault.
     #[inline]
-    pub fn update_to(
+    pub fn update(
         &mut self,
         only: Option<Mode>,
         now: Stamp,
@@ -143,13 +144,13 @@ impl ModeMachine {
         hold_s: f64,
     ) -> Option<Transition> {
         let allowed = match only {
-            None => return self.update(now, c, coast_s, hold_s),
+            None => return self.update_to_best(now, c, coast_s, hold_s),
             Some(Mode::Fault) => return self.force_to(Mode::Fault, Cause::Asked, now),
             Some(Mode::Model) => Conditions { arx_ready: false, force_odd: false, ..c },
             Some(_) => Conditions { model_ready: false, ..c },
         };
         let asked = only.filter(|only| *only != self.mode);
-        let changed = self.update(now, allowed, coast_s, hold_s)?;
+        let changed = self.update_to_best(now, allowed, coast_s, hold_s)?;
         let cause = if Some(changed.to) == asked { Cause::Asked } else { changed.cause };
         Some(Transition { cause, ..changed })
     }
@@ -224,7 +225,7 @@ mod tests {
             let mut machine = ModeMachine::default();
             for (second, conditions) in (0..).zip(script) {
                 let now = Stamp::from_nanos(second * 1_000_000_000);
-                let change = machine.update_to(only, now, conditions, 0.5, 0.5);
+                let change = machine.update(only, now, conditions, 0.5, 0.5);
                 let why = change.map_or(String::new(), |change| format!(" ({})", change.cause.text()));
                 writeln!(text, "  {}{why}", machine.mode().name()).expect("a text");
             }

@@ -5,8 +5,8 @@
 //! swapped in: `load_model` does that.
 
 use super::{Job, Remembered, Step, Work, create, total_s, write_new};
-use crate::closing::TOOL;
 use crate::error::NodeError;
+use crate::provenance::{TOOL, date, expect};
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{Form, Identified, ModelSpec, Options, Progress, Watch, identify};
 use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
@@ -16,7 +16,6 @@ use mr_damper_msgs::action::{Identify, IdentifyFeedback, IdentifyGoal, IdentifyR
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::time::SystemTime;
 
 /// Share of the history, by time, that is fitted.
 const FITTED: f64 = 0.8;
@@ -155,9 +154,7 @@ impl Fitting {
             return Err(NodeError::Interrupted);
         }
         let scored = evaluator.finish();
-        let expected = &mut found.model.expected;
-        expected.free_run_rsse_n = scored.free_run.map(|fit| fit.rsse_n).or(expected.free_run_rsse_n);
-        expected.one_step_rsse_n = scored.one_step.map(|fit| fit.rsse_n).or(expected.one_step_rsse_n);
+        expect(&mut found.model.expected, &scored);
         let row = |role: Role| {
             move |run: &Run| TrainingRun {
                 name: run.name.clone(),
@@ -167,10 +164,9 @@ impl Fitting {
                 role: Some(role),
             }
         };
-        let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now());
         let provenance = Provenance {
             tool: TOOL.to_owned(),
-            date: now.to_rfc3339_opts(chrono::SecondsFormat::Secs, true),
+            date: date(),
             seed: options.seed,
             restarts: options.restarts,
             rank: found.rank.and_then(|rank| u32::try_from(rank).ok()),

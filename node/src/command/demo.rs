@@ -15,6 +15,7 @@ use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::live::Headline;
 use crate::models;
+use crate::provenance::TOOL;
 use crate::report::closed::{Closed, Swap};
 use crate::report::demo::{self as report, WITHOUT_FORCE};
 use crate::report::{Agreement, Figure, Outcome, Recording, summary};
@@ -376,7 +377,7 @@ impl Act {
     fn provenance(&self, args: &Args) -> Vec<(String, String)> {
         let row = |name: &str, value: String| (name.to_owned(), value);
         vec![
-            row("made by", format!("mr-damper {}", env!("CARGO_PKG_VERSION"))),
+            row("made by", TOOL.to_owned()),
             row("made again by", format!("mr-damper demo --seconds {} --seed {}", args.seconds, args.seed)),
             row("run", self.played.name.clone()),
             row("models (SHA-256)", self.names.hash.clone()),

@@ -6,6 +6,7 @@ use crate::command::output::OutputArgs;
 use crate::command::progress::Working;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
+use crate::provenance::{TOOL, date, expect};
 use crate::report::identify::SteppedRun;
 use crate::report::{self, Recording};
 use clap::builder::PossibleValuesParser;
@@ -21,7 +22,7 @@ use mr_damper_model::sample::{DriveKind, Run};
 use mr_damper_model::uncertainty::Calibrator;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::time::{Instant, SystemTime};
+use std::time::Instant;
 
 /// Identify a model from recorded runs and write a model file.
 ///
@@ -266,17 +267,14 @@ fn validate(
         Err(why) => found.warnings.push(format!("the 90 % band of its estimates is a guess: {why}")),
     }
     let scored = all.finish();
-    let rsse = |fit: &Option<Fit>| fit.as_ref().map(|fit| fit.rsse_n);
-    found.model.expected.free_run_rsse_n = rsse(&scored.free_run).or(found.model.expected.free_run_rsse_n);
-    found.model.expected.one_step_rsse_n = rsse(&scored.one_step).or(found.model.expected.one_step_rsse_n);
+    expect(&mut found.model.expected, &scored);
     Ok(Some(Scores { free_run: scored.free_run, one_step: scored.one_step, persistence: scored.persistence }))
 }
 
 fn provenance(args: &Args, found: &Identified, hashes: &[String], validation: Option<Scores>) -> Provenance {
-    let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now());
     Provenance {
-        tool: concat!("mr-damper ", env!("CARGO_PKG_VERSION")).to_owned(),
-        date: now.to_rfc3339_opts(chrono::SecondsFormat::Secs, true),
+        tool: TOOL.to_owned(),
+        date: date(),
         seed: args.seed,
         restarts: u32::try_from(found.restart_rsse_n.len()).unwrap_or(args.restarts),
         rank: found.rank.and_then(|rank| u32::try_from(rank).ok()),
@@ -391,7 +389,7 @@ fn pictured(
         drive: model.force.drive().unwrap_or(DriveKind::CoilCurrent),
         runs: runs.collect::<Result<_, _>>()?,
         provenance: vec![
-            row("made by", format!("mr-damper {}", env!("CARGO_PKG_VERSION"))),
+            row("made by", TOOL.to_owned()),
             row("seed", report.seed.to_string()),
             row("restarts", report.restarts.to_string()),
         ],

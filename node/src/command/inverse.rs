@@ -3,6 +3,7 @@
 use crate::command::Surroundings;
 use crate::command::output::OutputArgs;
 use crate::command::run_args::RunArgs;
+use crate::control::say_fold;
 use crate::error::NodeError;
 use crate::models;
 use crate::report::inverse as report;
@@ -82,15 +83,8 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let limits = args.limits();
     let commander = Commander::with_method(&model, limits, args.method)?;
     let fold = commander.shape().and_then(Shape::real_fold);
-    if let Some(fold) = fold {
-        tracing::warn!(
-            displacement_m = fold.displacement_m,
-            velocity_m_s = fold.velocity_m_s,
-            current_a = fold.current_a,
-            fall_n = fold.fall_n,
-            "the model's force does not grow with the current one way: several currents give one force, and the nearest to the \
-             last is taken"
-        );
+    if let Some(fold) = &fold {
+        say_fold(fold);
     }
     let demand = demand(&run)?;
     let mut followed = vec![(report::Place::Model, on_model(&model, &commander, &demand)?)];

@@ -6,6 +6,7 @@ mod work;
 pub use residual::{ALARM_ADVICE, Health};
 pub use work::Work;
 
+use crate::wire::ModelNames;
 use mr_damper_msgs::standard::KeyValue;
 
 /// What a status says besides what it watches.
@@ -15,8 +16,8 @@ pub struct Surroundings<'a> {
     pub node: &'a str,
     /// The damper: the node's namespace, or empty.
     pub damper: &'a str,
-    /// Name of the free-running model.
-    pub model: &'a str,
+    /// Names of the models.
+    pub names: &'a ModelNames,
     /// `residual.false_alarm_interval_s`.
     pub false_alarm_interval_s: f64,
     /// Seconds of raw input that are kept.
@@ -25,4 +26,16 @@ pub struct Surroundings<'a> {
 
 fn value(key: &str, value: impl std::fmt::Display) -> KeyValue {
     KeyValue { key: key.to_owned(), value: value.to_string() }
+}
+
+/// What the tests of both statuses share.
+#[cfg(test)]
+fn around(names: &ModelNames) -> Surroundings<'_> {
+    Surroundings {
+        node: "/front_left/mr_damper",
+        damper: "front_left",
+        names,
+        false_alarm_interval_s: 86_400.0,
+        history_s: 120.0,
+    }
 }

@@ -39,7 +39,7 @@ impl Health {
     pub fn residual_status(&self, now: Instant, around: &Surroundings<'_>) -> DiagnosticStatus {
         let (level, message) = self.verdict(now);
         let mut values = vec![
-            value("model", around.model),
+            value("model", &around.names.free),
             value("alarm", if self.alarm.is_some() { "true" } else { "false" }),
             value("false_alarm_interval_s", around.false_alarm_interval_s),
             value("history_s", format_args!("{:.1}", around.history_s)),
@@ -102,7 +102,9 @@ fn ratio(residual: &Residual) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::around;
     use super::*;
+    use crate::wire::ModelNames;
     use mr_damper_model::sample::Stamp;
     use mr_damper_model::units::{Newton, Second};
     use std::fmt::Write;
@@ -129,13 +131,8 @@ mod tests {
     #[test]
     fn statuses_as_text() {
         let begin = Instant::now();
-        let around = Surroundings {
-            node: "/front_left/mr_damper",
-            damper: "front_left",
-            model: "thesis/fuzzy-tanh/rp3-cs",
-            false_alarm_interval_s: 86_400.0,
-            history_s: 120.0,
-        };
+        let names = ModelNames { free: "thesis/fuzzy-tanh/rp3-cs".to_owned(), ..ModelNames::default() };
+        let around = around(&names);
         let script: [(&str, &[Event], u64); 6] = [
             ("at the start", &[], 0),
             ("as good as expected", &[residual(52.0, 50.0)], 0),

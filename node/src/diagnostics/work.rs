@@ -3,7 +3,6 @@
 use super::{Surroundings, value};
 use crate::lifecycle::Phase;
 use crate::service::Counters;
-use crate::wire::ModelNames;
 use mr_damper_model::pipeline::{Estimate, Event, Validity};
 use mr_damper_model::sample::Channel;
 use mr_damper_msgs::standard::{DiagnosticStatus, KeyValue};
@@ -71,16 +70,15 @@ impl Work {
         &mut self,
         now: Instant,
         around: &Surroundings<'_>,
-        names: &ModelNames,
         phase: Phase,
         counters: &Counters,
     ) -> DiagnosticStatus {
         let (level, message) = self.verdict(now, phase);
         let mut values = vec![
             value("state", phase.name()),
-            value("model", &names.free),
-            value("arx_model", names.seeded.as_deref().unwrap_or("none")),
-            value("model_hash", &names.hash),
+            value("model", &around.names.free),
+            value("arx_model", around.names.seeded.as_deref().unwrap_or("none")),
+            value("model_hash", &around.names.hash),
         ];
         if let Some(estimate) = self.estimate.filter(|_| phase == Phase::Active) {
             values.push(value("mode", estimate.mode.name()));
@@ -166,7 +164,9 @@ impl Work {
 
 #[cfg(test)]
 mod tests {
+    use super::super::around;
     use super::*;
+    use crate::wire::ModelNames;
     use mr_damper_model::pipeline::Reasons;
     use mr_damper_model::sample::{Reading, Sample, Stamp};
     use mr_damper_model::units::Metre;
@@ -174,14 +174,10 @@ mod tests {
 
     #[test]
     fn statuses_as_text() {
-        let around = Surroundings {
-            node: "/front_left/mr_damper",
-            damper: "front_left",
-            model: "thesis/fuzzy-tanh/rp3-cs",
-            false_alarm_interval_s: 86_400.0,
-            history_s: 120.0,
-        };
-        let names = ModelNames { free: around.model.to_owned(), seeded: None, hash: "abc".to_owned() };
+        let free = "thesis/fuzzy-tanh/rp3-cs".to_owned();
+        let names = ModelNames { free, seeded: None, hash: "abc".to_owned() };
+        let (around, nameless) = (around(&names), ModelNames::default());
+        let unconfigured = Surroundings { names: &nameless, ..around };
         let counters = Counters::default();
         let mut text = String::new();
         let mut say = |what: &str, status: &DiagnosticStatus| {
@@ -191,11 +187,8 @@ mod tests {
         };
         let (mut work, begin) = (Work::default(), Instant::now());
         let at = |s: u64| begin + Duration::from_secs(s);
-        say(
-            "not configured",
-            &work.status(at(0), &around, &ModelNames::default(), Phase::Unconfigured, &counters),
-        );
-        say("active, and nothing comes", &work.status(at(1), &around, &names, Phase::Active, &counters));
+        say("not configured", &work.status(at(0), &unconfigured, Phase::Unconfigured, &counters));
+        say("active, and nothing comes", &work.status(at(1), &around, Phase::Active, &counters));
         for k in 0..100 {
             let stamp = Stamp::from_nanos(k * 10_000_000);
             let sample = Sample { stamp, received: stamp, reading: Reading::Displacement(Metre(0.0)) };
@@ -205,8 +198,8 @@ mod tests {
             work.take(&Event::Estimate(estimate), at(2));
             counters.ros_sink.latency.add(Duration::from_micros(80));
         }
-        say("with an old drive", &work.status(at(2), &around, &names, Phase::Active, &counters));
-        say("silence", &work.status(at(9), &around, &names, Phase::Active, &counters));
+        say("with an old drive", &work.status(at(2), &around, Phase::Active, &counters));
+        say("silence", &work.status(at(9), &around, Phase::Active, &counters));
         insta::assert_snapshot!(text);
     }
 

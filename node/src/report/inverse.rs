@@ -3,7 +3,7 @@
 use super::page::{capital, page, section};
 use super::plot::{Band, Ink, Plot, Series, Shape};
 use super::table::table;
-use crate::closing::TOOL;
+use crate::provenance::TOOL;
 use maud::{Markup, html};
 use mr_damper_model::inverse::track::{Figures, Point};
 use mr_damper_model::inverse::{Fold, Limits, Method, SurrogateFit};

@@ -3,7 +3,7 @@
 use super::bag_write::{BagOptions, BagWriter, Topic, TopicId};
 use super::names::Namer;
 use super::wire::Encoder;
-use super::{RunError, columns_of, write_beside};
+use super::{RunError, columns_of, sqlite, write_beside};
 use mr_damper_model::sample::{Run, Trace};
 use std::path::Path;
 
@@ -45,9 +45,7 @@ pub(super) fn save_file(
         write(BagWriter::create_file(part, options)?, path, &columns, namespace).inspect_err(|_| {
             // Journals of a database; the first error counts.
             for journal in ["-wal", "-shm"] {
-                let mut name = part.as_os_str().to_owned();
-                name.push(journal);
-                let _ = std::fs::remove_file(name);
+                let _ = std::fs::remove_file(sqlite::beside(part, journal));
             }
         })
     })

@@ -6,6 +6,7 @@
 use super::bag_file::Message;
 use super::bag_write::{BagOptions, COLUMN_KEY, Sync, Topic};
 use super::{RunError, metadata};
+use crate::provenance::TOOL;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, WriteOptions};
 use std::collections::BTreeMap;
@@ -30,7 +31,7 @@ impl McapFile {
         let handle = file.try_clone().map_err(RunError::io(path, "create"))?;
         let writer = WriteOptions::new()
             .profile("ros2")
-            .library(concat!("mr-damper ", env!("CARGO_PKG_VERSION")))
+            .library(TOOL)
             .compression(options.compress.then_some(Compression::Zstd))
             // Worker threads do not pay for chunks of this size.
             .compression_threads(0)

@@ -8,7 +8,7 @@
 //! is read here, so columns are asked for by name and others passed over. A database is hostile until shown
 //! otherwise: only plain tables are read, lengths are limited, and rows have to come in order.
 
-use super::storage::{Sink, TopicInfo};
+use super::storage::{SQLITE_MAGIC, Sink, TopicInfo};
 use super::{Note, RunError};
 use rusqlite::limits::Limit;
 use rusqlite::types::ValueRef;
@@ -101,7 +101,8 @@ fn copied(file: &Path, journal: &str) -> Result<TempDir, RunError> {
     Ok(dir)
 }
 
-fn beside(file: &Path, journal: &str) -> PathBuf {
+/// The journal beside a database, by the end of its name.
+pub(super) fn beside(file: &Path, journal: &str) -> PathBuf {
     let mut name = file.as_os_str().to_owned();
     name.push(journal);
     name.into()
@@ -133,7 +134,7 @@ fn length_and_claim(path: &Path, file: &Path) -> Result<Option<(u64, u64)>, RunE
     let Some(head) = head.first_chunk::<100>() else {
         return not(if head.is_empty() { "it is empty".into() } else { format!("it has {length} bytes") });
     };
-    if !head.starts_with(b"SQLite format 3\0") {
+    if !head.starts_with(SQLITE_MAGIC) {
         return not(format!("it begins with `{}`", head[..8].escape_ascii()));
     }
     let word = |at: usize| u32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);

@@ -32,7 +32,7 @@ pub(super) trait Sink {
 }
 
 /// What a sqlite3 database begins with.
-const SQLITE_MAGIC: &[u8] = b"SQLite format 3\0";
+pub(super) const SQLITE_MAGIC: &[u8] = b"SQLite format 3\0";
 /// How far a packed database may grow: no recording shrinks to a thousandth, so more is damage or malice.
 const UNPACK_RATIO: u64 = 1000;
 /// What any packed database may grow to.

@@ -5,7 +5,7 @@
 use mr_damper_model::sample::Run;
 use mr_damper_msgs::standard::{Header, Time};
 use mr_damper_msgs::{Displacement, Force};
-use mr_damper_node::run::{BagOptions, BagWriter, LoadOptions, Loaded, RunError, Storage, load};
+use mr_damper_node::run::{BagOptions, BagWriter, LoadOptions, Loaded, Note, RunError, Storage, load};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -125,4 +125,31 @@ pub(crate) fn bag(
 /// Small chunks, so that a short bag has many.
 pub(crate) fn small_chunks(compress: bool) -> BagOptions {
     BagOptions { chunk_max_bytes: 2000, compress, ..BagOptions::default() }
+}
+
+/// Cuts a file whose run is `all` every `step` bytes: what comes before the cut is read, more the later it lies, and `noted` finds
+/// a note on it (it gets the notes, the length, and the samples). Returns the most samples that a cut file had.
+pub(crate) fn read_cut_short(
+    whole: &[u8],
+    all: &Run,
+    cut: &Path,
+    step: usize,
+    noted: impl Fn(&[Note], u64, usize) -> bool,
+) -> usize {
+    let mut last = 0;
+    for length in (0..whole.len()).step_by(step) {
+        std::fs::write(cut, &whole[..length]).expect("written");
+        match load(cut, &plain()) {
+            Ok(loaded) => {
+                assert!(is_prefix(&loaded.run, all), "at {length}");
+                let samples = loaded.run.displacement_m.len();
+                assert!(samples >= last, "{samples} samples at {length} after {last}");
+                assert!(noted(&loaded.notes, length as u64, samples), "at {length}: {:?}", loaded.notes);
+                last = samples;
+            }
+            // Before the first displacement there is no run.
+            Err(error) => assert_eq!(last, 0, "at {length}: {error}"),
+        }
+    }
+    last
 }

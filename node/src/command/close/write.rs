@@ -3,9 +3,10 @@
 use super::base::Identified;
 use super::roles::Given;
 use super::{RecordedArgs, Surroundings};
-use crate::closing::{self, Origin, TOOL};
+use crate::closing::{self, Origin};
 use crate::command::output::OutputArgs;
 use crate::error::NodeError;
+use crate::provenance::TOOL;
 use crate::report::close::{self as report, json};
 use mr_damper_model::diagnose::{Closing, Runs};
 use mr_damper_model::model_file::{Role, TrainingRun};

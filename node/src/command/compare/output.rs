@@ -4,6 +4,7 @@ use super::state::Line;
 use super::{Args, Work, pictures, tables};
 use crate::command::conditioning::velocity_text;
 use crate::error::NodeError;
+use crate::provenance::TOOL;
 use crate::report::compare::published::Published;
 use crate::report::compare::{Outcome, StepTime, html};
 use mr_damper_model::compare::{Figure, Finished, Persistence, Predictor, Summary};
@@ -168,7 +169,7 @@ fn outcome<'a>(
             fact("restarts", format!("{}, seed {}", args.restarts, args.seed)),
             fact("most rows of a nonlinear fit", args.most_rows.to_string()),
             fact("time", format!("{:.0} s on {} threads", done.seconds, work.threads)),
-            fact("made by", format!("mr-damper {}", env!("CARGO_PKG_VERSION"))),
+            fact("made by", TOOL.to_owned()),
         ],
         cells: &done.cells,
         summaries: &done.summaries,
@@ -185,7 +186,7 @@ fn report<'a>(args: &Args, work: &'a Work, done: &'a Done, times: &'a [StepTime]
     let replicates = work.experiments.iter().flat_map(|e| e.replicates.iter().map(move |r| (e, r)));
     Report {
         schema: "mr-damper/compare/1",
-        tool: concat!("mr-damper ", env!("CARGO_PKG_VERSION")),
+        tool: TOOL,
         options: OptionsRow {
             restarts: args.restarts,
             seed: args.seed,

@@ -101,7 +101,7 @@ pub(super) fn identify_models(
         expected.free_run_rsse_n = scored.free_run.map(|fit| fit.rsse_n);
         expected.one_step_rsse_n = scored.one_step.map(|fit| fit.rsse_n);
         let provenance = Provenance {
-            tool: crate::closing::TOOL.to_owned(),
+            tool: crate::provenance::TOOL.to_owned(),
             seed,
             restarts: RESTARTS,
             runs: vec![TrainingRun {

@@ -3,6 +3,7 @@
 use super::manifest::Entry;
 use super::{Args, Format};
 use crate::error::NodeError;
+use crate::provenance::TOOL;
 use mr_damper_model::rig::{
     Channels, Current, Drift, Experiment, Pattern, Plant, SecondOrder, inject::inject,
 };
@@ -177,7 +178,7 @@ fn job(args: &Args, experiment: &Experiment, replicate: u32, plant: Plant, chann
         perfect: args.perfect,
         force_noise_n: channels.force_noise_n,
         start_temp_c: plant.start_c,
-        tool: concat!("mr-damper ", env!("CARGO_PKG_VERSION")).to_owned(),
+        tool: TOOL.to_owned(),
         effects,
     };
     Job { experiment, plant, channels, entry }

@@ -1,7 +1,7 @@
 //! A closing as JSON, `mr-damper/close/1`: what the command prints and the action answers.
 
 use super::words;
-use crate::closing::TOOL;
+use crate::provenance::TOOL;
 use mr_damper_model::diagnose::{Candidate, Change, Closing, Correlation, Named, Refused, Sealed};
 use mr_damper_model::metrics::Fit;
 use serde::Serialize;
