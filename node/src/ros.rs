@@ -24,7 +24,9 @@ use ros2_client::{
 use rustdds::{DomainParticipantBuilder, RTPSEntity};
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr};
-use std::sync::Arc;
+use std::pin::pin;
+use std::sync::{Arc, mpsc};
+use std::task::Poll;
 use std::thread::JoinHandle;
 use tracing::Span;
 
@@ -200,14 +202,27 @@ impl Ros {
         let mut node =
             domain.context.new_node(node_name, options).map_err(|e| failed("creating the node", &e, ""))?;
         let spinner = node.spinner().map_err(|e| failed("creating the node's spinner", &e, ""))?;
+        let (begun, begins) = mpsc::channel();
         let spinner = run_async("ros-spinner", async move {
-            if let Err(error) = spinner.spin().await {
+            let mut spinning = pin!(spinner.spin());
+            let ended = match futures::poll!(spinning.as_mut()) {
+                Poll::Ready(ended) => ended,
+                Poll::Pending => {
+                    let _ = begun.send(());
+                    spinning.await
+                }
+            };
+            if let Err(error) = ended {
                 tracing::error!(
                     ?error,
                     "the ROS node's background work ended: parameters are out of service"
                 );
             }
         })?;
+        // The spinner subscribes when it is first polled. With DDS-Security, RustDDS 0.15 locks up for good when two threads
+        // create something at a time: one holds the participant and waits for the plugins, the other the reverse.
+        // An error here is a spinner that ended, which it has said.
+        let _ = begins.recv();
         Ok(Self { node: Arc::new(node), domain: domain.clone(), spinner })
     }
 

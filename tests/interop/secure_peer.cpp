@@ -1,8 +1,9 @@
 // A sensor in a DDS domain with security, on Fast DDS: sends displacements and a coil current, hears force estimates.
 //
-// usage: secure_peer ENCLAVE|none SECONDS
+// usage: secure_peer ENCLAVE|none READERS WRITERS SECONDS
 //
-// ENCLAVE is a directory of a keystore. Prints one line of JSON. Debian's Fast DDS has security; that of the wheels has
+// ENCLAVE is a directory of a keystore. Waits until so many READERS and WRITERS of others are matched, for a minute at
+// most (a handshake takes some seconds, on a busy machine more), then goes on for SECONDS. Prints one line of JSON. Debian's Fast DDS has security; that of the wheels has
 // not. The types are ours by hand, in XCDR1, as on any ROS 2 topic. It tries what its permissions do not give: the
 // other side has to refuse it.
 
@@ -133,10 +134,11 @@ DomainParticipantQos participant_qos(const std::string& enclave) {
 }
 
 int main(int count, char** words) {
-  if (count != 3) {
-    std::cerr << "usage: secure_peer ENCLAVE|none SECONDS\n";
+  if (count != 5) {
+    std::cerr << "usage: secure_peer ENCLAVE|none READERS WRITERS SECONDS\n";
     return 2;
   }
+  const int readers_wanted = std::atoi(words[2]), writers_wanted = std::atoi(words[3]);
   Log::SetVerbosity(Log::Kind::Error);
   Listener listener;
   const char* domain = std::getenv("ROS_DOMAIN_ID");
@@ -174,7 +176,14 @@ int main(int count, char** words) {
   std::set<int64_t> sent;
   int heard = 0, known = 0;
   double largest = 0.0;
-  for (int k = 1; k <= std::atoi(words[2]) * 100; k++) {
+  PublicationMatchedStatus readers;
+  SubscriptionMatchedStatus writers;
+  int waited = 0, left = std::atoi(words[4]) * 100;
+  for (int k = 1; left > 0; k++) {
+    writer->get_publication_matched_status(readers);
+    reader->get_subscription_matched_status(writers);
+    const bool matched = readers.total_count >= readers_wanted && writers.total_count >= writers_wanted;
+    if (matched || waited == 6000) left--; else waited++;
     const auto now = std::chrono::system_clock::now().time_since_epoch();
     Sample sample{std::chrono::nanoseconds(now).count(), 0.01 * std::sin(0.1 * k)};
     Sample amperes{sample.nanoseconds, 1.0};
@@ -189,11 +198,8 @@ int main(int count, char** words) {
       if (std::isfinite(sample.figure)) largest = std::max(largest, std::abs(sample.figure));
     }
   }
-  PublicationMatchedStatus readers;
-  SubscriptionMatchedStatus writers;
-  writer->get_publication_matched_status(readers);
-  reader->get_subscription_matched_status(writers);
   std::cout << "{\"authorized\": " << listener.authorized << ", \"unauthorized\": " << listener.unauthorized
+            << ", \"matched_after_s\": " << waited / 100.0
             << ", \"sent\": " << sent.size() << ", \"heard\": " << heard << ", \"known\": " << known
             << ", \"largest_force_n\": " << largest << ", \"readers\": " << readers.total_count
             << ", \"writers\": " << writers.total_count << "}" << std::endl;

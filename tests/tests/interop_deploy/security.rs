@@ -9,7 +9,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// How long a peer sends and listens, s.
+/// How long a peer goes on once it is matched, s.
 const SECONDS: &str = "6";
 
 #[test]
@@ -21,32 +21,34 @@ fn only_who_may_hears_the_estimate() {
         };
         let keystores = keystores(lab);
         let mut node = secured(lab, &binary, &keystores, "/node");
-        let saw = |enclave: &str| -> Value {
+        // How many readers and writers of the node the peer waits for is what it is allowed.
+        let saw = |enclave: &str, readers: &str, writers: &str| -> Value {
             let path = keystores.join(enclave);
             let path = if enclave == "none" { Path::new(enclave) } else { &path };
-            lab.start_with(enclave, &peer, &[path.to_str().expect("UTF-8"), SECONDS], &[]).json(PEER)
+            let arguments = [path.to_str().expect("UTF-8"), readers, writers, SECONDS];
+            lab.start_with(enclave, &peer, &arguments, &[]).json(PEER)
         };
 
-        let sensor = saw("ours/enclaves/sensor");
+        let sensor = saw("ours/enclaves/sensor", "1", "1");
         assert_eq!(count(&sensor, "/authorized"), 1, "{sensor:#}");
         let heard = count(&sensor, "/heard");
         assert!(heard > 100 && count(&sensor, "/known") == heard, "estimates of what was sent: {sensor:#}");
         assert!(number(&sensor, "/largest_force_n") > 10.0, "a damper's force: {sensor:#}");
 
         // These two are who they say they are, and the node refuses what their permissions do not give.
-        let deaf = saw("ours/enclaves/deaf");
+        let deaf = saw("ours/enclaves/deaf", "1", "0");
         assert_eq!((count(&deaf, "/authorized"), count(&deaf, "/heard")), (1, 0), "{deaf:#}");
         assert!(count(&deaf, "/readers") > 0, "what it may send is read: {deaf:#}");
-        let mute = saw("ours/enclaves/mute");
+        let mute = saw("ours/enclaves/mute", "0", "1");
         assert_eq!((count(&mute, "/authorized"), count(&mute, "/known")), (1, 0), "{mute:#}");
         assert!(count(&mute, "/readers") == 0 && count(&mute, "/writers") > 0, "it may hear: {mute:#}");
         for enclave in ["strangers/enclaves/sensor", "none"] {
-            let saw = saw(enclave);
+            let saw = saw(enclave, "0", "0");
             assert_eq!((count(&saw, "/authorized"), count(&saw, "/heard")), (0, 0), "{enclave}: {saw:#}");
             assert_eq!((count(&saw, "/readers"), count(&saw, "/writers")), (0, 0), "{enclave}: {saw:#}");
         }
 
-        let again = saw("ours/enclaves/sensor");
+        let again = saw("ours/enclaves/sensor", "1", "1");
         assert!(count(&again, "/heard") > 100, "those who may not have not kept out who may: {again:#}");
         node.signal("INT");
         assert!(node.wait(PEER).success());
