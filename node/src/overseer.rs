@@ -91,7 +91,7 @@ impl Overseeing {
         rosout: Option<Rosout>,
     ) -> Result<Self, NodeError> {
         Ok(Self {
-            publisher: ros.publish(&args.topic("/diagnostics"))?,
+            publisher: ros.publish_seldom(&args.topic("/diagnostics"))?,
             rosout,
             node: args.full_name(),
             damper: args.namespace().trim_matches('/').to_owned(),

@@ -33,7 +33,7 @@ impl Parameters {
     /// # Errors
     /// When the topic cannot be published.
     pub fn start(ros: &mut Ros, control: &Arc<Control>, node: &str) -> Result<Self, NodeError> {
-        let events = ros.publish("/parameter_events")?;
+        let events = ros.publish_seldom("/parameter_events")?;
         let parameters = Self { control: Arc::clone(control), events, node: node.to_owned() };
         let all: Vec<String> = TABLE.iter().map(|parameter| parameter.name.to_owned()).collect();
         let new_parameters = parameters.present(&all);

@@ -35,6 +35,10 @@ use tracing::Span;
 /// keeps in it what the source thread has not taken.
 const DEPTH: usize = 1024;
 
+/// Depth of the topics on which something is said once a second or less: what is kept of these stays in memory, and long texts
+/// kept by the thousand make the node grow for a quarter of an hour.
+const SELDOM_DEPTH: usize = 64;
+
 /// Requests and answers that a service keeps, as everywhere in ROS 2.
 const SERVICE_DEPTH: usize = 10;
 
@@ -243,11 +247,16 @@ impl Ros {
     /// # Errors
     /// When the name is bad or DDS refuses.
     pub fn publish<M: Message>(&mut self, topic: &str) -> Result<Publisher<M>, NodeError> {
-        let qos = QosProfile::publisher_default().history(History::KeepLast { depth: DEPTH });
-        let topic_handle = self.topic::<M>(topic, &qos)?;
-        self.own()?
-            .create_publisher(&topic_handle, None)
-            .map_err(|e| failed(format!("publishing {topic}"), &e, ""))
+        self.publish_with(topic, &QosProfile::publisher_default().history(History::KeepLast { depth: DEPTH }))
+    }
+
+    /// Publishes what is said once a second or less, by the topic's full name.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn publish_seldom<M: Message>(&mut self, topic: &str) -> Result<Publisher<M>, NodeError> {
+        let history = History::KeepLast { depth: SELDOM_DEPTH };
+        self.publish_with(topic, &QosProfile::publisher_default().history(history))
     }
 
     /// Publishes a log by its full name, as `/rosout` is everywhere: who comes late hears the last lines.
@@ -258,7 +267,11 @@ impl Ros {
         let qos = QosProfile::publisher_default()
             .history(History::KeepLast { depth: LOG_DEPTH })
             .durability(Durability::TransientLocal);
-        let topic_handle = self.topic::<Log>(topic, &qos)?;
+        self.publish_with(topic, &qos)
+    }
+
+    fn publish_with<M: Message>(&mut self, topic: &str, qos: &QosProfile) -> Result<Publisher<M>, NodeError> {
+        let topic_handle = self.topic::<M>(topic, qos)?;
         self.own()?
             .create_publisher(&topic_handle, None)
             .map_err(|e| failed(format!("publishing {topic}"), &e, ""))

@@ -58,7 +58,7 @@ impl Services {
         history: SharedHistory,
     ) -> Result<Self, NodeError> {
         let parameters = Arc::new(Parameters::start(ros, control, &args.full_name())?);
-        let events = ros.publish(&args.topic("~/transition_event"))?;
+        let events = ros.publish_seldom(&args.topic("~/transition_event"))?;
         let manager = Arc::new(Manager { control: Arc::clone(control), events });
         let actions = Actions::offer(ros, args, control, &parameters, history)?;
         let mut offer = Offer(Desk::new(ros, args));

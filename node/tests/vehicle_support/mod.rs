@@ -1,0 +1,126 @@
+//! A node with four dampers in a process of its own, and a peer that drives and hears them.
+
+#![allow(dead_code, reason = "every test file is a crate of its own and uses its part")]
+
+use mr_damper_msgs::{CoilCurrent, Displacement, ForceEstimate};
+use mr_damper_node::clock::system_now;
+use mr_damper_node::config::{Config, RosArgs};
+use mr_damper_node::ros::Ros;
+use mr_damper_node::wire::header;
+use ros2_client::{NodeOptions, Publisher, Subscription};
+use std::collections::BTreeSet;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+pub(crate) const CORNERS: [&str; 4] = ["front_left", "front_right", "rear_left", "rear_right"];
+/// The least pause between two samples of the peer, of the interval: a quarter.
+const CATCH_UP: f64 = 0.25;
+
+/// A corner as the peer sees it.
+pub(crate) struct Corner {
+    pub(crate) displacement: Publisher<Displacement>,
+    pub(crate) current: Publisher<CoilCurrent>,
+    pub(crate) estimates: Subscription<ForceEstimate>,
+}
+
+/// Ends the node when a test fails before it does.
+pub(crate) struct Node(pub(crate) Child);
+
+impl Drop for Node {
+    fn drop(&mut self) {
+        // It has ended, where all went well.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Starts the node in `domain`, with more `parameters`.
+pub(crate) fn start(domain: i64, parameters: &[String]) -> Node {
+    let dampers = format!("dampers:=[{}]", CORNERS.join(", "));
+    let node = Command::new(env!("CARGO_BIN_EXE_mr-damper"))
+        .args(["--quiet", "node", "--ros-args", "-p", "model:=thesis/fuzzy-tanh/rp3-cs", "-p", &dampers])
+        .args(parameters.iter().flat_map(|parameter| ["-p", parameter.as_str()]))
+        .env("ROS_DOMAIN_ID", domain.to_string())
+        .stdin(Stdio::null())
+        .spawn();
+    Node(node.expect("the node starts"))
+}
+
+/// The other side.
+pub(crate) struct Peer {
+    pub(crate) ros: Ros,
+    pub(crate) corners: Vec<Corner>,
+}
+
+impl Peer {
+    /// Joins `domain`, and waits until the node is there.
+    pub(crate) fn start(domain: i64) -> Self {
+        let config = Config { domain_id: domain, ..Config::default() };
+        let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
+        let mut ros = Ros::start(&config, &RosArgs::default(), options, "vehicle").expect("a peer starts");
+        let corners = corners(&mut ros);
+        let found = || corners.iter().all(|c| c.displacement.get_subscription_count(ros.node()) > 0);
+        let patience = Instant::now() + Duration::from_secs(20);
+        while !found() {
+            assert!(Instant::now() < patience, "the node is not found");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        Self { ros, corners }
+    }
+}
+
+fn corners(ros: &mut Ros) -> Vec<Corner> {
+    let corner = |name: &&str| Corner {
+        displacement: ros.publish(&format!("/{name}/displacement")).expect("a topic"),
+        current: ros.publish(&format!("/{name}/coil_current")).expect("a topic"),
+        estimates: ros.subscribe(&format!("/{name}/force_estimate")).expect("a topic"),
+    };
+    CORNERS.iter().map(corner).collect()
+}
+
+/// Sends motion at `rate_hz` for `seconds`, and returns the stamps and the largest lateness. After the machine stood still
+/// it catches up at a few times the rate: a burst of all that is late would overrun what any middleware keeps.
+pub(crate) fn drive(corners: &[Corner], rate_hz: f64, seconds: f64) -> (Vec<i64>, Duration) {
+    let (begin, first) = (Instant::now(), system_now());
+    let mut stamps = Vec::with_capacity((rate_hz * seconds) as usize);
+    let mut latest = Duration::ZERO;
+    for k in 0..(rate_hz * seconds) as u64 {
+        let at_s = k as f64 / rate_hz;
+        let (due, now) = (Duration::from_secs_f64(at_s), begin.elapsed());
+        latest = latest.max(now.saturating_sub(due));
+        std::thread::sleep(due.saturating_sub(now).max(Duration::from_secs_f64(CATCH_UP / rate_hz)));
+        // On the grid, as those of a sampling card are: what is sent late was not sampled late.
+        let stamp = first.shifted((at_s * 1e9).round() as i64);
+        for (index, corner) in corners.iter().enumerate() {
+            // Whole cycles a second, so that a second drive goes on where the first ended.
+            let phase = std::f64::consts::TAU * 2.0 * at_s + index as f64;
+            let (displacement, current) = (0.01 * phase.sin(), if at_s % 2.0 < 1.0 { 0.4 } else { 0.8 });
+            let header = header(stamp, "");
+            let current = CoilCurrent { header: header.clone(), current, variance: 0.0 };
+            let sent = corner.current.publish(current).is_ok()
+                && corner.displacement.publish(Displacement { header, displacement, variance: 0.0 }).is_ok();
+            assert!(sent, "the middleware takes what is paced");
+        }
+        stamps.push(stamp.nanos());
+    }
+    (stamps, latest)
+}
+
+/// Takes estimates until `done`, and then for a moment more; the stamps of each corner's.
+pub(crate) fn hear(corners: &[Corner], done: &AtomicBool) -> Vec<BTreeSet<i64>> {
+    let mut heard = vec![BTreeSet::new(); corners.len()];
+    let mut end = None;
+    while end.is_none_or(|end| Instant::now() < end) {
+        for (corner, heard) in corners.iter().zip(&mut heard) {
+            while let Some((estimate, _)) = corner.estimates.take().expect("readable") {
+                heard.insert(estimate.header.stamp.as_nanos());
+            }
+        }
+        if done.load(Ordering::Acquire) {
+            end.get_or_insert_with(|| Instant::now() + Duration::from_millis(500));
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    heard
+}
