@@ -5,6 +5,7 @@
 //!                                                          ├→ ring ─→ Zenoh thread ─→ keys
 //!                                                          ├→ ring ─→ overseer ─→ /diagnostics, history
 //!                                                          └→ ring ─→ whoever asked for one (screen, report)
+//! Zenoh commands ─→ commands thread ─→ ring ─→ source thread (forces), and control as the services below
 //! parameters, ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
 //! load_model, state
 //! close_loop ─→ actions thread ─→ diagnosing thread, on a copy of the history ─→ control, where that is allowed
@@ -21,7 +22,9 @@ use crate::rosout::Rosout;
 use crate::services::Services;
 use crate::sink::ros::{RosSink, RosSinkCounters, SharedNames};
 use crate::sink::zenoh::{Damper, Encoding, Link, Mirror, SessionMode, ZenohConfig};
+use crate::source;
 use crate::source::ros::{RosSource, SourceCounters};
+use crate::source::zenoh::{Obeying, ZenohSource};
 use ros2_client::NodeOptions;
 use std::sync::Arc;
 
@@ -33,6 +36,7 @@ pub struct Service {
     ros_sink: RosSink,
     overseer: Overseer,
     services: Services,
+    commands: Option<ZenohSource>,
     zenoh: Option<(Arc<Link>, Mirror)>,
     counters: Counters,
 }
@@ -126,7 +130,8 @@ impl Service {
             Hot::start(control.clock(), outlets).map_err(NodeError::io("starting the estimating thread"))?;
         let hot_counters = running.counters();
         control.attach(running);
-        let source = RosSource::start(&mut ros, args, config, &control, samples)?;
+        let (asking, asked) = source::zenoh::forces();
+        let source = RosSource::start(&mut ros, args, config, &control, asked, samples)?;
         let counters =
             Counters { hot: hot_counters, source: source.counters(), ros_sink: ros_sink.counters() };
         let overseer = overseeing.start(overseen, counters.clone())?;
@@ -135,7 +140,21 @@ impl Service {
             services.announce(Transition::Configure, Phase::Unconfigured, Phase::Inactive);
             services.change_state(Transition::Activate)?;
         }
-        let service = Self { ros, source, control, ros_sink, overseer, services, zenoh, counters };
+        let commands = match &zenoh {
+            Some((link, mirror)) if !config.zenoh.commands.is_empty() => {
+                let obeying = Obeying {
+                    changes: services.changes(),
+                    forces: asking,
+                    clock: control.clock(),
+                    model_dir: config.zenoh.model_dir.clone().into(),
+                    counters: Arc::default(),
+                };
+                mirror.attach_commands(Arc::clone(&obeying.counters));
+                Some(ZenohSource::start(link, args.damper(), &config.zenoh.commands, obeying)?)
+            }
+            _ => None,
+        };
+        let service = Self { ros, source, control, ros_sink, overseer, services, commands, zenoh, counters };
         Ok((service, watched))
     }
 
@@ -169,6 +188,7 @@ impl Service {
             ("overseer", self.overseer.is_alive()),
             ("ros-services", self.services.is_alive()),
             ("ros-spinner", self.ros.is_alive()),
+            ("zenoh-commands", self.commands.as_ref().is_none_or(ZenohSource::is_alive)),
             ("zenoh-mirror", self.mirror().is_none_or(Mirror::is_alive)),
         ]
         .into_iter()
@@ -200,6 +220,9 @@ impl Service {
                 panicked.push(name);
             }
         };
+        if let Some(commands) = self.commands {
+            note("zenoh-commands", commands.stop());
+        }
         note("ros-services", self.services.stop());
         note("ros-source", self.source.stop());
         if let Some(hot) = self.control.detach() {
@@ -223,10 +246,12 @@ impl Service {
 
 fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
     let zenoh = &config.zenoh;
-    (!zenoh.listen.is_empty() || !zenoh.connect.is_empty()).then(|| ZenohConfig {
+    let asked = !(zenoh.listen.is_empty() && zenoh.connect.is_empty() && zenoh.config.is_empty());
+    asked.then(|| ZenohConfig {
+        file: (!zenoh.config.is_empty()).then(|| zenoh.config.clone().into()),
         listen: zenoh.listen.clone(),
         connect: zenoh.connect.clone(),
-        mode: if zenoh.mode == "client" { SessionMode::Client } else { SessionMode::Peer },
+        mode: SessionMode::named(&zenoh.mode),
         encoding: match zenoh.encoding.as_str() {
             "json" => Encoding::Json,
             "cdr" => Encoding::Cdr,
@@ -235,6 +260,7 @@ fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
         web_rate_hz: zenoh.web_rate_hz,
         history_s: zenoh.history_s,
         allow_non_loopback: zenoh.allow_non_loopback,
+        commands: zenoh.commands.clone(),
     })
 }
 

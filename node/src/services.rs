@@ -44,6 +44,7 @@ pub struct Services {
     answering: Task,
     actions: Task,
     manager: Arc<Manager>,
+    changes: Changes,
 }
 
 impl Services {
@@ -62,12 +63,13 @@ impl Services {
         let manager = Arc::new(Manager { control: Arc::clone(control), events });
         let actions = Actions::offer(ros, args, control, &parameters, history)?;
         let mut offer = Offer(Desk::new(ros, args));
-        offer.offer_own(control, &parameters)?;
+        let changes = Changes { control: Arc::clone(control), parameters: Arc::clone(&parameters) };
+        offer.offer_own(control, &changes)?;
         offer.offer_parameters(&parameters)?;
         offer.offer_lifecycle(&manager)?;
         offer.0.offer::<GetTypeDescription>("~/get_type_description", |request| types::describe(&request))?;
         let answering = offer.0.start("ros-services")?;
-        Ok(Self { answering, actions: actions.start()?, manager })
+        Ok(Self { answering, actions: actions.start()?, manager, changes })
     }
 
     /// Takes a transition of the node, and tells those who listen.
@@ -76,6 +78,12 @@ impl Services {
     /// Those of [`Control::change_state`].
     pub fn change_state(&self, transition: Transition) -> Result<(), NodeError> {
         self.manager.change(transition)
+    }
+
+    /// What `load_model` and `set_mode` do, for those who ask another way.
+    #[must_use]
+    pub fn changes(&self) -> Changes {
+        self.changes.clone()
     }
 
     /// Tells those who listen of a transition that was taken before anybody could.
@@ -140,19 +148,21 @@ impl Manager {
 struct Offer<'a>(Desk<'a>);
 
 impl Offer<'_> {
-    fn offer_own(&mut self, control: &Arc<Control>, parameters: &Arc<Parameters>) -> Result<(), NodeError> {
-        let (changing, told) = (Arc::clone(control), Arc::clone(parameters));
-        self.0
-            .offer::<LoadModel>("load_model", move |request| load_model(&changing, &told, &request.model))?;
+    fn offer_own(&mut self, control: &Arc<Control>, changes: &Changes) -> Result<(), NodeError> {
+        let changes = changes.clone();
+        let of = changes.clone();
+        self.0.offer::<LoadModel>("load_model", move |request| {
+            let done = of.load_model(&request.model);
+            LoadModelResponse { success: done.is_ok(), message: done.unwrap_or_else(|why| why) }
+        })?;
         let changing = Arc::clone(control);
         self.0.offer::<Reset>("reset", move |_| {
             let done = changing.reset();
             let message = done.as_ref().map_or_else(ToString::to_string, |()| String::new());
             ResetResponse { success: done.is_ok(), message }
         })?;
-        let told = Arc::clone(parameters);
         self.0.offer::<SetMode>("set_mode", move |request| {
-            let done = set_mode(&told, &request);
+            let done = changes.answer_mode(&request);
             SetModeResponse { success: done.is_ok(), message: done.err().unwrap_or_default() }
         })
     }
@@ -203,41 +213,54 @@ impl Offer<'_> {
     }
 }
 
-fn load_model(control: &Control, parameters: &Parameters, model: &str) -> LoadModelResponse {
-    match control.load_model(model) {
-        Ok(Loaded { before, now }) => {
-            parameters.announce(&["model".to_owned()]);
-            let message = format!("{} is in force; before it was {}", now.free, before.free);
-            LoadModelResponse { success: true, message }
-        }
-        Err(error) => {
-            tracing::warn!(model, "load_model refused: {error}");
-            LoadModelResponse { success: false, message: error.to_string() }
-        }
-    }
+/// What `load_model` and `set_mode` do, whichever way they are asked.
+#[derive(Clone)]
+pub struct Changes {
+    control: Arc<Control>,
+    parameters: Arc<Parameters>,
 }
 
-/// Holds the mode by the parameter `mode`.
-fn set_mode(parameters: &Parameters, request: &SetModeRequest) -> Result<(), String> {
-    let mode = if request.automatic {
-        "auto"
-    } else {
-        let unknown = |UnknownValue { .. }| format!("there is no mode {}", request.mode);
-        match Mode::try_from(request.mode).map_err(unknown)? {
-            mode @ (Mode::ArxCoast | Mode::Hold) => {
-                return Err(format!(
-                    "{} lasts for a bounded time only, so it cannot be asked for; ask for arx, model or fault",
-                    mode.name()
-                ));
+impl Changes {
+    /// Loads the model called `model`, and says which is in force now.
+    ///
+    /// # Errors
+    /// Why it is not loaded; the running one stays.
+    pub fn load_model(&self, model: &str) -> Result<String, String> {
+        match self.control.load_model(model) {
+            Ok(Loaded { before, now }) => {
+                self.parameters.announce(&["model".to_owned()]);
+                Ok(format!("{} is in force; before it was {}", now.free, before.free))
             }
-            mode => mode.name(),
+            Err(error) => {
+                tracing::warn!(model, "load_model refused: {error}");
+                Err(error.to_string())
+            }
         }
-    };
-    let value = ParameterValue {
-        r#type: ParameterValue::STRING,
-        string_value: mode.to_owned(),
-        ..ParameterValue::default()
-    };
-    let set = parameters.set(&[Parameter { name: "mode".to_owned(), value }]);
-    if set.successful { Ok(()) } else { Err(set.reason) }
+    }
+
+    /// Holds the mode called `mode` by the parameter `mode`, or none of them: `auto`.
+    ///
+    /// # Errors
+    /// When there is no such mode, or it lasts for a bounded time only.
+    pub fn set_mode(&self, mode: &str) -> Result<(), String> {
+        if [Mode::ArxCoast, Mode::Hold].map(Mode::name).contains(&mode) {
+            return Err(format!(
+                "{mode} lasts for a bounded time only, so it cannot be asked for; ask for arx, model or fault"
+            ));
+        }
+        let value = ParameterValue {
+            r#type: ParameterValue::STRING,
+            string_value: mode.to_owned(),
+            ..ParameterValue::default()
+        };
+        let set = self.parameters.set(&[Parameter { name: "mode".to_owned(), value }]);
+        if set.successful { Ok(()) } else { Err(set.reason) }
+    }
+
+    fn answer_mode(&self, request: &SetModeRequest) -> Result<(), String> {
+        let unknown = |UnknownValue { .. }| format!("there is no mode {}", request.mode);
+        let mode =
+            if request.automatic { "auto" } else { Mode::try_from(request.mode).map_err(unknown)?.name() };
+        self.set_mode(mode)
+    }
 }

@@ -16,6 +16,7 @@ mod interop_deploy;
 mod interop_files;
 mod interop_ros;
 mod interop_support;
+mod interop_zenoh;
 
 use interop_files::{identify, utf8};
 use interop_support::gate::{Outcome, interop, long, say};

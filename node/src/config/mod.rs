@@ -46,12 +46,18 @@ impl Default for InputConfig {
 /// Zenoh mirror.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZenohSettings {
-    /// Endpoints to listen on; with `connect` empty as well there is no mirror.
+    /// Endpoints to listen on; with `connect` and `config` empty as well there is no mirror.
     pub listen: Vec<String>,
     /// Endpoints to connect to.
     pub connect: Vec<String>,
-    /// `peer` or `client`.
+    /// `peer`, `client` or `router`; empty: as `config` says, else peer.
     pub mode: String,
+    /// Configuration file of Zenoh's own (JSON5); empty: none.
+    pub config: String,
+    /// Commands that are taken from Zenoh: `force_request`, `load_model`, `set_mode`.
+    pub commands: Vec<String>,
+    /// Directory of the model files that may be loaded by Zenoh; empty: presets only.
+    pub model_dir: String,
     /// `cbor`, `json` or `cdr`.
     pub encoding: String,
     /// Rate of the `web/` keys, Hz.
@@ -157,7 +163,10 @@ impl Default for Config {
             zenoh: ZenohSettings {
                 listen: Vec::new(),
                 connect: Vec::new(),
-                mode: "peer".to_owned(),
+                mode: String::new(),
+                config: String::new(),
+                commands: Vec::new(),
+                model_dir: String::new(),
                 encoding: "cbor".to_owned(),
                 web_rate_hz: 30.0,
                 history_s: 10.0,

@@ -2,3 +2,4 @@
 
 pub mod collate;
 pub mod ros;
+pub mod zenoh;

@@ -1,4 +1,4 @@
-//! Samples from ROS topics.
+//! Samples from ROS topics, and forces that are asked for by Zenoh.
 //!
 //! One thread waits on all input topics. Displacement is taken first, everything else after it: what a peer sent
 //! before a displacement is there by then, and is sorted before it. What its middleware sent in another order is
@@ -11,6 +11,7 @@ use crate::control::Control;
 use crate::error::NodeError;
 use crate::hot::SampleSink;
 use crate::ros::Ros;
+use crate::source::zenoh::AskedForce;
 use crate::worker::{Stop, Worker};
 use futures::stream::{LocalBoxStream, StreamExt};
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
@@ -18,6 +19,7 @@ use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
 use mr_damper_msgs::standard::{Clock, Float64, Header, JointState, Temperature};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
 use ros2_client::Subscription;
+use rtrb::Consumer;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll, Wake, Waker};
@@ -92,6 +94,7 @@ impl RosSource {
         args: &RosArgs,
         config: &Config,
         control: &Arc<Control>,
+        asked: Consumer<AskedForce>,
         samples: SampleSink,
     ) -> Result<Self, NodeError> {
         let mut channels = Vec::with_capacity(INPUTS.len() + 1);
@@ -112,6 +115,7 @@ impl RosSource {
             channels,
             clock: ros.subscribe(&args.topic("/clock"))?,
             control: Arc::clone(control),
+            asked,
             samples,
             collator: Collator::new(wait),
             counters: Arc::clone(&counters),
@@ -244,6 +248,8 @@ struct Pump {
     channels: Vec<Channel>,
     clock: Subscription<Clock>,
     control: Arc<Control>,
+    /// Forces that are asked for by Zenoh. They wake nobody: they count with the next displacement.
+    asked: Consumer<AskedForce>,
     samples: SampleSink,
     collator: Collator,
     counters: Arc<SourceCounters>,
@@ -251,7 +257,7 @@ struct Pump {
 
 impl Pump {
     fn run(self, stop: &Stop) {
-        let Self { channels, clock, control, mut samples, mut collator, counters } = self;
+        let Self { channels, clock, control, mut asked, mut samples, mut collator, counters } = self;
         let waker = Waker::from(Arc::new(Unpark(std::thread::current())));
         let mut streams: Vec<_> = channels.iter().map(|channel| (channel, channel.values())).collect();
         let mut batch: Vec<Sample> = Vec::with_capacity(BATCH);
@@ -277,6 +283,12 @@ impl Pump {
                         Err(error) => counters.note_unreadable(channel.topic, &error),
                     }
                 }
+            }
+            while batch.len() < BATCH
+                && let Ok((stamp, force)) = asked.pop()
+            {
+                let reading = Reading::ForceRequest(force);
+                batch.push(Sample { stamp: stamp.unwrap_or(received), received, reading });
             }
             // A full batch may have left messages behind, and what is waited for now must wake: look again before sleeping.
             let drained = batch.len() < BATCH;

@@ -266,5 +266,9 @@ pub(crate) fn one_of_each() -> Vec<Event> {
 }
 
 pub(crate) fn client(endpoint: &str) -> ZenohConfig {
-    ZenohConfig { connect: vec![endpoint.to_owned()], mode: SessionMode::Client, ..ZenohConfig::default() }
+    ZenohConfig {
+        connect: vec![endpoint.to_owned()],
+        mode: Some(SessionMode::Client),
+        ..ZenohConfig::default()
+    }
 }

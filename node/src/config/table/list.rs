@@ -352,14 +352,40 @@ const PLAUSIBLE: [Parameter; 5] = [
     ),
 ];
 
-const ZENOH: [Parameter; 7] = [
+const ZENOH: [Parameter; 10] = [
     list!(
         "zenoh.listen",
         "endpoints that the Zenoh mirror listens on, e.g. ['tcp/127.0.0.1:7447']; none: it does not listen",
         zenoh.listen
     ),
     list!("zenoh.connect", "endpoints of Zenoh routers or peers that the mirror connects to", zenoh.connect),
-    text!("zenoh.mode", Kind::Choice(&["peer", "client"]), Never, "Zenoh mode of the mirror", zenoh.mode),
+    text!(
+        "zenoh.mode",
+        Kind::Choice(&["", "peer", "client", "router"]),
+        Never,
+        "how to take part in the Zenoh network; empty: as zenoh.config says, else peer",
+        zenoh.mode
+    ),
+    text!(
+        "zenoh.config",
+        Kind::Text,
+        Never,
+        "configuration file of Zenoh's own (JSON5) for TLS, users, access control, downsampling; endpoints and mode given here are \
+         stronger; launch-configs/zenoh/ has some",
+        zenoh.config
+    ),
+    list!(
+        "zenoh.commands",
+        "commands that are taken from Zenoh: force_request, load_model, set_mode; none: nobody commands by Zenoh",
+        zenoh.commands
+    ),
+    text!(
+        "zenoh.model_dir",
+        Kind::Text,
+        Never,
+        "directory of the model files that the Zenoh command load_model may name; empty: presets only",
+        zenoh.model_dir
+    ),
     text!(
         "zenoh.encoding",
         Kind::Choice(&["cbor", "json", "cdr"]),

@@ -1,21 +1,28 @@
-//! The queryables `meta`, `history` and `status`.
+//! The queryables `meta`, `history` and `status`, and the last sample of each key under `state/` and `web/`.
+//!
+//! `state/` and `web/` are answered as they are published: whoever comes late gets the last value by asking for the key that
+//! it subscribes to, wildcards included, with the `seq` by which it knows the next one.
 //!
 //! Zenoh calls back on its own receiving threads; those only hand the query over. A thread of ours answers,
 //! because an answer blocks on a consumer that does not read, and neither reception nor the samples may.
 
 use super::config::Encoding;
+use super::encode::{Encoded, encode, encoding_of};
 use super::history::{CAPACITY, Held, Wanted};
 use super::meta;
 use super::payload::{Payload, finite};
-use super::shared::{Book, Shared};
+use super::shared::{Book, Shared, Tree, route};
 use super::stats::Stats;
 use super::time_range::TimeRange;
+use super::topic::Topic;
 use serde::Serialize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
 use std::time::{Duration, Instant};
 use zenoh::Wait;
+use zenoh::bytes::ZBytes;
+use zenoh::key_expr::KeyExpr;
 use zenoh::query::Query;
 
 /// Queries that may wait. More are turned away and counted: their consumer gets no reply and may ask again.
@@ -52,12 +59,40 @@ impl Question {
     }
 }
 
-/// A question with the query to answer it by.
-pub(super) type Asked = (Question, Query);
+/// What a query wants to know.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Wants {
+    /// One answer of ours.
+    Answer(Question),
+    /// The last sample of each key of a tree, as it was published.
+    Last(Tree),
+}
+
+impl Wants {
+    pub(super) const ALL: [Self; 5] = [
+        Self::Answer(Question::Meta),
+        Self::Answer(Question::History),
+        Self::Answer(Question::Status),
+        Self::Last(Tree::State),
+        Self::Last(Tree::Web),
+    ];
+
+    /// What comes after the damper in the key.
+    pub(super) const fn tail(self) -> &'static str {
+        match self {
+            Self::Answer(question) => question.name(),
+            Self::Last(Tree::State) => "state/*",
+            Self::Last(Tree::Web) => "web/*",
+        }
+    }
+}
+
+/// What is wanted, with the query to answer it by.
+pub(super) type Asked = (Wants, Query);
 
 /// Called by Zenoh: must not block.
-pub(super) fn hand_over(question: Question, query: Query, queue: &SyncSender<Asked>, shared: &Shared) {
-    if queue.try_send((question, query)).is_err() {
+pub(super) fn hand_over(wants: Wants, query: Query, queue: &SyncSender<Asked>, shared: &Shared) {
+    if queue.try_send((wants, query)).is_err() {
         shared.book().queries_refused += 1;
     }
 }
@@ -66,23 +101,27 @@ pub(super) fn hand_over(question: Question, query: Query, queue: &SyncSender<Ask
 pub(super) fn run(queue: &Receiver<Asked>, shared: &Arc<Shared>) {
     let mut asked = [0_u64; Question::ALL.len()];
     while !shared.stopping() {
-        let (question, query) = match queue.recv_timeout(LOOK) {
+        let (wants, query) = match queue.recv_timeout(LOOK) {
             Ok(asked) => asked,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        let seq = &mut asked[question as usize];
-        *seq += 1;
-        let seq = *seq;
         // One bad question must not take the others' answers away.
-        if catch_unwind(AssertUnwindSafe(|| answer(question, &query, seq, shared))).is_err() {
+        if catch_unwind(AssertUnwindSafe(|| answer(wants, &query, &mut asked, shared))).is_err() {
             tracing::error!("a Zenoh query made the answering thread panic: {}", query.selector());
         }
         shared.book().queries_answered += 1;
     }
 }
 
-fn answer(question: Question, query: &Query, seq: u64, shared: &Shared) {
+fn answer(wants: Wants, query: &Query, asked: &mut [u64; Question::ALL.len()], shared: &Shared) {
+    let question = match wants {
+        Wants::Answer(question) => question,
+        Wants::Last(tree) => return answer_last(tree, query, shared),
+    };
+    let seq = &mut asked[question as usize];
+    *seq += 1;
+    let seq = *seq;
     let key = shared.key(question.name());
     let replied = match compose(question, query, seq, shared) {
         Ok((bytes, encoding)) => query.reply(key, bytes).encoding(encoding.zenoh()).wait(),
@@ -93,6 +132,33 @@ fn answer(question: Question, query: &Query, seq: u64, shared: &Shared) {
     };
     if let Err(error) = replied {
         tracing::debug!("a Zenoh query got no answer: {error}");
+    }
+}
+
+/// Answers with the last sample of each key that is asked for; with nothing where there was none.
+fn answer_last(tree: Tree, query: &Query, shared: &Shared) {
+    let wanted = match tree {
+        Tree::State => shared.config.encoding,
+        Tree::Web => Encoding::Json,
+    };
+    // A copy, as an answer may have to wait.
+    let last = shared.book().last;
+    let names = shared.names();
+    for topic in Topic::ALL {
+        let key = shared.route_key(tree, topic);
+        let asked = KeyExpr::new(&key).is_ok_and(|key| query.key_expr().intersects(&key));
+        let Some((item, seq)) = last[route(tree, topic)].filter(|_| asked) else { continue };
+        let replied = match encode(&item, seq, wanted, &names, &shared.frame_id) {
+            Ok(Encoded { bytes, attachment }) => query
+                .reply(key, bytes)
+                .encoding(encoding_of(wanted, topic).zenoh())
+                .attachment(attachment.map(ZBytes::from))
+                .wait(),
+            Err(error) => Err(error.into()),
+        };
+        if let Err(error) = replied {
+            tracing::debug!("a Zenoh query got no answer: {error}");
+        }
     }
 }
 

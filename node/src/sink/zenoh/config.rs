@@ -1,9 +1,11 @@
-//! Settings of the mirror, their check, and what they mean to Zenoh.
+//! Settings of the session and of the mirrors.
 
 use super::error::ZenohError;
+use super::plan::Plan;
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, SocketAddr};
-use zenoh::config::{EndPoint, WhatAmI};
+use std::path::PathBuf;
+use zenoh::config::EndPoint;
 
 /// How the process takes part in the Zenoh network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -14,6 +16,26 @@ pub enum SessionMode {
     Peer,
     /// Connects to one router, through which everything goes.
     Client,
+    /// Is a router itself: passes on between all who connect to it.
+    Router,
+}
+
+impl SessionMode {
+    /// The name, as in the configuration.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Peer => "peer",
+            Self::Client => "client",
+            Self::Router => "router",
+        }
+    }
+
+    /// The mode called `name`.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::Peer, Self::Client, Self::Router].into_iter().find(|mode| mode.name() == name)
+    }
 }
 
 /// Encoding of the payloads under `state/`.
@@ -60,16 +82,19 @@ impl Encoding {
     }
 }
 
-/// Settings of the mirror. The default has no endpoint, which is an error: nothing listens unasked.
+/// Settings of the process's Zenoh session and its mirrors. The default has no endpoint, which is an error: nothing listens
+/// unasked.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ZenohConfig {
-    /// Addresses to wait at, `tcp/ADDRESS:PORT`.
+    /// A configuration file of Zenoh's own (JSON5), for what is not below: TLS, users, access control, downsampling.
+    pub file: Option<PathBuf>,
+    /// Addresses to wait at, `tcp/ADDRESS:PORT` or `tls/ADDRESS:PORT`; none: those of the file.
     pub listen: Vec<String>,
-    /// Addresses of routers or peers, `tcp/ADDRESS:PORT`; tried again for as long as it takes.
+    /// Addresses of routers or peers, likewise; tried again for as long as it takes.
     pub connect: Vec<String>,
-    /// How to take part in the network.
-    pub mode: SessionMode,
+    /// How to take part in the network; `None`: as the file says, else as a peer.
+    pub mode: Option<SessionMode>,
     /// Encoding of the payloads under `state/`.
     pub encoding: Encoding,
     /// Rate of each topic under `web/` at most, 20 to 50 Hz.
@@ -78,101 +103,40 @@ pub struct ZenohConfig {
     pub history_s: f64,
     /// Allows endpoints that other machines can reach.
     pub allow_non_loopback: bool,
+    /// Commands that are taken from `cmd/`, by name; none: nobody commands by Zenoh.
+    pub commands: Vec<String>,
 }
 
 impl Default for ZenohConfig {
     fn default() -> Self {
         Self {
+            file: None,
             listen: Vec::new(),
             connect: Vec::new(),
-            mode: SessionMode::Peer,
+            mode: None,
             encoding: Encoding::Cbor,
             web_rate_hz: 30.0,
             history_s: 10.0,
             allow_non_loopback: false,
+            commands: Vec::new(),
         }
     }
 }
 
 impl ZenohConfig {
-    /// Checks the settings without opening anything.
+    /// Checks the settings without opening anything; reads the file.
     ///
     /// # Errors
     /// The first setting that cannot be used.
     pub fn validate(&self) -> Result<(), ZenohError> {
-        if self.listen.is_empty() && self.connect.is_empty() {
-            return Err(ZenohError::NoEndpoint);
-        }
-        if self.mode == SessionMode::Client {
-            if !self.listen.is_empty() {
-                return Err(ZenohError::ClientListens { listen: self.listen.clone() });
-            }
-            if self.connect.is_empty() {
-                return Err(ZenohError::ClientWithoutConnect);
-            }
-        }
+        self.plan().map(drop)
+    }
+
+    /// What the settings amount to.
+    pub(super) fn plan(&self) -> Result<Plan, ZenohError> {
         in_range("web_rate_hz", self.web_rate_hz, 20.0..=50.0, "20 to 50 Hz")?;
         in_range("history_s", self.history_s, 0.0..=600.0, "0 (off) to 600 s")?;
-        for endpoint in self.listen.iter().chain(&self.connect) {
-            let loopback = is_loopback(endpoint)?;
-            if !loopback && !self.allow_non_loopback {
-                return Err(ZenohError::NotLoopback { endpoint: endpoint.clone() });
-            }
-        }
-        Ok(())
-    }
-
-    /// All endpoints, for messages.
-    pub(super) fn endpoints(&self) -> String {
-        let all: Vec<&str> = self.listen.iter().chain(&self.connect).map(String::as_str).collect();
-        all.join(", ")
-    }
-
-    /// Zenoh's own configuration. Starts from Zenoh's defaults, never from a file or the environment.
-    pub(super) fn to_zenoh(&self) -> Result<zenoh::Config, ZenohError> {
-        self.validate()?;
-        let client = self.mode == SessionMode::Client;
-        let mode = if client { WhatAmI::Client } else { WhatAmI::Peer };
-        let settings = [
-            ("mode", format!("\"{mode}\"")),
-            // An empty list too must be said: unsaid, a peer listens on all interfaces.
-            ("listen/endpoints", json_list(&self.listen)),
-            ("connect/endpoints", json_list(&self.connect)),
-            // A client's open blocks until it is connected, and is repeated by `Link`; a peer's does not.
-            ("connect/timeout_ms", if client { "5000" } else { "-1" }.to_owned()),
-            ("connect/exit_on_failure", client.to_string()),
-            ("connect/retry", "{period_init_ms: 100, period_max_ms: 1000}".to_owned()),
-            ("listen/timeout_ms", "0".to_owned()),
-            ("listen/exit_on_failure", "true".to_owned()),
-            ("scouting/multicast/enabled", "false".to_owned()),
-            ("scouting/gossip/enabled", "false".to_owned()),
-            // Without this, open waits half a second for a peer that may not be there.
-            ("open/return_conditions/connect_scouted", "false".to_owned()),
-            // Declarations and answers block on a consumer that does not read; a second, not five, is enough
-            // to know it. Samples never block.
-            ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000".to_owned()),
-        ];
-        let mut config = zenoh::Config::default();
-        for (key, value) in settings {
-            config.insert_json5(key, &value).map_err(|error| ZenohError::Open {
-                endpoints: self.endpoints(),
-                reason: format!("{key} = {value}: {error}"),
-            })?;
-        }
-        Ok(config)
-    }
-
-    /// The listen endpoint whose address is taken, if there is one.
-    pub(super) fn taken_port(&self) -> Option<&str> {
-        let taken = |endpoint: &&String| {
-            let Some(address) = endpoint.strip_prefix("tcp/").and_then(|rest| rest.split(['?', '#']).next())
-            else {
-                return false;
-            };
-            std::net::TcpListener::bind(address)
-                .is_err_and(|error| error.kind() == std::io::ErrorKind::AddrInUse)
-        };
-        self.listen.iter().find(taken).map(String::as_str)
+        Plan::of(self)
     }
 }
 
@@ -185,16 +149,12 @@ fn in_range(
     if range.contains(&value) { Ok(()) } else { Err(ZenohError::Setting { setting, value, allowed }) }
 }
 
-fn json_list(endpoints: &[String]) -> String {
-    serde_json::to_string(endpoints).expect("strings are always JSON")
-}
-
 /// True when only this machine can reach the endpoint.
-fn is_loopback(endpoint: &str) -> Result<bool, ZenohError> {
+pub(super) fn is_loopback(endpoint: &str) -> Result<bool, ZenohError> {
     let refuse = |why: &str| ZenohError::Endpoint { endpoint: endpoint.to_owned(), why: why.to_owned() };
     let parsed: EndPoint = endpoint.parse().map_err(|error| refuse(&format!("{error}")))?;
-    if parsed.protocol().as_str() != "tcp" {
-        return Err(refuse("only tcp is built in"));
+    if !matches!(parsed.protocol().as_str(), "tcp" | "tls") {
+        return Err(refuse("only tcp and tls are built in"));
     }
     let address = parsed.address();
     let address = address.as_str();
@@ -244,14 +204,17 @@ mod tests {
     fn bad_settings_are_named() {
         for (config, word) in [
             (ZenohConfig::default(), "no endpoint"),
-            (listening("udp/127.0.0.1:7447"), "only tcp"),
+            (listening("udp/127.0.0.1:7447"), "only tcp and tls"),
             (listening("127.0.0.1:7447"), "127.0.0.1:7447"),
             (listening("tcp/127.0.0.1"), "port is missing"),
             (listening("tcp/localhost:http"), "port is not a number"),
             (ZenohConfig { web_rate_hz: 100.0, ..listening("tcp/127.0.0.1:1") }, "web_rate_hz = 100"),
             (ZenohConfig { web_rate_hz: f64::NAN, ..listening("tcp/127.0.0.1:1") }, "web_rate_hz = NaN"),
             (ZenohConfig { history_s: -1.0, ..listening("tcp/127.0.0.1:1") }, "history_s = -1"),
-            (ZenohConfig { mode: SessionMode::Client, ..listening("tcp/127.0.0.1:1") }, "only connects"),
+            (
+                ZenohConfig { mode: Some(SessionMode::Client), ..listening("tcp/127.0.0.1:1") },
+                "only connects",
+            ),
         ] {
             let message = refusal(&config);
             assert!(message.contains(word), "{message}");

@@ -1,5 +1,7 @@
 //! Why the mirror does not start.
 
+use std::path::PathBuf;
+
 /// Why the mirror does not start. Every message says what, where, and what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -20,7 +22,9 @@ pub enum ZenohError {
     #[error("Zenoh mode client needs `connect`: the address of a router, for example tcp/127.0.0.1:7447")]
     ClientWithoutConnect,
     /// Text that is no endpoint, or a transport that is not built in.
-    #[error("Zenoh endpoint `{endpoint}` cannot be used: {why}; write it as tcp/ADDRESS:PORT")]
+    #[error(
+        "Zenoh endpoint `{endpoint}` cannot be used: {why}; write it as tcp/ADDRESS:PORT or tls/ADDRESS:PORT"
+    )]
     Endpoint {
         /// The endpoint as given.
         endpoint: String,
@@ -35,6 +39,31 @@ pub enum ZenohError {
     NotLoopback {
         /// The endpoint as given.
         endpoint: String,
+    },
+    /// Anybody on a network could command the damper.
+    #[error(
+        "Zenoh endpoint `{endpoint}` is not on loopback and commands are taken, but nobody has said from whom: give a \
+         configuration file with access_control enabled (launch-configs/zenoh/ has some), or take no commands"
+    )]
+    AnybodyCommands {
+        /// The endpoint as given.
+        endpoint: String,
+    },
+    /// A configuration file of Zenoh's own that cannot be used.
+    #[error("Zenoh configuration {}: {why}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// A command that is not known.
+    #[error("`{name}` is no command that can be taken from Zenoh; known are {known}")]
+    UnknownCommand {
+        /// The name as given.
+        name: String,
+        /// The names that there are.
+        known: String,
     },
     /// A setting out of range.
     #[error("Zenoh setting {setting} = {value} is out of range: {allowed}")]

@@ -2,6 +2,7 @@
 
 use super::config::{SessionMode, ZenohConfig};
 use super::error::ZenohError;
+use super::plan::Plan;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -30,6 +31,7 @@ pub struct Link {
 #[derive(Debug)]
 pub(super) struct Inner {
     pub(super) config: ZenohConfig,
+    plan: Plan,
     opening: Mutex<Opening>,
     closing: AtomicBool,
     watch: Mutex<Watch>,
@@ -55,14 +57,15 @@ struct Watch {
 
 impl Link {
     /// Opens a session. A peer is ready when this returns, whether the addresses in `connect` answer or not;
-    /// a client goes on connecting in the background. Returns within 5 s, usually within 50 ms.
+    /// so is a router; a client goes on connecting in the background. Returns within 5 s, usually within 50 ms.
     ///
     /// # Errors
     /// When a setting cannot be used, when a port is taken, or when Zenoh opens no session.
     pub fn open(config: &ZenohConfig) -> Result<Self, ZenohError> {
-        let zenoh_config = config.to_zenoh()?;
+        let plan = config.plan()?;
         let inner = Arc::new(Inner {
             config: config.clone(),
+            plan,
             opening: Mutex::new(Opening::Waiting),
             closing: AtomicBool::new(false),
             watch: Mutex::default(),
@@ -72,18 +75,19 @@ impl Link {
         // A thread of its own: Zenoh must not be opened inside another async runtime.
         thread::Builder::new()
             .name("zenoh-open".to_owned())
-            .spawn(move || opener.open(&zenoh_config, &sender))
+            .spawn(move || opener.open(&sender))
             .map_err(|source| ZenohError::Thread { name: "zenoh-open", source })?;
-        if config.mode == SessionMode::Peer {
+        let plan = &inner.plan;
+        if plan.mode != SessionMode::Client {
             let reason = match first_result.recv_timeout(OPEN_WAIT) {
                 Ok(Ok(())) => return Ok(Self { inner }),
                 Ok(Err(reason)) => reason,
                 Err(error) => error.to_string(),
             };
             inner.closing.store(true, Ordering::Release);
-            return Err(match config.taken_port() {
+            return Err(match plan.taken_port() {
                 Some(endpoint) => ZenohError::PortInUse { endpoint: endpoint.to_owned() },
-                None => ZenohError::Open { endpoints: config.endpoints(), reason },
+                None => ZenohError::Open { endpoints: plan.endpoints(), reason },
             });
         }
         Ok(Self { inner })
@@ -93,6 +97,21 @@ impl Link {
     #[must_use]
     pub fn config(&self) -> &ZenohConfig {
         &self.inner.config
+    }
+
+    /// True while only those whom Zenoh's configuration file names may do what it says.
+    #[must_use]
+    pub fn has_access_control(&self) -> bool {
+        self.inner.plan.access_control
+    }
+
+    /// The session; `None` while a client waits for its router, and after the end.
+    #[must_use]
+    pub fn session(&self) -> Option<Session> {
+        match self.inner.opening() {
+            Opening::Done(session) if !session.is_closed() => Some(session),
+            Opening::Done(_) | Opening::Waiting | Opening::Gone => None,
+        }
     }
 
     /// Routers and peers that are connected now.
@@ -133,11 +152,11 @@ impl Inner {
         self.opening.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Tries until there is a session or nobody wants it any more; a peer tries once.
-    fn open(&self, config: &zenoh::Config, first_result: &mpsc::SyncSender<Result<(), String>>) {
+    /// Tries until there is a session or nobody wants it any more; all but a client try once.
+    fn open(&self, first_result: &mpsc::SyncSender<Result<(), String>>) {
         let mut said = false;
         while !self.closing.load(Ordering::Acquire) {
-            match zenoh::open(config.clone()).wait() {
+            match zenoh::open(self.plan.zenoh.clone()).wait() {
                 Ok(session) => {
                     let mut opening = self.lock();
                     if self.closing.load(Ordering::Acquire) {
@@ -151,7 +170,7 @@ impl Inner {
                     let _ = first_result.try_send(Ok(()));
                     return;
                 }
-                Err(error) if self.config.mode == SessionMode::Peer => {
+                Err(error) if self.plan.mode != SessionMode::Client => {
                     *self.lock() = Opening::Gone;
                     let _ = first_result.try_send(Err(error.to_string()));
                     return;
@@ -159,7 +178,7 @@ impl Inner {
                 Err(error) => {
                     if !said {
                         said = true;
-                        let endpoints = self.config.endpoints();
+                        let endpoints = self.plan.endpoints();
                         tracing::warn!("no Zenoh router at {endpoints} yet, trying on: {error}");
                     }
                     thread::sleep(RETRY_PAUSE);
@@ -182,10 +201,10 @@ impl Inner {
             tracing::info!(connected = watch.connected, "Zenoh connections: {before} before");
         }
         // A peer that only listens may rightly be alone. The first look is too early to complain.
-        let alone = watch.connected == 0 && !self.config.connect.is_empty() && !first;
+        let alone = watch.connected == 0 && !self.plan.connect.is_empty() && !first;
         if alone && watch.said.is_none_or(|at| now - at > REMINDER) {
             watch.said = Some(now);
-            let endpoints = self.config.connect.join(", ");
+            let endpoints = self.plan.connect.join(", ");
             tracing::warn!("no Zenoh router or peer at {endpoints}; trying on: is it running?");
         } else if !alone {
             watch.said = None;

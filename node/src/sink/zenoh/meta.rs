@@ -56,6 +56,7 @@ pub(super) fn describe(shared: &Shared) -> Value {
             "parameters": "_time=[now(-10s)..] by the time at which the mirror took the sample, max=N newest \
                            entries of each topic, format=json|cbor; one reply with all entries, oldest first",
         },
+        "late_joiners": "a get of a key under state/ or web/, wildcards included, is answered with its last sample",
         "status": "counters of each key: sent, dropped, age_s of the last sample, rate_hz",
         "qos": "congestion control drop, priority data_high; answers keep that of the query",
         "topics": topics,

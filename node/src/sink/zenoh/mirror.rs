@@ -7,7 +7,7 @@ use super::link::{Inner, Link, Opening};
 use super::outlet::Outlet;
 use super::payload::{Item, ModelNames};
 use super::shared::{ROUTES, Shared, Tree, route};
-use super::stats::{MirrorState, Stats};
+use super::stats::{CommandCounters, MirrorState, Stats};
 use super::throttle::Throttle;
 use super::topic::Topic;
 use mr_damper_model::pipeline::{Event, Validity};
@@ -103,6 +103,12 @@ impl Mirror {
     #[must_use]
     pub fn renamer(&self) -> Renamer {
         Renamer(Arc::clone(&self.shared))
+    }
+
+    /// Commands are taken for this damper: `status` tells of them too.
+    pub fn attach_commands(&self, counters: Arc<CommandCounters>) {
+        // There is one source of commands a damper, attached once.
+        let _ = self.shared.commands.set(counters);
     }
 
     /// The counters.
@@ -266,8 +272,8 @@ impl Worker {
     }
 
     fn put_web(&mut self, item: &Item, now: Instant) {
-        let (_, sent) = self.put(Tree::Web, item, Encoding::Json);
-        self.shared.book().routes[route(Tree::Web, item.topic())].note(sent, now);
+        let (seq, sent) = self.put(Tree::Web, item, Encoding::Json);
+        self.shared.book().note_on(route(Tree::Web, item.topic()), item, seq, sent, now);
     }
 
     /// Puts a sample, and returns its number on the route and whether Zenoh took it. A number is used up

@@ -4,7 +4,7 @@
 //! estimating thread ── ring ──→ zenoh-mirror ──→ state/<topic>  every sample; CBOR, JSON or CDR
 //!        └──── unpark ────────────↗   │    └───→ web/<topic>    the newest at 20-50 Hz; JSON
 //!                                     │          alive          liveliness token
-//!                                  history       meta, history, status
+//!                                  history       meta, history, status; the last of state/ and web/
 //!                                     └──→ zenoh-answers ──↗
 //! ```
 //!
@@ -31,6 +31,7 @@ mod meta;
 mod mirror;
 mod outlet;
 mod payload;
+mod plan;
 #[cfg(test)]
 mod samples;
 mod shared;
@@ -44,5 +45,5 @@ pub use error::ZenohError;
 pub use link::Link;
 pub use mirror::{Damper, Mirror, Renamer};
 pub use payload::ModelNames;
-pub use stats::{MirrorState, RouteStats, Stats};
+pub use stats::{CommandCounters, CommandStats, MirrorState, RouteStats, Stats};
 pub use topic::Topic;

@@ -1,6 +1,6 @@
 //! What one damper declares in a Zenoh session: publishers, queryables and the liveliness token.
 
-use super::answer::{self, Question, WAITING};
+use super::answer::{self, WAITING, Wants};
 use super::config::Encoding;
 use super::encode::{Encoded, encoding_of};
 use super::shared::{ROUTES, Shared, Tree, route};
@@ -47,12 +47,12 @@ impl Outlet {
             }
         }
         let (queue, queries) = mpsc::sync_channel(WAITING);
-        let mut queryables = Vec::with_capacity(Question::ALL.len());
-        for question in Question::ALL {
+        let mut queryables = Vec::with_capacity(Wants::ALL.len());
+        for wants in Wants::ALL {
             let (queue, asked_of) = (queue.clone(), Arc::clone(shared));
             let queryable = session
-                .declare_queryable(shared.key(question.name()))
-                .callback(move |query| answer::hand_over(question, query, &queue, &asked_of))
+                .declare_queryable(shared.key(wants.tail()))
+                .callback(move |query| answer::hand_over(wants, query, &queue, &asked_of))
                 .wait()?;
             queryables.push(queryable);
         }

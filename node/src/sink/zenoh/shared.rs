@@ -5,11 +5,11 @@
 use super::config::ZenohConfig;
 use super::history::History;
 use super::payload::{Item, ModelNames};
-use super::stats::{MirrorState, RouteCount, Stats};
+use super::stats::{CommandCounters, MirrorState, RouteCount, Stats};
 use super::topic::Topic;
 use mr_damper_model::pipeline::{AlarmChange, Event, Mode, Residual, Validity};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 /// Routes of `state/` and of `web/`.
@@ -62,6 +62,7 @@ pub(super) struct Shared {
     pub(super) stop: AtomicBool,
     ring_dropped: Arc<AtomicU64>,
     names: Mutex<Arc<ModelNames>>,
+    pub(super) commands: OnceLock<Arc<CommandCounters>>,
     book: Mutex<Book>,
 }
 
@@ -75,6 +76,8 @@ pub(super) struct Book {
     pub(super) queries_answered: u64,
     pub(super) queries_refused: u64,
     pub(super) routes: [RouteCount; ROUTES],
+    /// The last sample of each route and its number, for who comes late.
+    pub(super) last: [Option<(Item, u64)>; ROUTES],
     pub(super) history: History,
     /// Mode after the last transition or estimate.
     pub(super) mode: Option<Mode>,
@@ -90,7 +93,7 @@ impl Book {
     /// Notes an event that was put to `state/`.
     pub(super) fn note(&mut self, item: Item, seq: u64, sent: bool, at: Instant, clock: &Clock) {
         self.events += 1;
-        self.routes[route(Tree::State, item.topic())].note(sent, at);
+        self.note_on(route(Tree::State, item.topic()), &item, seq, sent, at);
         match &item.event {
             Event::Estimate(estimate) => {
                 (self.mode, self.validity) = (Some(estimate.mode), estimate.validity)
@@ -101,6 +104,12 @@ impl Book {
             Event::Input(_) | Event::Refusal(_) | Event::Command(_) => {}
         }
         self.history.push(item, seq, clock.nanos_at(at));
+    }
+
+    /// Notes what was put on a route.
+    pub(super) fn note_on(&mut self, route: usize, item: &Item, seq: u64, sent: bool, at: Instant) {
+        self.routes[route].note(sent, at);
+        self.last[route] = Some((*item, seq));
     }
 }
 
@@ -120,6 +129,7 @@ impl Shared {
             queries_answered: 0,
             queries_refused: 0,
             routes: std::array::from_fn(|_| RouteCount::default()),
+            last: [None; ROUTES],
             history: History::new(config.history_s),
             mode: None,
             validity: Validity::Invalid,
@@ -134,6 +144,7 @@ impl Shared {
             stop: AtomicBool::new(false),
             ring_dropped,
             names: Mutex::new(Arc::new(names)),
+            commands: OnceLock::new(),
             book: Mutex::new(book),
         }
     }
@@ -198,6 +209,7 @@ impl Shared {
             events: book.events,
             queries_answered: book.queries_answered,
             queries_refused: book.queries_refused,
+            commands: self.commands.get().map(|counters| counters.stats()),
             routes: trees.into_iter().flat_map(of_tree).map(one).collect(),
         }
     }

@@ -1,6 +1,8 @@
 //! What the mirror counts: the answer to "does it still flow, and what was lost?".
 
 use serde::Serialize;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Over which rates are measured.
@@ -36,6 +38,48 @@ pub struct RouteStats {
     pub rate_hz: f64,
 }
 
+/// Counters of the commands that came by Zenoh.
+#[derive(Debug, Default)]
+pub struct CommandCounters {
+    obeyed: AtomicU64,
+    refused: AtomicU64,
+    last_refusal: Mutex<Option<String>>,
+}
+
+impl CommandCounters {
+    /// Counts a command that was obeyed.
+    pub fn obey(&self) {
+        self.obeyed.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Counts one that was not, and keeps why.
+    pub fn refuse(&self, why: &str) {
+        self.refused.fetch_add(1, Ordering::Relaxed);
+        *self.last_refusal.lock().unwrap_or_else(PoisonError::into_inner) = Some(why.to_owned());
+    }
+
+    /// The counters at present.
+    #[must_use]
+    pub fn stats(&self) -> CommandStats {
+        CommandStats {
+            obeyed: self.obeyed.load(Ordering::Relaxed),
+            refused: self.refused.load(Ordering::Relaxed),
+            last_refusal: self.last_refusal.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+        }
+    }
+}
+
+/// What became of the commands under `cmd/`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct CommandStats {
+    /// Obeyed.
+    pub obeyed: u64,
+    /// Not obeyed.
+    pub refused: u64,
+    /// Why the last of these was not.
+    pub last_refusal: Option<String>,
+}
+
 /// Counters of a mirror.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stats {
@@ -54,6 +98,8 @@ pub struct Stats {
     pub queries_answered: u64,
     /// Queries that were turned away because too many waited.
     pub queries_refused: u64,
+    /// What became of commands; none where none are taken.
+    pub commands: Option<CommandStats>,
     /// The routes: those of `state/`, then those of `web/`, in the order of [`super::Topic::ALL`].
     pub routes: Vec<RouteStats>,
 }

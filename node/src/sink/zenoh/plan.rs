@@ -1,0 +1,249 @@
+//! What the settings amount to, together with a configuration file of Zenoh's own.
+//!
+//! Endpoints and mode of the node's parameters are stronger than those of the file; everything else that the file says
+//! holds (TLS, users, access control, downsampling). What it leaves open is not as Zenoh would have it but as it is
+//! safe: no scouting, nothing listens unasked, connections are tried again within a second.
+
+use super::config::{SessionMode, ZenohConfig, is_loopback};
+use super::error::ZenohError;
+use serde_json::Value;
+use std::path::Path;
+
+/// Checked settings.
+#[derive(Debug, Clone)]
+pub(super) struct Plan {
+    pub(super) mode: SessionMode,
+    pub(super) listen: Vec<String>,
+    pub(super) connect: Vec<String>,
+    /// The file says who may do what.
+    pub(super) access_control: bool,
+    pub(super) zenoh: zenoh::Config,
+}
+
+impl Plan {
+    /// Reads the file, if there is one, and checks everything without opening a session.
+    ///
+    /// # Errors
+    /// The first setting that cannot be used.
+    pub(super) fn of(config: &ZenohConfig) -> Result<Self, ZenohError> {
+        let (text, said) = match &config.file {
+            Some(path) => read(path)?,
+            None => ("{}".to_owned(), Value::Null),
+        };
+        let refuse = |why: String| ZenohError::File { path: config.file.clone().unwrap_or_default(), why };
+        let mode = match (config.mode, said.get("mode").and_then(Value::as_str)) {
+            (Some(mode), _) => mode,
+            (None, None) => SessionMode::Peer,
+            (None, Some(name)) => SessionMode::named(name)
+                .ok_or_else(|| refuse(format!("mode is \"{name}\"; known are peer, client and router")))?,
+        };
+        let endpoints = |given: &[String], direction: &str| match given {
+            [] => endpoints_of(&said, direction, mode).map_err(refuse),
+            given => Ok(given.to_vec()),
+        };
+        // Before Zenoh reads it, whose errors do not say where they are.
+        let (listen, connect) =
+            (endpoints(&config.listen, "listen")?, endpoints(&config.connect, "connect")?);
+        let zenoh = zenoh::Config::from_json5(&text).map_err(|error| refuse(error.to_string()))?;
+        let mut plan = Self {
+            mode,
+            listen,
+            connect,
+            access_control: said.pointer("/access_control/enabled") == Some(&Value::Bool(true)),
+            zenoh,
+        };
+        plan.check(config)?;
+        let scouts = said.pointer("/scouting/multicast/enabled") == Some(&Value::Bool(true));
+        if scouts && !config.allow_non_loopback {
+            return Err(refuse(
+                "scouting/multicast is enabled, which calls for peers on every network; leave it out, or allow it with \
+                 allow_non_loopback = true"
+                    .to_owned(),
+            ));
+        }
+        plan.complete(&said)?;
+        Ok(plan)
+    }
+
+    fn check(&self, config: &ZenohConfig) -> Result<(), ZenohError> {
+        if self.listen.is_empty() && self.connect.is_empty() {
+            return Err(ZenohError::NoEndpoint);
+        }
+        if self.mode == SessionMode::Client {
+            if !self.listen.is_empty() {
+                return Err(ZenohError::ClientListens { listen: self.listen.clone() });
+            }
+            if self.connect.is_empty() {
+                return Err(ZenohError::ClientWithoutConnect);
+            }
+        }
+        for endpoint in self.listen.iter().chain(&self.connect) {
+            if is_loopback(endpoint)? {
+                continue;
+            }
+            if !config.allow_non_loopback {
+                return Err(ZenohError::NotLoopback { endpoint: endpoint.clone() });
+            }
+            if !config.commands.is_empty() && !self.access_control {
+                return Err(ZenohError::AnybodyCommands { endpoint: endpoint.clone() });
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells Zenoh what was settled, and what is safe where nothing was `said`.
+    fn complete(&mut self, said: &Value) -> Result<(), ZenohError> {
+        let client = self.mode == SessionMode::Client;
+        let settled = [
+            ("mode", format!("\"{}\"", self.mode.name())),
+            // An empty list too must be said: unsaid, a peer listens on all interfaces.
+            ("listen/endpoints", json_list(&self.listen)),
+            ("connect/endpoints", json_list(&self.connect)),
+        ];
+        let safe = [
+            // A client's open blocks until it is connected, and is repeated by `Link`; that of others does not.
+            ("connect/timeout_ms", if client { "5000" } else { "-1" }),
+            ("connect/exit_on_failure", if client { "true" } else { "false" }),
+            ("connect/retry", "{period_init_ms: 100, period_max_ms: 1000}"),
+            ("listen/timeout_ms", "0"),
+            ("listen/exit_on_failure", "true"),
+            ("scouting/multicast/enabled", "false"),
+            ("scouting/gossip/enabled", "false"),
+            // Without this, open waits half a second for a peer that may not be there.
+            ("open/return_conditions/connect_scouted", "false"),
+            // Declarations and answers block on a consumer that does not read; a second, not five, is enough
+            // to know it. Samples never block.
+            ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000"),
+        ];
+        let open = safe.into_iter().filter(|(key, _)| said.pointer(&format!("/{key}")).is_none());
+        for (key, value) in settled.into_iter().chain(open.map(|(key, value)| (key, value.to_owned()))) {
+            self.zenoh.insert_json5(key, &value).map_err(|error| ZenohError::Open {
+                endpoints: self.endpoints(),
+                reason: format!("{key} = {value}: {error}"),
+            })?;
+        }
+        Ok(())
+    }
+
+    /// All endpoints, for messages.
+    pub(super) fn endpoints(&self) -> String {
+        let all: Vec<&str> = self.listen.iter().chain(&self.connect).map(String::as_str).collect();
+        all.join(", ")
+    }
+
+    /// The listen endpoint whose address is taken, if there is one.
+    pub(super) fn taken_port(&self) -> Option<&str> {
+        let taken = |endpoint: &&String| {
+            let address = endpoint.split_once('/').and_then(|(_, rest)| rest.split(['?', '#']).next());
+            address.is_some_and(|address| {
+                std::net::TcpListener::bind(address)
+                    .is_err_and(|error| error.kind() == std::io::ErrorKind::AddrInUse)
+            })
+        };
+        self.listen.iter().find(taken).map(String::as_str)
+    }
+}
+
+/// The text of a file, and what it says.
+fn read(path: &Path) -> Result<(String, Value), ZenohError> {
+    let refuse = |why: String| ZenohError::File { path: path.to_owned(), why };
+    let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
+    let said: Value = json5::from_str(&text).map_err(|error| refuse(error.to_string()))?;
+    if !said.is_object() {
+        return Err(refuse("it is no object; begin with {".to_owned()));
+    }
+    Ok((text, said))
+}
+
+/// Endpoints that a file lists for `mode`: a list, or one for each mode.
+fn endpoints_of(said: &Value, direction: &str, mode: SessionMode) -> Result<Vec<String>, String> {
+    let all = match said.pointer(&format!("/{direction}/endpoints")) {
+        Some(Value::Object(by_mode)) => by_mode.get(mode.name()).unwrap_or(&Value::Null),
+        Some(list) => list,
+        None => &Value::Null,
+    };
+    let text = |endpoint: &Value| endpoint.as_str().map(str::to_owned);
+    match all {
+        Value::Null => Ok(Vec::new()),
+        Value::String(one) => Ok(vec![one.clone()]),
+        Value::Array(list) => list
+            .iter()
+            .map(|endpoint| {
+                text(endpoint)
+                    .ok_or_else(|| format!("{direction}/endpoints holds {endpoint}, which is no text"))
+            })
+            .collect(),
+        other => Err(format!("{direction}/endpoints is {other}; write a list of texts")),
+    }
+}
+
+fn json_list(endpoints: &[String]) -> String {
+    serde_json::to_string(endpoints).expect("strings are always JSON")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    fn with_file(text: &str) -> (tempfile::NamedTempFile, ZenohConfig) {
+        let mut file = tempfile::NamedTempFile::new().expect("a temporary file");
+        file.write_all(text.as_bytes()).expect("it takes text");
+        let config = ZenohConfig { file: Some(file.path().to_owned()), ..ZenohConfig::default() };
+        (file, config)
+    }
+
+    fn json(plan: &Plan, key: &str) -> String {
+        plan.zenoh.get_json(key).expect("a key of Zenoh's")
+    }
+
+    #[test]
+    fn what_a_file_leaves_open_is_safe_and_what_it_says_holds() {
+        let (_file, config) = with_file(
+            "{ mode: 'router',
+               listen: { endpoints: { router: ['tls/127.0.0.1:7447'], peer: ['tcp/0.0.0.0:1'] } } }",
+        );
+        let plan = Plan::of(&config).expect("it is right");
+        assert_eq!(
+            (plan.mode, plan.listen.as_slice()),
+            (SessionMode::Router, &["tls/127.0.0.1:7447".to_owned()][..])
+        );
+        assert!(plan.connect.is_empty() && !plan.access_control);
+        assert_eq!(json(&plan, "scouting/multicast/enabled"), "false");
+        assert_eq!(json(&plan, "connect/endpoints"), "[]");
+
+        let (_file, config) = with_file(
+            "{ connect: { endpoints: ['tcp/localhost:7447'], timeout_ms: 7 }, access_control: { enabled: true,
+               default_permission: 'allow' } }",
+        );
+        let plan = Plan::of(&config).expect("it is right");
+        assert_eq!((plan.mode, plan.access_control), (SessionMode::Peer, true));
+        assert_eq!(json(&plan, "connect/timeout_ms"), "7");
+        let stronger = ZenohConfig { connect: vec!["tcp/127.0.0.1:9".to_owned()], ..config };
+        assert_eq!(Plan::of(&stronger).expect("it is right").connect, ["tcp/127.0.0.1:9"]);
+    }
+
+    #[test]
+    fn refusals_name_the_file_and_what_is_wrong() {
+        for (text, word) in [
+            ("{ listen: { endpoints: ['tcp/0.0.0.0:7447'] } }", "allow_non_loopback"),
+            (
+                "{ listen: { endpoints: ['tcp/127.0.0.1:1'] }, scouting: { multicast: { enabled: true } } }",
+                "scouting",
+            ),
+            ("{ listen: { endpoints: [7] } }", "7, which is no text"),
+            ("{ mode: 'star' }", "\"star\""),
+            ("{ listenn: {} }", "listenn"),
+            ("[]", "it is no object"),
+            ("{ mode: ", "expected"),
+        ] {
+            let (file, config) = with_file(text);
+            let refusal = Plan::of(&config).expect_err(text).to_string();
+            assert!(refusal.contains(word), "{text}: {refusal}");
+            let named = refusal.contains(&file.path().display().to_string());
+            assert!(named || word == "allow_non_loopback", "{refusal}");
+        }
+        let absent = ZenohConfig { file: Some("/nowhere/zenoh.json5".into()), ..ZenohConfig::default() };
+        assert!(Plan::of(&absent).expect_err("absent").to_string().contains("/nowhere/zenoh.json5"));
+    }
+}

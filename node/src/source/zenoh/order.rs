@@ -1,0 +1,283 @@
+//! Commands that come by Zenoh: what they hold, and which of them are obeyed.
+//!
+//! | key below `cmd/` | field | does |
+//! |---|---|---|
+//! | `force_request` | `force_n` | asks for a force, as the ROS topic of that name does |
+//! | `load_model` | `model` | loads a preset, or a file of `zenoh.model_dir` by its bare name |
+//! | `set_mode` | `mode` | `auto`, `arx`, `model`, `fault`: as the ROS service of that name |
+//!
+//! Each also holds `seq`, which grows from command to command of a key, and `deadline_ns`, the time (since 1970) from which on
+//! it is not to be obeyed any more. A command that was overheard and is sent again has an old `seq`; one that got stuck on its
+//! way has an old deadline. As a node that starts anew remembers no `seq`, no deadline may lie far ahead. JSON, or CBOR where the
+//! encoding says so. An unknown field is an error: it would be a wish that is not fulfilled.
+
+use mr_damper_model::sample::Stamp;
+use mr_damper_model::units::Newton;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+/// How far ahead a deadline may lie.
+const AHEAD_S: f64 = 10.0;
+/// Bytes of a command at most: none needs a tenth of it.
+const LONGEST: usize = 4096;
+
+/// What can be commanded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A force is asked for.
+    ForceRequest,
+    /// Another model.
+    LoadModel,
+    /// One mode only, or none.
+    SetMode,
+}
+
+impl Kind {
+    /// All kinds.
+    pub const ALL: [Self; 3] = [Self::ForceRequest, Self::LoadModel, Self::SetMode];
+
+    /// Last part of the key.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ForceRequest => "force_request",
+            Self::LoadModel => "load_model",
+            Self::SetMode => "set_mode",
+        }
+    }
+
+    /// The kind called `name`.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// All names, for messages.
+    #[must_use]
+    pub fn names() -> String {
+        Self::ALL.map(Self::name).join(", ")
+    }
+}
+
+/// A command that is to be obeyed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Order {
+    /// This force, asked for at this time; `None`: now.
+    Force(Option<Stamp>, Newton),
+    /// The model of this name.
+    Model(String),
+    /// The mode of this name, or `auto`.
+    Mode(String),
+}
+
+/// Why a command is not obeyed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// It cannot be read.
+    #[error("it cannot be read: {0}")]
+    Unreadable(String),
+    /// Its time is over.
+    #[error("its deadline was {late_s:.3} s ago; does the sender's clock agree with the node's?")]
+    Late {
+        /// By how much, s.
+        late_s: f64,
+    },
+    /// It would be good for too long.
+    #[error("its deadline is {ahead_s:.1} s ahead, but may be {AHEAD_S} s at most")]
+    Early {
+        /// How far ahead, s.
+        ahead_s: f64,
+    },
+    /// It was heard before, or overtaken.
+    #[error("its seq is {seq}, but must be above {last}; nanoseconds since 1970 always are")]
+    Old {
+        /// Its number.
+        seq: u64,
+        /// That of the last one on the same key.
+        last: u64,
+    },
+    /// It asks for something that cannot be done.
+    #[error("{0}")]
+    Impossible(String),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ForceRequest {
+    seq: u64,
+    deadline_ns: i64,
+    stamp_ns: Option<i64>,
+    force_n: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LoadModel {
+    seq: u64,
+    deadline_ns: i64,
+    model: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SetMode {
+    seq: u64,
+    deadline_ns: i64,
+    mode: String,
+}
+
+/// Decides which commands of one damper are obeyed.
+#[derive(Debug, Default)]
+pub struct Judge {
+    last: [Option<u64>; Kind::ALL.len()],
+}
+
+impl Judge {
+    /// What `payload` orders, at the time `now_ns` since 1970.
+    ///
+    /// # Errors
+    /// Why it is not obeyed. Its number is then still free.
+    pub fn judge(
+        &mut self,
+        kind: Kind,
+        payload: &[u8],
+        is_cbor: bool,
+        now_ns: i64,
+    ) -> Result<Order, Refusal> {
+        let (seq, deadline_ns, order) = match kind {
+            Kind::ForceRequest => {
+                let ForceRequest { seq, deadline_ns, stamp_ns, force_n } = read(payload, is_cbor)?;
+                if !force_n.is_finite() {
+                    return Err(Refusal::Impossible(format!(
+                        "force_n is {force_n}, but must be a finite number"
+                    )));
+                }
+                (seq, deadline_ns, Order::Force(stamp_ns.map(Stamp::from_nanos), Newton(force_n)))
+            }
+            Kind::LoadModel => {
+                let LoadModel { seq, deadline_ns, model } = read(payload, is_cbor)?;
+                (seq, deadline_ns, Order::Model(model))
+            }
+            Kind::SetMode => {
+                let SetMode { seq, deadline_ns, mode } = read(payload, is_cbor)?;
+                (seq, deadline_ns, Order::Mode(mode))
+            }
+        };
+        let left_s = (i128::from(deadline_ns) - i128::from(now_ns)) as f64 * 1e-9;
+        if left_s < 0.0 {
+            return Err(Refusal::Late { late_s: -left_s });
+        }
+        if left_s > AHEAD_S {
+            return Err(Refusal::Early { ahead_s: left_s });
+        }
+        let last = &mut self.last[kind as usize];
+        match *last {
+            Some(last) if seq <= last => Err(Refusal::Old { seq, last }),
+            _ => {
+                *last = Some(seq);
+                Ok(order)
+            }
+        }
+    }
+}
+
+fn read<T: DeserializeOwned>(payload: &[u8], is_cbor: bool) -> Result<T, Refusal> {
+    if payload.len() > LONGEST {
+        return Err(Refusal::Unreadable(format!("it has {} bytes, and may have {LONGEST}", payload.len())));
+    }
+    if is_cbor {
+        ciborium::from_reader(payload).map_err(|error| Refusal::Unreadable(error.to_string()))
+    } else {
+        serde_json::from_slice(payload).map_err(|error| Refusal::Unreadable(error.to_string()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fmt::Write;
+
+    const NOW: i64 = 1_800_000_000_000_000_000;
+    const SECOND: i64 = 1_000_000_000;
+
+    #[test]
+    fn commands_and_their_fate_as_text() {
+        let ok = NOW + SECOND;
+        let force =
+            |seq: u64, deadline: i64| format!(r#"{{"seq":{seq},"deadline_ns":{deadline},"force_n":350.5}}"#);
+        let script = [
+            (Kind::ForceRequest, "as it should be", force(5, ok)),
+            (Kind::ForceRequest, "sent again", force(5, ok)),
+            (Kind::ForceRequest, "overtaken", force(4, ok)),
+            (Kind::ForceRequest, "late", force(6, NOW - SECOND / 4)),
+            (Kind::ForceRequest, "good for too long", force(6, NOW + 60 * SECOND)),
+            (Kind::ForceRequest, "the end of time", force(6, i64::MAX)),
+            (Kind::ForceRequest, "its number was still free", force(6, ok)),
+            (
+                Kind::ForceRequest,
+                "with a stamp",
+                format!(r#"{{"seq":7,"stamp_ns":{NOW},"deadline_ns":{ok},"force_n":-2}}"#),
+            ),
+            (Kind::ForceRequest, "no force", format!(r#"{{"seq":8,"deadline_ns":{ok}}}"#)),
+            (Kind::ForceRequest, "null", format!(r#"{{"seq":8,"deadline_ns":{ok},"force_n":null}}"#)),
+            (Kind::ForceRequest, "in pounds", format!(r#"{{"seq":8,"deadline_ns":{ok},"force_lbf":1}}"#)),
+            (
+                Kind::ForceRequest,
+                "out of range",
+                format!(r#"{{"seq":8,"deadline_ns":{ok},"force_n":1e999}}"#),
+            ),
+            (Kind::ForceRequest, "no JSON", "350".to_owned()),
+            (Kind::ForceRequest, "nothing", String::new()),
+            (
+                Kind::LoadModel,
+                "numbers of each key are its own",
+                format!(r#"{{"seq":1,"deadline_ns":{ok},"model":"thesis/fuzzy-tanh/rp3-cs"}}"#),
+            ),
+            (Kind::SetMode, "a mode", format!(r#"{{"seq":1,"deadline_ns":{ok},"mode":"model"}}"#)),
+            (
+                Kind::SetMode,
+                "a number below zero",
+                format!(r#"{{"seq":-1,"deadline_ns":{ok},"mode":"auto"}}"#),
+            ),
+            (
+                Kind::SetMode,
+                "very long",
+                format!(r#"{{"seq":2,"deadline_ns":{ok},"mode":"{}"}}"#, "m".repeat(5000)),
+            ),
+        ];
+        let (mut judge, mut text) = (Judge::default(), String::new());
+        for (kind, what, payload) in script {
+            let fate = match judge.judge(kind, payload.as_bytes(), false, NOW) {
+                Ok(order) => format!("{order:?}"),
+                Err(refusal) => format!("refused: {refusal}"),
+            };
+            writeln!(text, "{} {what}: {fate}", kind.name()).expect("a text");
+        }
+        insta::assert_snapshot!(text);
+    }
+
+    #[test]
+    fn cbor_holds_the_same_and_no_more() {
+        let cbor = |value: &ciborium::Value| {
+            let mut bytes = Vec::new();
+            ciborium::into_writer(value, &mut bytes).expect("a value");
+            bytes
+        };
+        let map = |force_n: f64| {
+            ciborium::Value::Map(vec![
+                ("seq".into(), 1.into()),
+                ("deadline_ns".into(), (NOW + SECOND).into()),
+                ("force_n".into(), force_n.into()),
+            ])
+        };
+        let mut judge = Judge::default();
+        for odd in [f64::NAN, f64::INFINITY] {
+            let refused = judge.judge(Kind::ForceRequest, &cbor(&map(odd)), true, NOW);
+            assert!(matches!(refused, Err(Refusal::Impossible(_))), "{refused:?}");
+        }
+        let taken = judge.judge(Kind::ForceRequest, &cbor(&map(12.5)), true, NOW);
+        assert_eq!(taken, Ok(Order::Force(None, Newton(12.5))));
+        let refused = judge.judge(Kind::ForceRequest, b"\x9f\x9f\x9f\x9f", true, NOW);
+        assert!(matches!(refused, Err(Refusal::Unreadable(_))), "{refused:?}");
+    }
+}

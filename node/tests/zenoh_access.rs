@@ -1,0 +1,187 @@
+//! Who is let in, and what is let out: the ready configurations of `launch-configs/zenoh`, each really started.
+
+#[path = "zenoh_support/keys.rs"]
+mod keys;
+mod zenoh_support;
+
+use keys::{Keys, connected, session, with_password};
+use mr_damper_node::sink::zenoh::{Link, SessionMode, ZenohConfig};
+use std::time::Duration;
+use zenoh::{Session, Wait};
+use zenoh_support::*;
+
+/// A mirror with the ready configuration `name`; `scheme` is `tcp` or `tls`.
+fn rig(keys: &Keys, name: &str, scheme: &str) -> Rig {
+    let endpoint = endpoint().replace("tcp/", &format!("{scheme}/"));
+    let link = Link::open(&keys.ready(name, &endpoint)).expect("the port is free");
+    let (mirror, feeder) = mirror(&link, DAMPER);
+    Rig { mirror, link, feeder, endpoint }
+}
+
+/// True when `session` gets an answer to `tail`, asked once.
+fn answered(session: &Session, tail: &str) -> bool {
+    let selector = format!("mr_damper/{DAMPER}/{tail}");
+    let replies = session.get(selector).timeout(Duration::from_secs(2)).wait().expect("a selector");
+    replies.recv().is_ok_and(|reply| reply.result().is_ok())
+}
+
+/// What somebody who was let in gets: an answer, and every sample.
+fn assert_reads(session: &Session, rig: &mut Rig) {
+    let inbox = subscribe(session, &format!("mr_damper/{DAMPER}/state/*"));
+    rig.feeder.run(100, 500.0, |k| vec![estimate(i64::from(k) + 1, 7.0)]);
+    wait_until("100 estimates", || inbox.of("force_estimate").len() == 100);
+}
+
+#[test]
+fn with_mutual_tls_those_of_the_authority_read_and_nobody_else() {
+    let keys = Keys::new();
+    let mut rig = rig(&keys, "mutual-tls.json5", "tls");
+    let reader = keys.tls(&rig.endpoint, Some("reader"), "ca");
+    assert_reads(&reader, &mut rig);
+
+    let stranger = keys.tls(&rig.endpoint, Some("stranger"), "ca");
+    let nameless = keys.tls(&rig.endpoint, None, "ca");
+    let plain = session(&rig.endpoint.replace("tls/", "tcp/"), &[]);
+    // One that would be let in, but does not trust the node.
+    let wary = keys.tls(&rig.endpoint, Some("reader"), "other-ca");
+    for (who, session) in [("stranger", stranger), ("nameless", nameless), ("plain", plain), ("wary", wary)] {
+        assert_eq!(connected(&session), 0, "{who}");
+        assert!(!answered(&session, "status"), "{who}");
+    }
+    assert!(answered(&reader, "status"), "those who were kept out have not kept out who may");
+}
+
+#[test]
+fn with_tls_alone_the_node_shows_who_it_is() {
+    let keys = Keys::new();
+    let mut rig = rig(&keys, "tls.json5", "tls");
+    assert_reads(&keys.tls(&rig.endpoint, None, "ca"), &mut rig);
+    let wary = keys.tls(&rig.endpoint, None, "other-ca");
+    assert_eq!(connected(&wary), 0);
+    assert!(!answered(&wary, "status"));
+}
+
+#[test]
+fn a_wrong_password_a_wrong_name_and_none_hear_nothing() {
+    let keys = Keys::new();
+    let mut rig = rig(&keys, "password.json5", "tcp");
+    let reader = with_password(&rig.endpoint, "reader", "of the news");
+    assert_reads(&reader, &mut rig);
+    for (who, session) in [
+        ("wrong password", with_password(&rig.endpoint, "reader", "of the olds")),
+        ("another's password", with_password(&rig.endpoint, "reader", "of the four")),
+        ("wrong name", with_password(&rig.endpoint, "writer", "of the news")),
+        ("none", session(&rig.endpoint, &[])),
+    ] {
+        assert_eq!(connected(&session), 0, "{who}");
+        assert!(!answered(&session, "status"), "{who}");
+    }
+    assert!(answered(&reader, "status"));
+    // A reader asks for what it may read, not for what it may not.
+    assert!(!answered(&reader, "cmd/*") && !answered(&reader, "secret"));
+}
+
+#[test]
+fn a_thin_link_gets_estimates_at_its_rate_and_what_is_denied_not_at_all() {
+    let keys = Keys::new();
+    let mut rig = rig(&keys, "thin.json5", "tcp");
+    let session = session(&rig.endpoint, &[]);
+    let inbox = subscribe(&session, &format!("mr_damper/{DAMPER}/state/*"));
+    let (count, rate_hz) = (1000_u32, 500.0);
+    rig.feeder.run(count, rate_hz, |k| {
+        let at = i64::from(k) + 1;
+        vec![displacement(at), estimate(at, 7.0), residual(at, 1.0)]
+    });
+    wait_until("every residual", || inbox.of("force_residual").len() == count as usize);
+    let estimates = inbox.of("force_estimate").len();
+    // 50 Hz over 2 s; a busy machine takes longer.
+    assert!((50..=200).contains(&estimates), "{estimates} estimates");
+    assert_eq!(inbox.of("displacement").len(), 0);
+    let status = ask(&session, "status");
+    let routes = status["routes"].as_array().expect("a list").clone();
+    let of =
+        |tail: &str| routes.iter().find(|route| route["key"].as_str().is_some_and(|key| key.ends_with(tail)));
+    assert_eq!(
+        of("state/displacement").expect("a route")["sent"],
+        count,
+        "the gap in seq shows what was held back"
+    );
+}
+
+#[test]
+fn an_embedded_router_passes_on_between_others() {
+    let keys = Keys::new();
+    let mut rig = rig(&keys, "router.json5", "tcp");
+    let client = |_| session(&rig.endpoint, &[("mode", "\"client\"".to_owned())]);
+    let [one, other] = [(); 2].map(client);
+    let inbox = Inbox::default();
+    let to = inbox.clone();
+    one.declare_subscriber("dashboard/*")
+        .callback(move |sample| to.push(sample))
+        .background()
+        .wait()
+        .expect("a key");
+    wait_until("what the other says", || {
+        other.put("dashboard/note", "hello").wait().expect("a session");
+        inbox.len() > 0
+    });
+    assert_reads(&one, &mut rig);
+}
+
+#[test]
+fn a_client_has_its_router_back_within_a_second() {
+    let keys = Keys::new();
+    let at = endpoint();
+    let router = || {
+        let config = ZenohConfig {
+            listen: vec![at.clone()],
+            mode: Some(SessionMode::Router),
+            ..ZenohConfig::default()
+        };
+        Link::open(&config).expect("the port is free")
+    };
+    let first = router();
+    let config =
+        ZenohConfig { listen: Vec::new(), connect: vec![at.clone()], ..keys.ready("client.json5", &at) };
+    let link = Link::open(&config).expect("a client starts in any case");
+    wait_until("the router", || link.connected() == 1);
+    drop(first);
+    wait_until("that it is gone", || link.connected() == 0);
+    let _second = router();
+    let back = std::time::Instant::now();
+    wait_until("the router again", || link.connected() == 1);
+    let took = back.elapsed();
+    eprintln!("a router that came back was found after {took:?}");
+    // Half a second to one and a half, on a machine that may be busy.
+    assert!(took < Duration::from_secs(3), "{took:?}");
+}
+
+#[test]
+fn who_comes_late_gets_the_last_value_of_each_key() {
+    let mut rig = Rig::start();
+    rig.feeder
+        .run(3, 100.0, |k| vec![displacement(i64::from(k) + 1), estimate(i64::from(k) + 1, f64::from(k))]);
+    let late = consumer(&rig.endpoint);
+    wait_until("that the third one counts", || {
+        ask(&late, "status")["routes"]
+            .as_array()
+            .is_some_and(|routes| routes.iter().any(|route| route["sent"] == 3))
+    });
+    let last = |selector: &str| {
+        let replies = late.get(format!("mr_damper/{selector}")).wait().expect("a selector");
+        replies.into_iter().map(|reply| reply.into_result().expect("a sample")).collect::<Vec<_>>()
+    };
+    let estimates = last("*/state/force_estimate");
+    assert_eq!(estimates.len(), 1);
+    let value = cbor(&estimates[0]);
+    assert_eq!((&value["seq"], &value["force_n"]), (&3.into(), &2.0.into()));
+    let mut keys: Vec<_> =
+        last(&format!("{DAMPER}/state/*")).iter().map(|s| s.key_expr().to_string()).collect();
+    keys.sort();
+    assert_eq!(
+        keys,
+        ["mr_damper/front_left/state/displacement", "mr_damper/front_left/state/force_estimate"]
+    );
+    wait_until("the web's", || last("**/web/force_estimate").iter().any(|s| json(s)["force_n"] == 2.0));
+    assert!(last(&format!("{DAMPER}/state/measured_force")).is_empty(), "there was none");
+}
