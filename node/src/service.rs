@@ -246,7 +246,11 @@ impl Service {
 
 fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
     let zenoh = &config.zenoh;
-    let asked = !(zenoh.listen.is_empty() && zenoh.connect.is_empty() && zenoh.config.is_empty());
+    // Commands without an endpoint are a mistake, which the settings' check names.
+    let asked = !(zenoh.listen.is_empty()
+        && zenoh.connect.is_empty()
+        && zenoh.config.is_empty()
+        && zenoh.commands.is_empty());
     asked.then(|| ZenohConfig {
         file: (!zenoh.config.is_empty()).then(|| zenoh.config.clone().into()),
         listen: zenoh.listen.clone(),

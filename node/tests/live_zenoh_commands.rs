@@ -176,6 +176,9 @@ fn commands_beyond_this_machine_need_access_control() {
     }
     let refused = Service::start(&config, &RosArgs::default(), false).err().expect("refused").to_string();
     assert!(refused.contains("access_control") && refused.contains("tcp/0.0.0.0:0"), "{refused}");
+    config.zenoh.listen = Vec::new();
+    let refused = Service::start(&config, &RosArgs::default(), false).err().expect("refused").to_string();
+    assert!(refused.contains("Zenoh has no endpoint"), "{refused}");
     config.zenoh.listen = vec![endpoint()];
     config.zenoh.commands = vec!["self_destruct".to_owned()];
     let refused = Service::start(&config, &RosArgs::default(), false).err().expect("refused").to_string();

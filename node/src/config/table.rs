@@ -104,7 +104,11 @@ impl Parameter {
             Kind::Double(low, high) => format!("a number from {low} to {high}"),
             Kind::Sign => "1 or -1".to_owned(),
             Kind::Text => "a text".to_owned(),
-            Kind::Choice(choices) => format!("one of {}", choices.join(", ")),
+            Kind::Choice(choices) => {
+                let shown: Vec<&str> =
+                    choices.iter().map(|choice| if choice.is_empty() { "\"\"" } else { choice }).collect();
+                format!("one of {}", shown.join(", "))
+            }
             Kind::TextList => "a list of texts".to_owned(),
         }
     }

@@ -2,7 +2,7 @@
 
 use super::config::{SessionMode, ZenohConfig};
 use super::error::ZenohError;
-use super::plan::Plan;
+use super::plan::{Plan, plain};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -172,14 +172,15 @@ impl Inner {
                 }
                 Err(error) if self.plan.mode != SessionMode::Client => {
                     *self.lock() = Opening::Gone;
-                    let _ = first_result.try_send(Err(error.to_string()));
+                    let _ = first_result.try_send(Err(plain(&error)));
                     return;
                 }
                 Err(error) => {
                     if !said {
                         said = true;
                         let endpoints = self.plan.endpoints();
-                        tracing::warn!("no Zenoh router at {endpoints} yet, trying on: {error}");
+                        let why = plain(&error);
+                        tracing::warn!("no Zenoh router at {endpoints} yet, trying on: {why}");
                     }
                     thread::sleep(RETRY_PAUSE);
                 }

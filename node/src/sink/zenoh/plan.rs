@@ -9,6 +9,16 @@ use super::error::ZenohError;
 use serde_json::Value;
 use std::path::Path;
 
+/// Where a configuration names files. Zenoh says that one is missing, but not which.
+const FILES: [&str; 6] = [
+    "/transport/link/tls/root_ca_certificate",
+    "/transport/link/tls/listen_certificate",
+    "/transport/link/tls/listen_private_key",
+    "/transport/link/tls/connect_certificate",
+    "/transport/link/tls/connect_private_key",
+    "/transport/auth/usrpwd/dictionary_file",
+];
+
 /// Checked settings.
 #[derive(Debug, Clone)]
 pub(super) struct Plan {
@@ -44,7 +54,7 @@ impl Plan {
         // Before Zenoh reads it, whose errors do not say where they are.
         let (listen, connect) =
             (endpoints(&config.listen, "listen")?, endpoints(&config.connect, "connect")?);
-        let zenoh = zenoh::Config::from_json5(&text).map_err(|error| refuse(error.to_string()))?;
+        let zenoh = zenoh::Config::from_json5(&text).map_err(|error| refuse(plain(&error)))?;
         let mut plan = Self {
             mode,
             listen,
@@ -60,6 +70,15 @@ impl Plan {
                  allow_non_loopback = true"
                     .to_owned(),
             ));
+        }
+        for key in FILES {
+            let Some(named) = said.pointer(key).and_then(Value::as_str) else { continue };
+            if let Err(error) = std::fs::File::open(named) {
+                let key = key.trim_start_matches('/');
+                return Err(refuse(format!(
+                    "{key} names {named}: {error}; paths are taken from the working directory"
+                )));
+            }
         }
         plan.complete(&said)?;
         Ok(plan)
@@ -119,7 +138,7 @@ impl Plan {
         for (key, value) in settled.into_iter().chain(open.map(|(key, value)| (key, value.to_owned()))) {
             self.zenoh.insert_json5(key, &value).map_err(|error| ZenohError::Open {
                 endpoints: self.endpoints(),
-                reason: format!("{key} = {value}: {error}"),
+                reason: format!("{key} = {value}: {}", plain(&error)),
             })?;
         }
         Ok(())
@@ -177,6 +196,20 @@ fn endpoints_of(said: &Value, direction: &str, mode: SessionMode) -> Result<Vec<
     }
 }
 
+/// Zenoh's reason without the lines of its source.
+pub(super) fn plain(error: &zenoh::Error) -> String {
+    let text = error.to_string();
+    let mut parts = text.split(" at /");
+    let mut plain = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        match part.split_once(".rs:") {
+            Some((_, rest)) => plain += rest.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.'),
+            None => plain = plain + " at /" + part,
+        }
+    }
+    plain.trim_end_matches(['.', ' ']).to_owned()
+}
+
 fn json_list(endpoints: &[String]) -> String {
     serde_json::to_string(endpoints).expect("strings are always JSON")
 }
@@ -224,6 +257,17 @@ mod tests {
     }
 
     #[test]
+    fn reasons_come_without_lines_of_source() {
+        for (text, expected) in [
+            ("No key. at /home/x/src/utils.rs:523. at /home/y.rs:7.", "No key"),
+            ("No key. at /a/utils.rs:5 - [::1] at /b.rs:6", "No key. - [::1]"),
+            ("No file at /etc/keys", "No file at /etc/keys"),
+        ] {
+            assert_eq!(plain(&text.into()), expected);
+        }
+    }
+
+    #[test]
     fn refusals_name_the_file_and_what_is_wrong() {
         for (text, word) in [
             ("{ listen: { endpoints: ['tcp/0.0.0.0:7447'] } }", "allow_non_loopback"),
@@ -235,6 +279,11 @@ mod tests {
             ("{ mode: 'star' }", "\"star\""),
             ("{ listenn: {} }", "listenn"),
             ("[]", "it is no object"),
+            (
+                "{ listen: { endpoints: ['tls/127.0.0.1:1'] },
+                   transport: { link: { tls: { listen_certificate: 'nowhere.pem' } } } }",
+                "tls/listen_certificate names nowhere.pem",
+            ),
             ("{ mode: ", "expected"),
         ] {
             let (file, config) = with_file(text);
