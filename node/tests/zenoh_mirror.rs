@@ -4,8 +4,9 @@ mod zenoh_support;
 
 use mr_damper_msgs::{ForceEstimate, cdr};
 use mr_damper_node::sink::zenoh::{Encoding, Topic};
+use std::process::{Command, Stdio};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use zenoh::Wait;
 use zenoh::sample::SampleKind;
 use zenoh_support::*;
@@ -243,4 +244,28 @@ fn status_shows_what_flowed_and_what_was_lost() {
     let route = routes.iter().find(|route| route["key"] == key).expect("a route");
     assert_eq!((&route["sent"], &route["dropped"]), (&1.into(), &0.into()));
     assert!(route["age_s"].as_f64().is_some_and(|age_s| (0.0..20.0).contains(&age_s)), "{route}");
+}
+
+#[test]
+fn the_example_in_rust_prints_what_it_hears() {
+    let mut rig = Rig::start();
+    let tests = std::env::current_exe().expect("it runs");
+    let example = tests.ancestors().nth(2).expect("target/PROFILE").join("examples/zenoh_estimates");
+    let mut heard =
+        Command::new(example).args([rig.endpoint.as_str(), "3"]).stdout(Stdio::piped()).spawn().expect(
+            "cargo test builds the examples; with --test alone, cargo build --workspace --examples does",
+        );
+    let patience = Instant::now() + PATIENCE;
+    let mut k = 0;
+    while heard.try_wait().expect("it is ours").is_none() {
+        assert!(Instant::now() < patience, "it hears nothing");
+        k += 1;
+        rig.feeder.push(estimate(k, 119.5));
+        thread::sleep(Duration::from_millis(20));
+    }
+    let output = heard.wait_with_output().expect("it is ours");
+    let text = String::from_utf8(output.stdout).expect("it prints text");
+    assert!(output.status.success(), "{text}");
+    let line = "mr_damper/front_left/web/force_estimate 119.5 N \"EXTRAPOLATING\"";
+    assert_eq!(text.lines().collect::<Vec<_>>(), [line; 3]);
 }

@@ -3,7 +3,7 @@
 use crate::PEER;
 use crate::interop_support::gate::{Outcome, interop};
 use crate::interop_support::json::{count, found, text, texts, truth};
-use crate::interop_support::{NODE, PRESET, ZENOH_ENDPOINT};
+use crate::interop_support::{Distro, NODE, PRESET, ZENOH_ENDPOINT};
 use std::path::Path;
 
 const PASSWORD: &str = "of the four";
@@ -42,5 +42,20 @@ fn zenoh_commands_with_a_password() {
         Outcome::Passed(
             "3 commands obeyed, 4 refused with their reason, a wrong password hears nothing".to_owned(),
         )
+    });
+}
+
+#[test]
+fn the_example_in_python_prints_what_it_hears() {
+    interop("zenoh example in Python", |lab| {
+        let listen = format!("zenoh.listen:=['{ZENOH_ENDPOINT}']");
+        let _node = lab.node(PRESET, &["-p", &listen]);
+        let sender = lab.ros(Distro::Jazzy, "ros_peer.py", &["--node", NODE, "--seconds", "6"]);
+        let text = lab.peer("../../node/examples/zenoh_estimates.py", &[ZENOH_ENDPOINT, "20"]).output(PEER);
+        let _ = sender.json(PEER);
+        let begins = format!("mr_damper{NODE}/web/force_estimate ");
+        assert_eq!(text.lines().count(), 20, "{text}");
+        assert!(text.lines().all(|line| line.starts_with(&begins) && line.contains(" N ")), "{text}");
+        Outcome::Passed("20 lines".to_owned())
     });
 }
