@@ -39,6 +39,7 @@ pub mod services;
 pub mod sink;
 pub mod source;
 pub mod types;
+pub mod watch;
 pub mod wire;
 pub mod worker;
 

@@ -368,6 +368,15 @@ impl Ros {
             .map_err(|e| failed(format!("creating topic {topic}"), &e, ""))
     }
 
+    /// The topics that others publish, as far as discovery has seen them: full names with their DDS types.
+    #[must_use]
+    pub fn published(&self) -> Vec<(String, String)> {
+        let writers = self.domain.context.domain_participant().discovered_writers();
+        let of_ros = |topic: &str| topic.strip_prefix("rt/").map(|name| format!("/{name}"));
+        let topics = writers.into_iter().map(|writer| writer.publication_topic_data);
+        topics.filter_map(|topic| Some((of_ros(&topic.topic_name)?, topic.type_name))).collect()
+    }
+
     /// The node.
     #[must_use]
     pub fn node(&self) -> &Node {

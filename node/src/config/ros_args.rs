@@ -122,6 +122,12 @@ impl RosArgs {
         Self { namespace: Some(namespace.to_owned()), ..Self::default() }
     }
 
+    /// The same arguments for a node in another namespace.
+    #[must_use]
+    pub fn below(&self, namespace: &str) -> Self {
+        Self { namespace: Some(namespace.to_owned()), ..self.clone() }
+    }
+
     /// Splits the ROS arguments off a command line: returns what is left, and what was understood.
     ///
     /// # Errors

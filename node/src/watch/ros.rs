@@ -1,0 +1,234 @@
+//! What is heard of dampers on ROS topics: everything that goes in and out of their nodes.
+//!
+//! Dampers are named, or found: whoever publishes a `force_estimate` in the domain is one, also when it comes later. Readers are best
+//! effort and stand beside those of the node, which neither waits for them nor knows of them.
+
+use super::news::News;
+use super::wall::{MOST_DAMPERS, Wall};
+use crate::config::{Config, RosArgs};
+use crate::error::NodeError;
+use crate::files;
+use crate::ros::Ros;
+use mr_damper_msgs::{ForceEstimate, Message};
+use ros2_client::{NodeOptions, Subscription};
+
+/// How often the domain is looked through for dampers, s.
+const LOOK_EVERY_S: f64 = 1.0;
+/// The topic that makes a damper.
+const MARK: &str = "force_estimate";
+
+/// Subscriptions to all topics of the dampers that are watched.
+pub struct RosSource {
+    ros: Ros,
+    args: RosArgs,
+    /// Dampers are looked for; else they were named.
+    finds: bool,
+    looked_s: f64,
+    dampers: Vec<Tapped>,
+    /// There were more dampers than are watched, and that was said.
+    is_full: bool,
+}
+
+/// The subscriptions of one damper.
+struct Tapped {
+    name: String,
+    namespace: String,
+    taps: Vec<Box<dyn Tap>>,
+}
+
+impl RosSource {
+    /// Joins the domain as the node called `name` and subscribes to the topics of the dampers in the namespaces `names`; where there
+    /// are none, of all dampers that are found in the node's namespace or below it.
+    ///
+    /// # Errors
+    /// When ROS does not start, or a name is none.
+    pub fn start(config: &Config, args: &RosArgs, name: &str, names: &[String]) -> Result<Self, NodeError> {
+        let namespaces = names.iter().map(|name| namespace_of(args, name)).collect::<Result<Vec<_>, _>>()?;
+        files::allow(names.len().max(4));
+        let ros = Ros::start(config, args, NodeOptions::new().enable_rosout(false), name)?;
+        let mut source = Self {
+            ros,
+            args: args.clone(),
+            finds: names.is_empty(),
+            looked_s: f64::NEG_INFINITY,
+            dampers: Vec::new(),
+            is_full: false,
+        };
+        namespaces.into_iter().try_for_each(|namespace| source.add(namespace))?;
+        Ok(source)
+    }
+
+    /// Subscribes to the topics of dampers that have come, once a second, and hangs a picture of each on `wall`.
+    ///
+    /// # Errors
+    /// When DDS refuses a subscription.
+    pub fn look(&mut self, wall: &mut Wall, now_s: f64) -> Result<(), NodeError> {
+        if now_s - self.looked_s < LOOK_EVERY_S {
+            return Ok(());
+        }
+        self.looked_s = now_s;
+        if self.finds {
+            for namespace in self.found() {
+                self.add(namespace)?;
+            }
+        }
+        self.dampers.iter().for_each(|damper| wall.add(&damper.name));
+        Ok(())
+    }
+
+    /// Namespaces of dampers that are published and not watched yet.
+    fn found(&self) -> Vec<String> {
+        let root = self.args.namespace();
+        let root = root.trim_end_matches('/');
+        let mut found: Vec<String> = self
+            .ros
+            .published()
+            .into_iter()
+            .filter(|(_, of_type)| of_type == ForceEstimate::DDS_TYPE)
+            .filter_map(|(topic, _)| Some(topic.strip_suffix(MARK)?.strip_suffix('/')?.to_owned()))
+            .filter(|namespace| {
+                namespace.strip_prefix(root).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+            })
+            .filter(|namespace| self.dampers.iter().all(|damper| damper.namespace != *namespace))
+            .collect();
+        found.sort();
+        found.dedup();
+        found
+    }
+
+    fn add(&mut self, namespace: String) -> Result<(), NodeError> {
+        if self.dampers.len() >= MOST_DAMPERS {
+            if !self.is_full {
+                tracing::warn!(
+                    namespace,
+                    "more than {MOST_DAMPERS} dampers: not all are watched; name those to watch with --dampers"
+                );
+                self.is_full = true;
+            }
+            return Ok(());
+        }
+        let args = self.args.below(&namespace);
+        let name = name_of(&namespace);
+        let taps = taps(&mut self.ros, &|topic| args.topic(topic))?;
+        tracing::info!(damper = name, topic = args.topic(MARK), "watching");
+        self.dampers.push(Tapped { name, namespace, taps });
+        Ok(())
+    }
+
+    /// Puts everything that has come into the pictures on `wall`.
+    pub fn drain(&self, wall: &mut Wall, now_s: f64) {
+        for damper in &self.dampers {
+            if let Some(picture) = wall.picture(&damper.name) {
+                damper.taps.iter().for_each(|tap| {
+                    while let Some(heard) = tap.take() {
+                        match heard {
+                            Some(news) => picture.take(news, now_s),
+                            None => picture.note_unreadable(),
+                        }
+                    }
+                });
+            }
+        }
+    }
+
+    /// True while the node's background thread runs.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        self.ros.is_alive()
+    }
+
+    /// Leaves the domain.
+    pub fn stop(self) {
+        let Self { ros, dampers, .. } = self;
+        drop(dampers);
+        ros.stop();
+    }
+}
+
+/// The namespace of the damper called `name`, below that of the process.
+fn namespace_of(args: &RosArgs, name: &str) -> Result<String, NodeError> {
+    let is_word = |word: &str| {
+        word.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+            && word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+    };
+    let path = name.trim_matches('/');
+    if path.split('/').all(is_word) {
+        Ok(format!("{}/{path}", args.namespace().trim_end_matches('/')))
+    } else {
+        Err(NodeError::Usage(format!(
+            "--dampers: \"{name}\" is no namespace; give names of letters, digits and _, as in --dampers front_left,front_right"
+        )))
+    }
+}
+
+/// The name of the damper in `namespace`, as on Zenoh.
+fn name_of(namespace: &str) -> String {
+    match namespace.trim_matches('/') {
+        "" => RosArgs::default().node_name().to_owned(),
+        path => path.to_owned(),
+    }
+}
+
+/// A subscribed topic, whatever its type.
+trait Tap {
+    /// The next message that has come; `Some(None)` for one that could not be read.
+    fn take(&self) -> Option<Option<News>>;
+}
+
+struct TypedTap<M: Message> {
+    topic: String,
+    subscription: Subscription<M>,
+    news: fn(M) -> News,
+}
+
+impl<M: Message> Tap for TypedTap<M> {
+    fn take(&self) -> Option<Option<News>> {
+        match self.subscription.take() {
+            Ok(taken) => taken.map(|(message, _)| Some((self.news)(message))),
+            Err(error) => {
+                tracing::debug!(topic = self.topic, %error, "a message cannot be read");
+                Some(None)
+            }
+        }
+    }
+}
+
+/// Taps on everything that goes in and out of a node. Inputs come first: an estimate is younger than what it was made of.
+fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap>>, NodeError> {
+    fn tap<M: Message>(ros: &mut Ros, topic: String, news: fn(M) -> News) -> Result<Box<dyn Tap>, NodeError> {
+        let subscription = ros.subscribe::<M>(&topic)?;
+        Ok(Box::new(TypedTap { topic, subscription, news }))
+    }
+    Ok(vec![
+        tap(ros, topic("displacement"), News::Displacement)?,
+        tap(ros, topic("coil_current"), News::CoilCurrent)?,
+        tap(ros, topic("command_voltage"), News::CommandVoltage)?,
+        tap(ros, topic("velocity"), News::Velocity)?,
+        tap(ros, topic("measured_force"), News::MeasuredForce)?,
+        tap(ros, topic("case_temperature"), News::CaseTemperature)?,
+        tap(ros, topic("force_request"), News::ForceRequest)?,
+        tap(ros, topic("body_velocity"), News::BodyVelocity)?,
+        tap(ros, topic(MARK), News::Estimate)?,
+        tap(ros, topic("force_residual"), News::Residual)?,
+        tap(ros, topic("current_command"), News::Command)?,
+        tap(ros, topic("mode"), News::Mode)?,
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_damper_is_named_by_its_namespace() {
+        let vehicle = RosArgs::in_namespace("/car");
+        let of = |args: &RosArgs, name: &str| namespace_of(args, name).map_err(|error| error.to_string());
+        assert_eq!(of(&RosArgs::default(), "front_left").as_deref(), Ok("/front_left"));
+        assert_eq!(of(&vehicle, "/front/left/").as_deref(), Ok("/car/front/left"));
+        for bad in ["", "/", "front-left", "a b", "9a", "a//b"] {
+            let refused = of(&vehicle, bad).expect_err(bad);
+            assert!(refused.contains(&format!("\"{bad}\" is no namespace")), "{refused}");
+        }
+        assert_eq!([name_of("/car/left"), name_of("")], ["car/left", "mr_damper"]);
+    }
+}

@@ -1,0 +1,272 @@
+//! The figures of a picture as they go to a reader: values in SI, ages, and in words what to make of them.
+
+use super::news::TOPICS;
+use super::picture::{Heard, Picture};
+use crate::diagnostics::ALARM_ADVICE;
+use mr_damper_msgs::{LimitedBy, Mode, Reasons, Validity};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// A value with its age.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Aged<T> {
+    /// Its stamp, ns; of an estimate that of the displacement that caused it.
+    pub stamp_ns: i64,
+    /// Seconds since it came.
+    pub age_s: f64,
+    /// It is too old to say anything of the present.
+    pub stale: bool,
+    /// The value itself.
+    #[serde(flatten)]
+    pub value: T,
+}
+
+/// The newest estimate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "fields are those of the message ForceEstimate")]
+pub struct Estimate {
+    pub force_n: f64,
+    pub std_dev_n: f64,
+    pub band_low_n: f64,
+    pub band_high_n: f64,
+    pub band_calibrated: bool,
+    pub mode: String,
+    pub validity: String,
+    pub reasons: Vec<String>,
+    pub input_age_s: f64,
+    pub model: String,
+}
+
+/// The newest measured force.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "the field is its own word")]
+pub struct Measured {
+    pub force_n: f64,
+}
+
+/// The newest drive.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Drive {
+    /// `A` or `V`.
+    pub unit: &'static str,
+    /// Current or voltage.
+    pub value: f64,
+}
+
+/// The newest residual.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "fields are those of the message ForceResidual")]
+pub struct Residual {
+    pub measured_n: f64,
+    pub predicted_n: f64,
+    pub residual_n: f64,
+    pub normalised: f64,
+    pub windowed_rsse_n: f64,
+    pub windowed_esr: f64,
+    pub window_s: f64,
+    pub alarm: bool,
+}
+
+/// The newest current command.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "fields are those of the message CurrentCommand")]
+pub struct Command {
+    pub current_a: f64,
+    pub force_requested_n: f64,
+    pub force_expected_n: f64,
+    pub achievable: bool,
+    pub dissipative: bool,
+    pub limited_by: String,
+    pub achievable_min_n: f64,
+    pub achievable_max_n: f64,
+}
+
+/// A change of mode.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "fields are those of the message ModeChange")]
+pub struct Change {
+    pub stamp_ns: i64,
+    pub age_s: f64,
+    pub from: String,
+    pub to: String,
+    pub reason: String,
+}
+
+/// How a damper is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// As good as the model.
+    Good,
+    /// To be looked at.
+    Warning,
+    /// No force to be used.
+    Bad,
+    /// Nothing comes: what is shown is of the past.
+    Silent,
+}
+
+/// All figures of a damper.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct State {
+    /// Name of the damper.
+    pub name: String,
+    /// How it is.
+    pub level: Level,
+    /// The same in words.
+    pub status: String,
+    /// The newest estimate.
+    pub estimate: Option<Aged<Estimate>>,
+    /// The newest measured force.
+    pub measured: Option<Aged<Measured>>,
+    /// The newest drive.
+    pub drive: Option<Aged<Drive>>,
+    /// The newest residual.
+    pub residual: Option<Aged<Residual>>,
+    /// The newest current command.
+    pub command: Option<Aged<Command>>,
+    /// The last changes of mode, the newest first.
+    pub changes: Vec<Change>,
+    /// Messages a second of each topic over the last second; topics that are silent are left out.
+    pub rates_hz: BTreeMap<&'static str, f64>,
+    /// Messages that could not be read.
+    pub unreadable: u64,
+}
+
+/// The figures of `picture` at `now_s`.
+pub(super) fn of(picture: &Picture, now_s: f64) -> State {
+    let (level, status) = words(picture, now_s);
+    let rates = TOPICS.iter().enumerate().map(|(index, name)| (*name, picture.rate_hz(index, now_s)));
+    State {
+        name: picture.name().to_owned(),
+        level,
+        status,
+        estimate: picture.estimate.as_ref().map(|heard| {
+            let estimate = &heard.what;
+            let value = Estimate {
+                force_n: estimate.force,
+                std_dev_n: estimate.std_dev,
+                band_low_n: estimate.band_low,
+                band_high_n: estimate.band_high,
+                band_calibrated: estimate.band_calibrated,
+                mode: mode(estimate.mode),
+                validity: validity(estimate.validity),
+                reasons: reasons(estimate.reasons),
+                input_age_s: estimate.input_age,
+                model: estimate.model.clone(),
+            };
+            aged(heard, estimate.header.stamp.as_nanos(), now_s, value)
+        }),
+        measured: picture
+            .measured
+            .as_ref()
+            .map(|heard| aged(heard, heard.what.stamp_ns, now_s, Measured { force_n: heard.what.force_n })),
+        drive: picture.drive.as_ref().map(|heard| {
+            let unit = if heard.what.is_voltage { "V" } else { "A" };
+            aged(heard, heard.what.stamp_ns, now_s, Drive { unit, value: heard.what.value })
+        }),
+        residual: picture.residual.as_ref().map(|heard| {
+            let residual = &heard.what;
+            let value = Residual {
+                measured_n: residual.measured,
+                predicted_n: residual.predicted,
+                residual_n: residual.residual,
+                normalised: residual.normalised,
+                windowed_rsse_n: residual.windowed_rsse,
+                windowed_esr: residual.windowed_esr,
+                window_s: residual.window,
+                alarm: residual.alarm,
+            };
+            aged(heard, residual.header.stamp.as_nanos(), now_s, value)
+        }),
+        command: picture.command.as_ref().map(|heard| {
+            let command = &heard.what;
+            let value = Command {
+                current_a: command.current,
+                force_requested_n: command.force_requested,
+                force_expected_n: command.force_expected,
+                achievable: command.achievable,
+                dissipative: command.dissipative,
+                limited_by: LimitedBy::try_from(command.limited_by)
+                    .map_or_else(|unknown| unknown.to_string(), |limit| limit.name().to_owned()),
+                achievable_min_n: command.achievable_min,
+                achievable_max_n: command.achievable_max,
+            };
+            aged(heard, command.header.stamp.as_nanos(), now_s, value)
+        }),
+        changes: picture.changes.iter().map(|heard| change(heard, now_s)).collect(),
+        rates_hz: rates.filter(|(_, hz)| *hz > 0.0).collect(),
+        unreadable: picture.unreadable,
+    }
+}
+
+fn aged<T, U>(heard: &Heard<T>, stamp_ns: i64, now_s: f64, value: U) -> Aged<U> {
+    Aged { stamp_ns, age_s: heard.age_s(now_s), stale: heard.is_stale(now_s), value }
+}
+
+fn change(heard: &Heard<mr_damper_msgs::ModeChange>, now_s: f64) -> Change {
+    Change {
+        stamp_ns: heard.what.header.stamp.as_nanos(),
+        age_s: heard.age_s(now_s),
+        from: mode(heard.what.from_mode),
+        to: mode(heard.what.to_mode),
+        reason: heard.what.reason.clone(),
+    }
+}
+
+/// Names of numbers that a newer node may send are the numbers.
+fn mode(number: u8) -> String {
+    Mode::try_from(number).map_or_else(|unknown| unknown.to_string(), |mode| mode.name().to_owned())
+}
+
+fn validity(number: u8) -> String {
+    Validity::try_from(number)
+        .map_or_else(|unknown| unknown.to_string(), |validity| validity.name().to_owned())
+}
+
+fn reasons(reasons: Reasons) -> Vec<String> {
+    let mut names: Vec<String> = reasons.names().map(str::to_owned).collect();
+    if reasons.unknown_bits() != 0 {
+        names.push(format!("{:#x}", reasons.unknown_bits()));
+    }
+    names
+}
+
+/// How the damper is, in words. Silence comes before all else: what was heard last says nothing then.
+fn words(picture: &Picture, now_s: f64) -> (Level, String) {
+    let moves = picture.rate_hz(0, now_s) > 0.0;
+    let Some(estimate) = &picture.estimate else {
+        let why = if moves {
+            "displacement comes: is the node active?"
+        } else {
+            "nor does displacement: is the node up, and does a sensor publish?"
+        };
+        return (Level::Silent, format!("no estimate has come yet; {why}"));
+    };
+    if estimate.is_stale(now_s) {
+        let beside = if moves { "though displacement comes" } else { "and no displacement either" };
+        return (Level::Silent, format!("no estimate for {}, {beside}", span(estimate.age_s(now_s))));
+    }
+    let message = &estimate.what;
+    let mut text = format!("{}, mode {}", validity(message.validity), mode(message.mode));
+    let why = reasons(message.reasons);
+    if !why.is_empty() {
+        text += &format!(": {}", why.join(", ").to_lowercase().replace('_', " "));
+    }
+    let alarmed =
+        picture.residual.as_ref().is_some_and(|residual| residual.what.alarm && !residual.is_stale(now_s));
+    let level = match Validity::try_from(message.validity) {
+        Ok(Validity::Valid) if !alarmed => Level::Good,
+        Ok(Validity::Invalid) | Err(_) => Level::Bad,
+        Ok(_) => Level::Warning,
+    };
+    if alarmed {
+        text += &format!("; residual alarm: {ALARM_ADVICE}");
+    }
+    (level, text)
+}
+
+/// A time for people.
+fn span(seconds: f64) -> String {
+    if seconds < 100.0 { format!("{seconds:.1} s") } else { format!("{:.0} min", seconds / 60.0) }
+}

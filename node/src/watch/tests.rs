@@ -1,0 +1,231 @@
+//! Pictures from messages: figures, words, ages, charts.
+
+use super::*;
+use mr_damper_model::sample::Stamp;
+use mr_damper_msgs::{
+    CoilCurrent, CommandVoltage, CurrentCommand, Displacement, Force, ForceEstimate, ForceResidual, Mode,
+    ModeChange, Reasons, Validity,
+};
+use serde_json::json as expected;
+
+/// Seconds after the first stamp, as a header has them.
+fn header(at_s: f64) -> mr_damper_msgs::standard::Header {
+    crate::wire::header(Stamp::from_nanos(1_700_000_000_000_000_000).shifted((at_s * 1e9).round() as i64), "")
+}
+
+fn displacement(at_s: f64, displacement: f64) -> News {
+    News::Displacement(Displacement { header: header(at_s), displacement, variance: 0.0 })
+}
+
+fn estimate(at_s: f64, mode: Mode, validity: Validity, reasons: Reasons) -> News {
+    News::Estimate(ForceEstimate {
+        header: header(at_s),
+        force: -120.5,
+        std_dev: 10.25,
+        model: "a model".to_owned(),
+        mode: mode.into(),
+        validity: validity.into(),
+        reasons,
+        input_age: 0.002,
+        band_low: -140.0,
+        band_high: f64::NAN,
+        band_calibrated: true,
+    })
+}
+
+fn residual(at_s: f64, alarm: bool) -> News {
+    News::Residual(ForceResidual {
+        header: header(at_s),
+        measured: -118.0,
+        predicted: -120.5,
+        residual: 2.5,
+        normalised: 0.25,
+        windowed_rsse: 9.5,
+        windowed_esr: 0.125,
+        window: 10.0,
+        alarm,
+    })
+}
+
+fn force(at_s: f64, force: f64) -> News {
+    News::MeasuredForce(Force { header: header(at_s), force, variance: 0.0 })
+}
+
+/// How the damper is, as the page says it.
+fn says(picture: &Picture, now_s: f64) -> String {
+    let state = picture.state(now_s);
+    let level = serde_json::to_string(&state.level).expect("JSON");
+    format!("{now_s} {}: {}", level.trim_matches('"'), state.status)
+}
+
+#[test]
+fn what_a_damper_does_is_said_in_words_and_silence_comes_first() {
+    let mut picture = Picture::new("left");
+    let mut said = vec![says(&picture, 0.0)];
+    picture.take(displacement(0.0, 0.0), 0.1);
+    said.push(says(&picture, 0.3));
+    picture.take(estimate(0.0, Mode::Arx, Validity::Valid, Reasons::NONE), 1.0);
+    said.push(says(&picture, 1.5));
+    said.push(says(&picture, 2.0));
+    said.push(says(&picture, 2.001));
+    picture.take(residual(0.1, true), 3.0);
+    picture.take(estimate(0.1, Mode::Model, Validity::Valid, Reasons::NONE), 3.0);
+    said.push(says(&picture, 3.5));
+    picture.take(estimate(0.2, Mode::Model, Validity::Degraded, Reasons::LATE | Reasons::SENSOR_STUCK), 4.5);
+    said.push(says(&picture, 4.5));
+    picture.take(
+        estimate(
+            0.3,
+            Mode::Fault,
+            Validity::Invalid,
+            Reasons::from_bits(Reasons::DISPLACEMENT_LOST.bits() | 1 << 31),
+        ),
+        5.0,
+    );
+    said.push(says(&picture, 5.0));
+    picture.take(displacement(0.4, 0.0), 7.9);
+    said.push(says(&picture, 8.2));
+    said.push(says(&picture, 305.0));
+    assert_eq!(
+        said,
+        [
+            "0 silent: no estimate has come yet; nor does displacement: is the node up, and does a sensor publish?",
+            "0.3 silent: no estimate has come yet; displacement comes: is the node active?",
+            "1.5 good: VALID, mode arx",
+            "2 good: VALID, mode arx",
+            "2.001 silent: no estimate for 1.0 s, and no displacement either",
+            &format!("3.5 warning: VALID, mode model; residual alarm: {}", crate::diagnostics::ALARM_ADVICE),
+            "4.5 warning: DEGRADED, mode model: late, sensor stuck",
+            "5 bad: INVALID, mode fault: displacement lost, 0x80000000",
+            "8.2 silent: no estimate for 3.2 s, though displacement comes",
+            "305 silent: no estimate for 5 min, and no displacement either",
+        ]
+    );
+}
+
+#[test]
+fn figures_are_those_of_the_messages_with_their_ages() {
+    let mut picture = Picture::new("left");
+    picture.take(estimate(0.5, Mode::Arx, Validity::Valid, Reasons::NONE), 1.0);
+    picture.take(residual(0.25, false), 1.25);
+    picture.take(News::CoilCurrent(CoilCurrent { header: header(0.5), current: 0.75, variance: 0.0 }), 1.5);
+    picture.take(
+        News::Command(CurrentCommand {
+            header: header(0.5),
+            current: 1.5,
+            force_requested: -500.0,
+            force_expected: -450.0,
+            achievable: false,
+            dissipative: true,
+            limited_by: 3,
+            achievable_min: -900.0,
+            achievable_max: -40.0,
+        }),
+        0.5,
+    );
+    picture.take(
+        News::Mode(ModeChange { header: header(0.1), from_mode: 4, to_mode: 9, reason: "newer".to_owned() }),
+        1.0,
+    );
+    picture.note_unreadable();
+    let mut wall = Wall::default();
+    wall.add("left");
+    *wall.picture("left").expect("it was added") = picture;
+    let json = serde_json::to_value(wall.snapshot(2.0)).expect("JSON");
+    let zero_ns = 1_700_000_000_000_000_000_i64;
+    assert_eq!(
+        json,
+        expected!({
+            "schema": "mr-damper/serve/1", "now_s": 2.0, "batch": 0,
+            "dampers": [{
+                "name": "left", "level": "good", "status": "VALID, mode arx",
+                "estimate": {
+                    "stamp_ns": zero_ns + 500_000_000, "age_s": 1.0, "stale": false, "force_n": -120.5, "std_dev_n": 10.25,
+                    "band_low_n": -140.0, "band_high_n": null, "band_calibrated": true, "mode": "arx", "validity": "VALID",
+                    "reasons": [], "input_age_s": 0.002, "model": "a model",
+                },
+                "measured": {"stamp_ns": zero_ns + 250_000_000, "age_s": 0.75, "stale": false, "force_n": -118.0},
+                "drive": {"stamp_ns": zero_ns + 500_000_000, "age_s": 0.5, "stale": false, "unit": "A", "value": 0.75},
+                "residual": {
+                    "stamp_ns": zero_ns + 250_000_000, "age_s": 0.75, "stale": false, "measured_n": -118.0,
+                    "predicted_n": -120.5, "residual_n": 2.5, "normalised": 0.25, "windowed_rsse_n": 9.5,
+                    "windowed_esr": 0.125, "window_s": 10.0, "alarm": false,
+                },
+                "command": {
+                    "stamp_ns": zero_ns + 500_000_000, "age_s": 1.5, "stale": true, "current_a": 1.5,
+                    "force_requested_n": -500.0, "force_expected_n": -450.0, "achievable": false, "dissipative": true,
+                    "limited_by": "rate", "achievable_min_n": -900.0, "achievable_max_n": -40.0,
+                },
+                "changes": [{
+                    "stamp_ns": zero_ns + 100_000_000, "age_s": 1.0, "from": "fault", "to": "9 is not a known mode",
+                    "reason": "newer",
+                }],
+                "rates_hz": {"coil_current": 1.0, "force_estimate": 1.0, "force_residual": 1.0, "mode": 1.0},
+                "unreadable": 1,
+            }],
+        })
+    );
+}
+
+#[test]
+fn measured_force_is_the_node_s_where_the_node_speaks_of_it() {
+    let mut picture = Picture::new("left");
+    let shown =
+        |picture: &Picture, now_s| picture.state(now_s).measured.map(|measured| measured.value.force_n);
+    picture.take(force(0.0, 118.0), 0.0);
+    assert_eq!(shown(&picture, 0.0), Some(118.0), "as its topic has it");
+    picture.take(residual(0.1, false), 0.1);
+    picture.take(force(0.2, 118.0), 0.2);
+    assert_eq!(shown(&picture, 0.2), Some(-118.0), "with the node's sign");
+    picture.take(force(2.0, 119.0), 2.0);
+    assert_eq!(shown(&picture, 2.0), Some(119.0));
+    let volts = News::CommandVoltage(CommandVoltage { header: header(2.0), voltage: 2.5, variance: 0.0 });
+    picture.take(volts, 2.0);
+    let drive = picture.state(2.0).drive.expect("a drive").value;
+    assert_eq!(drive, Drive { unit: "V", value: 2.5 });
+}
+
+#[test]
+fn charts_go_on_from_batch_to_batch_and_begin_anew_when_time_is_set_back() {
+    let mut wall = Wall::default();
+    wall.add("right");
+    wall.add("left");
+    wall.add("left");
+    let play = |wall: &mut Wall, from: u32, to: u32| {
+        for k in from..to {
+            let at_s = f64::from(k) * 0.01;
+            wall.take("left", displacement(at_s, 0.5 * at_s), at_s);
+            wall.take("left", estimate(at_s, Mode::Model, Validity::Valid, Reasons::NONE), at_s);
+            wall.take("left", residual(at_s, false), at_s);
+            wall.take("nobody", residual(at_s, false), at_s);
+        }
+    };
+    let parsed = |text: &str| serde_json::from_str::<serde_json::Value>(text).expect("JSON");
+    play(&mut wall, 0, 10);
+    let (number, first) = wall.batch(0.1);
+    let first = parsed(&first);
+    assert_eq!((number, &first["batch"], &first["points"][0]["era"]), (1, &expected!(1), &expected!(0)));
+    assert_eq!(first["dampers"][0]["name"], "left", "in the order of names, each once");
+    assert_eq!(first["dampers"].as_array().map(Vec::len), Some(2));
+    assert_eq!(first["points"].as_array().map(Vec::len), Some(1), "the right one is silent");
+    assert_eq!(first["points"][0]["estimate"][3], expected!([0.03, -120.5, -140.0, null, 2.0]));
+    // A slope of a half over three samples is known in their middle.
+    assert_eq!(first["points"][0]["velocity"][0], expected!([0.01, 0.5]));
+    assert_eq!(first["points"][0]["estimate"].as_array().map(Vec::len), Some(10));
+
+    play(&mut wall, 10, 13);
+    let second = parsed(&wall.batch(0.13).1);
+    assert_eq!(second.get("dampers"), None, "figures come with every fifth batch");
+    assert_eq!(second["points"][0]["residual"], expected!([[0.1, 2.5], [0.11, 2.5], [0.12, 2.5]]));
+    assert_eq!(parsed(&wall.batch(0.14).1), expected!({"now_s": 0.14, "batch": 3}), "nothing is new");
+
+    play(&mut wall, 400, 402);
+    play(&mut wall, 100, 102);
+    let anew = parsed(&wall.batch(4.0).1);
+    assert_eq!(anew["points"][0]["era"], 1);
+    assert_eq!(anew["points"][0]["estimate"].as_array().map(Vec::len), Some(2), "those of before are gone");
+    assert_eq!(anew["points"][0]["estimate"][0][0], 0.0);
+    let start = serde_json::to_value(wall.start(4.0)).expect("JSON");
+    assert_eq!(start["points"][0]["estimate"], anew["points"][0]["estimate"]);
+    assert_eq!((&start["batch"], &start["schema"]), (&expected!(4), &expected!("mr-damper/serve/1")));
+}
