@@ -39,6 +39,7 @@ enum Command {
     Close(command::close::Args),
     Inverse(command::inverse::Args),
     Presets(command::presets::Args),
+    Serve(command::serve::Args),
 }
 
 impl Command {
@@ -47,6 +48,7 @@ impl Command {
         match self {
             Self::Replay(_) => player::NODE,
             Self::Record(_) => command::record::NODE,
+            Self::Serve(_) => command::serve::NODE,
             Self::Close(_) => command::close::live::NODE,
             _ => "mr_damper",
         }
@@ -114,5 +116,6 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Close(args) => command::close::run(&args, &around),
         Command::Inverse(args) => command::inverse::run(&args, &around),
         Command::Presets(args) => command::presets::run(&args),
+        Command::Serve(args) => command::serve::run(&args, &around),
     }
 }

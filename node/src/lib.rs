@@ -34,6 +34,7 @@ pub mod ros;
 pub mod rosout;
 pub mod run;
 pub mod security;
+pub mod serve;
 pub mod service;
 pub mod services;
 pub mod sink;

@@ -16,6 +16,7 @@ mod progress;
 pub mod record;
 pub mod replay;
 pub mod run_args;
+pub mod serve;
 pub mod simulate;
 
 use crate::config::RosArgs;

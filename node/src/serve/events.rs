@@ -1,0 +1,52 @@
+//! The stream of a reader: what there is, then batch after batch.
+
+use super::{Batch, MOST_STREAMS, Shared};
+use crate::watch::json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::sse::{Event, Sse};
+use axum::response::{IntoResponse, Response};
+use futures::stream::{self, Stream, StreamExt};
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
+use tokio::sync::broadcast::Receiver;
+use tokio::sync::broadcast::error::RecvError;
+
+/// After how long a browser comes back that was cut off.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// `GET /events`: `start` (a snapshot with all points), then `batch`es, and `skipped` with a count where some were too many.
+pub(super) async fn stream(State(shared): State<Arc<Shared>>) -> Response {
+    let Ok(place) = Arc::clone(&shared.places).try_acquire_owned() else {
+        let says = format!("{MOST_STREAMS} pages are open already; close one of them and reload this one\n");
+        return (StatusCode::SERVICE_UNAVAILABLE, says).into_response();
+    };
+    let live = &shared.live;
+    // Before the start is made, so that no batch falls between the two.
+    let batches = live.batches.subscribe();
+    let (from, start) = {
+        let wall = live.wall();
+        let start = wall.start(live.now_s());
+        (start.batch, json(&start))
+    };
+    let start = Event::default().event("start").retry(RETRY).data(start);
+    let events = stream::once(async { start }).chain(after(batches, from, place));
+    Sse::new(events.map(Ok::<_, Infallible>)).into_response()
+}
+
+/// The batches after the one numbered `from`. The place is the reader's as long as the stream lives.
+fn after(batches: Receiver<Batch>, from: u64, place: OwnedSemaphorePermit) -> impl Stream<Item = Event> {
+    stream::unfold((batches, place), move |(mut batches, place)| async move {
+        loop {
+            let event = match batches.recv().await {
+                Ok(batch) if batch.number <= from => continue,
+                Ok(batch) => Event::default().event("batch").data(&*batch.json),
+                Err(RecvError::Lagged(count)) => Event::default().event("skipped").data(count.to_string()),
+                Err(RecvError::Closed) => return None,
+            };
+            return Some((event, (batches, place)));
+        }
+    })
+}

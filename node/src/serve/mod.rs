@@ -1,0 +1,247 @@
+//! The live page: a server of four files and a stream, all of them compiled in or made here.
+//!
+//! ```text
+//! watch/ ─→ Live ─┬→ GET /snapshot   all figures as JSON
+//!                 └→ GET /events     server-sent events: start, then a batch every 20 ms
+//!           page/ ──→ GET /          the page, its style and its two scripts
+//! ```
+//!
+//! Read-only: nothing that a browser sends reaches a damper, and there is no other method than GET (and HEAD). The server
+//! listens on loopback unless it is told otherwise, and answers only whom it was meant for (`guard.rs`). A reader that does not
+//! keep up loses batches, and is told how many; nobody waits for it.
+
+mod events;
+mod guard;
+
+pub use guard::{Hosts, require_loopback};
+
+use crate::error::NodeError;
+use crate::watch::{Wall, json};
+use axum::Router;
+use axum::extract::State;
+use axum::http::{Method, StatusCode, header};
+use axum::middleware::from_fn_with_state;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use socket2::SockRef;
+use std::net::{SocketAddr, TcpListener};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use tokio::net::TcpStream;
+use tokio::sync::{Semaphore, broadcast, oneshot};
+
+/// Streams at a time.
+pub const MOST_STREAMS: usize = 16;
+/// Batches that wait for a reader: more than a second of them.
+const BACKLOG: usize = 64;
+/// Connections at a time; others wait to be let in.
+const MOST_CONNECTIONS: usize = 64;
+/// Bytes that the system keeps for a reader, and that we keep besides. Beyond, its batches are skipped: old ones are no use to it.
+const SYSTEM_BUFFER: usize = 32 << 10;
+const OWN_BUFFER: usize = 16 << 10;
+/// A reader that takes nothing for this long is cut off, so that its place is free for another.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// So is one that does not say what it wants.
+const HEAD_WITHIN: Duration = Duration::from_secs(10);
+
+/// What is served: the wall, and the batches that are made of it.
+#[derive(Debug)]
+pub struct Live {
+    wall: Mutex<Wall>,
+    batches: broadcast::Sender<Batch>,
+    began: Instant,
+}
+
+/// A batch for all streams.
+#[derive(Debug, Clone)]
+struct Batch {
+    number: u64,
+    json: Arc<str>,
+}
+
+impl Default for Live {
+    fn default() -> Self {
+        Self { wall: Mutex::default(), batches: broadcast::channel(BACKLOG).0, began: Instant::now() }
+    }
+}
+
+impl Live {
+    /// Seconds since it was made: the clock of everything on the wall.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        self.began.elapsed().as_secs_f64()
+    }
+
+    /// The wall, for a moment.
+    pub fn wall(&self) -> MutexGuard<'_, Wall> {
+        // Figures are replaced whole, so that a panic elsewhere leaves none by half.
+        self.wall.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Makes a batch and offers it to all streams.
+    pub fn send_batch(&self) {
+        let (number, json) = self.wall().batch(self.now_s());
+        // An error says that nobody listens.
+        let _ = self.batches.send(Batch { number, json: json.into() });
+    }
+}
+
+/// What requests are answered from.
+#[derive(Debug)]
+struct Shared {
+    live: Arc<Live>,
+    hosts: Hosts,
+    places: Arc<Semaphore>,
+}
+
+/// The running server.
+#[derive(Debug)]
+pub struct Server {
+    address: SocketAddr,
+    stop: oneshot::Sender<()>,
+    thread: JoinHandle<std::io::Result<()>>,
+}
+
+impl Server {
+    /// Listens on `address` and serves `live` from a thread of its own.
+    ///
+    /// # Errors
+    /// When the address cannot be listened on, as when the port is taken, or the system gives no thread.
+    pub fn start(address: SocketAddr, any_host: bool, live: Arc<Live>) -> Result<Self, NodeError> {
+        let listening = |error: std::io::Error| {
+            NodeError::Failed(format!(
+                "listening on {address}: {error}; is there another mr-damper serve? Choose another port with --listen {}:{}",
+                address.ip(),
+                address.port().wrapping_add(1).max(1024)
+            ))
+        };
+        let listener = TcpListener::bind(address).map_err(listening)?;
+        listener.set_nonblocking(true).map_err(listening)?;
+        let address = listener.local_addr().map_err(listening)?;
+        let shared = Arc::new(Shared {
+            live,
+            hosts: Hosts::new(address, any_host),
+            places: Arc::new(Semaphore::new(MOST_STREAMS)),
+        });
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(NodeError::io("starting the web server"))?;
+        let (stop, stopped) = oneshot::channel();
+        let thread = std::thread::Builder::new()
+            .name("web-server".to_owned())
+            .spawn(move || {
+                runtime.block_on(async {
+                    let listener = tokio::net::TcpListener::from_std(listener)?;
+                    tokio::select! {
+                        () = accept(listener, routes(shared)) => Ok(()),
+                        // The runtime goes with this thread, and with it all streams: nobody is waited for.
+                        _ = stopped => Ok(()),
+                    }
+                })
+            })
+            .map_err(NodeError::io("starting the thread of the web server"))?;
+        Ok(Self { address, stop, thread })
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// True while it serves.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        !self.thread.is_finished()
+    }
+
+    /// Ends it, and all streams with it.
+    ///
+    /// # Errors
+    /// What ended it before, if something did.
+    pub fn stop(self) -> Result<(), NodeError> {
+        // A thread that has ended does not listen any more; why it has comes next.
+        let _ = self.stop.send(());
+        match self.thread.join() {
+            Ok(ended) => ended.map_err(NodeError::io("serving the page")),
+            Err(_) => Err(NodeError::Failed(
+                "the web server's thread panicked; the log above says where. Please report it".to_owned(),
+            )),
+        }
+    }
+}
+
+/// Lets readers in, for ever. Not by axum's own loop: that keeps 400 kB for a reader that has stalled, and waits for heads without end.
+async fn accept(listener: tokio::net::TcpListener, router: Router) {
+    let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(HEAD_WITHIN).max_buf_size(OWN_BUFFER);
+    // The semaphore is never closed.
+    while let Ok(place) = Arc::clone(&places).acquire_owned().await {
+        match listener.accept().await {
+            Ok((stream, _)) => {
+                tune(&stream);
+                let serving =
+                    http.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router.clone()));
+                tokio::spawn(async move {
+                    let _place = place;
+                    if let Err(error) = serving.await {
+                        tracing::debug!(%error, "a connection has ended");
+                    }
+                });
+            }
+            // That of a reader which has gone already, or no open file left: others go on meanwhile.
+            Err(error) => {
+                tracing::debug!(%error, "a reader could not be let in");
+                tokio::time::sleep(Duration::from_millis(100)).await;
+            }
+        }
+    }
+}
+
+/// Sets up the connection to a reader.
+fn tune(stream: &TcpStream) {
+    let socket = SockRef::from(stream);
+    let tuned = socket.set_send_buffer_size(SYSTEM_BUFFER).and_then(|()| socket.set_tcp_nodelay(true));
+    #[cfg(target_os = "linux")]
+    let tuned = tuned.and_then(|()| socket.set_tcp_user_timeout(Some(PATIENCE)));
+    if let Err(error) = tuned {
+        tracing::debug!(%error, "a connection stays as the system makes it");
+    }
+}
+
+/// The page's parts: path, kind, content.
+const PARTS: [(&str, &str, &str); 4] = [
+    ("/", "text/html; charset=utf-8", include_str!("page/page.html")),
+    ("/page.css", "text/css; charset=utf-8", include_str!("page/page.css")),
+    ("/page.js", "text/javascript; charset=utf-8", include_str!("page/page.js")),
+    ("/charts.js", "text/javascript; charset=utf-8", include_str!("page/charts.js")),
+];
+
+fn routes(shared: Arc<Shared>) -> Router {
+    let mut router = Router::new().route("/snapshot", get(snapshot)).route("/events", get(events::stream));
+    for (path, kind, content) in PARTS {
+        router = router.route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], content) }));
+    }
+    router
+        .fallback(|| async { (StatusCode::NOT_FOUND, "there are /, /events and /snapshot\n") })
+        .method_not_allowed_fallback(only_get)
+        .layer(from_fn_with_state(Arc::clone(&shared), guard::watch))
+        .with_state(shared)
+}
+
+async fn only_get(method: Method) -> Response {
+    let says = format!("{method} is not served: this page only shows\n");
+    (StatusCode::METHOD_NOT_ALLOWED, [(header::ALLOW, "GET, HEAD")], says).into_response()
+}
+
+async fn snapshot(State(shared): State<Arc<Shared>>) -> Response {
+    let live = &shared.live;
+    let text = json(&live.wall().snapshot(live.now_s()));
+    ([(header::CONTENT_TYPE, "application/json")], text).into_response()
+}

@@ -1,0 +1,290 @@
+//! `mr-damper serve` as a process, over real DDS and plain TCP: the page's figures are those on the topics, and nobody who stalls, strays
+//! or pushes in does the others any harm.
+
+mod serve_support;
+
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_msgs::{ForceEstimate, ForceResidual, Message, Mode, Validity};
+use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::interrupt::Interrupt;
+use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::ros::Ros;
+use mr_damper_node::service::Service;
+use ros2_client::{NodeOptions, Subscription};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value as Json;
+use serve_support::{News, Page, Stream};
+use std::collections::BTreeMap;
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+const DOMAIN: i64 = 60;
+/// Long enough for a stalled reader's buffers to fill.
+const RUN_S: f64 = 12.0;
+
+/// A node in the namespace `/left`, its player, and a peer that hears it.
+struct Stage {
+    service: Service,
+    player: Player,
+    ros: Ros,
+    estimates: Subscription<ForceEstimate>,
+    residuals: Subscription<ForceResidual>,
+}
+
+impl Stage {
+    fn set() -> Self {
+        let mut config = Config { domain_id: DOMAIN, align_wait_s: 0.5, ..Config::default() };
+        config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".into())).expect("a text");
+        let args = RosArgs::in_namespace("/left");
+        let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+        let mut ros = Ros::start(&config, &args, NodeOptions::new(), "peer").expect("a peer starts");
+        Self {
+            estimates: ros.subscribe("/left/force_estimate").expect("a topic"),
+            residuals: ros.subscribe("/left/force_residual").expect("a topic"),
+            player: Player::start(&config, &args, false).expect("the player starts"),
+            service,
+            ros,
+        }
+    }
+
+    fn stop(self) {
+        self.player.stop();
+        self.service.stop().expect("no thread panicked");
+        drop((self.estimates, self.residuals));
+        self.ros.stop();
+    }
+}
+
+fn play(player: &Player) {
+    let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(RUN_S);
+    let run = record(&experiment, &Plant::default(), &Channels::default(), 5);
+    let interrupt = Interrupt::manual();
+    assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
+    player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
+}
+
+/// Messages by their stamps.
+type Heard<M> = BTreeMap<i64, M>;
+
+fn drain<M: Message>(subscription: &Subscription<M>, into: &mut Heard<M>, stamp: fn(&M) -> i64) {
+    while let Some((message, _)) = subscription.take().expect("readable") {
+        into.insert(stamp(&message), message);
+    }
+}
+
+/// JSON holds all digits, but serde_json reads the last of seventeen by one off at times.
+fn is_shown_as(value: f64, shown: &Json) -> bool {
+    match shown.as_f64() {
+        Some(shown) => (shown - value).abs() <= 4.0 * f64::EPSILON * value.abs(),
+        None => shown.is_null() && !value.is_finite(),
+    }
+}
+
+/// The figures `shown` are those of the message with their stamp. A message that one of the two readers missed proves nothing.
+fn is_that_of_the_topic(shown: &Json, heard: &Heard<ForceEstimate>) -> bool {
+    let Some(message) = heard.get(&shown["stamp_ns"].as_i64().expect("a stamp")) else { return false };
+    for (figure, value) in [
+        ("force_n", message.force),
+        ("std_dev_n", message.std_dev),
+        ("band_low_n", message.band_low),
+        ("band_high_n", message.band_high),
+        ("input_age_s", message.input_age),
+    ] {
+        assert!(is_shown_as(value, &shown[figure]), "{figure} is {value}, in {shown}");
+    }
+    let (mode, validity) = (Mode::try_from(message.mode), Validity::try_from(message.validity));
+    assert_eq!(shown["mode"], mode.expect("known").name());
+    assert_eq!(shown["validity"], validity.expect("known").name());
+    assert_eq!(shown["reasons"].as_array().map(Vec::len), Some(message.reasons.names().count()));
+    assert_eq!(shown["model"], *message.model);
+    true
+}
+
+/// What a reader that keeps up has had, from the first batch on.
+fn keeps_up(news: &[News], heard: &Heard<ForceEstimate>, residuals: &Heard<ForceResidual>) {
+    let batches: Vec<(&Json, Instant)> =
+        news.iter().filter_map(|news| (news.event == "batch").then_some((&news.data, news.at))).collect();
+    assert_eq!((news[0].event.as_str(), &news[0].data["schema"]), ("start", &"mr-damper/serve/1".into()));
+    assert!(news.iter().all(|news| news.event != "skipped"), "it keeps up");
+    let mut next = news[0].data["batch"].as_u64().expect("a number");
+    for (batch, _) in &batches {
+        next += 1;
+        assert_eq!(batch["batch"], next, "none is missing, none comes twice");
+    }
+    let seconds = (batches[batches.len() - 1].1 - batches[0].1).as_secs_f64();
+    let rate = batches.len() as f64 / seconds;
+    println!("{} batches in {seconds:.1} s: {rate:.1} a second", batches.len());
+    assert!((25.0..52.0).contains(&rate), "{rate:.1} batches a second");
+
+    let states = || batches.iter().filter_map(|(batch, _)| batch["dampers"].get(0));
+    let shown = states().filter(|state| !state["estimate"].is_null());
+    let same = shown.clone().filter(|state| is_that_of_the_topic(&state["estimate"], heard)).count();
+    assert!(same > 50 && same * 10 > shown.count() * 9, "{same} figures were those of the topic");
+    let mut same = 0;
+    for residual in states().map(|state| &state["residual"]).filter(|residual| !residual.is_null()) {
+        if let Some(message) = residuals.get(&residual["stamp_ns"].as_i64().expect("a stamp")) {
+            assert!(is_shown_as(message.residual, &residual["residual_n"]), "{residual}");
+            assert!(is_shown_as(message.measured, &residual["measured_n"]), "{residual}");
+            same += 1;
+        }
+    }
+    assert!(same > 50, "{same} residuals were those of the topic");
+
+    // Points are thinned, but each is one of the topic's.
+    let forces: Vec<u32> = heard.values().map(|message| (message.force as f32).to_bits()).collect();
+    let points = batches.iter().filter_map(|(batch, _)| batch["points"].get(0)?["estimate"].as_array());
+    let points: Vec<&Json> = points.flatten().collect();
+    let of_topic =
+        |point: &&&Json| point[1].as_f64().is_none_or(|force| forces.contains(&(force as f32).to_bits()));
+    let known = points.iter().filter(of_topic).count();
+    let per_s = points.len() as f64 / RUN_S;
+    assert!(per_s > 100.0 && per_s < 260.0, "{per_s:.0} points a second");
+    assert!(known * 100 > points.len() * 99, "{known} of {} points are the topic's", points.len());
+}
+
+#[test]
+fn figures_are_those_of_the_topics_and_a_reader_that_stalls_costs_the_others_nothing() {
+    let page = Page::start(&["--domain-id", &DOMAIN.to_string()]);
+    let empty = page.snapshot();
+    assert_eq!(
+        (&empty["schema"], empty["dampers"].as_array().map(Vec::len)),
+        (&"mr-damper/serve/1".into(), Some(0))
+    );
+    // It comes later than the page, and is found.
+    let stage = Stage::set();
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while page.snapshot()["dampers"][0]["name"] != "left" {
+        assert!(Instant::now() < deadline, "the damper is found: {}", page.snapshot());
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    assert_eq!(page.snapshot()["dampers"][0]["level"], "silent");
+
+    let mut stalled = Stream::open_with_small_buffer(&page);
+    let stream = Stream::open(&page);
+    let (mut heard, mut residuals, done) = (Heard::new(), Heard::new(), AtomicBool::new(false));
+    let news = std::thread::scope(|scope| {
+        let reading = scope.spawn(|| stream.read_until(|| done.load(Ordering::Relaxed)));
+        let playing = scope.spawn(|| play(&stage.player));
+        let mut end: Option<Instant> = None;
+        while end.is_none_or(|end| Instant::now() < end) {
+            drain(&stage.estimates, &mut heard, |message| message.header.stamp.as_nanos());
+            drain(&stage.residuals, &mut residuals, |message| message.header.stamp.as_nanos());
+            if playing.is_finished() {
+                end.get_or_insert_with(|| Instant::now() + Duration::from_millis(300));
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        done.store(true, Ordering::Relaxed);
+        reading.join().expect("no panic")
+    });
+    keeps_up(&news, &heard, &residuals);
+
+    // The other one has had the oldest batches, then hears how many it has missed, and goes on with new ones.
+    stalled.widen();
+    let late = stalled.read_until_event("skipped");
+    let skipped: u64 = late[late.len() - 1].data.to_string().parse().expect("a count");
+    assert!(skipped > 20, "{skipped} batches were skipped");
+    let next = stalled.read_until_event("batch");
+    let before = late.iter().rev().find(|news| news.event == "batch").expect("batches came before");
+    let number = |news: &News| news.data["batch"].as_u64().expect("a number");
+    assert_eq!(number(&next[next.len() - 1]), number(before) + skipped + 1, "the count is right");
+
+    stage.stop();
+    std::thread::sleep(Duration::from_millis(1500));
+    let state = page.snapshot()["dampers"][0].clone();
+    assert_eq!((&state["level"], &state["estimate"]["stale"]), (&"silent".into(), &true.into()), "{state}");
+    let status = state["status"].as_str().expect("words");
+    assert!(status.starts_with("no estimate for ") && status.ends_with("no displacement either"), "{status}");
+    assert!(state["estimate"]["age_s"].as_f64() > Some(1.0));
+    assert_eq!(state["rates_hz"], serde_json::json!({}));
+}
+
+#[test]
+fn who_strays_or_pushes_in_is_refused_and_ctrl_c_ends_open_streams() {
+    let mut page = Page::start(&["--domain-id", &(DOMAIN + 1).to_string(), "--dampers", "left,rear/right"]);
+    let names = |json: &Json| {
+        let all = json["dampers"].as_array().expect("a list").iter();
+        all.map(|state| state["name"].as_str().expect("a name").to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!(
+        names(&page.snapshot()),
+        ["left", "rear/right"],
+        "those that are named are there before they speak"
+    );
+    let own = page.host();
+    let port = own.rsplit(':').next().expect("a port");
+    for (request, host, status) in [
+        ("GET / ", own.clone(), 200),
+        ("HEAD / ", own.clone(), 200),
+        ("GET /page.js ", format!("localhost:{port}"), 200),
+        ("GET /snapshot ", "evil.example".to_owned(), 421),
+        ("GET /events ", format!("evil.example:{port}"), 421),
+        ("GET / ", String::new(), 421),
+        ("POST / ", own.clone(), 405),
+        ("DELETE /snapshot ", own.clone(), 405),
+        ("OPTIONS /events ", own.clone(), 405),
+        ("GET /etc/passwd ", own.clone(), 404),
+        ("GET /../Cargo.toml ", own.clone(), 404),
+    ] {
+        let answer = page.ask(request, &host, "");
+        assert_eq!(answer.status, status, "{request} of {host}: {}", answer.head);
+        for header in ["default-src 'none'", "nosniff", "no-store", "frame-ancestors 'none'"] {
+            assert!(answer.head.contains(header), "{header} in {}", answer.head);
+        }
+        assert!(!answer.head.to_lowercase().contains("access-control"), "{}", answer.head);
+    }
+    for (path, site, status) in [
+        ("/snapshot", "cross-site", 403),
+        ("/events", "same-site", 403),
+        ("/snapshot", "none", 200),
+        ("/", "cross-site", 200),
+    ] {
+        let answer = page.ask(&format!("GET {path} "), &own, &format!("Sec-Fetch-Site: {site}\r\n"));
+        assert_eq!(answer.status, status, "{path} from {site}");
+    }
+    // The page fetches nothing from elsewhere: there is no address in it.
+    for part in ["/", "/page.css", "/page.js", "/charts.js"] {
+        let body = page.ask(&format!("GET {part} "), &own, "").body;
+        assert!(body.len() > 1000 && !body.contains("http:") && !body.contains("https:"), "{part}");
+    }
+
+    let mut open: Vec<Stream> = (0..16).map(|_| Stream::open(&page)).collect();
+    let full = page.ask("GET /events ", &own, "");
+    assert_eq!((full.status, full.body.contains("16 pages are open")), (503, true));
+    drop(open.pop());
+    let deadline = Instant::now() + Duration::from_secs(5);
+    while page.ask("HEAD /events ", &own, "").status != 200 {
+        assert!(Instant::now() < deadline, "the place of one that has gone is free again");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+
+    let pid = Pid::from_child(&page.child);
+    let asked = Instant::now();
+    kill_process(pid, Signal::INT).expect("it runs");
+    let status = page.child.wait().expect("it ends");
+    assert!(asked.elapsed() < Duration::from_secs(1), "it took {:?}", asked.elapsed());
+    assert_eq!(status.code(), Some(0));
+}
+
+#[test]
+fn what_cannot_be_served_is_said() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let taken = taken.local_addr().expect("an address").to_string();
+    let domain = (DOMAIN + 2).to_string();
+    for (arguments, code, says) in [
+        (["--listen", "127.0.0.1:99999"], 2, "127.0.0.1:99999"),
+        (["--listen", "0.0.0.0:8330"], 2, "--listen 0.0.0.0:8330 is not on loopback"),
+        (["--dampers", "front-left"], 2, "\"front-left\" is no namespace"),
+        (["--lisen", "127.0.0.1:1"], 2, "--listen"),
+        (["--listen", taken.as_str()], 1, "choose another port"),
+    ] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
+        command.args(["serve", "--domain-id", &domain]).args(arguments);
+        let output = command.output().expect("it runs");
+        let stderr = String::from_utf8_lossy(&output.stderr).to_lowercase();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(says), "{arguments:?}: {stderr}");
+        assert!(output.stdout.is_empty());
+    }
+}

@@ -1,0 +1,162 @@
+//! A page that is served by a process of its own, and its readers over plain TCP.
+
+use serde_json::Value as Json;
+use socket2::{Domain, SockRef, Socket, Type};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// For an answer, on a busy machine.
+const ANSWER: Duration = Duration::from_secs(10);
+
+/// `mr-damper serve` on a free port. Ends with the test, whatever becomes of that.
+pub(crate) struct Page {
+    pub(crate) child: Child,
+    address: SocketAddr,
+}
+
+/// An answer to a request.
+pub(crate) struct Answer {
+    pub(crate) status: u16,
+    pub(crate) head: String,
+    pub(crate) body: String,
+}
+
+impl Page {
+    pub(crate) fn start(arguments: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
+        command.args(["serve", "--listen", "127.0.0.1:0"]).args(arguments);
+        let mut child = command.stdout(Stdio::piped()).spawn().expect("it starts");
+        let mut line = String::new();
+        let stdout = child.stdout.as_mut().expect("piped");
+        BufReader::new(stdout).read_line(&mut line).expect("it says where it is");
+        let address = line.trim().strip_prefix("http://").and_then(|rest| rest.strip_suffix('/'));
+        let address =
+            address.and_then(|text| text.parse().ok()).unwrap_or_else(|| panic!("no address: {line}"));
+        Self { child, address }
+    }
+
+    /// What its own address is called.
+    pub(crate) fn host(&self) -> String {
+        self.address.to_string()
+    }
+
+    /// The answer to `request` (method and path) that is meant for `host`.
+    pub(crate) fn ask(&self, request: &str, host: &str, headers: &str) -> Answer {
+        let mut stream = TcpStream::connect(self.address).expect("it listens");
+        stream.set_read_timeout(Some(ANSWER)).expect("a time");
+        write!(stream, "{request}HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n")
+            .expect("sent");
+        let mut reader = BufReader::new(stream);
+        let (status, head) = head(&mut reader);
+        // A stream has no end, and its answer is in its head.
+        let mut body = String::new();
+        if !head.contains("text/event-stream") {
+            reader.read_to_string(&mut body).expect("text");
+        }
+        Answer { status, head, body }
+    }
+
+    /// All figures.
+    pub(crate) fn snapshot(&self) -> Json {
+        let answer = self.ask("GET /snapshot ", &self.host(), "");
+        assert_eq!(answer.status, 200, "{}", answer.head);
+        serde_json::from_str(&answer.body).unwrap_or_else(|error| panic!("{error}: {}", answer.body))
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Status and head of an answer.
+fn head(reader: &mut impl BufRead) -> (u16, String) {
+    let mut head = String::new();
+    while !head.ends_with("\r\n\r\n") {
+        assert!(reader.read_line(&mut head).expect("a head") > 0, "the head ends early: {head}");
+    }
+    let status = head.split_whitespace().nth(1).and_then(|status| status.parse().ok());
+    (status.unwrap_or_else(|| panic!("no status in {head}")), head)
+}
+
+/// An event of a stream.
+#[derive(Debug)]
+pub(crate) struct News {
+    pub(crate) event: String,
+    pub(crate) data: Json,
+    pub(crate) at: Instant,
+}
+
+/// An open stream of events.
+pub(crate) struct Stream(BufReader<TcpStream>);
+
+impl Stream {
+    pub(crate) fn open(page: &Page) -> Self {
+        Self::over(TcpStream::connect(page.address).expect("it listens"), page)
+    }
+
+    /// One that can hold but little of what it does not read.
+    pub(crate) fn open_with_small_buffer(page: &Page) -> Self {
+        let socket = Socket::new(Domain::IPV4, Type::STREAM, None).expect("a socket");
+        socket.set_recv_buffer_size(4096).expect("a size");
+        socket.connect(&page.address.into()).expect("it listens");
+        Self::over(socket.into(), page)
+    }
+
+    fn over(mut stream: TcpStream, page: &Page) -> Self {
+        stream.set_read_timeout(Some(ANSWER)).expect("a time");
+        // As HTTP/1.0 the stream comes as it is, not in chunks.
+        write!(stream, "GET /events HTTP/1.0\r\nHost: {}\r\n\r\n", page.host()).expect("sent");
+        let mut reader = BufReader::new(stream);
+        let (status, head) = head(&mut reader);
+        assert_eq!(status, 200, "{head}");
+        assert!(head.contains("text/event-stream"), "{head}");
+        Self(reader)
+    }
+
+    /// Reads on as fast as anybody.
+    pub(crate) fn widen(&self) {
+        SockRef::from(self.0.get_ref()).set_recv_buffer_size(1 << 20).expect("a size");
+    }
+
+    fn next(&mut self) -> News {
+        let (mut event, mut data) = (String::new(), String::new());
+        loop {
+            let mut line = String::new();
+            assert!(self.0.read_line(&mut line).expect("an event") > 0, "the stream has ended");
+            match line.trim_end().split_once(": ") {
+                Some(("event", value)) => event = value.to_owned(),
+                Some(("data", value)) => data += value,
+                Some(_) => {}
+                None if data.is_empty() => {}
+                None => {
+                    let data = serde_json::from_str(&data).unwrap_or_else(|error| panic!("{error}: {data}"));
+                    return News { event, data, at: Instant::now() };
+                }
+            }
+        }
+    }
+
+    /// All events until `done`, and one more.
+    pub(crate) fn read_until(mut self, done: impl Fn() -> bool) -> Vec<News> {
+        let mut all = Vec::new();
+        while !done() {
+            all.push(self.next());
+        }
+        all
+    }
+
+    /// All events up to the first one called `event`.
+    pub(crate) fn read_until_event(&mut self, event: &str) -> Vec<News> {
+        let mut all = vec![self.next()];
+        while all[all.len() - 1].event != event {
+            all.push(self.next());
+        }
+        all
+    }
+}
