@@ -14,6 +14,7 @@
 
 mod interop_deploy;
 mod interop_files;
+mod interop_page;
 mod interop_ros;
 mod interop_support;
 mod interop_zenoh;

@@ -1,0 +1,139 @@
+#!/usr/bin/env python3
+"""Opens the live page in Chromium, without a screen, and tells what stands there: one line of JSON.
+
+The browser is told what to do over two pipes (DevTools protocol), so nothing listens and nothing has to be installed beside it.
+
+usage: page_peer.py BROWSER URL PROFILE [--seconds S] [--size WxH] [--dark] [--keys KEYS] [--picture FILE]
+"""
+
+import argparse
+import base64
+import json
+import os
+import subprocess
+import sys
+import time
+
+# The figures by their paths, exact and as they are shown, and what else tests look at.
+LOOK = """(() => {
+  const card = document.querySelector('.card.selected') ?? document.querySelector('.card');
+  const of = (selector) => card?.querySelector(selector)?.textContent ?? '';
+  return {
+    figures: Object.fromEntries([...(card?.querySelectorAll('data') ?? [])].map((d) => [d.dataset.path, [d.value, d.textContent]])),
+    name: of('h2'), status: of('.status'), classes: card?.className ?? '', dampers: document.querySelectorAll('.card').length,
+    link: document.querySelector('#link').textContent, rate: document.querySelector('#rate').textContent,
+    banner: document.querySelector('#banner').hidden ? '' : document.querySelector('#banner').textContent,
+    wide: document.documentElement.scrollWidth - document.documentElement.clientWidth,
+    help: document.querySelector('#keys').open,
+    fetched: performance.getEntriesByType('resource').map((entry) => entry.name),
+    drawn: [...document.querySelectorAll('canvas')].filter((c) => c.clientHeight > 0).map((canvas) => {
+      const all = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+      return all.some((value) => value !== 0);
+    }),
+  };
+})()"""
+
+
+class Browser:
+    """A browser on two pipes."""
+
+    def __init__(self, program, profile):
+        theirs_in, self.out = os.pipe()
+        self.inlet, theirs_out = os.pipe()
+
+        def pipes():
+            # What the protocol reads and writes are numbers 3 and 4; kept aside first, as they may be among these already.
+            ends = [os.dup(theirs_in), os.dup(theirs_out)]
+            safe = [os.dup2(end, 20 + k, inheritable=True) for k, end in enumerate(ends)]
+            os.dup2(safe[0], 3, inheritable=True)
+            os.dup2(safe[1], 4, inheritable=True)
+
+        self.process = subprocess.Popen(
+            [program, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+             "--remote-debugging-pipe", f"--user-data-dir={profile}", "about:blank"],
+            preexec_fn=pipes, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        os.close(theirs_in)
+        os.close(theirs_out)
+        self.buffer, self.number, self.session, self.events = b"", 0, None, []
+
+    def message(self):
+        while b"\0" not in self.buffer:
+            part = os.read(self.inlet, 1 << 16)
+            if not part:
+                sys.exit("the browser has ended")
+            self.buffer += part
+        text, self.buffer = self.buffer.split(b"\0", 1)
+        return json.loads(text)
+
+    def ask(self, method, **params):
+        self.number += 1
+        request = {"id": self.number, "method": method, "params": params}
+        if self.session:
+            request["sessionId"] = self.session
+        os.write(self.out, json.dumps(request).encode() + b"\0")
+        while True:
+            message = self.message()
+            if message.get("id") == self.number:
+                if "error" in message:
+                    sys.exit(f"{method}: {message['error']}")
+                return message["result"]
+            self.events.append(message)
+
+    def evaluate(self, expression):
+        answer = self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
+        if "exceptionDetails" in answer:
+            sys.exit(f"in the page: {answer['exceptionDetails']}")
+        return answer["result"].get("value")
+
+    def close(self):
+        self.session = None
+        self.ask("Browser.close")
+        self.process.wait(timeout=10)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("browser")
+    parser.add_argument("url")
+    parser.add_argument("profile")
+    parser.add_argument("--seconds", type=float, default=3.0)
+    parser.add_argument("--size", default="1280x900")
+    parser.add_argument("--dark", action="store_true")
+    parser.add_argument("--keys", default="", help="keys to press, one after the other")
+    parser.add_argument("--picture")
+    parser.add_argument("--whole", action="store_true", help="the picture is of the whole page")
+    args = parser.parse_args()
+    browser = Browser(args.browser, args.profile)
+    target = browser.ask("Target.createTarget", url="about:blank")["targetId"]
+    browser.session = browser.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+    width, height = map(int, args.size.split("x"))
+    browser.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500)
+    scheme = "dark" if args.dark else "light"
+    browser.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+    for domain in ("Page", "Runtime", "Log"):
+        browser.ask(f"{domain}.enable")
+    browser.ask("Page.navigate", url=args.url)
+    deadline = time.monotonic() + 20
+    while not browser.evaluate("document.querySelector('.card') !== null"):
+        if time.monotonic() > deadline:
+            break
+        time.sleep(0.1)
+    time.sleep(args.seconds)
+    for key in args.keys.split():
+        code = {"space": " "}.get(key, key)
+        text = {"text": code} if len(code) == 1 else {}
+        browser.ask("Input.dispatchKeyEvent", type="keyDown", key=code, **text)
+        browser.ask("Input.dispatchKeyEvent", type="keyUp", key=code)
+        time.sleep(0.5)
+    saw = browser.evaluate(LOOK)
+    errors = [e["params"] for e in browser.events if e.get("method") in ("Runtime.exceptionThrown", "Log.entryAdded")]
+    saw["errors"] = [json.dumps(error) for error in errors]
+    if args.picture:
+        picture = browser.ask("Page.captureScreenshot", format="png", captureBeyondViewport=args.whole)
+        with open(args.picture, "wb") as file:
+            file.write(base64.b64decode(picture["data"]))
+    browser.close()
+    print(json.dumps(saw))
+
+
+main()
