@@ -2,6 +2,7 @@
 //! or pushes in does the others any harm.
 
 mod serve_support;
+mod zenoh_support;
 
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_msgs::{ForceEstimate, ForceResidual, Message, Mode, Validity};
@@ -268,6 +269,43 @@ fn who_strays_or_pushes_in_is_refused_and_ctrl_c_ends_open_streams() {
 }
 
 #[test]
+fn the_mirror_on_zenoh_is_shown_as_well() {
+    let mut rig = zenoh_support::Rig::start();
+    let page = Page::start(&["--zenoh", &rig.endpoint]);
+    let began = Instant::now();
+    let (mut k, mut shown) = (0, Json::Null);
+    // Once it has come through, a second more of it.
+    while shown.is_null() || began.elapsed() < Duration::from_secs(2) {
+        assert!(began.elapsed() < zenoh_support::PATIENCE, "the mirror is heard: {}", page.snapshot());
+        for _ in 0..20 {
+            k += 1;
+            rig.feeder.push(zenoh_support::displacement(k * 1_000_000));
+            rig.feeder.push(zenoh_support::estimate(k * 1_000_000, k as f64));
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        shown = page.snapshot()["dampers"][0]["estimate"].clone();
+    }
+    let snapshot = page.snapshot();
+    let damper = &snapshot["dampers"][0];
+    assert_eq!((&snapshot["source"], &damper["name"]), (&"zenoh".into(), &zenoh_support::DAMPER.into()));
+    let estimate = &damper["estimate"];
+    let stamp_ns = estimate["stamp_ns"].as_i64().expect("a stamp");
+    assert_eq!(estimate["force_n"].as_f64(), Some(stamp_ns as f64 / 1e6), "the force of that stamp");
+    assert_eq!(
+        (&estimate["mode"], &estimate["validity"]),
+        (&"model".into(), &"EXTRAPOLATING".into()),
+        "{damper}"
+    );
+    assert_eq!(estimate["reasons"], serde_json::json!(["OUTSIDE_ENVELOPE"]));
+    let hz = damper["rates_hz"]["force_estimate"].as_f64();
+    assert!(hz > Some(10.0) && hz < Some(60.0), "thinned by the mirror: {damper}");
+    // It is dead, and the page says so.
+    rig.mirror.stop();
+    std::thread::sleep(Duration::from_millis(1200));
+    assert_eq!(page.snapshot()["dampers"][0]["level"], "silent");
+}
+
+#[test]
 fn what_cannot_be_served_is_said() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let taken = taken.local_addr().expect("an address").to_string();
@@ -277,6 +315,7 @@ fn what_cannot_be_served_is_said() {
         (["--listen", "0.0.0.0:8330"], 2, "--listen 0.0.0.0:8330 is not on loopback"),
         (["--dampers", "front-left"], 2, "\"front-left\" is no namespace"),
         (["--lisen", "127.0.0.1:1"], 2, "--listen"),
+        (["--zenoh", "tcp/127.0.0.1:1"], 2, "cannot be used with"),
         (["--listen", taken.as_str()], 1, "choose another port"),
     ] {
         let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));

@@ -5,6 +5,8 @@ use crate::config::Config;
 use crate::error::NodeError;
 use crate::serve::{Live, Server, require_loopback};
 use crate::watch::ros::RosSource;
+use crate::watch::zenoh::ZenohSource;
+use crate::watch::{Origin, Wall};
 use std::io::Write;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -35,6 +37,10 @@ pub struct Args {
     /// Watch these dampers alone, by their namespaces, e.g. front_left,front_right.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub dampers: Vec<String>,
+    /// Watch the Zenoh mirror at this address, e.g. tcp/127.0.0.1:7447, and not ROS. The mirror thins what it sends to
+    /// zenoh.web_rate_hz.
+    #[arg(long, value_name = "ENDPOINT", conflicts_with = "domain_id")]
+    pub zenoh: Option<String>,
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
     #[arg(long, value_name = "ID", default_value_t = -1)]
     pub domain_id: i64,
@@ -46,11 +52,10 @@ pub struct Args {
 /// When the port is taken, ROS does not start, or a thread dies.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     require_loopback(args.listen, args.any_host)?;
-    let live = Arc::new(Live::default());
+    let origin = if args.zenoh.is_some() { Origin::Zenoh } else { Origin::Ros };
+    let live = Arc::new(Live::of(origin));
     let server = Server::start(args.listen, args.any_host, Arc::clone(&live))?;
-    let config = Config { domain_id: args.domain_id, ..Config::default() };
-    let name = around.ros_args.node.as_deref().unwrap_or(NODE);
-    let mut source = RosSource::start(&config, &around.ros_args, name, &args.dampers)?;
+    let mut source = Source::start(args, around)?;
     if args.any_host && !args.listen.ip().is_loopback() {
         tracing::warn!(listen = %server.address(), "whoever reaches this machine can watch: no password, no encryption");
     }
@@ -63,21 +68,58 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     ended.and(stopped)
 }
 
+/// Where the dampers are heard.
+enum Source {
+    Ros(RosSource),
+    Zenoh(ZenohSource),
+}
+
+impl Source {
+    fn start(args: &Args, around: &Surroundings) -> Result<Self, NodeError> {
+        if let Some(endpoint) = &args.zenoh {
+            return ZenohSource::start(endpoint, &args.dampers).map(Self::Zenoh);
+        }
+        let config = Config { domain_id: args.domain_id, ..Config::default() };
+        let name = around.ros_args.node.as_deref().unwrap_or(NODE);
+        RosSource::start(&config, &around.ros_args, name, &args.dampers).map(Self::Ros)
+    }
+
+    /// Brings what has come onto the wall.
+    fn bring(&mut self, wall: &mut Wall, now_s: f64) -> Result<(), NodeError> {
+        match self {
+            Self::Ros(source) => {
+                source.look(wall, now_s)?;
+                source.drain(wall, now_s);
+            }
+            Self::Zenoh(source) => {
+                source.look(wall, now_s);
+                source.drain(wall, now_s);
+            }
+        }
+        Ok(())
+    }
+
+    fn is_alive(&self) -> bool {
+        match self {
+            Self::Ros(source) => source.is_alive(),
+            // It connects again by itself.
+            Self::Zenoh(_) => true,
+        }
+    }
+
+    fn stop(self) {
+        match self {
+            Self::Ros(source) => source.stop(),
+            Self::Zenoh(source) => source.stop(),
+        }
+    }
+}
+
 /// Brings what is heard onto the wall and out to the readers, until a signal comes.
-fn watch(
-    source: &mut RosSource,
-    server: &Server,
-    live: &Live,
-    around: &Surroundings,
-) -> Result<(), NodeError> {
+fn watch(source: &mut Source, server: &Server, live: &Live, around: &Surroundings) -> Result<(), NodeError> {
     let mut next_batch = Instant::now();
     while !around.interrupt.is_raised() {
-        let now_s = live.now_s();
-        {
-            let mut wall = live.wall();
-            source.look(&mut wall, now_s)?;
-            source.drain(&mut wall, now_s);
-        }
+        source.bring(&mut live.wall(), live.now_s())?;
         let now = Instant::now();
         if now >= next_batch {
             live.send_batch();

@@ -16,7 +16,7 @@ mod guard;
 pub use guard::{Hosts, require_loopback};
 
 use crate::error::NodeError;
-use crate::watch::{Wall, json};
+use crate::watch::{Origin, Wall, json};
 use axum::Router;
 use axum::extract::State;
 use axum::http::{Method, StatusCode, header};
@@ -63,13 +63,14 @@ struct Batch {
     json: Arc<str>,
 }
 
-impl Default for Live {
-    fn default() -> Self {
-        Self { wall: Mutex::default(), batches: broadcast::channel(BACKLOG).0, began: Instant::now() }
-    }
-}
-
 impl Live {
+    /// Nothing yet, from `origin`.
+    #[must_use]
+    pub fn of(origin: Origin) -> Self {
+        let wall = Mutex::new(Wall::of(origin));
+        Self { wall, batches: broadcast::channel(BACKLOG).0, began: Instant::now() }
+    }
+
     /// Seconds since it was made: the clock of everything on the wall.
     #[must_use]
     pub fn now_s(&self) -> f64 {

@@ -136,7 +136,7 @@ fn figures_are_those_of_the_messages_with_their_ages() {
     assert_eq!(
         json,
         expected!({
-            "schema": "mr-damper/serve/1", "now_s": 2.0, "batch": 0,
+            "schema": "mr-damper/serve/1", "source": "ros", "now_s": 2.0, "batch": 0,
             "dampers": [{
                 "name": "left", "level": "good", "status": "VALID, mode arx",
                 "estimate": {

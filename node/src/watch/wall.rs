@@ -18,11 +18,24 @@ const FIGURES_EVERY: u64 = 5;
 /// Dampers at most: two vehicles of eight.
 pub const MOST_DAMPERS: usize = 16;
 
+/// Where news come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Origin {
+    /// From ROS topics: all there is.
+    #[default]
+    Ros,
+    /// From the Zenoh mirror, thinned for pages.
+    Zenoh,
+}
+
 /// All figures of all dampers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Snapshot<'a> {
     /// [`SCHEMA`].
     pub schema: &'static str,
+    /// Where they come from.
+    pub source: Origin,
     /// Seconds since the watch began.
     pub now_s: f64,
     /// Batches made so far.
@@ -48,11 +61,30 @@ struct Batch<'a> {
 /// The pictures, in the order of their names.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Wall {
+    origin: Origin,
     pictures: Vec<(Picture, Cursor)>,
     batches: u64,
 }
 
 impl Wall {
+    /// An empty wall for news from `origin`.
+    #[must_use]
+    pub fn of(origin: Origin) -> Self {
+        Self { origin, ..Self::default() }
+    }
+
+    /// Pictures on the wall.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.pictures.len()
+    }
+
+    /// True while there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.pictures.is_empty()
+    }
+
     /// Hangs up an empty picture for the damper called `name`, unless there is one.
     pub fn add(&mut self, name: &str) {
         if let Err(place) = self.place(name) {
@@ -86,6 +118,7 @@ impl Wall {
     pub fn snapshot(&self, now_s: f64) -> Snapshot<'_> {
         Snapshot {
             schema: SCHEMA,
+            source: self.origin,
             now_s,
             batch: self.batches,
             dampers: self.states(now_s),

@@ -45,7 +45,7 @@ const ROWS = [
 
 const dampers = new Map();
 const view = { source: null, frozen: null, selected: 0, ink: colours(), said: new Map() };
-const link = { heard: null, offset: null, behind: 0, arrivals: [], skipped: 0, words: "connecting" };
+const link = { heard: null, offset: null, behind: 0, arrivals: [], skipped: 0, words: "connecting", origin: "" };
 
 // ---- words and numbers
 
@@ -172,7 +172,7 @@ class Damper {
     this.showTiles(state);
     this.showTable(state);
     const rates = Object.entries(state.rates_hz).map(([topic, hz]) => `${topic.replaceAll("_", " ")} ${hz.toFixed(0)}`);
-    put(find(".rates"), rates.length ? `Messages a second: ${rates.join(", ")}` : "No topic of this damper is heard now.");
+    put(find(".rates"), rates.length ? `Messages a second${link.origin === "zenoh" ? ", thinned by the Zenoh mirror" : ""}: ${rates.join(", ")}` : "No topic of this damper is heard now.");
     this.showChanges(state.changes);
   }
 
@@ -303,7 +303,7 @@ function hear(news, first) {
   if (first) {
     for (const name of view.said.keys()) if (!news.dampers.some((state) => state.name === name)) view.said.delete(name);
     for (const damper of dampers.values()) damper.begin(null);
-    link.offset = null;
+    [link.offset, link.origin] = [null, news.source];
   }
   // The least time on the way so far; clocks may drift apart by a fifth of a millisecond a second.
   const offset = now - news.now_s;

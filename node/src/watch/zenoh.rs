@@ -1,0 +1,353 @@
+//! What is heard of dampers on the Zenoh mirror: `mr_damper/<damper>/web/<topic>`, JSON that is thinned for pages.
+//!
+//! Rates are those of the mirror (`zenoh.web_rate_hz`), not of the node. Dampers are found by their keys.
+
+use super::news::News;
+use super::wall::{MOST_DAMPERS, Wall};
+use crate::error::NodeError;
+use crate::sink::zenoh::ZenohConfig;
+use mr_damper_model::sample::Stamp;
+use mr_damper_msgs::standard::Temperature;
+use mr_damper_msgs::{
+    CoilCurrent, CommandVoltage, CurrentCommand, Displacement, Force, ForceEstimate, ForceResidual,
+    LimitedBy, Mode, ModeChange, Reasons, Validity, Velocity,
+};
+use serde::Deserialize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, sync_channel};
+use zenoh::{Session, Wait};
+
+/// Keys of all dampers; names may be paths.
+const KEYS: &str = "mr_damper/**/web/*";
+/// Samples that wait to be looked at: more than a second of sixteen dampers'.
+const BACKLOG: usize = 16_384;
+/// How often connections are counted, s.
+const LOOK_EVERY_S: f64 = 1.0;
+/// What a name that is not known here becomes: no number of the interface.
+const UNKNOWN: u8 = u8::MAX;
+
+/// A sample as it came: key and payload.
+type Raw = (String, Vec<u8>);
+
+/// A subscription to the mirror of all dampers.
+pub struct ZenohSource {
+    session: Session,
+    endpoint: String,
+    samples: Receiver<Raw>,
+    lost: Arc<AtomicU64>,
+    names: Vec<String>,
+    looked_s: f64,
+    connected: Option<usize>,
+}
+
+impl ZenohSource {
+    /// Connects to the mirror at `endpoint`, now or as soon as it is there; `names`: watch these dampers alone.
+    ///
+    /// # Errors
+    /// When the endpoint is none, or Zenoh opens no session.
+    pub fn start(endpoint: &str, names: &[String]) -> Result<Self, NodeError> {
+        // A connection that was asked for by its address may go anywhere.
+        ZenohConfig {
+            connect: vec![endpoint.to_owned()],
+            allow_non_loopback: true,
+            ..ZenohConfig::default()
+        }
+        .validate()
+        .map_err(|error| NodeError::Usage(format!("--zenoh: {error}")))?;
+        let failed =
+            |why: zenoh::Error| NodeError::Failed(format!("opening a Zenoh session to {endpoint}: {why}"));
+        let mut config = zenoh::Config::default();
+        for (key, value) in [
+            ("mode", "\"peer\"".to_owned()),
+            // Said, for unsaid it is all interfaces.
+            ("listen/endpoints", "[]".to_owned()),
+            ("connect/endpoints", format!("[{endpoint:?}]")),
+            ("connect/timeout_ms", "-1".to_owned()),
+            ("connect/exit_on_failure", "false".to_owned()),
+            ("connect/retry", "{period_init_ms: 100, period_max_ms: 1000}".to_owned()),
+            ("scouting/multicast/enabled", "false".to_owned()),
+            ("scouting/gossip/enabled", "false".to_owned()),
+            ("open/return_conditions/connect_scouted", "false".to_owned()),
+        ] {
+            config.insert_json5(key, &value).map_err(failed)?;
+        }
+        let session = zenoh::open(config).wait().map_err(failed)?;
+        let (sender, samples) = sync_channel(BACKLOG);
+        let lost = Arc::new(AtomicU64::new(0));
+        let dropped = Arc::clone(&lost);
+        session
+            .declare_subscriber(KEYS)
+            .callback(move |sample| {
+                let raw = (sample.key_expr().as_str().to_owned(), sample.payload().to_bytes().into_owned());
+                // Zenoh's threads never wait for us.
+                if sender.try_send(raw).is_err() {
+                    dropped.fetch_add(1, Ordering::Relaxed);
+                }
+            })
+            .background()
+            .wait()
+            .map_err(failed)?;
+        let names = names.iter().map(|name| name.trim_matches('/').to_owned()).collect();
+        Ok(Self {
+            session,
+            endpoint: endpoint.to_owned(),
+            samples,
+            lost,
+            names,
+            looked_s: f64::NEG_INFINITY,
+            connected: None,
+        })
+    }
+
+    /// Hangs up pictures of the dampers that were named, and says when the mirror comes and goes. Once a second.
+    pub fn look(&mut self, wall: &mut Wall, now_s: f64) {
+        if now_s - self.looked_s < LOOK_EVERY_S {
+            return;
+        }
+        self.looked_s = now_s;
+        self.names.iter().for_each(|name| wall.add(name));
+        let info = self.session.info();
+        let connected = info.routers_zid().wait().count() + info.peers_zid().wait().count();
+        let before = self.connected.replace(connected);
+        match (before, connected) {
+            // The first look is too early to complain.
+            (None, _) => self.connected = (connected > 0).then_some(connected),
+            (Some(before), now) if before == now => {}
+            (Some(_), 0) => tracing::warn!("nobody is at {} any more; trying on", self.endpoint),
+            (Some(_), _) => {}
+        }
+        let lost = self.lost.swap(0, Ordering::Relaxed);
+        if lost > 0 {
+            tracing::warn!(samples = lost, "samples came faster than they were looked at, and were dropped");
+        }
+    }
+
+    /// Puts everything that has come into the pictures on `wall`.
+    pub fn drain(&self, wall: &mut Wall, now_s: f64) {
+        while let Ok((key, payload)) = self.samples.try_recv() {
+            let Some((damper, topic)) = parts(&key) else { continue };
+            if !self.names.is_empty() && self.names.iter().all(|name| name != damper) {
+                continue;
+            }
+            if wall.picture(damper).is_none() && wall.len() < MOST_DAMPERS {
+                tracing::info!(damper, key, "watching");
+                wall.add(damper);
+            }
+            let Some(picture) = wall.picture(damper) else { continue };
+            match news(topic, &payload) {
+                Ok(Some(news)) => picture.take(news, now_s),
+                Ok(None) => {}
+                Err(error) => {
+                    tracing::debug!(key, %error, "a sample cannot be read");
+                    picture.note_unreadable();
+                }
+            }
+        }
+    }
+
+    /// Closes the session.
+    pub fn stop(self) {
+        if let Err(error) = self.session.close().wait() {
+            tracing::debug!(%error, "the Zenoh session did not close");
+        }
+    }
+}
+
+/// Damper and topic of a key.
+fn parts(key: &str) -> Option<(&str, &str)> {
+    key.strip_prefix("mr_damper/")?.rsplit_once("/web/")
+}
+
+/// A payload of any topic: what is not in it stays `None`, as null does.
+#[derive(Debug, Deserialize)]
+struct Payload {
+    stamp_ns: i64,
+    displacement_m: Option<f64>,
+    velocity_m_s: Option<f64>,
+    current_a: Option<f64>,
+    command_v: Option<f64>,
+    force_n: Option<f64>,
+    case_temp_c: Option<f64>,
+    std_dev_n: Option<f64>,
+    model: Option<String>,
+    mode: Option<String>,
+    validity: Option<String>,
+    reasons: Option<Vec<String>>,
+    input_age_s: Option<f64>,
+    band_low_n: Option<f64>,
+    band_high_n: Option<f64>,
+    band_calibrated: Option<bool>,
+    measured_n: Option<f64>,
+    predicted_n: Option<f64>,
+    residual_n: Option<f64>,
+    normalised: Option<f64>,
+    windowed_rsse_n: Option<f64>,
+    windowed_esr: Option<f64>,
+    window_s: Option<f64>,
+    alarm: Option<bool>,
+    force_requested_n: Option<f64>,
+    force_expected_n: Option<f64>,
+    achievable: Option<bool>,
+    dissipative: Option<bool>,
+    limited_by: Option<String>,
+    achievable_min_n: Option<f64>,
+    achievable_max_n: Option<f64>,
+    from_mode: Option<String>,
+    to_mode: Option<String>,
+    reason: Option<String>,
+}
+
+/// The message that a sample of `topic` stands for; none where the page has no use for the topic.
+fn news(topic: &str, payload: &[u8]) -> Result<Option<News>, serde_json::Error> {
+    if !super::TOPICS.contains(&topic) {
+        return Ok(None);
+    }
+    let p: Payload = serde_json::from_slice(payload)?;
+    let header = crate::wire::header(Stamp::from_nanos(p.stamp_ns), "");
+    let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    let variance = f64::NAN;
+    Ok(Some(match topic {
+        "displacement" => {
+            News::Displacement(Displacement { header, displacement: number(p.displacement_m), variance })
+        }
+        "velocity" => News::Velocity(Velocity { header, velocity: number(p.velocity_m_s), variance }),
+        "body_velocity" => {
+            News::BodyVelocity(Velocity { header, velocity: number(p.velocity_m_s), variance })
+        }
+        "coil_current" => News::CoilCurrent(CoilCurrent { header, current: number(p.current_a), variance }),
+        "command_voltage" => {
+            News::CommandVoltage(CommandVoltage { header, voltage: number(p.command_v), variance })
+        }
+        "measured_force" => News::MeasuredForce(Force { header, force: number(p.force_n), variance }),
+        "force_request" => News::ForceRequest(Force { header, force: number(p.force_n), variance }),
+        "case_temperature" => {
+            News::CaseTemperature(Temperature { header, temperature: number(p.case_temp_c), variance })
+        }
+        "force_estimate" => News::Estimate(ForceEstimate {
+            header,
+            force: number(p.force_n),
+            std_dev: number(p.std_dev_n),
+            model: p.model.unwrap_or_default(),
+            mode: mode(p.mode.as_deref()),
+            validity: find(Validity::ALL, Validity::name, p.validity.as_deref()),
+            reasons: reasons(&p.reasons.unwrap_or_default()),
+            input_age: number(p.input_age_s),
+            band_low: number(p.band_low_n),
+            band_high: number(p.band_high_n),
+            band_calibrated: p.band_calibrated.unwrap_or(false),
+        }),
+        "force_residual" => News::Residual(ForceResidual {
+            header,
+            measured: number(p.measured_n),
+            predicted: number(p.predicted_n),
+            residual: number(p.residual_n),
+            normalised: number(p.normalised),
+            windowed_rsse: number(p.windowed_rsse_n),
+            windowed_esr: number(p.windowed_esr),
+            window: number(p.window_s),
+            alarm: p.alarm.unwrap_or(false),
+        }),
+        "current_command" => News::Command(CurrentCommand {
+            header,
+            current: number(p.current_a),
+            force_requested: number(p.force_requested_n),
+            force_expected: number(p.force_expected_n),
+            achievable: p.achievable.unwrap_or(false),
+            dissipative: p.dissipative.unwrap_or(false),
+            limited_by: find(LimitedBy::ALL, LimitedBy::name, p.limited_by.as_deref()),
+            achievable_min: number(p.achievable_min_n),
+            achievable_max: number(p.achievable_max_n),
+        }),
+        _ => News::Mode(ModeChange {
+            header,
+            from_mode: mode(p.from_mode.as_deref()),
+            to_mode: mode(p.to_mode.as_deref()),
+            reason: p.reason.unwrap_or_default(),
+        }),
+    }))
+}
+
+fn mode(name: Option<&str>) -> u8 {
+    find(Mode::ALL, Mode::name, name)
+}
+
+/// The number of a name. Case is the mirror's own.
+fn find<T: Copy + Into<u8>>(all: &[T], name_of: fn(T) -> &'static str, name: Option<&str>) -> u8 {
+    let is_it = |value: &&T| name.is_some_and(|name| name_of(**value).eq_ignore_ascii_case(name));
+    all.iter().find(is_it).map_or(UNKNOWN, |value| (*value).into())
+}
+
+/// The bits of names; one that is not known here is some bit that is not known either.
+fn reasons(names: &[String]) -> Reasons {
+    let bit = |name: &String| {
+        let known = Reasons::ALL.iter().find(|(known, _)| known == name);
+        known.map_or(Reasons::from_bits(1 << 31), |(_, reason)| *reason)
+    };
+    names.iter().map(bit).fold(Reasons::NONE, |all, reason| all | reason)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(topic: &str, payload: &str) -> News {
+        news(topic, payload.as_bytes()).expect("it is read").expect("a topic of ours")
+    }
+
+    #[test]
+    fn payloads_are_the_messages_they_were_made_of() {
+        let estimate = r#"{"seq": 1, "stamp_ns": 7, "validity": "EXTRAPOLATING", "force_n": 119.0, "std_dev_n": null,
+            "model": "m", "mode": "arx_coast", "reasons": ["OUTSIDE_ENVELOPE", "OF_A_NEWER_NODE"], "input_age_s": 0.002,
+            "band_low_n": 1.0, "band_high_n": 2.0, "band_calibrated": true}"#;
+        let News::Estimate(estimate) = read("force_estimate", estimate) else { panic!("an estimate") };
+        assert_eq!((estimate.header.stamp.as_nanos(), estimate.force), (7, 119.0));
+        assert!(estimate.std_dev.is_nan());
+        assert_eq!(
+            (estimate.mode, estimate.validity),
+            (Mode::ArxCoast.into(), Validity::Extrapolating.into())
+        );
+        assert_eq!(estimate.reasons.names().collect::<Vec<_>>(), ["OUTSIDE_ENVELOPE"]);
+        assert_ne!(estimate.reasons.unknown_bits(), 0);
+        assert_eq!((estimate.band_low, estimate.band_high, estimate.band_calibrated), (1.0, 2.0, true));
+
+        let command = r#"{"seq": 1, "stamp_ns": 14, "validity": "DEGRADED", "current_a": 2.5, "force_requested_n": 900.0,
+            "force_expected_n": 700.0, "achievable": false, "dissipative": true, "limited_by": "CURRENT_MAX",
+            "achievable_min_n": 80.0, "achievable_max_n": 700.0}"#;
+        let News::Command(command) = read("current_command", command) else { panic!("a command") };
+        assert_eq!((command.current, command.limited_by), (2.5, LimitedBy::CurrentMax.into()));
+        assert_eq!((command.achievable_min, command.force_requested), (80.0, 900.0));
+
+        let residual = r#"{"seq": 1, "stamp_ns": 1, "validity": "VALID", "measured_n": 3.0, "predicted_n": 1.0,
+            "residual_n": 2.0, "normalised": 0.5, "windowed_rsse_n": 4.0, "windowed_esr": 0.25, "window_s": 5.0, "alarm": true}"#;
+        let News::Residual(residual) = read("force_residual", residual) else { panic!("a residual") };
+        assert_eq!((residual.residual, residual.windowed_esr, residual.alarm), (2.0, 0.25, true));
+
+        let mode = r#"{"seq": 1, "stamp_ns": 1, "validity": "VALID", "from_mode": "model", "to_mode": "dream", "reason": "r"}"#;
+        let News::Mode(mode) = read("mode", mode) else { panic!("a change of mode") };
+        assert_eq!((mode.from_mode, mode.to_mode), (Mode::Model.into(), UNKNOWN));
+        for (topic, field) in [
+            ("displacement", "displacement_m"),
+            ("velocity", "velocity_m_s"),
+            ("coil_current", "current_a"),
+            ("command_voltage", "command_v"),
+            ("measured_force", "force_n"),
+            ("case_temperature", "case_temp_c"),
+            ("force_request", "force_n"),
+            ("body_velocity", "velocity_m_s"),
+        ] {
+            let input =
+                read(topic, &format!(r#"{{"seq": 1, "stamp_ns": 5, "validity": "VALID", "{field}": 1.5}}"#));
+            assert_eq!(super::super::TOPICS[input.topic()], topic);
+            assert!(format!("{input:?}").contains("1.5"), "{input:?}");
+        }
+    }
+
+    #[test]
+    fn other_topics_are_left_and_rubbish_is_an_error() {
+        assert!(matches!(news("refused", b"{"), Ok(None)));
+        assert!(news("displacement", b"{}").is_err() && news("mode", b"\xff").is_err());
+        assert_eq!(parts("mr_damper/front/left/web/mode"), Some(("front/left", "mode")));
+        assert_eq!(parts("mr_damper/left/state/mode"), None);
+    }
+}
