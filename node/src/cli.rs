@@ -40,6 +40,7 @@ enum Command {
     Inverse(command::inverse::Args),
     Presets(command::presets::Args),
     Serve(command::serve::Args),
+    Top(command::top::Args),
 }
 
 impl Command {
@@ -49,6 +50,7 @@ impl Command {
             Self::Replay(_) => player::NODE,
             Self::Record(_) => command::record::NODE,
             Self::Serve(_) => command::serve::NODE,
+            Self::Top(_) => command::top::NODE,
             Self::Close(_) => command::close::live::NODE,
             _ => "mr_damper",
         }
@@ -117,5 +119,6 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Inverse(args) => command::inverse::run(&args, &around),
         Command::Presets(args) => command::presets::run(&args),
         Command::Serve(args) => command::serve::run(&args, &around),
+        Command::Top(args) => command::top::run(&args, &around),
     }
 }

@@ -18,6 +18,7 @@ pub mod replay;
 pub mod run_args;
 pub mod serve;
 pub mod simulate;
+pub mod top;
 
 use crate::config::RosArgs;
 use crate::interrupt::Interrupt;

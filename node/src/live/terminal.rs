@@ -2,8 +2,8 @@
 
 use super::board::Board;
 use super::{held_log, screen};
-use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{Event, KeyCode, KeyModifiers, poll, read};
+use ratatui::{DefaultTerminal, Frame};
 use std::io::IsTerminal;
 use std::time::Duration;
 
@@ -12,6 +12,14 @@ use std::time::Duration;
 pub enum Key {
     /// q, Esc or Ctrl-C: end.
     End,
+    /// Down or right: the next one.
+    Next,
+    /// Up or left: the one before.
+    Previous,
+    /// A digit from 1: this one, counted from zero.
+    Pick(usize),
+    /// Space: stop the picture, or go on.
+    Freeze,
 }
 
 /// A terminal with a screen on it. Dropping it, and a panic of any thread, puts the terminal back as it was.
@@ -38,7 +46,15 @@ impl Terminal {
     /// # Errors
     /// When the terminal is gone.
     pub fn draw(&mut self, board: &Board) -> std::io::Result<()> {
-        self.inner.draw(|frame| screen::draw(frame, board)).map(drop)
+        self.draw_with(|frame| screen::draw(frame, board))
+    }
+
+    /// Draws what `draw` does.
+    ///
+    /// # Errors
+    /// When the terminal is gone.
+    pub fn draw_with(&mut self, draw: impl FnOnce(&mut Frame<'_>)) -> std::io::Result<()> {
+        self.inner.draw(draw).map(drop)
     }
 
     /// The next key that means something, waiting for at most `timeout`.
@@ -46,9 +62,16 @@ impl Terminal {
     pub fn key(&self, timeout: Duration) -> Option<Key> {
         let Ok(true) = poll(timeout) else { return None };
         let Ok(Event::Key(key)) = read() else { return None };
-        // Raw mode takes Ctrl-C away from the signal handler.
-        let control_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-        (control_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc)).then_some(Key::End)
+        Some(match key.code {
+            // Raw mode takes Ctrl-C away from the signal handler.
+            KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Key::End,
+            KeyCode::Char('q') | KeyCode::Esc => Key::End,
+            KeyCode::Down | KeyCode::Right => Key::Next,
+            KeyCode::Up | KeyCode::Left => Key::Previous,
+            KeyCode::Char(' ') => Key::Freeze,
+            KeyCode::Char(digit @ '1'..='9') => Key::Pick(digit as usize - '1' as usize),
+            _ => return None,
+        })
     }
 }
 

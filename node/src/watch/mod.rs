@@ -1,8 +1,8 @@
 //! What is going on, for those who watch: each damper's figures and charts, and how old they are.
 //!
 //! ```text
-//! ROS topics ───→ ros.rs ───┬→ News ─→ Picture (one a damper) ─→ Wall ─→ JSON ─→ serve/
-//! Zenoh mirror ─→ zenoh.rs ─┘
+//! ROS topics ───→ ros.rs ───┬→ News ─→ Picture (one a damper) ─→ Wall ─┬→ JSON ─→ serve/
+//! Zenoh mirror ─→ zenoh.rs ─┘                                       └→ screen.rs, the terminal's
 //! ```
 //!
 //! A watcher is a peer as any other: it subscribes, and nothing of it reaches a node. Only `ros.rs` knows of ROS, and `zenoh.rs` of
@@ -11,7 +11,9 @@
 mod news;
 mod picture;
 pub mod ros;
+pub mod screen;
 mod slope;
+pub mod source;
 mod state;
 mod trail;
 mod wall;

@@ -229,3 +229,48 @@ fn charts_go_on_from_batch_to_batch_and_begin_anew_when_time_is_set_back() {
     assert_eq!(start["points"][0]["estimate"], anew["points"][0]["estimate"]);
     assert_eq!((&start["batch"], &start["schema"]), (&expected!(4), &expected!("mr-damper/serve/1")));
 }
+
+fn on_screen(wall: &Wall, now_s: f64, selected: usize, frozen_s: Option<f64>, size: (u16, u16)) -> String {
+    let states = wall.snapshot(now_s).dampers;
+    let picture = wall.pictures().nth(selected);
+    let points = picture.and_then(|picture| picture.points(&mut Cursor::default()));
+    let points = points.as_ref();
+    let view = screen::View { states: &states, selected, points, frozen_s, origin: "on ROS" };
+    let backend = ratatui::backend::TestBackend::new(size.0, size.1);
+    let mut terminal = ratatui::Terminal::new(backend).expect("a test backend cannot fail");
+    terminal.draw(|frame| screen::draw(frame, &view)).expect("a test backend cannot fail");
+    terminal.backend().to_string()
+}
+
+/// Two dampers: one speaks until 3 s, the other has fallen silent at 1 s.
+fn vehicle() -> Wall {
+    let mut wall = Wall::default();
+    wall.add("front_left");
+    wall.add("front_right");
+    for k in 0..300 {
+        let at_s = f64::from(k) * 0.01;
+        for name in ["front_left", "front_right"].into_iter().take(if k < 100 { 2 } else { 1 }) {
+            wall.take(name, displacement(at_s, 0.0), at_s);
+            wall.take(name, residual(at_s, name == "front_left"), at_s);
+            wall.take(name, estimate(at_s, Mode::Model, Validity::Valid, Reasons::NONE), at_s);
+        }
+    }
+    let change =
+        ModeChange { header: header(2.0), from_mode: 0, to_mode: 2, reason: "no measured force".to_owned() };
+    wall.take("front_left", News::Mode(change), 2.0);
+    wall
+}
+
+#[test]
+fn a_terminal_shows_what_is_and_leaves_out_what_was() {
+    let wall = vehicle();
+    insta::assert_snapshot!(on_screen(&wall, 3.0, 0, None, (80, 24)));
+    let silent = on_screen(&wall, 3.0, 1, Some(4.2), (110, 30));
+    insta::assert_snapshot!(silent);
+    for (width, height) in [(1, 1), (20, 4), (300, 90)] {
+        on_screen(&Wall::default(), 0.0, 0, None, (width, height));
+        on_screen(&wall, 3.0, 1, None, (width, height));
+    }
+    let lines: Vec<String> = wall.snapshot(3.0).dampers.iter().map(screen::line).collect();
+    insta::assert_snapshot!(lines.join("\n"));
+}

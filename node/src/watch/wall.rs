@@ -105,6 +105,11 @@ impl Wall {
         Some(&mut self.pictures[place].0)
     }
 
+    /// All pictures.
+    pub fn pictures(&self) -> impl Iterator<Item = &Picture> {
+        self.pictures.iter().map(|(picture, _)| picture)
+    }
+
     fn place(&self, name: &str) -> Result<usize, usize> {
         self.pictures.binary_search_by(|(picture, _)| picture.name().cmp(name))
     }
@@ -130,8 +135,7 @@ impl Wall {
     /// which a reader knows by their times.
     #[must_use]
     pub fn start(&self, now_s: f64) -> Snapshot<'_> {
-        let pictures = self.pictures.iter().map(|(picture, _)| picture);
-        let points = pictures.filter_map(|picture| picture.points(&mut Cursor::default())).collect();
+        let points = self.pictures().filter_map(|picture| picture.points(&mut Cursor::default())).collect();
         Snapshot { points, ..self.snapshot(now_s) }
     }
 

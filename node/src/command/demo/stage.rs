@@ -7,7 +7,7 @@ use crate::config::Config;
 use crate::error::NodeError;
 use crate::hot::Inlet;
 use crate::interrupt::Interrupt;
-use crate::live::{Board, Counts, Headline, Histogram, Terminal, plain};
+use crate::live::{Board, Counts, Headline, Histogram, Key, Terminal, plain};
 use crate::player::{Plan, Played, Player};
 use crate::report::Recording;
 use crate::ros::{Ros, Task};
@@ -242,7 +242,7 @@ impl<'a> Live<'a> {
             match &mut terminal {
                 Some(terminal) => {
                     let drawn = terminal.draw(&board);
-                    if drawn.is_err() || terminal.key(FRAME).is_some() {
+                    if drawn.is_err() || terminal.key(FRAME) == Some(Key::End) {
                         // A terminal that is gone ends the demo as its user would have.
                         around.interrupt.raise();
                     }

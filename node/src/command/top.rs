@@ -1,0 +1,139 @@
+//! `mr-damper top`: the dampers live, in a terminal.
+
+use crate::command::Surroundings;
+use crate::error::NodeError;
+use crate::live::{Key, Terminal};
+use crate::watch::screen::{self, View};
+use crate::watch::source::{Source, SourceArgs};
+use crate::watch::{Cursor, Origin, Points, State, Wall};
+use std::io::Write;
+use std::time::{Duration, Instant};
+
+/// Name of the node, unless it is given another.
+pub const NODE: &str = "mr_damper_top";
+
+/// How long a frame stands: the screen is drawn some twelve times a second.
+const FRAME: Duration = Duration::from_millis(80);
+/// How often messages are looked for in between.
+const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// Spacing of lines, where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(1);
+
+/// Show what dampers do, live, in a terminal; without one, a line a second for each.
+///
+/// Dampers are found as they come: whoever publishes force_estimate in this namespace (--ros-args -r __ns:=/vehicle) or below it.
+/// Arrows or digits select a damper, space freezes the screen, q ends.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// What is watched.
+    #[command(flatten)]
+    pub source: SourceArgs,
+}
+
+/// Shows the dampers until a key or a signal ends it.
+///
+/// # Errors
+/// When ROS or Zenoh does not start, or the terminal is gone.
+pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    let mut source = Source::start(&args.source, around, NODE)?;
+    let shown = match Terminal::start() {
+        Some(terminal) => on_screen(&mut source, args.source.origin(), terminal, around),
+        None => in_lines(&mut source, args.source.origin(), around),
+    };
+    source.stop();
+    shown
+}
+
+/// Listens until `deadline`; false when a signal has come.
+fn listen(
+    source: &mut Source,
+    wall: &mut Wall,
+    began: Instant,
+    deadline: Instant,
+    around: &Surroundings,
+) -> Result<bool, NodeError> {
+    loop {
+        source.bring(wall, began.elapsed().as_secs_f64())?;
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() || around.interrupt.is_raised() {
+            return Ok(!around.interrupt.is_raised());
+        }
+        std::thread::sleep(left.min(LOOK_EVERY));
+    }
+}
+
+fn in_lines(source: &mut Source, origin: Origin, around: &Surroundings) -> Result<(), NodeError> {
+    let (mut wall, began) = (Wall::of(origin), Instant::now());
+    let mut stdout = std::io::stdout();
+    for round in 1.. {
+        if !listen(source, &mut wall, began, began + LINE_EVERY * round, around)? {
+            break;
+        }
+        let snapshot = wall.snapshot(began.elapsed().as_secs_f64());
+        let mut text: String = snapshot
+            .dampers
+            .iter()
+            .map(|state| format!("{:7.1} s  {}\n", snapshot.now_s, screen::line(state)))
+            .collect();
+        if text.is_empty() {
+            text = format!("{:7.1} s  no damper has been found yet\n", snapshot.now_s);
+        }
+        // A reader that is gone, as `head` is, is the end of it.
+        if stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()).is_err() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// What is on the screen while it is frozen: figures, and when.
+struct Frozen {
+    wall: Wall,
+    at_s: f64,
+}
+
+fn on_screen(
+    source: &mut Source,
+    origin: Origin,
+    mut terminal: Terminal,
+    around: &Surroundings,
+) -> Result<(), NodeError> {
+    let (mut wall, began) = (Wall::of(origin), Instant::now());
+    let (mut selected, mut frozen) = (0, None::<Frozen>);
+    while listen(source, &mut wall, began, Instant::now() + FRAME, around)? {
+        let now_s = began.elapsed().as_secs_f64();
+        let (shown, at_s) = frozen.as_ref().map_or((&wall, now_s), |frozen| (&frozen.wall, frozen.at_s));
+        let states = shown.snapshot(at_s).dampers;
+        let points = states.get(selected).and_then(|state: &State| points_of(shown, &state.name));
+        let view = View {
+            states: &states,
+            selected,
+            points: points.as_ref(),
+            frozen_s: frozen.as_ref().map(|frozen| now_s - frozen.at_s),
+            origin: match origin {
+                Origin::Ros => "on ROS",
+                Origin::Zenoh => "on the Zenoh mirror, thinned",
+            },
+        };
+        terminal
+            .draw_with(|frame| screen::draw(frame, &view))
+            .map_err(NodeError::io("drawing the screen"))?;
+        let count = states.len();
+        match terminal.key(Duration::ZERO) {
+            Some(Key::End) => return Ok(()),
+            Some(Key::Next) if count > 0 => selected = (selected + 1) % count,
+            Some(Key::Previous) if count > 0 => selected = (selected + count - 1) % count,
+            Some(Key::Pick(index)) if index < count => selected = index,
+            Some(Key::Freeze) => {
+                frozen =
+                    if frozen.is_none() { Some(Frozen { wall: wall.clone(), at_s: now_s }) } else { None };
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn points_of<'a>(wall: &'a Wall, name: &str) -> Option<Points<'a>> {
+    wall.pictures().find(|picture| picture.name() == name)?.points(&mut Cursor::default())
+}

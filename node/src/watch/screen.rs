@@ -1,0 +1,237 @@
+//! All dampers on a terminal: a row each, and below it more of the one that is selected.
+
+use super::picture::Points;
+use super::state::{Aged, Level, State};
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style, Stylize};
+use ratatui::symbols::Marker;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Axis, Block, Cell, Chart, Dataset, GraphType, Paragraph, Row, Table, Wrap};
+
+/// Seconds of force in the chart.
+const CHART_S: f64 = 5.0;
+
+/// What is on the screen.
+#[derive(Debug)]
+pub struct View<'a> {
+    /// All dampers.
+    pub states: &'a [State],
+    /// Which of them has its chart.
+    pub selected: usize,
+    /// The points of its chart.
+    pub points: Option<&'a Points<'a>>,
+    /// Seconds since the screen was frozen, where it is.
+    pub frozen_s: Option<f64>,
+    /// Where the news come from.
+    pub origin: &'a str,
+}
+
+/// Draws the view over the whole frame.
+pub fn draw(frame: &mut Frame<'_>, view: &View<'_>) {
+    let rows = u16::try_from(view.states.len()).unwrap_or(u16::MAX).saturating_add(1);
+    let [top, table, status, detail, chart, foot] = Layout::vertical([
+        Constraint::Length(1),
+        Constraint::Length(rows.clamp(2, 17)),
+        Constraint::Length(3),
+        Constraint::Length(7),
+        Constraint::Min(5),
+        Constraint::Length(1),
+    ])
+    .areas(frame.area());
+    draw_top(frame, top, view);
+    draw_table(frame, table, view);
+    if let Some(state) = view.states.get(view.selected) {
+        let words = format!("{}: {}", state.name, state.status);
+        let words = Paragraph::new(words).wrap(Wrap { trim: true }).style(level_style(state.level));
+        frame.render_widget(words, status);
+        draw_detail(frame, detail, state);
+        draw_chart(frame, chart, view.points, state.level == Level::Silent);
+    }
+    let keys = "↑ ↓ or 1 to 9 select · space freezes · q ends";
+    frame.render_widget(Line::from(keys).add_modifier(Modifier::DIM), foot);
+}
+
+fn draw_top(frame: &mut Frame<'_>, area: Rect, view: &View<'_>) {
+    let mut spans =
+        vec![Span::from(" mr-damper top ").bold().reversed(), Span::from(format!(" {}", view.origin))];
+    if let Some(frozen_s) = view.frozen_s {
+        let text = format!("  FROZEN {frozen_s:.0} s ago: what is shown is of then ");
+        spans.push(Span::from(text).fg(Color::Black).bg(Color::Yellow));
+    }
+    frame.render_widget(Line::from(spans), area);
+}
+
+fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View<'_>) {
+    if view.states.is_empty() {
+        frame.render_widget(
+            Line::from("no damper has been found yet: nobody publishes force_estimate here"),
+            area,
+        );
+        return;
+    }
+    let rows = view.states.iter().enumerate().map(|(index, state)| row(state, index == view.selected));
+    let numbers = ["est. N", "meas. N", "resid. N"].map(|name| format!("{name:>8}"));
+    let head = ["damper".into(), "mode".into(), "validity".into()].into_iter().chain(numbers);
+    let head = head.chain([format!("{:>6}", "A"), format!("{:>5}", "Hz")]);
+    let widths = [
+        Constraint::Fill(1),
+        Constraint::Length(9),
+        Constraint::Length(13),
+        Constraint::Length(8),
+        Constraint::Length(8),
+        Constraint::Length(8),
+        Constraint::Length(6),
+        Constraint::Length(5),
+    ];
+    let table = Table::new(rows, widths).column_spacing(1).header(Row::new(head).dim());
+    frame.render_widget(table, area);
+}
+
+/// A damper's row. What is old is left out of it: a dash cannot be mistaken for the present.
+fn row(state: &State, is_selected: bool) -> Row<'static> {
+    let style = level_style(state.level);
+    let estimate = state.estimate.as_ref().filter(|estimate| !estimate.stale).map(|estimate| &estimate.value);
+    let measured = fresh(state.measured.as_ref()).map(|measured| measured.force_n);
+    let residual = fresh(state.residual.as_ref());
+    let alarm = residual.is_some_and(|residual| residual.alarm);
+    let mode = estimate.map_or("-".to_owned(), |estimate| estimate.mode.clone());
+    let validity = match estimate {
+        _ if alarm => Cell::from("ALARM").style(Style::new().fg(Color::Red).bold()),
+        Some(estimate) => Cell::from(estimate.validity.clone()),
+        None => Cell::from("silent"),
+    };
+    let mark = if is_selected { "▶" } else { " " };
+    let hz = state.rates_hz.get("force_estimate").copied().unwrap_or(0.0);
+    Row::new([
+        Cell::from(format!("{mark}{}", state.name)),
+        Cell::from(mode.clone()).style(Style::new().fg(mode_colour(&mode))),
+        validity,
+        number(estimate.map(|estimate| estimate.force_n), 8, 1),
+        number(measured, 8, 1),
+        number(residual.map(|residual| residual.residual_n), 8, 1),
+        number(fresh(state.command.as_ref()).map(|command| command.current_a), 6, 3),
+        Cell::from(format!("{hz:5.0}")),
+    ])
+    .style(if is_selected { style.bold() } else { style })
+}
+
+fn fresh<T>(reading: Option<&Aged<T>>) -> Option<&T> {
+    reading.filter(|reading| !reading.stale).map(|reading| &reading.value)
+}
+
+fn number(value: Option<f64>, width: usize, digits: usize) -> Cell<'static> {
+    Cell::from(format!("{:>width$}", figure(value, digits)))
+}
+
+fn figure(value: Option<f64>, digits: usize) -> String {
+    value.filter(|value| value.is_finite()).map_or("-".to_owned(), |value| format!("{value:.digits$}"))
+}
+
+fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &State) {
+    let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(area);
+    let mut lines = Vec::new();
+    if let Some(estimate) = fresh(state.estimate.as_ref()) {
+        let calibrated = if estimate.band_calibrated { "" } else { ", not calibrated" };
+        let band = [estimate.band_low_n, estimate.band_high_n].map(|end| figure(Some(end), 0));
+        lines.push(format!("90 % band {} to {} N{calibrated}", band[0], band[1]));
+        lines.push(format!("model {}", estimate.model));
+    }
+    if let Some(residual) = fresh(state.residual.as_ref()) {
+        let [rsse, esr] = [(residual.windowed_rsse_n, 1), (residual.windowed_esr, 3)]
+            .map(|(value, digits)| figure(Some(value), digits));
+        lines.push(format!("free run {} N", figure(Some(residual.predicted_n), 1)));
+        lines.push(format!("RSSE {rsse} N, ESR {esr} over {:.0} s", residual.window_s));
+    }
+    if let Some(command) = fresh(state.command.as_ref()) {
+        let ends = [command.achievable_min_n, command.achievable_max_n].map(|end| figure(Some(end), 0));
+        let asked = figure(Some(command.force_requested_n), 0);
+        lines.push(format!("asked {asked} of {} to {} N, limit {}", ends[0], ends[1], command.limited_by));
+    }
+    let now = Paragraph::new(lines.join("\n")).block(Block::bordered().title(" now "));
+    frame.render_widget(now, left);
+    let changes = state
+        .changes
+        .iter()
+        .map(|change| format!("{:4.0} s ago → {}: {}", change.age_s, change.to, change.reason));
+    let changes = Paragraph::new(changes.collect::<Vec<_>>().join("\n"));
+    frame.render_widget(changes.block(Block::bordered().title(" changes of mode ")), right);
+}
+
+fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&Points<'_>>, is_silent: bool) {
+    let series = |is_estimate: bool| -> Vec<(f64, f64)> {
+        let Some(points) = points else { return Vec::new() };
+        if is_estimate {
+            points.estimate.iter().map(|point| (point.at_s, f64::from(point.values[0]))).collect()
+        } else {
+            points.measured.iter().map(|point| (point.at_s, f64::from(point.values[0]))).collect()
+        }
+    };
+    let (measured, estimate) = (series(false), series(true));
+    let all = || measured.iter().chain(&estimate);
+    let end_s = all().map(|point| point.0).fold(CHART_S, f64::max);
+    let bound = all()
+        .filter(|point| end_s - point.0 <= CHART_S && point.1.is_finite())
+        .fold(10.0_f64, |bound, point| bound.max(1.1 * point.1.abs()));
+    let colours = if is_silent { [Color::DarkGray; 2] } else { [Color::Gray, Color::Cyan] };
+    let set = |data, colour| {
+        Dataset::default().marker(Marker::Braille).graph_type(GraphType::Scatter).style(colour).data(data)
+    };
+    let title = Line::from(vec![
+        Span::raw(if is_silent { " force before it fell silent, N: " } else { " force, N: " }),
+        Span::styled("• measured  ", colours[0]),
+        Span::styled("• estimate ", colours[1]),
+    ]);
+    let quiet = Style::new().fg(Color::DarkGray);
+    let y_labels = [-bound, 0.0, bound].map(|n| format!("{n:6.0}"));
+    let chart = Chart::new(vec![set(&measured, colours[0]), set(&estimate, colours[1])])
+        .block(Block::bordered().title(title))
+        .legend_position(None)
+        .x_axis(
+            Axis::default()
+                .style(quiet)
+                .bounds([end_s - CHART_S, end_s])
+                .labels([format!("-{CHART_S:.0} s"), "last".to_owned()]),
+        )
+        .y_axis(Axis::default().style(quiet).bounds([-bound, bound]).labels(y_labels));
+    frame.render_widget(chart, area);
+}
+
+/// A damper in one line, for where there is no terminal.
+#[must_use]
+pub fn line(state: &State) -> String {
+    let mut text = format!("{}: {}", state.name, state.status);
+    if let Some(estimate) = fresh(state.estimate.as_ref()) {
+        text += &format!("; F {} N", figure(Some(estimate.force_n), 1));
+    }
+    if let Some(measured) = fresh(state.measured.as_ref()) {
+        text += &format!(", measured {} N", figure(Some(measured.force_n), 1));
+    }
+    if let Some(residual) = fresh(state.residual.as_ref()) {
+        let (rsse, esr) = (figure(Some(residual.windowed_rsse_n), 1), figure(Some(residual.windowed_esr), 3));
+        text += &format!(", RSSE {rsse} N ESR {esr}");
+    }
+    if let Some(command) = fresh(state.command.as_ref()) {
+        text += &format!(", commanded {} A", figure(Some(command.current_a), 3));
+    }
+    text + &format!("; {:.0} Hz", state.rates_hz.get("force_estimate").copied().unwrap_or(0.0))
+}
+
+const fn level_style(level: Level) -> Style {
+    match level {
+        Level::Good => Style::new(),
+        Level::Warning => Style::new().fg(Color::Yellow),
+        Level::Bad | Level::Silent => Style::new().fg(Color::Red),
+    }
+}
+
+fn mode_colour(mode: &str) -> Color {
+    match mode {
+        "arx" => Color::Green,
+        "arx_coast" => Color::Yellow,
+        "model" => Color::Magenta,
+        "hold" => Color::Gray,
+        "fault" => Color::Red,
+        _ => Color::Reset,
+    }
+}
