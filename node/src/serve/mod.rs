@@ -83,10 +83,13 @@ impl Live {
         self.wall.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Makes a batch and offers it to all streams.
+    /// Makes a batch and offers it to all streams, if there are any. What is not sent then is in the start of the next one.
     pub fn send_batch(&self) {
+        if self.batches.receiver_count() == 0 {
+            return;
+        }
         let (number, json) = self.wall().batch(self.now_s());
-        // An error says that nobody listens.
+        // An error says that nobody listens any more.
         let _ = self.batches.send(Batch { number, json: json.into() });
     }
 }
