@@ -153,8 +153,9 @@ impl Stream {
 
     /// All events up to the first one called `event`.
     pub(crate) fn read_until_event(&mut self, event: &str) -> Vec<News> {
-        let mut all = vec![self.next()];
+        let (mut all, begun) = (vec![self.next()], Instant::now());
         while all[all.len() - 1].event != event {
+            assert!(begun.elapsed() < 2 * ANSWER, "no {event} among {} events", all.len());
             all.push(self.next());
         }
         all
