@@ -24,6 +24,8 @@ const KEYS: &str = "mr_damper/**/web/*";
 const BACKLOG: usize = 16_384;
 /// How often connections are counted, s.
 const LOOK_EVERY_S: f64 = 1.0;
+/// When it is said that nobody is there, s.
+const PATIENCE_S: f64 = 3.0;
 /// What a name that is not known here becomes: no number of the interface.
 const UNKNOWN: u8 = u8::MAX;
 
@@ -38,6 +40,8 @@ pub struct ZenohSource {
     lost: Arc<AtomicU64>,
     names: Vec<String>,
     looked_s: f64,
+    /// Nobody was there yet, and that was said.
+    is_alone: bool,
     connected: Option<usize>,
 }
 
@@ -96,6 +100,7 @@ impl ZenohSource {
             lost,
             names,
             looked_s: f64::NEG_INFINITY,
+            is_alone: false,
             connected: None,
         })
     }
@@ -111,8 +116,18 @@ impl ZenohSource {
         let connected = info.routers_zid().wait().count() + info.peers_zid().wait().count();
         let before = self.connected.replace(connected);
         match (before, connected) {
-            // The first look is too early to complain.
-            (None, _) => self.connected = (connected > 0).then_some(connected),
+            // The first looks are too early to complain.
+            (None, 0) => {
+                self.connected = None;
+                if now_s > PATIENCE_S && !self.is_alone {
+                    self.is_alone = true;
+                    tracing::warn!(
+                        "no Zenoh mirror or router at {} yet; trying on: is it running?",
+                        self.endpoint
+                    );
+                }
+            }
+            (None, _) => {}
             (Some(before), now) if before == now => {}
             (Some(_), 0) => tracing::warn!("nobody is at {} any more; trying on", self.endpoint),
             (Some(_), _) => {}
