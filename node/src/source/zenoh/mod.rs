@@ -6,7 +6,7 @@
 //! ```
 //!
 //! A command is put to `mr_damper/<damper>/cmd/<name>`, or asked for there with [`Query`]: then the answer says what became of
-//! it. [`order`] says what it holds. Who may command is for Zenoh's access control to say, before a command gets here.
+//! it. `order.rs` says what it holds. Who may command is for Zenoh's access control to say, before a command gets here.
 
 mod order;
 
