@@ -27,7 +27,7 @@ const ROWS = [
   ["measured.force_n", "force, measured", "N", 1],
   ["residual.predicted_n", "force, free run", "N", 1],
   ["residual.residual_n", "residual", "N", 1],
-  ["residual.normalised", "residual over its standard deviation", "", 2],
+  ["residual.normalised", "residual over the RSSE to expect", "", 2],
   ["residual.windowed_rsse_n", "RSSE over the window", "N", 1],
   ["residual.windowed_esr", "ESR over the window", "", 4],
   ["residual.window_s", "window", "s", 1],

@@ -43,7 +43,7 @@ pub enum ZenohError {
     /// Anybody on a network could command the damper.
     #[error(
         "Zenoh endpoint `{endpoint}` is not on loopback and commands are taken, but nobody has said from whom: give a \
-         configuration file with access_control enabled (launch-configs/zenoh/ has some), or take no commands"
+         configuration file with access_control enabled and default_permission deny (launch-configs/zenoh/ has some), or take no commands"
     )]
     AnybodyCommands {
         /// The endpoint as given.

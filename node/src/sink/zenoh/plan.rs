@@ -25,7 +25,7 @@ pub(super) struct Plan {
     pub(super) mode: SessionMode,
     pub(super) listen: Vec<String>,
     pub(super) connect: Vec<String>,
-    /// The file says who may do what.
+    /// The file says who may do what, and nobody else may do anything.
     pub(super) access_control: bool,
     pub(super) zenoh: zenoh::Config,
 }
@@ -55,13 +55,7 @@ impl Plan {
         let (listen, connect) =
             (endpoints(&config.listen, "listen")?, endpoints(&config.connect, "connect")?);
         let zenoh = zenoh::Config::from_json5(&text).map_err(|error| refuse(plain(&error)))?;
-        let mut plan = Self {
-            mode,
-            listen,
-            connect,
-            access_control: said.pointer("/access_control/enabled") == Some(&Value::Bool(true)),
-            zenoh,
-        };
+        let mut plan = Self { mode, listen, connect, access_control: is_closed(&said), zenoh };
         plan.check(config)?;
         let scouts = said.pointer("/scouting/multicast/enabled") == Some(&Value::Bool(true));
         if scouts && !config.allow_non_loopback {
@@ -163,6 +157,12 @@ impl Plan {
     }
 }
 
+/// True where access control lets nobody do what no rule allows. One that only forbids this and that is none of commands.
+fn is_closed(said: &Value) -> bool {
+    let allows = said.pointer("/access_control/default_permission").and_then(Value::as_str) == Some("allow");
+    said.pointer("/access_control/enabled") == Some(&Value::Bool(true)) && !allows
+}
+
 /// The text of a file, and what it says.
 fn read(path: &Path) -> Result<(String, Value), ZenohError> {
     let refuse = |why: String| ZenohError::File { path: path.to_owned(), why };
@@ -247,13 +247,26 @@ mod tests {
 
         let (_file, config) = with_file(
             "{ connect: { endpoints: ['tcp/localhost:7447'], timeout_ms: 7 }, access_control: { enabled: true,
-               default_permission: 'allow' } }",
+               default_permission: 'deny' } }",
         );
         let plan = Plan::of(&config).expect("it is right");
         assert_eq!((plan.mode, plan.access_control), (SessionMode::Peer, true));
         assert_eq!(json(&plan, "connect/timeout_ms"), "7");
         let stronger = ZenohConfig { connect: vec!["tcp/127.0.0.1:9".to_owned()], ..config };
         assert_eq!(Plan::of(&stronger).expect("it is right").connect, ["tcp/127.0.0.1:9"]);
+    }
+
+    #[test]
+    fn rules_that_only_forbid_do_not_close_a_network_to_commands() {
+        for (permission, closed) in [("deny", true), ("allow", false)] {
+            let (_file, config) = with_file(&format!(
+                "{{ listen: {{ endpoints: ['tcp/0.0.0.0:0'] }},
+                   access_control: {{ enabled: true, default_permission: '{permission}' }} }}"
+            ));
+            let config =
+                ZenohConfig { allow_non_loopback: true, commands: vec!["set_mode".to_owned()], ..config };
+            assert_eq!(Plan::of(&config).is_ok(), closed, "{permission}");
+        }
     }
 
     #[test]
