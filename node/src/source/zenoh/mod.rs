@@ -151,6 +151,7 @@ fn declare(
         let key = format!("mr_damper/{damper}/cmd/{}", kind.name());
         // Zenoh's own threads call these: they must not wait.
         let door = Door { key: key.clone(), kind, queue: queue.clone(), counters: Arc::clone(counters) };
+        let asked = door.clone();
         let subscriber = session
             .declare_subscriber(key.clone())
             .callback(move |sample| {
@@ -161,14 +162,13 @@ fn declare(
                 );
             })
             .wait()?;
-        let door = Door { key: key.clone(), kind, queue: queue.clone(), counters: Arc::clone(counters) };
         let queryable = session
             .declare_queryable(key)
             .callback(move |query| {
                 let payload = query.payload().cloned().unwrap_or_default();
                 let is_cbor = query.encoding() == Some(&Encoding::APPLICATION_CBOR);
                 let key = query.key_expr().clone();
-                door.let_in(&key, Incoming { kind, payload, is_cbor, query: Some(query) });
+                asked.let_in(&key, Incoming { kind, payload, is_cbor, query: Some(query) });
             })
             .wait()?;
         Ok((subscriber, queryable))
@@ -177,6 +177,7 @@ fn declare(
 }
 
 /// Where commands of one key come in.
+#[derive(Clone)]
 struct Door {
     key: String,
     kind: Kind,
