@@ -5,7 +5,7 @@
 use super::news::News;
 use super::wall::{MOST_DAMPERS, Wall};
 use crate::error::NodeError;
-use crate::sink::zenoh::ZenohConfig;
+use crate::sink::zenoh::{Link, ZenohConfig};
 use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::standard::Temperature;
 use mr_damper_msgs::{
@@ -16,7 +16,7 @@ use serde::Deserialize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
-use zenoh::{Session, Wait};
+use zenoh::Wait;
 
 /// Keys of all dampers; names may be paths.
 const KEYS: &str = "mr_damper/**/web/*";
@@ -34,7 +34,7 @@ type Raw = (String, Vec<u8>);
 
 /// A subscription to the mirror of all dampers.
 pub struct ZenohSource {
-    session: Session,
+    link: Link,
     endpoint: String,
     samples: Receiver<Raw>,
     lost: Arc<AtomicU64>,
@@ -52,31 +52,16 @@ impl ZenohSource {
     /// When the endpoint is none, or Zenoh opens no session.
     pub fn start(endpoint: &str, names: &[String]) -> Result<Self, NodeError> {
         // A connection that was asked for by its address may go anywhere.
-        ZenohConfig {
+        let config = ZenohConfig {
             connect: vec![endpoint.to_owned()],
             allow_non_loopback: true,
             ..ZenohConfig::default()
-        }
-        .validate()
-        .map_err(|error| NodeError::Usage(format!("--zenoh: {error}")))?;
+        };
+        config.validate().map_err(|error| NodeError::Usage(format!("--zenoh: {error}")))?;
         let failed =
             |why: zenoh::Error| NodeError::Failed(format!("opening a Zenoh session to {endpoint}: {why}"));
-        let mut config = zenoh::Config::default();
-        for (key, value) in [
-            ("mode", "\"peer\"".to_owned()),
-            // Said, for unsaid it is all interfaces.
-            ("listen/endpoints", "[]".to_owned()),
-            ("connect/endpoints", format!("[{endpoint:?}]")),
-            ("connect/timeout_ms", "-1".to_owned()),
-            ("connect/exit_on_failure", "false".to_owned()),
-            ("connect/retry", "{period_init_ms: 100, period_max_ms: 1000}".to_owned()),
-            ("scouting/multicast/enabled", "false".to_owned()),
-            ("scouting/gossip/enabled", "false".to_owned()),
-            ("open/return_conditions/connect_scouted", "false".to_owned()),
-        ] {
-            config.insert_json5(key, &value).map_err(failed)?;
-        }
-        let session = zenoh::open(config).wait().map_err(failed)?;
+        let link = Link::open(&config)?;
+        let session = link.session().ok_or_else(|| failed("it was closed".into()))?;
         let (sender, samples) = sync_channel(BACKLOG);
         let lost = Arc::new(AtomicU64::new(0));
         let dropped = Arc::clone(&lost);
@@ -94,7 +79,7 @@ impl ZenohSource {
             .map_err(failed)?;
         let names = names.iter().map(|name| name.trim_matches('/').to_owned()).collect();
         Ok(Self {
-            session,
+            link,
             endpoint: endpoint.to_owned(),
             samples,
             lost,
@@ -112,8 +97,7 @@ impl ZenohSource {
         }
         self.looked_s = now_s;
         self.names.iter().for_each(|name| wall.add(name));
-        let info = self.session.info();
-        let connected = info.routers_zid().wait().count() + info.peers_zid().wait().count();
+        let connected = self.link.connected();
         let before = self.connected.replace(connected);
         match (before, connected) {
             // The first looks are too early to complain.
@@ -163,9 +147,7 @@ impl ZenohSource {
 
     /// Closes the session.
     pub fn stop(self) {
-        if let Err(error) = self.session.close().wait() {
-            tracing::debug!(%error, "the Zenoh session did not close");
-        }
+        self.link.close();
     }
 }
 
