@@ -8,6 +8,7 @@ use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::listed_peers::ListedPeers;
 use crate::security::Enclave;
+use futures::FutureExt;
 use futures::channel::oneshot;
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::{Action, Message, Service};
@@ -375,6 +376,19 @@ impl Ros {
         let of_ros = |topic: &str| topic.strip_prefix("rt/").map(|name| format!("/{name}"));
         let topics = writers.into_iter().map(|writer| writer.publication_topic_data);
         topics.filter_map(|topic| Some((of_ros(&topic.topic_name)?, topic.type_name))).collect()
+    }
+
+    /// Whether a server of `client` is there now, so that a request is not lost.
+    ///
+    /// To be asked again and again: ros2-client 0.12's future for the same is woken through a channel of eight events, and
+    /// where discovery brings more at a time it may wait for ever. Polled once, it looks at what is matched.
+    #[must_use]
+    pub fn reaches<Q, R>(&self, client: &Client<Q, R>) -> bool
+    where
+        Q: ros2_client::Message + 'static,
+        R: ros2_client::Message + 'static,
+    {
+        client.wait_for_service(&self.node).now_or_never().is_some()
     }
 
     /// The node.

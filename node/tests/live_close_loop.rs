@@ -1,7 +1,10 @@
 //! The action `close_loop` on the real service, over real DDS, by a client of its own and by `mr-damper close --live`: it names
 //! what the running model lacks, can be cancelled, and swaps nothing in unasked.
 
+mod live_support;
+
 use futures::StreamExt;
+use live_support::{wait_until, within};
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
 use mr_damper_model::model::Model;
@@ -81,10 +84,10 @@ impl Stage {
         }
         let mut peer = Ros::start(&config, &args, NodeOptions::new(), "peer").expect("a peer starts");
         let client = peer.action_client::<CloseLoop>(&args.topic("close_loop")).expect("a client");
-        within(20, async {
-            client.goal_client().wait_for_service(peer.node()).await;
-            client.result_client().wait_for_service(peer.node()).await;
-            client.cancel_client().wait_for_service(peer.node()).await;
+        wait_until("the action", || {
+            peer.reaches(client.goal_client())
+                && peer.reaches(client.result_client())
+                && peer.reaches(client.cancel_client())
         });
         Self { service, peer, client }
     }
@@ -92,13 +95,14 @@ impl Stage {
     /// Sends a goal; `None` when it is rejected.
     fn send(&self, history: f64) -> Option<GoalId> {
         let goal = Part(CloseLoopGoal { history });
-        let (id, answer) = within(20, self.client.async_send_goal(goal)).expect("an answer");
+        let (id, answer) =
+            within(Duration::from_secs(20), self.client.async_send_goal(goal)).expect("an answer");
         answer.accepted.then_some(id)
     }
 
     fn result(&self, id: GoalId) -> (GoalStatusEnum, bool, Value) {
-        let (status, Part(result)) =
-            within(60, self.client.async_request_result(id)).expect("a result that can be read");
+        let (status, Part(result)) = within(Duration::from_secs(60), self.client.async_request_result(id))
+            .expect("a result that can be read");
         let report = serde_json::from_str(&result.report).expect("the report is JSON");
         (status, result.success, report)
     }
@@ -116,7 +120,8 @@ impl Stage {
     /// Asks for `id` to be cancelled, and returns how many goals are.
     fn cancel(&self, id: GoalId) -> usize {
         let zero = ros2_client::builtin_interfaces::Time::ZERO;
-        let answer = within(10, self.client.async_cancel_goal(id, zero)).expect("an answer");
+        let answer =
+            within(Duration::from_secs(10), self.client.async_cancel_goal(id, zero)).expect("an answer");
         answer.goals_canceling.len()
     }
 
@@ -126,22 +131,6 @@ impl Stage {
         peer.stop();
         service.stop().expect("no thread panicked");
     }
-}
-
-/// What `task` comes to, which it must within so many seconds.
-fn within<T>(seconds: u64, task: impl Future<Output = T>) -> T {
-    futures::executor::block_on(async {
-        let (sender, late) = futures::channel::oneshot::channel::<()>();
-        std::thread::spawn(move || {
-            std::thread::sleep(Duration::from_secs(seconds));
-            // Nobody waits any more when it came in time.
-            let _ = sender.send(());
-        });
-        match futures::future::select(std::pin::pin!(task), late).await {
-            futures::future::Either::Left((done, _)) => done,
-            futures::future::Either::Right(_) => panic!("not done within {seconds} s"),
-        }
-    })
 }
 
 #[test]
@@ -166,7 +155,8 @@ fn it_names_the_lag_and_swaps_nothing_in_unasked() {
     let roles: Vec<_> = report["runs"].as_array().expect("runs").iter().map(|r| &r["role"]).collect();
     assert_eq!(roles, ["estimate", "confirm", "test"]);
 
-    let stages: Vec<_> = within(5, stage.client.feedback_stream(id).take(3).collect::<Vec<_>>());
+    let stages: Vec<_> =
+        within(Duration::from_secs(5), stage.client.feedback_stream(id).take(3).collect::<Vec<_>>());
     let stages: Vec<_> = stages.into_iter().map(|f| f.expect("readable").0).collect();
     assert!(stages.iter().all(|f| !f.stage.is_empty() && (0.0..=1.0).contains(&f.progress)), "{stages:?}");
     assert!(stages.is_sorted_by(|a, b| a.progress <= b.progress), "{stages:?}");
@@ -256,7 +246,7 @@ fn it_can_be_cancelled_and_says_what_it_lacks() {
     let id = stage.send(ALL_S).expect("a good goal is accepted");
     let Stage { service, peer, client } = stage;
     std::thread::scope(|scope| {
-        let waiting = scope.spawn(|| within(20, client.async_request_result(id)));
+        let waiting = scope.spawn(|| within(Duration::from_secs(20), client.async_request_result(id)));
         std::thread::sleep(Duration::from_millis(500));
         let started = Instant::now();
         service.stop().expect("no thread panicked");

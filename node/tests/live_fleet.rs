@@ -2,7 +2,7 @@
 
 mod live_support;
 
-use live_support::offline;
+use live_support::{Ended, offline};
 use mr_damper_model::pipeline::Event;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
@@ -66,6 +66,7 @@ fn one_damper_s_rubbish_never_touches_the_other() {
     let done = AtomicBool::new(false);
     let (mut heard, mut told, mut right_said) = (Vec::new(), [const { Vec::new() }; 2], 0_u32);
     std::thread::scope(|scope| {
+        let ended = Ended(&done);
         let playing = scope
             .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));
         scope.spawn(|| {
@@ -107,7 +108,7 @@ fn one_damper_s_rubbish_never_touches_the_other() {
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        done.store(true, Ordering::Relaxed);
+        drop(ended);
     });
     let expected = offline(&left.config, &run, estimated);
     let said: Vec<u64> = heard.iter().map(|message| message.force.to_bits()).collect();

@@ -2,8 +2,7 @@
 
 mod live_support;
 
-use futures::executor::block_on;
-use live_support::answer;
+use live_support::{answer, wait_until};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{AlarmChange, Estimate, Event, Residual};
@@ -55,7 +54,7 @@ impl Peer {
     }
 
     fn wait_for_service(&self) {
-        block_on(self.client.wait_for_service(self.ros.node()));
+        wait_until("the service", || self.ros.reaches(&self.client));
     }
 
     /// The answer to a request for `model`. A first call may take three seconds (see ros2.md).

@@ -2,8 +2,7 @@
 
 mod live_support;
 
-use futures::executor::block_on;
-use live_support::answer;
+use live_support::{Ended, answer, wait_until};
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use mr_damper_msgs::rosbag2::{
     Burst, BurstRequest, GetRate, GetRateRequest, IsPaused, IsPausedRequest, Pause, PauseRequest, PlayNext,
@@ -78,17 +77,17 @@ impl Peer {
 
     /// Waits for all services: a first call may be lost before both ends know of each other.
     fn wait_for_services(&self) {
-        let node = self.ros.node();
-        block_on(async {
-            self.pause.wait_for_service(node).await;
-            self.resume.wait_for_service(node).await;
-            self.toggle_paused.wait_for_service(node).await;
-            self.is_paused.wait_for_service(node).await;
-            self.get_rate.wait_for_service(node).await;
-            self.set_rate.wait_for_service(node).await;
-            self.play_next.wait_for_service(node).await;
-            self.burst.wait_for_service(node).await;
-            self.seek.wait_for_service(node).await;
+        let ros = &self.ros;
+        wait_until("all services", || {
+            ros.reaches(&self.pause)
+                && ros.reaches(&self.resume)
+                && ros.reaches(&self.toggle_paused)
+                && ros.reaches(&self.is_paused)
+                && ros.reaches(&self.get_rate)
+                && ros.reaches(&self.set_rate)
+                && ros.reaches(&self.play_next)
+                && ros.reaches(&self.burst)
+                && ros.reaches(&self.seek)
         });
     }
 
@@ -172,6 +171,7 @@ fn the_services_of_ros2_bag_play_do_what_they_say() {
     player.control().pause();
     let (run, interrupt) = (run(), Interrupt::manual());
     let played = std::thread::scope(|threads| {
+        let _ended = Ended(interrupt.flag());
         let playing = threads.spawn(|| {
             assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the peer listens");
             let plan = Plan { clock: true, clock_hz: Some(100.0), ..Plan::default() };

@@ -7,10 +7,12 @@
 //! MR_DAMPER_LONG=1 cargo test --release --workspace --test soak -- --nocapture
 //! ```
 
+mod live_support;
 mod vehicle_support;
 
+use live_support::Ended;
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 use vehicle_support::{CORNERS, Peer, drive, hear, start};
 
@@ -45,10 +47,9 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
     let heard = std::thread::scope(|scope| {
         let hearing = scope.spawn(|| hear(&corners, &done));
         let driving = scope.spawn(|| {
+            let _ended = Ended(&done);
             drive(&corners, rate_hz, 1.0);
-            let driven = drive(&corners, rate_hz, seconds);
-            done.store(true, Ordering::Release);
-            driven
+            drive(&corners, rate_hz, seconds)
         });
         while !driving.is_finished() {
             memory.push(used(node.0.id()));

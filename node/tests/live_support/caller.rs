@@ -7,6 +7,7 @@ use mr_damper_node::config::{Config, RosArgs};
 use mr_damper_node::ros::{ClientOf, Part, Ros};
 use ros2_client::NodeOptions;
 use std::pin::pin;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// How long an answer may take: a first call can take three seconds (see ros2.md).
@@ -26,22 +27,32 @@ pub(crate) fn wait_until(what: &str, mut is: impl FnMut() -> bool) {
     }
 }
 
+/// Tells what runs on another thread to end when the test does, by a failed assertion too: a scope waits for its threads.
+pub(crate) struct Ended<'a>(pub(crate) &'a AtomicBool);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
+    }
+}
+
+/// What `task` comes to, which it must in this time.
+pub(crate) fn within<T>(limit: Duration, task: impl Future<Output = T>) -> T {
+    let (sender, late) = futures::channel::oneshot::channel::<()>();
+    std::thread::spawn(move || {
+        std::thread::sleep(limit);
+        // Nobody waits any more when it came in time.
+        let _ = sender.send(());
+    });
+    match block_on(select(pin!(task), late)) {
+        Either::Left((done, _)) => done,
+        Either::Right(_) => panic!("not done within {limit:?}"),
+    }
+}
+
 /// The answer of a service that was found.
 pub(crate) fn answer<S: Service>(client: &ClientOf<S>, request: S::Request) -> S::Response {
-    let call = pin!(client.async_call_service(Part(request)));
-    let late = pin!(async {
-        let (sender, receiver) = futures::channel::oneshot::channel();
-        std::thread::spawn(move || {
-            std::thread::sleep(PATIENCE);
-            // Nobody waits any more when the answer came in time.
-            let _ = sender.send(());
-        });
-        let _ = receiver.await;
-    });
-    match block_on(select(call, late)) {
-        Either::Left((answer, _)) => answer.expect("an answer that can be read").0,
-        Either::Right(_) => panic!("{} is not answered within {} s", S::TYPE, PATIENCE.as_secs()),
-    }
+    within(PATIENCE, client.async_call_service(Part(request))).expect("an answer that can be read").0
 }
 
 /// The calling node.
@@ -59,7 +70,7 @@ impl Caller {
     /// The answer of the service `name` below `node`.
     pub(crate) fn call<S: Service>(&mut self, node: &str, name: &str, request: S::Request) -> S::Response {
         let client = self.ros.client::<S>(&format!("{node}/{name}")).expect("a client");
-        block_on(client.wait_for_service(self.ros.node()));
+        wait_until(&format!("{node}/{name}"), || self.ros.reaches(&client));
         answer::<S>(&client, request)
     }
 

@@ -5,5 +5,5 @@
 mod caller;
 mod offline;
 
-pub(crate) use caller::{Caller, answer, config, wait_until};
+pub(crate) use caller::{Caller, Ended, answer, config, wait_until, within};
 pub(crate) use offline::offline;

@@ -7,14 +7,11 @@ use crate::config::Config;
 use crate::error::NodeError;
 use crate::ros::{ActionClientOf, Part, Ros};
 use crate::service;
-use futures::FutureExt;
-use futures::future::join3;
 use mr_damper_msgs::action::{CloseLoop, CloseLoopGoal, CloseLoopResult};
 use ros2_client::NodeOptions;
 use ros2_client::action::GoalId;
 use serde_json::Value;
 use std::fmt::Write;
-use std::pin::pin;
 use std::time::{Duration, Instant};
 
 /// Name of the node, unless it is given another.
@@ -89,15 +86,12 @@ struct Asking<'a> {
 impl Asking<'_> {
     /// Waits until a node offers the action.
     fn find(&self, config: &Config) -> Result<(), NodeError> {
-        let node = self.ros.node();
-        let (goal, cancel, result) =
-            (self.client.goal_client(), self.client.cancel_client(), self.client.result_client());
-        let mut there = pin!(join3(
-            goal.wait_for_service(node),
-            cancel.wait_for_service(node),
-            result.wait_for_service(node)
-        ));
-        match self.poll(FIND, || Ok(there.as_mut().now_or_never()))? {
+        let there = || {
+            self.ros.reaches(self.client.goal_client())
+                && self.ros.reaches(self.client.cancel_client())
+                && self.ros.reaches(self.client.result_client())
+        };
+        match self.poll(FIND, || Ok(there().then_some(())))? {
             Some(_) => Ok(()),
             None => Err(NodeError::Failed(format!(
                 "no node answers {} in {} within {} s. Is `mr-damper node` running there? Its domain is given by \
@@ -174,7 +168,7 @@ impl Asking<'_> {
                 return Err(NodeError::Interrupted);
             }
             if seen_alive.elapsed() > ALIVE_EVERY {
-                if self.client.goal_client().wait_for_service(self.ros.node()).now_or_never().is_none() {
+                if !self.ros.reaches(self.client.goal_client()) {
                     return Ok(None);
                 }
                 seen_alive = Instant::now();
