@@ -8,7 +8,7 @@ const SIGN_VELOCITY_M_S: f64 = 5e-3;
 /// The sign of a velocity, smooth where it turns: tanh(v / 5 mm/s). A solver around it needs that.
 #[inline]
 pub(super) fn smooth_sign(velocity_m_s: f64) -> f64 {
-    crate::force::law::tanh(velocity_m_s / SIGN_VELOCITY_M_S)
+    crate::force::tanh(velocity_m_s / SIGN_VELOCITY_M_S)
 }
 
 /// `force_n` with the damper's share of it times `factor`, zero where that is negative: the session's offset is no

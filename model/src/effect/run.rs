@@ -160,7 +160,8 @@ impl<'a> Inside<'a> {
     /// A sample that may be taken back.
     #[inline]
     pub(super) fn trials(&mut self) -> Trials<'_, 'a> {
-        Trials { free: *self.free, states: Kept::of(self.states), inside: self, stepped: false }
+        let free = self.force.remembers().then_some(*self.free);
+        Trials { free, states: Kept::of(self.states), inside: self, stepped: false }
     }
 
     /// The session's force offset, N: no force of the damper.
@@ -173,7 +174,8 @@ impl<'a> Inside<'a> {
 /// Steps of what is inside, each from where it stood before the sample: the last one stands.
 pub(super) struct Trials<'a, 'b> {
     inside: &'a mut Inside<'b>,
-    free: FreeRun,
+    /// `None` for a model that remembers nothing.
+    free: Option<FreeRun>,
     states: Kept,
     stepped: bool,
 }
@@ -183,7 +185,9 @@ impl Trials<'_, '_> {
     #[inline]
     pub(super) fn step(&mut self, inputs: &Inputs) -> Option<f64> {
         if self.stepped {
-            *self.inside.free = self.free;
+            if let Some(free) = self.free {
+                *self.inside.free = free;
+            }
             self.states.restore(self.inside.states);
         }
         self.stepped = true;

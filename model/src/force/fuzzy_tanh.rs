@@ -24,6 +24,7 @@
 //! as "variance 0.2"; it is taken as a standard deviation of 0.2 A and is a setting here.
 
 use super::sets::{FuzzySets, MAX_FUNCTIONS};
+use super::tanh::tanh;
 use crate::error::Error;
 use crate::sample::DriveKind;
 
@@ -57,7 +58,7 @@ impl TanhFunction {
     #[must_use]
     pub fn force_n(&self, x_m: f64, v_m_s: f64) -> f64 {
         let u = v_m_s + self.coupling_per_s * x_m;
-        self.yield_force_n * (self.pre_yield_slope_s_m * u).tanh() + self.post_yield_damping_n_s_m * u
+        self.yield_force_n * tanh(self.pre_yield_slope_s_m * u) + self.post_yield_damping_n_s_m * u
     }
 }
 
@@ -141,21 +142,7 @@ impl FuzzyTanh {
     #[must_use]
     pub fn force_n(&self, x_m: f64, v_m_s: f64, i: f64) -> f64 {
         let functions = self.functions();
-        self.blended_n(i, |set| functions[set].force_n(x_m, v_m_s))
-    }
-
-    /// The force at drive `i` where the function under each centre has `force_n`; asked only where it counts.
-    #[inline]
-    fn blended_n(&self, i: f64, force_n: impl Fn(usize) -> f64) -> f64 {
-        let weights = self.sets.weights(i);
-        let mut force = 0.0;
-        for (set, weight) in weights[..self.sets.len()].iter().enumerate() {
-            // NaN, of a drive that is not known, must come through.
-            if *weight != 0.0 {
-                force += weight * force_n(set);
-            }
-        }
-        force + self.force_offset_n
+        self.sets.strengths(i).mean(|set| functions[set].force_n(x_m, v_m_s)) + self.force_offset_n
     }
 
     /// The model at a motion that stays, for several drives: the tanh functions are taken once. What [`Self::force_n`] says,
@@ -184,6 +171,6 @@ impl FuzzyTanhAt<'_> {
     #[inline]
     #[must_use]
     pub fn force_n(&self, i: f64) -> f64 {
-        self.model.blended_n(i, |set| self.forces_n[set])
+        self.model.sets.strengths(i).mean(|set| self.forces_n[set]) + self.model.force_offset_n
     }
 }

@@ -14,6 +14,7 @@ mod lpv;
 mod network;
 mod phase;
 mod sets;
+mod tanh;
 pub(crate) mod tsk;
 
 pub use arx::{Arx, LAGS, SAVARESI_LAGS};
@@ -28,6 +29,7 @@ pub use network::{
 };
 pub use phase::{CannotRun, ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase, Root};
 pub(crate) use sets::blend;
+pub(crate) use tanh::tanh;
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
 pub use tsk::{
     MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
@@ -164,6 +166,16 @@ impl ForceModel {
             Self::Lpv(lpv) => Some(lpv.sample_period()),
             Self::Network(network) => Some(network.sample_period()),
             Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
+        }
+    }
+
+    /// True when a free run's force depends on samples before: when there is something in its [`FreeRun`].
+    #[must_use]
+    pub const fn remembers(&self) -> bool {
+        match self {
+            Self::Arx(_) | Self::Lpv(_) | Self::Network(_) => true,
+            Self::Law(model) => model.law().has_memory(),
+            Self::FuzzyTanh(_) | Self::Lazy(_) | Self::Tsk(_) => false,
         }
     }
 

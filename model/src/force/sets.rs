@@ -10,10 +10,8 @@
 use crate::error::Error;
 use crate::sample::DriveKind;
 
-/// Share of the strongest set's strength below which a set is out.
-const LEAST_STRENGTH: f64 = 1e-7;
-/// Squared distance beyond the strongest set's from which a set is out for certain: -2 ln of that share is 32.24.
-const OUT: f64 = 32.3;
+/// Squared distance, in widths, beyond the strongest set's from which a set is out: -2 ln of 1e-7.
+const OUT: f64 = 32.236_191_301_916_64;
 /// The most fuzzy sets that one model can hold.
 pub const MAX_FUNCTIONS: usize = 16;
 
@@ -117,36 +115,80 @@ impl FuzzySets {
     pub fn weights(&self, i: f64) -> [f64; MAX_FUNCTIONS] {
         blend(i, self.centres(), self.sigmas())
     }
+
+    /// Strengths of the sets at drive `i`. NaN for a drive that is not finite.
+    #[inline]
+    pub(crate) fn strengths(&self, i: f64) -> Strengths {
+        let (mut of, nearest) = distances(i, self.centres(), self.sigmas());
+        let mut sum = 0.0;
+        for value in &mut of[..self.len] {
+            *value = strength(*value - nearest);
+            sum += *value;
+        }
+        Strengths { of, sum, len: self.len }
+    }
+}
+
+/// Strengths of fuzzy sets at one drive, relative to the strongest.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Strengths {
+    of: [f64; MAX_FUNCTIONS],
+    sum: f64,
+    len: usize,
+}
+
+impl Strengths {
+    /// Mean of what each set says, by the sets' strengths; a set that is out is not asked. NaN where the strengths are.
+    #[inline]
+    pub(crate) fn mean(&self, says: impl Fn(usize) -> f64) -> f64 {
+        let mut sum = 0.0;
+        for (set, strength) in self.of[..self.len].iter().enumerate() {
+            // NaN is no zero: it comes through.
+            if *strength != 0.0 {
+                sum += strength * says(set);
+            }
+        }
+        sum / self.sum
+    }
 }
 
 /// Weights of Gaussian sets at drive `i`, as many as there are `centres`, at most [`MAX_FUNCTIONS`].
 ///
 /// Strengths are taken relative to the strongest set. Far outside the centres all exponentials underflow, and a plain
 /// quotient would be 0/0; relative to the strongest set the model goes over to that set's function instead. A set with
-/// less than [`LEAST_STRENGTH`] of the strongest has no say at all: it would add less than any load cell resolves, but
+/// less than 1e-7 of the strongest has no say at all: it would add less than any load cell resolves, but
 /// what stands under a set that no data reach may be anything.
 #[inline]
 pub(crate) fn blend(i: f64, centres: &[f64], sigmas: &[f64]) -> [f64; MAX_FUNCTIONS] {
-    let mut weights = [0.0; MAX_FUNCTIONS];
-    let mut strongest = f64::INFINITY;
-    for (weight, (centre, sigma)) in weights.iter_mut().zip(centres.iter().zip(sigmas)) {
-        let distance = (i - centre) / sigma;
-        *weight = distance * distance;
-        strongest = strongest.min(*weight);
-    }
+    let (mut weights, nearest) = distances(i, centres, sigmas);
     let len = centres.len().min(MAX_FUNCTIONS);
     let mut sum = 0.0;
     for weight in &mut weights[..len] {
-        let beyond = *weight - strongest;
-        // NaN, of a drive that is not known, must come through.
-        *weight = if beyond > OUT { 0.0 } else { (-0.5 * beyond).exp() };
-        if *weight < LEAST_STRENGTH {
-            *weight = 0.0;
-        }
+        *weight = strength(*weight - nearest);
         sum += *weight;
     }
     for weight in &mut weights[..len] {
         *weight /= sum;
     }
     weights
+}
+
+/// Squared distance of drive `i` from each centre, in widths, and the least of them; zeros beyond.
+#[inline]
+fn distances(i: f64, centres: &[f64], sigmas: &[f64]) -> ([f64; MAX_FUNCTIONS], f64) {
+    let mut squares = [0.0; MAX_FUNCTIONS];
+    let mut least = f64::INFINITY;
+    for (square, (centre, sigma)) in squares.iter_mut().zip(centres.iter().zip(sigmas)) {
+        let distance = (i - centre) / sigma;
+        *square = distance * distance;
+        least = least.min(*square);
+    }
+    (squares, least)
+}
+
+/// Strength of a set whose squared distance is `beyond` the nearest one's: 0 where it is out, NaN where that is NaN.
+#[inline]
+fn strength(beyond: f64) -> f64 {
+    // NaN, of a drive that is not known, must come through.
+    if beyond > OUT { 0.0 } else { (-0.5 * beyond).exp() }
 }

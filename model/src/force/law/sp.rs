@@ -18,6 +18,7 @@
 //! other way round; the printed numbers need the reading above (see `preset`).
 
 use super::{Inputs, Parameter, Scalar, Scale};
+use crate::force::tanh;
 
 pub(super) const PARAMETERS: [Parameter; 5] = [
     Parameter::linear("yield_force_n", Scale::new(1, 0, 0, 0), [0.3, 1.0]).within(0.0, 5.0),
@@ -30,7 +31,7 @@ pub(super) const PARAMETERS: [Parameter; 5] = [
 #[inline]
 pub(super) fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
     let u = p[3] / p[4] * inputs.displacement_m + inputs.velocity_m_s;
-    p[0] * (p[2] * u).tanh() + p[1] * u
+    p[0] * (p[2] * u).bend() + p[1] * u
 }
 
 #[inline]
@@ -38,7 +39,7 @@ pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 
     let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
     let kappa = p[3] / p[4];
     let u = v + kappa * x;
-    let t = super::tanh(p[2] * u);
+    let t = tanh(p[2] * u);
     let step = p[0] * (1.0 - t * t);
     let by_u = step * p[2] + p[1];
     gradient[0] = t;
