@@ -2,13 +2,14 @@
 # Prepares the foreign peers of the interop tests: two real ROS 2 distributions with our messages compiled in,
 # and one environment with CycloneDDS, Zenoh and the bag readers.
 #
-# usage: setup.sh [jazzy] [kilted] [peers] [secure]      (nothing named: the first three)
+# usage: setup.sh [jazzy] [kilted] [peers] [secure] [router]      (nothing named: the first three)
 #
 # Everything lands under $MR_DAMPER_INTEROP_DIR (default /var/tmp/mr-damper-interop):
 #   jazzy/venv   jazzy/msgs     rclpy and friends from wheels; mr_damper_msgs built against them
 #   kilted/venv  kilted/msgs
 #   peers/venv                  cyclonedds, eclipse-zenoh, rosbags, mcap, mcap-ros2-support
 #   secure/secure_peer          a peer on Debian's Fast DDS, which has DDS-Security; needs libfastrtps-dev and openssl
+#   router/fleet-router         a Zenoh router with a storage; needs Rust, and some minutes to build
 # A part is skipped when its stamp still names these requirements, these interface files, this script and
 # this Python. Delete the directory to start over.
 #
@@ -40,10 +41,16 @@ sys.exit(not os.path.exists(os.path.join(sysconfig.get_paths()["include"], "Pyth
 # What a part depends on, as one line.
 fingerprint() {
   local part=$1
-  if [ "$part" = secure ]; then
-    cat "$here/secure_peer.cpp" "${BASH_SOURCE[0]}" | sha256sum | cut -d' ' -f1
-    return
-  fi
+  case $part in
+    secure)
+      cat "$here/secure_peer.cpp" "${BASH_SOURCE[0]}" | sha256sum | cut -d' ' -f1
+      return
+      ;;
+    router)
+      { rustc --version && cat "$here"/router/{Cargo.toml,Cargo.lock,src/main.rs} "${BASH_SOURCE[0]}"; } | sha256sum | cut -d' ' -f1
+      return
+      ;;
+  esac
   {
     "$python" -VV
     cat "$here/requirements/$part.txt" "${BASH_SOURCE[0]}"
@@ -101,6 +108,16 @@ build_secure_peer() {
     die "secure_peer.cpp did not build; it is written for Fast DDS 2.9"
 }
 
+build_router() {
+  local target=$base/router/target
+  command -v cargo >/dev/null || die "cargo is missing; install Rust"
+  cargo build --release --locked --quiet --manifest-path "$here/router/Cargo.toml" --target-dir "$target" ||
+    die "the router did not build; the compiler's message is above"
+  cp "$target/release/fleet-router" "$base/router/"
+  # A gigabyte that is of no more use.
+  rm -rf "$target"
+}
+
 # The part works when its own Python can import what the peers import.
 verify() {
   local part=$1
@@ -127,6 +144,8 @@ prepare() {
   rm -rf "$base/$part/stamp" "$base/$part/venv" "$base/$part/msgs" "$base/$part/build"
   if [ "$part" = secure ]; then
     build_secure_peer
+  elif [ "$part" = router ]; then
+    build_router
   else
     install_requirements "$part"
     if [ "$part" != peers ]; then
@@ -143,9 +162,9 @@ check_tools
 [ $# -gt 0 ] || set -- jazzy kilted peers
 for part in "$@"; do
   case $part in
-    jazzy | kilted | peers | secure) (prepare "$part") ;;
+    jazzy | kilted | peers | secure | router) (prepare "$part") ;;
     *)
-      say "there is no part '$part'; parts are jazzy, kilted, peers, secure"
+      say "there is no part '$part'; parts are jazzy, kilted, peers, secure, router"
       exit 2
       ;;
   esac

@@ -29,8 +29,8 @@ pub use network::{
 };
 pub use phase::{CannotRun, ForceMotion, PHASE_NAMES, PHASE_PARAMETERS, Phase, Root};
 pub(crate) use sets::blend;
-pub(crate) use tanh::tanh;
 pub use sets::{FuzzySets, MAX_FUNCTIONS, Membership};
+pub(crate) use tanh::tanh;
 pub use tsk::{
     MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, OutputScale, Shape, Signal, Tsk, TskGradient, TskInput,
     TskKind, TskSet,

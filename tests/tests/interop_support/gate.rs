@@ -100,6 +100,19 @@ fn environments() -> PathBuf {
         .map_or_else(|| PathBuf::from("/var/tmp/mr-damper-interop"), PathBuf::from)
 }
 
+/// An example of the node, built beside this test.
+pub(crate) fn example(name: &str) -> PathBuf {
+    let me = std::env::current_exe().expect("the path of this test");
+    let path = me
+        .ancestors()
+        .nth(2)
+        .expect("a test lies two levels into its profile's directory")
+        .join("examples")
+        .join(name);
+    assert!(path.is_file(), "{} is missing; `cargo build --workspace --examples` makes it", path.display());
+    path
+}
+
 fn built(variable: &str, file: &str, how: &str) -> PathBuf {
     let path = std::env::var_os(variable).map_or_else(|| target().join("release").join(file), PathBuf::from);
     assert!(path.is_file(), "{} is missing; `{how}` makes it, or name another in {variable}", path.display());

@@ -99,6 +99,11 @@ impl Program {
         self.status
     }
 
+    /// Its process id.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Sends a signal, `INT` or `TERM`, to the program alone.
     pub(crate) fn signal(&self, signal: &str) {
         let sent = self.send(signal, &self.child.id().to_string());

@@ -1,10 +1,11 @@
 //! Zenoh from Python, with the ready configurations of `launch-configs/zenoh`.
 
-use crate::PEER;
-use crate::interop_support::gate::{Outcome, interop};
-use crate::interop_support::json::{count, found, text, texts, truth};
-use crate::interop_support::{Distro, NODE, PRESET, ZENOH_ENDPOINT};
-use std::path::Path;
+use crate::interop_support::gate::{self, Outcome, interop};
+use crate::interop_support::json::{count, found, number, text, texts, truth};
+use crate::interop_support::process::Program;
+use crate::interop_support::{Distro, Lab, NODE, PRESET, ZENOH_ENDPOINT};
+use crate::{PEER, SHUTDOWN};
+use std::path::{Path, PathBuf};
 
 const PASSWORD: &str = "of the four";
 
@@ -57,5 +58,76 @@ fn the_example_in_python_prints_what_it_hears() {
         assert_eq!(text.lines().count(), 20, "{text}");
         assert!(text.lines().all(|line| line.starts_with(&begins) && line.contains(" N ")), "{text}");
         Outcome::Passed("20 lines".to_owned())
+    });
+}
+
+/// A file of launch-configs/zenoh.
+fn ready(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../launch-configs/zenoh").join(name)
+}
+
+/// A router with a storage, by the ready configuration, which listens on [`ZENOH_ENDPOINT`].
+fn storing_router(lab: &Lab) -> Result<Program, String> {
+    let program = gate::optional_environment("router")?.join("fleet-router");
+    Ok(lab.start_with("fleet-router", &program, &[ready("storage.json5").to_str().expect("UTF-8")], &[]))
+}
+
+#[test]
+fn a_router_s_storage_has_the_last_values_of_a_vehicle_that_has_gone() {
+    interop("zenoh storage", |lab| {
+        let _router = match storing_router(lab) {
+            Ok(router) => router,
+            Err(why) => return Outcome::Skipped(why),
+        };
+        let config = format!("zenoh.config:={}", ready("client.json5").display());
+        let mut node = lab.node(PRESET, &["-r", "__ns:=/truck/front_left", "-p", &config]);
+        let mut reader = lab.peer("zenoh_storage.py", &[ZENOH_ENDPOINT, "truck/front_left"]);
+        assert_eq!(text(&reader.json_line(PEER), "/event"), "ready");
+        let arguments = ["--node", "/truck/front_left/mr_damper", "--seconds", "4"];
+        let _ = lab.ros(Distro::Jazzy, "ros_peer.py", &arguments).json(PEER);
+        node.signal("INT");
+        assert_eq!(node.wait(SHUTDOWN).code(), Some(0));
+        let saw = reader.json(PEER);
+
+        assert!(truth(&saw, "/gone"), "the liveliness token went: {saw:#}");
+        let (heard, stored) = (found(&saw, "/heard"), found(&saw, "/stored"));
+        let keys = heard.as_object().map_or(0, serde_json::Map::len);
+        assert!(keys >= 4, "{saw:#}");
+        // Displacement had been silent for a while when the node was told to end: nobody finds an old force here.
+        let last = &heard["mr_damper/truck/front_left/web/force_estimate"];
+        assert!(last["validity"] == "INVALID" && last["force_n"].is_null(), "{saw:#}");
+        assert_eq!(stored, heard, "what was said last is kept, each key of it");
+        Outcome::Passed(format!("{keys} keys, each with its last value, from a router alone"))
+    });
+}
+
+#[test]
+fn a_small_fleet_loses_nothing_through_a_router() {
+    interop("zenoh fleet", |lab| {
+        let mut router = match storing_router(lab) {
+            Ok(router) => router,
+            Err(why) => return Outcome::Skipped(why),
+        };
+        let listen = "zenoh.listen:=['tcp/127.0.0.1:7448']";
+        let _node = lab.node(PRESET, &["-p", listen]);
+        let sender = lab.ros(Distro::Jazzy, "ros_peer.py", &["--node", NODE, "--seconds", "12"]);
+        let process = router.id().to_string();
+        let arguments =
+            ["--damper", "tcp/127.0.0.1:7448", "--router", ZENOH_ENDPOINT, "--router-pid", &process];
+        let fleet = ["--vehicles", "10", "--dampers", "4", "--record-s", "2", "--seconds", "4"];
+        let program = gate::example("zenoh_fleet");
+        let told =
+            lab.start_with("zenoh_fleet", &program, &[arguments.as_slice(), &fleet].concat(), &[]).json(PEER);
+        let _ = sender.json(PEER);
+        router.signal("INT");
+        assert_eq!(router.wait(SHUTDOWN).code(), Some(0));
+
+        assert_eq!((count(&told, "/dampers"), count(&told, "/lost")), (40, 0), "{told:#}");
+        let rate = number(&told, "/sent_per_s");
+        assert!(rate > 40.0 * 20.0, "each damper says something 20 times a second: {told:#}");
+        Outcome::Passed(format!(
+            "{rate:.0} messages a second of 40 dampers, none lost, {:.0} us of the router's processor for each",
+            number(&told, "/router_us_per_message")
+        ))
     });
 }

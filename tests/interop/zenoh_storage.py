@@ -1,0 +1,52 @@
+#!/usr/bin/env python3
+"""Hears a damper through a router until its vehicle has gone, then asks the router's storage for what it said last.
+
+    pip install eclipse-zenoh
+    zenoh_storage.py ENDPOINT DAMPER         # tcp/127.0.0.1:7447 truck/front_left
+
+Prints {"event": "ready"} when it listens, and at the end one JSON object: last payload heard and stored of each key.
+"""
+
+import json
+import sys
+import threading
+import time
+
+import zenoh
+
+
+def main() -> int:
+    if len(sys.argv) != 3:
+        print(__doc__, file=sys.stderr)
+        return 2
+    endpoint, damper = sys.argv[1:]
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    heard: dict[str, dict] = {}
+    gone = threading.Event()
+
+    def hear(sample: zenoh.Sample) -> None:
+        heard[str(sample.key_expr)] = json.loads(sample.payload.to_bytes())
+
+    def live(sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            gone.set()
+
+    with zenoh.open(config) as session:
+        web = session.declare_subscriber(f"mr_damper/{damper}/web/*", hear)
+        alive = session.liveliness().declare_subscriber(f"mr_damper/{damper}/alive", live, history=True)
+        print(json.dumps({"event": "ready"}), flush=True)
+        left = gone.wait(60)
+        time.sleep(0.5)  # what is on its way to the storage arrives
+        replies = session.get("mr_damper/**/web/*", timeout=3.0)
+        stored = {str(reply.ok.key_expr): json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok}
+        alive.undeclare()
+        web.undeclare()
+    print(json.dumps({"gone": left, "heard": heard, "stored": stored}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
