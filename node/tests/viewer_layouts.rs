@@ -1,0 +1,68 @@
+//! The layouts for PlotJuggler and Foxglove: every line that they draw is a field of a message on a topic of the node.
+
+use mr_damper_msgs::MESSAGES;
+use mr_damper_node::sink::zenoh::Topic;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+fn layout(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../launch-configs/viewers").join(name);
+    std::fs::read_to_string(path).expect("it is in the repository")
+}
+
+/// True when the message on `/topic` has a number or truth value called `field`.
+fn is_there(topic: &str, field: &str) -> bool {
+    let wanted = topic.strip_prefix('/').expect("topics stand by their full names");
+    let of_node = Topic::ALL.into_iter().find(|topic| topic.name() == wanted).and_then(Topic::ros_type);
+    let message = MESSAGES.iter().find(|message| Some(message.type_name) == of_node);
+    // Of a definition, what stands before the types inside.
+    let own = message.map_or("", |message| message.definition).split("\n===").next().unwrap_or_default();
+    own.lines().any(|line| {
+        let mut words = line.split_whitespace();
+        let kind = words.next().unwrap_or_default();
+        ["float64", "bool", "uint8", "uint32"].contains(&kind) && words.next() == Some(field)
+    })
+}
+
+#[test]
+fn plotjuggler_draws_what_there_is() {
+    let text = layout("plotjuggler.xml");
+    let mut drawn = BTreeSet::new();
+    for attribute in ["<curve name=\"", " curve_x=\"", " curve_y=\""] {
+        let values = text.split(attribute).skip(1).filter_map(|rest| rest.split('"').next());
+        // The curve of two others has a name of its own.
+        drawn.extend(values.filter(|value| value.starts_with('/')));
+    }
+    assert!(drawn.len() > 12, "{drawn:?}");
+    for curve in drawn {
+        let (topic, field) = curve.rsplit_once('/').expect("topic and field");
+        assert!(is_there(topic, field), "{curve}");
+    }
+}
+
+#[test]
+fn foxglove_draws_what_there_is_in_panels_that_there_are() {
+    let layout: Value = serde_json::from_str(&layout("foxglove.json")).expect("JSON");
+    let panels = layout["configById"].as_object().expect("panels by their names");
+    let mut drawn = BTreeSet::new();
+    for panel in panels.values() {
+        let paths = panel["paths"].as_array().map_or(&[][..], Vec::as_slice);
+        let values = paths.iter().chain([&panel["xAxisPath"]]).filter_map(|path| path["value"].as_str());
+        drawn.extend(values.map(str::to_owned));
+    }
+    assert!(drawn.len() > 12, "{drawn:?}");
+    for path in drawn {
+        let (topic, field) = path.split_once('.').expect("topic and field");
+        assert!(is_there(topic, field), "{path}");
+    }
+    let mut placed = BTreeSet::new();
+    let mut rest = vec![&layout["layout"]];
+    while let Some(place) = rest.pop() {
+        match place.as_str() {
+            Some(panel) => assert!(placed.insert(panel.to_owned()), "{panel} stands in two places"),
+            None => rest.extend([&place["first"], &place["second"]]),
+        }
+    }
+    assert_eq!(placed, panels.keys().cloned().collect(), "every panel has its place");
+}
