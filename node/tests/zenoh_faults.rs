@@ -1,9 +1,10 @@
 //! The Zenoh mirror when something is wrong: ports, endpoints, absent routers, consumers that do not read.
 
+#[path = "zenoh_support/proxy.rs"]
+mod proxy;
 mod zenoh_support;
 
 use mr_damper_node::sink::zenoh::{Damper, Link, Mirror, MirrorState, ZenohConfig, ZenohError};
-use std::io::{Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -121,42 +122,11 @@ fn stopping_publishes_what_is_there_and_is_quick() {
     });
 }
 
-/// Passes bytes between a consumer and the mirror; from `stalled` on, it does not read the mirror's any more.
-/// Returns its endpoint.
-fn proxy(to: &str, stalled: &Arc<AtomicBool>) -> String {
-    let to = to.trim_start_matches("tcp/").to_owned();
-    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
-    let address = listener.local_addr().expect("a bound socket has an address");
-    let stalled = Arc::clone(stalled);
-    thread::spawn(move || {
-        while let Ok((consumer, _)) = listener.accept() {
-            let mirror = std::net::TcpStream::connect(&to).expect("the mirror listens");
-            let halves = [(&consumer, &mirror, None), (&mirror, &consumer, Some(Arc::clone(&stalled)))];
-            for (from, to, stall) in halves {
-                let mut from = from.try_clone().expect("sockets can be cloned");
-                let mut to = to.try_clone().expect("sockets can be cloned");
-                thread::spawn(move || {
-                    let mut buffer = [0; 4096];
-                    while let Ok(length @ 1..) = from.read(&mut buffer) {
-                        if to.write_all(&buffer[..length]).is_err() {
-                            return;
-                        }
-                        while stall.as_ref().is_some_and(|stall| stall.load(Ordering::Acquire)) {
-                            thread::sleep(Duration::from_millis(5));
-                        }
-                    }
-                });
-            }
-        }
-    });
-    format!("tcp/{address}")
-}
-
 #[test]
 fn a_consumer_that_does_not_read_holds_up_nobody() {
     let mut rig = Rig::start();
     let stall = Arc::new(AtomicBool::new(false));
-    let slow = consumer(&proxy(&rig.endpoint, &stall));
+    let slow = consumer(&proxy::proxy(&rig.endpoint, &stall));
     let slow_inbox = subscribe(&slow, "mr_damper/**");
     let healthy = consumer(&rig.endpoint);
     let inbox = subscribe(&healthy, "mr_damper/front_left/state/force_estimate");

@@ -1,21 +1,30 @@
-//! Four dampers at full rate through Zenoh: every sample of every topic arrives, and what the bridge costs is said.
+//! Four dampers at full rate through Zenoh: every sample of every topic arrives, what the bridge costs is said, and a subscriber
+//! that stops reading is left behind.
 //!
 //! A few seconds at 250 Hz by default; `MR_DAMPER_LONG=1` makes it a minute at 1 kHz, for which the binary has to be the release
 //! build and the machine idle:
 //!
 //! ```text
-//! MR_DAMPER_LONG=1 cargo test --release --workspace --test zenoh_load -- --nocapture
+//! MR_DAMPER_LONG=1 cargo test --release --workspace --test zenoh_load -- --nocapture --test-threads=1
 //! ```
 
+#[path = "zenoh_support/proxy.rs"]
+mod proxy;
 mod vehicle_support;
 
+use mr_damper_msgs::standard::DiagnosticArray;
+use ros2_client::Subscription;
 use std::collections::{BTreeMap, HashSet};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use vehicle_support::{CORNERS, Peer, drive, start};
 use zenoh::Wait;
 
 const DOMAIN: i64 = 69;
+const STALL_DOMAIN: i64 = 88;
+/// How long a subscriber does not read, s.
+const STALL_S: f64 = 5.0;
 /// By which the system counts processor time: `USER_HZ`, the same on every Linux.
 const TICKS_A_SECOND: f64 = 100.0;
 
@@ -51,11 +60,8 @@ fn is_zenoh(thread: &str) -> bool {
 
 #[test]
 fn four_dampers_arrive_whole() {
-    let long = std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1");
-    let (rate_hz, seconds) = if long { (1000.0, 60.0) } else { (250.0, 4.0) };
-    let port =
-        std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port").port();
-    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let (rate_hz, seconds) = if long() { (1000.0, 60.0) } else { (250.0, 4.0) };
+    let endpoint = endpoint();
     let node = start(DOMAIN, &[format!("zenoh.listen:=[\"{endpoint}\"]")]);
     let Peer { ros, corners } = Peer::start(DOMAIN);
     let routes: Arc<Mutex<BTreeMap<String, Route>>> = Arc::default();
@@ -100,6 +106,85 @@ fn four_dampers_arrive_whole() {
     }
     drop(corners);
     ros.stop();
+}
+
+/// What the node says on `/diagnostics` of the way from sample to estimate, at the worst of any damper: ms.
+fn worst_ms(diagnostics: &Subscription<DiagnosticArray>) -> f64 {
+    let mut worst_ms = 0.0_f64;
+    while let Some((array, _)) = diagnostics.take().expect("readable") {
+        let values = array.status.iter().flat_map(|status| &status.values);
+        for worst in values.filter(|value| value.key == "latency_worst_ms") {
+            worst_ms = worst_ms.max(worst.value.parse().expect("a number"));
+        }
+    }
+    worst_ms
+}
+
+/// A subscriber of everything that stops reading for five seconds beside one that goes on: neither the node nor the other one
+/// notices, and the one that stopped can count what it missed.
+#[test]
+fn a_subscriber_that_stalls_is_left_behind() {
+    let rate_hz = if long() { 1000.0 } else { 250.0 };
+    let endpoint = endpoint();
+    let node = start(STALL_DOMAIN, &[format!("zenoh.listen:=[\"{endpoint}\"]")]);
+    let Peer { mut ros, corners } = Peer::start(STALL_DOMAIN);
+    let diagnostics = ros.subscribe("/diagnostics").expect("a topic");
+    let (healthy, slow): (Arc<Mutex<BTreeMap<String, Route>>>, Arc<_>) = Default::default();
+    let stalled = Arc::new(AtomicBool::new(false));
+    let _sessions = [listen(&endpoint, &healthy), listen(&proxy::proxy(&endpoint, &stalled), &slow)];
+
+    drive(&corners, rate_hz, 1.0);
+    worst_ms(&diagnostics);
+    let (mut stamps, _) = drive(&corners, rate_hz, STALL_S);
+    let before_ms = worst_ms(&diagnostics);
+    stalled.store(true, Ordering::Release);
+    stamps.extend(drive(&corners, rate_hz, STALL_S).0);
+    let during_ms = worst_ms(&diagnostics);
+    stalled.store(false, Ordering::Release);
+    drive(&corners, rate_hz, 1.0);
+
+    let missing = |routes: &Arc<Mutex<BTreeMap<String, Route>>>, corner: &str| {
+        let routes = routes.lock().expect("no panic");
+        let heard = routes.get(&format!("mr_damper/{corner}/state/force_estimate"));
+        heard.map_or(stamps.len(), |route| stamps.iter().filter(|at| !route.stamps.contains(at)).count())
+    };
+    let patience = Instant::now() + Duration::from_secs(20);
+    while CORNERS.iter().any(|corner| missing(&healthy, corner) > 0) && Instant::now() < patience {
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let lost: u64 = slow.lock().expect("no panic").values().map(|r| r.last - r.first + 1 - r.count).sum();
+    eprintln!(
+        "from sample to estimate at the worst: {before_ms:.3} ms before, {during_ms:.3} ms while it stalled; it missed {lost} messages, \
+         and knows by their numbers"
+    );
+    for corner in CORNERS {
+        assert_eq!(missing(&healthy, corner), 0, "{corner}: the other one heard all");
+        // What its numbers do not show it has: of estimates, whose stamps are known, exactly that many are missing.
+        let routes = slow.lock().expect("no panic");
+        let route = &routes[&format!("mr_damper/{corner}/state/force_estimate")];
+        let by_numbers = route.last - route.first + 1 - route.count;
+        drop(routes);
+        assert_eq!(missing(&slow, corner) as u64, by_numbers, "{corner}");
+    }
+    assert!(before_ms > 0.0 && during_ms > 0.0, "the node tells its latency");
+    if long() {
+        // Otherwise the system's buffers hold what five seconds bring.
+        assert!(lost > 0, "it did not stall");
+        assert!(during_ms < 2.0 * before_ms + 1.0, "the node noticed: {during_ms} ms, {before_ms} ms before");
+    }
+    drop((corners, diagnostics, node));
+    ros.stop();
+}
+
+/// True when the long forms are asked for.
+fn long() -> bool {
+    std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1")
+}
+
+/// An address that nothing listens on.
+fn endpoint() -> String {
+    let free = std::net::TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
+    format!("tcp/{}", free.expect("a free port"))
 }
 
 /// Hears everything that the node at `endpoint` says.
