@@ -1,5 +1,7 @@
 //! Zenoh from Python, with the ready configurations of `launch-configs/zenoh`.
 
+mod rmw;
+
 use crate::PEER;
 use crate::interop_support::gate::{Outcome, interop};
 use crate::interop_support::json::{count, found, text, texts, truth};
