@@ -5,7 +5,7 @@
 mod keys;
 mod live_support;
 
-use keys::session;
+use keys::{Keys, session, with_password};
 use live_support::wait_until;
 use mr_damper_model::pipeline::{Event, Pipeline};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
@@ -27,7 +27,7 @@ use zenoh::sample::{Sample as ZenohSample, SampleKind};
 use zenoh::{Session, Wait};
 
 /// Domains of this test binary's own.
-const DOMAINS: [i64; 4] = [70, 71, 72, 73];
+const DOMAINS: [i64; 5] = [70, 71, 72, 73, 74];
 const FORCE_ESTIMATE: &str = "mr_damper_msgs::msg::dds_::ForceEstimate_/\
                               RIHS01_9dc78705ac5ed035bf624baa16dcbe27da337cfbb7421937be2c52883cc4de96";
 const DISPLACEMENT: &str = "mr_damper_msgs::msg::dds_::Displacement_/\
@@ -119,25 +119,27 @@ fn inputs_by_rmw_zenoh_give_the_estimates_of_a_replay_to_the_bit() {
     let current = publisher::<CoilCurrent>(&peer, domain, "coil_current");
     let force = publisher::<Force>(&peer, domain, "measured_force");
     let temperature = publisher::<Temperature>(&peer, domain, "case_temperature");
-    for (index, sample) in samples.iter().enumerate() {
+    let mut seq = [0; 4];
+    for sample in &samples {
         std::thread::sleep(
             Duration::try_from_secs_f64(sample.stamp.since(system_now()).get()).unwrap_or_default(),
         );
-        let (header, variance, seq) = (header(sample), 0.0, index as i64);
-        let (publisher, payload) = match sample.reading {
+        let (header, variance) = (header(sample), 0.0);
+        let (which, publisher, payload) = match sample.reading {
             Reading::Displacement(x) => {
-                (&displacement, cdr::to_vec(&Displacement { header, displacement: x.get(), variance }))
+                (0, &displacement, cdr::to_vec(&Displacement { header, displacement: x.get(), variance }))
             }
             Reading::Drive(Drive::CoilCurrent(i)) => {
-                (&current, cdr::to_vec(&CoilCurrent { header, current: i.get(), variance }))
+                (1, &current, cdr::to_vec(&CoilCurrent { header, current: i.get(), variance }))
             }
-            Reading::Force(f) => (&force, cdr::to_vec(&Force { header, force: f.get(), variance })),
+            Reading::Force(f) => (2, &force, cdr::to_vec(&Force { header, force: f.get(), variance })),
             Reading::CaseTemperature(t) => {
-                (&temperature, cdr::to_vec(&Temperature { header, temperature: t.get(), variance }))
+                (3, &temperature, cdr::to_vec(&Temperature { header, temperature: t.get(), variance }))
             }
             other => panic!("the rig has no {other:?}"),
         };
-        put(publisher, payload.expect("it can be written"), seq);
+        put(publisher, payload.expect("it can be written"), seq[which]);
+        seq[which] += 1;
     }
 
     let (models, _) = models::from_config(&config).expect("it loads");
@@ -168,7 +170,8 @@ fn inputs_by_rmw_zenoh_give_the_estimates_of_a_replay_to_the_bit() {
         assert_eq!((rest.len(), rest[8], &rest[9..]), (25, 16, &gid[..]));
     }
     let told = stats(&service);
-    assert_eq!((told.taken, told.refused, told.mismatched), (samples.len() as u64, 0, 0), "{told:?}");
+    let counted = (told.taken, told.lost, told.refused, told.mismatched);
+    assert_eq!(counted, (samples.len() as u64, 0, 0, 0), "{told:?}");
 
     // All of it is gone at once.
     let (gone, _watching) = {
@@ -262,14 +265,16 @@ fn what_is_no_message_is_refused_and_counted_and_harms_nothing() {
         std::thread::sleep(Duration::from_millis(2));
     }
     wait_until("an estimate", || estimates(&came).iter().any(|estimate| estimate.force.is_finite()));
+    put(&displacement, good(), 25);
+    wait_until("four that were lost on the way", || stats(&service).lost == 4);
     let told = stats(&service);
-    assert_eq!((told.taken, told.refused, told.mismatched), (21, refused, 1), "{told:?}");
+    assert_eq!((told.taken, told.refused, told.mismatched), (22, refused, 1), "{told:?}");
     service.stop().expect("no thread panicked");
 }
 
 #[test]
 fn nothing_is_seen_unasked_and_nothing_taken_without_leave() {
-    let [.., domain, _] = DOMAINS;
+    let [_, _, domain, ..] = DOMAINS;
     for (rmw, seen) in [("off", 0), ("publish", 5)] {
         let (endpoint, args) = (endpoint(), RosArgs::in_namespace("/corner"));
         let (service, _) =
@@ -296,7 +301,7 @@ fn nothing_is_seen_unasked_and_nothing_taken_without_leave() {
 
 #[test]
 fn several_dampers_are_several_nodes_in_one_session() {
-    let [.., domain] = DOMAINS;
+    let [.., domain, _] = DOMAINS;
     let endpoint = endpoint();
     let dampers = ["/left", "/right"].map(|namespace| Damper {
         config: config(domain, &endpoint, "both"),
@@ -318,4 +323,81 @@ fn several_dampers_are_several_nodes_in_one_session() {
         assert!(topics.all(|topic| topic.starts_with(&format!("{namespace}%"))), "{tokens:?}");
     }
     fleet.stop().expect("no thread panicked");
+}
+
+#[test]
+fn the_router_may_come_late_and_go_away() {
+    let [.., domain] = DOMAINS;
+    let (endpoint, args) = (endpoint(), RosArgs::in_namespace("/corner"));
+    let mut config = config(domain, &endpoint, "both");
+    config.zenoh.connect = std::mem::take(&mut config.zenoh.listen);
+    config.zenoh.mode = "client".to_owned();
+    let (service, _) = Service::start(&config, &args, false).expect("it starts without the router");
+    let mut taken = 0;
+    for _ in 0..2 {
+        let mut router = zenoh::Config::default();
+        for (key, value) in [
+            ("mode", "\"router\"".to_owned()),
+            ("listen/endpoints", format!("[\"{endpoint}\"]")),
+            ("scouting/multicast/enabled", "false".to_owned()),
+        ] {
+            router.insert_json5(key, &value).expect("these are Zenoh's settings");
+        }
+        let router = zenoh::open(router).wait().expect("the port is free");
+        let peer = session(&endpoint, &[]);
+        wait_until("the node is seen", || tokens(&peer, domain).len() == 13);
+        let displacement = publisher::<Displacement>(&peer, domain, "displacement");
+        wait_until("the node hears", || {
+            put(&displacement, cdr::to_vec(&Displacement::default()).expect("CDR"), 0);
+            stats(&service).taken > taken
+        });
+        taken = stats(&service).taken;
+        router.close().wait().expect("it ends");
+        assert!(service.mirror().expect("there is one").is_alive());
+    }
+    service.stop().expect("no thread panicked");
+}
+
+#[test]
+fn with_rules_everybody_who_is_let_in_sees_and_one_feeds() {
+    let [_, _, _, domain, _] = DOMAINS;
+    let (keys, endpoint, args) = (Keys::new(), endpoint(), RosArgs::in_namespace("/corner"));
+    let mut config = config(domain, &endpoint, "both");
+    let file = keys.ready("rmw-access.json5", &endpoint).file.expect("a file");
+    config.zenoh.config = file.display().to_string();
+    let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+    let reader = with_password(&endpoint, "reader", "of the news");
+    let supervisor = with_password(&endpoint, "supervisor", "of the four");
+    let nobody = session(&endpoint, &[]);
+    for user in [&reader, &supervisor] {
+        wait_until("the node is seen", || tokens(user, domain).len() == 13);
+    }
+    let outputs = [&reader, &supervisor]
+        .map(|user| inbox(user, &format!("{domain}/corner/force_estimate/{FORCE_ESTIMATE}")));
+    let feed = |user: &Session, seq: i64| {
+        let displacement = publisher::<Displacement>(user, domain, "displacement");
+        let header = Header { stamp: Time::from_nanos_saturating(system_now().nanos()), ..Header::default() };
+        let message = Displacement { header, displacement: 0.001, variance: 0.0 };
+        put(&displacement, cdr::to_vec(&message).expect("CDR"), seq);
+        let around = format!("{domain}/corner/displacement/*/*");
+        let payload = cdr::to_vec(&message).expect("CDR");
+        user.put(around, payload).attachment(attachment(seq)).wait().expect("it is sent");
+    };
+    for seq in 0..50 {
+        feed(&reader, seq);
+        feed(&nobody, seq);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let told = stats(&service);
+    assert_eq!((told.taken, told.refused), (0, 0), "nothing of those who may not: {told:?}");
+    let mut seq = 0;
+    wait_until("what the supervisor sends", || {
+        feed(&supervisor, seq);
+        seq += 1;
+        std::thread::sleep(Duration::from_millis(5));
+        stats(&service).taken > 10
+    });
+    wait_until("both hear", || outputs.iter().all(|(came, _)| estimates(came).len() > 10));
+    assert!(tokens(&nobody, domain).is_empty());
+    service.stop().expect("no thread panicked");
 }

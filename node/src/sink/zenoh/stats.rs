@@ -86,6 +86,7 @@ pub struct RmwCounters {
     sent: AtomicU64,
     dropped: AtomicU64,
     taken: AtomicU64,
+    lost: AtomicU64,
     refused: AtomicU64,
     mismatched: AtomicU64,
     last_refusal: Mutex<Option<String>>,
@@ -101,6 +102,11 @@ impl RmwCounters {
     /// Counts an input that was handed on.
     pub fn take(&self) {
         self.taken.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Counts inputs that were lost on their way.
+    pub fn lose(&self, count: u64) {
+        self.lost.fetch_add(count, Ordering::Relaxed);
     }
 
     /// Counts one that was not, and keeps why.
@@ -122,6 +128,7 @@ impl RmwCounters {
             sent: read(&self.sent),
             dropped: read(&self.dropped),
             taken: read(&self.taken),
+            lost: read(&self.lost),
             refused: read(&self.refused),
             mismatched: read(&self.mismatched),
             last_refusal: self.last_refusal.lock().unwrap_or_else(PoisonError::into_inner).clone(),
@@ -138,6 +145,8 @@ pub struct RmwStats {
     pub dropped: u64,
     /// Inputs that were handed on.
     pub taken: u64,
+    /// Samples of inputs whose numbers are missing: lost on the way here.
+    pub lost: u64,
     /// Samples of inputs that could not be used.
     pub refused: u64,
     /// Publishers of inputs with another type or hash, which are not heard.

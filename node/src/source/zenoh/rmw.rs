@@ -5,20 +5,21 @@
 //! ```
 //!
 //! Each input topic has a subscription with the token that makes it visible. What is no message is refused, counted and logged
-//! as over DDS; a sample that comes both ways is taken once, since the pipeline refuses repeated stamps. Who publishes one of the
-//! topics with a type or hash that is not ours uses another key and is not heard: the log says so, because rmw_zenoh does not.
+//! as over DDS; of a sample that comes both ways the pipeline refuses the second, and the log says that only one is to publish.
+//! Who publishes one of the topics with a type or hash that is not ours uses another key and is not heard: the log says so,
+//! because rmw_zenoh does not.
 
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
-use crate::rmw::{Attachment, Publisher, Role};
+use crate::rmw::{Attachment, Gid, Publisher, Role};
 use crate::sink::zenoh::{Link, RmwCounters, RmwPresence};
 use crate::source::input::{Reader, TOPICS, Taken};
 use crate::source::ros::{RosSource, SourceCounters};
 use crate::worker::{Stop, Worker};
 use mr_damper_msgs::Descriptor;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::Thread;
 use std::time::Duration;
 use zenoh::liveliness::LivelinessToken;
@@ -87,6 +88,7 @@ impl RmwSource {
                 input,
                 reader,
                 queue: queue.clone(),
+                last: Mutex::default(),
                 waker: wakes.then(|| source.thread()),
                 counters: presence.counters(),
                 of_source: source.counters(),
@@ -167,6 +169,8 @@ struct Door {
     input: usize,
     reader: Reader,
     queue: SyncSender<Arrived>,
+    /// Publisher and number of the last sample. Zenoh calls from several threads.
+    last: Mutex<Option<(Gid, i64)>>,
     waker: Option<Thread>,
     counters: Arc<RmwCounters>,
     of_source: Arc<SourceCounters>,
@@ -206,12 +210,24 @@ impl Door {
             return Err("it deletes, and a topic has nothing to delete".to_owned());
         }
         let attachment = sample.attachment().map(|bytes| bytes.to_bytes()).unwrap_or_default();
-        Attachment::from_bytes(&attachment).map_err(|error| error.to_string())?;
+        let attachment = Attachment::from_bytes(&attachment).map_err(|error| error.to_string())?;
+        self.note(attachment.gid, attachment.seq);
         let length = sample.payload().len();
         if length > LONGEST {
             return Err(format!("it has {length} bytes, and may have {LONGEST}"));
         }
         self.reader.read(&sample.payload().to_bytes()).map_err(|error| error.to_string())
+    }
+
+    /// Counts what was lost on the way, while one publisher speaks: Zenoh drops without a word what a link does not carry.
+    fn note(&self, gid: Gid, seq: i64) {
+        // A poisoned lock only means that a number was not noted.
+        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).replace((gid, seq));
+        let missing =
+            last.filter(|(of, _)| *of == gid).map(|(_, last)| i128::from(seq) - i128::from(last) - 1);
+        if let Some(missing) = missing.and_then(|missing| u64::try_from(missing).ok()) {
+            self.counters.lose(missing);
+        }
     }
 }
 
