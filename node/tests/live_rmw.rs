@@ -313,6 +313,8 @@ fn several_dampers_are_several_nodes_in_one_session() {
     let tokens = tokens(&peer, domain);
     let split = |token: &String| -> Vec<String> { token.split('/').map(str::to_owned).collect() };
     let tokens: Vec<_> = tokens.iter().map(split).collect();
+    let zid = peer.info().peers_zid().wait().next().expect("the node's session").to_string();
+    assert!(tokens.iter().all(|token| token[2] == zid), "{zid}: {tokens:?}");
     let ids: HashSet<_> = tokens.iter().map(|token| &token[4]).collect();
     assert_eq!(ids.len(), tokens.len(), "no number twice: {tokens:?}");
     for namespace in ["%left", "%right"] {

@@ -86,6 +86,7 @@ impl RmwOutlet {
         let token = session.liveliness().declare_token(node.token(&zid)).wait()?;
         let mut outputs = Vec::with_capacity(OUTPUTS.len());
         for (of, topic) in OUTPUTS.into_iter().zip(topics) {
+            // Each has one: a test below says so.
             let Some(descriptor) = descriptor(of) else { continue };
             let publisher = session
                 .declare_publisher(node.key(topic, descriptor))
