@@ -30,6 +30,7 @@ pub mod parameters;
 pub mod player;
 pub mod provenance;
 pub mod report;
+pub mod rmw;
 pub mod ros;
 pub mod rosout;
 pub mod run;

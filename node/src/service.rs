@@ -5,6 +5,7 @@
 //!                                                          ├→ ring ─→ Zenoh thread ─→ keys
 //!                                                          ├→ ring ─→ overseer ─→ /diagnostics, history
 //!                                                          └→ ring ─→ whoever asked for one (screen, report)
+//! rmw_zenoh topics ─→ queue ─→ source thread
 //! Zenoh commands ─→ commands thread ─→ ring ─→ source thread (forces), and control as the services below
 //! parameters, ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
 //! load_model, state
@@ -21,10 +22,11 @@ use crate::ros::{self, Domain, Ros};
 use crate::rosout::Rosout;
 use crate::services::Services;
 use crate::sink::ros::{RosSink, RosSinkCounters, SharedNames};
-use crate::sink::zenoh::{Damper, Encoding, Link, Mirror, SessionMode, ZenohConfig};
+use crate::sink::zenoh::{Damper, Encoding, Link, Mirror, Rmw, RmwPresence, SessionMode, ZenohConfig};
 use crate::source;
 use crate::source::ros::{RosSource, SourceCounters};
-use crate::source::zenoh::{Obeying, ZenohSource};
+use crate::source::zenoh::rmw::RmwSource;
+use crate::source::zenoh::{ByZenoh, Obeying, ZenohSource};
 use ros2_client::NodeOptions;
 use std::sync::Arc;
 
@@ -37,6 +39,7 @@ pub struct Service {
     overseer: Overseer,
     services: Services,
     commands: Option<ZenohSource>,
+    rmw_inputs: Option<RmwSource>,
     zenoh: Option<(Arc<Link>, Mirror)>,
     counters: Counters,
 }
@@ -103,12 +106,17 @@ impl Service {
         let ros_sink = RosSink::start(&mut ros, args, control.names(), control.clock(), ros_inlet)?;
         let mut outlets = vec![ros_outlet.waking(ros_sink.thread())];
 
+        let rmw = Rmw::named(&config.zenoh.rmw).unwrap_or_default();
         let mut zenoh = None;
+        let mut presence = None;
         if let Some(link) = &process.link {
             let (outlet, inlet) = hot::channel(true);
+            if rmw != Rmw::Off {
+                presence = Some(RmwPresence::of(args, ros::domain_id(config)?, link.next_entity()));
+            }
             let mirror = Mirror::start(
                 link,
-                Damper::named(args.damper()),
+                Damper { rmw: presence.clone(), ..Damper::named(args.damper()) },
                 control.models_names(),
                 inlet.events,
                 inlet.dropped,
@@ -130,8 +138,10 @@ impl Service {
             Hot::start(control.clock(), outlets).map_err(NodeError::io("starting the estimating thread"))?;
         let hot_counters = running.counters();
         control.attach(running);
-        let (asking, asked) = source::zenoh::forces();
-        let source = RosSource::start(&mut ros, args, config, &control, asked, samples)?;
+        let (asking, forces) = source::zenoh::forces();
+        let (arriving, arrived) = source::zenoh::rmw::queue();
+        let by_zenoh = ByZenoh { forces, samples: arrived };
+        let source = RosSource::start(&mut ros, args, config, &control, by_zenoh, samples)?;
         let counters =
             Counters { hot: hot_counters, source: source.counters(), ros_sink: ros_sink.counters() };
         let overseer = overseeing.start(overseen, counters.clone())?;
@@ -154,7 +164,24 @@ impl Service {
             }
             _ => None,
         };
-        let service = Self { ros, source, control, ros_sink, overseer, services, commands, zenoh, counters };
+        let rmw_inputs = match (&process.link, &presence) {
+            (Some(link), Some(presence)) if rmw == Rmw::Both => {
+                Some(RmwSource::start(link, presence, args, config, &source, &arriving)?)
+            }
+            _ => None,
+        };
+        let service = Self {
+            ros,
+            source,
+            control,
+            ros_sink,
+            overseer,
+            services,
+            commands,
+            rmw_inputs,
+            zenoh,
+            counters,
+        };
         Ok((service, watched))
     }
 
@@ -189,6 +216,7 @@ impl Service {
             ("ros-services", self.services.is_alive()),
             ("ros-spinner", self.ros.is_alive()),
             ("zenoh-commands", self.commands.as_ref().is_none_or(ZenohSource::is_alive)),
+            ("zenoh-inputs", self.rmw_inputs.as_ref().is_none_or(RmwSource::is_alive)),
             ("zenoh-mirror", self.mirror().is_none_or(Mirror::is_alive)),
         ]
         .into_iter()
@@ -223,6 +251,9 @@ impl Service {
         if let Some(commands) = self.commands {
             note("zenoh-commands", commands.stop());
         }
+        if let Some(inputs) = self.rmw_inputs {
+            note("zenoh-inputs", inputs.stop());
+        }
         note("ros-services", self.services.stop());
         note("ros-source", self.source.stop());
         if let Some(hot) = self.control.detach() {
@@ -246,11 +277,13 @@ impl Service {
 
 fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
     let zenoh = &config.zenoh;
-    // Commands without an endpoint are a mistake, which the settings' check names.
+    let rmw = Rmw::named(&zenoh.rmw).unwrap_or_default();
+    // Commands and a presence without an endpoint are a mistake, which the settings' check names.
     let asked = !(zenoh.listen.is_empty()
         && zenoh.connect.is_empty()
         && zenoh.config.is_empty()
-        && zenoh.commands.is_empty());
+        && zenoh.commands.is_empty()
+        && rmw == Rmw::Off);
     asked.then(|| ZenohConfig {
         file: (!zenoh.config.is_empty()).then(|| zenoh.config.clone().into()),
         listen: zenoh.listen.clone(),
@@ -265,6 +298,7 @@ fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
         history_s: zenoh.history_s,
         allow_non_loopback: zenoh.allow_non_loopback,
         commands: zenoh.commands.clone(),
+        rmw,
     })
 }
 

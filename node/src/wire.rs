@@ -13,6 +13,12 @@ pub fn header(stamp: Stamp, frame_id: &str) -> Header {
     Header { stamp: Time::from_nanos_saturating(stamp.nanos()), frame_id: frame_id.to_owned() }
 }
 
+/// The frame of the node in `namespace`: its parts, joined by `_`.
+#[must_use]
+pub fn frame_id(namespace: &str) -> String {
+    namespace.trim_start_matches('/').replace('/', "_")
+}
+
 /// `stamp` as `ros2 topic echo` shows stamps: seconds and a fraction.
 #[must_use]
 pub fn in_seconds(stamp: Stamp) -> String {

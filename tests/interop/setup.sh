@@ -7,7 +7,7 @@
 # Everything lands under $MR_DAMPER_INTEROP_DIR (default /var/tmp/mr-damper-interop):
 #   jazzy/venv   jazzy/msgs     rclpy and friends from wheels; mr_damper_msgs built against them
 #   kilted/venv  kilted/msgs
-#   peers/venv                  cyclonedds, eclipse-zenoh, rosbags, mcap, mcap-ros2-support
+#   peers/venv                  cyclonedds, eclipse-zenoh, pyzeros, rosbags, mcap, mcap-ros2-support
 #   secure/secure_peer          a peer on Debian's Fast DDS, which has DDS-Security; needs libfastrtps-dev and openssl
 #   router/fleet-router         a Zenoh router with a storage; needs Rust, and some minutes to build
 # A part is skipped when its stamp still names these requirements, these interface files, this script and
@@ -122,8 +122,12 @@ build_router() {
 verify() {
   local part=$1
   if [ "$part" = peers ]; then
-    "$base/peers/venv/bin/python" -c 'import cyclonedds, zenoh, rosbags, mcap, mcap_ros2' ||
+    "$base/peers/venv/bin/python" -c 'import cyclonedds.domain, zenoh, rosbags, mcap, mcap_ros2' ||
       die "the peers environment does not import; delete $base/peers and run this again"
+    # pyzeros compiles a codec when it is first used; where rmw_peer.py looks for it.
+    CYDR_CACHE_DIR=$base/peers/venv/cydr_cache "$base/peers/venv/bin/python" -c '
+from pyzeros.builtin_msgs import Attachment
+Attachment().serialize()' || die "pyzeros does not work in $base/peers; its message above says why"
   else
     "$here/ros-python.sh" "$part" -c 'import rclpy; from mr_damper_msgs.msg import ForceEstimate' ||
       die "rclpy with mr_damper_msgs does not import in $part; delete $base/$part and run this again"

@@ -58,6 +58,8 @@ pub struct ZenohSettings {
     pub commands: Vec<String>,
     /// Directory of the model files that may be loaded by Zenoh; empty: presets only.
     pub model_dir: String,
+    /// What nodes on rmw_zenoh see: `off`, `publish` or `both`.
+    pub rmw: String,
     /// `cbor`, `json` or `cdr`.
     pub encoding: String,
     /// Rate of the `web/` keys, Hz.
@@ -167,6 +169,7 @@ impl Default for Config {
                 config: String::new(),
                 commands: Vec::new(),
                 model_dir: String::new(),
+                rmw: "off".to_owned(),
                 encoding: "cbor".to_owned(),
                 web_rate_hz: 30.0,
                 history_s: 10.0,

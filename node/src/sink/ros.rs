@@ -76,7 +76,7 @@ impl RosSink {
             command: ros.publish(&args.topic("current_command"))?,
         };
         let counters = Arc::new(RosSinkCounters::default());
-        let frame_id = args.namespace().trim_start_matches('/').replace('/', "_");
+        let frame_id = wire::frame_id(&args.namespace());
         let publishing = Publishing {
             publishers,
             names,

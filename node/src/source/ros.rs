@@ -1,4 +1,4 @@
-//! Samples from ROS topics, and forces that are asked for by Zenoh.
+//! Samples from ROS topics, with what comes by Zenoh among them: from rmw_zenoh's topics, and forces that are asked for.
 //!
 //! One thread waits on all input topics. Displacement is taken first, everything else after it: what a peer sent
 //! before a displacement is there by then, and is sorted before it. What its middleware sent in another order is
@@ -6,20 +6,20 @@
 //! order in which topics happen to be sent or polled, and live results are those of a replay.
 
 use super::collate::Collator;
+use super::input::{Carries, TOPICS, Taken, joint_of, of_joint};
 use crate::config::{Config, InputConfig, RosArgs};
 use crate::control::Control;
 use crate::error::NodeError;
 use crate::hot::SampleSink;
 use crate::ros::Ros;
-use crate::source::zenoh::AskedForce;
+use crate::source::zenoh::ByZenoh;
 use crate::worker::{Stop, Worker};
-use futures::stream::{LocalBoxStream, StreamExt};
+use futures::stream::{LocalBoxStream, Stream, StreamExt};
 use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
-use mr_damper_msgs::standard::{Clock, Float64, Header, JointState, Temperature};
+use mr_damper_msgs::standard::{Clock, Float64, JointState, Temperature};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
 use ros2_client::Subscription;
-use rtrb::Consumer;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll, Wake, Waker};
@@ -33,23 +33,12 @@ const NAP: Duration = Duration::from_millis(10);
 /// Sleep while a displacement is held back.
 const HOLDING_NAP: Duration = Duration::from_millis(1);
 
-/// The input topics that have parameters. The first one is polled first: see the module's comment on the order.
-const INPUTS: [&str; 7] = [
-    "displacement",
-    "coil_current",
-    "command_voltage",
-    "velocity",
-    "measured_force",
-    "body_velocity",
-    "force_request",
-];
-
 /// Counters of the source.
 #[derive(Debug, Default)]
 pub struct SourceCounters {
     /// Messages taken.
     pub messages: AtomicU64,
-    /// Messages that could not be read (broken CDR, a joint that is not in the message).
+    /// Messages that could not be used (broken CDR, a joint that is not in the message, no message of rmw_zenoh's).
     pub unreadable: AtomicU64,
     /// Displacements that went on without an input of their stamp, though they had waited for it.
     pub incomplete: AtomicU64,
@@ -75,9 +64,6 @@ struct Channel {
     offset: f64,
 }
 
-/// Stamp (zero: none) and plain value of a message; `None` when it holds no value for us.
-type Taken = Option<(i64, f64)>;
-
 /// The running source.
 pub struct RosSource {
     worker: Worker,
@@ -94,28 +80,22 @@ impl RosSource {
         args: &RosArgs,
         config: &Config,
         control: &Arc<Control>,
-        asked: Consumer<AskedForce>,
+        by_zenoh: ByZenoh,
         samples: SampleSink,
     ) -> Result<Self, NodeError> {
-        let mut channels = Vec::with_capacity(INPUTS.len() + 1);
-        for topic in INPUTS {
+        let mut channels = Vec::with_capacity(TOPICS.len());
+        for topic in TOPICS {
             let settings = config.input(topic).cloned().unwrap_or_default();
             let input = subscribe(ros, args, topic, &settings)?;
             channels.push(Channel { topic, input, sign: settings.sign, offset: settings.offset });
         }
-        channels.push(Channel {
-            topic: "case_temperature",
-            input: Input::Temperature(ros.subscribe(&args.topic("case_temperature"))?),
-            sign: 1.0,
-            offset: 0.0,
-        });
         let counters = Arc::new(SourceCounters::default());
         let wait = Duration::from_secs_f64(config.align_wait_s);
         let pump = Pump {
             channels,
             clock: ros.subscribe(&args.topic("/clock"))?,
             control: Arc::clone(control),
-            asked,
+            by_zenoh,
             samples,
             collator: Collator::new(wait),
             counters: Arc::clone(&counters),
@@ -123,6 +103,12 @@ impl RosSource {
         let worker = Worker::start("ros-source", move |stop| pump.run(stop))
             .map_err(NodeError::io("starting the thread that takes ROS messages"))?;
         Ok(Self { worker, counters })
+    }
+
+    /// The source's thread, for waking.
+    #[must_use]
+    pub fn thread(&self) -> Thread {
+        self.worker.thread()
     }
 
     /// The source's counters.
@@ -150,21 +136,13 @@ fn subscribe(ros: &mut Ros, args: &RosArgs, topic: &str, settings: &InputConfig)
     let name = args.topic(topic);
     Ok(match settings.message_type.as_str() {
         Float64::TYPE => Input::Float(ros.subscribe(&name)?),
-        JointState::TYPE => {
-            if settings.joint.is_empty() {
-                return Err(NodeError::Parameter {
-                    name: format!("{topic}.joint"),
-                    value: "\"\"".to_owned(),
-                    expected: format!("the joint's name, because {topic}.type is {}", JointState::TYPE),
-                });
-            }
-            Input::Joint(ros.subscribe(&name)?, settings.joint.clone())
-        }
+        JointState::TYPE => Input::Joint(ros.subscribe(&name)?, joint_of(topic, settings)?),
         _ => match topic {
             "displacement" => Input::Displacement(ros.subscribe(&name)?),
             "velocity" | "body_velocity" => Input::Velocity(ros.subscribe(&name)?),
             "coil_current" => Input::CoilCurrent(ros.subscribe(&name)?),
             "command_voltage" => Input::CommandVoltage(ros.subscribe(&name)?),
+            "case_temperature" => Input::Temperature(ros.subscribe(&name)?),
             _ => Input::Force(ros.subscribe(&name)?),
         },
     })
@@ -178,38 +156,24 @@ impl Channel {
 
     /// The channel's messages as plain stamps and values. An `Err` is a message that cannot be read.
     fn values(&self) -> LocalBoxStream<'_, Result<Taken, String>> {
-        fn stream<'a, M: Message>(
-            subscription: &'a Subscription<M>,
-            take: impl Fn(M) -> Taken + 'a,
-        ) -> LocalBoxStream<'a, Result<Taken, String>> {
-            subscription
-                .async_stream()
-                .map(move |taken| taken.map(|(message, _)| take(message)).map_err(|e| e.to_string()))
-                .boxed_local()
+        fn messages<M: Message>(of: &Subscription<M>) -> impl Stream<Item = Result<M, String>> {
+            of.async_stream()
+                .map(|taken| taken.map(|(message, _)| message).map_err(|error| error.to_string()))
         }
-        fn at(header: &Header, value: f64) -> Taken {
-            Some((header.stamp.as_nanos(), value))
+        fn plain<M: Carries>(of: &Subscription<M>) -> LocalBoxStream<'_, Result<Taken, String>> {
+            messages(of).map(|message| message.map(|message| Some(message.taken()))).boxed_local()
         }
         match &self.input {
-            Input::Displacement(s) => stream(s, |m| at(&m.header, m.displacement)),
-            Input::Velocity(s) => stream(s, |m| at(&m.header, m.velocity)),
-            Input::CoilCurrent(s) => stream(s, |m| at(&m.header, m.current)),
-            Input::CommandVoltage(s) => stream(s, |m| at(&m.header, m.voltage)),
-            Input::Force(s) => stream(s, |m| at(&m.header, m.force)),
-            Input::Temperature(s) => stream(s, |m| at(&m.header, m.temperature)),
-            Input::Float(s) => stream(s, |m| Some((0, m.data))),
-            Input::Joint(s, joint) => {
-                let column = match self.topic {
-                    "displacement" => |m: JointState| m.position,
-                    "velocity" | "body_velocity" => |m: JointState| m.velocity,
-                    _ => |m: JointState| m.effort,
-                };
-                stream(s, move |m| {
-                    let index = m.name.iter().position(|name| name == joint)?;
-                    let stamp = m.header.stamp.as_nanos();
-                    column(m).get(index).map(|value| (stamp, *value))
-                })
-            }
+            Input::Displacement(of) => plain(of),
+            Input::Velocity(of) => plain(of),
+            Input::CoilCurrent(of) => plain(of),
+            Input::CommandVoltage(of) => plain(of),
+            Input::Force(of) => plain(of),
+            Input::Temperature(of) => plain(of),
+            Input::Float(of) => plain(of),
+            Input::Joint(of, joint) => messages(of)
+                .map(|message| message.map(|message| of_joint(message, self.topic, joint)))
+                .boxed_local(),
         }
     }
 
@@ -248,8 +212,7 @@ struct Pump {
     channels: Vec<Channel>,
     clock: Subscription<Clock>,
     control: Arc<Control>,
-    /// Forces that are asked for by Zenoh. They wake nobody: they count with the next displacement.
-    asked: Consumer<AskedForce>,
+    by_zenoh: ByZenoh,
     samples: SampleSink,
     collator: Collator,
     counters: Arc<SourceCounters>,
@@ -257,7 +220,7 @@ struct Pump {
 
 impl Pump {
     fn run(self, stop: &Stop) {
-        let Self { channels, clock, control, mut asked, mut samples, mut collator, counters } = self;
+        let Self { channels, clock, control, mut by_zenoh, mut samples, mut collator, counters } = self;
         let waker = Waker::from(Arc::new(Unpark(std::thread::current())));
         let mut streams: Vec<_> = channels.iter().map(|channel| (channel, channel.values())).collect();
         let mut batch: Vec<Sample> = Vec::with_capacity(BATCH);
@@ -285,7 +248,13 @@ impl Pump {
                 }
             }
             while batch.len() < BATCH
-                && let Ok((stamp, force)) = asked.pop()
+                && let Ok(arrived) = by_zenoh.samples.try_recv()
+            {
+                counters.messages.fetch_add(1, Ordering::Relaxed);
+                batch.push(channels[arrived.input].sample(arrived.stamp_ns, arrived.value, received));
+            }
+            while batch.len() < BATCH
+                && let Ok((stamp, force)) = by_zenoh.forces.pop()
             {
                 let reading = Reading::ForceRequest(force);
                 batch.push(Sample { stamp: stamp.unwrap_or(received), received, reading });
@@ -320,7 +289,7 @@ fn hear(clock: &Subscription<Clock>, control: &Control) {
 
 impl SourceCounters {
     /// Counts a message that gave no sample; the log hears of the first and of every doubling.
-    fn note_unreadable(&self, topic: &str, why: &str) {
+    pub(super) fn note_unreadable(&self, topic: &str, why: &str) {
         let count = self.unreadable.fetch_add(1, Ordering::Relaxed) + 1;
         if count.is_power_of_two() {
             tracing::warn!(topic, count, "a message cannot be used: {why}");

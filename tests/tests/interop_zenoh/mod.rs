@@ -1,5 +1,7 @@
 //! Zenoh from Python, with the ready configurations of `launch-configs/zenoh`.
 
+mod rmw;
+
 use crate::interop_support::gate::{self, Outcome, interop};
 use crate::interop_support::json::{count, found, number, text, texts, truth};
 use crate::interop_support::process::Program;

@@ -3,6 +3,7 @@
 use super::Change::{Never, Running, Unconfigured};
 use super::{Kind, Parameter};
 use crate::config::{Value, use_force_name};
+use crate::sink::zenoh::Rmw;
 use mr_damper_model::inverse::Method;
 use mr_damper_model::pipeline::{Mode, UseForce};
 
@@ -352,7 +353,7 @@ const PLAUSIBLE: [Parameter; 5] = [
     ),
 ];
 
-const ZENOH: [Parameter; 10] = [
+const ZENOH: [Parameter; 11] = [
     list!(
         "zenoh.listen",
         "endpoints that the Zenoh mirror listens on, e.g. ['tcp/127.0.0.1:7447']; none: it does not listen",
@@ -385,6 +386,14 @@ const ZENOH: [Parameter; 10] = [
         Never,
         "directory of the model files that the Zenoh command load_model may name; empty: presets only",
         zenoh.model_dir
+    ),
+    text!(
+        "zenoh.rmw",
+        Kind::Choice(&Rmw::NAMES),
+        Never,
+        "what nodes on rmw_zenoh in the same domain see; publish: the node and its outputs; both: its inputs too, which are then taken \
+         from them as over DDS; off: nothing",
+        zenoh.rmw
     ),
     text!(
         "zenoh.encoding",

@@ -82,6 +82,31 @@ impl Encoding {
     }
 }
 
+/// What nodes on rmw_zenoh see of the dampers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rmw {
+    /// Nothing.
+    #[default]
+    Off,
+    /// The node and its outputs.
+    Publish,
+    /// The node, its outputs, and its inputs: what they publish there is taken.
+    Both,
+}
+
+impl Rmw {
+    /// The names, as in the configuration.
+    pub const NAMES: [&str; 3] = ["off", "publish", "both"];
+
+    /// The one called `name`.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        let index = Self::NAMES.iter().position(|known| *known == name)?;
+        Some([Self::Off, Self::Publish, Self::Both][index])
+    }
+}
+
 /// Settings of the process's Zenoh session and its mirrors. The default has no endpoint, which is an error: nothing listens
 /// unasked.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -105,6 +130,8 @@ pub struct ZenohConfig {
     pub allow_non_loopback: bool,
     /// Commands that are taken from `cmd/`, by name; none: nobody commands by Zenoh.
     pub commands: Vec<String>,
+    /// What nodes on rmw_zenoh see of the dampers.
+    pub rmw: Rmw,
 }
 
 impl Default for ZenohConfig {
@@ -119,6 +146,7 @@ impl Default for ZenohConfig {
             history_s: 10.0,
             allow_non_loopback: false,
             commands: Vec::new(),
+            rmw: Rmw::Off,
         }
     }
 }

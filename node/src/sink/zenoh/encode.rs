@@ -75,7 +75,11 @@ fn attachment(item: &Item, seq: u64) -> [u8; ATTACHMENT_LEN] {
 }
 
 /// The ROS message in CDR with its header; `None` for what has no message.
-fn ros_bytes(event: &Event, names: &ModelNames, frame_id: &str) -> Option<Result<Vec<u8>, EncodeError>> {
+pub(super) fn ros_bytes(
+    event: &Event,
+    names: &ModelNames,
+    frame_id: &str,
+) -> Option<Result<Vec<u8>, EncodeError>> {
     // A stamp that does not fit in a ROS header (after 2038) is exact in the attachment.
     Some(match event {
         Event::Input(sample) => input_bytes(sample, wire::header(sample.stamp, frame_id)),

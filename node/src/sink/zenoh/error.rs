@@ -49,6 +49,15 @@ pub enum ZenohError {
         /// The endpoint as given.
         endpoint: String,
     },
+    /// Anybody on a network could feed the damper.
+    #[error(
+        "Zenoh endpoint `{endpoint}` is not on loopback and zenoh.rmw is both, but nobody has said whose inputs are taken: give a \
+         configuration file with access_control enabled and default_permission deny, or take rmw = publish, which lets nothing in"
+    )]
+    AnybodyFeeds {
+        /// The endpoint as given.
+        endpoint: String,
+    },
     /// A configuration file of Zenoh's own that cannot be used.
     #[error("Zenoh configuration {}: {why}", path.display())]
     File {

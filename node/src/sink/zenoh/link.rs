@@ -1,9 +1,9 @@
 //! The Zenoh session, shared by the mirrors of all dampers of the process.
 
-use super::config::{SessionMode, ZenohConfig};
+use super::config::{Rmw, SessionMode, ZenohConfig};
 use super::error::ZenohError;
 use super::plan::{Plan, plain};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -35,6 +35,7 @@ pub(super) struct Inner {
     opening: Mutex<Opening>,
     closing: AtomicBool,
     watch: Mutex<Watch>,
+    entities: AtomicU64,
 }
 
 /// How far opening has come.
@@ -63,12 +64,19 @@ impl Link {
     /// When a setting cannot be used, when a port is taken, or when Zenoh opens no session.
     pub fn open(config: &ZenohConfig) -> Result<Self, ZenohError> {
         let plan = config.plan()?;
+        if config.rmw != Rmw::Off && plan.mode == SessionMode::Peer && !plan.connect.is_empty() {
+            tracing::warn!(
+                "zenoh.rmw as a peer: the router of rmw_zenoh passes nothing on between peers, so its nodes see this one only where \
+                 they connect to it themselves; beside such a router, set zenoh.mode to client"
+            );
+        }
         let inner = Arc::new(Inner {
             config: config.clone(),
             plan,
             opening: Mutex::new(Opening::Waiting),
             closing: AtomicBool::new(false),
             watch: Mutex::default(),
+            entities: AtomicU64::new(0),
         });
         let (sender, first_result) = mpsc::sync_channel(1);
         let opener = Arc::clone(&inner);
@@ -123,6 +131,12 @@ impl Link {
         }
     }
 
+    /// A number that no other entity of this session has in the graph of rmw_zenoh.
+    #[must_use]
+    pub fn next_entity(&self) -> u64 {
+        self.inner.next_entity()
+    }
+
     /// Closes the session, within half a second. Stop the mirrors first, or they report a closed session.
     pub fn close(self) {
         // `Drop` does it.
@@ -144,6 +158,10 @@ impl Drop for Link {
 }
 
 impl Inner {
+    pub(super) fn next_entity(&self) -> u64 {
+        self.entities.fetch_add(1, Ordering::Relaxed)
+    }
+
     pub(super) fn opening(&self) -> Opening {
         self.lock().clone()
     }

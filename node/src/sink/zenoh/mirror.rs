@@ -6,6 +6,7 @@ use super::error::ZenohError;
 use super::link::{Inner, Link, Opening};
 use super::outlet::Outlet;
 use super::payload::{Item, ModelNames};
+use super::rmw::RmwPresence;
 use super::shared::{ROUTES, Shared, Tree, route};
 use super::stats::{CommandCounters, MirrorState, Stats};
 use super::throttle::Throttle;
@@ -33,19 +34,21 @@ const REPEAT: Duration = Duration::from_secs(10);
 const REMEMBERED: usize = 256;
 
 /// A damper, as it is named on Zenoh.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct Damper {
     /// Its name in keys: the ROS namespace without the leading slash, such as `front_left`.
     pub name: String,
     /// Its frame in the headers of ROS messages; used with [`Encoding::Cdr`] only.
     pub frame_id: String,
+    /// Its place in the graph of rmw_zenoh; none: nodes there do not see it.
+    pub rmw: Option<RmwPresence>,
 }
 
 impl Damper {
     /// A damper whose frame is its name.
     #[must_use]
     pub fn named(name: &str) -> Self {
-        Self { name: name.to_owned(), frame_id: name.to_owned() }
+        Self { name: name.to_owned(), frame_id: name.to_owned(), rmw: None }
     }
 }
 
@@ -75,8 +78,8 @@ impl Mirror {
         if !name.split('/').all(|part| !part.is_empty() && part.chars().all(allowed)) {
             return Err(ZenohError::DamperName { name: damper.name });
         }
-        let shared =
-            Arc::new(Shared::new(name, damper.frame_id, link.config().clone(), names, Arc::clone(&dropped)));
+        let damper = Damper { name, ..damper };
+        let shared = Arc::new(Shared::new(damper, link.config().clone(), names, Arc::clone(&dropped)));
         let (sender, ended) = mpsc::sync_channel(1);
         let (of_worker, of_guard, link) = (Arc::clone(&shared), Arc::clone(&shared), link.inner());
         let handle = thread::Builder::new()
@@ -226,7 +229,7 @@ impl Worker {
         match self.link.opening() {
             Opening::Waiting => {}
             Opening::Gone => self.shared.fail("the Zenoh session was closed".to_owned()),
-            Opening::Done(session) => match Outlet::declare(session, &self.shared) {
+            Opening::Done(session) => match Outlet::declare(session, &self.link, &self.shared) {
                 Ok(outlet) => {
                     self.outlet = Some(outlet);
                     self.shared.book().state = MirrorState::Running;
@@ -249,6 +252,7 @@ impl Worker {
             }
             let now = Instant::now();
             let (seq, sent) = self.put(Tree::State, &item, self.shared.config.encoding);
+            self.put_rmw(&event, now);
             self.shared.book().note(item, seq, sent, now, &self.shared.clock);
             if let Some(item) = self.web[item.topic() as usize].offer(item, now) {
                 self.put_web(&item, now);
@@ -289,13 +293,25 @@ impl Worker {
             Ok(encoded) => outlet.put(tree, topic, encoded).map_err(|error| error.to_string()),
             Err(error) => Err(error.to_string()),
         };
-        if let Err(error) = &put
-            && self.last_complaint.is_none_or(|at| at.elapsed() > REPEAT)
-        {
+        if let Err(error) = &put {
+            self.complain(topic, error);
+        }
+        (seq, put.is_ok())
+    }
+
+    /// Publishes an output for nodes on rmw_zenoh, where they see the damper.
+    fn put_rmw(&mut self, event: &Event, now: Instant) {
+        let Some(rmw) = self.outlet.as_mut().and_then(Outlet::rmw) else { return };
+        if let Err(error) = rmw.put(event, &self.shared.names(), self.shared.clock.nanos_at(now)) {
+            self.complain(Topic::of_event(event), &error);
+        }
+    }
+
+    fn complain(&mut self, topic: Topic, error: &str) {
+        if self.last_complaint.is_none_or(|at| at.elapsed() > REPEAT) {
             self.last_complaint = Some(Instant::now());
             tracing::warn!(damper = %self.shared.damper, topic = topic.name(), "not put to Zenoh: {error}");
         }
-        (seq, put.is_ok())
     }
 
     /// Once a second: connections, and losses in the ring.

@@ -8,7 +8,8 @@
 //!                                     └──→ zenoh-answers ──↗
 //! ```
 //!
-//! All keys begin with `mr_damper/<damper>/`. One [`Link`] (the session) serves the process, one [`Mirror`]
+//! Nodes on rmw_zenoh see the damper as a ROS node with its topics where that is asked for: `rmw.rs`, off by default. The mirror's
+//! own keys all begin with `mr_damper/<damper>/`. One [`Link`] (the session) serves the process, one [`Mirror`]
 //! each damper. What holds, and is tested:
 //!
 //! - The estimating thread shares the ring, an atomic counter and a wake-up with this module, no lock.
@@ -32,6 +33,7 @@ mod mirror;
 mod outlet;
 mod payload;
 mod plan;
+mod rmw;
 #[cfg(test)]
 mod samples;
 mod shared;
@@ -40,10 +42,11 @@ mod throttle;
 mod time_range;
 mod topic;
 
-pub use config::{Encoding, SessionMode, ZenohConfig};
+pub use config::{Encoding, Rmw, SessionMode, ZenohConfig};
 pub use error::ZenohError;
 pub use link::Link;
 pub use mirror::{Damper, Mirror, Renamer};
 pub use payload::ModelNames;
-pub use stats::{CommandCounters, CommandStats, MirrorState, RouteStats, Stats};
+pub use rmw::RmwPresence;
+pub use stats::{CommandCounters, CommandStats, MirrorState, RmwCounters, RmwStats, RouteStats, Stats};
 pub use topic::Topic;

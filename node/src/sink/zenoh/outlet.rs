@@ -3,6 +3,8 @@
 use super::answer::{self, WAITING, Wants};
 use super::config::Encoding;
 use super::encode::{Encoded, encoding_of};
+use super::link::Inner;
+use super::rmw::RmwOutlet;
 use super::shared::{ROUTES, Shared, Tree, route};
 use super::topic::Topic;
 use std::sync::{Arc, mpsc};
@@ -25,11 +27,12 @@ pub(super) struct Outlet {
     queryables: Vec<Queryable<()>>,
     token: LivelinessToken,
     answering: JoinHandle<()>,
+    rmw: Option<RmwOutlet>,
 }
 
 impl Outlet {
     /// Declares all; the token last, so that whoever sees it finds the rest.
-    pub(super) fn declare(session: Session, shared: &Arc<Shared>) -> zenoh::Result<Self> {
+    pub(super) fn declare(session: Session, link: &Inner, shared: &Arc<Shared>) -> zenoh::Result<Self> {
         let mut publishers = Vec::with_capacity(ROUTES);
         for (tree, wanted) in [(Tree::State, shared.config.encoding), (Tree::Web, Encoding::Json)] {
             for topic in Topic::ALL {
@@ -60,8 +63,15 @@ impl Outlet {
         let answering = thread::Builder::new()
             .name("zenoh-answers".to_owned())
             .spawn(move || answer::run(&queries, &answers_of))?;
+        let presence = shared.rmw.as_ref();
+        let rmw = presence.map(|presence| RmwOutlet::declare(&session, link, presence)).transpose()?;
         let token = session.liveliness().declare_token(shared.key("alive")).wait()?;
-        Ok(Self { session, publishers, queryables, token, answering })
+        Ok(Self { session, publishers, queryables, token, answering, rmw })
+    }
+
+    /// What nodes on rmw_zenoh see, where they see anything.
+    pub(super) fn rmw(&mut self) -> Option<&mut RmwOutlet> {
+        self.rmw.as_mut()
     }
 
     pub(super) fn session(&self) -> &Session {
@@ -81,6 +91,9 @@ impl Outlet {
     /// Takes the declarations back; the token first, so that nobody counts on the rest any more.
     pub(super) fn close(self) {
         let mut results = vec![self.token.undeclare().wait()];
+        if let Some(rmw) = self.rmw {
+            rmw.close();
+        }
         results.extend(self.queryables.into_iter().map(|queryable| queryable.undeclare().wait()));
         results.extend(self.publishers.into_iter().map(|publisher| publisher.undeclare().wait()));
         for error in results.into_iter().filter_map(Result::err) {

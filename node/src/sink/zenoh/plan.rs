@@ -4,7 +4,7 @@
 //! holds (TLS, users, access control, downsampling). What it leaves open is not as Zenoh would have it but as it is
 //! safe: no scouting, nothing listens unasked, connections are tried again within a second.
 
-use super::config::{SessionMode, ZenohConfig, is_loopback};
+use super::config::{Rmw, SessionMode, ZenohConfig, is_loopback};
 use super::error::ZenohError;
 use serde_json::Value;
 use std::path::Path;
@@ -99,6 +99,9 @@ impl Plan {
             }
             if !config.commands.is_empty() && !self.access_control {
                 return Err(ZenohError::AnybodyCommands { endpoint: endpoint.clone() });
+            }
+            if config.rmw == Rmw::Both && !self.access_control {
+                return Err(ZenohError::AnybodyFeeds { endpoint: endpoint.clone() });
             }
         }
         Ok(())
@@ -257,15 +260,20 @@ mod tests {
     }
 
     #[test]
-    fn rules_that_only_forbid_do_not_close_a_network_to_commands() {
+    fn rules_that_only_forbid_do_not_close_a_network_to_commands_and_inputs() {
         for (permission, closed) in [("deny", true), ("allow", false)] {
             let (_file, config) = with_file(&format!(
                 "{{ listen: {{ endpoints: ['tcp/0.0.0.0:0'] }},
                    access_control: {{ enabled: true, default_permission: '{permission}' }} }}"
             ));
-            let config =
-                ZenohConfig { allow_non_loopback: true, commands: vec!["set_mode".to_owned()], ..config };
-            assert_eq!(Plan::of(&config).is_ok(), closed, "{permission}");
+            let config = ZenohConfig { allow_non_loopback: true, ..config };
+            for config in [
+                ZenohConfig { commands: vec!["set_mode".to_owned()], ..config.clone() },
+                ZenohConfig { rmw: Rmw::Both, ..config.clone() },
+            ] {
+                assert_eq!(Plan::of(&config).is_ok(), closed, "{permission}");
+            }
+            assert!(Plan::of(&ZenohConfig { rmw: Rmw::Publish, ..config }).is_ok(), "nothing comes in");
         }
     }
 

@@ -4,7 +4,9 @@
 
 use super::config::ZenohConfig;
 use super::history::History;
+use super::mirror::Damper;
 use super::payload::{Item, ModelNames};
+use super::rmw::RmwPresence;
 use super::stats::{CommandCounters, MirrorState, RouteCount, Stats};
 use super::topic::Topic;
 use mr_damper_model::pipeline::{AlarmChange, Event, Mode, Residual, Validity};
@@ -57,6 +59,8 @@ pub(super) struct Shared {
     pub(super) damper: String,
     /// Frame in the headers of ROS messages.
     pub(super) frame_id: String,
+    /// Its place in the graph of rmw_zenoh, where it has one.
+    pub(super) rmw: Option<RmwPresence>,
     pub(super) config: ZenohConfig,
     pub(super) clock: Clock,
     pub(super) stop: AtomicBool,
@@ -115,8 +119,7 @@ impl Book {
 
 impl Shared {
     pub(super) fn new(
-        damper: String,
-        frame_id: String,
+        damper: Damper,
         config: ZenohConfig,
         names: ModelNames,
         ring_dropped: Arc<AtomicU64>,
@@ -136,9 +139,11 @@ impl Shared {
             residual: None,
             alarm: None,
         };
+        let Damper { name, frame_id, rmw } = damper;
         Self {
-            damper,
+            damper: name,
             frame_id,
+            rmw,
             config,
             clock: Clock::new(),
             stop: AtomicBool::new(false),
@@ -210,6 +215,7 @@ impl Shared {
             queries_answered: book.queries_answered,
             queries_refused: book.queries_refused,
             commands: self.commands.get().map(|counters| counters.stats()),
+            rmw: self.rmw.as_ref().map(|presence| presence.counters().stats()),
             routes: trees.into_iter().flat_map(of_tree).map(one).collect(),
         }
     }

@@ -80,6 +80,81 @@ pub struct CommandStats {
     pub last_refusal: Option<String>,
 }
 
+/// Counters of what goes to and comes from nodes on rmw_zenoh.
+#[derive(Debug, Default)]
+pub struct RmwCounters {
+    sent: AtomicU64,
+    dropped: AtomicU64,
+    taken: AtomicU64,
+    lost: AtomicU64,
+    refused: AtomicU64,
+    mismatched: AtomicU64,
+    last_refusal: Mutex<Option<String>>,
+}
+
+impl RmwCounters {
+    /// Counts a message that was published, or that Zenoh refused.
+    pub(super) fn put(&self, sent: bool) {
+        let count = if sent { &self.sent } else { &self.dropped };
+        count.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Counts an input that was handed on.
+    pub fn take(&self) {
+        self.taken.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Counts inputs that were lost on their way.
+    pub fn lose(&self, count: u64) {
+        self.lost.fetch_add(count, Ordering::Relaxed);
+    }
+
+    /// Counts one that was not, and keeps why.
+    pub fn refuse(&self, why: &str) {
+        self.refused.fetch_add(1, Ordering::Relaxed);
+        *self.last_refusal.lock().unwrap_or_else(PoisonError::into_inner) = Some(why.to_owned());
+    }
+
+    /// Counts a publisher whose type is not that of the input, and returns how many there were.
+    pub fn mismatch(&self) -> u64 {
+        self.mismatched.fetch_add(1, Ordering::Relaxed) + 1
+    }
+
+    /// The counters at present.
+    #[must_use]
+    pub fn stats(&self) -> RmwStats {
+        let read = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        RmwStats {
+            sent: read(&self.sent),
+            dropped: read(&self.dropped),
+            taken: read(&self.taken),
+            lost: read(&self.lost),
+            refused: read(&self.refused),
+            mismatched: read(&self.mismatched),
+            last_refusal: self.last_refusal.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+        }
+    }
+}
+
+/// What went to nodes on rmw_zenoh, and came from them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct RmwStats {
+    /// Messages given to Zenoh.
+    pub sent: u64,
+    /// Messages that Zenoh refused.
+    pub dropped: u64,
+    /// Inputs that were handed on.
+    pub taken: u64,
+    /// Samples of inputs whose numbers are missing: lost on the way here.
+    pub lost: u64,
+    /// Samples of inputs that could not be used.
+    pub refused: u64,
+    /// Publishers of inputs with another type or hash, which are not heard.
+    pub mismatched: u64,
+    /// Why the last sample was refused.
+    pub last_refusal: Option<String>,
+}
+
 /// Counters of a mirror.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stats {
@@ -100,6 +175,8 @@ pub struct Stats {
     pub queries_refused: u64,
     /// What became of commands; none where none are taken.
     pub commands: Option<CommandStats>,
+    /// What nodes on rmw_zenoh get and send; none where they see nothing.
+    pub rmw: Option<RmwStats>,
     /// The routes: those of `state/`, then those of `web/`, in the order of [`super::Topic::ALL`].
     pub routes: Vec<RouteStats>,
 }

@@ -1,4 +1,5 @@
-//! Commands from Zenoh, for those that speak no ROS. Off by default, each by name.
+//! What comes in by Zenoh: inputs from nodes on rmw_zenoh (`rmw.rs`), and commands, for those that speak no ROS. Both are off by
+//! default; commands are allowed each by name.
 //!
 //! ```text
 //! put, get ─→ Zenoh's threads ─→ queue ─→ zenoh-commands ─┬→ ring ─→ source thread     forces, as from the ROS topic
@@ -9,6 +10,7 @@
 //! it. `order.rs` says what it holds. Who may command is for Zenoh's access control to say, before a command gets here.
 
 mod order;
+pub mod rmw;
 
 pub use order::{Judge, Kind, Order, Refusal};
 
@@ -39,6 +41,14 @@ const LOOK: Duration = Duration::from_millis(50);
 
 /// A force that is asked for, and when; `None`: now.
 pub type AskedForce = (Option<Stamp>, Newton);
+
+/// What the source thread gets from Zenoh.
+pub struct ByZenoh {
+    /// Forces that are asked for. They wake nobody: they count with the next displacement.
+    pub forces: Consumer<AskedForce>,
+    /// Samples of nodes on rmw_zenoh.
+    pub samples: Receiver<rmw::Arrived>,
+}
 
 /// What a service hands to those commands.
 pub struct Obeying {

@@ -1,0 +1,158 @@
+//! The damper as nodes on rmw_zenoh see it: a node with its outputs, beside the mirror's keys. Off unless `zenoh.rmw` says otherwise.
+//!
+//! The same messages as over DDS, to the bit, by the mirror's thread and out of its ring. There is no shared memory, no transient
+//! local durability, and there are no services: parameters, `load_model` and the others answer over DDS alone.
+
+use super::encode::ros_bytes;
+use super::link::Inner;
+use super::payload::ModelNames;
+use super::stats::RmwCounters;
+use super::topic::Topic;
+use crate::config::RosArgs;
+use crate::rmw::{Attachment, Gid, Node, Role, gid};
+use mr_damper_model::pipeline::Event;
+use mr_damper_msgs::{Descriptor, MESSAGES};
+use std::sync::Arc;
+use zenoh::bytes::Encoding;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::{Session, Wait};
+
+/// What is published. Inputs are others' topics.
+const OUTPUTS: [Topic; 4] = [Topic::ForceEstimate, Topic::ForceResidual, Topic::Mode, Topic::CurrentCommand];
+
+/// A damper's place in the graph of rmw_zenoh.
+#[derive(Debug, Clone)]
+pub struct RmwPresence {
+    /// The node that others see.
+    pub node: Node,
+    frame_id: String,
+    topics: [String; OUTPUTS.len()],
+    counters: Arc<RmwCounters>,
+}
+
+impl RmwPresence {
+    /// The presence of the node with these arguments in `domain`; `id` is its own in the process, from
+    /// [`super::Link::next_entity`].
+    #[must_use]
+    pub fn of(args: &RosArgs, domain: u16, id: u64) -> Self {
+        let namespace = args.namespace();
+        Self {
+            frame_id: crate::wire::frame_id(&namespace),
+            node: Node {
+                domain,
+                enclave: args.enclave.clone().unwrap_or_else(|| "/".to_owned()),
+                namespace,
+                name: args.node_name().to_owned(),
+                id,
+            },
+            topics: OUTPUTS.map(|topic| args.topic(topic.name())),
+            counters: Arc::default(),
+        }
+    }
+
+    /// What it counts.
+    #[must_use]
+    pub fn counters(&self) -> Arc<RmwCounters> {
+        Arc::clone(&self.counters)
+    }
+}
+
+/// What is declared of it in a session. Dropping it takes that back.
+#[derive(Debug)]
+pub(super) struct RmwOutlet {
+    outputs: Vec<Output>,
+    frame_id: String,
+    counters: Arc<RmwCounters>,
+    node: LivelinessToken,
+}
+
+#[derive(Debug)]
+struct Output {
+    of: Topic,
+    publisher: Publisher<'static>,
+    token: LivelinessToken,
+    gid: Gid,
+    /// Number of the last sample.
+    seq: i64,
+}
+
+impl RmwOutlet {
+    /// Declares node and outputs.
+    pub(super) fn declare(session: &Session, link: &Inner, presence: &RmwPresence) -> zenoh::Result<Self> {
+        let RmwPresence { node, frame_id, topics, counters } = presence;
+        let zid = session.zid().to_string();
+        let token = session.liveliness().declare_token(node.token(&zid)).wait()?;
+        let mut outputs = Vec::with_capacity(OUTPUTS.len());
+        for (of, topic) in OUTPUTS.into_iter().zip(topics) {
+            // Each has one: a test below says so.
+            let Some(descriptor) = descriptor(of) else { continue };
+            let publisher = session
+                .declare_publisher(node.key(topic, descriptor))
+                .encoding(Encoding::APPLICATION_CDR)
+                // As the mirror's, for the same reasons.
+                .congestion_control(CongestionControl::Drop)
+                .priority(Priority::DataHigh)
+                .express(false)
+                .wait()?;
+            let token = node.endpoint(&zid, link.next_entity(), Role::Publisher, topic, descriptor);
+            let gid = gid(&token);
+            let token = session.liveliness().declare_token(token).wait()?;
+            outputs.push(Output { of, publisher, token, gid, seq: 0 });
+        }
+        Ok(Self { outputs, frame_id: frame_id.clone(), counters: Arc::clone(counters), node: token })
+    }
+
+    /// Publishes an output at `now_ns` since 1970; inputs and the like are no outputs. Does not wait for consumers.
+    ///
+    /// # Errors
+    /// Why a message was not published. Its number is used up, so that the loss shows.
+    pub(super) fn put(&mut self, event: &Event, names: &ModelNames, now_ns: i64) -> Result<(), String> {
+        let topic = Topic::of_event(event);
+        let Some(output) = self.outputs.iter_mut().find(|output| output.of == topic) else { return Ok(()) };
+        output.seq += 1;
+        let attachment = Attachment { seq: output.seq, stamp_ns: now_ns, gid: output.gid };
+        let put = match ros_bytes(event, names, &self.frame_id) {
+            None => return Ok(()),
+            Some(Err(error)) => Err(error.to_string()),
+            Some(Ok(bytes)) => {
+                let put = output.publisher.put(bytes).attachment(attachment.to_bytes()).wait();
+                put.map_err(|error| error.to_string())
+            }
+        };
+        self.counters.put(put.is_ok());
+        put
+    }
+
+    /// Takes the declarations back; the tokens first, so that nobody counts on the rest any more.
+    pub(super) fn close(self) {
+        let mut results = vec![self.node.undeclare().wait()];
+        for Output { publisher, token, .. } in self.outputs {
+            results.push(token.undeclare().wait());
+            results.push(publisher.undeclare().wait());
+        }
+        for error in results.into_iter().filter_map(Result::err) {
+            tracing::debug!("undeclaring from rmw_zenoh: {error}");
+        }
+    }
+}
+
+/// What the message of a topic looks like.
+fn descriptor(of: Topic) -> Option<&'static Descriptor> {
+    let name = of.ros_type()?;
+    MESSAGES.iter().find(|descriptor| descriptor.type_name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_output_has_a_message_and_all_that_is_published_on_ros_is_an_output() {
+        assert!(OUTPUTS.into_iter().all(|topic| descriptor(topic).is_some()));
+        let published = |topic: &Topic| !topic.is_input() && topic.ros_type().is_some();
+        assert_eq!(Topic::ALL.iter().filter(|topic| published(topic)).count(), OUTPUTS.len());
+        assert!(OUTPUTS.iter().all(published));
+    }
+}

@@ -1,0 +1,280 @@
+//! Inputs from nodes on rmw_zenoh, beside those over DDS. Off unless `zenoh.rmw` is `both`.
+//!
+//! ```text
+//! rmw_zenoh node ─→ Zenoh's threads: check, read ─→ bounded queue ─→ source thread, as what comes over DDS
+//! ```
+//!
+//! Each input topic has a subscription with the token that makes it visible. What is no message is refused, counted and logged
+//! as over DDS; of a sample that comes both ways the pipeline refuses the second, and the log says that only one is to publish.
+//! Who publishes one of the topics with a type or hash that is not ours uses another key and is not heard: the log says so,
+//! because rmw_zenoh does not.
+
+use crate::config::{Config, RosArgs};
+use crate::error::NodeError;
+use crate::rmw::{Attachment, Gid, Publisher, Role};
+use crate::sink::zenoh::{Link, RmwCounters, RmwPresence};
+use crate::source::input::{Reader, TOPICS, Taken};
+use crate::source::ros::{RosSource, SourceCounters};
+use crate::worker::{Stop, Worker};
+use mr_damper_msgs::Descriptor;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::Thread;
+use std::time::Duration;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session, Wait};
+
+/// Samples on their way to the source thread: a second of four inputs at 1 kHz. More are refused and counted.
+const WAITING: usize = 4096;
+/// Bytes of a message at most: a `JointState` of a hundred joints has a tenth of it.
+const LONGEST: usize = 65_536;
+/// Characters of others' names that are logged.
+const SHOWN: usize = 200;
+/// How often the thread looks whether there is a session by now.
+const LOOK: Duration = Duration::from_millis(50);
+/// How long it sleeps once all is declared: it waits for its end alone.
+const REST: Duration = Duration::from_secs(60);
+
+/// A number that has come for an input.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arrived {
+    /// Index of the input topic.
+    pub(in crate::source) input: usize,
+    /// Stamp of the message, ns; zero: none.
+    pub(in crate::source) stamp_ns: i64,
+    /// As it is in the message.
+    pub(in crate::source) value: f64,
+}
+
+/// A queue for them: from Zenoh's threads to the source thread.
+#[must_use]
+pub fn queue() -> (SyncSender<Arrived>, Receiver<Arrived>) {
+    sync_channel(WAITING)
+}
+
+/// The running inputs.
+pub struct RmwSource(Worker);
+
+/// An input as it is to be declared.
+struct Planned {
+    topic: String,
+    of: Descriptor,
+    door: Door,
+}
+
+impl RmwSource {
+    /// Takes the inputs of the node that `presence` shows, as soon as there is a session; `source` is fed by `queue`.
+    ///
+    /// # Errors
+    /// When a joint is to be taken and none is named, or the system starts no thread.
+    pub fn start(
+        link: &Arc<Link>,
+        presence: &RmwPresence,
+        args: &RosArgs,
+        config: &Config,
+        source: &RosSource,
+        queue: &SyncSender<Arrived>,
+    ) -> Result<Self, NodeError> {
+        let plan = |(input, name): (usize, &'static str)| {
+            let reader = Reader::of(name, &config.input(name).cloned().unwrap_or_default())?;
+            let (topic, of) = (args.topic(name), reader.of);
+            let wakes = name == TOPICS[0] || reader.stamps_on_arrival();
+            let door = Door {
+                key: presence.node.key(&topic, &of),
+                name,
+                input,
+                reader,
+                queue: queue.clone(),
+                last: Mutex::default(),
+                waker: wakes.then(|| source.thread()),
+                counters: presence.counters(),
+                of_source: source.counters(),
+            };
+            Ok(Planned { topic, of, door })
+        };
+        let inputs = TOPICS.into_iter().enumerate().map(plan).collect::<Result<Vec<_>, NodeError>>()?;
+        let open = if link.has_access_control() {
+            ""
+        } else {
+            "; there is no access control, so whoever reaches the endpoint may send them"
+        };
+        tracing::info!("inputs are taken from nodes on rmw_zenoh in domain {}{open}", presence.node.domain);
+        let (link, presence) = (Arc::clone(link), presence.clone());
+        let worker = Worker::start("zenoh-inputs", move |stop| run(stop, &link, &presence, inputs))
+            .map_err(NodeError::io("starting the thread that takes inputs from rmw_zenoh"))?;
+        Ok(Self(worker))
+    }
+
+    /// True while the thread runs; false after a panic.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        self.0.is_alive()
+    }
+
+    /// Takes the subscriptions back and ends the thread. `Err` when it had panicked.
+    ///
+    /// # Errors
+    /// The panic's payload.
+    pub fn stop(self) -> std::thread::Result<()> {
+        self.0.stop()
+    }
+}
+
+/// The declarations of one input; dropping them takes them back.
+type Declared = (LivelinessToken, Subscriber<()>, Subscriber<()>);
+
+fn run(stop: &Stop, link: &Link, presence: &RmwPresence, mut inputs: Vec<Planned>) {
+    let mut declared = Vec::with_capacity(inputs.len());
+    while !stop.is_raised() {
+        if !inputs.is_empty()
+            && let Some(session) = link.session()
+        {
+            for input in inputs.drain(..) {
+                let topic = input.topic.clone();
+                match declare(&session, link.next_entity(), presence, input) {
+                    Ok(done) => declared.push(done),
+                    Err(error) => tracing::error!("Zenoh refused the input {topic} of rmw_zenoh: {error}"),
+                }
+            }
+        }
+        std::thread::park_timeout(if inputs.is_empty() { REST } else { LOOK });
+    }
+}
+
+fn declare(session: &Session, id: u64, presence: &RmwPresence, input: Planned) -> zenoh::Result<Declared> {
+    let Planned { topic, of, door } = input;
+    let watch = Watch { name: door.name, of, counters: Arc::clone(&door.counters) };
+    let node = &presence.node;
+    // Zenoh's own threads call these: they must not wait.
+    let subscriber =
+        session.declare_subscriber(door.key.clone()).callback(move |sample| door.take(&sample)).wait()?;
+    let strangers = session
+        .liveliness()
+        .declare_subscriber(node.publishers(&topic))
+        .history(true)
+        .callback(move |sample| watch.look(&sample))
+        .wait()?;
+    // Last, so that whoever sees it is heard.
+    let token = node.endpoint(&session.zid().to_string(), id, Role::Subscription, &topic, &of);
+    Ok((session.liveliness().declare_token(token).wait()?, subscriber, strangers))
+}
+
+/// Where samples of one input come in.
+struct Door {
+    key: String,
+    name: &'static str,
+    input: usize,
+    reader: Reader,
+    queue: SyncSender<Arrived>,
+    /// Publisher and number of the last sample. Zenoh calls from several threads.
+    last: Mutex<Option<(Gid, i64)>>,
+    waker: Option<Thread>,
+    counters: Arc<RmwCounters>,
+    of_source: Arc<SourceCounters>,
+}
+
+impl Door {
+    fn take(&self, sample: &Sample) {
+        let (input, name) = (self.input, self.name);
+        let handed_on = self.read(sample).and_then(|taken| {
+            let (stamp_ns, value) = taken.ok_or("the joint is not in the message")?;
+            let arrived = Arrived { input, stamp_ns, value };
+            self.queue.try_send(arrived).map_err(|_| "more wait than the node keeps up with".to_owned())
+        });
+        match handed_on {
+            Ok(()) => {
+                self.counters.take();
+                if let Some(thread) = &self.waker {
+                    thread.unpark();
+                }
+            }
+            Err(why) => {
+                self.counters.refuse(&format!("{name}: {why}"));
+                self.of_source.messages.fetch_add(1, Ordering::Relaxed);
+                self.of_source.note_unreadable(name, &why);
+            }
+        }
+    }
+
+    /// What a sample holds for us, or what is wrong with it.
+    fn read(&self, sample: &Sample) -> Result<Taken, String> {
+        let sent_to = sample.key_expr();
+        // Access control lets what is sent to a wildcard pass wherever the wildcard itself is allowed.
+        if sent_to.as_str() != self.key {
+            return Err(format!("it was sent to {}, not to {}", shown(sent_to), self.key));
+        }
+        if sample.kind() != SampleKind::Put {
+            return Err("it deletes, and a topic has nothing to delete".to_owned());
+        }
+        let attachment = sample.attachment().map(|bytes| bytes.to_bytes()).unwrap_or_default();
+        let attachment = Attachment::from_bytes(&attachment).map_err(|error| error.to_string())?;
+        self.note(attachment.gid, attachment.seq);
+        let length = sample.payload().len();
+        if length > LONGEST {
+            return Err(format!("it has {length} bytes, and may have {LONGEST}"));
+        }
+        self.reader.read(&sample.payload().to_bytes()).map_err(|error| error.to_string())
+    }
+
+    /// Counts what was lost on the way, while one publisher speaks: Zenoh drops without a word what a link does not carry.
+    fn note(&self, gid: Gid, seq: i64) {
+        // A poisoned lock only means that a number was not noted.
+        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).replace((gid, seq));
+        let missing =
+            last.filter(|(of, _)| *of == gid).map(|(_, last)| i128::from(seq) - i128::from(last) - 1);
+        if let Some(missing) = missing.and_then(|missing| u64::try_from(missing).ok()) {
+            self.counters.lose(missing);
+        }
+    }
+}
+
+/// Looks at who publishes an input.
+struct Watch {
+    name: &'static str,
+    of: Descriptor,
+    counters: Arc<RmwCounters>,
+}
+
+impl Watch {
+    fn look(&self, token: &Sample) {
+        let told = Publisher::read(token.key_expr().as_str());
+        let Some(other) = told.filter(|_| token.kind() == SampleKind::Put) else { return };
+        if (other.dds_type_name, other.type_hash) == (self.of.dds_type_name, self.of.type_hash) {
+            return;
+        }
+        let count = self.counters.mismatch();
+        if count.is_power_of_two() {
+            tracing::warn!(
+                topic = self.name,
+                count,
+                "{} publishes it on rmw_zenoh as {} {}, and is not heard: here it is {} {}; build both with the same interface \
+                 package, or set {}.type",
+                shown(&other.node),
+                shown(other.dds_type_name),
+                shown(other.type_hash),
+                self.of.dds_type_name,
+                self.of.type_hash,
+                self.name,
+            );
+        }
+    }
+}
+
+/// A name that somebody else has chosen, as it can stand in a log: not without end, and with nothing that a terminal obeys.
+fn shown(name: &str) -> String {
+    name.chars().take(SHOWN).flat_map(char::escape_debug).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_others_cannot_disturb_a_terminal() {
+        assert_eq!(shown("70/\u{1b}[2J\n"), "70/\\u{1b}[2J\\n");
+        assert_eq!(shown(&"a".repeat(70_000)).len(), SHOWN);
+    }
+}
