@@ -61,6 +61,21 @@ pub fn require_loopback(listen: SocketAddr, any_host: bool) -> Result<(), NodeEr
     )))
 }
 
+/// Refuses a workshop beyond loopback, whatever is allowed besides.
+///
+/// # Errors
+/// [`NodeError::Usage`], which says what else there is.
+pub fn require_loopback_for_workshop(listen: SocketAddr) -> Result<(), NodeError> {
+    if listen.ip().is_loopback() {
+        return Ok(());
+    }
+    Err(NodeError::Usage(format!(
+        "--workshop takes runs and starts work, and --listen {listen} is not on loopback: whoever reaches this machine could, without          password or encryption. There is no flag that allows it; use a tunnel (ssh -L {port}:127.0.0.1:{port} THIS_MACHINE, then \
+         http://localhost:{port}/ there)",
+        port = listen.port()
+    )))
+}
+
 /// What every answer says to browsers: nothing but this server's own files, no guessing, no keeping, no framing, no telling.
 const HEADERS: [(HeaderName, &str); 5] = [
     (
@@ -81,7 +96,8 @@ pub(super) async fn watch(State(shared): State<Arc<Shared>>, request: Request, n
         None => next.run(request).await,
     };
     for (name, value) in HEADERS {
-        response.headers_mut().insert(name, HeaderValue::from_static(value));
+        // A report has a policy of its own.
+        response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
     }
     response
 }

@@ -77,6 +77,24 @@ impl Source {
         Ok(())
     }
 
+    /// Never shows the damper in the ROS namespace `namespace`. The mirror on Zenoh has its own names.
+    pub fn leave_out(&mut self, namespace: &str) {
+        if let Self::Ros(source) = self {
+            source.leave_out(namespace);
+        }
+    }
+
+    /// The dampers that can be asked for something, by ROS: name and namespace. Through the mirror on Zenoh there are none.
+    #[must_use]
+    pub fn askable(&self) -> Vec<(String, String)> {
+        match self {
+            Self::Ros(source) => {
+                source.watched().map(|(name, namespace)| (name.to_owned(), namespace.to_owned())).collect()
+            }
+            Self::Zenoh(_) => Vec::new(),
+        }
+    }
+
     /// Ends it.
     pub fn stop(self) {
         match self {
