@@ -2,7 +2,7 @@
 
 use crate::command::Surroundings;
 use crate::error::NodeError;
-use crate::serve::{Live, Server, require_loopback, require_loopback_for_workshop};
+use crate::serve::{Guest, Live, Server, require_loopback, require_loopback_for_workshop};
 use crate::watch::Origin;
 use crate::watch::source::{Source, SourceArgs};
 use crate::workshop::{Opening, Workshop};
@@ -41,6 +41,10 @@ pub struct Args {
     /// Let other machines watch: allows a --listen address beyond loopback. There is no password and no encryption.
     #[arg(long)]
     pub any_host: bool,
+    /// Let another page, of exactly this origin, read /events and /snapshot (e.g. http://localhost:8000); several are several
+    /// --allow-origin. Of the workshop it sees nothing.
+    #[arg(long, value_name = "URL")]
+    pub allow_origin: Vec<Guest>,
     /// Open a workshop in this directory (made where it is missing): start closings, take runs and replay them. On loopback alone.
     #[arg(long, value_name = "DIR")]
     pub workshop: Option<PathBuf>,
@@ -63,7 +67,8 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     }
     let live = Arc::new(Live::of(args.source.origin()));
     let workshop = open_workshop(args, &live, around)?;
-    let server = Server::start(args.listen, args.any_host, Arc::clone(&live), workshop.clone())?;
+    let server =
+        Server::start(args.listen, args.any_host, &args.allow_origin, Arc::clone(&live), workshop.clone())?;
     let mut source = Source::start(&args.source, around, NODE)?;
     if let Some(workshop) = &workshop {
         source.leave_out(&workshop.namespace());
@@ -79,12 +84,10 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let ended = begun.and_then(|()| watch(&mut source, &server, &live, workshop.as_deref(), around));
     // First, so that nobody begins anything, and uploads are cut off.
     let stopped = server.stop();
-    if let Some(workshop) = &workshop {
-        workshop.interrupt();
-    }
+    let closing = workshop.as_ref().map(|workshop| (workshop, workshop.interrupt()));
     source.stop();
-    if let Some(workshop) = &workshop {
-        workshop.close();
+    if let Some((workshop, deadline)) = closing {
+        workshop.close(deadline);
     }
     ended.and(stopped)
 }

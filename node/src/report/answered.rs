@@ -155,11 +155,11 @@ impl Answered {
                 (section("Error running free, each run's mean out",
                     &table(&["=runs", "#RSSE before, N", "#after, N", "#ESR before", "#after", "#squared error left"], &errors)))
             }
-            (section("The model with it", &html! {
+            (section("The model", &html! {
                 @match &self.model_file {
                     None => p { "Nothing was named: no model file is written." },
                     Some(path) => {
-                        p { "Model file, on the node's machine: " code { (path) } }
+                        p { "The model with it, on the node's machine: " code { (path) } }
                         @if self.loaded { p { "It is in force." } }
                         @if let Some(why) = &self.load_error { p { "It was not swapped in: " (why) } }
                         @if let Some(line) = &self.load_line { p { "To swap it in: " code { (line) } } }

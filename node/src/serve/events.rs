@@ -3,7 +3,7 @@
 use super::{Batch, MOST_STREAMS, Shared};
 use crate::watch::json;
 use axum::extract::State;
-use axum::http::StatusCode;
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, Sse};
 use axum::response::{IntoResponse, Response};
 use futures::stream::{self, Stream, StreamExt, select};
@@ -19,7 +19,7 @@ use tokio::sync::watch;
 const RETRY: Duration = Duration::from_secs(1);
 
 /// `GET /events`: `start` (a snapshot with all points), then `batch`es, and `skipped` with a count where some were too many.
-pub(super) async fn stream(State(shared): State<Arc<Shared>>) -> Response {
+pub(super) async fn stream(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response {
     let Ok(place) = Arc::clone(&shared.places).try_acquire_owned() else {
         let says = format!("{MOST_STREAMS} pages are open already; close one of them and reload this one\n");
         return (StatusCode::SERVICE_UNAVAILABLE, says).into_response();
@@ -33,7 +33,7 @@ pub(super) async fn stream(State(shared): State<Arc<Shared>>) -> Response {
         (start.batch, json(&start))
     };
     let start = Event::default().event("start").retry(RETRY).data(start);
-    let said = shared.shop.as_ref().map(|(workshop, _)| workshop.said());
+    let said = shared.workshop_for(&headers).map(|workshop| workshop.said());
     let events = stream::once(async { start }).chain(select(after(batches, from, place), shop(said)));
     Sse::new(events.map(Ok::<_, Infallible>)).into_response()
 }

@@ -16,7 +16,7 @@ mod events;
 mod guard;
 mod token;
 
-pub use guard::{Hosts, require_loopback, require_loopback_for_workshop};
+pub use guard::{Guest, Hosts, require_loopback, require_loopback_for_workshop};
 pub use token::Token;
 
 use crate::error::NodeError;
@@ -24,7 +24,7 @@ use crate::watch::{Hall, Origin, Snapshot, Wall, json};
 use crate::workshop::{State as Shop, Workshop};
 use axum::Router;
 use axum::extract::State;
-use axum::http::{Method, StatusCode, header};
+use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
@@ -108,6 +108,7 @@ impl Live {
 struct Shared {
     live: Arc<Live>,
     hosts: Hosts,
+    guests: Vec<Guest>,
     places: Arc<Semaphore>,
     /// The workshop, where one is open, and what its page shows to be it.
     shop: Option<(Arc<Workshop>, Token)>,
@@ -122,13 +123,14 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens on `address` and serves `live` from a thread of its own; and what the workshop does, where there is one.
+    /// Listens on `address` and serves `live` from a thread of its own, to `guests` too; and what the workshop does, where there is one.
     ///
     /// # Errors
     /// When the address cannot be listened on, as when the port is taken, or the system gives no thread or no randomness.
     pub fn start(
         address: SocketAddr,
         any_host: bool,
+        guests: &[Guest],
         live: Arc<Live>,
         workshop: Option<Arc<Workshop>>,
     ) -> Result<Self, NodeError> {
@@ -146,6 +148,7 @@ impl Server {
         let shared = Arc::new(Shared {
             live,
             hosts: Hosts::new(address, any_host),
+            guests: guests.to_vec(),
             places: Arc::new(Semaphore::new(MOST_STREAMS)),
             shop,
         });
@@ -306,9 +309,17 @@ struct Everything<'a> {
     workshop: Option<Shop>,
 }
 
-async fn snapshot(State(shared): State<Arc<Shared>>) -> Response {
+impl Shared {
+    /// The workshop, as far as whoever asks with these headers may see it: guests see none.
+    fn workshop_for(&self, headers: &HeaderMap) -> Option<&Arc<Workshop>> {
+        let (workshop, _) = self.shop.as_ref()?;
+        guard::guest(&self.guests, headers).is_none().then_some(workshop)
+    }
+}
+
+async fn snapshot(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response {
     let live = &shared.live;
-    let workshop = shared.shop.as_ref().map(|(workshop, _)| workshop.state().clone());
+    let workshop = shared.workshop_for(&headers).map(|workshop| workshop.state().clone());
     let text = json(&Everything { snapshot: live.wall().snapshot(live.now_s()), workshop });
     ([(header::CONTENT_TYPE, "application/json")], text).into_response()
 }

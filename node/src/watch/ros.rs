@@ -35,7 +35,7 @@ pub struct RosSource {
 struct Tapped {
     name: String,
     namespace: String,
-    taps: Vec<Box<dyn Tap>>,
+    taps: Vec<Box<dyn Tap + Send>>,
 }
 
 impl RosSource {
@@ -226,8 +226,12 @@ impl<M: Message> Tap for TypedTap<M> {
 }
 
 /// Taps on everything that goes in and out of a node. Inputs come first: an estimate is younger than what it was made of.
-fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap>>, NodeError> {
-    fn tap<M: Message>(ros: &mut Ros, topic: String, news: fn(M) -> News) -> Result<Box<dyn Tap>, NodeError> {
+fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap + Send>>, NodeError> {
+    fn tap<M: Message>(
+        ros: &mut Ros,
+        topic: String,
+        news: fn(M) -> News,
+    ) -> Result<Box<dyn Tap + Send>, NodeError> {
         let subscription = ros.subscribe::<M>(&topic)?;
         Ok(Box::new(TypedTap { topic, subscription, news }))
     }

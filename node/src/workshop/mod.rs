@@ -39,7 +39,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// How long threads may take to end when the server does: Ctrl-C ends within a second.
+/// How long threads may take to end once they were told, when the server does: Ctrl-C ends within a second.
 const END_WITHIN: Duration = Duration::from_millis(800);
 
 /// What a workshop is opened with.
@@ -219,17 +219,17 @@ impl Workshop {
         Ok(interrupt)
     }
 
-    /// Tells all work to end.
-    pub fn interrupt(&self) {
+    /// Tells all work to end, and returns until when that is waited for.
+    pub fn interrupt(&self) -> Instant {
         let works = self.works.lock().unwrap_or_else(PoisonError::into_inner);
         works.iter().for_each(|work| work.interrupt.raise());
+        Instant::now() + END_WITHIN
     }
 
-    /// Ends all work, and says what did not end in time: that ends with the process. Of uploads nothing is left in any case.
-    pub fn close(&self) {
-        self.interrupt();
+    /// Waits for all work to end, and says what did not by `deadline`: that ends with the process. Of uploads nothing is left in any
+    /// case.
+    pub fn close(&self, deadline: Instant) {
         let works = std::mem::take(&mut *self.works.lock().unwrap_or_else(PoisonError::into_inner));
-        let deadline = Instant::now() + END_WITHIN;
         for Work { name, thread, .. } in works {
             while !thread.is_finished() && Instant::now() < deadline {
                 std::thread::sleep(Duration::from_millis(5));

@@ -68,6 +68,35 @@ struct Piece {
     rate: f64,
 }
 
+/// A node, what plays to it, and what watches it.
+struct Stage {
+    service: Service,
+    player: Player,
+    source: RosSource,
+}
+
+impl Stage {
+    fn set(config: &Config, args: &RosArgs, label: &str) -> Result<Self, NodeError> {
+        let (service, _) = Service::start(config, args, false)?;
+        let others = Player::start(config, args, false)
+            .and_then(|player| Ok((player, RosSource::start_one(config, args, WATCHER, label)?)));
+        match others {
+            Ok((player, source)) => Ok(Self { service, player, source }),
+            Err(error) => service.stop().and(Err(error)),
+        }
+    }
+
+    /// Ends all three at a time, for Ctrl-C waits for it.
+    fn strike(self) -> Result<(), NodeError> {
+        let Self { service, player, source } = self;
+        std::thread::scope(|scope| {
+            scope.spawn(|| player.stop());
+            scope.spawn(|| source.stop());
+            service.stop()
+        })
+    }
+}
+
 impl Workshop {
     /// Replays the run called `run` with a model of the list, at `rate` times the original speed.
     ///
@@ -232,29 +261,21 @@ impl Workshop {
         let mut args = RosArgs::in_namespace(&self.namespace());
         // The log of this process is that of the page's server, not of a damper.
         args.rosout_logs = false;
-        let (service, _) = Service::start(&config, &args, false)?;
-        let played = Player::start(&config, &args, false).and_then(|player| {
-            let played = self.watch_and_play(piece, &run, &service, &player, &config, &args, interrupt);
-            player.stop();
-            played
-        });
-        played.and(service.stop())
+        let mut stage = Stage::set(&config, &args, &piece.label)?;
+        let played = self.watch_and_play(piece, &run, &mut stage, interrupt);
+        played.and(stage.strike())
     }
 
-    #[expect(clippy::too_many_arguments, reason = "all that a replay is made of, each once")]
     fn watch_and_play(
         &self,
         piece: &Piece,
         run: &Run,
-        service: &Service,
-        player: &Player,
-        config: &Config,
-        args: &RosArgs,
+        stage: &mut Stage,
         interrupt: &Interrupt,
     ) -> Result<(), NodeError> {
-        let mut source = RosSource::start_one(config, args, WATCHER, &piece.label)?;
-        let at_ns = AtomicU64::new(0);
-        let ended = std::thread::scope(|scope| {
+        let Stage { service, player, source } = stage;
+        let (player, at_ns) = (&*player, AtomicU64::new(0));
+        std::thread::scope(|scope| {
             let player_thread = std::thread::Builder::new().name("workshop-player".to_owned());
             let mut playing = Some(
                 player_thread
@@ -288,9 +309,7 @@ impl Workshop {
             // The player ends with what it is part of.
             interrupt.raise();
             ended.and(playing.map_or(Ok(()), join))
-        });
-        source.stop();
-        ended
+        })
     }
 
     /// Plays the run once the node listens.
