@@ -241,7 +241,21 @@ fn a_closing_on_the_workshop_s_own_damper_works_on_the_run_that_was_replayed() {
     // A model that was put into the directory is found there.
     fs::create_dir_all(dir.path().join("models")).expect("room");
     write(&dir.path().join("models/base.toml"), base());
+    // So is a run, a bag's directory too; one that cannot be used says why.
+    let runs = dir.path().join("runs");
+    save(&run(2.0, 0.0, 1), &runs.join("bag"), &SaveOptions::default()).expect("room");
+    fs::write(runs.join("broken.csv"), "rubbish").expect("room");
     let page = open(DOMAIN + 2, dir.path(), &[]);
+    let shown = page.workshop_once("a look at the runs", LONG, |shop| {
+        shop["runs"].as_array().is_some_and(|runs| runs.iter().all(|run| run["state"] != "opening"))
+    });
+    let [bag, broken] = [&shown["runs"][0], &shown["runs"][1]];
+    assert_eq!((&bag["name"], &bag["state"]), (&"bag".into(), &"ready".into()), "{shown}");
+    assert_eq!((&broken["name"], &broken["state"]), (&"broken.csv".into(), &"unusable".into()), "{shown}");
+    assert!(broken["why"].as_str().is_some_and(|why| why.contains("line 1")), "{broken}");
+    assert_eq!(page.post("/runs/delete", br#"{"run": "broken.csv"}"#).status, 200);
+    assert_eq!(page.post("/runs/delete", br#"{"run": "bag"}"#).status, 200);
+    assert_eq!(files(&runs), [""; 0]);
     let path = other.path().join("lags.csv");
     save(&run(60.0, LAG_S, 2), &path, &SaveOptions::default()).expect("room");
     assert_eq!(page.post("/runs?name=lags.csv", &fs::read(&path).expect("written")).status, 200);

@@ -26,7 +26,7 @@ LOOK = """(() => {
     banner: document.querySelector('#banner')?.hidden === false ? document.querySelector('#banner').textContent : '',
     body: document.body.innerText.slice(0, 400),
     wide: document.documentElement.scrollWidth - document.documentElement.clientWidth,
-    help: document.querySelector('#keys')?.open,
+    help: document.querySelector('#keys')?.open, ages: [...(card?.querySelectorAll('td.age') ?? [])].map((cell) => cell.textContent),
     closing: of('.closing .told'), found: of('.closing .found'), report: card?.querySelector('.closing .found a')?.getAttribute('href') ?? '',
     shop: document.querySelector('#workshop')?.textContent ?? '',
     fetched: performance.getEntriesByType('resource').map((entry) => entry.name),

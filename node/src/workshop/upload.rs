@@ -113,6 +113,7 @@ impl Workshop {
         while let Some(part) = queue.blocking_recv() {
             let Part::Bytes(part) = part else {
                 file.flush().map_err(NodeError::io("writing the upload"))?;
+                self.change_upload(id, |incoming| incoming.bytes = bytes);
                 return Ok(Received::All);
             };
             bytes += part.len() as u64;

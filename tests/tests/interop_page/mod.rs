@@ -86,6 +86,10 @@ fn a_browser_s_table_says_what_the_server_says() {
         // A telephone, in the dark, by its keys.
         let frozen = look(lab, &browser, &["--size", "360x740", "--dark", "--keys", "space ?"]);
         assert!(text(&frozen, "/banner").starts_with("Frozen at ") && truth(&frozen, "/help"), "{frozen:#}");
+        // Ages are of then: none says "now" or "ago".
+        let of_then = |age: &&str| *age == "never" || *age == "of then" || age.ends_with(" before");
+        let ages = texts(&frozen, "/ages");
+        assert!(ages.len() > 20 && ages.iter().all(of_then), "{ages:?}");
         assert_eq!(count(&frozen, "/wide"), 0, "nothing sticks out at 360 pixels: {frozen:#}");
         Outcome::Passed(format!("{} figures of the table are those of /snapshot; {status}", FIGURES.len()))
     });

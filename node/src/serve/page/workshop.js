@@ -248,6 +248,10 @@ function show(state) {
   shop.state = state;
   put($("folder"), state.folder);
   put($("limit"), size(state.upload_limit_bytes));
+  const others = shop.sending ? [] : state.uploads;
+  if (others.length) put($("runs-told"), others.map(({ name, bytes, of, opening }) => opening ? `${name} has come in and is being opened` : `${name} comes in: ${size(bytes)}${of ? ` of ${size(of)}` : ""}`).join("; "));
+  else if (shop.drawn.others) put($("runs-told"), "");
+  shop.drawn.others = others.length > 0;
   showRuns(state.runs, state.replay);
   showModels(state.models);
   showReplay(state.replay);
