@@ -170,6 +170,7 @@ fn a_browser_uploads_a_run_replays_it_closes_its_loop_and_shows_the_report() {
         let (closing, summary) = (text(&saw, "/closing"), text(&saw, "/found"));
         assert!(summary.contains("coil lag") && summary.contains("tau = 0.01"), "{saw:#}");
         assert!(summary.contains("squared error left") && summary.contains("/load_model"), "{saw:#}");
+        assert!(summary.contains("among the models to replay with"), "{saw:#}");
         assert_eq!(count(&saw, "/wide"), 0, "nothing sticks out: {saw:#}");
         assert_eq!(texts(&saw, "/errors"), [""; 0], "{saw:#}");
         let own = |name: &&str| name.starts_with(PAGE);

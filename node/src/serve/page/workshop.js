@@ -222,7 +222,7 @@ function found({ found, report }) {
   if (found.effects.length) {
     const list = make("ul");
     for (const { title, parameters, chance, or } of found.effects) {
-      list.append(make("li", `${title}: ${parameters.join("; ")}; ${chance}${or.length ? `; or one of ${or.join(", ")}, which these runs cannot tell apart` : ""}`));
+      list.append(make("li", `${title}: ${parameters.join("; ")}; ${chance}${or.length ? `; or one of ${or.join(", ").replaceAll("_", " ")}, which these runs cannot tell apart` : ""}`));
     }
     parts.push(list);
   }
@@ -234,6 +234,8 @@ function found({ found, report }) {
   if (!found.model_file) model.append("Nothing was named: no model file is written.");
   else if (found.loaded) model.append("The model with it is in force: ", make("code", found.model_file));
   else model.append(`The model with it is not loaded${found.load_error ? ` (${found.load_error})` : ""}. To swap it in: `, make("code", found.load_line ?? ""));
+  const file = found.model_file?.split("/").at(-1);
+  if (shop.state.models.includes(file)) model.append(" It is among the models to replay with.");
   const link = make("a", "The whole report", { href: `/reports/${encodeURIComponent(report)}`, target: "_blank", rel: "noopener" });
   const refused = make("details");
   refused.append(make("summary", "In all words, with what was refused and why"), make("pre", found.text));
