@@ -1,4 +1,6 @@
-//! What all closings have in common: the command, the demo and the action `close_loop`.
+//! What all closings have in common: the command, the demo and the action `close_loop`, and who asks for that (`asking.rs`).
+
+pub mod asking;
 
 use crate::provenance::{TOOL, date};
 use mr_damper_model::Error;

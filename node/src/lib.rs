@@ -44,5 +44,6 @@ pub mod types;
 pub mod watch;
 pub mod wire;
 pub mod worker;
+pub mod workshop;
 
 pub use error::NodeError;

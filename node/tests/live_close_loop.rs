@@ -4,13 +4,9 @@
 mod live_support;
 
 use futures::StreamExt;
+use live_support::lagging::{LAG_S, base, run, write};
 use live_support::{wait_until, within};
-use mr_damper_model::condition::{Conditioning, VelocitySource};
-use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
 use mr_damper_model::model::Model;
-use mr_damper_model::model_file::{ModelFile, Provenance};
-use mr_damper_model::rig::{Channels, Experiment, Plant, record};
-use mr_damper_model::sample::Run;
 use mr_damper_msgs::action::{CloseLoop, CloseLoopGoal};
 use mr_damper_node::config::{Config, RosArgs};
 use mr_damper_node::models;
@@ -25,33 +21,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 87;
-const LAG_S: f64 = 0.012;
 /// More history than there is: all of it.
 const ALL_S: f64 = 120.0;
-
-fn run(seconds: f64, lag_s: f64, seed: u64) -> Run {
-    let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(seconds);
-    let channels = Channels::default().with_fine_displacement();
-    record(&experiment, &Plant::quasi_static().with_coil_lag_s(lag_s), &channels, seed)
-}
-
-/// A model of the damper without the lag.
-fn base() -> Model {
-    let options = Options {
-        conditioning: Conditioning { velocity: VelocitySource::ThreePoint, ..Conditioning::default() },
-        choose_velocity: false,
-        restarts: 3,
-        ..Options::default()
-    };
-    identify(ModelSpec::FUZZY_TANH, &[run(20.0, 0.0, 1)], &options, &Watch::none())
-        .expect("the rig's damper can be identified")
-        .model
-}
-
-fn write(path: &Path, model: Model) {
-    let file = ModelFile { model, provenance: Provenance::default() };
-    std::fs::write(path, file.to_toml().expect("writable")).expect("written");
-}
 
 /// The service with a minute of the lagging damper behind it, and a client of its action.
 struct Stage {

@@ -245,6 +245,23 @@ fn who_strays_or_pushes_in_is_refused_and_ctrl_c_ends_open_streams() {
         let answer = page.ask(&format!("GET {path} "), &own, &format!("Sec-Fetch-Site: {site}\r\n"));
         assert_eq!(answer.status, status, "{path} from {site}");
     }
+    // A page that was named may read the figures, and nothing else.
+    let friend =
+        Page::start(&["--domain-id", &(DOMAIN + 1).to_string(), "--allow-origin", "http://localhost:8000"]);
+    let from = |site: &str| format!("Origin: {site}\r\nSec-Fetch-Site: cross-site\r\n");
+    for (request, site, status) in [
+        ("GET /snapshot ", "http://localhost:8000", 200),
+        ("GET /events ", "http://localhost:8000", 200),
+        ("GET /snapshot ", "http://localhost:8001", 403),
+        ("GET /page.js ", "http://localhost:8000", 403),
+        ("POST /snapshot ", "http://localhost:8000", 403),
+    ] {
+        let answer = friend.ask(request, &friend.host(), &from(site));
+        assert_eq!(answer.status, status, "{request} from {site}: {}", answer.body);
+        let allows = answer.head.contains("access-control-allow-origin: http://localhost:8000\r\n");
+        assert_eq!(allows, status == 200, "{request} from {site}: {}", answer.head);
+    }
+    assert_eq!(friend.ask("GET /snapshot ", "evil.example", &from("http://localhost:8000")).status, 421);
     // The page fetches nothing from elsewhere: there is no address in it.
     for part in ["/", "/page.css", "/page.js", "/charts.js"] {
         let body = page.ask(&format!("GET {part} "), &own, "").body;
@@ -333,6 +350,8 @@ fn what_cannot_be_served_is_said() {
         (["--listen", "0.0.0.0:8330"], 2, "--listen 0.0.0.0:8330 is not on loopback"),
         (["--dampers", "front-left"], 2, "\"front-left\" is no namespace"),
         (["--lisen", "127.0.0.1:1"], 2, "--listen"),
+        (["--allow-origin", "http://a/b"], 2, "no path"),
+        (["--zenoh-config", "x.json5"], 2, "goes with --zenoh endpoint"),
         (["--zenoh", "tcp/127.0.0.1:1"], 2, "cannot be used with"),
         (["--listen", taken.as_str()], 1, "choose another port"),
     ] {

@@ -2,10 +2,12 @@
 
 #[path = "zenoh_support/keys.rs"]
 mod keys;
+mod serve_support;
 mod zenoh_support;
 
 use keys::{Keys, connected, session, with_password};
 use mr_damper_node::sink::zenoh::{Link, ZenohConfig};
+use serve_support::Page;
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -86,6 +88,43 @@ fn a_wrong_password_a_wrong_name_and_none_hear_nothing() {
     assert!(answered(&reader, "status"));
     // A reader asks for what it may read, not for what it may not.
     assert!(!answered(&reader, "cmd/*") && !answered(&reader, "secret"));
+}
+
+#[test]
+fn the_page_of_somebody_with_a_password_is_let_in_and_without_it_shows_nothing() {
+    let keys = Keys::new();
+    let mut rig = rig(&keys, "password.json5", "tcp");
+    let file = |name: &str, password: &str| {
+        let path = keys.path(name);
+        let text = format!(
+            "{{ transport: {{ auth: {{ usrpwd: {{ user: \"reader\", password: \"{password}\" }} }} }} }}"
+        );
+        std::fs::write(&path, text).expect("writable");
+        path.display().to_string()
+    };
+    let (good, bad) = (file("good.json5", "of the news"), file("bad.json5", "of the olds"));
+    let with = |more: &[&str]| Page::start(&[&["--zenoh", rig.endpoint.as_str()], more].concat());
+    let [nobody, wrong, reader] =
+        [with(&[]), with(&["--zenoh-config", &bad]), with(&["--zenoh-config", &good])];
+    let (mut k, began) = (0, Instant::now());
+    while reader.snapshot()["dampers"][0]["estimate"].is_null() {
+        assert!(began.elapsed() < PATIENCE, "the mirror is heard: {}", reader.snapshot());
+        k += 1;
+        rig.feeder.push(estimate(k * 1_000_000, k as f64));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert_eq!(reader.snapshot()["dampers"][0]["name"], DAMPER);
+    for page in [nobody, wrong] {
+        assert_eq!(page.snapshot()["dampers"], serde_json::json!([]));
+    }
+    // A file that is not there is said, and not passed over.
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
+    let output = command
+        .args(["top", "--zenoh", &rig.endpoint, "--zenoh-config", "nowhere.json5"])
+        .output()
+        .expect("it runs");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && stderr.contains("nowhere.json5"), "{stderr}");
 }
 
 #[test]

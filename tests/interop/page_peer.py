@@ -3,7 +3,8 @@
 
 The browser is told what to do over two pipes (DevTools protocol), so nothing listens and nothing has to be installed beside it.
 
-usage: page_peer.py BROWSER URL PROFILE [--seconds S] [--size WxH] [--dark] [--keys KEYS] [--picture FILE]
+usage: page_peer.py BROWSER URL PROFILE [--seconds S] [--size WxH] [--dark] [--keys KEYS] [--file RUN] [--step JS]...
+                    [--picture FILE] [--whole]
 """
 
 import argparse
@@ -21,10 +22,13 @@ LOOK = """(() => {
   return {
     figures: Object.fromEntries([...(card?.querySelectorAll('data') ?? [])].map((d) => [d.dataset.path, [d.value, d.textContent]])),
     name: of('h2'), status: of('.status'), classes: card?.className ?? '', dampers: document.querySelectorAll('.card').length,
-    link: document.querySelector('#link').textContent, rate: document.querySelector('#rate').textContent,
-    banner: document.querySelector('#banner').hidden ? '' : document.querySelector('#banner').textContent,
+    link: document.querySelector('#link').textContent, rate: document.querySelector('#rate')?.textContent,
+    banner: document.querySelector('#banner')?.hidden === false ? document.querySelector('#banner').textContent : '',
+    body: document.body.innerText.slice(0, 400),
     wide: document.documentElement.scrollWidth - document.documentElement.clientWidth,
-    help: document.querySelector('#keys').open,
+    help: document.querySelector('#keys')?.open, ages: [...(card?.querySelectorAll('td.age') ?? [])].map((cell) => cell.textContent),
+    closing: of('.closing .told'), found: of('.closing .found'), report: card?.querySelector('.closing .found a')?.getAttribute('href') ?? '',
+    shop: document.querySelector('#workshop')?.textContent ?? '',
     fetched: performance.getEntriesByType('resource').map((entry) => entry.name),
     drawn: [...document.querySelectorAll('canvas')].filter((c) => c.clientHeight > 0).map((canvas) => {
       const all = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
@@ -100,6 +104,8 @@ def main():
     parser.add_argument("--size", default="1280x900")
     parser.add_argument("--dark", action="store_true")
     parser.add_argument("--keys", default="", help="keys to press, one after the other")
+    parser.add_argument("--file", help="a run to be chosen in the workshop")
+    parser.add_argument("--step", action="append", default=[], help="to be evaluated again and again until it is true; one after the other")
     parser.add_argument("--picture")
     parser.add_argument("--whole", action="store_true", help="the picture is of the whole page")
     args = parser.parse_args()
@@ -114,11 +120,22 @@ def main():
         browser.ask(f"{domain}.enable")
     browser.ask("Page.navigate", url=args.url)
     deadline = time.monotonic() + 20
-    while not browser.evaluate("document.querySelector('.card') !== null"):
+    # A page of somebody else has no cards to wait for.
+    while not browser.evaluate("document.readyState === 'complete' && document.querySelector('.card, #workshop, body:not(:has(#card))') !== null"):
         if time.monotonic() > deadline:
             break
         time.sleep(0.1)
     time.sleep(args.seconds)
+    if args.file:
+        root = browser.ask("DOM.getDocument")["root"]["nodeId"]
+        field = browser.ask("DOM.querySelector", nodeId=root, selector="#files")["nodeId"]
+        browser.ask("DOM.setFileInputFiles", nodeId=field, files=[args.file])
+    for step in args.step:
+        deadline = time.monotonic() + 60
+        while not browser.evaluate(step):
+            if time.monotonic() > deadline:
+                sys.exit(f"not so within a minute: {step}; the page: {browser.evaluate('document.body.innerText')}")
+            time.sleep(0.1)
     for key in args.keys.split():
         code = {"space": " "}.get(key, key)
         text = {"text": code} if len(code) == 1 else {}

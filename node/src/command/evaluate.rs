@@ -5,9 +5,11 @@ use crate::command::output;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::models;
-use mr_damper_model::evaluate::{Coverage, Evaluation, evaluate};
+use mr_damper_model::evaluate::{Coverage, evaluate};
 use mr_damper_model::metrics::Fit;
+use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::Settings;
+use mr_damper_model::sample::Run;
 use mr_damper_model::uncertainty::Calibrator;
 use mr_damper_model::units::N_PER_LBF;
 use serde::Serialize;
@@ -45,17 +47,19 @@ struct Report<'a> {
     runs: Vec<RunReport>,
 }
 
-#[derive(Debug, Serialize)]
-struct RunReport {
-    run: String,
-    free_run: Option<Fit>,
-    free_run_without_offset: Option<Fit>,
-    offset_n: f64,
-    one_step: Option<Fit>,
-    persistence: Option<Fit>,
+/// The figures of one run, as JSON has them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "fields are those of the model's Evaluation")]
+pub struct RunReport {
+    pub run: String,
+    pub free_run: Option<Fit>,
+    pub free_run_without_offset: Option<Fit>,
+    pub offset_n: f64,
+    pub one_step: Option<Fit>,
+    pub persistence: Option<Fit>,
     /// How often the measured force lay within the model's calibrated 90 % band.
-    band: Option<Coverage>,
-    refused: u64,
+    pub band: Option<Coverage>,
+    pub refused: u64,
 }
 
 /// Evaluates and prints.
@@ -72,8 +76,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
             return Err(NodeError::Interrupted);
         }
         let loaded = args.load.load(path)?;
-        let found = evaluate(model, &loaded.run, Settings::default(), |_| true)?;
-        reports.push(report(path.display().to_string(), &found));
+        reports.push(figures(path.display().to_string(), model, &loaded.run)?);
         if args.calibrate.is_some() {
             calibrator.add(&loaded.run)?;
         }
@@ -91,9 +94,14 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     Ok(())
 }
 
-fn report(run: String, found: &Evaluation) -> RunReport {
-    RunReport {
-        run,
+/// The figures of `model` on `run`, which is called `name`.
+///
+/// # Errors
+/// When they do not go together.
+pub fn figures(name: String, model: Model, run: &Run) -> Result<RunReport, NodeError> {
+    let found = evaluate(model, run, Settings::default(), |_| true)?;
+    Ok(RunReport {
+        run: name,
         free_run: found.free_run,
         free_run_without_offset: found.free_run_without_offset,
         offset_n: found.offset.get(),
@@ -101,7 +109,7 @@ fn report(run: String, found: &Evaluation) -> RunReport {
         persistence: found.persistence,
         band: found.band,
         refused: found.refused,
-    }
+    })
 }
 
 fn table(report: &Report<'_>) -> String {

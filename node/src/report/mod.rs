@@ -3,6 +3,7 @@
 //! [`plot`], [`box_plot`] and [`scatter`] draw, [`page`] sets the page, [`table`] its tables; they know nothing of
 //! dampers. One file a report puts them together: [`demo`], [`identify`], [`compare`], [`inverse`].
 
+pub mod answered;
 pub mod box_plot;
 pub mod close;
 pub mod closed;

@@ -133,6 +133,28 @@ impl Loaded {
     }
 }
 
+/// True when a file at `path` is called as a run may be: `.csv` or text, `.mcap` or `.db3`, the latter two packed or not.
+#[must_use]
+pub fn is_named_as_a_run(path: &Path) -> bool {
+    Storage::of_file(path).is_some() || matches!(extension(path).as_str(), "csv" | "txt" | "dat" | "tsv")
+}
+
+/// The channels that `run` has, by the names of their columns.
+#[must_use]
+pub fn channels(run: &Run) -> Vec<&str> {
+    let known = [
+        ("displacement_m", Some(&run.displacement_m)),
+        ("velocity_m_s", run.velocity_m_s.as_ref()),
+        ("force_n", run.force_n.as_ref()),
+        (run.drive_kind().map_or("", DriveKind::name), run.drive.as_ref().map(|(_, trace)| trace)),
+        ("case_temp_c", run.case_temp_c.as_ref()),
+        ("body_velocity_m_s", run.body_velocity_m_s.as_ref()),
+        ("force_request_n", run.force_request_n.as_ref()),
+    ];
+    let known = known.into_iter().filter(|(_, trace)| trace.is_some_and(|trace| !trace.is_empty()));
+    known.map(|(name, _)| name).chain(run.other.iter().map(|(name, _)| name.as_str())).collect()
+}
+
 /// Reads a run from a CSV file, a rosbag2 directory, or a bare `.mcap` or `.db3` file, which may be packed
 /// (`.mcap.zstd`, `.db3.zstd`).
 ///

@@ -3,22 +3,23 @@
 use super::{Batch, MOST_STREAMS, Shared};
 use crate::watch::json;
 use axum::extract::State;
-use axum::http::StatusCode;
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, Sse};
 use axum::response::{IntoResponse, Response};
-use futures::stream::{self, Stream, StreamExt};
+use futures::stream::{self, Stream, StreamExt, select};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::watch;
 
 /// After how long a browser comes back that was cut off.
 const RETRY: Duration = Duration::from_secs(1);
 
 /// `GET /events`: `start` (a snapshot with all points), then `batch`es, and `skipped` with a count where some were too many.
-pub(super) async fn stream(State(shared): State<Arc<Shared>>) -> Response {
+pub(super) async fn stream(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response {
     let Ok(place) = Arc::clone(&shared.places).try_acquire_owned() else {
         let says = format!("{MOST_STREAMS} pages are open already; close one of them and reload this one\n");
         return (StatusCode::SERVICE_UNAVAILABLE, says).into_response();
@@ -32,8 +33,23 @@ pub(super) async fn stream(State(shared): State<Arc<Shared>>) -> Response {
         (start.batch, json(&start))
     };
     let start = Event::default().event("start").retry(RETRY).data(start);
-    let events = stream::once(async { start }).chain(after(batches, from, place));
+    let said = shared.workshop_for(&headers).map(|workshop| workshop.said());
+    let events = stream::once(async { start }).chain(select(after(batches, from, place), shop(said)));
     Sse::new(events.map(Ok::<_, Infallible>)).into_response()
+}
+
+/// What the workshop shows, now and whenever that changes; nothing where there is none. It ends with nobody, so that it never ends a
+/// stream.
+fn shop(said: Option<watch::Receiver<Arc<str>>>) -> impl Stream<Item = Event> {
+    stream::unfold((said, true), |(mut said, first)| async move {
+        let Some(receiver) = &mut said else { return std::future::pending().await };
+        // Changes that come while a reader does not keep up are one.
+        if !first && receiver.changed().await.is_err() {
+            return std::future::pending().await;
+        }
+        let event = Event::default().event("workshop").data(&**receiver.borrow_and_update());
+        Some((event, (said, false)))
+    })
 }
 
 /// The batches after the one numbered `from`. The place is the reader's as long as the stream lives.

@@ -1,36 +1,42 @@
-//! The live page: a server of four files and a stream, all of them compiled in or made here.
+//! The live page: a server of some files and a stream, all of them compiled in or made here.
 //!
 //! ```text
 //! watch/ ─→ Live ─┬→ GET /snapshot   all figures as JSON
 //!                 └→ GET /events     server-sent events: start, then a batch every 20 ms
-//!           page/ ──→ GET /          the page, its style and its two scripts
+//!           page/ ──→ GET /          the page, its style and its scripts
+//! workshop/ ←─────→ bench.rs         with --workshop alone: closings, uploads, replays; what changes something is POST
 //! ```
 //!
-//! Read-only: nothing that a browser sends reaches a damper, and there is no other method than GET (and HEAD). The server
-//! listens on loopback unless it is told otherwise, and answers only whom it was meant for (`guard.rs`). A reader that does not
-//! keep up loses batches, and is told how many; nobody waits for it.
+//! Read-only unless a workshop is open: then nothing that a browser sends reaches a damper, and there is no other method than GET
+//! (and HEAD). The server listens on loopback unless it is told otherwise, and answers only whom it was meant for (`guard.rs`). A
+//! reader that does not keep up loses batches, and is told how many; nobody waits for it.
 
+mod bench;
 mod events;
 mod guard;
+mod token;
 
-pub use guard::{Hosts, require_loopback};
+pub use guard::{Guest, Hosts, require_loopback, require_loopback_for_workshop};
+pub use token::Token;
 
 use crate::error::NodeError;
-use crate::watch::{Origin, Wall, json};
+use crate::watch::{Hall, Origin, Snapshot, Wall, json};
+use crate::workshop::{State as Shop, Workshop};
 use axum::Router;
 use axum::extract::State;
-use axum::http::{Method, StatusCode, header};
+use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use serde::Serialize;
 use socket2::SockRef;
 use std::net::{SocketAddr, TcpListener};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, MutexGuard};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, broadcast, oneshot};
 
@@ -51,9 +57,8 @@ const HEAD_WITHIN: Duration = Duration::from_secs(10);
 /// What is served: the wall, and the batches that are made of it.
 #[derive(Debug)]
 pub struct Live {
-    wall: Mutex<Wall>,
+    hall: Arc<Hall>,
     batches: broadcast::Sender<Batch>,
-    began: Instant,
 }
 
 /// A batch for all streams.
@@ -67,20 +72,24 @@ impl Live {
     /// Nothing yet, from `origin`.
     #[must_use]
     pub fn of(origin: Origin) -> Self {
-        let wall = Mutex::new(Wall::of(origin));
-        Self { wall, batches: broadcast::channel(BACKLOG).0, began: Instant::now() }
+        Self { hall: Arc::new(Hall::of(origin)), batches: broadcast::channel(BACKLOG).0 }
+    }
+
+    /// The wall and its clock, for others who hang something there.
+    #[must_use]
+    pub fn hall(&self) -> Arc<Hall> {
+        Arc::clone(&self.hall)
     }
 
     /// Seconds since it was made: the clock of everything on the wall.
     #[must_use]
     pub fn now_s(&self) -> f64 {
-        self.began.elapsed().as_secs_f64()
+        self.hall.now_s()
     }
 
     /// The wall, for a moment.
     pub fn wall(&self) -> MutexGuard<'_, Wall> {
-        // Figures are replaced whole, so that a panic elsewhere leaves none by half.
-        self.wall.lock().unwrap_or_else(PoisonError::into_inner)
+        self.hall.wall()
     }
 
     /// Makes a batch and offers it to all streams, if there are any. What is not sent then is in the start of the next one.
@@ -99,7 +108,10 @@ impl Live {
 struct Shared {
     live: Arc<Live>,
     hosts: Hosts,
+    guests: Vec<Guest>,
     places: Arc<Semaphore>,
+    /// The workshop, where one is open, and what its page shows to be it.
+    shop: Option<(Arc<Workshop>, Token)>,
 }
 
 /// The running server.
@@ -111,11 +123,18 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens on `address` and serves `live` from a thread of its own.
+    /// Listens on `address` and serves `live` from a thread of its own, to `guests` too; and what the workshop does, where there is one.
     ///
     /// # Errors
-    /// When the address cannot be listened on, as when the port is taken, or the system gives no thread.
-    pub fn start(address: SocketAddr, any_host: bool, live: Arc<Live>) -> Result<Self, NodeError> {
+    /// When the address cannot be listened on, as when the port is taken, or the system gives no thread or no randomness.
+    pub fn start(
+        address: SocketAddr,
+        any_host: bool,
+        guests: &[Guest],
+        live: Arc<Live>,
+        workshop: Option<Arc<Workshop>>,
+    ) -> Result<Self, NodeError> {
+        let shop = workshop.map(|workshop| Token::new().map(|token| (workshop, token))).transpose()?;
         let listening = |error: std::io::Error| {
             NodeError::Failed(format!(
                 "listening on {address}: {error}; is there another mr-damper serve? Choose another port with --listen {}:{}",
@@ -129,7 +148,9 @@ impl Server {
         let shared = Arc::new(Shared {
             live,
             hosts: Hosts::new(address, any_host),
+            guests: guests.to_vec(),
             places: Arc::new(Semaphore::new(MOST_STREAMS)),
+            shop,
         });
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -219,19 +240,50 @@ fn tune(stream: &TcpStream) {
     }
 }
 
-/// The page's parts: path, kind, content.
-const PARTS: [(&str, &str, &str); 4] = [
-    ("/", "text/html; charset=utf-8", include_str!("page/page.html")),
+/// The page itself. Its comment `WORKSHOP` marks make place for the workshop.
+const PAGE: &str = include_str!("page/page.html");
+/// What stands there when a workshop is open: in the head, and after the dampers.
+const SHOP_HEAD: &str = "<meta name=\"mr-damper-token\" content=\"TOKEN\">\n<link rel=\"stylesheet\" href=\"/workshop.css\">\n\
+                         <script type=\"module\" src=\"/workshop.js\"></script>";
+const SHOP_BODY: &str = include_str!("page/workshop.html");
+
+/// The page's other parts: path, kind, content.
+const PARTS: [Piece; 3] = [
     ("/page.css", "text/css; charset=utf-8", include_str!("page/page.css")),
     ("/page.js", "text/javascript; charset=utf-8", include_str!("page/page.js")),
     ("/charts.js", "text/javascript; charset=utf-8", include_str!("page/charts.js")),
 ];
+/// Those of the workshop.
+const SHOP_PARTS: [Piece; 2] = [
+    ("/workshop.css", "text/css; charset=utf-8", include_str!("page/workshop.css")),
+    ("/workshop.js", "text/javascript; charset=utf-8", include_str!("page/workshop.js")),
+];
+
+type Piece = (&'static str, &'static str, &'static str);
+
+/// The page as it is sent.
+fn page(token: Option<&Token>) -> String {
+    let (head, body) = match token {
+        Some(token) => (SHOP_HEAD.replace("TOKEN", token.text()), SHOP_BODY),
+        None => (String::new(), ""),
+    };
+    PAGE.replace("<!-- WORKSHOP HEAD -->\n", &format!("{head}\n").replace("\n\n", "\n"))
+        .replace("<!-- WORKSHOP BODY -->\n", body)
+}
 
 fn routes(shared: Arc<Shared>) -> Router {
     let mut router = Router::new().route("/snapshot", get(snapshot)).route("/events", get(events::stream));
-    for (path, kind, content) in PARTS {
+    let whole: Arc<str> = page(shared.shop.as_ref().map(|(_, token)| token)).into();
+    let html = [(header::CONTENT_TYPE, "text/html; charset=utf-8")];
+    router = router.route("/", get(move || async move { (html, String::from(&*whole)) }));
+    let parts = PARTS.into_iter().chain(shared.shop.iter().flat_map(|_| SHOP_PARTS));
+    for (path, kind, content) in parts {
         router = router.route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], content) }));
     }
+    router = match &shared.shop {
+        Some(shop) => router.merge(bench::routes(shop)),
+        None => bench::closed(router),
+    };
     router
         .fallback(|| async { (StatusCode::NOT_FOUND, "there are /, /events and /snapshot\n") })
         .method_not_allowed_fallback(only_get)
@@ -239,13 +291,35 @@ fn routes(shared: Arc<Shared>) -> Router {
         .with_state(shared)
 }
 
-async fn only_get(method: Method) -> Response {
-    let says = format!("{method} is not served: this page only shows\n");
+async fn only_get(State(shared): State<Arc<Shared>>, method: Method) -> Response {
+    if shared.shop.is_some() {
+        // axum knows which methods there are.
+        return (StatusCode::METHOD_NOT_ALLOWED, format!("{method} is not served here\n")).into_response();
+    }
+    let says = format!("{method} is not served: this page only shows. With --workshop DIR it does more\n");
     (StatusCode::METHOD_NOT_ALLOWED, [(header::ALLOW, "GET, HEAD")], says).into_response()
 }
 
-async fn snapshot(State(shared): State<Arc<Shared>>) -> Response {
+/// All there is, once.
+#[derive(Serialize)]
+struct Everything<'a> {
+    #[serde(flatten)]
+    snapshot: Snapshot<'a>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    workshop: Option<Shop>,
+}
+
+impl Shared {
+    /// The workshop, as far as whoever asks with these headers may see it: guests see none.
+    fn workshop_for(&self, headers: &HeaderMap) -> Option<&Arc<Workshop>> {
+        let (workshop, _) = self.shop.as_ref()?;
+        guard::guest(&self.guests, headers).is_none().then_some(workshop)
+    }
+}
+
+async fn snapshot(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response {
     let live = &shared.live;
-    let text = json(&live.wall().snapshot(live.now_s()));
+    let workshop = shared.workshop_for(&headers).map(|workshop| workshop.state().clone());
+    let text = json(&Everything { snapshot: live.wall().snapshot(live.now_s()), workshop });
     ([(header::CONTENT_TYPE, "application/json")], text).into_response()
 }

@@ -8,6 +8,7 @@
 //! A watcher is a peer as any other: it subscribes, and nothing of it reaches a node. Only `ros.rs` knows of ROS, and `zenoh.rs` of
 //! Zenoh; the rest is plain data, with time as an argument.
 
+mod hall;
 mod news;
 mod picture;
 pub mod ros;
@@ -19,6 +20,7 @@ mod trail;
 mod wall;
 pub mod zenoh;
 
+pub use hall::Hall;
 pub use news::{News, TOPICS};
 pub use picture::{Cursor, Picture, Points, STALE_S};
 pub use state::{Aged, Change, Command, Drive, Estimate, Level, Measured, Residual, State};

@@ -25,6 +25,8 @@ pub struct RosSource {
     finds: bool,
     looked_s: f64,
     dampers: Vec<Tapped>,
+    /// Namespaces that are not looked into: whoever lives there is watched by somebody else.
+    left_out: Vec<String>,
     /// There were more dampers than are watched, and that was said.
     is_full: bool,
 }
@@ -33,7 +35,7 @@ pub struct RosSource {
 struct Tapped {
     name: String,
     namespace: String,
-    taps: Vec<Box<dyn Tap>>,
+    taps: Vec<Box<dyn Tap + Send>>,
 }
 
 impl RosSource {
@@ -46,16 +48,46 @@ impl RosSource {
         let namespaces = names.iter().map(|name| namespace_of(args, name)).collect::<Result<Vec<_>, _>>()?;
         files::allow(names.len().max(4));
         let ros = Ros::start(config, args, NodeOptions::new().enable_rosout(false), name)?;
-        let mut source = Self {
+        let mut source = Self::over(ros, args, names.is_empty());
+        for namespace in namespaces {
+            let name = name_of(&namespace);
+            source.add(name, namespace)?;
+        }
+        Ok(source)
+    }
+
+    /// Joins the domain as the node called `name` and subscribes to the topics of the damper in the namespace of `args` alone, whose
+    /// picture is called `label`.
+    ///
+    /// # Errors
+    /// When ROS does not start.
+    pub fn start_one(config: &Config, args: &RosArgs, name: &str, label: &str) -> Result<Self, NodeError> {
+        let ros = Ros::start(config, args, NodeOptions::new().enable_rosout(false), name)?;
+        let mut source = Self::over(ros, args, false);
+        source.add(label.to_owned(), args.namespace())?;
+        Ok(source)
+    }
+
+    fn over(ros: Ros, args: &RosArgs, finds: bool) -> Self {
+        Self {
             ros,
             args: args.clone(),
-            finds: names.is_empty(),
+            finds,
             looked_s: f64::NEG_INFINITY,
             dampers: Vec::new(),
+            left_out: Vec::new(),
             is_full: false,
-        };
-        namespaces.into_iter().try_for_each(|namespace| source.add(namespace))?;
-        Ok(source)
+        }
+    }
+
+    /// Never finds the damper in `namespace`.
+    pub fn leave_out(&mut self, namespace: &str) {
+        self.left_out.push(namespace.to_owned());
+    }
+
+    /// The dampers that are watched: name and namespace.
+    pub fn watched(&self) -> impl ExactSizeIterator<Item = (&str, &str)> {
+        self.dampers.iter().map(|damper| (damper.name.as_str(), damper.namespace.as_str()))
     }
 
     /// Subscribes to the topics of dampers that have come, once a second, and hangs a picture of each on `wall`.
@@ -69,7 +101,7 @@ impl RosSource {
         self.looked_s = now_s;
         if self.finds {
             for namespace in self.found() {
-                self.add(namespace)?;
+                self.add(name_of(&namespace), namespace)?;
             }
         }
         self.dampers.iter().for_each(|damper| wall.add(&damper.name));
@@ -90,13 +122,14 @@ impl RosSource {
                 namespace.strip_prefix(root).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
             })
             .filter(|namespace| self.dampers.iter().all(|damper| damper.namespace != *namespace))
+            .filter(|namespace| !self.left_out.contains(namespace))
             .collect();
         found.sort();
         found.dedup();
         found
     }
 
-    fn add(&mut self, namespace: String) -> Result<(), NodeError> {
+    fn add(&mut self, name: String, namespace: String) -> Result<(), NodeError> {
         if self.dampers.len() >= MOST_DAMPERS {
             if !self.is_full {
                 tracing::warn!(
@@ -108,7 +141,6 @@ impl RosSource {
             return Ok(());
         }
         let args = self.args.below(&namespace);
-        let name = name_of(&namespace);
         let taps = taps(&mut self.ros, &|topic| args.topic(topic))?;
         tracing::info!(damper = name, topic = args.topic(MARK), "watching");
         self.dampers.push(Tapped { name, namespace, taps });
@@ -194,8 +226,12 @@ impl<M: Message> Tap for TypedTap<M> {
 }
 
 /// Taps on everything that goes in and out of a node. Inputs come first: an estimate is younger than what it was made of.
-fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap>>, NodeError> {
-    fn tap<M: Message>(ros: &mut Ros, topic: String, news: fn(M) -> News) -> Result<Box<dyn Tap>, NodeError> {
+fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap + Send>>, NodeError> {
+    fn tap<M: Message>(
+        ros: &mut Ros,
+        topic: String,
+        news: fn(M) -> News,
+    ) -> Result<Box<dyn Tap + Send>, NodeError> {
         let subscription = ros.subscribe::<M>(&topic)?;
         Ok(Box::new(TypedTap { topic, subscription, news }))
     }

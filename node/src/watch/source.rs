@@ -6,6 +6,7 @@ use super::zenoh::ZenohSource;
 use crate::command::Surroundings;
 use crate::config::Config;
 use crate::error::NodeError;
+use std::path::PathBuf;
 
 /// What is watched.
 #[derive(Debug, Clone, clap::Args)]
@@ -17,6 +18,9 @@ pub struct SourceArgs {
     /// zenoh.web_rate_hz.
     #[arg(long, value_name = "ENDPOINT", conflicts_with = "domain_id")]
     pub zenoh: Option<String>,
+    /// Zenoh's own configuration file (JSON5), as the node's parameter zenoh.config: user and password, certificates.
+    #[arg(long, value_name = "FILE")]
+    pub zenoh_config: Option<PathBuf>,
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
     #[arg(long, value_name = "ID", default_value_t = -1)]
     pub domain_id: i64,
@@ -45,7 +49,15 @@ impl Source {
     /// Those of [`RosSource::start`] and [`ZenohSource::start`].
     pub fn start(args: &SourceArgs, around: &Surroundings, name: &str) -> Result<Self, NodeError> {
         if let Some(endpoint) = &args.zenoh {
-            return ZenohSource::start(endpoint, &args.dampers).map(Self::Zenoh);
+            return ZenohSource::start(endpoint, args.zenoh_config.as_deref(), &args.dampers)
+                .map(Self::Zenoh);
+        }
+        // clap's own `requires` gives way where --zenoh conflicts with something that was given.
+        if let Some(file) = &args.zenoh_config {
+            return Err(NodeError::Usage(format!(
+                "--zenoh-config {} goes with --zenoh ENDPOINT, which is missing: ROS is watched without it",
+                file.display()
+            )));
         }
         let config = Config { domain_id: args.domain_id, ..Config::default() };
         let name = around.ros_args.node.as_deref().unwrap_or(name);
@@ -75,6 +87,24 @@ impl Source {
             }
         }
         Ok(())
+    }
+
+    /// Never shows the damper in the ROS namespace `namespace`. The mirror on Zenoh has its own names.
+    pub fn leave_out(&mut self, namespace: &str) {
+        if let Self::Ros(source) = self {
+            source.leave_out(namespace);
+        }
+    }
+
+    /// The dampers that can be asked for something, by ROS: name and namespace. Through the mirror on Zenoh there are none.
+    #[must_use]
+    pub fn askable(&self) -> Vec<(String, String)> {
+        match self {
+            Self::Ros(source) => {
+                source.watched().map(|(name, namespace)| (name.to_owned(), namespace.to_owned())).collect()
+            }
+            Self::Zenoh(_) => Vec::new(),
+        }
     }
 
     /// Ends it.

@@ -92,6 +92,13 @@ impl Wall {
         }
     }
 
+    /// Takes the picture of the damper called `name` down, if there is one.
+    pub fn remove(&mut self, name: &str) {
+        if let Ok(place) = self.place(name) {
+            self.pictures.remove(place);
+        }
+    }
+
     /// Takes what was heard of the damper called `name` at `now_s`; of one that has no picture it is dropped.
     pub fn take(&mut self, name: &str, news: News, now_s: f64) {
         if let Some(picture) = self.picture(name) {

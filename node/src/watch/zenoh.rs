@@ -13,6 +13,7 @@ use mr_damper_msgs::{
     LimitedBy, Mode, ModeChange, Reasons, Validity, Velocity,
 };
 use serde::Deserialize;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -46,13 +47,15 @@ pub struct ZenohSource {
 }
 
 impl ZenohSource {
-    /// Connects to the mirror at `endpoint`, now or as soon as it is there; `names`: watch these dampers alone.
+    /// Connects to the mirror at `endpoint`, now or as soon as it is there, with what Zenoh's own configuration `file` says of users and
+    /// certificates; `names`: watch these dampers alone.
     ///
     /// # Errors
-    /// When the endpoint is none, or Zenoh opens no session.
-    pub fn start(endpoint: &str, names: &[String]) -> Result<Self, NodeError> {
+    /// When the endpoint is none, the file cannot be used, or Zenoh opens no session.
+    pub fn start(endpoint: &str, file: Option<&Path>, names: &[String]) -> Result<Self, NodeError> {
         // A connection that was asked for by its address may go anywhere.
         let config = ZenohConfig {
+            file: file.map(Path::to_owned),
             connect: vec![endpoint.to_owned()],
             allow_non_loopback: true,
             ..ZenohConfig::default()
@@ -106,7 +109,8 @@ impl ZenohSource {
                 if now_s > PATIENCE_S && !self.is_alone {
                     self.is_alone = true;
                     tracing::warn!(
-                        "no Zenoh mirror or router at {} yet; trying on: is it running?",
+                        "no Zenoh mirror or router at {} yet, or it lets nobody in like this; trying on: is it running, does it want a \
+                         user or a certificate (--zenoh-config)?",
                         self.endpoint
                     );
                 }

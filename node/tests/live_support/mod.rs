@@ -3,6 +3,7 @@
 #![allow(dead_code, unused_imports, reason = "every test file is a crate of its own and uses its part")]
 
 mod caller;
+pub(crate) mod lagging;
 mod offline;
 
 pub(crate) use caller::{Caller, Ended, answer, config, wait_until, within};

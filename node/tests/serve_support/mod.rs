@@ -1,5 +1,7 @@
 //! A page that is served by a process of its own, and its readers over plain TCP.
 
+#![allow(dead_code, reason = "every test file is a crate of its own and uses its part")]
+
 use serde_json::Value as Json;
 use socket2::{Domain, SockRef, Socket, Type};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -56,6 +58,73 @@ impl Page {
             reader.read_to_string(&mut body).expect("text");
         }
         Answer { status, head, body }
+    }
+
+    /// What its page shows to be it: the token of its workshop.
+    pub(crate) fn token(&self) -> String {
+        let whole = self.ask("GET / ", &self.host(), "").body;
+        let rest = whole.split("mr-damper-token\" content=\"").nth(1).expect("a workshop's page");
+        rest.split('"').next().expect("a token").to_owned()
+    }
+
+    /// The answer to a POST with this body, asked as the page asks.
+    pub(crate) fn post(&self, path: &str, body: &[u8]) -> Answer {
+        let headers = format!("Origin: http://{}\r\nX-Mr-Damper-Token: {}\r\n", self.host(), self.token());
+        self.post_with(path, &headers, body)
+    }
+
+    /// The same with these headers alone.
+    pub(crate) fn post_with(&self, path: &str, headers: &str, body: &[u8]) -> Answer {
+        Self::finish_post(self.begin_post(path, headers, body.len()), body)
+    }
+
+    /// The same with a body in chunks, as they stand, whose length nothing announces.
+    pub(crate) fn post_chunked(&self, path: &str, headers: &str, chunks: &[u8]) -> Answer {
+        let mut stream = TcpStream::connect(self.address).expect("it listens");
+        stream.set_read_timeout(Some(6 * ANSWER)).expect("a time");
+        let host = self.host();
+        write!(stream, "POST {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}Transfer-Encoding: chunked\r\n\r\n")
+            .expect("sent");
+        Self::finish_post(stream, chunks)
+    }
+
+    fn finish_post(mut stream: TcpStream, body: &[u8]) -> Answer {
+        // A server that refuses does not read on.
+        let _ = stream.write_all(body);
+        let mut reader = BufReader::new(stream);
+        let (status, head) = head(&mut reader);
+        let mut text = String::new();
+        // What it did not read makes the end of the connection a hard one; the answer has come before that.
+        let _ = reader.read_to_string(&mut text);
+        Answer { status, head, body: text }
+    }
+
+    /// A POST that announces so many bytes, and has sent none of them.
+    pub(crate) fn begin_post(&self, path: &str, headers: &str, length: usize) -> TcpStream {
+        let mut stream = TcpStream::connect(self.address).expect("it listens");
+        stream.set_read_timeout(Some(6 * ANSWER)).expect("a time");
+        let host = self.host();
+        write!(stream, "POST {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}Content-Length: {length}\r\n\r\n")
+            .expect("sent");
+        stream
+    }
+
+    /// What the workshop shows.
+    pub(crate) fn workshop(&self) -> Json {
+        self.snapshot()["workshop"].clone()
+    }
+
+    /// What the workshop shows, as soon as it is so.
+    pub(crate) fn workshop_once(&self, what: &str, within: Duration, is: impl Fn(&Json) -> bool) -> Json {
+        let deadline = Instant::now() + within;
+        loop {
+            let shown = self.workshop();
+            if is(&shown) {
+                return shown;
+            }
+            assert!(Instant::now() < deadline, "waited for {what}: {shown:#}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
     }
 
     /// All figures.

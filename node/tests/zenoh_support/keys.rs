@@ -49,7 +49,7 @@ impl Keys {
         std::fs::write(self.path(&format!("certs/{name}.key")), key.serialize_pem()).expect("writable");
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 

@@ -1,4 +1,5 @@
-//! The live page in a browser: what stands in its table is what the server says.
+//! The live page in a browser: what stands in its table is what the server says, its workshop works, and a page of somebody else reads
+//! what it may.
 
 use crate::interop_files::utf8;
 use crate::interop_support::gate::{Outcome, interop};
@@ -6,7 +7,11 @@ use crate::interop_support::json::{count, found, text, texts, truth};
 use crate::interop_support::process::script;
 use crate::interop_support::{Lab, PRESET};
 use crate::{PEER, SHUTDOWN};
+use mr_damper_model::condition::{Conditioning, VelocitySource};
+use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
+use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_model::sample::Run;
 use mr_damper_node::run::{SaveOptions, save};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -81,6 +86,10 @@ fn a_browser_s_table_says_what_the_server_says() {
         // A telephone, in the dark, by its keys.
         let frozen = look(lab, &browser, &["--size", "360x740", "--dark", "--keys", "space ?"]);
         assert!(text(&frozen, "/banner").starts_with("Frozen at ") && truth(&frozen, "/help"), "{frozen:#}");
+        // Ages are of then: none says "now" or "ago".
+        let of_then = |age: &&str| *age == "never" || *age == "of then" || age.ends_with(" before");
+        let ages = texts(&frozen, "/ages");
+        assert!(ages.len() > 20 && ages.iter().all(of_then), "{ages:?}");
         assert_eq!(count(&frozen, "/wide"), 0, "nothing sticks out at 360 pixels: {frozen:#}");
         Outcome::Passed(format!("{} figures of the table are those of /snapshot; {status}", FIGURES.len()))
     });
@@ -100,7 +109,113 @@ fn snapshot(lab: &Lab) -> Value {
 
 /// What stands on the page after some seconds of the browser's.
 fn look(lab: &Lab, browser: &Path, arguments: &[&str]) -> Value {
+    look_at(lab, browser, PAGE, arguments)
+}
+
+/// The same of another page.
+fn look_at(lab: &Lab, browser: &Path, page: &str, arguments: &[&str]) -> Value {
     let (peer, profile) = (script("page_peer.py"), lab.folder().join("profile"));
-    let peer = [utf8(&peer), utf8(browser), PAGE, utf8(&profile)];
+    let peer = [utf8(&peer), utf8(browser), page, utf8(&profile)];
     lab.start_with("page_peer.py", Path::new("python3"), &[&peer, arguments].concat(), &[]).json(PEER)
+}
+
+/// A minute of a damper whose coil lags, or does not.
+fn run(seconds: f64, lag_s: f64, seed: u64) -> Run {
+    let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(seconds);
+    let channels = Channels::default().with_fine_displacement();
+    record(&experiment, &Plant::quasi_static().with_coil_lag_s(lag_s), &channels, seed)
+}
+
+/// A model that was not told of the lag, as a file.
+fn base() -> String {
+    let options = Options {
+        conditioning: Conditioning { velocity: VelocitySource::ThreePoint, ..Conditioning::default() },
+        choose_velocity: false,
+        restarts: 3,
+        ..Options::default()
+    };
+    let found = identify(ModelSpec::FUZZY_TANH, &[run(20.0, 0.0, 1)], &options, &Watch::none());
+    let model = found.expect("the rig's damper can be identified").model;
+    ModelFile { model, provenance: Provenance::default() }.to_toml().expect("writable")
+}
+
+#[test]
+fn a_browser_uploads_a_run_replays_it_closes_its_loop_and_shows_the_report() {
+    interop("workshop in a browser", |lab| {
+        let Some(browser) = browser() else {
+            return Outcome::Skipped(format!("none of {} is on PATH", BROWSERS.join(", ")));
+        };
+        let (shop, file) = (lab.folder().join("shop"), lab.folder().join("lags.csv"));
+        std::fs::create_dir_all(shop.join("models")).expect("room in the temporary directory");
+        std::fs::write(shop.join("models/base.toml"), base()).expect("room in the temporary directory");
+        save(&run(60.0, 0.012, 2), &file, &SaveOptions::default()).expect("room in the temporary directory");
+        let _page = lab.mr_damper(&["serve", "--workshop", utf8(&shop)]);
+        let told =
+            |id: &str, text: &str| format!("document.querySelector('{id}')?.textContent.includes('{text}')");
+        let steps = [
+            told("#upload-told", "lags.csv is taken"),
+            "(() => { const [model, rate] = ['#model', '#rate'].map((id) => document.querySelector(id)); \
+             [model.value, rate.value] = ['base.toml', 10]; return model.value === 'base.toml'; })()"
+                .to_owned(),
+            "document.querySelector('#runs button').click() ?? true".to_owned(),
+            told("#replay-told", "played to its end"),
+            told("#figures", "free run"),
+            "document.querySelector('.card .ask').click() ?? true".to_owned(),
+            "document.querySelector('.card .found a') !== null".to_owned(),
+        ];
+        let mut arguments = vec!["--file", utf8(&file)];
+        steps.iter().for_each(|step| arguments.extend(["--step", step.as_str()]));
+        let saw = look(lab, &browser, &arguments);
+        assert_eq!(text(&saw, "/name"), "workshop: lags.csv", "{saw:#}");
+        let (closing, summary) = (text(&saw, "/closing"), text(&saw, "/found"));
+        assert!(summary.contains("coil lag") && summary.contains("tau = 0.01"), "{saw:#}");
+        assert!(summary.contains("squared error left") && summary.contains("/load_model"), "{saw:#}");
+        assert!(summary.contains("among the models to replay with"), "{saw:#}");
+        assert_eq!(count(&saw, "/wide"), 0, "nothing sticks out: {saw:#}");
+        assert_eq!(texts(&saw, "/errors"), [""; 0], "{saw:#}");
+        let own = |name: &&str| name.starts_with(PAGE);
+        assert!(texts(&saw, "/fetched").iter().all(own), "nothing is fetched from elsewhere: {saw:#}");
+        // The report is a page of its own; another look at the live one finds all as it was, on a telephone too.
+        let again = look(lab, &browser, &["--size", "360x740", "--dark"]);
+        assert_eq!((text(&again, "/found"), count(&again, "/wide")), (summary, 0), "{again:#}");
+        let report = format!("{}{}", PAGE.trim_end_matches('/'), text(&saw, "/report"));
+        let script = format!(
+            "import urllib.request as u; import json; print(json.dumps(u.urlopen('{report}').read().decode()))"
+        );
+        let whole = lab.start_with("report", Path::new("python3"), &["-c", &script], &[]).json(PEER);
+        assert!(whole.as_str().is_some_and(|page| page.contains("coil lag")), "{whole}");
+        Outcome::Passed(closing.to_owned())
+    });
+}
+
+#[test]
+fn a_browser_shows_the_force_on_somebody_else_s_page_where_it_is_allowed() {
+    interop("somebody else's page in a browser", |lab| {
+        let Some(browser) = browser() else {
+            return Outcome::Skipped(format!("none of {} is on PATH", BROWSERS.join(", ")));
+        };
+        let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../node/examples");
+        let server = ["-m", "http.server", "8000", "--bind", "127.0.0.1", "--directory", utf8(&examples)];
+        let _theirs = lab.start_with("http.server", Path::new("python3"), &server, &[]);
+        let _page = lab.mr_damper(&["serve", "--allow-origin", "http://127.0.0.1:8000"]);
+        let _other = lab.mr_damper(&["serve", "--listen", "127.0.0.1:8331"]);
+        let namespace = ["-r", "__ns:=/front_left"];
+        let _node = lab.node(PRESET, &namespace);
+        let file = lab.folder().join("run.csv");
+        save(&run(60.0, 0.0, 3), &file, &SaveOptions::default()).expect("room in the temporary directory");
+        let replay = ["--quiet", "replay", utf8(&file), "--wait", "20", "--ros-args"];
+        let _replay = lab.mr_damper(&[&replay[..], &namespace].concat());
+        let url = "http://127.0.0.1:8000/live_in_browser.html";
+        let shows = r"/front_left: −?-?[\d.]+ N, VALID/.test(document.body.innerText) && document.querySelector('#link').textContent === 'live'";
+        let saw = look_at(lab, &browser, url, &["--step", shows]);
+        // The other server was not told of that page.
+        let refused = "document.querySelector('#link').textContent.startsWith('no word from the server')";
+        look_at(
+            lab,
+            &browser,
+            &format!("{url}?server=http://127.0.0.1:8331"),
+            &["--seconds", "4", "--step", refused],
+        );
+        Outcome::Passed(text(&saw, "/body").replace('\n', "; "))
+    });
 }

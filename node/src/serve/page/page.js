@@ -60,9 +60,11 @@ function plain(value) {
   return value === null || value === undefined || value === "" ? NOTHING : String(value);
 }
 
+/** How old something is; while the page is frozen, how old it was then. */
 function ago(s) {
-  if (s < 0.15) return "now";
-  return s < 100 ? `${s.toFixed(1)} s ago` : `${(s / 60).toFixed(0)} min ago`;
+  const then = view.frozen !== null;
+  if (s < 0.15) return then ? "of then" : "now";
+  return `${s < 100 ? `${s.toFixed(1)} s` : `${(s / 60).toFixed(0)} min`} ${then ? "before" : "ago"}`;
 }
 
 function look(state, path) {
@@ -88,6 +90,8 @@ class Damper {
     put(this.card.querySelector("h2"), name);
     put(this.card.querySelector("caption"), `All figures of damper ${name}`);
     this.find = (selector) => this.card.querySelector(selector);
+    // The workshop, where one is open, hangs its own part on each card.
+    document.dispatchEvent(new CustomEvent("mr-damper-card", { detail: { name, card: this.card } }));
     this.table = this.makeTable();
     this.card.addEventListener("focusin", () => select([...dampers.keys()].indexOf(name), false));
     this.card.addEventListener("pointerdown", () => select([...dampers.keys()].indexOf(name), false));
@@ -284,6 +288,7 @@ function connect() {
   view.source = new EventSource("/events");
   view.source.addEventListener("start", (event) => hear(JSON.parse(event.data), true));
   view.source.addEventListener("batch", (event) => hear(JSON.parse(event.data), false));
+  view.source.addEventListener("workshop", (event) => document.dispatchEvent(new CustomEvent("mr-damper-workshop", { detail: JSON.parse(event.data) })));
   view.source.addEventListener("skipped", (event) => (link.skipped += Number(event.data)));
   view.source.onerror = () => {
     link.words = "the connection to the server is gone; trying again";
@@ -319,8 +324,11 @@ function freeze() {
   view.frozen = view.frozen ? null : new Date();
   $("freeze").setAttribute("aria-pressed", String(view.frozen !== null));
   put($("freeze-text"), view.frozen ? "Go on" : "Freeze");
-  // A frozen page listens to nothing; going on begins with all points of the last ten seconds.
-  if (view.frozen) view.source.close();
+  // A frozen page listens to nothing, and its ages are of then; going on begins with all points of the last ten seconds.
+  if (view.frozen) {
+    view.source.close();
+    for (const damper of dampers.values()) if (damper.state) damper.show(damper.state);
+  }
   else connect();
 }
 
@@ -336,6 +344,7 @@ function tell() {
   else if (lost) put(banner, `No word from the server for ${silence.toFixed(0)} s: what is shown is old.`);
   else if (behind) put(banner, `This browser is ${link.behind.toFixed(1)} s behind: what is shown is old.`);
   document.body.classList.toggle("lost", lost || behind);
+  document.body.classList.toggle("frozen", view.frozen !== null);
   const status = $("link");
   status.className = `link ${view.frozen || (lost && link.words === "connecting") ? "" : lost ? "bad" : "good"}`;
   put(status, view.frozen ? "frozen" : lost ? link.words || "no word from the server" : `live, ${dampers.size} damper${dampers.size === 1 ? "" : "s"}`);
@@ -352,6 +361,8 @@ function frame() {
 
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey || $("keys").open) return;
+  // Where something is typed or chosen, keys are of that.
+  if (event.target.closest("input, select, textarea")) return;
   const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
   if (step) select((view.selected + step + dampers.size) % dampers.size, true);
   else if (/^[1-9]$/.test(event.key)) select(Number(event.key) - 1, true);

@@ -1,0 +1,292 @@
+//! What a running node answered to `close_loop`, for people: figures and a page, made of the answer's JSON alone.
+
+use super::close::words;
+use super::page::{capital, page, section};
+use super::table::table;
+use crate::error::NodeError;
+use maud::html;
+use mr_damper_model::metrics::Fit;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// What counts of an answer.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct Answer {
+    verdict: String,
+    effects: Vec<Effect>,
+    refused: Vec<Refused>,
+    untestable: Vec<Refused>,
+    test: Option<Test>,
+    confirm: Vec<Change>,
+    text: String,
+    note: Option<String>,
+    model_file: Option<String>,
+    loaded: bool,
+    load_error: Option<String>,
+    seconds: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct Effect {
+    id: String,
+    form: Option<String>,
+    class: Vec<String>,
+    parameters: BTreeMap<String, f64>,
+    /// Ends that are not finite are null.
+    ci95: BTreeMap<String, [Option<f64>; 2]>,
+    p_adjusted: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct Refused {
+    id: String,
+    form: Option<String>,
+    why: String,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct Test {
+    before: Fit,
+    after: Fit,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct Change {
+    before: Fit,
+    after: Fit,
+}
+
+/// A closing by a running node, in short.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Answered {
+    /// The verdict's name.
+    pub verdict: String,
+    /// What was found, in sentences.
+    pub says: String,
+    /// The effects that were named.
+    pub effects: Vec<NamedEffect>,
+    /// Errors running free, before and after.
+    pub errors: Vec<ErrorRow>,
+    /// What was refused, or cannot be told by these runs: title and why.
+    pub refused: Vec<[String; 2]>,
+    /// The model file, on the node's machine.
+    pub model_file: Option<String>,
+    /// The node runs it already.
+    pub loaded: bool,
+    /// Why it does not, though it was to.
+    pub load_error: Option<String>,
+    /// The line that swaps it in.
+    pub load_line: Option<String>,
+    /// What is to be known of the runs.
+    pub note: Option<String>,
+    /// All of it, as `mr-damper close` prints it.
+    pub text: String,
+    /// How long it took, s.
+    pub seconds: f64,
+}
+
+/// An effect with its parameters in words.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "fields are their own words")]
+pub struct NamedEffect {
+    pub id: String,
+    pub title: String,
+    pub parameters: Vec<String>,
+    pub chance: String,
+    /// Others that these runs cannot tell from it.
+    pub or: Vec<String>,
+}
+
+/// The free run's error on some runs before and after, and what is left of its square.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "fields are their own words")]
+pub struct ErrorRow {
+    pub runs: &'static str,
+    pub before: Fit,
+    pub after: Fit,
+    pub left: String,
+}
+
+impl Answered {
+    /// What `report`, the JSON of a node's answer, says; `load_line` swaps its model in.
+    ///
+    /// # Errors
+    /// When the answer is not what a node of this version gives.
+    pub fn of(report: &Value, load_line: Option<String>) -> Result<Self, NodeError> {
+        let answer = Answer::deserialize(report).map_err(|error| {
+            NodeError::Failed(format!(
+                "the node's report cannot be read: {error}; is the node of another version than this command?"
+            ))
+        })?;
+        let sealed = answer.test.iter().map(|test| row("sealed part", test.before, test.after));
+        let confirm = answer.confirm.iter().map(|change| row("confirm part", change.before, change.after));
+        let refused = answer.refused.iter().chain(&answer.untestable);
+        Ok(Self {
+            says: first_paragraphs(&answer.text),
+            effects: answer.effects.iter().map(named).collect(),
+            errors: sealed.chain(confirm).collect(),
+            refused: refused
+                .map(|refused| [title(&refused.id, refused.form.as_deref()), refused.why.clone()])
+                .collect(),
+            load_line: load_line.filter(|_| !answer.loaded),
+            verdict: answer.verdict,
+            model_file: answer.model_file,
+            loaded: answer.loaded,
+            load_error: answer.load_error,
+            note: answer.note,
+            text: answer.text,
+            seconds: answer.seconds,
+        })
+    }
+
+    /// The page, of the damper called `damper`, on `date`.
+    #[must_use]
+    pub fn html(&self, damper: &str, date: &str) -> String {
+        let effects: Vec<Vec<String>> = self.effects.iter().map(effect_cells).collect();
+        let errors: Vec<Vec<String>> = self.errors.iter().map(error_cells).collect();
+        let refused: Vec<Vec<String>> = self.refused.iter().map(|row| row.to_vec()).collect();
+        let body = html! {
+            p { strong { (self.says) } }
+            @if !effects.is_empty() {
+                (section("Named", &table(&["=effect", "value and 95 % interval", "=chance", "or one of"], &effects)))
+            }
+            @if !errors.is_empty() {
+                (section("Error running free, each run's mean out",
+                    &table(&["=runs", "#RSSE before, N", "#after, N", "#ESR before", "#after", "#squared error left"], &errors)))
+            }
+            (section("The model", &html! {
+                @match &self.model_file {
+                    None => p { "Nothing was named: no model file is written." },
+                    Some(path) => {
+                        p { "The model with it, on the node's machine: " code { (path) } }
+                        @if self.loaded { p { "It is in force." } }
+                        @if let Some(why) = &self.load_error { p { "It was not swapped in: " (why) } }
+                        @if let Some(line) = &self.load_line { p { "To swap it in: " code { (line) } } }
+                    },
+                }
+            }))
+            @if !refused.is_empty() {
+                (section("Refused, or not to be told by these runs", &table(&["=effect", "why"], &refused)))
+            }
+            (section("All of it", &html! { div.scroll { pre { (self.text) } } }))
+            @if let Some(note) = &self.note { p { (capital(note)) "." } }
+        };
+        let lead = format!("{date}, on what the running node remembered, in {:.1} s.", self.seconds);
+        page(&format!("What the model of {damper} lacks"), &lead, &body)
+    }
+}
+
+fn row(runs: &'static str, before: Fit, after: Fit) -> ErrorRow {
+    ErrorRow { runs, before, after, left: words::percent((after.rsse_n / before.rsse_n).powi(2)) }
+}
+
+fn title(id: &str, form: Option<&str>) -> String {
+    let name = id.replace('_', " ");
+    form.map_or_else(|| name.clone(), |form| format!("{name} ({form})"))
+}
+
+fn named(effect: &Effect) -> NamedEffect {
+    let parameters = effect.parameters.iter().map(|(name, value)| {
+        let (stem, unit) = match name.strip_suffix("_drive") {
+            // The answer does not say which of the two it is.
+            Some(stem) => (stem.replace('_', " "), "A or V, as the drive"),
+            None => words::quantity(name, None),
+        };
+        let value = format!("{stem} = {} {unit}", words::figure(*value));
+        match effect.ci95.get(name) {
+            Some([low, high]) => {
+                let end = |end: &Option<f64>| end.map_or_else(|| "?".to_owned(), words::figure);
+                format!("{}, 95 %: {} to {}", value.trim_end(), end(low), end(high))
+            }
+            None => value.trim_end().to_owned(),
+        }
+    });
+    NamedEffect {
+        id: effect.id.clone(),
+        title: title(&effect.id, effect.form.as_deref()),
+        parameters: parameters.collect(),
+        chance: words::chance(effect.p_adjusted),
+        or: effect.class.iter().filter(|id| **id != effect.id).cloned().collect(),
+    }
+}
+
+fn effect_cells(effect: &NamedEffect) -> Vec<String> {
+    let or = if effect.or.is_empty() { "–".to_owned() } else { effect.or.join(", ").replace('_', " ") };
+    vec![effect.title.clone(), effect.parameters.join("; "), effect.chance.clone(), or]
+}
+
+fn error_cells(row: &ErrorRow) -> Vec<String> {
+    let force = |fit: &Fit| format!("{:.2}", fit.rsse_n);
+    let esr = |fit: &Fit| words::figure(fit.esr);
+    vec![
+        row.runs.to_owned(),
+        force(&row.before),
+        force(&row.after),
+        esr(&row.before),
+        esr(&row.after),
+        row.left.clone(),
+    ]
+}
+
+/// The text up to its first heading, on one line.
+fn first_paragraphs(text: &str) -> String {
+    let lead = text.split("\n\n").next().unwrap_or_default();
+    lead.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn answer() -> Value {
+        let fit = |rsse_n: f64, esr: f64| serde_json::json!({"rsse_n": rsse_n, "esr": esr, "samples": 100});
+        serde_json::json!({
+            "schema": "mr-damper/close/1", "verdict": "explained", "seconds": 2.5, "loaded": false, "load_error": null,
+            "note": "the runs are parts of one recording", "model_file": "/tmp/new.toml",
+            "text": "Explained: coil_lag accounts for\n  nearly all of it.\n\nNamed\n  coil_lag: <b>a lag</b>\n",
+            "effects": [{"id": "coil_lag", "class": ["coil_lag", "delay"], "parameters": {"tau_s": 0.0121},
+                "ci95": {"tau_s": [0.0119, 0.0123]}, "p_adjusted": 1e-9, "range": {}, "share_removed": 0.97}],
+            "refused": [{"id": "inertia", "why": "confirm run 2 got worse"}], "untestable": [],
+            "test": {"before": fit(31.0, 0.0063), "after": fit(5.2, 0.00018)}, "confirm": [],
+        })
+    }
+
+    #[test]
+    fn an_answer_is_told_with_its_figures_and_nothing_of_it_is_markup() {
+        let told = Answered::of(&answer(), Some("ros2 service call".to_owned())).expect("a good answer");
+        assert_eq!(told.says, "Explained: coil_lag accounts for nearly all of it.");
+        assert_eq!(told.effects[0].parameters, ["tau = 0.0121 s, 95 %: 0.0119 to 0.0123"]);
+        assert_eq!(
+            (told.effects[0].title.as_str(), told.effects[0].or.as_slice()),
+            ("coil lag", &["delay".to_owned()][..])
+        );
+        assert_eq!(told.errors[0].left, "2.8 %");
+        assert_eq!(told.refused, [["inertia".to_owned(), "confirm run 2 got worse".to_owned()]]);
+        let page = told.html("<left>", "today");
+        for part in [
+            "&lt;left&gt;",
+            "tau = 0.0121 s",
+            "31.00",
+            "ros2 service call",
+            "&lt;b&gt;a lag",
+            "confirm run 2",
+        ] {
+            assert!(page.contains(part), "{part} in {page}");
+        }
+        assert!(!page.contains("<b>") && !page.contains("http"), "{page}");
+    }
+
+    #[test]
+    fn what_is_in_force_needs_no_line_and_what_is_no_answer_is_an_error() {
+        let mut in_force = answer();
+        in_force["loaded"] = true.into();
+        let told = Answered::of(&in_force, Some("line".to_owned())).expect("a good answer");
+        assert_eq!(told.load_line, None);
+        assert!(told.html("left", "today").contains("It is in force."));
+        let refused = Answered::of(&serde_json::json!({"verdict": "explained"}), None)
+            .expect_err("no answer")
+            .to_string();
+        assert!(refused.contains("missing field") && refused.contains("another version"), "{refused}");
+    }
+}

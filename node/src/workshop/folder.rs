@@ -1,0 +1,489 @@
+//! The workshop's directory: runs, models and reports, and how files come into it and leave it.
+//!
+//! ```text
+//! DIR/runs/NAME          a run, and NAME.about.json: how it is read and what is in it
+//! DIR/incoming/          what is being uploaded; emptied at the start
+//! DIR/models/*.toml      models to replay with; closings of the workshop's own damper write here
+//! DIR/reports/           a closing's report: NAME-DATE.json and .html
+//! DIR/.lock              held while a server has the directory open
+//! ```
+
+use super::refusal::{Kind, Refusal};
+use crate::error::NodeError;
+use crate::run::{self, LoadOptions, Loaded};
+use mr_damper_model::sample::DriveKind;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File, TryLockError};
+use std::path::{Path, PathBuf};
+use tempfile::{NamedTempFile, TempPath};
+
+/// Letters of a name at most, so that what is put before and behind still makes a name of a file.
+const LONGEST: usize = 120;
+/// What the file that says how a run is read is called, behind the run's name.
+const ABOUT: &str = ".about.json";
+
+/// How a run is to be read, where its file leaves that open.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Reading {
+    /// Columns as in the thesis, without header.
+    pub thesis_txt: bool,
+    /// Bad rows are dropped and counted.
+    pub skip_bad_rows: bool,
+    /// `current_a` or `command_v`, where there are both.
+    pub drive: Option<String>,
+    /// The damper's namespace in a bag of several.
+    pub namespace: Option<String>,
+    /// The joint of JointState topics.
+    pub joint: Option<String>,
+}
+
+impl Reading {
+    /// The loader's options.
+    ///
+    /// # Errors
+    /// When the drive is none.
+    pub fn options(&self) -> Result<LoadOptions, Refusal> {
+        let drive = match self.drive.as_deref() {
+            None => None,
+            Some("current_a") => Some(DriveKind::CoilCurrent),
+            Some("command_v") => Some(DriveKind::CommandVoltage),
+            Some(other) => {
+                let says = format!("the drive is \"{other}\", but must be current_a or command_v");
+                return Err(Refusal::new(Kind::Wrong, says));
+            }
+        };
+        Ok(LoadOptions {
+            skip_bad_rows: self.skip_bad_rows,
+            thesis_txt: self.thesis_txt,
+            drive,
+            namespace: self.namespace.clone(),
+            joint: self.joint.clone(),
+        })
+    }
+}
+
+/// What is in a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// Its name in the workshop.
+    pub name: String,
+    /// Its size, bytes.
+    pub bytes: u64,
+    /// Length of displacement, s.
+    pub length_s: f64,
+    /// Mean rate of displacement, Hz.
+    pub rate_hz: Option<f64>,
+    /// Samples of displacement.
+    pub samples: usize,
+    /// Its channels, by the names of their columns.
+    pub channels: Vec<String>,
+    /// What the loader noted.
+    pub notes: Vec<String>,
+    /// SHA-256 of the file.
+    pub sha256: String,
+    /// How it is read.
+    pub reading: Reading,
+}
+
+impl About {
+    fn of(name: &str, bytes: u64, loaded: &Loaded, reading: &Reading) -> Self {
+        let run = &loaded.run;
+        Self {
+            name: name.to_owned(),
+            bytes,
+            length_s: run.duration().get(),
+            rate_hz: run.displacement_m.mean_rate_hz(),
+            samples: run.displacement_m.len(),
+            channels: run::channels(run).into_iter().map(str::to_owned).collect(),
+            notes: loaded.notes.iter().map(ToString::to_string).collect(),
+            sha256: loaded.sha256_hex(),
+            reading: reading.clone(),
+        }
+    }
+}
+
+/// The directory, held by this process.
+#[derive(Debug)]
+pub(super) struct Folder {
+    root: PathBuf,
+    /// Held open: the lock goes with it.
+    _lock: File,
+}
+
+impl Folder {
+    /// Opens the directory at `root`, made where it is missing.
+    ///
+    /// # Errors
+    /// When it cannot be made or written, or another server has it open.
+    pub(super) fn open(root: &Path) -> Result<Self, NodeError> {
+        let failed =
+            |what: &str, path: &Path| NodeError::io(format!("--workshop: {what} {}", path.display()));
+        let root = std::path::absolute(root).map_err(failed("finding", root))?;
+        for part in ["runs", "incoming", "models", "reports"] {
+            let part = root.join(part);
+            fs::create_dir_all(&part).map_err(failed("making the directory", &part))?;
+        }
+        let lock_path = root.join(".lock");
+        let lock = File::create(&lock_path).map_err(failed("making", &lock_path))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(NodeError::Failed(format!(
+                    "--workshop: another mr-damper serve has {} open; end that, or give another directory",
+                    root.display()
+                )));
+            }
+            Err(TryLockError::Error(error)) => return Err(failed("locking", &lock_path)(error)),
+        }
+        let folder = Self { root, _lock: lock };
+        // What a server that was killed has left.
+        folder.sweep();
+        Ok(folder)
+    }
+
+    /// Removes what is left of uploads.
+    pub(super) fn sweep(&self) {
+        let left = self.entries("incoming").unwrap_or_else(|error| {
+            tracing::warn!("{error}");
+            Vec::new()
+        });
+        for (path, _) in left {
+            match fs::remove_file(&path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    tracing::warn!(path = %path.display(), %error, "what is left of an upload cannot be removed");
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub(super) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Where models are.
+    #[must_use]
+    pub(super) fn models_dir(&self) -> PathBuf {
+        self.root.join("models")
+    }
+
+    /// Names of the model files, sorted.
+    ///
+    /// # Errors
+    /// When the directory cannot be read.
+    pub(super) fn models(&self) -> Result<Vec<String>, NodeError> {
+        let names = self.entries("models")?.into_iter().map(|(_, name)| name);
+        Ok(names.filter(|name| name.ends_with(".toml")).collect())
+    }
+
+    /// Names of the reports' pages, the newest first.
+    ///
+    /// # Errors
+    /// When the directory cannot be read.
+    pub(super) fn reports(&self) -> Result<Vec<String>, NodeError> {
+        let written = |path: &Path| fs::metadata(path).and_then(|about| about.modified()).ok();
+        let mut all = self.entries("reports")?;
+        all.retain(|(_, name)| name.ends_with(".html"));
+        all.sort_by_cached_key(|(path, name)| std::cmp::Reverse((written(path), name.clone())));
+        Ok(all.into_iter().map(|(_, name)| name).collect())
+    }
+
+    /// Names of the runs, sorted.
+    ///
+    /// # Errors
+    /// When the directory cannot be read.
+    pub(super) fn runs(&self) -> Result<Vec<String>, NodeError> {
+        let names = self.entries("runs")?.into_iter().map(|(_, name)| name);
+        Ok(names.filter(|name| !name.ends_with(ABOUT)).collect())
+    }
+
+    /// What is in a part of the directory, sorted by name; names that the workshop would not give are left alone.
+    fn entries(&self, part: &str) -> Result<Vec<(PathBuf, String)>, NodeError> {
+        let path = self.root.join(part);
+        let reading = || NodeError::io(format!("reading {}", path.display()));
+        let mut all = Vec::new();
+        for entry in fs::read_dir(&path).map_err(reading())? {
+            let entry = entry.map_err(reading())?;
+            if let Ok(name) = entry.file_name().into_string()
+                && safe_name(&name).as_deref() == Ok(name.as_str())
+            {
+                all.push((entry.path(), name));
+            }
+        }
+        all.sort();
+        Ok(all)
+    }
+
+    /// Where the run called `name` is.
+    #[must_use]
+    pub(super) fn run(&self, name: &str) -> PathBuf {
+        self.root.join("runs").join(name)
+    }
+
+    /// A file for an upload that will be called `name`; it is gone with what is returned, unless it is kept.
+    ///
+    /// # Errors
+    /// When it cannot be made.
+    pub(super) fn incoming(&self, name: &str) -> Result<NamedTempFile, NodeError> {
+        let part = self.root.join("incoming");
+        // The end of the name says what it is.
+        let file = tempfile::Builder::new().prefix("upload-").suffix(&format!("-{name}")).tempfile_in(&part);
+        file.map_err(NodeError::io(format!("making a file in {}", part.display())))
+    }
+
+    /// Opens an upload that is complete, and keeps it as the run called `name`, or with a number where there is one of that name.
+    ///
+    /// # Errors
+    /// What the loader says of a run that cannot be used; then nothing is kept.
+    pub(super) fn keep(&self, upload: TempPath, name: &str, reading: &Reading) -> Result<About, Refusal> {
+        let options = reading.options()?;
+        let loaded = run::load(&upload, &options).map_err(|error| {
+            // The loader knows it by a name that its owner has never seen.
+            let says = error.to_string().replace(&upload.display().to_string(), name);
+            Refusal::new(Kind::Wrong, format!("{says}. It is not kept"))
+        })?;
+        let bytes =
+            fs::metadata(&upload).map_err(NodeError::io(format!("reading {}", upload.display())))?.len();
+        let mut upload = upload;
+        for number in 1_u32.. {
+            let name = numbered(name, number);
+            let about = self.root.join("runs").join(format!("{name}{ABOUT}"));
+            match upload.persist_noclobber(self.run(&name)) {
+                Ok(()) => {
+                    let found = About::of(&name, bytes, &loaded, reading);
+                    write(&about, &crate::watch::json(&found))?;
+                    return Ok(found);
+                }
+                Err(taken) if taken.error.kind() == std::io::ErrorKind::AlreadyExists => upload = taken.path,
+                Err(failed) => return Err(NodeError::io(format!("keeping {name}"))(failed.error).into()),
+            }
+        }
+        Err(Refusal::new(Kind::Failed, format!("there are too many runs called {name}; delete some")))
+    }
+
+    /// What is in the run called `name`: as it was written down when it came, or by opening it.
+    ///
+    /// # Errors
+    /// When it cannot be used.
+    pub(super) fn about(&self, name: &str) -> Result<About, NodeError> {
+        let path = self.root.join("runs").join(format!("{name}{ABOUT}"));
+        if let Ok(text) = fs::read_to_string(&path) {
+            let about: About = serde_json::from_str(&text).map_err(|error| NodeError::File {
+                path: path.clone(),
+                message: format!("{error}; delete it, and the run is looked at anew"),
+            })?;
+            return Ok(about);
+        }
+        let path = self.run(name);
+        let bytes = fs::metadata(&path).map_err(NodeError::io(format!("reading {}", path.display())))?.len();
+        let reading = Reading::default();
+        Ok(About::of(name, bytes, &run::load(&path, &LoadOptions::default())?, &reading))
+    }
+
+    /// Deletes the run called `name`.
+    ///
+    /// # Errors
+    /// When it cannot be deleted.
+    pub(super) fn delete(&self, name: &str) -> Result<(), NodeError> {
+        let path = self.run(name);
+        let gone = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        gone.map_err(NodeError::io(format!("deleting {}", path.display())))?;
+        // A run that was put here by hand has none.
+        let _ = fs::remove_file(self.root.join("runs").join(format!("{name}{ABOUT}")));
+        Ok(())
+    }
+
+    /// Writes a report of the damper called `damper`, as JSON and as a page, and returns the page's name.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub(super) fn write_report(
+        &self,
+        damper: &str,
+        stamp: &str,
+        json: &str,
+        page: &str,
+    ) -> Result<String, NodeError> {
+        let damper = safe_name(&damper.replace([':', '/', ' '], "-")).unwrap_or_else(|_| "damper".to_owned());
+        let name = format!("{damper}-{stamp}");
+        let reports = self.root.join("reports");
+        write(&reports.join(format!("{name}.json")), json)?;
+        write(&reports.join(format!("{name}.html")), page)?;
+        Ok(format!("{name}.html"))
+    }
+
+    /// The report called `name`.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub(super) fn report(&self, name: &str) -> Result<Vec<u8>, Refusal> {
+        let missing = || Refusal::new(Kind::Missing, format!("there is no report {name}"));
+        if safe_name(name).as_deref() != Ok(name) {
+            return Err(missing());
+        }
+        fs::read(self.root.join("reports").join(name)).map_err(|_| missing())
+    }
+}
+
+/// Writes a file under another name first, so that nobody sees half of it.
+fn write(path: &Path, text: &str) -> Result<(), NodeError> {
+    let writing = || NodeError::io(format!("writing {}", path.display()));
+    let folder = path.parent().unwrap_or_else(|| Path::new("."));
+    let file = NamedTempFile::new_in(folder).map_err(writing())?;
+    fs::write(file.path(), text).map_err(writing())?;
+    file.persist(path).map_err(|error| writing()(error.error))?;
+    Ok(())
+}
+
+/// `name` with a number from two on before its extension.
+fn numbered(name: &str, number: u32) -> String {
+    if number == 1 {
+        return name.to_owned();
+    }
+    let (stem, extension) = name.split_at(name.find('.').unwrap_or(name.len()));
+    format!("{stem}-{number}{extension}")
+}
+
+/// `name` as the name of a file: letters, digits, `.`, `_` and `-` of ASCII; what else there is becomes `_`.
+///
+/// # Errors
+/// When it is none, is hidden, names a path, or is too long.
+pub fn safe_name(name: &str) -> Result<String, String> {
+    if name.is_empty() {
+        return Err("a run needs a name: POST /runs?name=run.csv".to_owned());
+    }
+    if name.contains(['/', '\\', '\0']) {
+        return Err(format!("\"{name}\" names a path: give the name of a file alone"));
+    }
+    if name.starts_with('.') {
+        return Err(format!("\"{name}\" begins with a dot: give it another name"));
+    }
+    if name.chars().count() > LONGEST {
+        return Err(format!("the name has more than {LONGEST} letters: give it a shorter one"));
+    }
+    let safe = |c: char| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '_' };
+    Ok(name.chars().map(safe).collect())
+}
+
+/// The same for a run, whose name has to say what it is.
+///
+/// # Errors
+/// Those of [`safe_name`]; when no run is called so.
+pub fn run_name(name: &str) -> Result<String, Refusal> {
+    let name = safe_name(name).map_err(|why| Refusal::new(Kind::Wrong, why))?;
+    if run::is_named_as_a_run(Path::new(&name)) && !name.ends_with(ABOUT) {
+        return Ok(name);
+    }
+    Err(Refusal::new(
+        Kind::Wrong,
+        format!(
+            "{name} is not called as a run is: a CSV file (.csv, .txt, .dat, .tsv), or a bag's file (.mcap, .db3, or either with \
+             .zstd); of a bag's directory, upload the file in it"
+        ),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_made_safe_or_refused() {
+        for (given, safe) in [
+            ("run.csv", "run.csv"),
+            ("a b (2).csv", "a_b__2_.csv"),
+            ("übung.mcap", "_bung.mcap"),
+            ("a\nb.csv", "a_b.csv"),
+            ("C:run.csv", "C_run.csv"),
+            ("a..b.csv", "a..b.csv"),
+        ] {
+            assert_eq!(run_name(given).as_deref(), Ok(safe), "{given}");
+        }
+        let long = format!("{}.csv", "a".repeat(LONGEST));
+        for bad in [
+            "",
+            ".csv",
+            "..",
+            "../../name",
+            "../x.csv",
+            "/etc/x.csv",
+            "a\\b.csv",
+            "a\0.csv",
+            ".hidden.csv",
+            "run.exe",
+            "run",
+            "metadata.yaml",
+            "x.csv.about.json",
+            long.as_str(),
+        ] {
+            let refused = run_name(bad).expect_err(bad);
+            assert_eq!(refused.kind, Kind::Wrong, "{bad}");
+        }
+    }
+
+    #[test]
+    fn what_is_kept_is_never_written_over_and_what_is_not_leaves_nothing() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let folder = Folder::open(&dir.path().join("new/shop")).expect("it is made");
+        let upload = |text: &str, reading: &Reading| {
+            let file = folder.incoming("run.csv").expect("room");
+            fs::write(file.path(), text).expect("room");
+            folder.keep(file.into_temp_path(), "run.csv", reading)
+        };
+        let good = "time_s,displacement_m,force_n\n0,0,1\n0.5,0.001,2\n1,0.002,3\n";
+        let first = upload(good, &Reading::default()).expect("a run");
+        assert_eq!((first.name.as_str(), first.samples, first.length_s), ("run.csv", 3, 1.0));
+        assert_eq!(first.channels, ["displacement_m", "force_n"]);
+        let second = upload(&good.replace("0.002", "0.003"), &Reading::default()).expect("a run");
+        assert_eq!(second.name, "run-2.csv");
+        assert_eq!(fs::read_to_string(folder.run("run.csv")).expect("kept"), good);
+        assert_eq!(folder.about("run-2.csv").expect("written down"), second);
+
+        let refused =
+            upload("time_s,displacement_m\n0,0\n0,1\n", &Reading::default()).expect_err("time stands");
+        assert!(
+            refused.says.starts_with("run.csv, line 3") && refused.says.ends_with("It is not kept"),
+            "{}",
+            refused.says
+        );
+        let odd = Reading { drive: Some("steam".to_owned()), ..Reading::default() };
+        assert!(upload(good, &odd).expect_err("no drive").says.contains("\"steam\""));
+        assert_eq!(folder.runs().expect("readable"), ["run-2.csv", "run.csv"]);
+        assert_eq!(folder.entries("incoming").expect("readable").len(), 0);
+
+        folder.delete("run.csv").expect("it is there");
+        assert_eq!(
+            fs::read_dir(dir.path().join("new/shop/runs")).expect("readable").count(),
+            2,
+            "a run and what is in it"
+        );
+    }
+
+    #[test]
+    fn one_server_has_it_and_what_a_killed_one_left_goes() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let folder = Folder::open(dir.path()).expect("made");
+        let refused = Folder::open(dir.path()).expect_err("it is open").to_string();
+        assert!(refused.contains("another mr-damper serve has"), "{refused}");
+        fs::write(dir.path().join("incoming/upload-x-run.csv"), "half").expect("room");
+        drop(folder);
+        let folder = Folder::open(dir.path()).expect("it is free");
+        assert_eq!(folder.entries("incoming").expect("readable").len(), 0);
+    }
+
+    #[test]
+    fn reports_are_read_by_their_names_alone() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let folder = Folder::open(dir.path()).expect("made");
+        let name = folder.write_report("workshop: a/b.csv", "20260101T000000Z", "{}", "<p>").expect("room");
+        assert_eq!(name, "workshop--a-b.csv-20260101T000000Z.html");
+        assert_eq!(folder.report(&name).as_deref(), Ok(&b"<p>"[..]));
+        assert_eq!(folder.reports().expect("readable"), [name]);
+        for bad in ["../.lock", "..", ".lock", "nothing.html", "../reports/x"] {
+            assert_eq!(folder.report(bad).expect_err(bad).kind, Kind::Missing);
+        }
+    }
+}

@@ -1,0 +1,431 @@
+//! A replay: a recorded run through a node of the workshop's own, over real DDS that does not leave this machine.
+//!
+//! Node, player and watcher live in a namespace that is this process's alone, so nothing that is played reaches another damper. They stay
+//! when the run has been played, for the node's history is what a closing works on; the next replay, or a stop, ends them.
+
+use super::folder::Reading;
+use super::refusal::{Kind, Refusal};
+use super::state::{Figures, Playing, Replay, Shelved};
+use super::{Workshop, guarded};
+use crate::command::evaluate;
+use crate::config::{Config, RosArgs};
+use crate::error::NodeError;
+use crate::interrupt::Interrupt;
+use crate::models;
+use crate::player::{Plan, Played, Player, Rate};
+use crate::run;
+use crate::service::Service;
+use crate::watch::ros::RosSource;
+use mr_damper_model::sample::Run;
+use std::ops::RangeInclusive;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, PoisonError};
+use std::thread::ScopedJoinHandle;
+use std::time::{Duration, Instant};
+
+/// Speeds at which a run is replayed.
+pub const RATES: RangeInclusive<f64> = 0.1..=10.0;
+
+/// Name of the watching node.
+const WATCHER: &str = "mr_damper_serve_replay";
+/// How long the node may take to listen to its player.
+const LISTEN_WITHIN: Duration = Duration::from_secs(10);
+/// How often messages are looked for.
+const LOOK_EVERY: Duration = Duration::from_millis(5);
+/// How often it is said how far the run has come.
+const SAY_EVERY: Duration = Duration::from_millis(200);
+/// What a node remembers at least and at most (`history.duration_s`), s.
+const HISTORY_S: (f64, f64) = (120.0, 3600.0);
+
+/// What holds a replay from outside.
+#[derive(Debug)]
+pub(super) struct Held {
+    id: u64,
+    interrupt: Interrupt,
+}
+
+/// A turn that a replay is to take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Turn {
+    /// Wait.
+    Pause,
+    /// Go on.
+    Resume,
+    /// At another speed.
+    Rate(f64),
+    /// End, with its node.
+    Stop,
+}
+
+/// What is played.
+struct Piece {
+    id: u64,
+    run: String,
+    reading: Reading,
+    /// As the configuration has it: preset or path.
+    model: String,
+    label: String,
+    rate: f64,
+}
+
+/// A node, what plays to it, and what watches it.
+struct Stage {
+    service: Service,
+    player: Player,
+    source: RosSource,
+}
+
+impl Stage {
+    fn set(config: &Config, args: &RosArgs, label: &str) -> Result<Self, NodeError> {
+        let (service, _) = Service::start(config, args, false)?;
+        let others = Player::start(config, args, false)
+            .and_then(|player| Ok((player, RosSource::start_one(config, args, WATCHER, label)?)));
+        match others {
+            Ok((player, source)) => Ok(Self { service, player, source }),
+            Err(error) => service.stop().and(Err(error)),
+        }
+    }
+
+    /// Ends all three at a time, for Ctrl-C waits for it.
+    fn strike(self) -> Result<(), NodeError> {
+        let Self { service, player, source } = self;
+        std::thread::scope(|scope| {
+            scope.spawn(|| player.stop());
+            scope.spawn(|| source.stop());
+            service.stop()
+        })
+    }
+}
+
+impl Workshop {
+    /// Replays the run called `run` with a model of the list, at `rate` times the original speed.
+    ///
+    /// # Errors
+    /// When there is no such run or model, the rate is none, or another replay is under way.
+    pub fn start_replay(self: &Arc<Self>, run: &str, model: &str, rate: f64) -> Result<String, Refusal> {
+        check(rate)?;
+        // One that has ended, or is about to, makes room; its node has to be gone from the namespace first.
+        let mut held = self.replay.lock().unwrap_or_else(PoisonError::into_inner);
+        let piece = self.piece(run, model, rate)?;
+        let before = held.take().map(|before| {
+            before.interrupt.raise();
+            format!("workshop-replay-{}", before.id)
+        });
+        let (shop, id) = (Arc::clone(self), piece.id);
+        let begun = self.work(format!("workshop-replay-{id}"), move |interrupt| {
+            if let Some(before) = before {
+                shop.await_end(&before, interrupt);
+            }
+            let ended = guarded(|| shop.play(&piece, interrupt));
+            shop.hall.wall().remove(&piece.label);
+            if let Err(error) = ended {
+                shop.change_replay(id, |replay| {
+                    (replay.state, replay.says) = (Playing::Failed, error.to_string());
+                });
+            }
+        });
+        match begun {
+            Ok(interrupt) => *held = Some(Held { id, interrupt }),
+            Err(error) => {
+                self.change(|state| state.replay = None);
+                return Err(error.into());
+            }
+        }
+        Ok(format!("{run} is being replayed"))
+    }
+
+    /// What is to be played, which is shown from now on.
+    fn piece(&self, run: &str, model: &str, rate: f64) -> Result<Piece, Refusal> {
+        let id = self.next_id();
+        self.change(|state| {
+            if let Some(replay) = state.replay.as_ref().filter(|replay| replay.state.is_under_way()) {
+                let says = format!("{} is being replayed; stop that first: there is one replay at a time", replay.run);
+                return Err(Refusal::new(Kind::Busy, says));
+            }
+            let about = match state.runs.iter().find(|shelved| shelved.name() == run) {
+                Some(Shelved::Ready(about)) => about,
+                Some(Shelved::Opening { .. }) => {
+                    return Err(Refusal::new(Kind::Busy, format!("{run} is being opened; wait for that")));
+                }
+                Some(Shelved::Unusable { why, .. }) => return Err(Refusal::new(Kind::Wrong, why.clone())),
+                None => return Err(Refusal::new(Kind::Missing, format!("there is no run called {run}"))),
+            };
+            if !state.models.iter().any(|known| known == model) {
+                let says = format!(
+                    "there is no model called {model}; give a preset (`mr-damper presets`) or a .toml file in {}/models",
+                    state.folder
+                );
+                return Err(Refusal::new(Kind::Missing, says));
+            }
+            let path = self.folder.models_dir().join(model);
+            let in_folder = model.ends_with(".toml");
+            let label = format!("workshop: {run}");
+            let piece = Piece {
+                id,
+                run: run.to_owned(),
+                reading: about.reading.clone(),
+                model: if in_folder { path.display().to_string() } else { model.to_owned() },
+                label: label.clone(),
+                rate,
+            };
+            state.replay = Some(Replay {
+                id,
+                run: run.to_owned(),
+                model: model.to_owned(),
+                damper: label,
+                namespace: self.namespace(),
+                state: Playing::Starting,
+                says: "starting a node of its own".to_owned(),
+                at_s: 0.0,
+                length_s: about.length_s,
+                rate,
+                figures: Figures::Computing,
+            });
+            Ok(piece)
+        })
+    }
+
+    /// Has the replay take a turn.
+    ///
+    /// # Errors
+    /// When there is none, or the rate is none.
+    pub fn turn_replay(&self, turn: Turn) -> Result<String, Refusal> {
+        if let Turn::Rate(rate) = turn {
+            check(rate)?;
+        }
+        let held = self.replay.lock().unwrap_or_else(PoisonError::into_inner);
+        let none = || Refusal::new(Kind::Missing, "nothing is being replayed".to_owned());
+        let held = held.as_ref().ok_or_else(none)?;
+        self.change(|state| {
+            let replay = state.replay.as_mut().filter(|replay| replay.id == held.id).ok_or_else(none)?;
+            let playing = replay.state;
+            match turn {
+                Turn::Stop => {
+                    held.interrupt.raise();
+                    state.replay = None;
+                    return Ok("the replay is stopped, and its node ends".to_owned());
+                }
+                Turn::Rate(rate) => replay.rate = rate,
+                Turn::Pause if playing == Playing::Playing => replay.state = Playing::Paused,
+                Turn::Resume if playing == Playing::Paused => replay.state = Playing::Playing,
+                Turn::Pause | Turn::Resume => {
+                    let says = format!(
+                        "the replay is not {}",
+                        if turn == Turn::Pause { "playing" } else { "paused" }
+                    );
+                    return Err(Refusal::new(Kind::Busy, says));
+                }
+            }
+            replay.says = in_words(replay);
+            Ok(replay.says.clone())
+        })
+    }
+
+    /// The namespace of the workshop's own node: no other process of this machine has it, and nothing leaves the machine.
+    #[must_use]
+    pub fn namespace(&self) -> String {
+        format!("/workshop_{}", std::process::id())
+    }
+
+    /// The namespace of the damper called `damper` where that is the one that is replayed.
+    pub(super) fn own_namespace(&self, damper: &str) -> Option<String> {
+        let state = self.state();
+        state.replay.as_ref().filter(|replay| replay.damper == damper).map(|replay| replay.namespace.clone())
+    }
+
+    /// How whoever has to do with the workshop's own node joins its domain.
+    pub(super) fn own_config(&self) -> Config {
+        Config { domain_id: self.domain_id, discovery_range: "localhost".to_owned(), ..Config::default() }
+    }
+
+    /// Waits until the work called `name` has ended.
+    fn await_end(&self, name: &str, interrupt: &Interrupt) {
+        let is_there = || {
+            let works = self.works.lock().unwrap_or_else(PoisonError::into_inner);
+            works.iter().any(|work| work.name == name && !work.thread.is_finished())
+        };
+        while is_there() && interrupt.sleep_until(Instant::now() + LOOK_EVERY) {}
+    }
+
+    /// Plays the run, and keeps its node until it is stopped.
+    fn play(self: &Arc<Self>, piece: &Piece, interrupt: &Interrupt) -> Result<(), NodeError> {
+        let options = piece.reading.options().map_err(|refusal| NodeError::Failed(refusal.says))?;
+        let run = Arc::new(run::load(&self.folder.run(&piece.run), &options)?.run);
+        self.compute_figures(piece, &run)?;
+        let config = Config {
+            model: piece.model.clone(),
+            history_duration_s: (run.duration().get() + 10.0).clamp(HISTORY_S.0, HISTORY_S.1),
+            close_loop_out: self.folder.models_dir().display().to_string(),
+            ..self.own_config()
+        };
+        let mut args = RosArgs::in_namespace(&self.namespace());
+        // The log of this process is that of the page's server, not of a damper.
+        args.rosout_logs = false;
+        let mut stage = Stage::set(&config, &args, &piece.label)?;
+        let played = self.watch_and_play(piece, &run, &mut stage, interrupt);
+        played.and(stage.strike())
+    }
+
+    fn watch_and_play(
+        &self,
+        piece: &Piece,
+        run: &Run,
+        stage: &mut Stage,
+        interrupt: &Interrupt,
+    ) -> Result<(), NodeError> {
+        let Stage { service, player, source } = stage;
+        let (player, at_ns) = (&*player, AtomicU64::new(0));
+        std::thread::scope(|scope| {
+            let player_thread = std::thread::Builder::new().name("workshop-player".to_owned());
+            let mut playing = Some(
+                player_thread
+                    .spawn_scoped(scope, || self.run_player(piece, run, player, &at_ns, interrupt))
+                    .map_err(NodeError::io("starting the thread of the player"))?,
+            );
+            let mut said = Instant::now();
+            let ended = loop {
+                if interrupt.is_raised() {
+                    break Ok(());
+                }
+                let now_s = self.hall.now_s();
+                let looked = source.look(&mut self.hall.wall(), now_s);
+                source.drain(&mut self.hall.wall(), now_s);
+                let dead = service.dead_thread().map(|thread| {
+                    NodeError::Failed(format!(
+                        "the replay's node has lost its thread {thread}; the log says why"
+                    ))
+                });
+                let over = playing.take_if(|playing| playing.is_finished()).map_or(Ok(()), join);
+                if let Some(error) = looked.err().or(dead).or(over.err()) {
+                    break Err(error);
+                }
+                if said.elapsed() >= SAY_EVERY {
+                    said = Instant::now();
+                    let at_s = at_ns.load(Ordering::Relaxed) as f64 * 1e-9;
+                    self.follow(piece.id, player, at_s, playing.is_none());
+                }
+                std::thread::sleep(LOOK_EVERY);
+            };
+            // The player ends with what it is part of.
+            interrupt.raise();
+            ended.and(playing.map_or(Ok(()), join))
+        })
+    }
+
+    /// Plays the run once the node listens.
+    fn run_player(
+        &self,
+        piece: &Piece,
+        run: &Run,
+        player: &Player,
+        at_ns: &AtomicU64,
+        interrupt: &Interrupt,
+    ) -> Result<(), NodeError> {
+        if !player.wait_for_listener(LISTEN_WITHIN, interrupt) {
+            return match interrupt.is_raised() {
+                true => Ok(()),
+                false => Err(NodeError::Failed(format!(
+                    "the replay's own node was not heard within {} s: does this machine let DDS (UDP) pass over loopback?",
+                    LISTEN_WITHIN.as_secs()
+                ))),
+            };
+        }
+        self.change_replay(piece.id, |replay| {
+            replay.state = Playing::Playing;
+            replay.says = in_words(replay);
+        });
+        let plan = Plan { rate: Rate::Times(piece.rate), ..Plan::default() };
+        let at = |at_s: f64| at_ns.store((at_s * 1e9) as u64, Ordering::Relaxed);
+        let mut played = Played::default();
+        player.play(run, &plan, &mut played, interrupt, None, &at);
+        if played.failed > 0 {
+            return Err(NodeError::Failed(format!(
+                "{} samples were not taken by the middleware",
+                played.failed
+            )));
+        }
+        Ok(())
+    }
+
+    /// Brings the player to what is wanted of it, and says how far it is.
+    fn follow(&self, id: u64, player: &Player, at_s: f64, is_over: bool) {
+        let control = player.control();
+        self.change_replay(id, |replay| {
+            let paused = replay.state == Playing::Paused;
+            if paused != control.is_paused() {
+                control.toggle_paused();
+            }
+            if control.rate() != Rate::Times(replay.rate) {
+                control.set_rate(replay.rate);
+            }
+            replay.at_s = at_s;
+            if is_over && replay.state.is_under_way() {
+                replay.state = Playing::Ended;
+            }
+            replay.says = in_words(replay);
+        });
+    }
+
+    /// Computes the figures of the whole run on a thread of its own: as `mr-damper evaluate`, without DDS and at once.
+    fn compute_figures(self: &Arc<Self>, piece: &Piece, run: &Arc<Run>) -> Result<(), NodeError> {
+        let (shop, run) = (Arc::clone(self), Arc::clone(run));
+        let (id, name, model) = (piece.id, piece.run.clone(), piece.model.clone());
+        let begun = self.work(format!("workshop-figures-{id}"), move |_| {
+            let figures = match guarded(|| evaluate::figures(name, models::load(&model)?, &run)) {
+                Ok(report) => Figures::Done(report),
+                Err(error) => Figures::None { why: error.to_string() },
+            };
+            shop.change_replay(id, |replay| replay.figures = figures);
+        });
+        begun.map(drop)
+    }
+
+    fn change_replay(&self, id: u64, how: impl FnOnce(&mut Replay)) {
+        self.change(|state| {
+            if let Some(replay) = state.replay.as_mut().filter(|replay| replay.id == id) {
+                how(replay);
+            }
+        });
+    }
+}
+
+/// How a replay is, in words.
+fn in_words(replay: &Replay) -> String {
+    match replay.state {
+        Playing::Starting => "starting a node of its own".to_owned(),
+        Playing::Playing => "playing".to_owned(),
+        Playing::Paused => "paused".to_owned(),
+        Playing::Ended => {
+            "played to its end; its node remembers the run, so its loop can be closed".to_owned()
+        }
+        Playing::Failed => replay.says.clone(),
+    }
+}
+
+/// What a player that has ended came to.
+fn join(playing: ScopedJoinHandle<'_, Result<(), NodeError>>) -> Result<(), NodeError> {
+    playing.join().unwrap_or_else(|_| {
+        Err(NodeError::Failed("the player panicked; the log says where. Please report it".to_owned()))
+    })
+}
+
+fn check(rate: f64) -> Result<(), Refusal> {
+    if RATES.contains(&rate) {
+        return Ok(());
+    }
+    let says = format!("the rate is {rate}, but must be a number from {} to {}", RATES.start(), RATES.end());
+    Err(Refusal::new(Kind::Wrong, says))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_are_bounded() {
+        assert!([0.1, 1.0, 10.0].into_iter().all(|rate| check(rate).is_ok()));
+        for bad in [0.0, -1.0, 0.09, 10.1, f64::NAN, f64::INFINITY] {
+            assert_eq!(check(bad).expect_err("bad").kind, Kind::Wrong);
+        }
+    }
+}
