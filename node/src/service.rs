@@ -106,14 +106,10 @@ impl Service {
         let ros_sink = RosSink::start(&mut ros, args, control.names(), control.clock(), ros_inlet)?;
         let mut outlets = vec![ros_outlet.waking(ros_sink.thread())];
 
-        let rmw = Rmw::named(&config.zenoh.rmw).unwrap_or_default();
+        let presence = rmw_presence(process, config, args)?;
         let mut zenoh = None;
-        let mut presence = None;
         if let Some(link) = &process.link {
             let (outlet, inlet) = hot::channel(true);
-            if rmw != Rmw::Off {
-                presence = Some(RmwPresence::of(args, ros::domain_id(config)?, link.next_entity()));
-            }
             let mirror = Mirror::start(
                 link,
                 Damper { rmw: presence.clone(), ..Damper::named(args.damper()) },
@@ -165,7 +161,7 @@ impl Service {
             _ => None,
         };
         let rmw_inputs = match (&process.link, &presence) {
-            (Some(link), Some(presence)) if rmw == Rmw::Both => {
+            (Some(link), Some(presence)) if rmw(config) == Rmw::Both => {
                 Some(RmwSource::start(link, presence, args, config, &source, &arriving)?)
             }
             _ => None,
@@ -275,9 +271,24 @@ impl Service {
     }
 }
 
+/// What nodes on rmw_zenoh are to see; the table of parameters lets no other name pass.
+fn rmw(config: &Config) -> Rmw {
+    Rmw::named(&config.zenoh.rmw).unwrap_or_default()
+}
+
+/// The damper's place among nodes on rmw_zenoh, where it has one.
+fn rmw_presence(
+    process: &Process,
+    config: &Config,
+    args: &RosArgs,
+) -> Result<Option<RmwPresence>, NodeError> {
+    let link = process.link.as_ref().filter(|_| rmw(config) != Rmw::Off);
+    link.map(|link| Ok(RmwPresence::of(args, ros::domain_id(config)?, link.next_entity()))).transpose()
+}
+
 fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
     let zenoh = &config.zenoh;
-    let rmw = Rmw::named(&zenoh.rmw).unwrap_or_default();
+    let rmw = rmw(config);
     // Commands and a presence without an endpoint are a mistake, which the settings' check names.
     let asked = !(zenoh.listen.is_empty()
         && zenoh.connect.is_empty()
