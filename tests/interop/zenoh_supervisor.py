@@ -45,10 +45,12 @@ def main() -> int:
     saw = {}
     with session(endpoint, user, password) as opened:
         end = time.monotonic() + 20
-        while told(opened, f"{root}/status") is None and time.monotonic() < end:
+        # Commands are the last that a node opens itself to: until then nobody hears one.
+        saw["set_mode"] = None
+        while saw["set_mode"] is None and time.monotonic() < end:
             time.sleep(0.1)
-        again = command(mode="model")
-        saw["set_mode"] = told(opened, f"{root}/cmd/set_mode", again)
+            again = command(mode="model")
+            saw["set_mode"] = told(opened, f"{root}/cmd/set_mode", again)
         saw["set_mode_again"] = told(opened, f"{root}/cmd/set_mode", again)
         saw["unknown_mode"] = told(opened, f"{root}/cmd/set_mode", command(mode="turbo"))
         saw["load_model"] = told(opened, f"{root}/cmd/load_model", command(model="thesis/fuzzy-tanh/rp2-cs"))
