@@ -160,7 +160,7 @@ function showReplay(replay) {
   put($("replay-at"), `${span(replay.at_s)} of ${span(replay.length_s)}`);
   put($("replay-pause"), replay.state === "paused" ? "Go on" : "Pause");
   $("replay-pause").disabled = !under || replay.state === "starting";
-  put($("replay-stop"), under ? "Stop" : "Close");
+  put($("replay-stop"), under ? "Stop" : "Put away");
   if (document.activeElement !== $("replay-rate")) $("replay-rate").value = replay.rate;
   $("replay-rate").disabled = !under;
   const drawn = JSON.stringify(replay.figures);
