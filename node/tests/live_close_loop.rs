@@ -271,7 +271,9 @@ fn the_command_has_a_running_node_do_it_and_says_how_to_go_on() {
     let report: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
     assert_eq!((&report["verdict"], &report["model_file"]), (&"nothing_to_explain".into(), &Value::Null));
 
-    // One goal at a time; and a goal that comes to nothing is a failure that says why.
+    // One goal at a time; and a goal that comes to nothing is a failure that says why. With the lag to be found the first one works
+    // for long enough.
+    stage.load(&dir.path().join("base.toml"));
     let id = stage.send(ALL_S).expect("a good goal is accepted");
     let output = close_live(DOMAIN - 1, &FRONT_LEFT).output().expect("it runs");
     let log = String::from_utf8_lossy(&output.stderr);

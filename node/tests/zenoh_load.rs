@@ -148,8 +148,14 @@ fn a_subscriber_that_stalls_is_left_behind() {
         let heard = routes.get(&format!("mr_damper/{corner}/state/force_estimate"));
         heard.map_or(stamps.len(), |route| stamps.iter().filter(|at| !route.stamps.contains(at)).count())
     };
+    // The slow one takes what the system has kept for it, and what came last.
+    let last = |routes: &Arc<Mutex<BTreeMap<String, Route>>>| -> Vec<u64> {
+        routes.lock().expect("no panic").values().map(|route| route.last).collect()
+    };
     let patience = Instant::now() + Duration::from_secs(20);
-    while CORNERS.iter().any(|corner| missing(&healthy, corner) > 0) && Instant::now() < patience {
+    let behind =
+        || CORNERS.iter().any(|corner| missing(&healthy, corner) > 0) || last(&healthy) != last(&slow);
+    while behind() && Instant::now() < patience {
         std::thread::sleep(Duration::from_millis(100));
     }
     let lost: u64 = slow.lock().expect("no panic").values().map(|r| r.last - r.first + 1 - r.count).sum();
@@ -159,12 +165,13 @@ fn a_subscriber_that_stalls_is_left_behind() {
     );
     for corner in CORNERS {
         assert_eq!(missing(&healthy, corner), 0, "{corner}: the other one heard all");
-        // What its numbers do not show it has: of estimates, whose stamps are known, exactly that many are missing.
+        // What its numbers do not show it has. They count what it missed when it read again, too.
         let routes = slow.lock().expect("no panic");
         let route = &routes[&format!("mr_damper/{corner}/state/force_estimate")];
         let by_numbers = route.last - route.first + 1 - route.count;
         drop(routes);
-        assert_eq!(missing(&slow, corner) as u64, by_numbers, "{corner}");
+        let missing = missing(&slow, corner) as u64;
+        assert!(missing <= by_numbers, "{corner}: {missing} are missing, and {by_numbers} by the numbers");
     }
     assert!(before_ms > 0.0 && during_ms > 0.0, "the node tells its latency");
     if long() {
