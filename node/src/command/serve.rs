@@ -22,7 +22,8 @@ const BATCH_EVERY: Duration = Duration::from_millis(20);
 /// How often the workshop learns of dampers and models that have come.
 const LOOK_ROUND_EVERY: Duration = Duration::from_millis(500);
 /// Said where closings cannot be started.
-const NO_CLOSING: &str = "dampers are watched through the Zenoh mirror, which carries no actions: a closing is started by ROS, with                           mr-damper serve without --zenoh, or mr-damper close --live on the node's machine";
+const NO_CLOSING: &str = "dampers are watched through the Zenoh mirror, which carries no actions: a closing is started by ROS, with \
+                          mr-damper serve without --zenoh, or mr-damper close --live on the node's machine";
 
 /// Show what dampers do, live, in a browser: force, band, residual, mode, current command.
 ///

@@ -100,7 +100,8 @@ pub fn require_loopback_for_workshop(listen: SocketAddr) -> Result<(), NodeError
         return Ok(());
     }
     Err(NodeError::Usage(format!(
-        "--workshop takes runs and starts work, and --listen {listen} is not on loopback: whoever reaches this machine could, without          password or encryption. There is no flag that allows it; use a tunnel (ssh -L {port}:127.0.0.1:{port} THIS_MACHINE, then \
+        "--workshop takes runs and starts work, and --listen {listen} is not on loopback: whoever reaches this machine could, without \
+         password or encryption. There is no flag that allows it; use a tunnel (ssh -L {port}:127.0.0.1:{port} THIS_MACHINE, then \
          http://localhost:{port}/ there)",
         port = listen.port()
     )))
