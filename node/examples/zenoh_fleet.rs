@@ -75,7 +75,7 @@ fn main() -> zenoh::Result<()> {
         bytes as f64 / args.record_s / 1e3
     );
     let began = Instant::now();
-    let heard: Vec<Arc<Mutex<Heard>>> = (0..args.supervisors).map(|_| Arc::default()).collect();
+    let heard: Vec<Arc<Mutex<Lateness>>> = (0..args.supervisors).map(|_| Arc::default()).collect();
     let mut supervisors = Vec::new();
     for heard in &heard {
         supervisors.push(supervise(&args, heard, began)?);
@@ -86,19 +86,17 @@ fn main() -> zenoh::Result<()> {
     let opened_s = opening.elapsed().as_secs_f64();
 
     let (counts, done, sent) = (AtomicBool::new(false), AtomicBool::new(false), AtomicU64::new(0));
+    let play = Play { args: &args, said: &said, began, counts: &counts, done: &done, sent: &sent };
     let (spent_s, late_s) = std::thread::scope(|scope| {
         // Two threads send: more would only be in each other's way on few cores.
         let half = vehicles.len().div_ceil(2).max(1);
         let senders: Vec<_> = vehicles
             .chunks(half)
             .enumerate()
-            .map(|(k, some)| {
-                let (args, said, counts, done, sent) = (&args, &said, &counts, &done, &sent);
-                scope.spawn(move || send(args, said, some, k * half, began, counts, done, sent))
-            })
+            .map(|(k, some)| scope.spawn(move || play.send(some, k * half)))
             .collect();
         std::thread::sleep(Duration::from_secs(2));
-        heard.iter().for_each(|heard| *heard.lock().expect("no panic") = Heard::default());
+        heard.iter().for_each(|heard| heard.lock().expect("no panic").clear());
         let before_s = args.router_pid.map(used_s);
         counts.store(true, Ordering::Release);
         std::thread::sleep(Duration::from_secs_f64(args.seconds));
@@ -114,8 +112,8 @@ fn main() -> zenoh::Result<()> {
     let (mut received, mut late_us) = (0_u64, Vec::new());
     for heard in &heard {
         let heard = heard.lock().expect("no panic");
-        received += heard.late_us.len() as u64;
-        late_us.extend_from_slice(&heard.late_us);
+        received += heard.len() as u64;
+        late_us.extend_from_slice(&heard);
     }
     late_us.sort_unstable();
     let quantile = |q: f64| late_us.get(((late_us.len() as f64 - 1.0).max(0.0) * q) as usize).copied();
@@ -168,14 +166,11 @@ fn record(args: &Args) -> zenoh::Result<Vec<Said>> {
         .into())
 }
 
-/// What a supervisor has heard while it counts.
-#[derive(Debug, Default)]
-struct Heard {
-    late_us: Vec<u32>,
-}
+/// How late each message came that a supervisor has heard while it counts, us.
+type Lateness = Vec<u32>;
 
 /// A session that hears the whole fleet.
-fn supervise(args: &Args, heard: &Arc<Mutex<Heard>>, began: Instant) -> zenoh::Result<Session> {
+fn supervise(args: &Args, heard: &Arc<Mutex<Lateness>>, began: Instant) -> zenoh::Result<Session> {
     let router = args.upper.as_deref().unwrap_or(&args.router);
     let session = client(router).map_err(|error| format!("{router}: {error}"))?;
     let heard = Arc::clone(heard);
@@ -189,7 +184,7 @@ fn supervise(args: &Args, heard: &Arc<Mutex<Heard>>, began: Instant) -> zenoh::R
             if number > 0 {
                 let late = began.elapsed().saturating_sub(Duration::from_nanos(sent_ns));
                 let late_us = u32::try_from(late.as_micros()).unwrap_or(u32::MAX);
-                heard.lock().expect("no panic").late_us.push(late_us);
+                heard.lock().expect("no panic").push(late_us);
             }
         })
         .background()
@@ -209,64 +204,72 @@ fn halves(mark: Mark) -> (u64, u64) {
     (half(0), half(8))
 }
 
-/// Plays what was said as so many vehicles, spread over the recording, until all is done. How late it was at most, s.
-#[allow(clippy::too_many_arguments, reason = "they are all of a sender's world")]
-fn send(
-    args: &Args,
-    said: &[Said],
-    vehicles: &[Session],
-    first: usize,
+/// What senders share.
+#[derive(Clone, Copy)]
+struct Play<'a> {
+    args: &'a Args,
+    said: &'a [Said],
+    /// The moment from which times are told.
     began: Instant,
-    counts: &AtomicBool,
-    done: &AtomicBool,
-    sent: &AtomicU64,
-) -> f64 {
-    let length = Duration::from_secs_f64(args.record_s);
-    // Each vehicle's messages of one round, in the order of their times.
-    let mut plan: Vec<(Duration, usize, usize, usize)> = Vec::new();
-    for k in 0..vehicles.len() {
-        let shift = length.mul_f64((first + k) as f64 / args.vehicles as f64);
-        for damper in 0..args.dampers {
-            for (number, said) in said.iter().enumerate() {
-                let at = said.after + shift;
-                plan.push((if at >= length { at - length } else { at }, k, damper, number));
+    /// Messages are numbered, and count.
+    counts: &'a AtomicBool,
+    done: &'a AtomicBool,
+    /// How many count.
+    sent: &'a AtomicU64,
+}
+
+impl Play<'_> {
+    /// Plays what was said as `vehicles`, of which the one numbered `first` is the first, spread over the recording, until all is done. How
+    /// late it was at most, s.
+    fn send(self, vehicles: &[Session], first: usize) -> f64 {
+        let Self { args, said, began, counts, done, sent } = self;
+        let length = Duration::from_secs_f64(args.record_s);
+        // Each vehicle's messages of one round, in the order of their times.
+        let mut plan: Vec<(Duration, usize, usize, usize)> = Vec::new();
+        for k in 0..vehicles.len() {
+            let shift = length.mul_f64((first + k) as f64 / args.vehicles as f64);
+            for damper in 0..args.dampers {
+                for (number, said) in said.iter().enumerate() {
+                    let at = said.after + shift;
+                    plan.push((if at >= length { at - length } else { at }, k, damper, number));
+                }
             }
         }
-    }
-    plan.sort_unstable();
-    let mut publishers = HashMap::new();
-    for (_, k, damper, number) in &plan {
-        let what = said[*number].what.as_str();
-        publishers.entry((*k, *damper, what)).or_insert_with(|| {
-            let key = format!("mr_damper/fleet/vehicle_{:04}/damper_{damper}/{what}", first + k);
-            vehicles[*k].declare_publisher(key).wait().expect("a key without wildcards")
-        });
-    }
-    let (start, mut round, mut late_s) = (Instant::now(), 0_u32, 0.0_f64);
-    loop {
-        for (after, k, damper, number) in &plan {
-            let due = start + length * round + *after;
-            let now = Instant::now();
-            if due > now {
-                std::thread::sleep(due - now);
-            }
-            let counted = counts.load(Ordering::Acquire);
-            if counted {
-                late_s = late_s.max(now.saturating_duration_since(due).as_secs_f64());
-            }
-            if done.load(Ordering::Acquire) {
-                return late_s;
-            }
-            let said = &said[*number];
-            let number = if counted { 1 + sent.fetch_add(1, Ordering::Relaxed) } else { 0 };
-            let publisher = &publishers[&(*k, *damper, said.what.as_str())];
-            publisher
-                .put(said.bytes.as_slice())
-                .attachment(mark(number, began).as_slice())
-                .wait()
-                .expect("the session is open");
+        plan.sort_unstable();
+        let mut publishers = HashMap::new();
+        for (_, k, damper, number) in &plan {
+            let what = said[*number].what.as_str();
+            publishers.entry((*k, *damper, what)).or_insert_with(|| {
+                let key = format!("mr_damper/fleet/vehicle_{:04}/damper_{damper}/{what}", first + k);
+                vehicles[*k].declare_publisher(key).wait().expect("a key without wildcards")
+            });
         }
-        round += 1;
+        let (start, mut round, mut late_s) = (Instant::now(), 0_u32, 0.0_f64);
+        loop {
+            for (after, k, damper, number) in &plan {
+                let due = start + length * round + *after;
+                let now = Instant::now();
+                if due > now {
+                    std::thread::sleep(due - now);
+                }
+                let counted = counts.load(Ordering::Acquire);
+                if counted {
+                    late_s = late_s.max(now.saturating_duration_since(due).as_secs_f64());
+                }
+                if done.load(Ordering::Acquire) {
+                    return late_s;
+                }
+                let said = &said[*number];
+                let number = if counted { 1 + sent.fetch_add(1, Ordering::Relaxed) } else { 0 };
+                let publisher = &publishers[&(*k, *damper, said.what.as_str())];
+                publisher
+                    .put(said.bytes.as_slice())
+                    .attachment(mark(number, began).as_slice())
+                    .wait()
+                    .expect("the session is open");
+            }
+            round += 1;
+        }
     }
 }
 

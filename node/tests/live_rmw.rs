@@ -1,11 +1,9 @@
 //! The real service among nodes on rmw_zenoh, played by a plain Zenoh session with keys written by hand: what it shows, says and
 //! takes, and what it refuses. `tests/interop_zenoh` has the same with an implementation that nobody here wrote.
 
-#[path = "zenoh_support/keys.rs"]
-mod keys;
 mod live_support;
+mod zenoh_support;
 
-use keys::{Keys, session, with_password};
 use live_support::wait_until;
 use mr_damper_model::pipeline::{Event, Pipeline};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
@@ -25,6 +23,8 @@ use std::time::Duration;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::sample::{Sample as ZenohSample, SampleKind};
 use zenoh::{Session, Wait};
+use zenoh_support::keys::{Keys, with_password};
+use zenoh_support::sessions::{endpoint, router, session};
 
 /// Domains of this test binary's own.
 const DOMAINS: [i64; 5] = [70, 71, 72, 73, 74];
@@ -32,11 +32,6 @@ const FORCE_ESTIMATE: &str = "mr_damper_msgs::msg::dds_::ForceEstimate_/\
                               RIHS01_9dc78705ac5ed035bf624baa16dcbe27da337cfbb7421937be2c52883cc4de96";
 const DISPLACEMENT: &str = "mr_damper_msgs::msg::dds_::Displacement_/\
                             RIHS01_a396173d439a26bd2d68f5f701d40519e45d54b57f26fac73387b1979dcb2964";
-
-fn endpoint() -> String {
-    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
-    format!("tcp/{}", listener.local_addr().expect("bound"))
-}
 
 fn config(domain: i64, endpoint: &str, rmw: &str) -> Config {
     // A busy machine may stop a thread for longer than the usual wait, and one sample out of order is another result.
@@ -337,15 +332,7 @@ fn the_router_may_come_late_and_go_away() {
     let (service, _) = Service::start(&config, &args, false).expect("it starts without the router");
     let mut taken = 0;
     for _ in 0..2 {
-        let mut router = zenoh::Config::default();
-        for (key, value) in [
-            ("mode", "\"router\"".to_owned()),
-            ("listen/endpoints", format!("[\"{endpoint}\"]")),
-            ("scouting/multicast/enabled", "false".to_owned()),
-        ] {
-            router.insert_json5(key, &value).expect("these are Zenoh's settings");
-        }
-        let router = zenoh::open(router).wait().expect("the port is free");
+        let router = router(&endpoint);
         let peer = session(&endpoint, &[]);
         wait_until("the node is seen", || tokens(&peer, domain).len() == 13);
         let displacement = publisher::<Displacement>(&peer, domain, "displacement");

@@ -1,9 +1,7 @@
 //! Commands from Zenoh to the real service: obeyed from whom may, once, in time, and in no other way.
 
-#[path = "zenoh_support/keys.rs"]
-mod keys;
+mod zenoh_support;
 
-use keys::{Keys, session, with_password};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_msgs::CurrentCommand;
 use mr_damper_node::clock::system_now;
@@ -16,14 +14,11 @@ use ros2_client::{NodeOptions, Subscription};
 use serde_json::{Value as Json, json};
 use std::time::{Duration, Instant};
 use zenoh::{Session, Wait};
+use zenoh_support::keys::{Keys, with_password};
+use zenoh_support::sessions::{endpoint, session};
 
 const DOMAIN: i64 = 118;
 const PATIENCE: Duration = Duration::from_secs(20);
-
-fn endpoint() -> String {
-    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
-    format!("tcp/{}", listener.local_addr().expect("bound"))
-}
 
 fn config(keys: &Keys, endpoint: &str) -> Config {
     let mut config = Config { domain_id: DOMAIN, ..Config::default() };

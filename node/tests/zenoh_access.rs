@@ -1,11 +1,8 @@
 //! Who is let in, and what is let out: the ready configurations of `launch-configs/zenoh`, each really started.
 
-#[path = "zenoh_support/keys.rs"]
-mod keys;
 mod serve_support;
 mod zenoh_support;
 
-use keys::{Keys, connected, session, with_password};
 use mr_damper_node::sink::zenoh::{Link, ZenohConfig};
 use serve_support::Page;
 use std::net::TcpStream;
@@ -13,6 +10,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use zenoh::{Session, Wait};
+use zenoh_support::keys::{Keys, connected, with_password};
 use zenoh_support::*;
 
 /// Domain of the nodes that are routers; nobody speaks ROS to them.
@@ -234,7 +232,7 @@ fn who_comes_late_gets_the_last_value_of_each_key() {
     let mut rig = Rig::start();
     rig.feeder
         .run(3, 100.0, |k| vec![displacement(i64::from(k) + 1), estimate(i64::from(k) + 1, f64::from(k))]);
-    let late = consumer(&rig.endpoint);
+    let late = session(&rig.endpoint, &[]);
     wait_until("that the third one counts", || {
         ask(&late, "status")["routes"]
             .as_array()

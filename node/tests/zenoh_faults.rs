@@ -1,7 +1,5 @@
 //! The Zenoh mirror when something is wrong: ports, endpoints, absent routers, consumers that do not read.
 
-#[path = "zenoh_support/proxy.rs"]
-mod proxy;
 mod zenoh_support;
 
 use mr_damper_node::sink::zenoh::{Damper, Link, Mirror, MirrorState, ZenohConfig, ZenohError};
@@ -10,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
+use zenoh_support::sessions::router;
 use zenoh_support::*;
 
 #[test]
@@ -56,15 +55,7 @@ fn an_absent_router_does_not_hold_up_the_start_and_is_found_later() {
         assert!(mirror.is_alive());
         assert_eq!(mirror.stats().state == MirrorState::Connecting, as_client);
 
-        let mut router = zenoh::Config::default();
-        for (key, value) in [
-            ("mode", "\"router\"".to_owned()),
-            ("listen/endpoints", format!("[\"{endpoint}\"]")),
-            ("scouting/multicast/enabled", "false".to_owned()),
-        ] {
-            router.insert_json5(key, &value).expect("these are Zenoh's settings");
-        }
-        let router = zenoh::open(router).wait().expect("the port is free");
+        let router = router(&endpoint);
         let inbox = subscribe(&router, "mr_damper/*/state/*");
         feeder.push(estimate(2, 2.0));
         wait_until("the sample", || inbox.len() == 1);
@@ -107,7 +98,7 @@ fn a_closed_session_shows_and_the_ring_is_drained_on() {
 #[test]
 fn stopping_publishes_what_is_there_and_is_quick() {
     let mut rig = Rig::start();
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     let inbox = subscribe(&session, "mr_damper/front_left/*/force_estimate");
     for k in 0..1000 {
         rig.feeder.push(estimate(k, k as f64));
@@ -126,9 +117,9 @@ fn stopping_publishes_what_is_there_and_is_quick() {
 fn a_consumer_that_does_not_read_holds_up_nobody() {
     let mut rig = Rig::start();
     let stall = Arc::new(AtomicBool::new(false));
-    let slow = consumer(&proxy::proxy(&rig.endpoint, &stall));
+    let slow = session(&proxy::proxy(&rig.endpoint, &stall), &[]);
     let slow_inbox = subscribe(&slow, "mr_damper/**");
-    let healthy = consumer(&rig.endpoint);
+    let healthy = session(&rig.endpoint, &[]);
     let inbox = subscribe(&healthy, "mr_damper/front_left/state/force_estimate");
     stall.store(true, Ordering::Release);
 

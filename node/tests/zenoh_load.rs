@@ -8,9 +8,8 @@
 //! MR_DAMPER_LONG=1 cargo test --release --workspace --test zenoh_load -- --nocapture --test-threads=1
 //! ```
 
-#[path = "zenoh_support/proxy.rs"]
-mod proxy;
 mod vehicle_support;
+mod zenoh_support;
 
 use mr_damper_msgs::standard::DiagnosticArray;
 use ros2_client::Subscription;
@@ -20,6 +19,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use vehicle_support::{CORNERS, Peer, drive, start};
 use zenoh::Wait;
+use zenoh_support::proxy;
+use zenoh_support::sessions::{endpoint, session};
 
 const DOMAIN: i64 = 69;
 const STALL_DOMAIN: i64 = 88;
@@ -188,23 +189,9 @@ fn long() -> bool {
     std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1")
 }
 
-/// An address that nothing listens on.
-fn endpoint() -> String {
-    let free = std::net::TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
-    format!("tcp/{}", free.expect("a free port"))
-}
-
 /// Hears everything that the node at `endpoint` says.
 fn listen(endpoint: &str, routes: &Arc<Mutex<BTreeMap<String, Route>>>) -> zenoh::Session {
-    let mut config = zenoh::Config::default();
-    for (key, value) in [
-        ("listen/endpoints", "[]".to_owned()),
-        ("connect/endpoints", format!("[\"{endpoint}\"]")),
-        ("scouting/multicast/enabled", "false".to_owned()),
-    ] {
-        config.insert_json5(key, &value).expect("these are Zenoh's settings");
-    }
-    let session = zenoh::open(config).wait().expect("a peer always opens");
+    let session = session(endpoint, &[]);
     let to = Arc::clone(routes);
     session
         .declare_subscriber("mr_damper/*/state/*")

@@ -14,7 +14,7 @@ use zenoh_support::*;
 #[test]
 fn every_topic_is_published_as_cbor_and_for_the_web_as_json() {
     let mut rig = Rig::start();
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     let inbox = subscribe(&session, "mr_damper/**");
     one_of_each().into_iter().for_each(|event| rig.feeder.push(event));
     wait_until("each topic in both trees", || inbox.len() == 2 * Topic::ALL.len());
@@ -55,7 +55,7 @@ fn every_topic_is_published_as_cbor_and_for_the_web_as_json() {
 #[test]
 fn no_sample_is_missing_at_1000_hz_and_the_web_gets_its_rate() {
     let mut rig = Rig::with(|config| config.web_rate_hz = 25.0);
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     let inbox = subscribe(&session, "mr_damper/front_left/*/*");
     let feeding = std::time::Instant::now();
     rig.feeder.run(2000, 1000.0, |k| {
@@ -93,7 +93,7 @@ fn no_sample_is_missing_at_1000_hz_and_the_web_gets_its_rate() {
 #[test]
 fn cdr_is_the_ros_message_with_the_rest_attached() {
     let mut rig = Rig::with(|config| config.encoding = Encoding::Cdr);
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     let inbox = subscribe(&session, "mr_damper/front_left/state/*");
     one_of_each().into_iter().for_each(|event| rig.feeder.push(event));
     wait_until("all topics", || inbox.len() == Topic::ALL.len());
@@ -112,7 +112,7 @@ fn cdr_is_the_ros_message_with_the_rest_attached() {
 #[test]
 fn json_is_available_at_full_rate() {
     let mut rig = Rig::with(|config| config.encoding = Encoding::Json);
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     let inbox = subscribe(&session, "mr_damper/front_left/state/*");
     rig.feeder.push(estimate(1, f64::NAN));
     wait_until("the estimate", || inbox.len() == 1);
@@ -124,7 +124,7 @@ fn json_is_available_at_full_rate() {
 #[test]
 fn the_token_comes_and_goes_with_the_mirror() {
     let rig = Rig::start();
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     let inbox = Inbox::default();
     let to = inbox.clone();
     session
@@ -147,7 +147,7 @@ fn the_token_comes_and_goes_with_the_mirror() {
 fn dampers_share_a_session_and_not_their_keys() {
     let mut rig = Rig::start();
     let (other, mut other_feeder) = mirror(&rig.link, "/axle/rear");
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     let inbox = subscribe(&session, "mr_damper/**/state/*");
     wait_until("the other damper", || other.is_alive() && other.stats().connected == 1);
     rig.feeder.push(estimate(1, 1.0));
@@ -167,7 +167,7 @@ fn dampers_share_a_session_and_not_their_keys() {
 #[test]
 fn meta_says_how_to_read_each_topic() {
     let rig = Rig::start();
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     let meta = ask(&session, "meta");
     assert_eq!(meta["schema"], "mr-damper/zenoh-meta/1");
     assert_eq!(meta["models"]["free"], "thesis/fuzzy-tanh/rp3-cs");
@@ -187,7 +187,7 @@ fn meta_says_how_to_read_each_topic() {
 #[test]
 fn history_answers_ranges_and_explains_wrong_ones() {
     let mut rig = Rig::start();
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     for k in 0..50 {
         rig.feeder.push(estimate(k, k as f64));
         rig.feeder.push(residual(k, 0.5));
@@ -224,7 +224,7 @@ fn history_answers_ranges_and_explains_wrong_ones() {
 #[test]
 fn status_shows_what_flowed_and_what_was_lost() {
     let mut rig = Rig::start();
-    let session = consumer(&rig.endpoint);
+    let session = session(&rig.endpoint, &[]);
     one_of_each().into_iter().for_each(|event| rig.feeder.push(event));
     rig.feeder.dropped.fetch_add(3, std::sync::atomic::Ordering::Relaxed);
     wait_until("the mirror took all", || rig.mirror.stats().events == Topic::ALL.len() as u64);

@@ -119,13 +119,7 @@ impl FuzzySets {
     /// Strengths of the sets at drive `i`. NaN for a drive that is not finite.
     #[inline]
     pub(crate) fn strengths(&self, i: f64) -> Strengths {
-        let (mut of, nearest) = distances(i, self.centres(), self.sigmas());
-        let mut sum = 0.0;
-        for value in &mut of[..self.len] {
-            *value = strength(*value - nearest);
-            sum += *value;
-        }
-        Strengths { of, sum, len: self.len }
+        Strengths::at(i, self.centres(), self.sigmas())
     }
 }
 
@@ -138,6 +132,19 @@ pub(crate) struct Strengths {
 }
 
 impl Strengths {
+    /// Those of Gaussian sets at drive `i`, as many as there are `centres`, at most [`MAX_FUNCTIONS`].
+    #[inline]
+    fn at(i: f64, centres: &[f64], sigmas: &[f64]) -> Self {
+        let len = centres.len().min(MAX_FUNCTIONS);
+        let (mut of, nearest) = distances(i, centres, sigmas);
+        let mut sum = 0.0;
+        for value in &mut of[..len] {
+            *value = strength(*value - nearest);
+            sum += *value;
+        }
+        Self { of, sum, len }
+    }
+
     /// Mean of what each set says, by the sets' strengths; a set that is out is not asked. NaN where the strengths are.
     #[inline]
     pub(crate) fn mean(&self, says: impl Fn(usize) -> f64) -> f64 {
@@ -160,13 +167,7 @@ impl Strengths {
 /// what stands under a set that no data reach may be anything.
 #[inline]
 pub(crate) fn blend(i: f64, centres: &[f64], sigmas: &[f64]) -> [f64; MAX_FUNCTIONS] {
-    let (mut weights, nearest) = distances(i, centres, sigmas);
-    let len = centres.len().min(MAX_FUNCTIONS);
-    let mut sum = 0.0;
-    for weight in &mut weights[..len] {
-        *weight = strength(*weight - nearest);
-        sum += *weight;
-    }
+    let Strengths { of: mut weights, sum, len } = Strengths::at(i, centres, sigmas);
     for weight in &mut weights[..len] {
         *weight /= sum;
     }

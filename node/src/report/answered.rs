@@ -17,7 +17,7 @@ struct Answer {
     effects: Vec<Effect>,
     refused: Vec<Refused>,
     untestable: Vec<Refused>,
-    test: Option<Test>,
+    test: Option<Change>,
     confirm: Vec<Change>,
     text: String,
     note: Option<String>,
@@ -43,12 +43,6 @@ struct Refused {
     id: String,
     form: Option<String>,
     why: String,
-}
-
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-struct Test {
-    before: Fit,
-    after: Fit,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]

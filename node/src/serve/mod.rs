@@ -7,8 +7,8 @@
 //! workshop/ ←─────→ bench.rs         with --workshop alone: closings, uploads, replays; what changes something is POST
 //! ```
 //!
-//! Read-only unless a workshop is open: then nothing that a browser sends reaches a damper, and there is no other method than GET
-//! (and HEAD). The server listens on loopback unless it is told otherwise, and answers only whom it was meant for (`guard.rs`). A
+//! Read-only unless a workshop is open: without one nothing that a browser sends reaches a damper, and there is no other method than
+//! GET (and HEAD). The server listens on loopback unless it is told otherwise, and answers only whom it was meant for (`guard.rs`). A
 //! reader that does not keep up loses batches, and is told how many; nobody waits for it.
 
 mod bench;

@@ -1,7 +1,6 @@
 //! Certificates of an authority of the test's own, the ready configurations with their paths, and sessions that use them.
 
-#![allow(dead_code, reason = "each test binary uses a part of it")]
-
+use super::sessions::session;
 use mr_damper_node::sink::zenoh::ZenohConfig;
 use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
 use std::path::{Path, PathBuf};
@@ -84,25 +83,6 @@ impl Keys {
 pub(crate) fn with_password(endpoint: &str, user: &str, password: &str) -> Session {
     let both = format!("{{ user: \"{user}\", password: \"{password}\" }}");
     session(endpoint, &[("transport/auth/usrpwd", both)])
-}
-
-/// A session that connects to `endpoint` and nowhere else.
-pub(crate) fn session(endpoint: &str, settings: &[(&str, String)]) -> Session {
-    let mut config = zenoh::Config::default();
-    for (key, value) in [
-        ("mode", "\"peer\"".to_owned()),
-        ("listen/endpoints", "[]".to_owned()),
-        ("connect/endpoints", format!("[\"{endpoint}\"]")),
-        ("connect/retry", "{ period_init_ms: 100, period_max_ms: 1000 }".to_owned()),
-        ("scouting/multicast/enabled", "false".to_owned()),
-        ("scouting/gossip/enabled", "false".to_owned()),
-    ] {
-        config.insert_json5(key, &value).expect("these are Zenoh's settings");
-    }
-    for (key, value) in settings {
-        config.insert_json5(key, value).expect("these are Zenoh's settings");
-    }
-    zenoh::open(config).wait().expect("a peer always opens")
 }
 
 /// How many others a session is connected to after some tries.

@@ -1,6 +1,12 @@
-//! A mirror with a ring to push into, and a consumer in a Zenoh session of its own.
+//! A mirror with a ring to push into, and what is on the other side of it: sessions, certificates, a consumer that stalls.
 
-#![allow(dead_code, reason = "each test binary uses a part of it")]
+#![allow(dead_code, unused_imports, reason = "each test binary uses a part of it")]
+
+pub(crate) mod keys;
+pub(crate) mod proxy;
+pub(crate) mod sessions;
+
+pub(crate) use sessions::{endpoint, session};
 
 use mr_damper_model::inverse::{Command, LimitedBy};
 use mr_damper_model::pipeline::{
@@ -21,13 +27,6 @@ use zenoh::{Session, Wait};
 pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 pub(crate) const RING: usize = 8192;
 pub(crate) const DAMPER: &str = "front_left";
-
-/// An endpoint whose port was free a moment ago.
-pub(crate) fn endpoint() -> String {
-    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
-    let port = listener.local_addr().expect("a bound socket has an address").port();
-    format!("tcp/127.0.0.1:{port}")
-}
 
 pub(crate) fn listening(endpoint: &str) -> ZenohConfig {
     ZenohConfig { listen: vec![endpoint.to_owned()], ..ZenohConfig::default() }
@@ -93,22 +92,6 @@ pub(crate) fn mirror(link: &Link, damper: &str) -> (Mirror, Feeder) {
     let waker = mirror.waker();
     (mirror, Feeder { ring, dropped, waker })
 }
-
-/// An ordinary session that knows nothing of ours.
-pub(crate) fn consumer(endpoint: &str) -> Session {
-    let mut config = zenoh::Config::default();
-    for (key, value) in [
-        ("mode", "\"peer\"".to_owned()),
-        ("listen/endpoints", "[]".to_owned()),
-        ("connect/endpoints", format!("[\"{endpoint}\"]")),
-        ("scouting/multicast/enabled", "false".to_owned()),
-        ("scouting/gossip/enabled", "false".to_owned()),
-    ] {
-        config.insert_json5(key, &value).expect("these are Zenoh's settings");
-    }
-    zenoh::open(config).wait().expect("a peer always opens")
-}
-
 /// What was received, in order.
 #[derive(Clone, Default)]
 pub(crate) struct Inbox(Arc<Mutex<Vec<ZenohSample>>>);

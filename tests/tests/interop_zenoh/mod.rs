@@ -16,11 +16,10 @@ fn zenoh_commands_with_a_password() {
     interop("zenoh commands", |lab| {
         let users = lab.folder().join("users.txt");
         std::fs::write(&users, format!("supervisor:{PASSWORD}\n")).expect("room in the temporary directory");
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../launch-configs/zenoh/password.json5");
-        let ready = std::fs::read_to_string(source).expect("it is in the repository");
-        let ready = ready.replace("\"users.txt\"", &format!("{:?}", users.to_str().expect("UTF-8")));
+        let settings = std::fs::read_to_string(ready("password.json5")).expect("it is in the repository");
+        let settings = settings.replace("\"users.txt\"", &format!("{:?}", users.to_str().expect("UTF-8")));
         let file = lab.folder().join("password.json5");
-        std::fs::write(&file, ready).expect("room in the temporary directory");
+        std::fs::write(&file, settings).expect("room in the temporary directory");
         let config = format!("zenoh.config:={}", file.display());
         let listen = format!("zenoh.listen:=['{ZENOH_ENDPOINT}']");
         let commands = "zenoh.commands:=[force_request, load_model, set_mode]";

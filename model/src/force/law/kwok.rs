@@ -17,7 +17,6 @@
 //! 0. The force jumps where x passes zero; displacement counts from the middle of the stroke.
 
 use super::{Inputs, Parameter, Scalar, Scale, sign};
-use crate::force::tanh;
 
 pub(super) const PARAMETERS: [Parameter; 5] = [
     Parameter::linear("viscous_damping_n_s_m", Scale::new(1, 0, -1, 0), [0.0, 1.0]),
@@ -36,7 +35,7 @@ pub(super) fn force_n<D: Scalar>(p: &[D], inputs: &Inputs) -> D {
 #[inline]
 pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
     let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-    let t = tanh(p[3] * v + p[4] * sign(x));
+    let t = super::tanh(p[3] * v + p[4] * sign(x));
     let step = p[2] * (1.0 - t * t);
     gradient[0] = v;
     gradient[1] = x;

@@ -18,7 +18,6 @@
 //! acceleration is not known (NaN), nor is the force.
 
 use super::{Branch, Inputs, Parameter, Scalar, Scale};
-use crate::force::tanh;
 use std::ops::Range;
 
 const FORCE: Scale = Scale::new(1, 0, 0, 0);
@@ -63,7 +62,7 @@ pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 
     let Some(branch) = branch(inputs) else { return f64::NAN };
     let (p, gradient) = (&p[branch.clone()], &mut gradient[branch]);
     let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
-    let t = tanh(0.5 * p[1] * (v - p[2]));
+    let t = super::tanh(0.5 * p[1] * (v - p[2]));
     let step = 0.5 * p[0] * (1.0 - t * t);
     gradient[0] = t;
     gradient[1] = step * (v - p[2]);

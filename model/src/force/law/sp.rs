@@ -18,7 +18,6 @@
 //! other way round; the printed numbers need the reading above (see `preset`).
 
 use super::{Inputs, Parameter, Scalar, Scale};
-use crate::force::tanh;
 
 pub(super) const PARAMETERS: [Parameter; 5] = [
     Parameter::linear("yield_force_n", Scale::new(1, 0, 0, 0), [0.3, 1.0]).within(0.0, 5.0),
@@ -39,7 +38,7 @@ pub(super) fn gradient(p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 
     let (x, v) = (inputs.displacement_m, inputs.velocity_m_s);
     let kappa = p[3] / p[4];
     let u = v + kappa * x;
-    let t = tanh(p[2] * u);
+    let t = super::tanh(p[2] * u);
     let step = p[0] * (1.0 - t * t);
     let by_u = step * p[2] + p[1];
     gradient[0] = t;

@@ -109,7 +109,7 @@ impl RmwCounters {
         self.lost.fetch_add(count, Ordering::Relaxed);
     }
 
-    /// Counts one that was not, and keeps why.
+    /// Counts an input that was not handed on, and keeps why.
     pub fn refuse(&self, why: &str) {
         self.refused.fetch_add(1, Ordering::Relaxed);
         *self.last_refusal.lock().unwrap_or_else(PoisonError::into_inner) = Some(why.to_owned());
