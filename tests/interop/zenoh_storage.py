@@ -4,7 +4,8 @@
     pip install eclipse-zenoh
     zenoh_storage.py ENDPOINT DAMPER         # tcp/127.0.0.1:7447 truck/front_left
 
-Prints {"event": "ready"} when it listens, and at the end one JSON object: last payload heard and stored of each key.
+Prints {"event": "ready"} when it listens, {"event": "given up"} when the damper first says that it has no force any more, and at
+the end one JSON object: last payload heard and stored of each key.
 """
 
 import json
@@ -25,10 +26,16 @@ def main() -> int:
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     config.insert_json5("scouting/multicast/enabled", "false")
     heard: dict[str, dict] = {}
-    gone = threading.Event()
+    had_force, given_up, gone = threading.Event(), threading.Event(), threading.Event()
 
     def hear(sample: zenoh.Sample) -> None:
-        heard[str(sample.key_expr)] = json.loads(sample.payload.to_bytes())
+        key = str(sample.key_expr)
+        heard[key] = json.loads(sample.payload.to_bytes())
+        if key.endswith("/web/force_estimate"):
+            if heard[key]["validity"] == "VALID":
+                had_force.set()
+            elif heard[key]["validity"] == "INVALID" and had_force.is_set():
+                given_up.set()
 
     def live(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
@@ -38,6 +45,8 @@ def main() -> int:
         web = session.declare_subscriber(f"mr_damper/{damper}/web/*", hear)
         alive = session.liveliness().declare_subscriber(f"mr_damper/{damper}/alive", live, history=True)
         print(json.dumps({"event": "ready"}), flush=True)
+        if given_up.wait(60):
+            print(json.dumps({"event": "given up"}), flush=True)
         left = gone.wait(60)
         time.sleep(0.5)  # what is on its way to the storage arrives
         replies = session.get("mr_damper/**/web/*", timeout=3.0)
