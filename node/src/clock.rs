@@ -5,7 +5,7 @@
 
 use mr_damper_model::sample::Stamp;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// No simulated time has come yet.
 const NONE: i64 = i64::MIN;
@@ -39,6 +39,14 @@ impl Clock {
         }
         let at = self.sim_ns.load(Ordering::Acquire);
         (at != NONE).then_some(Stamp::from_nanos(at))
+    }
+
+    /// How long it has been since `received`, which this clock said. Nothing under simulated time, or where the system's was set
+    /// back meanwhile.
+    #[must_use]
+    pub fn took_since(&self, received: Stamp) -> Option<Duration> {
+        let now = self.now().filter(|_| !self.is_simulated())?;
+        u64::try_from(now.nanos().checked_sub(received.nanos())?).ok().map(Duration::from_nanos)
     }
 
     /// The time for a message: the system's where there is no other.

@@ -10,14 +10,15 @@
 //! events and nobody else's. Old models need no freeing: plans hold no heap.
 
 use crate::clock::Clock;
+use crate::latency::Latency;
 use crate::worker::{Stop, Worker};
 use mr_damper_model::pipeline::{Event, Pipeline, Plan};
-use mr_damper_model::sample::Sample;
+use mr_damper_model::sample::{Channel, Sample};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::Thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Samples that may wait for the estimating thread: one second of five channels at 3 kHz.
 const SAMPLES: usize = 16_384;
@@ -104,6 +105,10 @@ pub struct HotCounters {
     pub overflow: AtomicU64,
     /// Commands obeyed.
     pub obeyed: AtomicU64,
+    /// How long displacements waited in the ring. Under simulated time nothing says so.
+    pub waiting: Latency,
+    /// How long the step for a displacement took, with its events put into the rings.
+    pub stepping: Latency,
 }
 
 /// Where a source puts its samples.
@@ -213,8 +218,16 @@ fn run(
                 overflow_seen = overflow;
                 pipeline.note_overload();
             }
+            // Reading the clock is no system call on Linux.
+            let began = (sample.reading.channel() == Channel::Displacement).then(Instant::now);
+            if began.is_some() {
+                clock.took_since(sample.received).into_iter().for_each(|took| counters.waiting.add(took));
+            }
             let mut fanout = Fanout::new(&mut outlets);
             pipeline.step(&sample, &mut |event| fanout.put(event));
+            if let Some(began) = began {
+                counters.stepping.add(began.elapsed());
+            }
             fanout.wake();
         }
         if worked {

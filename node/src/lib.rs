@@ -29,6 +29,7 @@ pub mod overseer;
 pub mod parameters;
 pub mod player;
 pub mod provenance;
+pub mod realtime;
 pub mod report;
 pub mod rmw;
 pub mod ros;

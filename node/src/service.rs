@@ -18,6 +18,7 @@ use crate::error::NodeError;
 use crate::hot::{self, Hot, HotCounters, Inlet};
 use crate::lifecycle::{Phase, Transition};
 use crate::overseer::{Overseeing, Overseer, SharedHistory};
+use crate::realtime::{self, Standing};
 use crate::ros::{self, Domain, Ros};
 use crate::rosout::Rosout;
 use crate::services::Services;
@@ -29,6 +30,7 @@ use crate::source::zenoh::rmw::RmwSource;
 use crate::source::zenoh::{ByZenoh, Obeying, ZenohSource};
 use ros2_client::NodeOptions;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// A running service.
 pub struct Service {
@@ -47,6 +49,10 @@ pub struct Service {
 /// What the dampers of a process share: its place in the ROS domain, and its Zenoh session.
 pub struct Process {
     domain: Domain,
+    /// What was asked for.
+    priority: u8,
+    /// What came of it.
+    standing: Standing,
     link: Option<Arc<Link>>,
 }
 
@@ -56,9 +62,15 @@ impl Process {
     /// # Errors
     /// When ROS or Zenoh do not start.
     pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
-        let domain = Domain::join(config, enclave)?;
+        // The table keeps it within 0 to 99.
+        let priority = u8::try_from(config.realtime_priority).unwrap_or_default();
+        let (domain, standing) = realtime::raised(priority, || Domain::join(config, enclave));
+        let domain = domain?;
+        if let Standing::Refused { why, .. } = &standing {
+            tracing::warn!(priority, "no real-time priority: {why}; {}", realtime::ADVICE);
+        }
         let link = zenoh_config(config).map(|settings| Link::open(&settings)).transpose()?;
-        Ok(Self { domain, link: link.map(Arc::new) })
+        Ok(Self { domain, priority, standing, link: link.map(Arc::new) })
     }
 }
 
@@ -71,6 +83,8 @@ pub struct Counters {
     pub source: Arc<SourceCounters>,
     /// Of the ROS sink.
     pub ros_sink: Arc<RosSinkCounters>,
+    /// How the threads that count are scheduled.
+    pub standing: Standing,
 }
 
 impl Service {
@@ -103,7 +117,10 @@ impl Service {
         let rosout = args.rosout_logs.then(|| Rosout::start(&mut ros, &args.full_name())).transpose()?;
 
         let (ros_outlet, ros_inlet) = hot::channel(false);
-        let ros_sink = RosSink::start(&mut ros, args, control.names(), control.clock(), ros_inlet)?;
+        let (names, clock) = (control.names(), control.clock());
+        let deadline = (config.deadline_s > 0.0).then(|| Duration::from_secs_f64(config.deadline_s));
+        let start_sink = || RosSink::start(&mut ros, args, names, clock, deadline, ros_inlet);
+        let ros_sink = realtime::raised(process.priority, start_sink).0?;
         let mut outlets = vec![ros_outlet.waking(ros_sink.thread())];
 
         let presence = rmw_presence(process, config, args)?;
@@ -130,16 +147,22 @@ impl Service {
             inlet
         });
 
-        let (running, samples) =
-            Hot::start(control.clock(), outlets).map_err(NodeError::io("starting the estimating thread"))?;
+        let (running, samples) = realtime::raised(process.priority, || Hot::start(control.clock(), outlets))
+            .0
+            .map_err(NodeError::io("starting the estimating thread"))?;
         let hot_counters = running.counters();
         control.attach(running);
         let (asking, forces) = source::zenoh::forces();
         let (arriving, arrived) = source::zenoh::rmw::queue();
         let by_zenoh = ByZenoh { forces, samples: arrived };
-        let source = RosSource::start(&mut ros, args, config, &control, by_zenoh, samples)?;
-        let counters =
-            Counters { hot: hot_counters, source: source.counters(), ros_sink: ros_sink.counters() };
+        let start_source = || RosSource::start(&mut ros, args, config, &control, by_zenoh, samples);
+        let source = realtime::raised(process.priority, start_source).0?;
+        let counters = Counters {
+            hot: hot_counters,
+            source: source.counters(),
+            ros_sink: ros_sink.counters(),
+            standing: process.standing.clone(),
+        };
         let overseer = overseeing.start(overseen, counters.clone())?;
         let services = Services::start(&mut ros, args, &control, overseer.history())?;
         if config.autostart {

@@ -1,4 +1,5 @@
-//! Four dampers in one process for a while: nothing is lost between the node and a peer, and memory does not grow.
+//! Four dampers in one process for a while: nothing is lost between the node and a peer, its counters add up, and memory does not
+//! grow.
 //!
 //! A few seconds at 250 Hz by default. `MR_DAMPER_LONG=1` makes it half an hour at 1 kHz (or `MR_DAMPER_SOAK_S`), for which the
 //! binary has to be the release build and the machine idle:
@@ -10,7 +11,11 @@
 mod live_support;
 mod vehicle_support;
 
-use live_support::Ended;
+use live_support::{Ended, wait_until};
+use mr_damper_msgs::standard::DiagnosticArray;
+use ros2_client::Subscription;
+use std::collections::BTreeMap;
+use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -38,8 +43,9 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
     let long = std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1");
     let asked_s = std::env::var("MR_DAMPER_SOAK_S").ok().and_then(|text| text.parse().ok());
     let (rate_hz, seconds) = if long { (1000.0, asked_s.unwrap_or(1800.0)) } else { (250.0, 4.0) };
-    let mut node = start(DOMAIN, &[]);
-    let Peer { ros, corners } = Peer::start(DOMAIN);
+    let mut node = start(Path::new(env!("CARGO_BIN_EXE_mr-damper")), &CORNERS, DOMAIN, &[]);
+    let Peer { mut ros, corners } = Peer::start(&CORNERS, DOMAIN);
+    let diagnostics = ros.subscribe::<DiagnosticArray>("/diagnostics").expect("a topic");
     // What arrives while endpoints are still matched counts for nothing.
     let done = AtomicBool::new(false);
     let (mut stamps, mut latest) = (Vec::new(), Duration::ZERO);
@@ -75,11 +81,45 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
         assert!(grown < GROWTH, "resident memory grew by {:.1} % after the first third", 100.0 * grown);
     }
 
+    // Displacement and current of each stamp.
+    let sent = 2 * stamps.len() as u64;
+    wait_until("counters that add up", || {
+        let counts = counts(&diagnostics);
+        let adds_up = |[received, rest @ ..]: &[u64; COUNTS.len()]| {
+            *received >= sent && *received == rest.iter().sum::<u64>()
+        };
+        let done = counts.len() == CORNERS.len() && counts.values().all(adds_up);
+        if done {
+            counts.iter().for_each(|(name, counts)| eprintln!("{name}: {COUNTS:?} {counts:?}"));
+        }
+        done
+    });
+
     let asked = Instant::now();
     let kill = Command::new("kill").args(["-INT", &node.0.id().to_string()]).status().expect("kill runs");
     assert!(kill.success());
     let status = node.0.wait().expect("it ends");
     assert!(status.success() && asked.elapsed() < LEAVE, "{status} after {:?}", asked.elapsed());
-    drop(corners);
+    drop((corners, diagnostics));
     ros.stop();
+}
+
+/// What becomes of a message: the first is the sum of the others.
+const COUNTS: [&str; 6] = ["received", "used", "refused", "unreadable", "dropped", "idle"];
+
+/// Those of each damper, as the next second's statuses have them.
+fn counts(diagnostics: &Subscription<DiagnosticArray>) -> BTreeMap<String, [u64; COUNTS.len()]> {
+    while diagnostics.take().expect("readable").is_some() {}
+    std::thread::sleep(Duration::from_millis(1500));
+    let mut found = BTreeMap::new();
+    while let Some((array, _)) = diagnostics.take().expect("readable") {
+        for status in array.status.into_iter().filter(|status| status.name.ends_with(": node")) {
+            let count = |name| {
+                let value = status.values.iter().find(|value| value.key == name).expect("each status has it");
+                value.value.parse().expect("a number")
+            };
+            found.insert(status.name.clone(), COUNTS.map(count));
+        }
+    }
+    found
 }

@@ -14,6 +14,7 @@ mod zenoh_support;
 use mr_damper_msgs::standard::DiagnosticArray;
 use ros2_client::Subscription;
 use std::collections::{BTreeMap, HashSet};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -63,8 +64,13 @@ fn is_zenoh(thread: &str) -> bool {
 fn four_dampers_arrive_whole() {
     let (rate_hz, seconds) = if long() { (1000.0, 60.0) } else { (250.0, 4.0) };
     let endpoint = endpoint();
-    let node = start(DOMAIN, &[format!("zenoh.listen:=[\"{endpoint}\"]")]);
-    let Peer { ros, corners } = Peer::start(DOMAIN);
+    let node = start(
+        Path::new(env!("CARGO_BIN_EXE_mr-damper")),
+        &CORNERS,
+        DOMAIN,
+        &[format!("zenoh.listen:=[\"{endpoint}\"]")],
+    );
+    let Peer { ros, corners } = Peer::start(&CORNERS, DOMAIN);
     let routes: Arc<Mutex<BTreeMap<String, Route>>> = Arc::default();
     let _session = listen(&endpoint, &routes);
 
@@ -127,8 +133,13 @@ fn worst_ms(diagnostics: &Subscription<DiagnosticArray>) -> f64 {
 fn a_subscriber_that_stalls_is_left_behind() {
     let rate_hz = if long() { 1000.0 } else { 250.0 };
     let endpoint = endpoint();
-    let node = start(STALL_DOMAIN, &[format!("zenoh.listen:=[\"{endpoint}\"]")]);
-    let Peer { mut ros, corners } = Peer::start(STALL_DOMAIN);
+    let node = start(
+        Path::new(env!("CARGO_BIN_EXE_mr-damper")),
+        &CORNERS,
+        STALL_DOMAIN,
+        &[format!("zenoh.listen:=[\"{endpoint}\"]")],
+    );
+    let Peer { mut ros, corners } = Peer::start(&CORNERS, STALL_DOMAIN);
     let diagnostics = ros.subscribe("/diagnostics").expect("a topic");
     let (healthy, slow): (Arc<Mutex<BTreeMap<String, Route>>>, Arc<_>) = Default::default();
     let stalled = Arc::new(AtomicBool::new(false));

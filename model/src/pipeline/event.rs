@@ -224,6 +224,23 @@ impl Refused {
         }
     }
 
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::NotFinite, Self::Repeated, Self::TimeBack, Self::WrongDrive, Self::OutOfRange, Self::TooFast];
+
+    /// The reason as the name of a count.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NotFinite => "not_finite",
+            Self::Repeated => "repeated",
+            Self::TimeBack => "time_back",
+            Self::WrongDrive => "wrong_drive",
+            Self::OutOfRange => "out_of_range",
+            Self::TooFast => "too_fast",
+        }
+    }
+
     /// The reason in words.
     #[must_use]
     pub const fn text(self) -> &'static str {

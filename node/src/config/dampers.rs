@@ -12,7 +12,7 @@
 //!
 //! The same as ROS parameters: `-p dampers:="[front_left, rear_left]" -p front_left.model:=fl.toml`, or a section
 //! `/front_left/mr_damper` of a parameter file. Each damper is a node of its own, below the namespace of the process. What one
-//! source says of a damper is stronger than what it says of all. Domain, discovery and Zenoh endpoints are the process's.
+//! source says of a damper is stronger than what it says of all. Domain, discovery, priority and Zenoh endpoints are the process's.
 
 use super::{Assignment, Config, RosArgs, TABLE, Value, file};
 use crate::error::NodeError;
@@ -70,13 +70,14 @@ pub fn dampers(
     });
     let all: Vec<Damper> = all.collect::<Result<_, NodeError>>()?;
     let shared = |config: &Config| {
-        let Config { domain_id, discovery_range, discovery_peers, zenoh, .. } = config.clone();
-        (domain_id, discovery_range, discovery_peers, zenoh)
+        let Config { domain_id, discovery_range, discovery_peers, realtime_priority, zenoh, .. } =
+            config.clone();
+        (domain_id, discovery_range, discovery_peers, realtime_priority, zenoh)
     };
     match all.iter().find(|damper| shared(&damper.config) != shared(&all[0].config)) {
         None => Ok(all),
         Some(other) => Err(NodeError::Usage(format!(
-            "{} and {} differ in domain_id, discovery_* or zenoh.*, which are those of the process: set them without the name of \
+            "{} and {} differ in domain_id, discovery_*, realtime_priority or zenoh.*, which are those of the process: set them without the name of \
              a damper",
             all[0].name(),
             other.name()

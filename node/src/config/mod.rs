@@ -122,6 +122,10 @@ pub struct Config {
     pub close_loop_auto_load: bool,
     /// How long a displacement waits for drive, velocity and force of its stamp, s.
     pub align_wait_s: f64,
+    /// How old an estimate may be when it is published, s; 0: as old as it gets.
+    pub deadline_s: f64,
+    /// `SCHED_FIFO` priority of the threads that every sample passes; 0: none.
+    pub realtime_priority: i64,
     /// ROS domain; negative: `ROS_DOMAIN_ID`, else 0.
     pub domain_id: i64,
     /// `localhost`, `subnet` or `system_default`.
@@ -159,6 +163,8 @@ impl Default for Config {
             close_loop_out: String::new(),
             close_loop_auto_load: false,
             align_wait_s: 0.05,
+            deadline_s: 0.0,
+            realtime_priority: 0,
             domain_id: -1,
             discovery_range: "system_default".to_owned(),
             discovery_peers: Vec::new(),

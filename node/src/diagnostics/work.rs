@@ -2,8 +2,9 @@
 
 use super::{Surroundings, value};
 use crate::lifecycle::Phase;
+use crate::realtime::{ADVICE, Standing};
 use crate::service::Counters;
-use mr_damper_model::pipeline::{Estimate, Event, Validity};
+use mr_damper_model::pipeline::{Estimate, Event, Refused, Validity};
 use mr_damper_model::sample::Channel;
 use mr_damper_msgs::standard::{DiagnosticStatus, KeyValue};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -26,7 +27,7 @@ impl Flow {
     }
 }
 
-/// What was seen of the node's work since the last status.
+/// What was seen of the node's work. Once all is quiet, received = used + refused + unreadable + dropped + idle.
 #[derive(Debug, Clone, Default)]
 pub struct Work {
     inputs: [Flow; INPUTS.len()],
@@ -34,6 +35,12 @@ pub struct Work {
     commands: Flow,
     estimate: Option<Estimate>,
     looked: Option<Instant>,
+    /// Deadlines missed by then.
+    missed: u64,
+    /// Samples that the pipeline took, ever.
+    used: u64,
+    /// Those that it refused, by reason, in the order of [`Refused::ALL`].
+    refused: [u64; Refused::ALL.len()],
 }
 
 /// The channels that are told of, by name.
@@ -51,6 +58,7 @@ impl Work {
     pub fn take(&mut self, event: &Event, at: Instant) {
         match event {
             Event::Input(sample) => {
+                self.used += 1;
                 let channel = sample.reading.channel();
                 if let Some(index) = INPUTS.iter().position(|(known, _)| *known == channel) {
                     self.inputs[index].note(at);
@@ -61,7 +69,11 @@ impl Work {
                 self.estimate = Some(*estimate);
             }
             Event::Command(_) => self.commands.note(at),
-            Event::Refusal(_) | Event::Residual(_) | Event::Transition(_) | Event::Alarm(_) => {}
+            Event::Refusal(refusal) => {
+                let reasons = Refused::ALL.iter().zip(&mut self.refused);
+                reasons.filter(|(why, _)| **why == refusal.why).for_each(|(_, count)| *count += 1);
+            }
+            Event::Residual(_) | Event::Transition(_) | Event::Alarm(_) => {}
         }
     }
 
@@ -73,7 +85,9 @@ impl Work {
         phase: Phase,
         counters: &Counters,
     ) -> DiagnosticStatus {
-        let (level, message) = self.verdict(now, phase);
+        let missed = counters.ros_sink.missed.load(Ordering::Relaxed);
+        let late = missed - std::mem::replace(&mut self.missed, missed);
+        let (level, message) = in_time(self.verdict(now, phase), late, &counters.standing);
         let mut values = vec![
             value("state", phase.name()),
             value("model", &around.names.free),
@@ -93,19 +107,27 @@ impl Work {
             ("incomplete", read(&source.incomplete)),
             ("dropped", read(&hot.overflow)),
             ("idle", read(&hot.idle)),
-            ("refused", read(&sink.refused)),
+            ("used", self.used),
+            ("refused", self.refused.iter().sum()),
             ("estimates", read(&sink.estimates)),
             ("not_published", read(&sink.failed)),
+            ("missed_deadlines", missed),
         ] {
             values.push(value(name, count));
         }
-        if let Some(took) = sink.latency.take() {
-            for (name, seconds) in [
-                ("latency_median_ms", took.median_s),
-                ("latency_p99_ms", took.p99_s),
-                ("latency_worst_ms", took.worst_s),
-            ] {
-                values.push(value(name, format_args!("{:.3}", seconds * 1e3)));
+        for (why, count) in Refused::ALL.iter().zip(self.refused).filter(|(_, count)| *count > 0) {
+            values.push(value(&format!("refused_{}", why.name()), count));
+        }
+        values.push(value("realtime_priority", &counters.standing));
+        for (stage, latency) in [
+            ("latency", &sink.latency),
+            ("waiting", &hot.waiting),
+            ("stepping", &hot.stepping),
+            ("publishing", &sink.publishing),
+        ] {
+            let Some(took) = latency.take() else { continue };
+            for (name, seconds) in [("median", took.median_s), ("p99", took.p99_s), ("worst", took.worst_s)] {
+                values.push(value(&format!("{stage}_{name}_ms"), format_args!("{:.4}", seconds * 1e3)));
             }
         }
         DiagnosticStatus {
@@ -162,12 +184,24 @@ impl Work {
     }
 }
 
+/// The verdict of a node that has missed `late` deadlines since the last one, or has not got the priority that it was to have.
+fn in_time((level, mut message): (u8, String), late: u64, standing: &Standing) -> (u8, String) {
+    if late > 0 {
+        message += &format!("; {late} estimates have missed their deadline since the last status");
+    }
+    let refused = matches!(standing, Standing::Refused { .. });
+    if refused {
+        message += &format!("; real-time priority was refused: {ADVICE}");
+    }
+    (if late > 0 || refused { level.max(DiagnosticStatus::WARN) } else { level }, message)
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::around;
     use super::*;
     use crate::wire::ModelNames;
-    use mr_damper_model::pipeline::Reasons;
+    use mr_damper_model::pipeline::{Reasons, Refusal};
     use mr_damper_model::sample::{Reading, Sample, Stamp};
     use mr_damper_model::units::Metre;
     use std::fmt::Write;
@@ -178,7 +212,7 @@ mod tests {
         let names = ModelNames { free, seeded: None, hash: "abc".to_owned() };
         let (around, nameless) = (around(&names), ModelNames::default());
         let unconfigured = Surroundings { names: &nameless, ..around };
-        let counters = Counters::default();
+        let mut counters = Counters::default();
         let mut text = String::new();
         let mut say = |what: &str, status: &DiagnosticStatus| {
             let values: Vec<_> = status.values.iter().map(|v| format!("{}={}", v.key, v.value)).collect();
@@ -199,6 +233,16 @@ mod tests {
             counters.ros_sink.latency.add(Duration::from_micros(80));
         }
         say("with an old drive", &work.status(at(2), &around, Phase::Active, &counters));
+        let sample = Sample {
+            stamp: Stamp::from_nanos(0),
+            received: Stamp::from_nanos(0),
+            reading: Reading::Displacement(Metre(0.0)),
+        };
+        work.take(&Event::Refusal(Refusal { sample, why: Refused::TimeBack }), at(2));
+        counters.ros_sink.missed.store(3, Ordering::Relaxed);
+        say("some of them late", &work.status(at(2), &around, Phase::Active, &counters));
+        counters.standing = Standing::Refused { priority: 50, why: "Operation not permitted".to_owned() };
+        say("no real-time priority", &work.status(at(2), &around, Phase::Active, &counters));
         say("silence", &work.status(at(9), &around, Phase::Active, &counters));
         insta::assert_snapshot!(text);
     }

@@ -39,6 +39,10 @@ pub struct RosSinkCounters {
     pub failed: AtomicU64,
     /// From the receipt of a displacement to the publishing of its estimate.
     pub latency: Latency,
+    /// Of that, the making of the message, and its hand-over to the middleware.
+    pub publishing: Latency,
+    /// Estimates that were published later than `deadline_s` after the receipt of their displacement.
+    pub missed: AtomicU64,
 }
 
 /// The names of the models that run; swapped with them.
@@ -58,7 +62,7 @@ struct Publishers {
 }
 
 impl RosSink {
-    /// Creates the publishers and starts the thread.
+    /// Creates the publishers and starts the thread. Estimates older than `deadline` are published all the same, and counted.
     ///
     /// # Errors
     /// When a topic cannot be published or the system starts no thread.
@@ -67,6 +71,7 @@ impl RosSink {
         args: &RosArgs,
         names: SharedNames,
         clock: Arc<Clock>,
+        deadline: Option<Duration>,
         inlet: Inlet,
     ) -> Result<Self, NodeError> {
         let publishers = Publishers {
@@ -81,6 +86,7 @@ impl RosSink {
             publishers,
             names,
             clock,
+            deadline,
             frame_id,
             counters: Arc::clone(&counters),
             log: RefusalLog::default(),
@@ -121,6 +127,8 @@ struct Publishing {
     publishers: Publishers,
     names: SharedNames,
     clock: Arc<Clock>,
+    /// How old an estimate may be when it is published.
+    deadline: Option<Duration>,
     frame_id: String,
     counters: Arc<RosSinkCounters>,
     log: RefusalLog,
@@ -145,12 +153,14 @@ impl Publishing {
     fn publish(&mut self, event: &Event) {
         let published = match event {
             Event::Estimate(estimate) => {
+                let began = Instant::now();
                 // A poisoned lock only means that a writer panicked between two whole names.
                 let names = self.names.read().unwrap_or_else(std::sync::PoisonError::into_inner);
                 let message = wire::force_estimate(estimate, &names, &self.frame_id);
                 drop(names);
                 self.counters.estimates.fetch_add(1, Ordering::Relaxed);
                 let published = self.publishers.estimate.publish(message).is_ok();
+                self.counters.publishing.add(began.elapsed());
                 self.note_latency(estimate.received);
                 published
             }
@@ -188,11 +198,11 @@ impl Publishing {
 
     /// Counts how long an estimate took. Simulated time says nothing of that.
     fn note_latency(&self, received: Option<Stamp>) {
-        let now = self.clock.now().filter(|_| !self.clock.is_simulated());
-        if let Some((now, received)) = now.zip(received) {
-            // A clock that was set meanwhile gives nonsense, which is no time.
-            let took = Duration::try_from_secs_f64(now.since(received).get());
-            took.into_iter().for_each(|took| self.counters.latency.add(took));
+        if let Some(took) = received.and_then(|received| self.clock.took_since(received)) {
+            self.counters.latency.add(took);
+            if self.deadline.is_some_and(|deadline| took > deadline) {
+                self.counters.missed.fetch_add(1, Ordering::Relaxed);
+            }
         }
     }
 

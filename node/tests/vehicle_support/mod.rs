@@ -1,6 +1,6 @@
-//! A node with four dampers in a process of its own, and a peer that drives and hears them.
+//! A node with several dampers in a process of its own, and a peer that drives and hears them.
 
-#![allow(dead_code, reason = "every test file is a crate of its own and uses its part")]
+#![allow(dead_code, reason = "every test file and example is a crate of its own and uses its part")]
 
 use mr_damper_msgs::{CoilCurrent, Displacement, ForceEstimate};
 use mr_damper_node::clock::system_now;
@@ -9,6 +9,7 @@ use mr_damper_node::ros::Ros;
 use mr_damper_node::wire::header;
 use ros2_client::{NodeOptions, Publisher, Subscription};
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -35,10 +36,10 @@ impl Drop for Node {
     }
 }
 
-/// Starts the node in `domain`, with more `parameters`.
-pub(crate) fn start(domain: i64, parameters: &[String]) -> Node {
-    let dampers = format!("dampers:=[{}]", CORNERS.join(", "));
-    let node = Command::new(env!("CARGO_BIN_EXE_mr-damper"))
+/// Starts `program` as the node of the dampers called `names` in `domain`, with more `parameters`.
+pub(crate) fn start(program: &Path, names: &[&str], domain: i64, parameters: &[String]) -> Node {
+    let dampers = format!("dampers:=[{}]", names.join(", "));
+    let node = Command::new(program)
         .args(["--quiet", "node", "--ros-args", "-p", "model:=thesis/fuzzy-tanh/rp3-cs", "-p", &dampers])
         .args(parameters.iter().flat_map(|parameter| ["-p", parameter.as_str()]))
         .env("ROS_DOMAIN_ID", domain.to_string())
@@ -54,12 +55,12 @@ pub(crate) struct Peer {
 }
 
 impl Peer {
-    /// Joins `domain`, and waits until the node is there.
-    pub(crate) fn start(domain: i64) -> Self {
+    /// Joins `domain`, and waits until the node of the dampers called `names` is there.
+    pub(crate) fn start(names: &[&str], domain: i64) -> Self {
         let config = Config { domain_id: domain, ..Config::default() };
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
         let mut ros = Ros::start(&config, &RosArgs::default(), options, "vehicle").expect("a peer starts");
-        let corners = corners(&mut ros);
+        let corners = corners(&mut ros, names);
         let found = || corners.iter().all(|c| c.displacement.get_subscription_count(ros.node()) > 0);
         let patience = Instant::now() + Duration::from_secs(20);
         while !found() {
@@ -70,13 +71,13 @@ impl Peer {
     }
 }
 
-fn corners(ros: &mut Ros) -> Vec<Corner> {
+fn corners(ros: &mut Ros, names: &[&str]) -> Vec<Corner> {
     let corner = |name: &&str| Corner {
         displacement: ros.publish(&format!("/{name}/displacement")).expect("a topic"),
         current: ros.publish(&format!("/{name}/coil_current")).expect("a topic"),
         estimates: ros.subscribe(&format!("/{name}/force_estimate")).expect("a topic"),
     };
-    CORNERS.iter().map(corner).collect()
+    names.iter().map(corner).collect()
 }
 
 /// Sends motion at `rate_hz` for `seconds`, and returns the stamps and the largest lateness. After the machine stood still

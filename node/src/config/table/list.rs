@@ -30,7 +30,7 @@ const NODE: [Parameter; 3] = [
     },
 ];
 
-const MAIN: [Parameter; 24] = [
+const MAIN: [Parameter; 26] = [
     list!(
         "dampers",
         "names of several dampers, each a node in a namespace of its own with parameters below its name (front_left.model); none: the node is the damper",
@@ -184,6 +184,25 @@ const MAIN: [Parameter; 24] = [
         "how long a displacement waits for drive, velocity and force of its stamp, where they share stamps, s",
         align_wait_s
     ),
+    double!(
+        "deadline_s",
+        0.0..=10.0,
+        Never,
+        "how long after the receipt of its displacement an estimate has to be published, s; later ones are counted as missed_deadlines on /diagnostics; 0: no deadline",
+        deadline_s
+    ),
+    Parameter {
+        name: "realtime_priority",
+        kind: Kind::Integer(0, 99),
+        change: Never,
+        doc: "SCHED_FIFO priority of the threads that every sample passes, DDS's among them; where the system refuses, the node runs without and says so; 0: none",
+        get: |c| Value::Integer(c.realtime_priority),
+        set: |c, v| {
+            if let Value::Integer(n) = v {
+                c.realtime_priority = *n;
+            }
+        },
+    },
     Parameter {
         name: "domain_id",
         kind: Kind::Integer(-1, 232),

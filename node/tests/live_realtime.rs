@@ -1,0 +1,118 @@
+//! Priority and deadline of the running node: which threads have it, and what is said when it is refused or missed.
+
+mod live_support;
+mod vehicle_support;
+
+use live_support::wait_until;
+use mr_damper_msgs::standard::{DiagnosticArray, DiagnosticStatus};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use vehicle_support::{Node, Peer, drive, start};
+
+const DOMAIN: i64 = 81;
+const UNPRIVILEGED_DOMAIN: i64 = 82;
+const PRIORITY: u32 = 11;
+const FIFO: u32 = 1;
+
+fn program() -> &'static Path {
+    Path::new(env!("CARGO_BIN_EXE_mr-damper"))
+}
+
+/// Names of the threads of a process (15 letters at most), with policy and real-time priority.
+fn threads(process: u32) -> Vec<(String, u32, u32)> {
+    let tasks = std::fs::read_dir(format!("/proc/{process}/task")).expect("it runs");
+    let thread = |task: std::io::Result<std::fs::DirEntry>| {
+        // One that ends meanwhile is none.
+        let stat = std::fs::read_to_string(task.ok()?.path().join("stat")).ok()?;
+        let (name, rest) = (stat.split_once('(')?.1).rsplit_once(')')?;
+        // Fields 40 and 41 of the line, of which two are gone.
+        let fields: Vec<&str> = rest.split_whitespace().collect();
+        Some((name.to_owned(), fields[38].parse().ok()?, fields[37].parse().ok()?))
+    };
+    tasks.filter_map(thread).collect()
+}
+
+/// Feeds the damper until the status of its work says what `wanted` wants.
+fn status_that(domain: i64, wanted: impl Fn(&DiagnosticStatus) -> bool) -> DiagnosticStatus {
+    let Peer { mut ros, corners } = Peer::start(&["corner"], domain);
+    let diagnostics = ros.subscribe::<DiagnosticArray>("/diagnostics").expect("a topic");
+    let mut found = None;
+    wait_until("the status", || {
+        drive(&corners, 100.0, 0.5);
+        while let Some((array, _)) = diagnostics.take().expect("readable") {
+            found = array.status.into_iter().find(|status| status.name.ends_with(": node") && wanted(status));
+            if found.is_some() {
+                return true;
+            }
+        }
+        false
+    });
+    drop((corners, diagnostics));
+    ros.stop();
+    found.expect("it was waited for")
+}
+
+fn value<'a>(status: &'a DiagnosticStatus, key: &str) -> &'a str {
+    let value = status.values.iter().find(|value| value.key == key);
+    &value.unwrap_or_else(|| panic!("no {key} in {status:?}")).value
+}
+
+#[test]
+fn the_threads_that_count_get_the_priority_and_what_is_late_is_counted() {
+    let parameters = [format!("realtime_priority:={PRIORITY}"), "deadline_s:=1e-9".to_owned()];
+    let node = start(program(), &["corner"], DOMAIN, &parameters);
+    // Nothing is published within a nanosecond.
+    let status = status_that(DOMAIN, |status| value(status, "missed_deadlines") != "0");
+    assert_eq!(status.level, DiagnosticStatus::WARN, "{status:?}");
+    assert!(status.message.contains("missed their deadline"), "{status:?}");
+    let ms = |key: &str| value(&status, key).parse::<f64>().expect("a number");
+    assert!(ms("stepping_median_ms") > 0.0 && ms("publishing_median_ms") > 0.0, "{status:?}");
+    assert!(ms("latency_worst_ms") >= ms("waiting_worst_ms").max(ms("publishing_worst_ms")), "{status:?}");
+
+    let threads = threads(node.0.id());
+    let counts =
+        |name: &str| ["estimating", "ros-source", "ros-sink"].contains(&name) || name.starts_with("RustDDS");
+    let (path, others): (Vec<_>, Vec<_>) = threads.iter().partition(|(name, ..)| counts(name));
+    assert!(path.len() >= 4, "three of ours, and DDS's: {threads:?}");
+    assert!(others.iter().all(|(_, policy, _)| *policy == 0), "{threads:?}");
+    if path.iter().all(|(_, policy, priority)| (*policy, *priority) == (FIFO, PRIORITY)) {
+        assert_eq!(value(&status, "realtime_priority"), format!("SCHED_FIFO {PRIORITY}"));
+    } else {
+        eprintln!("SKIPPED: whoever runs this test may not give threads a priority");
+        assert!(value(&status, "realtime_priority").contains("refused"), "{status:?}");
+        assert!(path.iter().all(|(_, policy, _)| *policy == 0), "{threads:?}");
+    }
+}
+
+#[test]
+fn a_node_that_gets_no_priority_runs_and_says_so() {
+    let priority = ["-p".to_owned(), format!("realtime_priority:={PRIORITY}")];
+    let node = Command::new("setpriv")
+        .args(["--bounding-set", "-sys_nice", "--inh-caps", "-sys_nice", "--"])
+        .arg(program())
+        .args([
+            "--quiet",
+            "node",
+            "--ros-args",
+            "-r",
+            "__ns:=/corner",
+            "-p",
+            "model:=thesis/fuzzy-tanh/rp3-cs",
+        ])
+        .args(priority)
+        .env("ROS_DOMAIN_ID", UNPRIVILEGED_DOMAIN.to_string())
+        .stdin(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn();
+    let mut node = Node(node.expect("setpriv is of util-linux"));
+    let status = status_that(UNPRIVILEGED_DOMAIN, |status| value(status, "estimates") != "0");
+    assert_eq!(status.level, DiagnosticStatus::WARN, "{status:?}");
+    assert!(status.message.contains("CAP_SYS_NICE"), "what to do: {status:?}");
+    assert!(value(&status, "realtime_priority").contains("not permitted"), "{status:?}");
+    assert!(threads(node.0.id()).iter().all(|(_, policy, _)| *policy == 0));
+
+    node.0.kill().expect("it runs");
+    let mut log = String::new();
+    std::io::Read::read_to_string(&mut node.0.stderr.take().expect("piped"), &mut log).expect("text");
+    assert!(log.contains("no real-time priority: Operation not permitted"), "{log}");
+}
