@@ -9,15 +9,16 @@
 //! is a step that is long, and not one that the system broke into. What timing itself takes is told by a step of nothing.
 //! Instructions are counted as the difference of two lengths, and do not depend on the machine.
 
-use mr_damper_model::force::Inputs;
+#[path = "../benches/subject/mod.rs"]
+mod subject;
+
+use mr_damper_model::force::{FreeRun, Inputs};
 use mr_damper_model::inverse::{Commander, Demand, Limits, Method};
-use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use mr_damper_model::preset;
-use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
-use mr_damper_model::units::{Ampere, Metre, Newton};
 use std::hint::black_box;
 use std::process::ExitCode;
 use std::time::Instant;
+use subject::{PIPELINES, PRESETS};
 
 const RATE_HZ: f64 = 512.0;
 /// How often each step is timed.
@@ -27,10 +28,11 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         [] => times(1_000_000),
+        ["list"] => all().iter().for_each(|what| println!("{what}")),
         [what, count] if count.parse::<u64>().is_ok() => {
             let count = count.parse().unwrap_or_default();
             let Some(mut step) = step(what) else {
-                eprintln!("{what} is none of {}", WHAT.join(", "));
+                eprintln!("{what} is none of {}", all().join(", "));
                 return ExitCode::from(2);
             };
             for k in 0..count {
@@ -38,15 +40,20 @@ fn main() -> ExitCode {
             }
         }
         _ => {
-            eprintln!("usage: step_cost [WHAT COUNT]     WHAT: {}", WHAT.join(", "));
+            eprintln!("usage: step_cost [WHAT COUNT]     WHAT: {}", all().join(", "));
             return ExitCode::from(2);
         }
     }
     ExitCode::SUCCESS
 }
 
-/// What can be stepped.
-const WHAT: [&str; 6] = ["nothing", "search", "polynomial", "fuzzy", "pipeline", "pipeline-commanding"];
+/// What can be stepped: nothing, a command by each method, models of the thesis, the whole pipeline.
+fn all() -> Vec<&'static str> {
+    ["nothing"].into_iter().chain(METHODS).chain(PRESETS).chain(PIPELINES).collect()
+}
+
+/// How the current for a force is found.
+const METHODS: [&str; 3] = ["search", "polynomial", "fuzzy"];
 
 /// A road of three sines, and a demand that changes along with it, sometimes beyond what the damper has.
 fn inputs(k: u64) -> (Inputs, f64) {
@@ -68,51 +75,40 @@ fn inputs(k: u64) -> (Inputs, f64) {
 /// The step called `what`; `None` for a name that is none.
 #[expect(clippy::expect_used, reason = "presets run; an example may end where they do not")]
 fn step(what: &str) -> Option<Box<dyn FnMut(u64)>> {
-    let model = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
     if what == "nothing" {
         return Some(Box::new(|k| {
             black_box(inputs(k));
         }));
     }
     if let Some(method) = Method::named(what) {
+        let model = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
         let mut commander = Commander::with_method(&model, Limits::default(), method).expect("it has one");
         return Some(Box::new(move |k| {
             let (inputs, demand_n) = inputs(k);
             black_box(commander.step(&inputs, Demand::Force(demand_n), None));
         }));
     }
-    let commands = match what {
-        "pipeline" => false,
-        "pipeline-commanding" => true,
-        _ => return None,
-    };
-    let arx = preset::load(preset::BEST_ARX).expect("a preset");
-    let models = Models::alone(model).with_seeded(arx).expect("both want a current");
-    let mut pipeline = Pipeline::new(models, Settings::default()).expect("presets run");
+    if PRESETS.contains(&what) {
+        let (force, mut state) = (preset::load(what).expect("a preset").force, FreeRun::default());
+        return Some(Box::new(move |k| {
+            black_box(force.free_run(&mut state, &inputs(k).0));
+        }));
+    }
+    let name = PIPELINES.into_iter().find(|name| *name == what)?;
+    let mut pipeline = subject::pipeline(name);
     Some(Box::new(move |k| {
-        let (inputs, demand_n) = inputs(k);
-        let stamp = Stamp::from_nanos((k as f64 * 1e9 / RATE_HZ) as i64);
-        let readings = [
-            Reading::Drive(Drive::CoilCurrent(Ampere(1.2 + (0.006 * k as f64).sin()))),
-            Reading::Force(Newton(0.9 * demand_n)),
-            Reading::ForceRequest(Newton(demand_n)),
-            Reading::Displacement(Metre(inputs.displacement_m)),
-        ];
-        for reading in readings {
-            if commands || !matches!(reading, Reading::ForceRequest(_)) {
-                let sample = Sample { stamp, received: stamp, reading };
-                pipeline.step(&sample, &mut |event| {
-                    black_box(event);
-                });
-            }
+        for sample in subject::instant(name, k) {
+            pipeline.step(&sample, &mut |event| {
+                black_box(event);
+            });
         }
     }))
 }
 
 /// Prints the spread of single steps.
 fn times(count: u64) {
-    println!("{count} steps, the least of {PASSES}, ns  median       99 %    99.99 %      worst");
-    for what in WHAT {
+    println!("{count} steps, the least of {PASSES}, ns      median       99 %    99.99 %      worst");
+    for what in all() {
         let mut ns = vec![u32::MAX; usize::try_from(count).unwrap_or_default()];
         for _ in 0..PASSES {
             let Some(mut step) = step(what) else { continue };
@@ -124,6 +120,6 @@ fn times(count: u64) {
         }
         ns.sort_unstable();
         let at = |share: f64| ns[((ns.len() - 1) as f64 * share) as usize];
-        println!("  {what:<28}{:>12}{:>11}{:>11}{:>11}", at(0.5), at(0.99), at(0.9999), at(1.0));
+        println!("  {what:<32}{:>12}{:>11}{:>11}{:>11}", at(0.5), at(0.99), at(0.9999), at(1.0));
     }
 }

@@ -13,10 +13,11 @@ instructions() { # WHAT COUNT
     sed -n 's/.*Collected : //p'
 }
 
-[ $# -gt 0 ] || set -- nothing search polynomial fuzzy pipeline pipeline-commanding
+[ $# -gt 0 ] || mapfile -t all < <("$program" list)
+[ $# -gt 0 ] || set -- "${all[@]}"
 printf 'instructions a step, those of the motion itself (nothing) among them\n'
 for what; do
   short=$(instructions "$what" 20000)
   long=$(instructions "$what" 60000)
-  printf '  %-22s %6d\n' "$what" $(((long - short) / 40000))
+  printf '  %-32s %6d\n' "$what" $(((long - short) / 40000))
 done

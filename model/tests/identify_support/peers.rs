@@ -39,6 +39,12 @@ fn gradient(values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
+fn range(values: &[f64], unit: f64) -> Option<[f64; 2]> {
+    let mut range = None;
+    values.iter().for_each(|value| Envelope::widen(&mut range, value * unit));
+    range
+}
+
 /// The peers' data for a seed, in SI units.
 pub(crate) fn synth(seed: u64) -> Dataset {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
@@ -85,6 +91,12 @@ pub(crate) fn synth(seed: u64) -> Dataset {
         conditioning: Conditioning::default(),
         rate_hz: RATE_HZ,
         rows: (0..SAMPLES).map(row).collect(),
-        envelope: Envelope::default(),
+        envelope: Envelope {
+            displacement_m: range(&x, M_PER_IN),
+            velocity_m_s: range(&v, M_PER_IN),
+            drive: range(&i, 1.0),
+            force_n: range(&force, N_PER_LBF),
+            ..Envelope::default()
+        },
     }
 }

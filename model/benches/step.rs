@@ -1,0 +1,76 @@
+//! Time of one sample: of each model running free, and of all that the estimating thread does with a sample of displacement,
+//! current and force. Figures are per sample.
+//!
+//! ```text
+//! cargo bench -p mr-damper-model --bench step                # nanoseconds, of this machine
+//! model/examples/step_cost.sh                                # instructions, of any
+//! ```
+
+#[path = "../tests/identify_support/peers.rs"]
+mod peers;
+mod subject;
+
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use mr_damper_model::force::{ForceModel, ForceMotion, FreeRun, Inputs};
+use mr_damper_model::identify::{Dataset, Form, ModelSpec, Options, Structure, Watch, identify_datasets};
+use mr_damper_model::preset;
+use subject::{PIPELINES, PRESETS};
+
+fn main() {
+    divan::main();
+}
+
+/// Runs the model over the rows of the peers' problem.
+fn run(bencher: Bencher, force: ForceModel) {
+    let inputs: Vec<Inputs> = peers::synth(1).rows.iter().map(|row| row.inputs()).collect();
+    bencher.counter(ItemsCount::new(inputs.len())).bench_local(|| {
+        let mut state = FreeRun::default();
+        inputs.iter().filter_map(|inputs| force.free_run(&mut state, black_box(inputs))).sum::<f64>()
+    });
+}
+
+/// Models of the thesis.
+#[divan::bench(args = PRESETS)]
+fn thesis(bencher: Bencher, name: &str) {
+    run(bencher, preset::load(name).expect("a preset").force);
+}
+
+/// Whatever can be identified and follows the current: over fuzzy sets where it comes in that form, fitted to four seconds.
+#[divan::bench(args = Structure::all().into_iter().map(|structure| structure.name()).filter(|name| *name != "p"))]
+fn identified(bencher: Bencher, name: &str) {
+    let whole = peers::synth(0);
+    let data = [Dataset { rows: whole.rows[..2048].to_vec(), ..whole }];
+    let fit = |form| {
+        let spec = ModelSpec::named(name, form)?;
+        identify_datasets(spec, &data, &Options::default(), &Watch::none())
+    };
+    let identified = fit(Form::Fuzzy).or_else(|_| fit(Form::SemiActive)).expect("a fit");
+    run(bencher, identified.model.force);
+}
+
+/// One instant of the phase-transition relation.
+#[divan::bench(sample_count = 200, sample_size = 200)]
+fn p(bencher: Bencher) {
+    let phase = preset::phase("thesis/p-semi-active/rp-icps").expect("a preset");
+    let row = peers::synth(1).rows[700];
+    let force = ForceMotion { force_n: row.force_n, rate_n_s: 3e4, curvature_n_s2: -2e6 };
+    bencher.bench(|| black_box(&phase).same_instant_n(black_box(row.velocity_m_s), &force, row.drive));
+}
+
+/// Conditioning, gates, the model, a supervisor that seeds an ARX model, residual and doubt.
+#[divan::bench(args = PIPELINES)]
+fn pipeline(bencher: Bencher, name: &str) {
+    let (pipeline, seconds) = (subject::pipeline(name), subject::samples(name));
+    let instants = seconds.len() / subject::readings(name);
+    bencher.counter(ItemsCount::new(instants)).with_inputs(|| pipeline.clone()).bench_refs(|pipeline| {
+        let mut events = 0_u32;
+        for sample in &seconds {
+            pipeline.step(black_box(sample), &mut |event| {
+                black_box(event);
+                events += 1;
+            });
+        }
+        events
+    });
+}

@@ -1,0 +1,70 @@
+//! What is timed and counted: models of the thesis, and the whole pipeline.
+
+#![allow(dead_code, reason = "bench and example are crates of their own, and each uses its part")]
+
+use mr_damper_model::effect::{Effect, EffectModel, Effects};
+use mr_damper_model::model::Model;
+use mr_damper_model::pipeline::{Models, Pipeline, Settings};
+use mr_damper_model::preset;
+use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
+use mr_damper_model::units::{Ampere, Metre, Newton};
+
+const RATE_HZ: f64 = 512.0;
+/// Instants of the motion that the pipeline is fed with.
+const INSTANTS: u64 = 2048;
+
+/// Models of the thesis that follow the current.
+pub(crate) const PRESETS: [&str; 4] = [
+    "thesis/arx-semi-active/rp-icps-l",
+    "thesis/fuzzy-tanh/rp3-cs",
+    "thesis/sp-semi-active/rp3-cs",
+    "thesis/anfis/rp1-cs",
+];
+
+/// The pipeline bare, with its supervisor, and with what else may be asked of it.
+pub(crate) const PIPELINES: [&str; 4] =
+    ["fuzzy-tanh", "fuzzy-tanh + arx", "fuzzy-tanh with coil lag + arx", "fuzzy-tanh + arx + command"];
+
+/// The pipeline called `name`.
+pub(crate) fn pipeline(name: &str) -> Pipeline {
+    let mut free = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
+    if name.contains("coil lag") {
+        let lag = EffectModel::new(Effect::CoilLag, &[0.01]).expect("within range");
+        free = Model { effects: Effects::new(&[lag]).expect("one"), ..free };
+    }
+    let mut models = Models::alone(free);
+    if name.contains("arx") {
+        models =
+            models.with_seeded(preset::load(preset::BEST_ARX).expect("a preset")).expect("it feeds on force");
+    }
+    Pipeline::new(models, Settings::default()).expect("presets run")
+}
+
+/// Readings an instant.
+pub(crate) fn readings(name: &str) -> usize {
+    if name.contains("command") { 4 } else { 3 }
+}
+
+/// What the pipeline called `name` is fed with at instant `k`: a road of three sines, a current that goes up and down, and a demand
+/// that is sometimes beyond what the damper has.
+pub(crate) fn instant(name: &str, k: u64) -> impl Iterator<Item = Sample> {
+    let t = k as f64 / RATE_HZ;
+    let [a, b, c] = [9.0, 31.0, 57.0].map(|omega: f64| omega * t);
+    let velocity_m_s = 0.072 * a.cos() + 0.062 * b.cos() + 0.03 * c.cos();
+    let displacement_m = 0.008 * a.sin() + 0.002 * b.sin() + 0.03 / 57.0 * c.sin();
+    let wanted = 0.5 + 0.7 * (4.4 * t).sin();
+    let demand_n = wanted * (700.0 * (20.0 * velocity_m_s).tanh() + 1500.0 * velocity_m_s);
+    let stamp = Stamp::from_nanos((k as f64 * 1e9 / RATE_HZ) as i64);
+    let demand = name.contains("command").then_some(Reading::ForceRequest(Newton(demand_n)));
+    let given = [
+        Reading::Drive(Drive::CoilCurrent(Ampere(1.2 + (0.006 * k as f64).sin()))),
+        Reading::Force(Newton(0.9 * demand_n)),
+        Reading::Displacement(Metre(displacement_m)),
+    ];
+    demand.into_iter().chain(given).map(move |reading| Sample { stamp, received: stamp, reading })
+}
+
+/// Four seconds of it.
+pub(crate) fn samples(name: &str) -> Vec<Sample> {
+    (0..INSTANTS).flat_map(|k| instant(name, k)).collect()
+}
