@@ -1,0 +1,103 @@
+#!/usr/bin/env python3
+"""Measures what the service costs, beside its peers, and writes node/docs/BENCHMARKS.md.
+
+    tests/bench/bench.py                      # everything, about half an hour on two cores; the machine has to be idle
+    tests/bench/bench.py step round_trip      # these again; the rest stays as it was measured
+    tests/bench/bench.py --list
+    tests/bench/bench.py --document           # measures nothing, writes the document from what was measured last
+
+Needs cargo, valgrind (instructions), idlc and CycloneDDS for C (Debian: cyclonedds-dev cyclonedds-tools) and what
+`tests/interop/setup.sh jazzy` sets up (round_trip). What is not there is said, and its section left as it was. Servers run in
+a network namespace of their own. Figures lie in $MR_DAMPER_BENCH_DIR (default /var/tmp/mr-damper-bench), one JSON file a section.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import document
+import sections
+from common import FOLDER, ROOT, Missing, say
+
+
+def parse_arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("section", nargs="*", help="what to measure; by default everything")
+    parser.add_argument("--list", action="store_true", help="say which sections there are, with about how long they take")
+    parser.add_argument("--document", action="store_true", help="only write the document")
+    arguments = parser.parse_args()
+    unknown = [name for name in arguments.section if name not in sections.ALL]
+    if unknown:
+        parser.error(f"there is no section {unknown[0]}; there are {', '.join(sections.ALL)}")
+    return arguments
+
+
+def machine():
+    cpu = "an unknown processor"
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            cpu = line.split(":", 1)[1].strip()
+            break
+    memory_kb = int(Path("/proc/meminfo").read_text().split()[1])
+    rustc = subprocess.run(["rustc", "--version"], capture_output=True, text=True, check=True).stdout.strip()
+    system = os.uname()
+    return f"{os.cpu_count()} cores of {cpu}, {memory_kb / 2**20:.0f} GiB, {system.sysname} {system.release}, {rustc}"
+
+
+def commit():
+    def git(*arguments):
+        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+    changed = [line for line in git("status", "--short").splitlines() if not line.endswith("BENCHMARKS.md")]
+    return git("rev-parse", "--short", "HEAD") + (" and changes" if changed else "")
+
+
+def measure(name):
+    measured, about_s = sections.ALL[name]
+    say(f"== {name}: about {about_s} s")
+    began = time.monotonic()
+    figures = measured()
+    result = {
+        "section": name,
+        "when": time.strftime("%Y-%m-%d"),
+        "machine": machine(),
+        "commit": commit(),
+        "took_s": round(time.monotonic() - began),
+        "figures": figures,
+    }
+    (FOLDER / f"{name}.json").write_text(json.dumps(result, indent=1))
+    say(f"== {name}: {result['took_s']} s")
+
+
+def main():
+    arguments = parse_arguments()
+    if arguments.list:
+        for name, (measured, about_s) in sections.ALL.items():
+            print(f"{name:<16} {about_s:>4} s   {measured.__doc__.splitlines()[0]}")
+        return 0
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    left_out = []
+    if not arguments.document:
+        for name in arguments.section or sections.ALL:
+            try:
+                measure(name)
+            except Missing as missing:
+                left_out.append(f"{name} LEFT OUT: {missing}")
+                say(left_out[-1])
+    results = {path.stem: json.loads(path.read_text()) for path in FOLDER.glob("*.json")}
+    document.write(results, list(sections.ALL))
+    for line in left_out:
+        say(line)
+    return 1 if left_out else 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        say("interrupted; sections that were measured are kept, and --document writes them")
+        sys.exit(130)

@@ -1,0 +1,217 @@
+"""The measurements, a function each: the first line of its text says what it measures, what it returns is kept as JSON."""
+
+import os
+import re
+import shutil
+import tempfile
+from pathlib import Path
+
+from common import BINARY, FOLDER, INTEROP, TARGET, Missing, build, last_json, middle, need, run, say, used
+
+MODEL = "thesis/fuzzy-tanh/rp3-cs"
+
+
+def step():
+    """Time and instructions of one sample: every model, the whole pipeline."""
+    need("valgrind", "valgrind")
+    told = run("cargo", "bench", "--workspace", "--bench", "step")
+    group, name, ns = "", "", {}
+    for line in told.splitlines():
+        # ├─ identified; │  ├─ anfis   1.6 ms ...; │  │   9.4 Mitem/s ...
+        if label := re.match(r"[│ ]*[├╰]─ ([^│]*?)(?:  .*)?$", line):
+            text = label.group(1).strip()
+            group, name = (text, "") if re.match(r"[├╰]", line) else (group, text)
+            if group == "p" and (found := re.findall(r"([\d.]+) ns", line)):
+                ns["p"] = {"p": float(found[2])}
+        elif name and len(rates := re.findall(r"([\d.]+) ([KM])item/s", line)) == 4:
+            rate, unit = rates[2]
+            ns.setdefault(group, {})[name] = 1e9 / (float(rate) * {"K": 1e3, "M": 1e6}[unit])
+    counted = run("model/examples/step_cost.sh")
+    found = re.findall(r"^  (\S.*?) +(\d+)$", counted, re.MULTILINE)
+    worst = run("cargo", "run", "--release", "-p", "mr-damper-model", "--example", "step_cost")
+    spread = re.findall(r"^  (\S.*?) +(\d+) +(\d+) +(\d+) +(\d+)$", worst, re.MULTILINE)
+    return {
+        "ns": ns,
+        "instructions": {name: int(count) for name, count in found},
+        "single_ns": {name: [int(figure) for figure in figures] for name, *figures in spread},
+    }
+
+
+def round_trip():
+    """Displacement out, force_estimate back: the node, a bare echo, an rclpy node, CycloneDDS in C."""
+    need("idlc", "cyclonedds-dev cyclonedds-tools")
+    if not list(Path(os.environ.get("MR_DAMPER_INTEROP_DIR", "/var/tmp/mr-damper-interop")).glob("jazzy/venv")):
+        raise Missing("there is no ROS 2 to ask with: tests/interop/setup.sh jazzy")
+    build()
+    with tempfile.TemporaryDirectory() as folder:
+        run("idlc", "-l", "c", INTEROP / "mr_damper.idl", cwd=folder)
+        echo = Path(folder) / "cyclone_echo"
+        run("cc", "-O2", "-I.", "-o", echo, INTEROP / "cyclone_echo.c", "mr_damper.c", "-lddsc", cwd=folder)
+        node = [BINARY, "--quiet", "node", "--ros-args", "-p", f"model:={MODEL}"]
+        others = {
+            "bare ros2-client echo": [TARGET / "release" / "echo_peer"],
+            "this node": node,
+            "this node, priority 50": [*node, "-p", "realtime_priority:=50"],
+            "CycloneDDS echo in C": [echo],
+            "rclpy node with the model": [INTEROP / "ros-python.sh", "jazzy", INTEROP / "rclpy_node.py"],
+        }
+        trips = {name: [] for name in others}
+        # In turns, so that a machine that gets busier weighs on all of them.
+        for turn in range(3):
+            for name, command in others.items():
+                trips[name].append(trip(command))
+                say(f"   {name}, turn {turn + 1} of 3: {trips[name][-1]['p50_us']:.0f} us")
+    figures = ["p50_us", "p90_us", "p99_us", "max_us", "lost"]
+    return {name: {f: middle([trip[f] for trip in all_]) for f in figures} for name, all_ in trips.items()}
+
+
+def trip(command, seconds=10):
+    """A round trip at 1 kHz against `command`, both in a namespace of their own."""
+    interface = "<NetworkInterface name='lo' multicast='true'/>"
+    uri = f"<CycloneDDS><Domain><General><Interfaces>{interface}</Interfaces></General></Domain></CycloneDDS>"
+    script = """
+      "${@:2}" >/dev/null 2>&1 & peer=$!
+      sleep 1
+      "$1/ros-python.sh" jazzy "$1/roundtrip.py" --rate 1000 --seconds "$SECONDS_ASKED"
+      kill -INT $peer; wait $peer || true"""
+    env = {"ROS_DOMAIN_ID": "84", "CYCLONEDDS_URI": uri, "SECONDS_ASKED": str(seconds)}
+    return last_json(run(INTEROP / "netns.sh", "run", "bash", "-uc", script, "trip", INTEROP, *command, env=env))
+
+
+def scale_of(parameters=(), **options):
+    """What the example `scale` tells of a node with `parameters`, in a namespace of its own."""
+    arguments = [part for name, value in options.items() for part in (f"--{name.replace('_', '-')}", value)]
+    arguments += [part for text in parameters for part in ("--parameter", text)]
+    example = TARGET / "release" / "examples" / "scale"
+    return last_json(run(INTEROP / "netns.sh", "run", example, "--node", BINARY, *arguments))
+
+
+def scale():
+    """Dampers times rate in one process, with what is lost and what it takes."""
+    build()
+    sizes = [(1, 1000), (4, 250), (4, 512), (4, 1000), (8, 512), (8, 1000), (16, 256), (16, 512), (16, 1000), (32, 256), (32, 512)]
+    found = []
+    for dampers, rate_hz in sizes:
+        found.append(scale_of(dampers=dampers, rate_hz=rate_hz, seconds=10))
+        say(f"   {dampers} x {rate_hz} Hz: {found[-1]['lost']} lost, {found[-1]['node_cores']:.2f} of a core")
+    return found
+
+
+def realtime():
+    """Worst times of the estimating thread on a busy machine, with and without real-time priority."""
+    build()
+    found = []
+    for busy in (0, 4):
+        for priority in (0, 50):
+            parameters = [f"realtime_priority:={priority}", "deadline_s:=0.002"]
+            told = scale_of(parameters, dampers=1, rate_hz=1000, seconds=30, busy=busy)
+            found.append({"busy": busy, "priority": priority, **told})
+            say(f"   {busy} busy threads, priority {priority}: {told['said'].get('missed_deadlines')} missed")
+    return found
+
+
+def offline():
+    """Recorded runs: evaluate on a bag and a CSV, a bag of 2 GB, a bag played at full speed."""
+    build()
+    folder = FOLDER / "runs"
+    bag, csv = folder / "rp3-cs-01", folder / "rp3-cs-01.csv"
+    if not csv.exists():
+        shutil.rmtree(folder, ignore_errors=True)
+        simulate(folder, 1800)
+        run(BINARY, "--quiet", "convert", bag, csv)
+    samples = 1800 * 512
+    evaluate = [BINARY, "--quiet", "evaluate", MODEL]
+    found = {"samples": samples, "messages": messages(bag), "bag_mb": megabytes(bag), "csv_mb": megabytes(csv)}
+    for name, path in {"bag": bag, "csv": csv}.items():
+        # The first one brings the file into the system's cache.
+        found[name] = min((used(*evaluate, path) for _ in range(4)), key=lambda one: one["seconds"])
+    say("   a bag of 2 GB")
+    big = FOLDER / "big"
+    shutil.rmtree(big, ignore_errors=True)
+    simulate(big, 40_000)
+    path = big / "rp3-cs-01"
+    found["big"] = {"mb": megabytes(path), "messages": messages(path), "samples": 40_000 * 512, **used(*evaluate, path)}
+    shutil.rmtree(big)
+    found["replay"] = replay(folder)
+    return found
+
+
+def simulate(folder, seconds):
+    options = ["--experiment", "RP3-CS", "--replicates", 1, "--duration", seconds, "--format", "mcap"]
+    run(BINARY, "--quiet", "simulate", *options, "--out", folder)
+
+
+def messages(bag):
+    return int(re.search(r"^  message_count: (\d+)", (bag / "metadata.yaml").read_text(), re.MULTILINE).group(1))
+
+
+def megabytes(path):
+    files = path.glob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files) / 1e6
+
+
+def replay(folder):
+    """A minute of a run through the node over DDS, as fast as it goes."""
+    minute = folder / "minute"
+    if not minute.exists():
+        simulate(minute, 60)
+    script = """
+      "$0" --quiet node --ros-args -p "model:=$2" & node=$!
+      began=$EPOCHREALTIME
+      "$0" --quiet replay "$1" --rate max --wait 10 --json
+      ended=$EPOCHREALTIME
+      kill -INT $node; wait $node
+      echo "{\\"seconds\\": $(awk "BEGIN { print $ended - $began }")}" """
+    told = run(INTEROP / "netns.sh", "run", "bash", "-euc", script, BINARY, minute / "rp3-cs-01", MODEL, env={"ROS_DOMAIN_ID": "85"})
+    return {"samples": 60 * 512, "seconds": last_json(told)["seconds"]}
+
+
+def identification():
+    """Identification beside Python's tools on one problem, and how its cost grows."""
+    table = run("tests/peers/run.sh")
+    build()
+    folder = FOLDER / "train"
+    if not folder.exists():
+        run(BINARY, "--quiet", "simulate", "--experiment", "RP-ICPS", "--replicates", 8, "--duration", 30, "--out", folder)
+    runs = sorted(folder.glob("*.csv"))
+    out = FOLDER / "identified.toml"
+
+    def identify(model, count, *options):
+        took = used(BINARY, "--quiet", "identify", "--model", model, *runs[:count], "--out", out, *options)
+        return {"model": model, "runs": count, "options": list(options), **took}
+
+    growth = [identify("fuzzy-tanh", count) for count in (1, 2, 4, 8)]
+    growth += [identify(model, 4) for model in ("arx", "sp", "bouc-wen", "anfis", "wang-liao")]
+    growth += [identify("fuzzy-tanh", 4, "--centres", ",".join(f"{2.5 * k / (n - 1):.2f}" for k in range(n))) for n in (2, 4, 7)]
+    return {"table": table, "growth": growth}
+
+
+def closing():
+    """Closing the loop: how its cost grows with the length of the runs."""
+    build()
+    found = []
+    for seconds in (10, 20, 30, 60, 120):
+        folder = FOLDER / f"closing-{seconds}"
+        if not folder.exists():
+            options = ["--experiment", "RP-ICPS", "--replicates", 4, "--duration", seconds, "--seed", 11]
+            run(BINARY, "--quiet", "simulate", *options, "--out", folder)
+        base, estimate, confirm, sealed = sorted(folder.glob("*.csv"))
+        model = folder / "base.toml"
+        if not model.exists():
+            run(BINARY, "--quiet", "identify", "--model", "fuzzy-tanh", base, "--out", model)
+        command = [BINARY, "--quiet", "close", "--base", model, "--estimate", estimate, "--confirm", confirm, "--test", sealed]
+        found.append({"run_s": seconds, **used(*command, "--out", folder / "closed.toml")})
+        say(f"   3 runs of {seconds} s: {found[-1]['seconds']:.1f} s")
+    return found
+
+
+# Each section by name, with about how long it takes, s.
+ALL = {
+    "step": (step, 240),
+    "round_trip": (round_trip, 220),
+    "scale": (scale, 200),
+    "realtime": (realtime, 150),
+    "offline": (offline, 260),
+    "identification": (identification, 200),
+    "closing": (closing, 60),
+}
