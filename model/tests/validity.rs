@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::{PERIOD_NS, both, preset, samples};
-use mr_damper_model::condition::VelocitySource;
+use common::{Bench, PERIOD_NS, both, preset, samples};
+use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::force::{Arx, ForceModel, LAGS};
 use mr_damper_model::inverse::Limits;
@@ -441,6 +441,20 @@ fn leaving_the_training_envelope_is_extrapolating() {
     assert!(said.has(Reasons::OUTSIDE_ENVELOPE));
     let said = at(|_, feed| put(feed, Reading::CaseTemperature(Celsius(22.0))));
     assert_eq!(said, Reasons::NONE);
+}
+
+/// The low-pass on the output remembers what the model has said.
+#[test]
+fn a_filtered_force_beyond_the_training_is_flagged_until_it_is_back() {
+    let range = Some([-300.0, 300.0]);
+    let mut model = preset(BEST_FUZZY_TANH);
+    model.envelope = Envelope { force_n: range, ..Envelope::default() };
+    model.conditioning.apply_to = ApplyTo::Output;
+    let mut bench = Bench::of(Models::alone(model), Settings::default());
+    bench.run(0..2000, |_| false);
+    let beyond: Vec<_> = bench.estimates().filter(|e| Envelope::leaves(range, e.force.get())).collect();
+    assert!(beyond.len() > 100, "the motion is enough");
+    assert!(beyond.iter().all(|e| e.reasons.has(Reasons::OUTSIDE_ENVELOPE)));
 }
 
 #[test]

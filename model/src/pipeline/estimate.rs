@@ -4,12 +4,13 @@ use super::bump::{Forces, Speaker};
 use super::command::Moving;
 use super::doubt::Doubt;
 use super::event::{Cause, Estimate, Event, Reasons, Slot, Validity};
-use super::lane::Given;
+use super::lane::{Given, SeededLane};
 use super::mode::{Conditions, Mode};
 use super::plausible::Seen;
 use super::settings::{Settings, UseForce};
 use super::{Awaiting, Pipeline};
 use crate::force::Inputs;
+use crate::model::{Envelope, Model};
 use crate::sample::{Sample, Stamp};
 use crate::units::{Newton, Second};
 
@@ -39,6 +40,10 @@ impl Pipeline {
         let mode = self.machine.mode();
 
         reasons |= self.mode_reasons(mode, free_reasons, seeded_reasons);
+        // What corrects or smooths a force may take it to where the model has never been.
+        if Envelope::leaves(self.speaking(mode).envelope.force_n, force_n) {
+            reasons |= Reasons::OUTSIDE_ENVELOPE;
+        }
         let doubt = self.doubt(stamp, force_n, mode, reasons);
         if !matches!(mode, Mode::Hold | Mode::Fault) {
             self.last_doubt = doubt;
@@ -113,6 +118,12 @@ impl Pipeline {
             drive: self.drive.at(stamp).map_or(f64::NAN, value),
             case_temp_c: self.temperature.at(stamp).map_or(f64::NAN, value),
         }
+    }
+
+    /// The model that speaks in `mode`.
+    fn speaking(&self, mode: Mode) -> &Model {
+        let seeded = self.seeded.as_ref().filter(|_| matches!(mode, Mode::Arx | Mode::ArxCoast));
+        seeded.map_or(self.free.model(), SeededLane::model)
     }
 
     /// Age of the drive at `stamp`, s; NaN when there is none.

@@ -176,16 +176,18 @@ impl FreeLane {
         if outside(&self.model, &inputs) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
-        let force_n = self.model.free_run(&mut self.state, &inputs).filter(|f| f.is_finite())?;
-        if Envelope::leaves(self.model.envelope.force_n, force_n) {
+        let raw_n = self.model.free_run(&mut self.state, &inputs).filter(|f| f.is_finite())?;
+        let mut force_n = raw_n;
+        if self.model.conditioning.apply_to == ApplyTo::Output {
+            let dt_s = given.dt_s.filter(|_| !self.fresh_output);
+            self.fresh_output = false;
+            force_n = self.front.low_pass.step(&mut self.output_filter, dt_s, raw_n);
+        }
+        // The low-pass remembers forces beyond the range when the model itself is back in it.
+        if [raw_n, force_n].into_iter().any(|n| Envelope::leaves(self.model.envelope.force_n, n)) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
-        if self.model.conditioning.apply_to != ApplyTo::Output {
-            return Some(force_n);
-        }
-        let dt_s = given.dt_s.filter(|_| !self.fresh_output);
-        self.fresh_output = false;
-        Some(self.front.low_pass.step(&mut self.output_filter, dt_s, force_n))
+        Some(force_n)
     }
 
     /// The next measured force is the first of a stretch with predictions.

@@ -24,6 +24,7 @@ pub(super) struct Window {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Windowed {
     pub(super) rsse_n: f64,
+    /// NaN while the force has not varied.
     pub(super) esr: f64,
 }
 
@@ -43,10 +44,9 @@ impl Window {
         let delta = measured_n - self.mean_n;
         self.mean_n += delta / self.weight;
         self.spread = self.spread * keep + delta * (measured_n - self.mean_n);
-        Windowed {
-            rsse_n: (self.squared_residual / self.weight).sqrt(),
-            esr: self.squared_residual / self.spread,
-        }
+        // Of a force that has not varied, or by nothing that counts, there is no share.
+        let esr = Some(self.squared_residual / self.spread).filter(|esr| esr.is_finite()).unwrap_or(f64::NAN);
+        Windowed { rsse_n: (self.squared_residual / self.weight).sqrt(), esr }
     }
 }
 
