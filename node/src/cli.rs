@@ -39,6 +39,7 @@ enum Command {
     Close(command::close::Args),
     Inverse(command::inverse::Args),
     Presets(command::presets::Args),
+    Doctor(command::doctor::Args),
     Serve(command::serve::Args),
     Top(command::top::Args),
 }
@@ -117,6 +118,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Evaluate(args) => command::evaluate::run(&args, &around),
         Command::Close(args) => command::close::run(&args, &around),
         Command::Inverse(args) => command::inverse::run(&args, &around),
+        Command::Doctor(args) => command::doctor::run(&args, &around),
         Command::Presets(args) => command::presets::run(&args),
         Command::Serve(args) => command::serve::run(&args, &around),
         Command::Top(args) => command::top::run(&args, &around),

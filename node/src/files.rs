@@ -8,10 +8,22 @@ const BESIDES: u64 = 100;
 /// Files of one damper.
 const A_DAMPER: u64 = 220;
 
+/// As many as `dampers` in one process may need.
+#[must_use]
+pub const fn wanted(dampers: usize) -> u64 {
+    BESIDES + A_DAMPER * dampers as u64
+}
+
+/// As many as this process may be allowed; `None`: any number.
+#[must_use]
+pub fn allowed() -> Option<u64> {
+    getrlimit(Resource::Nofile).maximum
+}
+
 /// Allows this process as many open files as the system lets it, and says so where that is too few for `dampers`.
 pub fn allow(dampers: usize) {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
-    let wanted = BESIDES + A_DAMPER * dampers as u64;
+    let wanted = wanted(dampers);
     let raised = Rlimit { current: maximum, maximum };
     let allowed = match setrlimit(Resource::Nofile, raised) {
         Ok(()) => maximum,

@@ -13,6 +13,7 @@ pub mod config;
 pub mod control;
 pub mod desk;
 pub mod diagnostics;
+pub mod doctor;
 pub mod error;
 pub mod files;
 pub mod fleet;

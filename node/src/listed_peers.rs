@@ -25,7 +25,7 @@ const LOOK: Duration = Duration::from_millis(100);
 const HEADER: usize = 20;
 
 /// Port of announcements in `domain`: all participants share it.
-const fn group_port(domain: u16) -> u16 {
+pub(crate) const fn group_port(domain: u16) -> u16 {
     7400 + 250 * domain
 }
 
@@ -54,7 +54,7 @@ impl ListedPeers {
             told.extend(ports.map(|port| SocketAddr::V4(SocketAddrV4::new(address, port))));
         }
         let opening = || format!("listening to announcements on port {}", group_port(domain));
-        let heard = open(domain).map_err(NodeError::io(opening()))?;
+        let heard = open(domain, Ipv4Addr::LOCALHOST).map_err(NodeError::io(opening()))?;
         let sends =
             UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).map_err(NodeError::io("opening a UDP port"))?;
         tracing::info!(?hosts, "listed hosts are told of this node");
@@ -88,12 +88,15 @@ fn resolve(host: &str) -> Result<Ipv4Addr, NodeError> {
     found.next().ok_or_else(|| unknown("it has no IPv4 address".to_owned()))
 }
 
-/// The port of announcements, as they come back on loopback, beside all others who have it open.
-fn open(domain: u16) -> io::Result<UdpSocket> {
+/// The port of announcements, as they come on `interface`, beside all others who have it open.
+///
+/// # Errors
+/// When the port does not open, or the interface carries no multicast.
+pub(crate) fn open(domain: u16, interface: Ipv4Addr) -> io::Result<UdpSocket> {
     let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
     socket.set_reuse_address(true)?;
     socket.bind(&SocketAddrV4::new(GROUP, group_port(domain)).into())?;
-    socket.join_multicast_v4(&GROUP, &Ipv4Addr::LOCALHOST)?;
+    socket.join_multicast_v4(&GROUP, &interface)?;
     socket.set_read_timeout(Some(LOOK))?;
     Ok(socket.into())
 }
@@ -117,7 +120,12 @@ fn send_on(heard: &UdpSocket, sends: &UdpSocket, told: &[SocketAddr], prefix: &[
 
 /// True when an RTPS packet comes from the participant with `prefix`.
 fn is_of(packet: &[u8], prefix: &[u8]) -> bool {
-    packet.get(..HEADER).is_some_and(|header| header.starts_with(b"RTPS") && header[8..] == *prefix)
+    prefix_of(packet) == Some(prefix)
+}
+
+/// Prefix of the GUID of the participant that an RTPS packet comes from.
+pub(crate) fn prefix_of(packet: &[u8]) -> Option<&[u8]> {
+    packet.get(..HEADER).filter(|header| header.starts_with(b"RTPS")).map(|header| &header[8..])
 }
 
 #[cfg(test)]

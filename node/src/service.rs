@@ -309,7 +309,8 @@ fn rmw_presence(
     link.map(|link| Ok(RmwPresence::of(args, ros::domain_id(config)?, link.next_entity()))).transpose()
 }
 
-fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
+/// The Zenoh session that `config` asks for, if it asks for one.
+pub(crate) fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
     let zenoh = &config.zenoh;
     let rmw = rmw(config);
     // Commands and a presence without an endpoint are a mistake, which the settings' check names.

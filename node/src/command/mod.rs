@@ -6,6 +6,7 @@ pub mod compare;
 pub mod conditioning;
 pub mod convert;
 pub mod demo;
+pub mod doctor;
 pub mod evaluate;
 pub mod identify;
 pub mod inverse;

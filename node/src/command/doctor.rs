@@ -1,0 +1,64 @@
+//! `mr-damper doctor`: what would keep the service from working here.
+
+use crate::command::{Surroundings, output};
+use crate::config::{self, ParameterFlags};
+use crate::doctor::{Finding, Level, examine};
+use crate::error::NodeError;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Say what would keep the service from working on this machine: models, domain, multicast, ports, clock, priorities, limits.
+///
+/// Takes what `node` takes, and tries each thing that a node with it would rest on: it joins the domain and leaves it again, and opens
+/// no port that the node would not open. Takes about five seconds. Exit code 1 when the node would not run or not be heard.
+///
+/// Example: mr-damper doctor --ros-args --params-file damper.params.yaml
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Configuration file (TOML), as for `node`.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Write what was found as JSON to a file, or with - to stdout, alone.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    pub json: Option<PathBuf>,
+    /// Parameters as flags.
+    #[command(flatten)]
+    pub parameters: ParameterFlags,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: &'static str,
+    findings: &'a [Finding],
+}
+
+/// Tries, and tells what it finds as it finds it.
+///
+/// # Errors
+/// When the parameters cannot be read, or something would keep the node from working.
+pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    let dampers = config::dampers(args.config.as_deref(), &around.ros_args, &args.parameters.given)?;
+    let aloud = args.json.as_deref() != Some(Path::new("-"));
+    let mut findings = Vec::new();
+    examine(&dampers, &around.interrupt, |finding| {
+        if aloud {
+            println!("{}", finding.text());
+        }
+        findings.push(finding);
+    });
+    if let Some(path) = &args.json {
+        output::json(path, &Report { schema: "mr-damper/doctor/1", findings: &findings })?;
+    }
+    if around.interrupt.is_raised() {
+        return Err(NodeError::Interrupted);
+    }
+    match findings.iter().filter(|finding| finding.level == Level::Failure).count() {
+        0 => Ok(()),
+        1 => Err(NodeError::Failed(
+            "one thing would keep the service from working: see FAILURE above".to_owned(),
+        )),
+        many => Err(NodeError::Failed(format!(
+            "{many} things would keep the service from working: see FAILURE above"
+        ))),
+    }
+}

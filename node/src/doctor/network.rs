@@ -1,0 +1,154 @@
+//! Domain, ports, multicast, who else is there, Zenoh.
+
+use super::{Finding, leaves_this_machine};
+use crate::config::Config;
+use crate::interrupt::Interrupt;
+use crate::listed_peers;
+use crate::ros::{self, Domain};
+use crate::service;
+use crate::sink::zenoh::Link;
+use std::collections::BTreeMap;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
+
+/// How long others have to announce themselves: Fast DDS does it every three seconds.
+const LISTEN: Duration = Duration::from_millis(3500);
+/// How long a datagram on this machine may take.
+const SOON: Duration = Duration::from_millis(500);
+/// A group that nobody uses, beside that of DDS.
+const PROBE: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 77);
+
+/// The domain, and whether its ports are the middleware's own.
+pub(super) fn domain(config: &Config) -> Vec<Finding> {
+    let domain = match ros::domain_id(config) {
+        Ok(domain) => domain,
+        Err(error) => return vec![Finding::failure("domain", error.to_string())],
+    };
+    let reach =
+        if leaves_this_machine(config) { "whoever the network reaches" } else { "this machine alone" };
+    let first = listed_peers::group_port(domain);
+    let found = Finding::ok("domain", format!("{domain}, for {reach}; UDP ports from {first}"));
+    let range = std::fs::read_to_string("/proc/sys/net/ipv4/ip_local_port_range").unwrap_or_default();
+    let mut bounds = range.split_whitespace().filter_map(|text| text.parse::<u16>().ok());
+    let (low, high) = (bounds.next().unwrap_or(u16::MAX), bounds.next().unwrap_or(u16::MAX));
+    if (low..=high).contains(&first) {
+        let advice = "ports there may be taken when the node starts: use a domain from 0 to 101";
+        let lent = format!("{first} is among those that the system lends to any program ({low} to {high})");
+        return vec![found, Finding::warning("ports", lent, advice)];
+    }
+    vec![found]
+}
+
+/// Whether multicast, by which participants find each other, comes back on the interface that the node uses.
+pub(super) fn multicast(config: &Config) -> Finding {
+    let local = !leaves_this_machine(config);
+    let (interface, name) = if local {
+        (Ipv4Addr::LOCALHOST, "loopback")
+    } else {
+        (Ipv4Addr::UNSPECIFIED, "the default interface")
+    };
+    match echo(interface) {
+        Ok(took) => {
+            Finding::ok("multicast", format!("comes back on {name} in {:.2} ms", took.as_secs_f64() * 1e3))
+        }
+        Err(error) if local => Finding {
+            advice: Some(
+                "ip link set lo up; ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo".to_owned(),
+            ),
+            ..Finding::failure(
+                "multicast",
+                format!("does not come back on {name} ({error}): nobody finds the node"),
+            )
+        },
+        Err(error) => Finding::warning(
+            "multicast",
+            format!("does not come back on {name} ({error}): nobody finds the node by itself"),
+            "see that the interface is up and that no firewall drops 239.255.0.0/16, or name the other hosts: discovery_peers",
+        ),
+    }
+}
+
+/// Sends a datagram to a group and waits for it.
+fn echo(interface: Ipv4Addr) -> io::Result<Duration> {
+    let hears = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+    hears.join_multicast_v4(&PROBE, &interface)?;
+    hears.set_read_timeout(Some(SOON))?;
+    let sends = socket2::Socket::new(socket2::Domain::IPV4, socket2::Type::DGRAM, None)?;
+    sends.set_multicast_if_v4(&interface)?;
+    sends.set_multicast_loop_v4(true)?;
+    let began = Instant::now();
+    let mark = std::process::id().to_le_bytes();
+    sends.send_to(&mark, &SocketAddr::from((PROBE, hears.local_addr()?.port())).into())?;
+    let mut heard = [0; 16];
+    loop {
+        let (length, _) = hears.recv_from(&mut heard)?;
+        if heard[..length] == mark {
+            return Ok(began.elapsed());
+        }
+    }
+}
+
+/// Participants that announce themselves in the domain.
+pub(super) fn others(config: &Config, interrupt: &Interrupt) -> Finding {
+    const WHAT: &str = "others in the domain";
+    let Ok(domain) = ros::domain_id(config) else {
+        return Finding::ok(WHAT, "not looked for without a domain");
+    };
+    let interface = if leaves_this_machine(config) { Ipv4Addr::UNSPECIFIED } else { Ipv4Addr::LOCALHOST };
+    let heard = match listed_peers::open(domain, interface) {
+        Ok(heard) => heard,
+        Err(error) => {
+            return Finding::failure(WHAT, format!("the port of announcements does not open: {error}"));
+        }
+    };
+    let mut participants: BTreeMap<Vec<u8>, IpAddr> = BTreeMap::new();
+    let mut packet = vec![0; 65_536];
+    let end = Instant::now() + LISTEN;
+    while Instant::now() < end && !interrupt.is_raised() {
+        // An error is the time that is over.
+        let Ok((length, from)) = heard.recv_from(&mut packet) else { continue };
+        if let Some(prefix) = listed_peers::prefix_of(&packet[..length]) {
+            participants.insert(prefix.to_vec(), from.ip());
+        }
+    }
+    let hosts: std::collections::BTreeSet<&IpAddr> = participants.values().collect();
+    let hosts: Vec<String> = hosts.iter().map(ToString::to_string).collect();
+    match participants.len() {
+        0 => Finding {
+            advice: Some(
+                "where something should run, compare ROS_DOMAIN_ID and the discovery range of both"
+                    .to_owned(),
+            ),
+            ..Finding::ok(WHAT, format!("nobody was heard within {:.1} s", LISTEN.as_secs_f64()))
+        },
+        count => Finding::ok(WHAT, format!("{count} participants, from {}", hosts.join(", "))),
+    }
+}
+
+/// Joins the domain and leaves it, with DDS-Security where that is asked for.
+pub(super) fn join(config: &Config, enclave: Option<&str>) -> Finding {
+    let began = Instant::now();
+    match Domain::join(config, enclave) {
+        Ok(_) => Finding::ok("joining it", format!("took {:.0} ms", began.elapsed().as_secs_f64() * 1e3)),
+        Err(error) => Finding::failure("joining it", error.to_string()),
+    }
+}
+
+/// Opens the Zenoh session that the node would open, and closes it.
+pub(super) fn zenoh(config: &Config) -> Finding {
+    let Some(settings) = service::zenoh_config(config) else {
+        return Finding::ok("Zenoh", "not asked for");
+    };
+    match Link::open(&settings) {
+        Ok(_) => {
+            let to = |what: &str, endpoints: &[String]| match endpoints {
+                [] => String::new(),
+                some => format!(", {what} {}", some.join(", ")),
+            };
+            let ends = to("listens on", &settings.listen) + &to("would connect to", &settings.connect);
+            Finding::ok("Zenoh", format!("a session opens{ends}"))
+        }
+        Err(error) => Finding::failure("Zenoh", error.to_string()),
+    }
+}
