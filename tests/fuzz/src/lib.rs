@@ -11,8 +11,9 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use tempfile::TempDir;
 
-/// Bytes that a target may have at once. Inputs are a thousand times smaller, so who asks for more believed a length field.
-const MEMORY_LIMIT: usize = 64 << 20;
+/// Bytes that a target may have at once: some of the 32 MiB that a packed chunk may always have. Inputs are a thousand times
+/// smaller, so who asks for more has believed a length field.
+const MEMORY_LIMIT: usize = 128 << 20;
 
 /// Counts all that Rust code asks for; SQLite and zstd have libFuzzer's `-rss_limit_mb`.
 #[global_allocator]

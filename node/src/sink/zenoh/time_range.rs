@@ -7,17 +7,22 @@ use zenoh::time::NTP64;
 
 /// A range of times in nanoseconds since 1970, both ends included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct TimeRange {
-    pub(super) from_ns: i64,
-    pub(super) to_ns: i64,
+pub struct TimeRange {
+    /// The first of them.
+    pub from_ns: i64,
+    /// The last one; before the first where the range is empty.
+    pub to_ns: i64,
 }
 
 impl TimeRange {
     /// All times.
-    pub(super) const ALL: Self = Self { from_ns: i64::MIN, to_ns: i64::MAX };
+    pub const ALL: Self = Self { from_ns: i64::MIN, to_ns: i64::MAX };
 
-    /// Reads the parameter; `now_ns` is what `now()` stands for. The error says what was expected.
-    pub(super) fn parse(text: &str, now_ns: i64) -> Result<Self, String> {
+    /// Reads the parameter; `now_ns` is what `now()` stands for.
+    ///
+    /// # Errors
+    /// What was expected instead.
+    pub fn parse(text: &str, now_ns: i64) -> Result<Self, String> {
         let wrong = |what: &str| format!("_time={text}: {what}; write it as _time=[now(-10s)..] for example");
         let opening = text.chars().next().filter(|c| matches!(c, '[' | ']'));
         let closing = text.chars().next_back().filter(|c| matches!(c, '[' | ']'));
@@ -38,7 +43,9 @@ impl TimeRange {
         Ok(range)
     }
 
-    pub(super) fn contains(self, at_ns: i64) -> bool {
+    /// True when `at_ns` is one of these times.
+    #[must_use]
+    pub fn contains(self, at_ns: i64) -> bool {
         (self.from_ns..=self.to_ns).contains(&at_ns)
     }
 }
