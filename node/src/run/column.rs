@@ -161,7 +161,7 @@ impl Column {
             }
             Self::Known(..) => false,
             // Blanks around a header do not count.
-            Self::Other => !name.is_empty() && name == name.trim_ascii(),
+            Self::Other => !name.trim().is_empty() && name == name.trim_ascii(),
         }
     }
 

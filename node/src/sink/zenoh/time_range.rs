@@ -3,7 +3,7 @@
 //! `[` and `]` that open towards the times include the bound, and exclude it the other way round; either
 //! bound may be left out. Zenoh has a parser of its own, but only among its unstable features.
 
-use zenoh::time::NTP64;
+use chrono::DateTime;
 
 /// A range of times in nanoseconds since 1970, both ends included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,15 +50,16 @@ impl TimeRange {
     }
 }
 
-/// `now()`, `now(-1.5s)`, or a UTC time as RFC 3339 has it.
+/// `now()`, `now(-1.5s)`, or a time as RFC 3339 has it.
 fn instant(text: &str, now_ns: i64) -> Result<i64, String> {
     if let Some(offset) = text.strip_prefix("now(").and_then(|rest| rest.strip_suffix(')')) {
         let offset_ns = if offset.is_empty() { 0 } else { duration_ns(offset)? };
         return Ok(now_ns.saturating_add(offset_ns));
     }
-    let time =
-        NTP64::parse_rfc3339(text).map_err(|_| format!("`{text}` is neither now(..) nor a UTC time"))?;
-    i64::try_from(time.to_duration().as_nanos()).map_err(|_| format!("`{text}` is too far away"))
+    // Zenoh's own type for times panics on those behind 2106.
+    let time = DateTime::parse_from_rfc3339(text)
+        .map_err(|_| format!("`{text}` is neither now(..) nor a time as in 2026-01-02T03:04:05Z"))?;
+    time.timestamp_nanos_opt().ok_or_else(|| format!("`{text}` is too far away"))
 }
 
 /// A signed number with a unit, in nanoseconds.
@@ -97,9 +98,11 @@ mod tests {
         assert_eq!(range("[now(-10s)..]"), (NOW - 10_000_000_000, i64::MAX));
         assert_eq!(range("[now(-1.5s)..now()]"), (NOW - 1_500_000_000, NOW));
         assert_eq!(range("]now(-2ms)..now(1m)["), (NOW - 1_999_999, NOW + 59_999_999_999));
-        let (from, to) = range("[2023-11-14T22:13:20Z..2023-11-14T22:13:21.5Z]");
-        // NTP time has steps of a quarter of a nanosecond.
-        assert!((from - NOW).abs() <= 1 && (to - NOW - 1_500_000_000).abs() <= 1, "{from} {to}");
+        assert_eq!(range("[2023-11-14T22:13:20Z..2023-11-14T23:13:21.5+01:00]"), (NOW, NOW + 1_500_000_000));
+        assert_eq!(
+            range("[1969-12-31T23:59:59Z..2261-12-31T00:00:00Z]"),
+            (-1_000_000_000, 9_214_560_000_000_000_000)
+        );
     }
 
     #[test]
@@ -113,6 +116,9 @@ mod tests {
             ("[now(-10)..]", "unit"),
             ("[now(1.2.3s)..]", "number"),
             ("[yesterday..]", "neither"),
+            // Behind what Zenoh's times can be, and behind ours.
+            ("[2823-11-14T22:13:20Z..]", "too far away"),
+            ("[..9999-12-31T23:59:59Z]", "too far away"),
             ("é..é", "brackets"),
         ] {
             let message = TimeRange::parse(text, NOW).expect_err("this is no range");
