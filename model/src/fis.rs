@@ -201,7 +201,7 @@ fn sets_of(rule: usize, counts: &[usize]) -> Vec<usize> {
 
 /// A name without what would end it in a file.
 fn plain(name: &str) -> String {
-    name.chars().map(|c| if c.is_control() || ['\'', '"'].contains(&c) { '_' } else { c }).collect()
+    name.replace(['\n', '\'', '"'], "_")
 }
 
 fn range(range: [f64; 2]) -> String {

@@ -4,6 +4,7 @@ mod common;
 
 use common::{Bench, both, preset, samples};
 use mr_damper_model::model::Model;
+use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce, Validity};
 use mr_damper_model::sample::{Drive, Reading, Stamp};
 use mr_damper_model::units::{Ampere, Metre, Newton, Volt};
@@ -30,6 +31,38 @@ fn measured_force_that_may_not_be_used_still_makes_residuals() {
     bench.run(0..100, |_| true);
     insta::assert_snapshot!(bench.transitions(), @"   2 ms  fault -> model     the model's inputs are there");
     assert!(bench.residuals().count() > 90);
+}
+
+/// A model may blow up for a while: an estimate of 10^20 N is none, and the figures of the residual come back.
+#[test]
+fn a_force_that_no_damper_has_is_none_and_leaves_nothing_behind() {
+    let good = ModelFile { model: preset("thesis/fuzzy-tanh/rp3-cs"), provenance: Provenance::default() };
+    let text = good.to_toml().expect("writes");
+    let yields = text.lines().find(|line| line.starts_with("yield_force_n = ")).expect("a line");
+    let (before, _last) = yields.rsplit_once(", ").expect("several sets");
+    let bad = ModelFile::from_toml(&text.replace(yields, &format!("{before}, 1e20]"))).expect("reads").model;
+    let settings = Settings { hold_s: 0.0, ..Settings::default() };
+    let mut pipeline = Pipeline::new(Models::alone(bad), settings).expect("runs");
+    let (mut none, mut last_n) = (0, f64::NAN);
+    let mut check = |event: Event| match event {
+        Event::Estimate(estimate) if estimate.force.get().is_nan() => {
+            assert_eq!(estimate.validity, Validity::Invalid);
+            none += 1;
+        }
+        Event::Estimate(estimate) => assert!(estimate.force.get().abs() < 1e4, "{estimate:?}"),
+        Event::Residual(residual) => last_n = residual.windowed_rsse.get(),
+        _ => {}
+    };
+    for k in 0..600 {
+        let current_a = if (300..310).contains(&k) { 2.5 } else { 0.0 };
+        for mut sample in samples(k, 0) {
+            if let Reading::Drive(_) = sample.reading {
+                sample.reading = Reading::Drive(Drive::CoilCurrent(Ampere(current_a)));
+            }
+            pipeline.step(&sample, &mut check);
+        }
+    }
+    assert!((9..=12).contains(&none) && last_n < 1e4, "{none} estimates without a force, then {last_n} N");
 }
 
 #[test]

@@ -163,6 +163,46 @@ fn other_types_may_stand_for_a_channel() {
 }
 
 #[test]
+fn a_column_that_is_called_as_a_topic_is_carried_through_a_bag() {
+    let dir = temporary();
+    let (csv, bag, back) =
+        (dir.path().join("in.csv"), dir.path().join("b.mcap"), dir.path().join("back.csv"));
+    let text =
+        "time_s,displacement_m,displacement,velocity,joint_states,velocity_2\n0,1,2,3,4,5\n1,6,7,8,9,10\n";
+    std::fs::write(&csv, text).expect("written");
+    convert(&csv, &bag, &plain(), &SaveOptions::default()).expect("to a bag");
+    convert(&bag, &back, &plain(), &SaveOptions::default()).expect("back");
+    assert_eq!(std::fs::read_to_string(&back).expect("read"), text);
+}
+
+#[test]
+fn topics_of_others_become_no_known_quantity_by_their_name() {
+    let dir = temporary();
+    let path = dir.path().join("bag");
+    bag(&path, BagOptions::default(), |writer| {
+        writer.write_message("/displacement", &displacement(10, 1.0), 10, 10)?;
+        for name in
+            ["/other/force_n", "/other/Current_mA", "/other/time_s", "/other/setpoint_mm", "/other/oil_c"]
+        {
+            writer.write_message(name, &Float64 { data: 5.0 }, 10, 10)?;
+        }
+        for (name, column) in [("/other/a", "force_n"), ("/other/b", " oil_c "), ("/other/c", "oil_c")] {
+            let topic = Topic { column: Some(column), ..Topic::of::<Float64>(name) };
+            let topic = writer.topic(&topic)?;
+            writer.write(topic, 10, 10, &cdr::to_vec(&Float64 { data: 6.0 }).expect("encoded"))?;
+        }
+        Ok(())
+    });
+    let loaded = read(&path);
+    let names: Vec<_> =
+        loaded.run.other.iter().map(|(name, trace)| (name.as_str(), trace.values[0])).collect();
+    assert_eq!((loaded.run.force_n, names), (None, vec![("oil_c", 5.0)]));
+    let [Note::TopicsLeft { topics }] = loaded.notes.as_slice() else { panic!("{:?}", loaded.notes) };
+    assert_eq!(topics.len(), 7, "{topics:?}");
+    assert!(topics.contains(&"/other/c (a second oil_c)".to_owned()), "{topics:?}");
+}
+
+#[test]
 fn missing_displacement_is_explained() {
     let dir = temporary();
     let make = |name: &str, fill: &dyn Fn(&mut BagWriter) -> Result<(), RunError>| {

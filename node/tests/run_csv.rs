@@ -176,6 +176,7 @@ fn headers_that_cannot_be_used_are_explained() {
             "line 1: columns `a` and `a` are the same quantity: remove one of them",
         ),
         ("time_s,,displacement_m\n", "line 1: column 2 has no name: name it or remove it"),
+        ("time_s,displacement_m,\u{b}\u{a0}\n", "line 1: column 3 has no name: name it or remove it"),
     ] {
         assert_eq!(refusal(text, &LoadOptions::default()), format!("run.csv, {refusal_text}"));
     }

@@ -154,6 +154,16 @@ fn errors_name_the_line() {
 }
 
 #[test]
+fn a_name_is_kept_whatever_stands_in_it() {
+    let name = "% da\tm\u{19}p\u{85}er #1, [x] = ";
+    let fis = Fis { name: name.to_owned(), ..Fis::parse(SMALL).expect("reads") };
+    assert_eq!(Fis::parse(&fis.to_text()).expect("reads what it wrote"), fis);
+    // Quotes and ends of lines would end it.
+    let fis = Fis { name: "a'b\"c\nd".to_owned(), ..fis };
+    assert_eq!(Fis::parse(&fis.to_text()).expect("reads what it wrote").name, "a_b_c_d");
+}
+
+#[test]
 fn scaling_must_match() {
     let fis = Fis::parse(SMALL).expect("reads");
     let output = OutputScale { mean_n: 0.0, std_dev_n: 1.0 };

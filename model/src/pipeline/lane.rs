@@ -20,6 +20,9 @@ pub(super) struct Given {
     pub(super) case_temp_c: f64,
 }
 
+/// The largest force that is taken for one, N: a million times that of a damper.
+const MOST_N: f64 = 1e9;
+
 /// Displacement path of a lane: conditioning, its memory, and how long it has been settling.
 #[derive(Debug, Clone, PartialEq)]
 struct Front {
@@ -75,6 +78,11 @@ impl Front {
 /// True when a model that wants a drive has one.
 fn drive_is_there(model: &ForceModel, given: &Given) -> bool {
     model.drive().is_none() || given.drive.is_finite()
+}
+
+/// False for what a model says that has blown up. No damper has such a force, and its square would stay in the residual's figures.
+fn is_a_force(force_n: f64) -> bool {
+    force_n.abs() <= MOST_N
 }
 
 fn outside(model: &Model, inputs: &Inputs) -> bool {
@@ -176,7 +184,7 @@ impl FreeLane {
         if outside(&self.model, &inputs) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
-        let raw_n = self.model.free_run(&mut self.state, &inputs).filter(|f| f.is_finite())?;
+        let raw_n = self.model.free_run(&mut self.state, &inputs).filter(|f| is_a_force(*f))?;
         let mut force_n = raw_n;
         if self.model.conditioning.apply_to == ApplyTo::Output {
             let dt_s = given.dt_s.filter(|_| !self.fresh_output);
@@ -315,7 +323,7 @@ impl SeededLane {
             *reasons |= Reasons::RATE_MISMATCH;
         }
         let predicted =
-            self.model.force.predict_n(&self.history).filter(|force_n| at_rate && force_n.is_finite());
+            self.model.force.predict_n(&self.history).filter(|force_n| at_rate && is_a_force(*force_n));
         if predicted.is_some_and(|force_n| Envelope::leaves(self.model.envelope.force_n, force_n)) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }

@@ -82,6 +82,39 @@ enum ParameterSource {
     File(PathBuf),
 }
 
+impl Named {
+    /// True for what can be one's name.
+    fn takes(self, name: &str) -> bool {
+        let is_token = |part: &str| {
+            part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+                && part.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
+        };
+        let are_tokens = |path: &str| path.split('/').all(is_token);
+        match self {
+            Self::Node => is_token(name),
+            // Without a slash in front, and with one behind, it is the same namespace.
+            Self::Namespace => {
+                let path = name.strip_prefix('/').unwrap_or(name);
+                name == "/" || are_tokens(path.strip_suffix('/').unwrap_or(path))
+            }
+            Self::Anything | Self::Topic | Self::Service => {
+                name == "~" || are_tokens(name.strip_prefix("~/").or(name.strip_prefix('/')).unwrap_or(name))
+            }
+        }
+    }
+
+    /// What it is the name of, for messages.
+    const fn of_what(self) -> &'static str {
+        match self {
+            Self::Anything => "",
+            Self::Topic => " of a topic",
+            Self::Service => " of a service",
+            Self::Namespace => " of a namespace",
+            Self::Node => " of a node",
+        }
+    }
+}
+
 impl Rule {
     fn parse(argument: &str, rule: &str) -> Result<Self, NodeError> {
         let (from, to) = assignment(argument, rule)?;
@@ -95,12 +128,11 @@ impl Rule {
                 (None, None) => (Named::Anything, from),
             },
         };
-        let is_name = |name: &str| {
-            !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "_/~".contains(c))
-        };
-        if let Some(bad) = [from, to].into_iter().find(|name| !is_name(name)) {
+        if let Some(bad) = [from, to].into_iter().find(|name| !of.takes(name)) {
             return Err(NodeError::RosArgs(format!(
-                "{argument} {rule}: \"{bad}\" is no name; names are of letters, digits, _ and /, with ~ for the node's own"
+                "{argument} {rule}: \"{bad}\" is no name{}; names are of letters, digits and _, with a letter first, and / between \
+                 them, with ~/ in front for the node's own",
+                of.of_what()
             )));
         }
         Ok(Self { node: node.map(str::to_owned), of, from: from.to_owned(), to: to.to_owned() })
@@ -427,6 +459,13 @@ mod tests {
             ("--ros-args -p coast_s=1", "no :="),
             ("--ros-args -r a:=b-c", "\"b-c\" is no name"),
             ("--ros-args -r :=b", "\"\" is no name"),
+            ("--ros-args -r a:=/b//c", "\"/b//c\" is no name"),
+            ("--ros-args -r a:=/b/", "\"/b/\" is no name"),
+            ("--ros-args -r a:=b~", "\"b~\" is no name"),
+            ("--ros-args -r rostopic://a:=1st", "\"1st\" is no name of a topic"),
+            ("--ros-args -r __ns:=/front/le~/c", "\"/front/le~/c\" is no name of a namespace"),
+            ("--ros-args -r __ns:=//", "\"//\" is no name of a namespace"),
+            ("--ros-args -r __node:=a/b", "\"a/b\" is no name of a node"),
             ("--ros-args --log-level loud", "--log-level is loud"),
             ("--ros-args --log-config-file x", "use --log-level"),
         ] {

@@ -1,6 +1,6 @@
 //! Runs from rosbag2 bags: topics become channels of one damper, in one pass over the files.
 
-use super::column::Quantity;
+use super::column::{Column, Quantity};
 use super::csv::settle_drive;
 use super::hash::Hash;
 use super::names::{Role, normal_namespace, role_of};
@@ -153,7 +153,8 @@ fn new_topic(info: TopicInfo, options: &LoadOptions) -> Topic {
     let (namespace, role) = match role_of(&info.name) {
         Some((namespace, Role::Other(name))) => {
             let column = info.column.clone().unwrap_or(name);
-            (namespace, Some(Role::Other(column)))
+            // A bag of somebody else may call it `force_n`, which it would be after one conversion.
+            (namespace, Column::is_carried(&column).then_some(Role::Other(column)))
         }
         Some((namespace, role)) => (namespace, Some(role)),
         None => ("", None),
@@ -220,7 +221,9 @@ impl Bag<'_> {
                     Role::Other(name) => name,
                     _ => continue,
                 };
-                if !run.other.iter().any(|(other, _)| *other == name) {
+                if run.other.iter().any(|(other, _)| *other == name) {
+                    left.push(format!("{} (a second {name})", topic.name));
+                } else {
                     run.other.push((name, trace));
                 }
             }

@@ -151,6 +151,20 @@ impl Column {
         Self::Other
     }
 
+    /// True when a column of SI values may have this name among those that are carried through: one that no reader takes for
+    /// another quantity, or for one in another unit.
+    pub(super) fn is_carried(name: &str) -> bool {
+        match Self::of_header(name) {
+            Self::Time => false,
+            Self::Known(quantity @ (Quantity::AmbientTemperature | Quantity::Setpoint), _) => {
+                name == quantity.si_name()
+            }
+            Self::Known(..) => false,
+            // Blanks around a header do not count.
+            Self::Other => !name.trim().is_empty() && name == name.trim_ascii(),
+        }
+    }
+
     /// The quantity that an unknown column seems to mean: its name without a unit (`force`), or with one that
     /// is not known (`force_kgf`). Such a column is carried but not used, which deserves a word.
     pub(super) fn resembles(name: &str) -> Option<Quantity> {

@@ -143,7 +143,8 @@ impl<'a> Table<'a> {
                     index + 1
                 ))
             })?;
-            if name.is_empty() {
+            // Blanks of any alphabet are no name, nor can they be written as one.
+            if name.trim().is_empty() {
                 return Err(fail(format!("column {} has no name: name it or remove it", index + 1)));
             }
             let column = Column::of_header(name);

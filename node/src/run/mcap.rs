@@ -5,7 +5,7 @@
 //! length fields that are checked before the crate (which trusts them in places) sees them.
 
 use super::bag_write::COLUMN_KEY;
-use super::storage::{Sink, TopicInfo};
+use super::storage::{Sink, TopicInfo, UNPACK_RATIO};
 use super::{Note, RunError};
 use mcap::McapError;
 use mcap::records::{Channel, Record, op};
@@ -16,6 +16,8 @@ use std::path::Path;
 
 /// Records and decompressed chunks above this are taken for damage. Writers make chunks of about 1 MB.
 const RECORD_LIMIT: usize = 256 << 20;
+/// What any chunk may say to unpack to, and have memory for; more than this it has to be worth by its size.
+const UNPACK_FREE: usize = 32 << 20;
 /// Opcode and length.
 const FRAME: usize = 9;
 /// A chunk up to its compression's name.
@@ -216,13 +218,14 @@ fn read_chunk(
     sink: &mut Records<'_, impl Sink>,
 ) -> (u64, Result<(), ChunkFault>) {
     let mut messages = 0;
+    let limit = unpack_limit(body.len());
     let end = (|| {
-        check_chunk_head(body, complete)?;
+        let body = &body[..check_chunk(body, complete)?];
         let mut reader = LinearReader::new_with_options(LinearReaderOptions {
             skip_start_magic: true,
             skip_end_magic: true,
             prevalidate_chunk_crcs: complete,
-            record_length_limit: Some(RECORD_LIMIT),
+            record_length_limit: Some(limit),
             ..LinearReaderOptions::default()
         });
         let mut frame = [op::CHUNK; FRAME];
@@ -250,9 +253,15 @@ fn read_chunk(
     (messages, end)
 }
 
-/// Checks what the crate takes on trust: that the compressed data fit into the record, and that the
-/// records of an uncompressed chunk end where it ends.
-fn check_chunk_head(body: &[u8], complete: bool) -> Result<(), ChunkFault> {
+/// What `packed` bytes may unpack to: the crate takes memory for what a chunk or record says to hold, whatever it holds.
+fn unpack_limit(packed: usize) -> usize {
+    usize::try_from(UNPACK_RATIO).unwrap_or(1).saturating_mul(packed).clamp(UNPACK_FREE, RECORD_LIMIT)
+}
+
+/// Checks what the crate takes on trust: that the compressed data fit into the record and can be worth what they say,
+/// and that the records of an uncompressed chunk end where it ends. Returns how many bytes are good for the crate: of a cut
+/// chunk that is not compressed, those up to the end of its last whole record.
+fn check_chunk(body: &[u8], complete: bool) -> Result<usize, ChunkFault> {
     let damaged = |why: &str| Err(ChunkFault::Damaged(why.to_owned()));
     let Some((head, rest)) = body.split_at_checked(CHUNK_HEAD) else {
         return damaged("it ends inside its header");
@@ -269,19 +278,28 @@ fn check_chunk_head(body: &[u8], complete: bool) -> Result<(), ChunkFault> {
     if complete && size > data.len() {
         return damaged("its length does not fit its record");
     }
+    let unpacked = head[16..].first_chunk().map_or(0, |size| u64::from_le_bytes(*size));
+    if !name.is_empty() && unpacked > unpack_limit(body.len()) as u64 {
+        return Err(ChunkFault::Damaged(format!("it says to unpack {} bytes to {unpacked}", body.len())));
+    }
+    if !name.is_empty() {
+        return Ok(body.len());
+    }
     let mut records = &data[..size.min(data.len())];
-    while name.is_empty() && !records.is_empty() {
-        let Some((frame, rest)) = records.split_first_chunk() else {
-            return if complete { damaged("it ends inside a record") } else { Ok(()) };
-        };
-        let (_, length) = split_frame(frame);
-        match usize::try_from(length).ok().and_then(|length| rest.get(length..)) {
+    let head = body.len() - data.len();
+    let all = records.len();
+    while !records.is_empty() {
+        let behind = records.split_first_chunk().and_then(|(frame, rest)| {
+            let (_, length) = split_frame(frame);
+            rest.get(usize::try_from(length).ok()?..)
+        });
+        match behind {
             Some(behind) => records = behind,
             None if complete => return damaged("it ends inside a record"),
-            None => return Ok(()),
+            None => return Ok(head + all - records.len()),
         }
     }
-    Ok(())
+    Ok(body.len())
 }
 
 /// Hands one record to the sink; returns 1 for a message. Records that do not matter are not parsed at all.
@@ -289,6 +307,7 @@ fn emit(opcode: u8, data: &[u8], sink: &mut Records<'_, impl Sink>) -> Result<u6
     if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
         return Ok(0);
     }
+    check_texts(opcode, data).ok_or("a text is longer than its record")?;
     match mcap::parse_record(opcode, data).map_err(|error| error.to_string())? {
         Record::Schema { header, .. } => {
             sink.types.insert(header.id, header.name);
@@ -303,6 +322,27 @@ fn emit(opcode: u8, data: &[u8], sink: &mut Records<'_, impl Sink>) -> Result<u6
         _ => {}
     }
     Ok(0)
+}
+
+/// Checks the lengths of a schema's or channel's texts, which the crate takes memory for before it looks whether they are there.
+fn check_texts(opcode: u8, data: &[u8]) -> Option<()> {
+    fn behind_text(data: &[u8]) -> Option<&[u8]> {
+        let (length, rest) = data.split_first_chunk()?;
+        rest.get(usize::try_from(u32::from_le_bytes(*length)).ok()?..)
+    }
+    match opcode {
+        op::SCHEMA => behind_text(behind_text(data.get(2..)?)?).map(|_data| ()),
+        op::CHANNEL => {
+            // The metadata are texts in a frame of their own.
+            let (length, rest) = behind_text(behind_text(data.get(4..)?)?)?.split_first_chunk()?;
+            let mut texts = rest.get(..usize::try_from(u32::from_le_bytes(*length)).ok()?)?;
+            while !texts.is_empty() {
+                texts = behind_text(texts)?;
+            }
+            Some(())
+        }
+        _ => Some(()),
+    }
 }
 
 #[cfg(test)]
@@ -373,6 +413,7 @@ mod tests {
             chunk("", size, size + 1, &two),
             chunk("", size, u64::MAX, &two),
             chunk("zstd", u64::MAX, size, &two),
+            chunk("zstd", UNPACK_FREE as u64 + 1, size, &two),
             chunk("zstd", size, u64::MAX, &two),
             chunk("zstd", size, 0, &[]),
             vec![0; 20],
@@ -396,6 +437,43 @@ mod tests {
             let (count, notes) = messages(&records);
             assert_eq!(count, 0);
             assert!(notes.len() == 1 && notes[0].contains("read up to byte 8, 0 messages"), "{notes:?}");
+        }
+    }
+
+    #[test]
+    fn of_a_cut_chunk_all_whole_records_are_taken_and_no_more() {
+        let size = 2 * message().len() as u64;
+        // The last record is all there, but it reaches beyond the chunk's data: in a cut file, that is the cut.
+        let long = record(op::MESSAGE, 24 + 50, &[0; 24 + 50]);
+        for (records, whole) in [
+            ([message(), message()].concat(), 2),
+            ([message(), long.clone()].concat(), 1),
+            ([message(), message(), long.clone()].concat(), 2),
+            (long, 0),
+        ] {
+            let body = chunk("", size, size, &records);
+            let (count, notes) = messages(&record(op::CHUNK, body.len() as u64 + 1, &body));
+            assert_eq!(count, whole);
+            assert!(notes.len() == 1 && notes[0].contains("the file ends inside a chunk"), "{notes:?}");
+        }
+    }
+
+    #[test]
+    fn a_text_that_is_longer_than_its_record_is_refused_before_memory_is_taken() {
+        let text = |length: u32, text: &[u8]| [&length.to_le_bytes()[..], text].concat();
+        let ids = [1, 0, 1, 0];
+        let texts = [text(2, b"/x"), text(3, b"cdr")].concat();
+        for (opcode, body) in [
+            (op::SCHEMA, [&ids[..2], &text(1 << 30, b"x")].concat()),
+            (op::SCHEMA, [&ids[..2], &text(1, b"x"), &text(u32::MAX, b"")].concat()),
+            (op::CHANNEL, [&ids[..], &text(2, b"/x"), &text(1 << 30, b"cdr")].concat()),
+            (op::CHANNEL, [&ids[..], &texts, &text(1 << 30, b"")].concat()),
+            (op::CHANNEL, [&ids[..], &texts, &text(8, &text(1 << 30, b"mr_d"))].concat()),
+            (op::CHANNEL, [&ids[..], &texts, &text(8, &text(5, b"mr_da"))].concat()),
+        ] {
+            let (count, notes) = messages(&[message(), record(opcode, body.len() as u64, &body)].concat());
+            assert_eq!(count, 1);
+            assert!(notes.len() == 1 && notes[0].contains("a text is longer than its record"), "{notes:?}");
         }
     }
 }

@@ -18,6 +18,9 @@ const TOPICS: [(Quantity, &str); 9] = [
 /// The level below the namespace that holds unknown columns.
 const OTHER: &str = "other";
 
+/// Last part of the topics with states of joints.
+const JOINTS: &str = "joint_states";
+
 /// What a topic holds, by its name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Role {
@@ -34,7 +37,7 @@ pub(super) fn role_of(topic: &str) -> Option<(&str, Role)> {
     if let Some((quantity, _)) = TOPICS.iter().find(|(_, topic)| *topic == name) {
         return Some((namespace, Role::Known(*quantity)));
     }
-    if name == "joint_states" {
+    if name == JOINTS {
         return Some((namespace, Role::Joints));
     }
     let (above, level) = namespace.rsplit_once('/')?;
@@ -50,7 +53,9 @@ pub(super) struct Namer {
 impl Namer {
     /// Below a namespace, with or without slashes around it.
     pub(super) fn new(namespace: &str) -> Self {
-        Self { namespace: normal_namespace(namespace), taken: Vec::new() }
+        // A column that is called as a topic of a known quantity must not be read as one.
+        let known = TOPICS.iter().map(|(_, topic)| *topic).chain([JOINTS]);
+        Self { namespace: normal_namespace(namespace), taken: known.map(str::to_owned).collect() }
     }
 
     /// The topic of a column, and whether its name differs from the column's, which then has to be noted.
@@ -113,6 +118,8 @@ mod tests {
             ("Pump [bar]", "/front_left/other/Pump__bar_"),
             ("Pump (bar)", "/front_left/other/Pump__bar__2"),
             ("2nd", "/front_left/other/_2nd"),
+            ("velocity", "/front_left/other/velocity_2"),
+            ("joint_states", "/front_left/other/joint_states_2"),
         ] {
             let (name, _) = namer.topic_of(column);
             assert_eq!(name, topic);

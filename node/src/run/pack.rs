@@ -4,6 +4,7 @@
 //! longest message that is taken (64 MiB).
 
 use super::RunError;
+use super::storage::UNPACK_RATIO;
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
@@ -15,6 +16,8 @@ use zstd::zstd_safe::get_frame_content_size;
 const MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 /// Messages longer than this are not unpacked; those of a run have some hundred bytes.
 const MESSAGE_LIMIT: usize = 64 << 20;
+/// What any message may unpack to; more than this it has to be worth by its size.
+const MESSAGE_FREE: usize = 1 << 20;
 /// Window sizes up to 2^27 bytes, which every level of zstd but `--ultra --long` keeps to.
 const WINDOW_LOG_MAX: u32 = 27;
 /// zstd's own default: fast, and most of what can be gained.
@@ -81,20 +84,23 @@ impl MessageUnpacker {
     /// The message inside `data`, or what is wrong with it.
     pub(super) fn unpack(&mut self, data: &[u8]) -> Result<&[u8], String> {
         self.buffer.clear();
+        let ratio = usize::try_from(UNPACK_RATIO).unwrap_or(1);
+        // Memory is taken for what the frame says to hold.
+        let limit = ratio.saturating_mul(data.len()).clamp(MESSAGE_FREE, MESSAGE_LIMIT);
         let fault = |error: io::Error| format!("zstd: {error}");
-        let too_long = || format!("zstd: it unpacks to more than {MESSAGE_LIMIT} bytes");
+        let too_long = || format!("zstd: {} bytes unpack to more than {limit} bytes", data.len());
         let size =
             get_frame_content_size(data).map_err(|_| "zstd: the frame's head is damaged".to_owned())?;
         let Some(size) = size else {
             // A writer that did not know the size when it began.
             let unpacked = Decoder::with_buffer(data).and_then(|mut decoder| {
                 decoder.window_log_max(WINDOW_LOG_MAX)?;
-                decoder.take(MESSAGE_LIMIT as u64 + 1).read_to_end(&mut self.buffer)
+                decoder.take(limit as u64 + 1).read_to_end(&mut self.buffer)
             });
             let count = unpacked.map_err(fault)?;
-            return if count > MESSAGE_LIMIT { Err(too_long()) } else { Ok(&self.buffer) };
+            return if count > limit { Err(too_long()) } else { Ok(&self.buffer) };
         };
-        let size = usize::try_from(size).ok().filter(|size| *size <= MESSAGE_LIMIT).ok_or_else(too_long)?;
+        let size = usize::try_from(size).ok().filter(|size| *size <= limit).ok_or_else(too_long)?;
         let bulk = match &mut self.bulk {
             Some(bulk) => bulk,
             none => none.insert(Decompressor::new().map_err(fault)?),
@@ -148,14 +154,17 @@ mod tests {
         let unsized_frame = zstd::stream::encode_all(&message[..], LEVEL).expect("compressed");
         assert_eq!(get_frame_content_size(&unsized_frame).ok(), Some(None), "the size is not known");
         assert_eq!(unpacker.unpack(&unsized_frame).expect("unpacked"), message);
-        // A frame of 2^60 bytes, as its head says.
-        let mut huge = [&MAGIC[..], &[0b1110_0000]].concat();
-        huge.extend((1_u64 << 60).to_le_bytes());
-        let refused = unpacker.unpack(&huge).expect_err("refused");
-        assert!(refused.contains("more than 67108864 bytes"), "{refused}");
+        // A frame of 2^60 bytes, as its head says, and of as much as a message may have at most.
+        for size in [1_u64 << 60, MESSAGE_LIMIT as u64] {
+            let mut huge = [&MAGIC[..], &[0b1110_0000]].concat();
+            huge.extend(size.to_le_bytes());
+            let refused = unpacker.unpack(&huge).expect_err("refused");
+            assert_eq!(refused, "zstd: 13 bytes unpack to more than 1048576 bytes");
+        }
+        assert!(unpacker.buffer.capacity() < MESSAGE_FREE, "{}", unpacker.buffer.capacity());
         let bomb = zstd::stream::encode_all(io::repeat(0).take(MESSAGE_LIMIT as u64 + 1), LEVEL);
         let refused = unpacker.unpack(&bomb.expect("compressed")).expect_err("refused");
-        assert!(refused.contains("more than 67108864 bytes"), "{refused}");
+        assert!(refused.contains("bytes unpack to more than"), "{refused}");
         for damaged in [&packed[..packed.len() - 1], &MAGIC[..], &[]] {
             unpacker.unpack(damaged).expect_err("refused");
         }

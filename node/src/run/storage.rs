@@ -33,8 +33,8 @@ pub(super) trait Sink {
 
 /// What a sqlite3 database begins with.
 pub(super) const SQLITE_MAGIC: &[u8] = b"SQLite format 3\0";
-/// How far a packed database may grow: no recording shrinks to a thousandth, so more is damage or malice.
-const UNPACK_RATIO: u64 = 1000;
+/// How far what is packed may grow, beyond what is free: no recording shrinks to a thousandth, so more is damage or malice.
+pub(super) const UNPACK_RATIO: u64 = 1000;
 /// What any packed database may grow to.
 const UNPACK_FREE: u64 = 1 << 30;
 

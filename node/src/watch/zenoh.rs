@@ -199,8 +199,12 @@ struct Payload {
     reason: Option<String>,
 }
 
-/// The message that a sample of `topic` stands for; none where the page has no use for the topic.
-fn news(topic: &str, payload: &[u8]) -> Result<Option<News>, serde_json::Error> {
+/// The message that a sample of `topic` stands for, given as the JSON of the mirror's `web/` keys; none where the page has no use for
+/// the topic.
+///
+/// # Errors
+/// When the payload is none of the mirror's.
+pub fn news(topic: &str, payload: &[u8]) -> Result<Option<News>, serde_json::Error> {
     if !super::TOPICS.contains(&topic) {
         return Ok(None);
     }

@@ -49,4 +49,5 @@ pub use mirror::{Damper, Mirror, Renamer};
 pub use payload::ModelNames;
 pub use rmw::RmwPresence;
 pub use stats::{CommandCounters, CommandStats, MirrorState, RmwCounters, RmwStats, RouteStats, Stats};
+pub use time_range::TimeRange;
 pub use topic::Topic;

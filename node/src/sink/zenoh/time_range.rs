@@ -3,21 +3,26 @@
 //! `[` and `]` that open towards the times include the bound, and exclude it the other way round; either
 //! bound may be left out. Zenoh has a parser of its own, but only among its unstable features.
 
-use zenoh::time::NTP64;
+use chrono::DateTime;
 
 /// A range of times in nanoseconds since 1970, both ends included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct TimeRange {
-    pub(super) from_ns: i64,
-    pub(super) to_ns: i64,
+pub struct TimeRange {
+    /// The first of them.
+    pub from_ns: i64,
+    /// The last one; before the first where the range is empty.
+    pub to_ns: i64,
 }
 
 impl TimeRange {
     /// All times.
-    pub(super) const ALL: Self = Self { from_ns: i64::MIN, to_ns: i64::MAX };
+    pub const ALL: Self = Self { from_ns: i64::MIN, to_ns: i64::MAX };
 
-    /// Reads the parameter; `now_ns` is what `now()` stands for. The error says what was expected.
-    pub(super) fn parse(text: &str, now_ns: i64) -> Result<Self, String> {
+    /// Reads the parameter; `now_ns` is what `now()` stands for.
+    ///
+    /// # Errors
+    /// What was expected instead.
+    pub fn parse(text: &str, now_ns: i64) -> Result<Self, String> {
         let wrong = |what: &str| format!("_time={text}: {what}; write it as _time=[now(-10s)..] for example");
         let opening = text.chars().next().filter(|c| matches!(c, '[' | ']'));
         let closing = text.chars().next_back().filter(|c| matches!(c, '[' | ']'));
@@ -38,20 +43,23 @@ impl TimeRange {
         Ok(range)
     }
 
-    pub(super) fn contains(self, at_ns: i64) -> bool {
+    /// True when `at_ns` is one of these times.
+    #[must_use]
+    pub fn contains(self, at_ns: i64) -> bool {
         (self.from_ns..=self.to_ns).contains(&at_ns)
     }
 }
 
-/// `now()`, `now(-1.5s)`, or a UTC time as RFC 3339 has it.
+/// `now()`, `now(-1.5s)`, or a time as RFC 3339 has it.
 fn instant(text: &str, now_ns: i64) -> Result<i64, String> {
     if let Some(offset) = text.strip_prefix("now(").and_then(|rest| rest.strip_suffix(')')) {
         let offset_ns = if offset.is_empty() { 0 } else { duration_ns(offset)? };
         return Ok(now_ns.saturating_add(offset_ns));
     }
-    let time =
-        NTP64::parse_rfc3339(text).map_err(|_| format!("`{text}` is neither now(..) nor a UTC time"))?;
-    i64::try_from(time.to_duration().as_nanos()).map_err(|_| format!("`{text}` is too far away"))
+    // Zenoh's own type for times panics on those behind 2106.
+    let time = DateTime::parse_from_rfc3339(text)
+        .map_err(|_| format!("`{text}` is neither now(..) nor a time as in 2026-01-02T03:04:05Z"))?;
+    time.timestamp_nanos_opt().ok_or_else(|| format!("`{text}` is too far away"))
 }
 
 /// A signed number with a unit, in nanoseconds.
@@ -90,9 +98,11 @@ mod tests {
         assert_eq!(range("[now(-10s)..]"), (NOW - 10_000_000_000, i64::MAX));
         assert_eq!(range("[now(-1.5s)..now()]"), (NOW - 1_500_000_000, NOW));
         assert_eq!(range("]now(-2ms)..now(1m)["), (NOW - 1_999_999, NOW + 59_999_999_999));
-        let (from, to) = range("[2023-11-14T22:13:20Z..2023-11-14T22:13:21.5Z]");
-        // NTP time has steps of a quarter of a nanosecond.
-        assert!((from - NOW).abs() <= 1 && (to - NOW - 1_500_000_000).abs() <= 1, "{from} {to}");
+        assert_eq!(range("[2023-11-14T22:13:20Z..2023-11-14T23:13:21.5+01:00]"), (NOW, NOW + 1_500_000_000));
+        assert_eq!(
+            range("[1969-12-31T23:59:59Z..2261-12-31T00:00:00Z]"),
+            (-1_000_000_000, 9_214_560_000_000_000_000)
+        );
     }
 
     #[test]
@@ -106,6 +116,9 @@ mod tests {
             ("[now(-10)..]", "unit"),
             ("[now(1.2.3s)..]", "number"),
             ("[yesterday..]", "neither"),
+            // Behind what Zenoh's times can be, and behind ours.
+            ("[2823-11-14T22:13:20Z..]", "too far away"),
+            ("[..9999-12-31T23:59:59Z]", "too far away"),
             ("é..é", "brackets"),
         ] {
             let message = TimeRange::parse(text, NOW).expect_err("this is no range");

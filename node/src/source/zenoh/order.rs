@@ -257,6 +257,15 @@ mod tests {
     }
 
     #[test]
+    fn a_force_in_json_is_the_number_that_is_written() {
+        // One that a fast parser takes for its neighbour.
+        let force_n = 1.411_178_216_845_334_5e277;
+        let payload = format!(r#"{{"seq":1,"deadline_ns":{},"force_n":{force_n:e}}}"#, NOW + SECOND);
+        let taken = Judge::default().judge(Kind::ForceRequest, payload.as_bytes(), false, NOW);
+        assert_eq!(taken, Ok(Order::Force(None, Newton(force_n))));
+    }
+
+    #[test]
     fn cbor_holds_the_same_and_no_more() {
         let cbor = |value: &ciborium::Value| {
             let mut bytes = Vec::new();

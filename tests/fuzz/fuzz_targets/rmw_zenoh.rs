@@ -1,0 +1,16 @@
+//! What nodes on rmw_zenoh send beside their messages: attachments, and the tokens that tell who publishes.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use mr_damper_node::rmw::{Attachment, Publisher};
+
+fuzz_target!(|bytes: &[u8]| {
+    match Attachment::from_bytes(bytes) {
+        Ok(attachment) => assert_eq!(attachment.to_bytes(), bytes),
+        Err(error) => assert!(bytes.len() != 33 || bytes[16] != 16, "{error}"),
+    }
+    let Ok(token) = std::str::from_utf8(bytes) else { return };
+    if let Some(publisher) = Publisher::read(token) {
+        assert!(publisher.node.contains('/') && token.contains(publisher.dds_type_name), "{publisher:?}");
+    }
+});

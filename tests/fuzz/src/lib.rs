@@ -1,0 +1,203 @@
+//! What the fuzz targets share: memory with a limit, a place for files, and what must hold of whatever was read.
+
+use cap::Cap;
+use mr_damper_model::model::Model;
+use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings, Validity};
+use mr_damper_model::sample::{DriveKind, Run, Sample, Trace};
+use mr_damper_node::config::{Config, Damper, RosArgs, TABLE, Value, dampers};
+use mr_damper_node::run::{LoadOptions, Loaded, RunError, SaveOptions, load, save};
+use std::alloc::System;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+use tempfile::TempDir;
+
+/// Bytes that a target may have at once: some of the 32 MiB that a packed chunk may always have. Inputs are a thousand times
+/// smaller, so who asks for more has believed a length field.
+const MEMORY_LIMIT: usize = 128 << 20;
+
+/// Counts all that Rust code asks for; SQLite and zstd have libFuzzer's `-rss_limit_mb`.
+#[global_allocator]
+static MEMORY: Cap<System> = Cap::new(System, MEMORY_LIMIT);
+
+/// Where inputs that are read as files lie; below `TMPDIR`, which `run.sh` puts into memory.
+static SCRATCH: LazyLock<TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary directory"));
+
+/// A path in a directory of this process.
+#[must_use]
+pub fn scratch(name: &str) -> PathBuf {
+    SCRATCH.path().join(name)
+}
+
+/// Writes `bytes` to the file `name` of this process, and says where that is.
+#[must_use]
+pub fn file(name: &str, bytes: &[u8]) -> PathBuf {
+    let path = scratch(name);
+    std::fs::write(&path, bytes).expect("the temporary directory is writable");
+    path
+}
+
+/// Loads a run; where both drives were recorded, with the current.
+///
+/// # Errors
+/// Those of [`load`], which name the file.
+pub fn load_run(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
+    let loaded = match load(path, options) {
+        Err(RunError::BothDrives { .. }) => {
+            load(path, &LoadOptions { drive: Some(DriveKind::CoilCurrent), ..options.clone() })
+        }
+        other => other,
+    };
+    match &loaded {
+        Ok(loaded) => check_run(&loaded.run),
+        Err(error) => {
+            let text = error.to_string();
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            assert!(text.contains(&*name), "the error does not name {name}: {text}");
+        }
+    }
+    loaded
+}
+
+/// What every run that was read keeps: finite values, one a stamp, stamps that increase.
+pub fn check_run(run: &Run) {
+    assert!(!run.displacement_m.is_empty(), "a run without displacement");
+    for (name, trace) in traces(run) {
+        assert_eq!(trace.stamps.len(), trace.values.len(), "{name}");
+        assert!(trace.values.iter().all(|value| value.is_finite()), "{name} is not finite");
+        assert!(trace.stamps.is_sorted_by(|a, b| a < b), "the stamps of {name} do not increase");
+    }
+}
+
+fn traces(run: &Run) -> impl Iterator<Item = (&str, &Trace)> {
+    let known = [
+        ("displacement_m", Some(&run.displacement_m)),
+        ("velocity_m_s", run.velocity_m_s.as_ref()),
+        ("force_n", run.force_n.as_ref()),
+        ("drive", run.drive.as_ref().map(|(_, trace)| trace)),
+        ("case_temp_c", run.case_temp_c.as_ref()),
+        ("body_velocity_m_s", run.body_velocity_m_s.as_ref()),
+        ("force_request_n", run.force_request_n.as_ref()),
+    ];
+    let known = known.into_iter().filter_map(|(name, trace)| Some((name, trace?)));
+    known.chain(run.other.iter().map(|(name, trace)| (name.as_str(), trace)))
+}
+
+/// Runs a run through the pipeline of a published model, and whatever follows from it has to be a number or to say that it is none.
+pub fn check_pipeline_of(run: &Run) {
+    static MODEL: LazyLock<Model> =
+        LazyLock::new(|| mr_damper_model::preset::load("thesis/fuzzy-tanh/rp3-cs").expect("a preset"));
+    run_pipeline(*MODEL, run.samples()).expect("a preset runs");
+}
+
+/// Runs samples through the pipeline of a model, and checks each event.
+///
+/// # Errors
+/// When the model is none that can run.
+pub fn run_pipeline(
+    model: Model,
+    samples: impl Iterator<Item = Sample>,
+) -> Result<(), mr_damper_model::Error> {
+    let mut pipeline = Pipeline::new(Models::alone(model), Settings::default())?;
+    let mut check = |event: Event| check_event(&event);
+    for sample in samples {
+        pipeline.step(&sample, &mut check);
+    }
+    Ok(())
+}
+
+fn check_event(event: &Event) {
+    match event {
+        Event::Estimate(estimate) => {
+            let force_n = estimate.force.get();
+            assert!(
+                force_n.is_finite() || (force_n.is_nan() && estimate.validity == Validity::Invalid),
+                "{estimate:?}"
+            );
+        }
+        Event::Residual(residual) => {
+            let numbers = [residual.measured, residual.predicted, residual.residual, residual.windowed_rsse];
+            assert!(numbers.iter().all(|number| number.get().is_finite()), "{residual:?}");
+        }
+        Event::Command(commanded) => {
+            let current_a = commanded.command.current.get();
+            assert!(current_a.is_finite() && current_a >= 0.0, "{commanded:?}");
+        }
+        Event::Input(_) | Event::Refusal(_) | Event::Transition(_) | Event::Alarm(_) => {}
+    }
+}
+
+/// Writes a run as CSV and reads it again, which has to give the same to the bit; so has writing that.
+pub fn check_csv_of(run: &Run) {
+    let [first, second] = ["first.csv", "second.csv"].map(scratch);
+    let again = saved_and_loaded(run, &first).expect("what was read can be written as CSV");
+    assert_same(run, &again);
+    let _ = saved_and_loaded(&again, &second).expect("what was read can be written as CSV");
+    let texts = [first, second].map(|path| std::fs::read(path).expect("written"));
+    assert!(texts[0] == texts[1], "CSV that was read is written otherwise");
+}
+
+/// Writes a run as a bag of the storage that `name` tells and reads it again, where its times can stand in a bag.
+pub fn check_bag_of(run: &Run, name: &str) {
+    match saved_and_loaded(run, &scratch(name)) {
+        Ok(again) => assert_same(run, &again),
+        Err(RunError::Unwritable { .. }) => {}
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn saved_and_loaded(run: &Run, path: &Path) -> Result<Run, RunError> {
+    // From an input before.
+    let _ = std::fs::remove_file(path);
+    save(run, path, &SaveOptions::default())?;
+    let options = LoadOptions { drive: run.drive_kind(), ..LoadOptions::default() };
+    Ok(load(path, &options).unwrap_or_else(|error| panic!("our own file: {error}")).run)
+}
+
+/// Panics where two runs differ in more than their name and the order of columns that are carried through.
+fn assert_same(left: &Run, right: &Run) {
+    let bits = |run: &Run| {
+        let mut all: Vec<_> = traces(run)
+            .map(|(name, trace)| {
+                let values: Vec<u64> = trace.values.iter().map(|value| value.to_bits()).collect();
+                (name.to_owned(), trace.stamps.clone(), values)
+            })
+            .collect();
+        all.sort();
+        (run.drive_kind().map(DriveKind::name), all)
+    };
+    assert_eq!(bits(left), bits(right));
+}
+
+/// What `--config`, `--ros-args` and nothing else make of it: every setting in its range, and all of it can be written as a
+/// configuration file that says the same.
+pub fn check_config(file: Option<&Path>, args: &RosArgs) {
+    let Ok(dampers) = dampers(file, args, &[]) else { return };
+    assert!(!dampers.is_empty());
+    for Damper { config, args } in dampers {
+        assert!(args.namespace().starts_with('/'), "{}", args.namespace());
+        let path = self::file("again.toml", toml_of(&config).as_bytes());
+        let again = mr_damper_node::config::dampers(Some(&path), &RosArgs::default(), &[]);
+        let again = again.unwrap_or_else(|error| panic!("our own file: {error}"));
+        let first = &again.first().expect("a damper").config;
+        assert_eq!(Config { dampers: vec![], ..first.clone() }, Config { dampers: vec![], ..config });
+    }
+}
+
+fn toml_of(config: &Config) -> String {
+    let mut table = toml::Table::new();
+    for parameter in TABLE.iter().filter(|parameter| parameter.name != "dampers") {
+        let value = config.get(parameter.name).expect("in the table");
+        assert_eq!(parameter.check(&value).expect("in its range"), value, "{}", parameter.name);
+        table.insert(
+            parameter.name.to_owned(),
+            match value {
+                Value::Bool(value) => value.into(),
+                Value::Integer(value) => value.into(),
+                Value::Double(value) => value.into(),
+                Value::Text(value) => value.into(),
+                Value::TextList(values) => values.into(),
+            },
+        );
+    }
+    toml::to_string(&table).expect("TOML holds all of these")
+}
