@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds the fuzz targets and runs them: a minute each, or an hour. README.md says what they are and what to do with what they find.
 #
-# usage: tests/fuzz/run.sh [--seconds N | --hour] [--jobs N] [TARGET...]      all targets, 60 s each, 2 at a time
+# usage: tests/fuzz/run.sh [--seconds N | --hour] [--jobs N] [--seed N] [TARGET...]      all targets, 60 s each, 2 at a time
 #
 # Begins from the committed corpora and from what earlier runs have found, which is kept below the target directory
 # (tests/fuzz/target, or $CARGO_TARGET_DIR/fuzz), as are logs and inputs that fail. The tree stays as it is.
@@ -19,18 +19,20 @@ usage() {
   exit 2
 }
 
-seconds=60 jobs=2 targets=()
+# 0: another seed each time.
+seconds=60 jobs=2 seed=0 targets=()
 while [ $# -gt 0 ]; do
   case $1 in
     --seconds) seconds=${2:-} && shift ;;
     --hour) seconds=3600 ;;
     --jobs) jobs=${2:-} && shift ;;
+    --seed) seed=${2:-} && shift ;;
     -*) usage ;;
     *) targets+=("$1") ;;
   esac
   shift || usage
 done
-[[ $seconds =~ ^[1-9][0-9]*$ && $jobs =~ ^[1-9][0-9]*$ ]] || usage
+[[ $seconds =~ ^[1-9][0-9]*$ && $jobs =~ ^[1-9][0-9]*$ && $seed =~ ^[0-9]+$ ]] || usage
 
 out=${CARGO_TARGET_DIR:+$(realpath -m "$CARGO_TARGET_DIR")/fuzz}
 cd "$(dirname "${BASH_SOURCE[0]}")"
@@ -68,7 +70,7 @@ begin() {
   [ -f "dict/$target.dict" ] && dictionary=(-dict="dict/$target.dict")
   # Its own process group: Ctrl-C reaches this script alone, which then ends them in order.
   TMPDIR=$scratch/$target setsid "$programs/$target" "$work/corpus" "corpus/$target" "${dictionary[@]}" \
-    -max_total_time="$seconds" -rss_limit_mb=$rss_limit_mb -timeout=$timeout_s -artifact_prefix="$work/found/" \
+    -seed="$seed" -max_total_time="$seconds" -rss_limit_mb=$rss_limit_mb -timeout=$timeout_s -artifact_prefix="$work/found/" \
     -print_final_stats=1 </dev/null >"$work/log" 2>&1 &
   running[$!]=$target
 }
