@@ -122,6 +122,18 @@ impl Domain {
     }
 }
 
+impl Domain {
+    /// How many publishers of a topic (its full name) there are in other processes, as far as discovery has seen them.
+    #[must_use]
+    pub fn other_publishers(&self, topic: &str) -> usize {
+        let participant = self.context.domain_participant();
+        let (own, dds_name) = (participant.guid().prefix, format!("rt{topic}"));
+        let writers = participant.discovered_writers();
+        let others = writers.iter().filter(|writer| writer.writer_proxy.remote_writer_guid.prefix != own);
+        others.filter(|writer| writer.publication_topic_data.topic_name == dds_name).count()
+    }
+}
+
 /// A ROS 2 node of this process.
 pub struct Ros {
     node: Arc<Node>,
@@ -389,6 +401,12 @@ impl Ros {
         R: ros2_client::Message + 'static,
     {
         client.wait_for_service(&self.node).now_or_never().is_some()
+    }
+
+    /// The domain, for a thread that has to end before [`Ros::stop`].
+    #[must_use]
+    pub fn domain(&self) -> Domain {
+        self.domain.clone()
     }
 
     /// The node.

@@ -18,6 +18,7 @@ use crate::error::NodeError;
 use crate::hot::{self, Hot, HotCounters, Inlet};
 use crate::lifecycle::{Phase, Transition};
 use crate::overseer::{Overseeing, Overseer, SharedHistory};
+use crate::panics;
 use crate::ros::{self, Domain, Ros};
 use crate::rosout::Rosout;
 use crate::services::Services;
@@ -56,6 +57,7 @@ impl Process {
     /// # Errors
     /// When ROS or Zenoh do not start.
     pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
+        panics::watch();
         let domain = Domain::join(config, enclave)?;
         let link = zenoh_config(config).map(|settings| Link::open(&settings)).transpose()?;
         Ok(Self { domain, link: link.map(Arc::new) })
@@ -199,9 +201,13 @@ impl Service {
         self.zenoh.as_ref().map(|(_, mirror)| mirror)
     }
 
-    /// The name of a thread that has died, if one has. A panic in a middleware's thread must not go unseen.
+    /// The name of a thread that has died, if one has. A panic in a middleware's thread must not go unseen: those are of all services
+    /// of the process.
     #[must_use]
     pub fn dead_thread(&self) -> Option<&'static str> {
+        if let Some(thread) = panics::of_middleware() {
+            return Some(thread);
+        }
         if !self.control.is_alive() {
             return Some("estimating");
         }

@@ -46,6 +46,15 @@ const INPUTS: [(Channel, &str); 6] = [
     (Channel::ForceRequest, "force_request"),
 ];
 
+/// What is said where another process publishes the node's estimates as well.
+#[must_use]
+pub fn twin_advice(topic: &str) -> String {
+    format!(
+        "{topic} has another publisher, and its readers get both's estimates mixed: end the other node of this name, or give one \
+         another namespace (-r __ns:=/front_left)"
+    )
+}
+
 impl Work {
     /// Takes an event that came `at`.
     pub fn take(&mut self, event: &Event, at: Instant) {
@@ -73,7 +82,12 @@ impl Work {
         phase: Phase,
         counters: &Counters,
     ) -> DiagnosticStatus {
-        let (level, message) = self.verdict(now, phase);
+        let (mut level, mut message) = self.verdict(now, phase);
+        let (topic, others) = around.estimates;
+        if others > 0 {
+            level = level.max(DiagnosticStatus::WARN);
+            message += &format!("; {}", twin_advice(topic));
+        }
         let mut values = vec![
             value("state", phase.name()),
             value("model", &around.names.free),
@@ -93,9 +107,11 @@ impl Work {
             ("incomplete", read(&source.incomplete)),
             ("dropped", read(&hot.overflow)),
             ("idle", read(&hot.idle)),
+            ("used", read(&hot.used)),
             ("refused", read(&sink.refused)),
             ("estimates", read(&sink.estimates)),
             ("not_published", read(&sink.failed)),
+            ("other_publishers", others as u64),
         ] {
             values.push(value(name, count));
         }
@@ -199,6 +215,8 @@ mod tests {
             counters.ros_sink.latency.add(Duration::from_micros(80));
         }
         say("with an old drive", &work.status(at(2), &around, Phase::Active, &counters));
+        let twin = Surroundings { estimates: ("/front_left/force_estimate", 1), ..around };
+        say("with another node of its name", &work.status(at(3), &twin, Phase::Active, &counters));
         say("silence", &work.status(at(9), &around, Phase::Active, &counters));
         insta::assert_snapshot!(text);
     }

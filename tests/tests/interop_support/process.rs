@@ -2,10 +2,10 @@
 
 use serde_json::Value;
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
@@ -30,13 +30,24 @@ pub(crate) struct Program {
     child: Child,
     lines: Receiver<String>,
     status: Option<ExitStatus>,
+    /// Of a program that takes commands.
+    stdin: Option<ChildStdin>,
 }
 
 impl Program {
-    pub(crate) fn spawn(name: &str, mut command: Command, log: &Path) -> Self {
+    pub(crate) fn spawn(name: &str, command: Command, log: &Path) -> Self {
+        Self::spawn_with(name, command, log, Stdio::null())
+    }
+
+    /// A program that takes commands: see [`Program::tell`].
+    pub(crate) fn spawn_told(name: &str, command: Command, log: &Path) -> Self {
+        Self::spawn_with(name, command, log, Stdio::piped())
+    }
+
+    fn spawn_with(name: &str, mut command: Command, log: &Path, stdin: Stdio) -> Self {
         let stderr = File::create(log).expect("a log file in the laboratory's directory");
         let mut child = command
-            .stdin(Stdio::null())
+            .stdin(stdin)
             .stdout(Stdio::piped())
             .stderr(stderr)
             .process_group(0) // its children, if any, can be ended with it
@@ -51,7 +62,8 @@ impl Program {
                 }
             }
         });
-        Self { name: name.to_owned(), child, lines, status: None }
+        let stdin = child.stdin.take();
+        Self { name: name.to_owned(), child, lines, status: None, stdin }
     }
 
     /// The next line of standard output, as JSON.
@@ -65,6 +77,21 @@ impl Program {
                 panic!("{} ended without a result: {status}", self.name)
             }
         }
+    }
+
+    /// Writes a line to standard input, and takes the line of JSON that answers it.
+    pub(crate) fn tell(&mut self, line: &str) -> Value {
+        let stdin = self.stdin.as_mut().expect("a program that takes commands");
+        writeln!(stdin, "{line}").unwrap_or_else(|error| panic!("{} takes no command: {error}", self.name));
+        self.json_line(GRACE)
+    }
+
+    /// Closes standard input, which ends a program that takes commands; its last line, as JSON, and its good end.
+    pub(crate) fn close(mut self) -> Value {
+        self.stdin = None;
+        let said = self.json_line(GRACE);
+        assert!(self.wait(GRACE).success(), "{} failed", self.name);
+        said
     }
 
     /// Waits for a program to end well; all of its standard output is one JSON text.
@@ -104,7 +131,7 @@ impl Program {
         self.child.id()
     }
 
-    /// Sends a signal, `INT` or `TERM`, to the program alone.
+    /// Sends a signal, `INT`, `TERM`, `STOP` or the like, to the program alone.
     pub(crate) fn signal(&self, signal: &str) {
         let sent = self.send(signal, &self.child.id().to_string());
         assert!(sent, "SIG{signal} could not be sent to {}", self.name);
@@ -119,6 +146,7 @@ impl Program {
 
 impl Drop for Program {
     fn drop(&mut self) {
+        self.stdin = None;
         if self.status.is_none() && self.send("TERM", &self.child.id().to_string()) {
             self.try_wait(GRACE);
         }
