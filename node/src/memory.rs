@@ -8,6 +8,9 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 const MIB: u64 = 1 << 20;
 /// What a process may hold, besides that of its dampers.
 const BESIDES: u64 = 1024 * MIB;
+/// What the system allows beyond that. A packet can ask for 4 GiB at a time; it takes more than a second to fill them, and whoever
+/// looks meanwhile ends the process with words in place of an abort.
+const MARGIN: u64 = 6 * 1024 * MIB;
 /// What a damper may hold. One with a history of two minutes at 1 kHz, services and mirror has about 60 MiB.
 const A_DAMPER: u64 = 256 * MIB;
 
@@ -16,10 +19,10 @@ fn most(dampers: usize) -> u64 {
     BESIDES + A_DAMPER * dampers as u64
 }
 
-/// Has the system refuse twice what so many dampers may hold: it ends a process that asks for that at once, before anybody looks.
+/// Has the system refuse what is far beyond that, should nobody get round to [`check`].
 pub fn bound(dampers: usize) {
     let Rlimit { current, maximum } = getrlimit(Resource::Data);
-    let wanted = 2 * most(dampers);
+    let wanted = most(dampers) + MARGIN;
     if current.is_none_or(|current| current > wanted)
         && let Err(error) = setrlimit(Resource::Data, Rlimit { current: Some(wanted), maximum })
     {

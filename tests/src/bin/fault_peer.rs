@@ -11,7 +11,7 @@
 //! jump SECONDS   stamps are so much later from now on, or earlier
 //! ```
 //!
-//! When standard input closes, it writes FILE: `sent` as `[stamp, sent at, displacement, current, force, phase]`, `estimates` as
+//! When standard input closes, it writes FILE: `sent` as `[stamp, sent at, displacement, current, force, phase]` (values as bits), `estimates` as
 //! `[stamp, heard at, force as bits, mode, validity, reasons, input age or null, phase]` (times in ns; phases by number), `phases` as
 //! `[name, begun at]`, and `diagnostics`: the node's statuses as `[heard at, level, message, {key: value}]`.
 
@@ -154,7 +154,9 @@ fn send(topics: &Topics, k: u64, rate_hz: f64, stamp_ns: i64, told: &mut Told) -
     topics.current.publish(CoilCurrent { header: header.clone(), current, variance: 0.0 })?;
     topics.force.publish(Force { header: header.clone(), force, variance: 0.0 })?;
     topics.displacement.publish(Displacement { header, displacement, variance: 0.0 })?;
-    told.sent.push(json!([stamp_ns, unix_ns(), displacement, current, force, told.phase()]));
+    // As text, a number may lose its last bit.
+    let bits = [displacement, current, force].map(f64::to_bits);
+    told.sent.push(json!([stamp_ns, unix_ns(), bits[0], bits[1], bits[2], told.phase()]));
     Ok(())
 }
 

@@ -4,14 +4,12 @@ use crate::interop_support::gate::fault_peer_binary;
 use crate::interop_support::json::{count, found, text};
 use crate::interop_support::process::Program;
 use crate::interop_support::Lab;
-use mr_damper_model::pipeline::{Mode, Reasons, Settings, Validity};
+use mr_damper_model::pipeline::{Reasons, Settings, Validity};
 use serde_json::Value;
 use std::collections::HashSet;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// The peer's rate where nothing else is said, Hz.
-pub(super) const RATE_HZ: f64 = 100.0;
 /// From start to its first word: discovery, on a loaded machine.
 const READY: Duration = Duration::from_secs(30);
 
@@ -52,7 +50,7 @@ impl FaultPeer {
     pub(super) fn told(mut self) -> Told {
         self.phase("end", 0.3);
         self.tell("quiet");
-        std::thread::sleep(Duration::from_millis(2500));
+        std::thread::sleep(Duration::from_millis(2200));
         let Self { program, out } = self;
         program.close();
         Told::read(&out)
@@ -83,7 +81,7 @@ pub(super) struct Heard {
 impl Heard {
     /// Made for a displacement, and not to bridge silence.
     pub(super) fn is_live(&self) -> bool {
-        self.mode < Mode::Hold as u8
+        !self.reasons.has(Reasons::DISPLACEMENT_LOST)
     }
 
     pub(super) fn is_valid(&self) -> bool {
@@ -105,7 +103,7 @@ impl Told {
         let all: Value = serde_json::from_str(&file).expect("JSON");
         let rows = |name: &str| found(&all, &format!("/{name}")).as_array().expect("a list").clone();
         let whole = |row: &Value, k: usize| row[k].as_i64().expect("a whole number");
-        let float = |row: &Value, k: usize| row[k].as_f64().expect("a number");
+        let float = |row: &Value, k: usize| f64::from_bits(row[k].as_u64().expect("bits"));
         let small = |row: &Value, k: usize| usize::try_from(whole(row, k)).expect("a small number");
         let phases = rows("phases");
         let sent = rows("sent");
@@ -125,7 +123,7 @@ impl Told {
                 .map(|row| Heard {
                     stamp_ns: whole(row, 0),
                     at_ns: whole(row, 1),
-                    force_n: f64::from_bits(row[2].as_u64().expect("bits")),
+                    force_n: float(row, 2),
                     mode: small(row, 3) as u8,
                     validity: small(row, 4) as u8,
                     reasons: Reasons(small(row, 5) as u32),
@@ -205,6 +203,11 @@ impl Told {
             let (all, valid) = heard.fold((0, 0), |(n, v), h| (n + 1, v + usize::from(h.is_valid())));
             text += &format!("{name} {all} ({valid} VALID); ");
         }
+        let mut reasons = std::collections::BTreeMap::<_, u64>::new();
+        for name in self.heard.iter().flat_map(|heard| heard.reasons.names()) {
+            *reasons.entry(name).or_default() += 1;
+        }
+        text += &format!("reasons {reasons:?}");
         text
     }
 }

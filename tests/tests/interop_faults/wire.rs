@@ -1,5 +1,6 @@
 //! A wire that loses, delays, reorders, repeats and cuts, between the node and its peer (`bad_wire.py`).
 
+use super::NO_ARX;
 use super::told::{FaultPeer, Told, done};
 use crate::interop_support::gate::{Outcome, interop, long};
 use crate::interop_support::process::Program;
@@ -17,14 +18,16 @@ const BACK_S: f64 = 1.0;
 fn wired(lab: &Lab, seed: u64) -> Result<(Lab, Program, Program), String> {
     let (far, wire) = lab.behind_a_bad_wire(seed)?;
     // The wait of a busy machine, as in node/tests/live.rs.
-    let node = lab.node(PRESET, &["-p", "discovery_range:=subnet", "-p", "align_wait_s:=0.3"]);
+    let node = lab.node(PRESET, &[NO_ARX, &["-p", "discovery_range:=subnet", "-p", "align_wait_s:=0.3"]].concat());
     Ok((far, wire, node))
 }
 
 /// The estimates of the samples that were sent, computed here.
 fn offline(told: &Told) -> Vec<Estimate> {
     let mut config = Config::default();
-    config.set("model", &Setting::Text(PRESET.to_owned())).expect("a text");
+    for (name, value) in [("model", PRESET), ("arx_model", "none")] {
+        config.set(name, &Setting::Text(value.to_owned())).expect("a text");
+    }
     let (models, _) = models::from_config(&config).expect("a preset");
     let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
     let mut pipeline = Pipeline::new(models, settings).expect("it runs");

@@ -195,6 +195,13 @@ impl Lab {
         command
     }
 
+    /// The last lines that the program that was last started under this name wrote to stderr.
+    pub(crate) fn last_log(&self, program: &str) -> String {
+        let logs = self.logs.borrow();
+        let last = logs.iter().rfind(|(name, _)| name == program);
+        last.map(|(_, path)| process::tail(path)).unwrap_or_else(|| panic!("{program} was not started"))
+    }
+
     /// The last lines that each program wrote to stderr.
     pub(crate) fn logs(&self) -> String {
         let mut text = String::new();

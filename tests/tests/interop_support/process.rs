@@ -17,11 +17,22 @@ pub(crate) fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("interop").join(name)
 }
 
-/// The last lines of a log file.
+/// The last lines of a log file, and what panicked before them.
 pub(crate) fn tail(path: &Path) -> String {
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let lines: Vec<_> = text.lines().collect();
-    lines[lines.len().saturating_sub(25)..].iter().map(|line| format!("{line}\n")).collect()
+    let (before, last) = lines.split_at(lines.len().saturating_sub(25));
+    // Where it panicked, and the message below that.
+    let panics = before.iter().zip(before.iter().skip(1)).filter(|(line, _)| line.contains("panicked at"));
+    let panics = panics.flat_map(|(line, message)| [line, message]);
+    panics.chain(last).map(|line| format!("{line}\n")).collect()
+}
+
+/// What a process holds in memory, MiB.
+pub(crate) fn resident_mib(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).expect("it runs");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("a line of /proc");
+    line.split_whitespace().next().and_then(|kib| kib.parse::<u64>().ok()).expect("a number") / 1024
 }
 
 /// A running program. Dropping it ends it.
@@ -110,6 +121,11 @@ impl Program {
     /// Waits for the end.
     pub(crate) fn wait(&mut self, timeout: Duration) -> ExitStatus {
         self.try_wait(timeout).unwrap_or_else(|| panic!("{} still runs after {timeout:?}", self.name))
+    }
+
+    /// True until it has ended.
+    pub(crate) fn is_running(&mut self) -> bool {
+        self.try_wait(Duration::ZERO).is_none()
     }
 
     fn try_wait(&mut self, timeout: Duration) -> Option<ExitStatus> {
