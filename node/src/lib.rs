@@ -11,6 +11,7 @@ pub mod closing;
 pub mod command;
 pub mod config;
 pub mod control;
+pub mod dds_threads;
 pub mod desk;
 pub mod diagnostics;
 pub mod error;

@@ -1,5 +1,5 @@
 //! A bound on the process's memory. A DDS library believes what a packet says of its own size, and a packet that lies makes it take
-//! memory until the machine is out of it (`docs/decisions/0010-malformed-rtps.md`). So a node that has outgrown all that its dampers
+//! memory until the machine is out of it (`docs/decisions/0010-what-rustdds-does-not-survive.md`). So a node that has outgrown all that its dampers
 //! can need ends and says so, and where it grows faster than one can look, the system refuses it.
 
 use crate::error::NodeError;

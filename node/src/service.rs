@@ -31,6 +31,9 @@ use crate::source::zenoh::{ByZenoh, Obeying, ZenohSource};
 use ros2_client::NodeOptions;
 use std::sync::Arc;
 
+/// What [`Service::dead_thread`] calls the threads of the DDS library that ended without a panic.
+pub const DDS_THREAD: &str = "RustDDS";
+
 /// A running service.
 pub struct Service {
     ros: Ros,
@@ -207,6 +210,9 @@ impl Service {
     pub fn dead_thread(&self) -> Option<&'static str> {
         if let Some(thread) = panics::of_middleware() {
             return Some(thread);
+        }
+        if !self.ros.domain().is_alive() {
+            return Some(DDS_THREAD);
         }
         if !self.control.is_alive() {
             return Some("estimating");

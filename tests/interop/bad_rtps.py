@@ -7,7 +7,7 @@ real ones that were changed in some places (mutated), ones that are put together
     --as stranger    real packets bear the GUID prefix of one of sixteen strangers instead of their sender's
     --as peer        they keep it: what they say is said in a peer's name
     --lethal KIND    one packet that takes the node's DDS library all memory there is, as a stranger whom it has discovered:
-                     heartbeat, gap or datafrag (node/docs/decisions/0010-malformed-rtps.md)
+                     heartbeat, gap or datafrag (node/docs/decisions/0010-what-rustdds-does-not-survive.md)
 
 Of the storm's packets those are held back that are lethal in this way, and counted: they are tried one by one.
 Prints one line of JSON: how many packets of which kind.

@@ -25,7 +25,7 @@ def main():
     until = time.monotonic() + 60.0
     while time.monotonic() < until:
         client.call_async(LoadModel.Request(model="x" * (MEGABYTES << 20)))
-        rclpy.spin_once(node, timeout_sec=0.01)
+        rclpy.spin_once(node, timeout_sec=0.1)
 
 
 main()

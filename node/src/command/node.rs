@@ -5,7 +5,8 @@ use crate::config::{self, ParameterFlags};
 use crate::error::NodeError;
 use crate::fleet::Fleet;
 use crate::memory;
-use crate::service;
+use crate::ros::DEAF;
+use crate::service::{self, DDS_THREAD};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -86,6 +87,9 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 }
 
 fn died(thread: &str, damper: &str) -> String {
+    if thread == DDS_THREAD {
+        return format!("{DEAF}; restart the node");
+    }
     format!(
         "the {thread} thread of {damper} has died; the log above says why. Please report it, and restart the node"
     )

@@ -41,16 +41,16 @@ impl FaultPeer {
         std::thread::sleep(Duration::from_secs_f64(seconds));
     }
 
-    /// Sends it a signal.
-    pub(super) fn signal(&self, signal: &str) {
-        self.program.signal(signal);
-    }
-
     /// Has it fall silent, waits until all is through and said in /diagnostics, and reads what it tells.
     pub(super) fn told(mut self) -> Told {
         self.phase("end", 0.3);
         self.tell("quiet");
         std::thread::sleep(Duration::from_millis(2200));
+        self.heard_by_now()
+    }
+
+    /// Ends it, and reads what it tells.
+    pub(super) fn heard_by_now(self) -> Told {
         let Self { program, out } = self;
         program.close();
         Told::read(&out)

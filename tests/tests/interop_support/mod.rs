@@ -142,6 +142,15 @@ impl Lab {
         self.start(&format!("{} {}", distro.name(), all[1]), &script("ros-python.sh"), &all)
     }
 
+    /// The same for one that ends with its standard input.
+    pub(crate) fn ros_told(&self, distro: Distro, file: &str, args: &[&str]) -> Program {
+        let name = file;
+        let file = script(file);
+        let mut all = vec![distro.name(), file.to_str().expect("UTF-8 path")];
+        all.extend(args);
+        self.start_told(name, &script("ros-python.sh"), &all)
+    }
+
     /// Starts a script of tests/interop under the Python of CycloneDDS and Zenoh.
     pub(crate) fn peer(&self, file: &str, args: &[&str]) -> Program {
         let script = script(file);
