@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from peer_common import emit, fail
 
-MEGABYTES = 3
+MEGABYTES = 1
 
 
 def main():

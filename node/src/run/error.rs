@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum RunError {
     /// The operating system refused.
-    #[error("{}: cannot {action}: {source}", path.display())]
+    #[error("{}: cannot {action}: {source}{}", path.display(), advice(source.kind()))]
     Io {
         /// The file or directory.
         path: PathBuf,
@@ -231,7 +231,7 @@ pub enum RunError {
         why: String,
     },
     /// The MCAP writer failed.
-    #[error("{}: cannot write: {source}", path.display())]
+    #[error("{}: cannot write: {source}{}", path.display(), of_mcap(source))]
     Write {
         /// The MCAP file.
         path: PathBuf,
@@ -245,6 +245,27 @@ impl RunError {
     pub(super) fn io(path: &std::path::Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io { path, action, source }
+    }
+}
+
+/// What to do about a disk that refuses, behind the system's words; empty where they say enough.
+pub(super) fn advice(kind: std::io::ErrorKind) -> &'static str {
+    match kind {
+        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
+            "; make room on that disk, or write to another"
+        }
+        std::io::ErrorKind::ReadOnlyFilesystem => {
+            "; the disk is read-only (the system makes one so that has errors, and its log says so): write to another"
+        }
+        _ => "",
+    }
+}
+
+/// The same for MCAP's library, which keeps the system's words to itself.
+fn of_mcap(error: &::mcap::McapError) -> String {
+    match error {
+        ::mcap::McapError::Io(error) => format!(": {error}{}", advice(error.kind())),
+        _ => String::new(),
     }
 }
 

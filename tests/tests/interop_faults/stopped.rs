@@ -17,7 +17,7 @@ const WAY_S: f64 = 0.3;
 /// Growth of the node's memory for a reader that does not read, at most, MiB: a topic's history of 1024 estimates is less than one.
 const GROWTH_MIB: u64 = 8;
 
-/// The same for peers that sent messages of 3 MB each, at most: what they left is kept until their leases end.
+/// The same for peers that sent messages of a megabyte each, at most: what they left is kept until their leases end.
 const LONG_MIB: u64 = 160;
 
 /// Stops a program for a while.
