@@ -55,11 +55,12 @@ mod tests {
             DdsThreads::of(|| {
                 let (stop, stopped) = mpsc::channel::<()>();
                 let (begun, begins) = mpsc::channel();
-                let thread = Builder::new().name("RustDDS Participant 3 event loop".to_owned()).spawn(move || {
-                    begun.send(()).expect("somebody waits");
-                    // An error is the end of the other end.
-                    let _ = stopped.recv();
-                });
+                let thread =
+                    Builder::new().name("RustDDS Participant 3 event loop".to_owned()).spawn(move || {
+                        begun.send(()).expect("somebody waits");
+                        // An error is the end of the other end.
+                        let _ = stopped.recv();
+                    });
                 begins.recv().expect("it begins");
                 (stop, thread.expect("a thread"))
             })

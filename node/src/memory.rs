@@ -68,7 +68,10 @@ mod tests {
         assert!(check(1).is_ok(), "this one did not");
         assert!(check_at(None, 1).is_ok() && check_at(Some(most(2)), 2).is_ok());
         let said = check_at(Some(most(2) + MIB), 2).expect_err("too much").to_string();
-        assert!(said.contains("1537 MiB") && said.contains("1536 MiB") && said.contains("2 dampers"), "{said}");
+        assert!(
+            said.contains("1537 MiB") && said.contains("1536 MiB") && said.contains("2 dampers"),
+            "{said}"
+        );
     }
 
     #[test]

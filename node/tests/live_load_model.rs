@@ -331,7 +331,10 @@ fn a_model_file_that_is_replaced_while_it_is_loaded_is_one_of_both_or_refused() 
         done.store(true, Ordering::Release);
         (answers, replacing.join().expect("no panic"))
     });
-    println!("renamed {} times, written in place {} times: {first} and {second} loaded, {refused} refused", times[0], times[1]);
+    println!(
+        "renamed {} times, written in place {} times: {first} and {second} loaded, {refused} refused",
+        times[0], times[1]
+    );
     assert!(times[0] > 20 && times[1] > 5, "{times:?}");
     assert!(first > 0 && second > 0, "both were loaded: {first}, {second}, refused {refused}");
     peer.stop();

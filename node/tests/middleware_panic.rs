@@ -28,12 +28,14 @@ impl Drop for Node {
 /// An RTPS header of the stranger, and one submessage.
 fn packet(kind: u8, body: &[u8]) -> Vec<u8> {
     let length = u16::try_from(body.len()).expect("a short one").to_le_bytes();
-    [b"RTPS\x02\x04\x01\x12".as_slice(), &STRANGER, &[kind, if kind == DATA { 5 } else { 1 }], &length, body].concat()
+    [b"RTPS\x02\x04\x01\x12".as_slice(), &STRANGER, &[kind, if kind == DATA { 5 } else { 1 }], &length, body]
+        .concat()
 }
 
 /// What a participant says of itself, so that its writers of discovery are known (RTPS 2.5, 8.5.3).
 fn announcement(to_port: u16) -> Vec<u8> {
-    let locator = [&1_u32.to_le_bytes()[..], &u32::from(to_port).to_le_bytes(), &[0; 12], &[127, 0, 0, 1]].concat();
+    let locator =
+        [&1_u32.to_le_bytes()[..], &u32::from(to_port).to_le_bytes(), &[0; 12], &[127, 0, 0, 1]].concat();
     // To and from the participants' reader and writer, number 1, as a list of parameters.
     let mut body = vec![0, 0, 16, 0, 0, 1, 0, 0xC7, 0, 1, 0, 0xC2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 3, 0, 0];
     for (id, value) in [

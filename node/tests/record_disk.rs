@@ -66,7 +66,8 @@ fn play_to(mut command: Command) -> (Output, HashMap<i64, Instant>, Instant) {
             let number = sent.len() as i64 + 1;
             let mut message = displacement(number, number as f64);
             message.header.frame_id = std::iter::repeat_with(|| {
-                random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                random =
+                    random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
                 char::from(b' ' + (random >> 58) as u8)
             })
             .take(FRAME)
@@ -138,6 +139,12 @@ fn a_disk_that_becomes_read_only_ends_a_recording_and_what_was_written_reads() {
         mount --bind \"$1\" \"$1\" && mount -o remount,bind,ro \"$1\"";
     let (output, sent, ended) = play_to(recorder(&disk, 64, "mcap", meanwhile));
     let bag = disk.join("bag");
-    holds(dir.path(), &output, &sent, ended, &[bag.to_str().expect("UTF-8"), "read-only", "write to another"]);
+    holds(
+        dir.path(),
+        &output,
+        &sent,
+        ended,
+        &[bag.to_str().expect("UTF-8"), "read-only", "write to another"],
+    );
     assert!(files_of(&dir.path().join("out")).len() >= 2, "it was split before");
 }

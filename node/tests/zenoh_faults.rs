@@ -207,7 +207,8 @@ fn peers_that_die_in_the_middle_of_a_frame_or_talk_rubbish_harm_nobody() {
             2 => bytes[..1].iter_mut().for_each(|byte| *byte = 0xFF),
             _ => bytes.iter_mut().for_each(|byte| *byte = random(256) as u8),
         }
-        let mut peer = TcpStream::connect(rig.endpoint.trim_start_matches("tcp/")).expect("the mirror listens");
+        let mut peer =
+            TcpStream::connect(rig.endpoint.trim_start_matches("tcp/")).expect("the mirror listens");
         // It may have hung up by then.
         refused += u64::from(peer.write_all(&bytes).is_err());
         rig.feeder.push(estimate(turn as i64, 1.0));

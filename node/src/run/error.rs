@@ -1,6 +1,7 @@
 //! What can go wrong with a run, and what was noted while reading one.
 
 use super::mcap::at;
+use crate::error::advice;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -248,20 +249,7 @@ impl RunError {
     }
 }
 
-/// What to do about a disk that refuses, behind the system's words; empty where they say enough.
-pub(super) fn advice(kind: std::io::ErrorKind) -> &'static str {
-    match kind {
-        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
-            "; make room on that disk, or write to another"
-        }
-        std::io::ErrorKind::ReadOnlyFilesystem => {
-            "; the disk is read-only (the system makes one so that has errors, and its log says so): write to another"
-        }
-        _ => "",
-    }
-}
-
-/// The same for MCAP's library, which keeps the system's words to itself.
+/// What the system said and what to do, which MCAP's library keeps to itself.
 fn of_mcap(error: &::mcap::McapError) -> String {
     match error {
         ::mcap::McapError::Io(error) => format!(": {error}{}", advice(error.kind())),

@@ -7,9 +7,9 @@
 
 use super::bag_file::Message;
 use super::bag_write::{BagOptions, Sync, Topic};
-use super::error::advice;
 use super::sqlite::COLUMNS_TABLE;
 use super::{RunError, metadata};
+use crate::error::advice;
 use rusqlite::{Connection, ErrorCode, OpenFlags, params};
 use std::fs::File;
 use std::io::ErrorKind;

@@ -19,7 +19,9 @@ use futures::executor::block_on;
 use mr_damper_msgs::standard::DiagnosticArray;
 use mr_damper_msgs::{CoilCurrent, Displacement, Force, ForceEstimate, Message};
 use ros2_client::qos::{Durability, History};
-use ros2_client::{Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile, Subscription};
+use ros2_client::{
+    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile, Subscription,
+};
 use rustdds::DomainParticipantBuilder;
 use serde_json::{Value, json};
 use std::io::BufRead;
@@ -201,7 +203,8 @@ fn main() -> Outcome<()> {
         builder = builder.with_only_networks([Ipv4Addr::LOCALHOST]);
     }
     let context = Context::from_domain_participant(builder.build()?)?;
-    let mut node = context.new_node(NodeName::new("/", "fault_peer")?, NodeOptions::new().enable_rosout(false))?;
+    let mut node =
+        context.new_node(NodeName::new("/", "fault_peer")?, NodeOptions::new().enable_rosout(false))?;
     let spinner = node.spinner()?;
     let spinner = std::thread::spawn(move || block_on(spinner.spin()));
     let topics = Topics::new(&mut node)?;

@@ -93,8 +93,10 @@ fn a_packet_that_takes_all_memory_ends_the_node_which_says_why() {
             let said = lab.last_log("mr-damper node");
             let words = said.lines().find(|line| line.contains("malformed or hostile packets"));
             let words = words.unwrap_or_else(|| panic!("{kind}: {said}"));
-            let held = words.split_once("holds ").and_then(|(_, rest)| rest.split_once(" MiB")).expect("a figure").0;
-            figures.push(format!("{kind}: ended with 1 at {held} MiB after {} ms", sent.elapsed().as_millis()));
+            let held =
+                words.split_once("holds ").and_then(|(_, rest)| rest.split_once(" MiB")).expect("a figure").0;
+            figures
+                .push(format!("{kind}: ended with 1 at {held} MiB after {} ms", sent.elapsed().as_millis()));
         }
         Outcome::Passed(figures.join("; "))
     });

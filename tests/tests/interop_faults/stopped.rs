@@ -118,11 +118,16 @@ fn programs_that_were_stopped_and_go_on_say_that_their_dds_library_did_not() {
             assert!(said.contains("a thread of the DDS library has ended"), "{name}: {said}");
             ended.push(format!("{name} ended with 1 after {} ms", going.elapsed().as_millis()));
         }
-        let run = mr_damper_node::run::load(&bag, &mr_damper_node::run::LoadOptions::default()).expect("a whole bag");
+        let run = mr_damper_node::run::load(&bag, &mr_damper_node::run::LoadOptions::default())
+            .expect("a whole bag");
         assert!(run.run.displacement_m.len() > 50, "{} displacements", run.run.displacement_m.len());
         let told = peer.heard_by_now();
         let oldest_s = none_is_stale(&told);
-        Outcome::Passed(format!("{}; the oldest VALID estimate was {:.0} ms old", ended.join(", "), 1e3 * oldest_s))
+        Outcome::Passed(format!(
+            "{}; the oldest VALID estimate was {:.0} ms old",
+            ended.join(", "),
+            1e3 * oldest_s
+        ))
     });
 }
 
@@ -179,7 +184,8 @@ fn two_nodes_of_one_name_both_say_so() {
             assert!(said.contains("/force_estimate has another publisher"), "{name}: {said}");
         }
         let told = sender.told();
-        let warned: Vec<_> = told.diagnostics.iter().map(|status| text(&status[3], "/other_publishers")).collect();
+        let warned: Vec<_> =
+            told.diagnostics.iter().map(|status| text(&status[3], "/other_publishers")).collect();
         assert!(warned.contains(&"1"), "{warned:?}");
         let message = told.diagnostics.last().and_then(|status| status[2].as_str()).expect("a message");
         assert!(message.contains("end the other node of this name"), "{message}");

@@ -1,9 +1,9 @@
 //! What `fault_peer` sent and heard, and what has to hold of it whatever went wrong in between.
 
+use crate::interop_support::Lab;
 use crate::interop_support::gate::fault_peer_binary;
 use crate::interop_support::json::{count, found, text};
 use crate::interop_support::process::Program;
-use crate::interop_support::Lab;
 use mr_damper_model::pipeline::{Reasons, Settings, Validity};
 use serde_json::Value;
 use std::collections::HashSet;
@@ -154,7 +154,8 @@ impl Told {
     /// From the beginning of a phase to its first VALID estimate of a displacement that was sent in it, s.
     pub(super) fn valid_after_s(&self, name: &str) -> f64 {
         let (phase, began_ns) = self.phase(name);
-        let sent_ns: HashSet<i64> = self.sent.iter().filter(|s| s.phase == phase).map(|s| s.stamp_ns).collect();
+        let sent_ns: HashSet<i64> =
+            self.sent.iter().filter(|s| s.phase == phase).map(|s| s.stamp_ns).collect();
         let first = self.heard.iter().find(|h| h.is_valid() && h.is_live() && sent_ns.contains(&h.stamp_ns));
         let first = first.unwrap_or_else(|| panic!("no VALID estimate in {name}: {}", self.summary()));
         (first.at_ns - began_ns) as f64 * 1e-9
@@ -174,13 +175,20 @@ impl Told {
         let sent: HashSet<i64> = self.sent.iter().map(|sent| sent.stamp_ns).collect();
         let mut last_ns = i64::MIN;
         for heard in &self.heard {
-            assert!(sent.contains(&heard.stamp_ns), "an estimate of a displacement that nobody sent: {heard:?}");
+            assert!(
+                sent.contains(&heard.stamp_ns),
+                "an estimate of a displacement that nobody sent: {heard:?}"
+            );
             if heard.is_live() {
                 assert!(heard.stamp_ns > last_ns, "out of order, or a second one: {heard:?} after {last_ns}");
                 last_ns = heard.stamp_ns;
             }
             let gives = heard.validity != Validity::Invalid as u8;
-            assert_eq!(heard.force_n.is_finite(), gives, "a force, or the word that there is none: {heard:?}");
+            assert_eq!(
+                heard.force_n.is_finite(),
+                gives,
+                "a force, or the word that there is none: {heard:?}"
+            );
             if !heard.is_valid() {
                 assert!(heard.reasons != Reasons::NONE, "a reason is said: {heard:?}");
                 continue;
@@ -192,7 +200,11 @@ impl Told {
             assert!(sent.contains(&drive_ns), "its drive is one that was sent: {heard:?}");
         }
         let known = ["unreadable", "dropped", "idle", "refused", "used"].map(|key| self.status(key));
-        assert_eq!(self.status("received"), known.iter().sum::<u64>(), "unreadable, dropped, idle, refused, used: {known:?}");
+        assert_eq!(
+            self.status("received"),
+            known.iter().sum::<u64>(),
+            "unreadable, dropped, idle, refused, used: {known:?}"
+        );
     }
 
     /// Figures for people.

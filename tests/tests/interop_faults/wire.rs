@@ -18,7 +18,8 @@ const BACK_S: f64 = 1.0;
 fn wired(lab: &Lab, seed: u64) -> Result<(Lab, Program, Program), String> {
     let (far, wire) = lab.behind_a_bad_wire(seed)?;
     // The wait of a busy machine, as in node/tests/live.rs.
-    let node = lab.node(PRESET, &[NO_ARX, &["-p", "discovery_range:=subnet", "-p", "align_wait_s:=0.3"]].concat());
+    let node =
+        lab.node(PRESET, &[NO_ARX, &["-p", "discovery_range:=subnet", "-p", "align_wait_s:=0.3"]].concat());
     Ok((far, wire, node))
 }
 
@@ -116,7 +117,11 @@ fn loss_bursts_disorder_and_a_cut_are_flagged_and_gone_when_the_wire_is_whole() 
             assert!(back_s < BACK_S, "VALID again {back_s:.2} s after {name}; {}", told.summary());
             let answered = told.answered(name);
             assert!(answered >= least, "{answered:.2} answered under {name}; {}", told.summary());
-            figures.push(format!("{name} {:.0} % answered, VALID again after {:.0} ms", 1e2 * answered, 1e3 * back_s));
+            figures.push(format!(
+                "{name} {:.0} % answered, VALID again after {:.0} ms",
+                1e2 * answered,
+                1e3 * back_s
+            ));
         }
         assert!(told.answered("after_cut") > 0.9, "{}", told.summary());
         let [lost, ..] = done(&wire, "loss");
