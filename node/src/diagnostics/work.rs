@@ -51,7 +51,7 @@ const INPUTS: [(Channel, &str); 6] = [
 pub fn twin_advice(topic: &str) -> String {
     format!(
         "{topic} has another publisher, and its readers get both's estimates mixed: end the other node of this name, or give one \
-         another namespace (-r __ns:=/front_left)"
+         another namespace (-r __ns:=/front_left). One that was killed is listed for up to a minute"
     )
 }
 
