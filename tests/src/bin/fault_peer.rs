@@ -2,7 +2,7 @@
 //! came, and judges none.
 //!
 //! Usage: `fault_peer --out FILE [--rate HZ] [--loopback]`, with `ROS_DOMAIN_ID` as in any ROS 2 program. It sends displacement,
-//! coil current and measured force of one stamp, on a fixed grid, as soon as the node listens. Commands are lines on standard
+//! coil current and measured force of one stamp, at a fixed rate. Commands are lines on standard
 //! input, each answered with a line of JSON:
 //!
 //! ```text
@@ -146,9 +146,9 @@ fn unix_ns() -> i64 {
     i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
 }
 
-/// Sends sample `k` of the motion: a sine of 8 mm and 2 Hz, a current that steps, and the force of no particular damper.
-fn send(topics: &Topics, k: u64, rate_hz: f64, stamp_ns: i64, told: &mut Told) -> Outcome<()> {
-    let (t, omega) = (k as f64 / rate_hz, 4.0 * std::f64::consts::PI);
+/// Sends the motion's sample at `t` seconds: a sine of 8 mm and 2 Hz, a current that steps, and the force of no particular damper.
+fn send(topics: &Topics, t: f64, stamp_ns: i64, told: &mut Told) -> Outcome<()> {
+    let omega = 4.0 * std::f64::consts::PI;
     let displacement = 0.008 * (omega * t).sin();
     let current = if t % 2.0 < 1.0 { 0.4 } else { 0.8 };
     let force = (300.0 + 400.0 * current) * (20.0 * 0.008 * omega * (omega * t).cos()).tanh();
@@ -165,7 +165,7 @@ fn send(topics: &Topics, k: u64, rate_hz: f64, stamp_ns: i64, told: &mut Told) -
 /// Sends and hears until the commands end.
 fn work(topics: &Topics, rate_hz: f64, commands: &Receiver<String>, told: &mut Told) -> Outcome<()> {
     let (begin, first_ns) = (Instant::now(), unix_ns());
-    let (mut k, mut sending, mut jumped_ns) = (0_u64, false, 0_i64);
+    let (mut due_s, mut sending, mut jumped_ns) = (0.0_f64, false, 0_i64);
     loop {
         match commands.try_recv() {
             Ok(line) => {
@@ -181,13 +181,14 @@ fn work(topics: &Topics, rate_hz: f64, commands: &Receiver<String>, told: &mut T
             Err(TryRecvError::Empty) => {}
             Err(TryRecvError::Disconnected) => return Ok(()),
         }
-        // What was due while this process was stopped is not sent afterwards: a sensor would not either.
-        let due = (begin.elapsed().as_secs_f64() * rate_hz) as u64;
-        if due > k {
-            k = due;
+        let elapsed_s = begin.elapsed().as_secs_f64();
+        if elapsed_s >= due_s {
+            // What was due while this process was held up is not sent afterwards, and the next sample keeps its distance: a wire
+            // that lets frames overtake each other by less leaves each topic its order.
+            due_s = due_s.max(elapsed_s - 0.1 / rate_hz) + 1.0 / rate_hz;
             if sending {
-                let stamp_ns = first_ns + (k as f64 / rate_hz * 1e9) as i64 + jumped_ns;
-                send(topics, k, rate_hz, stamp_ns, told)?;
+                let stamp_ns = first_ns + (elapsed_s * 1e9) as i64 + jumped_ns;
+                send(topics, elapsed_s, stamp_ns, told)?;
             }
         }
         told.hear(topics)?;
