@@ -42,7 +42,7 @@ fn check_at(held: Option<u64>, dampers: usize) -> Result<(), NodeError> {
     let most = most(dampers);
     match held {
         Some(held) if held > most => Err(NodeError::Failed(format!(
-            "the process holds {} MiB of memory, where {} MiB are the most that {dampers} dampers can need: malformed or hostile \
+            "the process holds {} MiB of memory, where {} MiB are the most that it can need (dampers: {dampers}): malformed or hostile \
              packets on the DDS ports do that. See who sends on this domain (UDP ports from 7400 on), keep strangers out \
              (discovery_range, a firewall, DDS-Security), and restart the node",
             held / MIB,
@@ -69,7 +69,7 @@ mod tests {
         assert!(check_at(None, 1).is_ok() && check_at(Some(most(2)), 2).is_ok());
         let said = check_at(Some(most(2) + MIB), 2).expect_err("too much").to_string();
         assert!(
-            said.contains("1537 MiB") && said.contains("1536 MiB") && said.contains("2 dampers"),
+            said.contains("1537 MiB") && said.contains("1536 MiB") && said.contains("dampers: 2"),
             "{said}"
         );
     }
