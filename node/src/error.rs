@@ -65,7 +65,7 @@ pub enum NodeError {
     #[error(transparent)]
     Zenoh(#[from] crate::sink::zenoh::ZenohError),
     /// Something of the operating system.
-    #[error("{what}: {source}")]
+    #[error("{what}: {source}{}", advice(source.kind()))]
     Io {
         /// What was tried.
         what: String,
@@ -78,6 +78,20 @@ pub enum NodeError {
     /// The work failed, in words.
     #[error("{0}")]
     Failed(String),
+}
+
+/// What to do about a disk that refuses, behind the system's words; empty where they say enough.
+#[must_use]
+pub(crate) fn advice(kind: std::io::ErrorKind) -> &'static str {
+    match kind {
+        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
+            "; make room on that disk, or write to another"
+        }
+        std::io::ErrorKind::ReadOnlyFilesystem => {
+            "; the disk is read-only (the system makes one so that has errors, and its log says so): write to another"
+        }
+        _ => "",
+    }
 }
 
 impl From<mr_damper_model::Error> for NodeError {

@@ -101,6 +101,8 @@ pub struct HotCounters {
     pub samples: AtomicU64,
     /// Those of them that came while nothing was estimated.
     pub idle: AtomicU64,
+    /// Those of them that were used: neither idle nor refused.
+    pub used: AtomicU64,
     /// Samples lost because the ring was full.
     pub overflow: AtomicU64,
     /// Commands obeyed.
@@ -224,7 +226,12 @@ fn run(
                 clock.took_since(sample.received).into_iter().for_each(|took| counters.waiting.add(took));
             }
             let mut fanout = Fanout::new(&mut outlets);
-            pipeline.step(&sample, &mut |event| fanout.put(event));
+            pipeline.step(&sample, &mut |event| {
+                if matches!(event, Event::Input(_)) {
+                    counters.used.fetch_add(1, Ordering::Relaxed);
+                }
+                fanout.put(event);
+            });
             if let Some(began) = began {
                 counters.stepping.add(began.elapsed());
             }

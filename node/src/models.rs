@@ -9,7 +9,10 @@ use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::Models;
 use mr_damper_model::preset;
 use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{self, Read, Seek};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 /// The model called `name`: a preset, or the path of a model file.
 ///
@@ -30,13 +33,43 @@ pub fn load_whole(name: &str) -> Result<ModelFile, NodeError> {
     load_file(Path::new(name))
 }
 
-/// The model file at `path`.
+/// How long a file must not have been written to: half a model may read as a whole one, of other numbers.
+const SETTLED: Duration = Duration::from_millis(100);
+/// How long that is waited for.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// The text of a file that nobody is writing at the moment. One that is renamed into its place is read from the place it had.
+fn settled_text(path: &Path) -> io::Result<String> {
+    let mut file = File::open(path)?;
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let before = file.metadata()?;
+        let mut text = String::new();
+        file.read_to_string(&mut text)?;
+        // A pipe is at its end when its writer is; and where there are no such times, there is nothing to go by.
+        let Some(written) = before.modified().ok().filter(|_| before.is_file()) else { return Ok(text) };
+        let is_same = file.metadata()?.modified()? == written && before.len() == text.len() as u64;
+        // A time that is yet to come is another clock's.
+        if is_same && written.elapsed().map_or(true, |age| age >= SETTLED) {
+            return Ok(text);
+        }
+        if Instant::now() >= deadline {
+            return Err(io::Error::other(
+                "it is being written all the time; write it under another name and rename it when it is whole",
+            ));
+        }
+        std::thread::sleep(SETTLED / 4);
+        file.rewind()?;
+    }
+}
+
+/// The model file at `path`, once nobody is writing it.
 ///
 /// # Errors
 /// When it cannot be read or is wrong; the message names file, key and value.
 pub fn load_file(path: &Path) -> Result<ModelFile, NodeError> {
     let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
-    let text = std::fs::read_to_string(path).map_err(|e| {
+    let text = settled_text(path).map_err(|e| {
         in_file(format!("{e}; give a model file, or one of the presets that `mr-damper presets` lists"))
     })?;
     ModelFile::from_toml(&text).map_err(|e| in_file(e.to_string()))

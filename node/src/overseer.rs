@@ -7,11 +7,11 @@
 use crate::clock::Clock;
 use crate::config::RosArgs;
 use crate::control::Control;
-use crate::diagnostics::{Health, Surroundings, Work};
+use crate::diagnostics::{Health, Surroundings, Work, twin_advice};
 use crate::error::NodeError;
 use crate::history::History;
 use crate::hot::Inlet;
-use crate::ros::Ros;
+use crate::ros::{Domain, Ros};
 use crate::rosout::Rosout;
 use crate::service::Counters;
 use crate::sink::ros::SharedNames;
@@ -68,6 +68,9 @@ pub struct Overseeing {
     node: String,
     /// Its namespace, without slashes around it.
     damper: String,
+    domain: Domain,
+    /// Full name of the topic of estimates.
+    estimates: String,
     names: SharedNames,
     control: Arc<Control>,
     history: SharedHistory,
@@ -77,6 +80,8 @@ pub struct Overseeing {
     said_dropped: bool,
     /// Events that the ring had no room for.
     lost: u64,
+    /// Publishers of the estimates in other processes, at the last look.
+    twins: usize,
 }
 
 impl Overseeing {
@@ -95,6 +100,8 @@ impl Overseeing {
             rosout,
             node: args.full_name(),
             damper: args.namespace().trim_matches('/').to_owned(),
+            domain: ros.domain(),
+            estimates: args.topic("force_estimate"),
             names: control.names(),
             control: Arc::clone(control),
             history: Arc::new(Mutex::new(History::new(control.config().history_duration_s))),
@@ -102,6 +109,7 @@ impl Overseeing {
             work: Work::default(),
             said_dropped: false,
             lost: 0,
+            twins: 0,
         })
     }
 
@@ -170,6 +178,11 @@ impl Overseeing {
             tracing::warn!(events = lost - self.lost, "the history has a gap: its ring was full");
             self.lost = lost;
         }
+        let twins = self.domain.other_publishers(&self.estimates);
+        if twins > self.twins {
+            tracing::warn!(publishers = twins, "{}", twin_advice(&self.estimates));
+        }
+        self.twins = twins;
         let names = self.names.read().unwrap_or_else(PoisonError::into_inner).clone();
         let around = Surroundings {
             node: &self.node,
@@ -177,6 +190,7 @@ impl Overseeing {
             names: &names,
             false_alarm_interval_s: config.settings.false_alarm_interval_s,
             history_s,
+            estimates: (&self.estimates, twins),
         };
         let phase = self.control.phase();
         let now = Instant::now();

@@ -62,6 +62,11 @@ impl Parameters {
     }
 
     fn try_set(&self, wanted: &[rcl::Parameter]) -> Result<(), String> {
+        for rcl::Parameter { name, value } in wanted {
+            within_length("a parameter's name", name)?;
+            let texts = std::iter::once(&value.string_value).chain(&value.string_array_value);
+            texts.into_iter().try_for_each(|text| within_length(name, text))?;
+        }
         let named = wanted.iter().map(|rcl::Parameter { name, value }| {
             Ok((name.as_str(), from_ros(value).ok_or_else(|| unfit(name, value))?))
         });
@@ -106,7 +111,10 @@ pub fn types(names: &[String]) -> Vec<u8> {
 pub fn describe(names: &[String]) -> Vec<ParameterDescriptor> {
     let descriptor = |name: &String| match find(name) {
         Ok(parameter) => descriptor(parameter),
-        Err(_) => ParameterDescriptor { name: name.clone(), ..ParameterDescriptor::default() },
+        Err(_) => ParameterDescriptor {
+            name: name.chars().take(LONGEST).collect(),
+            ..ParameterDescriptor::default()
+        },
     };
     names.iter().map(descriptor).collect()
 }
@@ -203,6 +211,21 @@ fn from_ros(value: &ParameterValue) -> Option<Value> {
     })
 }
 
+/// Bytes of the longest text that a peer may ask with: a path's.
+const LONGEST: usize = 4096;
+
+/// Refuses a text that is too long to be anything, by its length. In full it would stand in the log, on `/rosout` and in the answer,
+/// which has an end to its length too (`docs/decisions/0006-answers-between-hosts.md`).
+///
+/// # Errors
+/// What was too long, and how long it may be.
+pub fn within_length(what: &str, text: &str) -> Result<(), String> {
+    if text.len() <= LONGEST {
+        return Ok(());
+    }
+    Err(format!("{what} has {} bytes; texts have at most {LONGEST}", text.len()))
+}
+
 fn unfit(name: &str, value: &ParameterValue) -> String {
     match value.r#type {
         ParameterValue::NOT_SET => format!("{name}: parameters of this node cannot be undeclared"),
@@ -228,6 +251,17 @@ mod tests {
         let told: Vec<_> = describe(&names).iter().map(|d| format!("{d:?}")).collect();
         insta::assert_snapshot!(told.join("\n"));
         assert_eq!(types(&names), [3, 2, 4, 3, 4, 0]);
+    }
+
+    #[test]
+    fn a_text_of_megabytes_is_refused_by_its_length() {
+        let long = "x".repeat(3 << 20);
+        assert_eq!(within_length("model", &long[..LONGEST]), Ok(()));
+        let said = within_length("model", &long).expect_err("too long");
+        assert_eq!(said, "model has 3145728 bytes; texts have at most 4096");
+        // Nor is it compared with all names, for minutes, to find the nearest, or sent back.
+        let described = describe(&[long]);
+        assert_eq!((described.len(), described[0].name.len()), (1, LONGEST));
     }
 
     #[test]

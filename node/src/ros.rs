@@ -5,6 +5,7 @@
 //! subscriptions, node, spinner awaited, context); otherwise they list the node for half a minute.
 
 use crate::config::{Config, RosArgs};
+use crate::dds_threads::DdsThreads;
 use crate::error::NodeError;
 use crate::listed_peers::ListedPeers;
 use crate::security::Enclave;
@@ -46,6 +47,10 @@ const SERVICE_DEPTH: usize = 10;
 /// Lines of the log that late readers get, fewer than the 1000 of other nodes: they stay in memory.
 const LOG_DEPTH: usize = 100;
 
+/// What is said when the DDS library's threads have ended.
+pub const DEAF: &str = "a thread of the DDS library has ended, and nothing comes or goes any more; that happens when a process is \
+     stopped and goes on (Ctrl-Z and fg, SIGSTOP, a debugger)";
+
 /// A part of a service, as the client library wants it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(transparent)]
@@ -77,6 +82,7 @@ pub type ExecutingOf<A> = ExecutingGoalHandle<Part<<A as Action>::Goal>>;
 #[derive(Clone)]
 pub struct Domain {
     context: Context,
+    threads: Arc<DdsThreads>,
     /// Tells listed hosts of this process, as long as it is in the domain.
     _listed: Option<Arc<ListedPeers>>,
 }
@@ -109,8 +115,8 @@ impl Domain {
                 &format!(", and that the files in {directory} are signed, valid and for domain {domain}");
             tracing::info!(enclave = %directory, "DDS-Security is on");
         }
-        let participant =
-            builder.build().map_err(|e| failed(format!("joining domain {domain}"), &e, &advice))?;
+        let (built, threads) = DdsThreads::of(|| builder.build());
+        let participant = built.map_err(|e| failed(format!("joining domain {domain}"), &e, &advice))?;
         let peers = listed_peers(config);
         let listed = match peers.is_empty() {
             true => None,
@@ -118,7 +124,25 @@ impl Domain {
         };
         let context = Context::from_domain_participant(participant)
             .map_err(|e| failed("creating the ROS context", &e, ""))?;
-        Ok(Self { context, _listed: listed.map(Arc::new) })
+        Ok(Self { context, threads: Arc::new(threads), _listed: listed.map(Arc::new) })
+    }
+}
+
+impl Domain {
+    /// False once a thread of the DDS library has ended: then nothing comes or goes any more.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        self.threads.are_alive()
+    }
+
+    /// How many publishers of a topic (its full name) there are in other processes, as far as discovery has seen them.
+    #[must_use]
+    pub fn other_publishers(&self, topic: &str) -> usize {
+        let participant = self.context.domain_participant();
+        let (own, dds_name) = (participant.guid().prefix, format!("rt{topic}"));
+        let writers = participant.discovered_writers();
+        let others = writers.iter().filter(|writer| writer.writer_proxy.remote_writer_guid.prefix != own);
+        others.filter(|writer| writer.publication_topic_data.topic_name == dds_name).count()
     }
 }
 
@@ -391,6 +415,12 @@ impl Ros {
         client.wait_for_service(&self.node).now_or_never().is_some()
     }
 
+    /// The domain, for a thread that has to end before [`Ros::stop`].
+    #[must_use]
+    pub fn domain(&self) -> Domain {
+        self.domain.clone()
+    }
+
     /// The node.
     #[must_use]
     pub fn node(&self) -> &Node {
@@ -403,10 +433,18 @@ impl Ros {
         Arc::clone(&self.node)
     }
 
-    /// True while the node's background thread runs.
+    /// True while the node's background thread and those of the DDS library run.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        !self.spinner.is_finished()
+        !self.spinner.is_finished() && self.domain.is_alive()
+    }
+
+    /// An error once [`Ros::is_alive`] is not.
+    ///
+    /// # Errors
+    /// [`NodeError::Failed`], with what may have been the cause.
+    pub fn check(&self) -> Result<(), NodeError> {
+        if self.is_alive() { Ok(()) } else { Err(NodeError::Failed(format!("{DEAF}. Start again"))) }
     }
 
     /// Leaves the domain. Publishers and subscriptions must be dropped by now.

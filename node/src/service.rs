@@ -18,6 +18,7 @@ use crate::error::NodeError;
 use crate::hot::{self, Hot, HotCounters, Inlet};
 use crate::lifecycle::{Phase, Transition};
 use crate::overseer::{Overseeing, Overseer, SharedHistory};
+use crate::panics;
 use crate::realtime::{self, Standing};
 use crate::ros::{self, Domain, Ros};
 use crate::rosout::Rosout;
@@ -31,6 +32,9 @@ use crate::source::zenoh::{ByZenoh, Obeying, ZenohSource};
 use ros2_client::NodeOptions;
 use std::sync::Arc;
 use std::time::Duration;
+
+/// What [`Service::dead_thread`] calls the threads of the DDS library that ended without a panic.
+pub const DDS_THREAD: &str = "RustDDS";
 
 /// A running service.
 pub struct Service {
@@ -62,6 +66,7 @@ impl Process {
     /// # Errors
     /// When ROS or Zenoh do not start.
     pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
+        panics::watch();
         // The table keeps it within 0 to 99.
         let priority = u8::try_from(config.realtime_priority).unwrap_or_default();
         let (domain, standing) = realtime::raised(priority, || Domain::join(config, enclave));
@@ -222,9 +227,16 @@ impl Service {
         self.zenoh.as_ref().map(|(_, mirror)| mirror)
     }
 
-    /// The name of a thread that has died, if one has. A panic in a middleware's thread must not go unseen.
+    /// The name of a thread that has died, if one has. A panic in a middleware's thread must not go unseen: those are of all services
+    /// of the process.
     #[must_use]
     pub fn dead_thread(&self) -> Option<&'static str> {
+        if let Some(thread) = panics::of_middleware() {
+            return Some(thread);
+        }
+        if !self.ros.domain().is_alive() {
+            return Some(DDS_THREAD);
+        }
         if !self.control.is_alive() {
             return Some("estimating");
         }

@@ -226,6 +226,8 @@ impl Changes {
     /// # Errors
     /// Why it is not loaded; the running one stays.
     pub fn load_model(&self, model: &str) -> Result<String, String> {
+        parameters::within_length("the model's name", model)
+            .inspect_err(|error| tracing::warn!("load_model refused: {error}"))?;
         match self.control.load_model(model) {
             Ok(Loaded { before, now }) => {
                 self.parameters.announce(&["model".to_owned()]);

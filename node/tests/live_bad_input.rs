@@ -52,6 +52,11 @@ impl Bench {
     /// Runs the service, calls `send` for samples 0 to `count` with their stamps, and returns all events once `count`
     /// estimates have come.
     fn events(self, count: usize, send: impl Fn(&Self, usize, Stamp)) -> Vec<Event> {
+        self.events_of(count, count, send)
+    }
+
+    /// The same once `wanted` estimates have come.
+    fn events_of(self, count: usize, wanted: usize, send: impl Fn(&Self, usize, Stamp)) -> Vec<Event> {
         let (service, inlet) =
             Service::start(&self.config, &RosArgs::default(), true).expect("the service starts");
         let mut inlet = inlet.expect("an inlet was asked for");
@@ -69,7 +74,7 @@ impl Bench {
         }
         let (mut events, mut estimates) = (Vec::new(), 0);
         let deadline = Instant::now() + Duration::from_secs(20);
-        while estimates < count && Instant::now() < deadline {
+        while estimates < wanted && Instant::now() < deadline {
             while let Ok(event) = inlet.events.pop() {
                 estimates += usize::from(matches!(event, Event::Estimate(_)));
                 events.push(event);
@@ -151,4 +156,44 @@ fn without_any_current_every_estimate_is_invalid_and_says_why() {
         assert_eq!((estimate.validity, estimate.mode), (Validity::Invalid, Mode::Fault));
         assert!(estimate.reasons.has(Reasons::DRIVE_MISSING));
     }
+}
+
+#[test]
+fn a_sender_s_clock_that_jumps_by_hours_is_flagged_and_costs_two_samples() {
+    const HOURS_NS: i64 = 2 * 3_600 * 1_000_000_000;
+    // Right, two hours ahead, two hours behind, right again.
+    let jumped = |k: usize| [0, HOURS_NS, -HOURS_NS, 0][k / 300];
+    let events = Bench::new(90).events_of(1200, 1198, |bench, k, stamp| {
+        let (t, stamp) = (k as f64 * PERIOD.as_secs_f64(), stamp.shifted(jumped(k)));
+        bench.send_current(stamp, 0.8);
+        bench.send_force(stamp, 400.0 * (6.0 * t).cos());
+        bench.send_displacement(stamp, 0.01 * (6.0 * t).sin());
+    });
+    let refused = events.iter().filter_map(|event| match event {
+        Event::Refusal(refusal) => Some((refusal.sample.reading.channel(), refusal.why)),
+        _ => None,
+    });
+    let refused: Vec<_> = refused.filter(|(channel, _)| *channel == Channel::Displacement).collect();
+    assert_eq!(refused, [(Channel::Displacement, Refused::TimeBack); 2], "ahead costs none, back two");
+    let now = system_now();
+    let (mut live, mut late) = (0, 0);
+    for event in &events {
+        let Event::Estimate(estimate) = event else { continue };
+        assert_eq!(estimate.force.get().is_nan(), estimate.validity == Validity::Invalid, "{estimate:?}");
+        if estimate.reasons.has(Reasons::DISPLACEMENT_LOST) {
+            assert_ne!(estimate.validity, Validity::Valid, "{estimate:?}");
+            continue;
+        }
+        live += 1;
+        let behind_s = now.since(estimate.stamp).get();
+        late += usize::from(behind_s > 3600.0);
+        assert!(
+            behind_s < 3600.0 || estimate.reasons.has(Reasons::LATE),
+            "hours old, and said so: {estimate:?}"
+        );
+    }
+    assert_eq!((live, late), (1198, 298));
+    let last =
+        events.iter().rev().find_map(|e| if let Event::Estimate(last) = e { Some(last) } else { None });
+    assert!(last.is_some_and(|last| last.force.get().is_finite()), "it goes on: {last:?}");
 }

@@ -2,7 +2,7 @@
 
 mod live_support;
 
-use live_support::{answer, wait_until};
+use live_support::{Ended, answer, wait_until};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{AlarmChange, Estimate, Event, Residual};
@@ -20,6 +20,9 @@ use mr_damper_node::player::{Plan, Played, Player};
 use mr_damper_node::ros::{ClientOf, Ros};
 use mr_damper_node::service::Service;
 use ros2_client::{NodeOptions, Subscription};
+use std::io::Write;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 97;
@@ -263,4 +266,77 @@ fn driven_by_voltage(model: Model) -> String {
     let text = file.to_toml().expect("writable").replace("current_a", "command_v");
     text.replace("membership_centres_a", "membership_centres_v")
         .replace("membership_sigma_a", "membership_sigma_v")
+}
+
+/// Writes both files in turn to `path` until told to end: by renaming, and in place in two halves with a pause in between.
+fn replace(path: &Path, texts: &[String; 2], done: &AtomicBool) -> [u32; 2] {
+    let mut times = [0; 2];
+    for turn in 0.. {
+        let text = &texts[turn % 2];
+        // Some times by renaming, then some in place.
+        if turn % 12 < 8 {
+            let part = path.with_extension("part");
+            std::fs::write(&part, text).expect("written");
+            std::fs::rename(&part, path).expect("renamed");
+            times[0] += 1;
+        } else {
+            let mut file = std::fs::File::create(path).expect("truncated");
+            let half = text.len() * (turn % 7 + 1) / 9;
+            file.write_all(&text.as_bytes()[..half]).expect("written");
+            std::thread::sleep(Duration::from_millis(30));
+            file.write_all(&text.as_bytes()[half..]).expect("written");
+            times[1] += 1;
+        }
+        std::thread::sleep(Duration::from_millis(if turn % 12 < 8 { 15 } else { 150 }));
+        if done.load(Ordering::Acquire) {
+            break;
+        }
+    }
+    times
+}
+
+#[test]
+fn a_model_file_that_is_replaced_while_it_is_loaded_is_one_of_both_or_refused() {
+    let mut config = config();
+    config.domain_id = 90;
+    let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("the service starts");
+    let peer = Peer::new(&config);
+    peer.wait_for_service();
+    let dir = tempfile::tempdir().expect("a directory");
+    let path = dir.path().join("model.toml");
+    let models = [BEFORE, AFTER].map(|name| preset::load(name).expect("a preset"));
+    let texts = models
+        .map(|model| ModelFile { model, provenance: Provenance::default() }.to_toml().expect("writable"));
+    std::fs::write(&path, &texts[0]).expect("written");
+    let done = AtomicBool::new(false);
+    let ([first, second, refused], times) = std::thread::scope(|scope| {
+        let _ended = Ended(&done);
+        let replacing = scope.spawn(|| replace(&path, &texts, &done));
+        let mut answers = [0; 3];
+        let begin = Instant::now();
+        while begin.elapsed() < Duration::from_secs(6) {
+            let before = service.control().models().expect("it is active").free;
+            let answer = peer.load(path.to_str().expect("UTF-8"));
+            let now = service.control().models().expect("it is active").free;
+            match models.iter().position(|model| *model == now) {
+                Some(which) if answer.success => answers[which] += 1,
+                None => panic!("neither of both: {answer:?} {now:?}"),
+                Some(_) => {
+                    assert_eq!(now, before, "a refusal changes nothing: {answer:?}");
+                    assert!(answer.message.contains("model.toml"), "{answer:?}");
+                    answers[2] += 1;
+                }
+            }
+        }
+        done.store(true, Ordering::Release);
+        (answers, replacing.join().expect("no panic"))
+    });
+    println!(
+        "renamed {} times, written in place {} times: {first} and {second} loaded, {refused} refused",
+        times[0], times[1]
+    );
+    assert!(times[0] > 20 && times[1] > 5, "{times:?}");
+    assert!(first > 0 && second > 0, "both were loaded: {first}, {second}, refused {refused}");
+    peer.stop();
+    service.stop().expect("no thread panicked");
 }

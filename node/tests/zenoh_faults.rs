@@ -1,8 +1,10 @@
-//! The Zenoh mirror when something is wrong: ports, endpoints, absent routers, consumers that do not read.
+//! The Zenoh mirror when something is wrong: ports, endpoints, absent routers, consumers that do not read, peers that talk rubbish.
 
 mod zenoh_support;
 
 use mr_damper_node::sink::zenoh::{Damper, Link, Mirror, MirrorState, ZenohConfig, ZenohError};
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -148,4 +150,76 @@ fn a_consumer_that_does_not_read_holds_up_nobody() {
     rig.mirror.stop();
     rig.link.close();
     assert!(stopping.elapsed() < Duration::from_secs(1), "{:?}", stopping.elapsed());
+}
+
+/// What a session says to `endpoint` while it opens and subscribes, as it goes over the wire.
+fn said_by_a_session(endpoint: &str) -> Vec<u8> {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
+    let relay = format!("tcp/{}", listener.local_addr().expect("a bound socket has an address"));
+    let to = TcpStream::connect(endpoint.trim_start_matches("tcp/")).expect("the mirror listens");
+    let relaying = thread::spawn(move || {
+        let (from, _) = listener.accept().expect("the session connects");
+        let [mut back_to, mut back_from] = [&from, &to].map(|end| end.try_clone().expect("a handle"));
+        // Ends when one of the two does.
+        thread::spawn(move || std::io::copy(&mut back_from, &mut back_to));
+        let (mut said, mut part) = (Vec::new(), [0; 4096]);
+        let (mut from, mut to) = (from, to);
+        while let Ok(length @ 1..) = from.read(&mut part) {
+            said.extend_from_slice(&part[..length]);
+            if to.write_all(&part[..length]).is_err() {
+                break;
+            }
+        }
+        said
+    });
+    let session = session(&relay, &[]);
+    let inbox = subscribe(&session, "mr_damper/**");
+    drop(inbox);
+    session.close().wait().expect("it closes");
+    relaying.join().expect("no panic")
+}
+
+#[test]
+fn peers_that_die_in_the_middle_of_a_frame_or_talk_rubbish_harm_nobody() {
+    const TIMES: u64 = 300;
+    mr_damper_node::panics::watch();
+    let mut rig = Rig::start();
+    let healthy = session(&rig.endpoint, &[]);
+    let inbox = subscribe(&healthy, "mr_damper/front_left/state/force_estimate");
+    let said = said_by_a_session(&rig.endpoint);
+    assert!(said.len() > 100, "{} bytes of a handshake and more", said.len());
+    let mut state = 5_u64;
+    let mut random = move |below: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % below
+    };
+    let (mut refused, start) = (0, Instant::now());
+    for turn in 0..TIMES {
+        let mut bytes = said[..1 + random(said.len())].to_vec();
+        match turn % 4 {
+            // Half of what was to be said.
+            0 => {}
+            1 => (0..1 + random(4)).for_each(|_| {
+                let at = random(bytes.len());
+                bytes[at] = random(256) as u8;
+            }),
+            // A frame that is longer than what comes.
+            2 => bytes[..1].iter_mut().for_each(|byte| *byte = 0xFF),
+            _ => bytes.iter_mut().for_each(|byte| *byte = random(256) as u8),
+        }
+        let mut peer =
+            TcpStream::connect(rig.endpoint.trim_start_matches("tcp/")).expect("the mirror listens");
+        // It may have hung up by then.
+        refused += u64::from(peer.write_all(&bytes).is_err());
+        rig.feeder.push(estimate(turn as i64, 1.0));
+    }
+    wait_until("the healthy consumer has all", || inbox.len() as u64 == TIMES);
+    assert!(rig.mirror.is_alive());
+    assert_eq!(mr_damper_node::panics::of_middleware(), None);
+    // Who comes next is served.
+    let next = session(&rig.endpoint, &[]);
+    assert_eq!(ask(&next, "status")["ring_dropped"], 0);
+    println!("{TIMES} broken peers in {:?}, {refused} of them cut off while they spoke", start.elapsed());
+    rig.mirror.stop();
+    rig.link.close();
 }

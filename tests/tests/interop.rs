@@ -13,6 +13,7 @@
 //! must be idle. Measured runs are looked for in `MR_DAMPER_DATA`.
 
 mod interop_deploy;
+mod interop_faults;
 mod interop_files;
 mod interop_page;
 mod interop_ros;

@@ -3,7 +3,8 @@
 //!
 //! One sample with a wrong stamp must not throw away history, yet a clock that was set back (or a simulation
 //! that was restarted) must not block the node for good. So a sample whose stamp steps back is refused, but
-//! when [`JUMP_AFTER`] in a row increase among themselves, time has jumped: they are the new truth. Likewise a
+//! when [`JUMP_AFTER`] in a row increase among themselves, time has jumped: they are the new truth. A network that lets samples
+//! overtake each other brings such rows as well, of samples that are a little old; for these it takes [`SMALL_JUMP_AFTER`]. Likewise a
 //! displacement that the rod cannot have come to since the last one is refused, and believed when as many agree.
 
 use super::event::Refused;
@@ -12,6 +13,10 @@ use crate::sample::{Channel, DriveKind, Reading, Sample, Stamp};
 
 /// Samples in a row from another time, or another place, that make it a jump.
 const JUMP_AFTER: u32 = 3;
+/// The same for samples that are older than the newest by no more than [`DISORDER_S`]: no network brings so many of those in order.
+const SMALL_JUMP_AFTER: u32 = 20;
+/// How late a network brings what it brings in another order, s.
+const DISORDER_S: f64 = 0.5;
 /// Largest current, A, or command voltage, V: no driver of a damper makes more, and a model's memory would take long to forget it.
 const DRIVE_MAX: f64 = 1e3;
 /// Temperatures that a damper's case can have, °C.
@@ -140,7 +145,8 @@ impl Seen {
                 let follows = self.other.is_some_and(|other| stamp > other);
                 self.other_count = if follows { self.other_count + 1 } else { 1 };
                 self.other = Some(stamp);
-                if self.other_count < JUMP_AFTER {
+                let is_small = last.since(stamp).get() <= DISORDER_S;
+                if self.other_count < if is_small { SMALL_JUMP_AFTER } else { JUMP_AFTER } {
                     return Verdict::Refuse(Refused::TimeBack);
                 }
                 *self = Self { last: Some(stamp), ..Self::default() };
@@ -197,8 +203,21 @@ mod tests {
 
     #[test]
     fn a_clock_that_was_set_back_is_believed_after_three() {
-        assert_eq!(verdicts(&[100, 101, 0, 1, 2, 3]), "aabbJa");
+        assert_eq!(verdicts(&[10_000, 10_001, 0, 1, 2, 3]), "aabbJa");
         assert_eq!(verdicts(&[0, 1, 10_000, 2, 3, 4, 5]), "aaabbJa", "one stamp from the future costs three");
+    }
+
+    #[test]
+    fn samples_that_a_network_let_overtake_each_other_are_no_new_time() {
+        assert_eq!(
+            verdicts(&[0, 10, 60, 20, 30, 40, 50, 70]),
+            "aaabbbba",
+            "overtaken by one, in their order"
+        );
+        // A clock that was set back by as little is believed after twenty, or when it has caught up.
+        let set_back: Vec<i64> = (300..310).chain(0..30).collect();
+        assert_eq!(verdicts(&set_back), "aaaaaaaaaa".to_owned() + &"b".repeat(19) + "J" + &"a".repeat(10));
+        assert_eq!(verdicts(&[100, 110, 91, 101, 111, 121]), "aabbaa");
     }
 
     #[test]

@@ -117,10 +117,13 @@ fn write_new(folder: &Path, damper: &str, what: &str, text: &str) -> Result<Path
 /// Writes a model file where there is none yet, and returns its absolute path: whoever reads of it may be anywhere.
 fn create(path: &Path, text: &str) -> Result<PathBuf, NodeError> {
     let path = std::path::absolute(path).map_err(NodeError::io("finding the current directory"))?;
-    let written = OpenOptions::new().write(true).create_new(true).open(&path);
-    written
-        .and_then(|mut file| file.write_all(text.as_bytes()))
-        .map_err(NodeError::io(format!("writing {}", path.display())))?;
+    let writing = || NodeError::io(format!("writing {}", path.display()));
+    let mut file = OpenOptions::new().write(true).create_new(true).open(&path).map_err(writing())?;
+    file.write_all(text.as_bytes()).map_err(|error| {
+        // Half a model may read as a whole one. The first error counts.
+        let _ = std::fs::remove_file(&path);
+        writing()(error)
+    })?;
     Ok(path)
 }
 
@@ -327,5 +330,40 @@ async fn sent<W: Work>(answer: &mut Option<Answer<'_, W>>) {
     match answer {
         Some(answer) => answer.sending.as_mut().await,
         None => std::future::pending().await,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::Command;
+
+    /// Runs in a child of the test below, on a disk with room for a page.
+    #[test]
+    fn writer_on_a_full_disk() {
+        let Some(disk) = std::env::var_os("ACTIONS_DISK") else { return };
+        let path = Path::new(&disk).join("model.toml");
+        let error = create(&path, &"a = 1\n".repeat(10_000)).expect_err("there is no room").to_string();
+        assert!(error.contains("model.toml") && error.contains("make room on that disk"), "{error}");
+        assert!(!path.exists(), "half a model may read as a whole one");
+        create(&path, "a = 1\n").expect("there is room, and the name is free");
+    }
+
+    #[test]
+    fn a_model_file_that_finds_no_room_is_not_left_half_written() {
+        let disk = tempfile::tempdir().expect("a directory");
+        let script = "mount -t tmpfs -o size=8k none \"$ACTIONS_DISK\" || exit 77
+            exec \"$0\" --exact actions::tests::writer_on_a_full_disk";
+        let me = std::env::current_exe().expect("this program");
+        let mut command = Command::new("unshare");
+        command.args(["--mount", "--propagation", "private", "sh", "-c", script]).arg(me);
+        let ended = command.env("ACTIONS_DISK", disk.path()).output();
+        match ended.as_ref().map(|ended| (ended.status.code(), ended.status.success())) {
+            Ok((_, true)) => {}
+            Ok((Some(77 | 1), _)) | Err(_) if !rustix::process::geteuid().is_root() => {
+                eprintln!("SKIPPED: no disk can be mounted in a namespace of its own; that takes root");
+            }
+            _ => panic!("{ended:?}"),
+        }
     }
 }

@@ -199,6 +199,7 @@ impl Asking<'_> {
             if !self.interrupt.sleep_until(Instant::now() + LOOK_EVERY) {
                 return Err(NodeError::Interrupted);
             }
+            self.ros.check()?;
             if Instant::now() >= deadline {
                 return Ok(None);
             }

@@ -4,13 +4,17 @@ use crate::command::Surroundings;
 use crate::config::{self, ParameterFlags};
 use crate::error::NodeError;
 use crate::fleet::Fleet;
-use crate::service;
+use crate::memory;
+use crate::ros::DEAF;
+use crate::service::{self, DDS_THREAD};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// How often the node looks after its threads.
 const WATCH: Duration = Duration::from_millis(100);
+/// How long the rest of a node with a dead thread may take to end. What waits for that thread waits for ever.
+const LAST_WORDS: Duration = Duration::from_secs(5);
 
 /// Run the service: subscribe to displacement and drive, publish force estimates and residuals.
 ///
@@ -34,7 +38,7 @@ pub struct Args {
 /// Runs the service until a signal comes or a thread dies.
 ///
 /// # Errors
-/// When it does not start, or one of its threads panicked.
+/// When it does not start, one of its threads or of the middlewares' panicked, or it has outgrown its memory.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let dampers = config::dampers(args.config.as_deref(), &around.ros_args, &args.parameters.given)?;
     let fleet = Fleet::start(&dampers)?;
@@ -50,10 +54,17 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
             "the node is up"
         );
     }
+    memory::bound(dampers.len());
     let mut dead = None;
     while around.interrupt.sleep_until(Instant::now() + WATCH) {
-        dead = fleet.dead_thread().map(|(damper, thread)| format!("the {thread} thread of {damper}"));
-        if dead.is_some() {
+        if let Err(outgrown) = memory::check(dampers.len()) {
+            // An orderly end would wait for the thread that takes the memory. The process' end closes all there is.
+            std::mem::forget(fleet);
+            return Err(outgrown);
+        }
+        dead = fleet.dead_thread().map(|(damper, thread)| died(thread, damper));
+        if let Some(died) = &dead {
+            end_at_last(died.clone())?;
             break;
         }
     }
@@ -72,10 +83,24 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
             "the node has ended"
         );
     }
-    match dead {
-        Some(thread) => Err(NodeError::Failed(format!(
-            "{thread} has died; the log above says why. Please report it, and restart the node"
-        ))),
-        None => ended,
+    dead.map_or(ended, |died| Err(NodeError::Failed(died)))
+}
+
+fn died(thread: &str, damper: &str) -> String {
+    if thread == DDS_THREAD {
+        return format!("{DEAF}; restart the node");
     }
+    format!(
+        "the {thread} thread of {damper} has died; the log above says why. Please report it, and restart the node"
+    )
+}
+
+/// Ends the process with the exit code of failed work and with these words, should its orderly end take too long.
+fn end_at_last(words: String) -> Result<(), NodeError> {
+    let ending = std::thread::Builder::new().name("ending".to_owned()).spawn(move || {
+        std::thread::sleep(LAST_WORDS);
+        eprintln!("error: {words} (its other threads did not end within {} s)", LAST_WORDS.as_secs());
+        std::process::exit(1);
+    });
+    ending.map(drop).map_err(NodeError::io("starting the thread that ends the node"))
 }

@@ -65,7 +65,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         // Looked at before draining, so that what had come by then is still written.
         let last_round = around.interrupt.is_raised() || deadline.is_some_and(|at| Instant::now() >= at);
         let drained = taps.iter().try_for_each(|tap| tap.drain(&mut bag, &mut recorded));
-        if let Err(error) = drained.and_then(|()| Ok(bag.flush_if_due()?)) {
+        if let Err(error) = drained.and_then(|()| Ok(bag.flush_if_due()?)).and_then(|()| ros.check()) {
             break Err(error);
         }
         if last_round {
@@ -77,8 +77,11 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     bar.finish_and_clear();
     drop(taps);
     ros.stop();
-    outcome?;
-    let summary = bag.finish()?;
+    // What came before a DDS library that went deaf is a whole bag; a disk that refuses lets nobody finish one.
+    let summary = match outcome {
+        Err(error @ NodeError::Run(_)) => return Err(error),
+        outcome => bag.finish().map_err(NodeError::from).and_then(|summary| outcome.map(|()| summary))?,
+    };
     for (topic, messages) in &summary.topics {
         tracing::info!(topic, messages, "recorded");
     }

@@ -118,6 +118,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
                 bar.set_position((at_s * 1e3) as u64);
             });
             bar.finish_and_clear();
+            player.check()?;
             if around.interrupt.is_raised() {
                 break 'all;
             }

@@ -114,15 +114,19 @@ impl Parameter {
     }
 }
 
+/// Characters of an unknown name that are compared with those of known ones.
+const COMPARED: usize = 200;
+
 /// The parameter called `name`.
 ///
 /// # Errors
 /// [`NodeError::UnknownParameter`] with the nearest name.
 pub fn find(name: &str) -> Result<&'static Parameter, NodeError> {
     TABLE.iter().find(|parameter| parameter.name == name).ok_or_else(|| {
-        let nearest = TABLE
-            .iter()
-            .max_by(|a, b| strsim::jaro_winkler(a.name, name).total_cmp(&strsim::jaro_winkler(b.name, name)));
+        // What is longer by far than any name is near to none, and comparing it would take minutes.
+        let compared: String = name.chars().take(COMPARED).collect();
+        let likeness = |parameter: &Parameter| strsim::jaro_winkler(parameter.name, &compared);
+        let nearest = TABLE.iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
         NodeError::UnknownParameter {
             name: name.to_owned(),
             nearest: nearest.map_or("", |parameter| parameter.name).to_owned(),

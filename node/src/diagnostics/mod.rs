@@ -4,7 +4,7 @@ mod residual;
 mod work;
 
 pub use residual::{ALARM_ADVICE, Health};
-pub use work::Work;
+pub use work::{Work, twin_advice};
 
 use crate::wire::ModelNames;
 use mr_damper_msgs::standard::KeyValue;
@@ -22,6 +22,8 @@ pub struct Surroundings<'a> {
     pub false_alarm_interval_s: f64,
     /// Seconds of raw input that are kept.
     pub history_s: f64,
+    /// Full name of the topic of estimates, and how many publishers of it there are in other processes.
+    pub estimates: (&'a str, usize),
 }
 
 fn value(key: &str, value: impl std::fmt::Display) -> KeyValue {
@@ -37,5 +39,6 @@ fn around(names: &ModelNames) -> Surroundings<'_> {
         names,
         false_alarm_interval_s: 86_400.0,
         history_s: 120.0,
+        estimates: ("/front_left/force_estimate", 0),
     }
 }

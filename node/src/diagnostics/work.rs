@@ -37,9 +37,7 @@ pub struct Work {
     looked: Option<Instant>,
     /// Deadlines missed by then.
     missed: u64,
-    /// Samples that the pipeline took, ever.
-    used: u64,
-    /// Those that it refused, by reason, in the order of [`Refused::ALL`].
+    /// Samples that the pipeline refused, by reason, in the order of [`Refused::ALL`].
     refused: [u64; Refused::ALL.len()],
 }
 
@@ -53,12 +51,20 @@ const INPUTS: [(Channel, &str); 6] = [
     (Channel::ForceRequest, "force_request"),
 ];
 
+/// What is said where another process publishes the node's estimates as well.
+#[must_use]
+pub fn twin_advice(topic: &str) -> String {
+    format!(
+        "{topic} has another publisher, and its readers get both's estimates mixed: end the other node of this name, or give one \
+         another namespace (-r __ns:=/front_left). One that was killed is listed for up to a minute"
+    )
+}
+
 impl Work {
     /// Takes an event that came `at`.
     pub fn take(&mut self, event: &Event, at: Instant) {
         match event {
             Event::Input(sample) => {
-                self.used += 1;
                 let channel = sample.reading.channel();
                 if let Some(index) = INPUTS.iter().position(|(known, _)| *known == channel) {
                     self.inputs[index].note(at);
@@ -87,7 +93,12 @@ impl Work {
     ) -> DiagnosticStatus {
         let missed = counters.ros_sink.missed.load(Ordering::Relaxed);
         let late = missed - std::mem::replace(&mut self.missed, missed);
-        let (level, message) = in_time(self.verdict(now, phase), late, &counters.standing);
+        let (mut level, mut message) = in_time(self.verdict(now, phase), late, &counters.standing);
+        let (topic, others) = around.estimates;
+        if others > 0 {
+            level = level.max(DiagnosticStatus::WARN);
+            message += &format!("; {}", twin_advice(topic));
+        }
         let mut values = vec![
             value("state", phase.name()),
             value("model", &around.names.free),
@@ -107,11 +118,12 @@ impl Work {
             ("incomplete", read(&source.incomplete)),
             ("dropped", read(&hot.overflow)),
             ("idle", read(&hot.idle)),
-            ("used", self.used),
-            ("refused", self.refused.iter().sum()),
+            ("used", read(&hot.used)),
+            ("refused", read(&sink.refused)),
             ("estimates", read(&sink.estimates)),
             ("not_published", read(&sink.failed)),
             ("missed_deadlines", missed),
+            ("other_publishers", others as u64),
         ] {
             values.push(value(name, count));
         }
@@ -243,6 +255,8 @@ mod tests {
         say("some of them late", &work.status(at(2), &around, Phase::Active, &counters));
         counters.standing = Standing::Refused { priority: 50, why: "Operation not permitted".to_owned() };
         say("no real-time priority", &work.status(at(2), &around, Phase::Active, &counters));
+        let twin = Surroundings { estimates: ("/front_left/force_estimate", 1), ..around };
+        say("with another node of its name", &work.status(at(3), &twin, Phase::Active, &counters));
         say("silence", &work.status(at(9), &around, Phase::Active, &counters));
         insta::assert_snapshot!(text);
     }

@@ -150,6 +150,14 @@ impl Player {
         Ok(())
     }
 
+    /// An error once nothing that is played goes anywhere.
+    ///
+    /// # Errors
+    /// Those of [`Ros::check`].
+    pub fn check(&self) -> Result<(), NodeError> {
+        self.ros.check()
+    }
+
     /// What tells the player to pause, step, jump or change its speed.
     #[must_use]
     pub fn control(&self) -> &Control {

@@ -1,6 +1,7 @@
 //! What can go wrong with a run, and what was noted while reading one.
 
 use super::mcap::at;
+use crate::error::advice;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -9,7 +10,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum RunError {
     /// The operating system refused.
-    #[error("{}: cannot {action}: {source}", path.display())]
+    #[error("{}: cannot {action}: {source}{}", path.display(), advice(source.kind()))]
     Io {
         /// The file or directory.
         path: PathBuf,
@@ -231,7 +232,7 @@ pub enum RunError {
         why: String,
     },
     /// The MCAP writer failed.
-    #[error("{}: cannot write: {source}", path.display())]
+    #[error("{}: cannot write: {source}{}", path.display(), of_mcap(source))]
     Write {
         /// The MCAP file.
         path: PathBuf,
@@ -245,6 +246,14 @@ impl RunError {
     pub(super) fn io(path: &std::path::Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io { path, action, source }
+    }
+}
+
+/// What the system said and what to do, which MCAP's library keeps to itself.
+fn of_mcap(error: &::mcap::McapError) -> String {
+    match error {
+        ::mcap::McapError::Io(error) => format!(": {error}{}", advice(error.kind())),
+        _ => String::new(),
     }
 }
 

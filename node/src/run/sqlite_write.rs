@@ -9,8 +9,10 @@ use super::bag_file::Message;
 use super::bag_write::{BagOptions, Sync, Topic};
 use super::sqlite::COLUMNS_TABLE;
 use super::{RunError, metadata};
-use rusqlite::{Connection, OpenFlags, params};
+use crate::error::advice;
+use rusqlite::{Connection, ErrorCode, OpenFlags, params};
 use std::fs::File;
+use std::io::ErrorKind;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -175,5 +177,10 @@ impl Drop for SqliteFile {
 }
 
 fn failed(path: &Path, error: &rusqlite::Error) -> RunError {
-    RunError::Database { path: path.to_owned(), action: "write", why: error.to_string() }
+    let kind = match error.sqlite_error_code() {
+        Some(ErrorCode::DiskFull) => ErrorKind::StorageFull,
+        Some(ErrorCode::ReadOnly) => ErrorKind::ReadOnlyFilesystem,
+        _ => ErrorKind::Other,
+    };
+    RunError::Database { path: path.to_owned(), action: "write", why: format!("{error}{}", advice(kind)) }
 }

@@ -163,10 +163,12 @@ impl RosSource {
         }
     }
 
-    /// True while the node's background thread runs.
-    #[must_use]
-    pub fn is_alive(&self) -> bool {
-        self.ros.is_alive()
+    /// An error once the node is no more.
+    ///
+    /// # Errors
+    /// Those of [`Ros::check`].
+    pub fn check(&self) -> Result<(), NodeError> {
+        self.ros.check()
     }
 
     /// Leaves the domain.

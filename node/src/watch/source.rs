@@ -73,12 +73,7 @@ impl Source {
             Self::Ros(source) => {
                 source.look(wall, now_s)?;
                 source.drain(wall, now_s);
-                if !source.is_alive() {
-                    return Err(NodeError::Failed(
-                        "the ROS node's background thread has ended; the log above says why. Start again"
-                            .to_owned(),
-                    ));
-                }
+                source.check()?;
             }
             // It connects again by itself.
             Self::Zenoh(source) => {

@@ -70,6 +70,11 @@ pub(crate) fn echo_binary() -> PathBuf {
     built("MR_DAMPER_ECHO", "echo_peer", "cargo build --release --workspace --bins")
 }
 
+/// The peer under faults: `MR_DAMPER_FAULT_PEER`, or the release build beside this test.
+pub(crate) fn fault_peer_binary() -> PathBuf {
+    built("MR_DAMPER_FAULT_PEER", "fault_peer", "cargo build --release --workspace --bins")
+}
+
 /// An `mr-damper` with the feature `security`: `MR_DAMPER_SECURE_BIN`, or target/secure/release/mr-damper.
 pub(crate) fn secure_binary() -> Result<PathBuf, String> {
     let beside = || target().join("secure/release/mr-damper");

@@ -71,6 +71,26 @@ impl Lab {
         wired.is_ok_and(|status| status.success()).then_some([router, other])
     }
 
+    /// Another host in the same domain, at the other end of a cable that can be told to be bad (`bad_wire.py`), and the cable.
+    ///
+    /// # Errors
+    /// Why there is none: it takes root, and TAP devices.
+    pub(crate) fn behind_a_bad_wire(&self, seed: u64) -> Result<(Self, Program), String> {
+        let other = Self::of(self.domain, Rc::clone(&self.logs));
+        let [near, far] = [self.holder.id(), other.holder.id()].map(|id| id.to_string());
+        if !Path::new("/dev/net/tun").exists() {
+            return Err("there is no /dev/net/tun; `modprobe tun` may make it".to_owned());
+        }
+        let mut command = Command::new("python3");
+        command.arg(script("bad_wire.py")).args([&near, &far, "--seed", &seed.to_string()]);
+        let mut wire = Program::spawn_told("bad_wire.py", command, &self.log("bad_wire.py"));
+        let said = wire.json_line(std::time::Duration::from_secs(10));
+        match json::text(&said, "/event") {
+            "up" => Ok((other, wire)),
+            _ => Err(format!("no TAP device can be made: {}", json::text(&said, "/why"))),
+        }
+    }
+
     fn of(domain: u32, logs: Rc<RefCell<Vec<(String, PathBuf)>>>) -> Self {
         let folder = tempfile::tempdir().expect("a temporary directory");
         let mut holder = Command::new(script("netns.sh"))
@@ -122,6 +142,15 @@ impl Lab {
         self.start(&format!("{} {}", distro.name(), all[1]), &script("ros-python.sh"), &all)
     }
 
+    /// The same for one that ends with its standard input.
+    pub(crate) fn ros_told(&self, distro: Distro, file: &str, args: &[&str]) -> Program {
+        let name = file;
+        let file = script(file);
+        let mut all = vec![distro.name(), file.to_str().expect("UTF-8 path")];
+        all.extend(args);
+        self.start_told(name, &script("ros-python.sh"), &all)
+    }
+
     /// Starts a script of tests/interop under the Python of CycloneDDS and Zenoh.
     pub(crate) fn peer(&self, file: &str, args: &[&str]) -> Program {
         let script = script(file);
@@ -142,10 +171,25 @@ impl Lab {
         args: &[&str],
         variables: &[(&str, &Path)],
     ) -> Program {
+        let log = self.log(name);
+        Program::spawn(name, self.command(program, args, variables), &log)
+    }
+
+    /// Starts a program that takes commands: see [`Program::tell`].
+    pub(crate) fn start_told(&self, name: &str, program: &Path, args: &[&str]) -> Program {
+        let log = self.log(name);
+        Program::spawn_told(name, self.command(program, args, &[]), &log)
+    }
+
+    /// Where the next program's standard error goes.
+    fn log(&self, name: &str) -> PathBuf {
         let mut logs = self.logs.borrow_mut();
         let log = self.folder().join(format!("{}.log", logs.len()));
         logs.push((name.to_owned(), log.clone()));
-        drop(logs);
+        log
+    }
+
+    fn command(&self, program: &Path, args: &[&str], variables: &[(&str, &Path)]) -> Command {
         let mut command = Command::new(script("netns.sh"));
         command.arg("enter").arg(self.holder.id().to_string()).arg(program).args(args);
         command.env("ROS_DOMAIN_ID", self.domain.to_string()).env("PYTHONDONTWRITEBYTECODE", "1");
@@ -157,7 +201,14 @@ impl Lab {
         for (name, value) in variables {
             command.env(name, value);
         }
-        Program::spawn(name, command, &log)
+        command
+    }
+
+    /// The last lines that the program that was last started under this name wrote to stderr.
+    pub(crate) fn last_log(&self, program: &str) -> String {
+        let logs = self.logs.borrow();
+        let last = logs.iter().rfind(|(name, _)| name == program);
+        last.map(|(_, path)| process::tail(path)).unwrap_or_else(|| panic!("{program} was not started"))
     }
 
     /// The last lines that each program wrote to stderr.

@@ -2,10 +2,10 @@
 
 use serde_json::Value;
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
@@ -17,11 +17,22 @@ pub(crate) fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("interop").join(name)
 }
 
-/// The last lines of a log file.
+/// The last lines of a log file, and what panicked before them.
 pub(crate) fn tail(path: &Path) -> String {
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let lines: Vec<_> = text.lines().collect();
-    lines[lines.len().saturating_sub(25)..].iter().map(|line| format!("{line}\n")).collect()
+    let (before, last) = lines.split_at(lines.len().saturating_sub(25));
+    // Where it panicked, and the message below that.
+    let panics = before.iter().zip(before.iter().skip(1)).filter(|(line, _)| line.contains("panicked at"));
+    let panics = panics.flat_map(|(line, message)| [line, message]);
+    panics.chain(last).map(|line| format!("{line}\n")).collect()
+}
+
+/// What a process holds in memory, MiB.
+pub(crate) fn resident_mib(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).expect("it runs");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("a line of /proc");
+    line.split_whitespace().next().and_then(|kib| kib.parse::<u64>().ok()).expect("a number") / 1024
 }
 
 /// A running program. Dropping it ends it.
@@ -30,13 +41,24 @@ pub(crate) struct Program {
     child: Child,
     lines: Receiver<String>,
     status: Option<ExitStatus>,
+    /// Of a program that takes commands.
+    stdin: Option<ChildStdin>,
 }
 
 impl Program {
-    pub(crate) fn spawn(name: &str, mut command: Command, log: &Path) -> Self {
+    pub(crate) fn spawn(name: &str, command: Command, log: &Path) -> Self {
+        Self::spawn_with(name, command, log, Stdio::null())
+    }
+
+    /// A program that takes commands: see [`Program::tell`].
+    pub(crate) fn spawn_told(name: &str, command: Command, log: &Path) -> Self {
+        Self::spawn_with(name, command, log, Stdio::piped())
+    }
+
+    fn spawn_with(name: &str, mut command: Command, log: &Path, stdin: Stdio) -> Self {
         let stderr = File::create(log).expect("a log file in the laboratory's directory");
         let mut child = command
-            .stdin(Stdio::null())
+            .stdin(stdin)
             .stdout(Stdio::piped())
             .stderr(stderr)
             .process_group(0) // its children, if any, can be ended with it
@@ -51,7 +73,8 @@ impl Program {
                 }
             }
         });
-        Self { name: name.to_owned(), child, lines, status: None }
+        let stdin = child.stdin.take();
+        Self { name: name.to_owned(), child, lines, status: None, stdin }
     }
 
     /// The next line of standard output, as JSON.
@@ -65,6 +88,21 @@ impl Program {
                 panic!("{} ended without a result: {status}", self.name)
             }
         }
+    }
+
+    /// Writes a line to standard input, and takes the line of JSON that answers it.
+    pub(crate) fn tell(&mut self, line: &str) -> Value {
+        let stdin = self.stdin.as_mut().expect("a program that takes commands");
+        writeln!(stdin, "{line}").unwrap_or_else(|error| panic!("{} takes no command: {error}", self.name));
+        self.json_line(GRACE)
+    }
+
+    /// Closes standard input, which ends a program that takes commands; its last line, as JSON, and its good end.
+    pub(crate) fn close(mut self) -> Value {
+        self.stdin = None;
+        let said = self.json_line(GRACE);
+        assert!(self.wait(GRACE).success(), "{} failed", self.name);
+        said
     }
 
     /// Waits for a program to end well; all of its standard output is one JSON text.
@@ -83,6 +121,11 @@ impl Program {
     /// Waits for the end.
     pub(crate) fn wait(&mut self, timeout: Duration) -> ExitStatus {
         self.try_wait(timeout).unwrap_or_else(|| panic!("{} still runs after {timeout:?}", self.name))
+    }
+
+    /// True until it has ended.
+    pub(crate) fn is_running(&mut self) -> bool {
+        self.try_wait(Duration::ZERO).is_none()
     }
 
     fn try_wait(&mut self, timeout: Duration) -> Option<ExitStatus> {
@@ -104,7 +147,7 @@ impl Program {
         self.child.id()
     }
 
-    /// Sends a signal, `INT` or `TERM`, to the program alone.
+    /// Sends a signal, `INT`, `TERM`, `STOP` or the like, to the program alone.
     pub(crate) fn signal(&self, signal: &str) {
         let sent = self.send(signal, &self.child.id().to_string());
         assert!(sent, "SIG{signal} could not be sent to {}", self.name);
@@ -119,6 +162,7 @@ impl Program {
 
 impl Drop for Program {
     fn drop(&mut self) {
+        self.stdin = None;
         if self.status.is_none() && self.send("TERM", &self.child.id().to_string()) {
             self.try_wait(GRACE);
         }

@@ -1,0 +1,150 @@
+//! `mr-damper record` on a disk that is full, or becomes read-only: it says so, ends with 1, and what it had written reads.
+//!
+//! The disk is a small tmpfs in a mount namespace of its own, which takes root; without it the tests say that they are skipped.
+
+mod run_support;
+
+use mr_damper_msgs::Displacement;
+use mr_damper_node::config::{Config, RosArgs};
+use mr_damper_node::ros::Ros;
+use ros2_client::{NodeOptions, Publisher};
+use run_support::*;
+use std::collections::HashMap;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+const DOMAIN: i64 = 90;
+const CHUNK_AGE: Duration = Duration::from_millis(200);
+/// On the way to the recorder, and through it, on a busy machine.
+const SLACK: Duration = Duration::from_millis(600);
+const SPACING: Duration = Duration::from_millis(5);
+/// Bytes of a frame's name, which no compression makes small: a megabyte is full within a second.
+const FRAME: usize = 16_384;
+
+/// The domain is for one test at a time.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// Runs the recorder on a disk of so many MiB that is mounted on `disk`, and brings the bag out to `disk/../out` when it has ended.
+/// `meanwhile` is shell that runs beside it.
+fn recorder(disk: &Path, mib: u32, storage: &str, meanwhile: &str) -> Command {
+    let script = format!(
+        "mount -t tmpfs -o size={mib}m none \"$1\" || exit 77
+         cd / ; ({meanwhile}) </dev/null >/dev/null &
+         \"$2\" --quiet record --out \"$1/bag\" --domain-id {DOMAIN} --storage {storage} --chunk-age {} --max-bag-duration 1
+         code=$?; wait; cp -r \"$1/bag\" \"$1/../out\"; exit $code",
+        CHUNK_AGE.as_secs_f64()
+    );
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "--propagation", "private", "sh", "-c", &script, "sh"]);
+    command.arg(disk).arg(env!("CARGO_BIN_EXE_mr-damper")).stdout(Stdio::null()).stderr(Stdio::piped());
+    command
+}
+
+/// True where a disk can be mounted; else it says that the test is skipped.
+fn can_mount() -> bool {
+    let tried = Command::new("unshare").args(["--mount", "mount", "-t", "tmpfs", "none", "/mnt"]).output();
+    let can = tried.is_ok_and(|tried| tried.status.success());
+    if !can {
+        eprintln!("SKIPPED: no disk can be mounted in a namespace of its own; that takes root");
+    }
+    can
+}
+
+/// Plays to a recorder until it ends; its output, and when each stamp was sent.
+fn play_to(mut command: Command) -> (Output, HashMap<i64, Instant>, Instant) {
+    let config = Config { domain_id: DOMAIN, ..Config::default() };
+    let mut ros =
+        Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
+    let publisher: Publisher<Displacement> = ros.publish("/displacement").expect("a topic");
+    let mut child = command.spawn().expect("unshare starts");
+    let (begun, mut sent, mut random) = (Instant::now(), HashMap::new(), 1_u64);
+    while child.try_wait().expect("a child of ours").is_none() {
+        assert!(begun.elapsed() < Duration::from_secs(30), "it ends");
+        if publisher.get_subscription_count(ros.node()) > 0 {
+            let number = sent.len() as i64 + 1;
+            let mut message = displacement(number, number as f64);
+            message.header.frame_id = std::iter::repeat_with(|| {
+                random =
+                    random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                char::from(b' ' + (random >> 58) as u8)
+            })
+            .take(FRAME)
+            .collect();
+            publisher.publish(message).expect("taken");
+            sent.insert(number, Instant::now());
+        }
+        std::thread::sleep(SPACING);
+    }
+    let ended = Instant::now();
+    drop(publisher);
+    ros.stop();
+    (child.wait_with_output().expect("its output"), sent, ended)
+}
+
+/// The recorder ended with 1 and said these words; the bag reads, without a hole, up to its last chunk.
+fn holds(dir: &Path, output: &Output, sent: &HashMap<i64, Instant>, ended: Instant, says: &[&str]) {
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    let error = said.lines().find(|line| line.starts_with("error: ")).unwrap_or_else(|| panic!("{said}"));
+    for word in says {
+        assert!(error.contains(word), "{word:?} in {error}");
+    }
+    let run = read(&dir.join("out")).run;
+    let stamps: Vec<i64> = run.displacement_m.stamps.iter().map(|stamp| stamp.nanos()).collect();
+    let (first, last) = (stamps[0], stamps[stamps.len() - 1]);
+    assert_eq!(stamps.len() as i64, last - first + 1, "no hole: {} from {first} to {last}", stamps.len());
+    let behind = ended - sent[&last];
+    println!("{error}\n{} messages read, the last sent {behind:?} before the end", stamps.len());
+    assert!(behind < CHUNK_AGE + SLACK, "the last one is of {behind:?} before the end");
+}
+
+fn full(storage: &str) {
+    let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    if !can_mount() {
+        return;
+    }
+    let dir = temporary();
+    let disk = dir.path().join("disk");
+    std::fs::create_dir(&disk).expect("a directory");
+    let (output, sent, ended) = play_to(recorder(&disk, 3, storage, "true"));
+    let bag = disk.join("bag");
+    let says = [bag.to_str().expect("UTF-8"), "make room on that disk, or write to another"];
+    holds(dir.path(), &output, &sent, ended, &says);
+}
+
+#[test]
+fn a_full_disk_ends_a_recording_of_mcap_and_what_was_written_reads() {
+    full("mcap");
+}
+
+#[test]
+fn a_full_disk_ends_a_recording_of_sqlite3_and_what_was_written_reads() {
+    full("sqlite3");
+}
+
+#[test]
+fn a_disk_that_becomes_read_only_ends_a_recording_and_what_was_written_reads() {
+    let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    if !can_mount() {
+        return;
+    }
+    let dir = temporary();
+    let disk = dir.path().join("disk");
+    std::fs::create_dir(&disk).expect("a directory");
+    // The system remounts no disk on which a file is open for writing, so the same disk is laid over it, read-only: what is open
+    // stays so, and the next file of the bag cannot be made.
+    let meanwhile = "until [ -s \"$1\"/bag/bag_bag_1.mcap ]; do sleep 0.05; done
+        mount --bind \"$1\" \"$1\" && mount -o remount,bind,ro \"$1\"";
+    let (output, sent, ended) = play_to(recorder(&disk, 64, "mcap", meanwhile));
+    let bag = disk.join("bag");
+    holds(
+        dir.path(),
+        &output,
+        &sent,
+        ended,
+        &[bag.to_str().expect("UTF-8"), "read-only", "write to another"],
+    );
+    assert!(files_of(&dir.path().join("out")).len() >= 2, "it was split before");
+}

@@ -1,0 +1,103 @@
+//! Malformed RTPS on the node's ports (`bad_rtps.py`): what is noise changes nothing, and what the DDS library does not survive
+//! ends the node, which says why.
+
+use super::NO_ARX;
+use super::told::{FaultPeer, Told};
+use crate::interop_support::gate::{Outcome, interop, long};
+use crate::interop_support::json::count;
+use crate::interop_support::process::{Program, resident_mib, script};
+use crate::interop_support::{Lab, PRESET};
+use serde_json::Value;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Growth of the node's memory under a storm of some ten thousand packets, at most, MiB: strangers stay in discovery's books until
+/// their leases end.
+const GROWTH_MIB: u64 = 64;
+/// From a storm's end to the first VALID estimate, at most, s.
+const BACK_S: f64 = 1.0;
+/// From a packet that takes all memory to the end of the process.
+const END: Duration = Duration::from_secs(30);
+
+fn bad_rtps(lab: &Lab, args: &[&str]) -> Program {
+    let file = script("bad_rtps.py");
+    let mut all = vec![file.to_str().expect("UTF-8 path")];
+    all.extend(args);
+    lab.start_with("bad_rtps.py", Path::new("/usr/bin/env"), &[&["python3"], all.as_slice()].concat(), &[])
+}
+
+/// A storm of so many seconds over a node and its peer; what the peer tells, the storm's figures, and the node's growth, MiB.
+fn storm(lab: &Lab, node: &Program, play: &str, seconds: u32) -> (Told, Value, u64) {
+    let mut peer = FaultPeer::start(lab, &format!("fault_peer {play}"), &["--loopback"]);
+    peer.tell("phase before");
+    peer.tell("send");
+    let seconds_text = seconds.to_string();
+    let bad = bad_rtps(lab, &["--as", play, "--seconds", &seconds_text, "--seed", "7"]);
+    std::thread::sleep(Duration::from_millis(1700)); // it listens first
+    let before = resident_mib(node.id());
+    peer.tell("phase storm");
+    let sent = bad.json(Duration::from_secs(30 + u64::from(seconds)));
+    peer.phase("after", 1.5);
+    let grown = resident_mib(node.id()).saturating_sub(before);
+    (peer.told(), sent, grown)
+}
+
+#[test]
+fn malformed_packets_change_nothing_for_a_peer() {
+    interop("malformed RTPS", |lab| {
+        let mut node = lab.node(PRESET, NO_ARX);
+        let seconds = if long() { 300 } else { 4 };
+        let (told, sent, grown) = storm(lab, &node, "stranger", seconds);
+        assert!(node.is_running(), "the node lives");
+        told.is_sound();
+        let answered = told.answered("storm");
+        assert!(answered > 0.95, "{answered:.3} answered: {}", told.summary());
+        let back_s = told.valid_after_s("after");
+        assert!(back_s < BACK_S && told.answered("after") > 0.99, "{back_s:.2} s: {}", told.summary());
+        assert!(grown < GROWTH_MIB, "{grown} MiB");
+        assert!(count(&sent, "/mutated") > 1000 && count(&sent, "/crafted") > 1000, "{sent:#}");
+
+        // In a peer's name, that peer may be harmed: it takes DDS-Security to know it from others. The next one is served.
+        let (forged, more, grown_more) = storm(lab, &node, "peer", seconds);
+        assert!(node.is_running(), "the node lives");
+        assert!(forged.heard.iter().all(|heard| heard.force_n.is_finite() || heard.reasons.0 != 0));
+        assert!(grown_more < GROWTH_MIB, "{grown_more} MiB");
+        let mut next = FaultPeer::start(lab, "fault_peer next", &["--loopback"]);
+        next.tell("phase next");
+        next.tell("send");
+        std::thread::sleep(Duration::from_secs(1));
+        let next = next.told();
+        assert!(next.answered("next") > 0.99, "{}", next.summary());
+        Outcome::Passed(format!(
+            "{} packets of strangers ({} lethal ones held back): {:.1} % answered meanwhile, {grown} MiB; {} in the peer's name: \
+             {grown_more} MiB, the next peer {:.1} % answered",
+            count(&sent, "/mutated") + count(&sent, "/crafted") + count(&sent, "/noise"),
+            count(&sent, "/lethal"),
+            1e2 * answered,
+            count(&more, "/mutated") + count(&more, "/crafted") + count(&more, "/noise"),
+            1e2 * next.answered("next"),
+        ))
+    });
+}
+
+#[test]
+fn a_packet_that_takes_all_memory_ends_the_node_which_says_why() {
+    interop("lethal RTPS", |lab| {
+        let mut figures = Vec::new();
+        for kind in ["heartbeat", "gap", "datafrag"] {
+            let mut node = lab.node(PRESET, NO_ARX);
+            bad_rtps(lab, &["--lethal", kind]).json(Duration::from_secs(40));
+            let sent = Instant::now();
+            let status = node.wait(END);
+            assert_eq!(status.code(), Some(1), "{kind}: {status}");
+            let said = lab.last_log("mr-damper node");
+            let words = said.lines().find(|line| line.contains("malformed or hostile packets"));
+            let words = words.unwrap_or_else(|| panic!("{kind}: {said}"));
+            let held =
+                words.split_once("holds ").and_then(|(_, rest)| rest.split_once(" MiB")).expect("a figure").0;
+            figures
+                .push(format!("{kind}: ended with 1 at {held} MiB after {} ms", sent.elapsed().as_millis()));
+        }
+        Outcome::Passed(figures.join("; "))
+    });
+}

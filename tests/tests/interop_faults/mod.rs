@@ -1,0 +1,9 @@
+//! The node under faults: of the wire, of peers, of what comes on its ports.
+
+mod malformed;
+mod stopped;
+mod told;
+mod wire;
+
+/// ARX models want the rate that they were identified at, which is none of these tests' business.
+const NO_ARX: &[&str] = &["-p", "arx_model:=none"];

@@ -1,0 +1,204 @@
+//! Peers and nodes that stop without a word, die in the middle of one, or are there twice.
+
+use super::NO_ARX;
+use super::told::{FaultPeer, Told};
+use crate::PEER;
+use crate::interop_support::gate::{Outcome, interop, long};
+use crate::interop_support::json::text;
+use crate::interop_support::process::{Program, resident_mib};
+use crate::interop_support::{Distro, Lab, PRESET};
+use mr_damper_model::pipeline::{Mode, Settings};
+use std::time::Duration;
+
+/// From the end of a stop to the first VALID estimate, at most, s.
+const BACK_S: f64 = 1.0;
+/// From estimate to peer on loopback, on a busy machine, s.
+const WAY_S: f64 = 0.3;
+/// Growth of the node's memory for a reader that does not read, at most, MiB: a topic's history of 1024 estimates is less than one.
+const GROWTH_MIB: u64 = 8;
+
+/// The same for peers that sent messages of a megabyte each, at most: what they left is kept until their leases end.
+const LONG_MIB: u64 = 256;
+
+/// When a peer of rclpy that was killed is forgotten, and more.
+const LEASE: Duration = Duration::from_secs(30);
+
+/// Stops a program for a while.
+fn stop_for(seconds: f64, signal: impl Fn(&str)) {
+    signal("STOP");
+    std::thread::sleep(Duration::from_secs_f64(seconds));
+    signal("CONT");
+}
+
+/// No VALID estimate is of a displacement that was older than `input_timeout_s` when the estimate came.
+fn none_is_stale(told: &Told) -> f64 {
+    let valid = told.heard.iter().filter(|heard| heard.is_valid());
+    let oldest_s = valid.map(|heard| (heard.at_ns - heard.stamp_ns) as f64 * 1e-9).fold(0.0, f64::max);
+    let limit_s = Settings::default().input_timeout_s + WAY_S;
+    assert!(oldest_s <= limit_s, "a VALID estimate that was {oldest_s:.2} s old: {}", told.summary());
+    oldest_s
+}
+
+/// The modes of the estimates that bridged silence in a phase, each once.
+fn bridging(told: &Told, phase: &str) -> Vec<u8> {
+    let (number, _) = told.phase(phase);
+    let silent = told.heard.iter().filter(|heard| heard.phase == number && !heard.is_live());
+    let mut modes: Vec<u8> = silent.map(|heard| heard.mode).collect();
+    modes.dedup();
+    modes
+}
+
+/// A peer of rclpy that sends, or hears; ready. (One of RustDDS would not survive a stop.)
+fn steady(lab: &Lab, args: &[&str]) -> Program {
+    let mut peer = lab.ros_told(Distro::Jazzy, "steady_peer.py", args);
+    assert_eq!(text(&peer.json_line(PEER), "/event"), "ready");
+    peer
+}
+
+#[test]
+fn a_sender_and_a_reader_may_stop_and_go_on() {
+    interop("suspended sender and reader", |lab| {
+        let node = lab.node(PRESET, NO_ARX);
+        let mut peer = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
+        let sender = steady(lab, &[]);
+        peer.phase("steady", 1.0);
+        peer.tell("phase no_sender");
+        stop_for(2.5, |signal| sender.signal(signal));
+        peer.phase("sender_back", 1.0);
+        sender.close();
+        // Another sender now, and a reader that is reliable and silent: nothing may wait for it, nor be kept for it without bound.
+        let reader = steady(lab, &["--hear"]);
+        peer.phase("between", 0.5);
+        peer.tell("send");
+        let before = resident_mib(node.id());
+        peer.phase("stands", 0.2);
+        peer.tell("phase no_reader");
+        stop_for(if long() { 600.0 } else { 5.0 }, |signal| reader.signal(signal));
+        let grown = resident_mib(node.id()).saturating_sub(before);
+        reader.close();
+        let told = peer.told();
+
+        let silent = [Mode::Hold as u8, Mode::Fault as u8];
+        assert_eq!(bridging(&told, "no_sender"), silent, "{}", told.summary());
+        none_is_stale(&told);
+        let (phase, back_ns) = told.phase("sender_back");
+        let first = told.heard.iter().find(|heard| heard.is_valid() && heard.phase == phase);
+        let back_s = (first.expect("VALID again").at_ns - back_ns) as f64 * 1e-9;
+        assert!(back_s < BACK_S, "{back_s:.2} s: {}", told.summary());
+        assert_eq!(told.answered("no_reader"), 1.0, "a reader that stalls costs the others nothing");
+        assert!(grown <= GROWTH_MIB, "{grown} MiB for a reader that does not read");
+        Outcome::Passed(format!(
+            "sender stopped: hold, fault, VALID again after {:.0} ms; reader stopped: {grown} MiB, none lost to others",
+            1e3 * back_s
+        ))
+    });
+}
+
+#[test]
+fn programs_that_were_stopped_and_go_on_say_that_their_dds_library_did_not() {
+    interop("suspended node and recorder", |lab| {
+        let mut node = lab.node(PRESET, NO_ARX);
+        let bag = lab.folder().join("bag");
+        let mut recorder = lab.mr_damper(&["record", "--out", bag.to_str().expect("UTF-8 path")]);
+        let mut peer = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
+        peer.tell("phase all");
+        peer.tell("send");
+        std::thread::sleep(Duration::from_secs(1));
+        peer.tell("phase stopped");
+        for program in [&node, &recorder] {
+            program.signal("STOP");
+        }
+        std::thread::sleep(Duration::from_secs(2));
+        for program in [&node, &recorder] {
+            program.signal("CONT");
+        }
+        let going = std::time::Instant::now();
+        let mut ended = Vec::new();
+        for (program, name) in [(&mut node, "mr-damper node"), (&mut recorder, "mr-damper record")] {
+            let status = program.wait(Duration::from_secs(10));
+            assert_eq!(status.code(), Some(1), "{name}: {status}");
+            let said = lab.last_log(name);
+            assert!(said.contains("a thread of the DDS library has ended"), "{name}: {said}");
+            ended.push(format!("{name} ended with 1 after {} ms", going.elapsed().as_millis()));
+        }
+        let run = mr_damper_node::run::load(&bag, &mr_damper_node::run::LoadOptions::default())
+            .expect("a whole bag");
+        assert!(run.run.displacement_m.len() > 50, "{} displacements", run.run.displacement_m.len());
+        let told = peer.heard_by_now();
+        let oldest_s = none_is_stale(&told);
+        Outcome::Passed(format!(
+            "{}; the oldest VALID estimate was {:.0} ms old",
+            ended.join(", "),
+            1e3 * oldest_s
+        ))
+    });
+}
+
+/// Kills peers one after the other while they send messages of megabytes, in fragments.
+fn kill_in_the_middle(lab: &Lab, times: u64) {
+    for turn in 0..times {
+        let mut peer = lab.ros(Distro::Jazzy, "long_peer.py", &[]);
+        assert_eq!(text(&peer.json_line(PEER), "/event"), "sending");
+        std::thread::sleep(Duration::from_millis(300 + 37 * turn));
+        peer.signal("KILL");
+        assert!(!peer.wait(Duration::from_secs(5)).success());
+    }
+}
+
+#[test]
+fn peers_that_are_killed_in_the_middle_of_long_messages_harm_nobody() {
+    interop("peers killed in the middle", |lab| {
+        let mut node = lab.node(PRESET, NO_ARX);
+        let mut sender = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
+        sender.phase("quiet_before", 0.0);
+        sender.tell("send");
+        std::thread::sleep(Duration::from_millis(500));
+        let before = resident_mib(node.id());
+        sender.tell("phase killing");
+        for round in 1.. {
+            kill_in_the_middle(lab, 2);
+            if !long() || round == 5 {
+                break;
+            }
+            std::thread::sleep(LEASE);
+        }
+        sender.phase("after", 1.0);
+        let grown = resident_mib(node.id()).saturating_sub(before);
+        assert!(node.is_running());
+        let told = sender.told();
+        told.is_sound();
+        assert!(told.answered("killing") > 0.95 && told.answered("after") > 0.99, "{}", told.summary());
+        assert!(grown <= LONG_MIB, "{grown} MiB");
+        Outcome::Passed(format!(
+            "{:.1} % answered while peers died in fragments of long requests, {grown} MiB",
+            1e2 * told.answered("killing")
+        ))
+    });
+}
+
+#[test]
+fn two_nodes_of_one_name_both_say_so() {
+    interop("two nodes of one name", |lab| {
+        let first = lab.node(PRESET, NO_ARX);
+        let sender = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
+        let second = lab.start_with(
+            "mr-damper twin",
+            &crate::interop_support::gate::binary(),
+            &[&["node", "--ros-args", "-p", &format!("model:={PRESET}")], NO_ARX].concat(),
+            &[],
+        );
+        std::thread::sleep(Duration::from_millis(3500));
+        for name in ["mr-damper node", "mr-damper twin"] {
+            let said = lab.last_log(name);
+            assert!(said.contains("/force_estimate has another publisher"), "{name}: {said}");
+        }
+        let told = sender.told();
+        let warned: Vec<_> =
+            told.diagnostics.iter().map(|status| text(&status[3], "/other_publishers")).collect();
+        assert!(warned.contains(&"1"), "{warned:?}");
+        let message = told.diagnostics.last().and_then(|status| status[2].as_str()).expect("a message");
+        assert!(message.contains("end the other node of this name"), "{message}");
+        drop((first, second));
+        Outcome::Passed(message.to_owned())
+    });
+}

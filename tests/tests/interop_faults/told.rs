@@ -1,0 +1,230 @@
+//! What `fault_peer` sent and heard, and what has to hold of it whatever went wrong in between.
+
+use crate::interop_support::Lab;
+use crate::interop_support::gate::fault_peer_binary;
+use crate::interop_support::json::{count, found, text};
+use crate::interop_support::process::Program;
+use mr_damper_model::pipeline::{Reasons, Settings, Validity};
+use serde_json::Value;
+use std::collections::HashSet;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// From start to its first word: discovery, on a loaded machine.
+const READY: Duration = Duration::from_secs(30);
+
+/// A running `fault_peer`.
+pub(super) struct FaultPeer {
+    program: Program,
+    out: PathBuf,
+}
+
+impl FaultPeer {
+    /// Starts one that has found the node.
+    pub(super) fn start(lab: &Lab, name: &str, args: &[&str]) -> Self {
+        let out = lab.folder().join(format!("{name}.json"));
+        let mut all = vec!["--out", out.to_str().expect("UTF-8 path")];
+        all.extend(args);
+        let mut program = lab.start_told(name, &fault_peer_binary(), &all);
+        assert_eq!(text(&program.json_line(READY), "/event"), "ready");
+        Self { program, out }
+    }
+
+    /// Gives it a command.
+    pub(super) fn tell(&mut self, command: &str) {
+        self.program.tell(command);
+    }
+
+    /// Begins a phase and lets it last.
+    pub(super) fn phase(&mut self, name: &str, seconds: f64) {
+        self.tell(&format!("phase {name}"));
+        std::thread::sleep(Duration::from_secs_f64(seconds));
+    }
+
+    /// Has it fall silent, waits until all is through and said in /diagnostics, and reads what it tells.
+    pub(super) fn told(mut self) -> Told {
+        self.phase("end", 0.3);
+        self.tell("quiet");
+        std::thread::sleep(Duration::from_millis(2200));
+        self.heard_by_now()
+    }
+
+    /// Ends it, and reads what it tells.
+    pub(super) fn heard_by_now(self) -> Told {
+        let Self { program, out } = self;
+        program.close();
+        Told::read(&out)
+    }
+}
+
+/// A sample of all three inputs.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sent {
+    pub(super) stamp_ns: i64,
+    pub(super) values: [f64; 3],
+    pub(super) phase: usize,
+}
+
+/// An estimate.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Heard {
+    pub(super) stamp_ns: i64,
+    pub(super) at_ns: i64,
+    pub(super) force_n: f64,
+    pub(super) mode: u8,
+    pub(super) validity: u8,
+    pub(super) reasons: Reasons,
+    pub(super) age_s: Option<f64>,
+    pub(super) phase: usize,
+}
+
+impl Heard {
+    /// Made for a displacement, and not to bridge silence.
+    pub(super) fn is_live(&self) -> bool {
+        !self.reasons.has(Reasons::DISPLACEMENT_LOST)
+    }
+
+    pub(super) fn is_valid(&self) -> bool {
+        self.validity == Validity::Valid as u8
+    }
+}
+
+/// All that it tells.
+pub(super) struct Told {
+    phases: Vec<(String, i64)>,
+    pub(super) sent: Vec<Sent>,
+    pub(super) heard: Vec<Heard>,
+    pub(super) diagnostics: Vec<Value>,
+}
+
+impl Told {
+    fn read(path: &PathBuf) -> Self {
+        let file = std::fs::read_to_string(path).expect("fault_peer wrote it");
+        let all: Value = serde_json::from_str(&file).expect("JSON");
+        let rows = |name: &str| found(&all, &format!("/{name}")).as_array().expect("a list").clone();
+        let whole = |row: &Value, k: usize| row[k].as_i64().expect("a whole number");
+        let float = |row: &Value, k: usize| f64::from_bits(row[k].as_u64().expect("bits"));
+        let small = |row: &Value, k: usize| usize::try_from(whole(row, k)).expect("a small number");
+        let phases = rows("phases");
+        let sent = rows("sent");
+        let heard = rows("estimates");
+        Self {
+            phases: phases.iter().map(|p| (p[0].as_str().expect("a name").to_owned(), whole(p, 1))).collect(),
+            sent: sent
+                .iter()
+                .map(|row| Sent {
+                    stamp_ns: whole(row, 0),
+                    values: [float(row, 2), float(row, 3), float(row, 4)],
+                    phase: small(row, 5),
+                })
+                .collect(),
+            heard: heard
+                .iter()
+                .map(|row| Heard {
+                    stamp_ns: whole(row, 0),
+                    at_ns: whole(row, 1),
+                    force_n: float(row, 2),
+                    mode: small(row, 3) as u8,
+                    validity: small(row, 4) as u8,
+                    reasons: Reasons(small(row, 5) as u32),
+                    age_s: row[6].as_f64(),
+                    phase: small(row, 7),
+                })
+                .collect(),
+            diagnostics: rows("diagnostics"),
+        }
+    }
+
+    /// The number of a phase and when it began.
+    pub(super) fn phase(&self, name: &str) -> (usize, i64) {
+        let number = self.phases.iter().position(|(known, _)| known == name);
+        let number = number.unwrap_or_else(|| panic!("no phase {name} in {:?}", self.phases));
+        (number, self.phases[number].1)
+    }
+
+    /// The estimates of displacements that were sent in a phase, as a share of these.
+    pub(super) fn answered(&self, name: &str) -> f64 {
+        let (phase, _) = self.phase(name);
+        let answered: HashSet<i64> = self.heard.iter().filter(|h| h.is_live()).map(|h| h.stamp_ns).collect();
+        let of_phase: Vec<_> = self.sent.iter().filter(|sent| sent.phase == phase).collect();
+        let hits = of_phase.iter().filter(|sent| answered.contains(&sent.stamp_ns)).count();
+        hits as f64 / of_phase.len().max(1) as f64
+    }
+
+    /// From the beginning of a phase to its first VALID estimate of a displacement that was sent in it, s.
+    pub(super) fn valid_after_s(&self, name: &str) -> f64 {
+        let (phase, began_ns) = self.phase(name);
+        let sent_ns: HashSet<i64> =
+            self.sent.iter().filter(|s| s.phase == phase).map(|s| s.stamp_ns).collect();
+        let first = self.heard.iter().find(|h| h.is_valid() && h.is_live() && sent_ns.contains(&h.stamp_ns));
+        let first = first.unwrap_or_else(|| panic!("no VALID estimate in {name}: {}", self.summary()));
+        (first.at_ns - began_ns) as f64 * 1e-9
+    }
+
+    /// The last status of the node; a figure of it.
+    pub(super) fn status(&self, key: &str) -> u64 {
+        let status = self.diagnostics.last().expect("diagnostics come once a second");
+        text(&status[3], &format!("/{key}")).parse().expect("a count")
+    }
+
+    /// What holds whatever goes wrong: each estimate is of a displacement that was sent, one a displacement, in the order of
+    /// stamps; there is a force in it, or it says that there is none; what is VALID rests on inputs that are not old and that were
+    /// sent; and the node knows what became of each message.
+    pub(super) fn is_sound(&self) {
+        let timeout_s = Settings::default().input_timeout_s;
+        let sent: HashSet<i64> = self.sent.iter().map(|sent| sent.stamp_ns).collect();
+        let mut last_ns = i64::MIN;
+        for heard in &self.heard {
+            assert!(
+                sent.contains(&heard.stamp_ns),
+                "an estimate of a displacement that nobody sent: {heard:?}"
+            );
+            if heard.is_live() {
+                assert!(heard.stamp_ns > last_ns, "out of order, or a second one: {heard:?} after {last_ns}");
+                last_ns = heard.stamp_ns;
+            }
+            let gives = heard.validity != Validity::Invalid as u8;
+            assert_eq!(
+                heard.force_n.is_finite(),
+                gives,
+                "a force, or the word that there is none: {heard:?}"
+            );
+            if !heard.is_valid() {
+                assert!(heard.reasons != Reasons::NONE, "a reason is said: {heard:?}");
+                continue;
+            }
+            assert!(heard.is_live(), "what bridges silence is not VALID: {heard:?}");
+            let age_s = heard.age_s.unwrap_or_else(|| panic!("VALID without a drive: {heard:?}"));
+            assert!((0.0..=timeout_s).contains(&age_s), "an old drive: {heard:?}");
+            let drive_ns = heard.stamp_ns - (age_s * 1e9).round() as i64;
+            assert!(sent.contains(&drive_ns), "its drive is one that was sent: {heard:?}");
+        }
+        let known = ["unreadable", "dropped", "idle", "refused", "used"].map(|key| self.status(key));
+        assert_eq!(
+            self.status("received"),
+            known.iter().sum::<u64>(),
+            "unreadable, dropped, idle, refused, used: {known:?}"
+        );
+    }
+
+    /// Figures for people.
+    pub(super) fn summary(&self) -> String {
+        let mut text = format!("{} sent, {} heard; ", self.sent.len(), self.heard.len());
+        for (number, (name, _)) in self.phases.iter().enumerate() {
+            let heard = self.heard.iter().filter(|heard| heard.phase == number);
+            let (all, valid) = heard.fold((0, 0), |(n, v), h| (n + 1, v + usize::from(h.is_valid())));
+            text += &format!("{name} {all} ({valid} VALID); ");
+        }
+        let mut reasons = std::collections::BTreeMap::<_, u64>::new();
+        for name in self.heard.iter().flat_map(|heard| heard.reasons.names()) {
+            *reasons.entry(name).or_default() += 1;
+        }
+        text += &format!("reasons {reasons:?}");
+        text
+    }
+}
+
+/// What the wire did in a phase: frames lost, repeated, overtaken.
+pub(super) fn done(wire: &Value, name: &str) -> [u64; 3] {
+    ["lost", "repeated", "overtaken"].map(|what| count(wire, &format!("/{name}/{what}")))
+}

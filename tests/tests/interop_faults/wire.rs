@@ -1,0 +1,134 @@
+//! A wire that loses, delays, reorders, repeats and cuts, between the node and its peer (`bad_wire.py`).
+
+use super::NO_ARX;
+use super::told::{FaultPeer, Told, done};
+use crate::interop_support::gate::{Outcome, interop, long};
+use crate::interop_support::process::Program;
+use crate::interop_support::{Lab, PRESET};
+use mr_damper_model::pipeline::{Estimate, Event, Pipeline};
+use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
+use mr_damper_model::units::{Metre, Newton};
+use mr_damper_node::config::{Config, Value as Setting};
+use mr_damper_node::models;
+
+/// From a wire that is whole again to the first VALID estimate, at most, s.
+const BACK_S: f64 = 1.0;
+
+/// The node on one host, and a peer on the other.
+fn wired(lab: &Lab, seed: u64) -> Result<(Lab, Program, Program), String> {
+    let (far, wire) = lab.behind_a_bad_wire(seed)?;
+    // The wait of a busy machine, as in node/tests/live.rs.
+    let node =
+        lab.node(PRESET, &[NO_ARX, &["-p", "discovery_range:=subnet", "-p", "align_wait_s:=0.3"]].concat());
+    Ok((far, wire, node))
+}
+
+/// The estimates of the samples that were sent, computed here.
+fn offline(told: &Told) -> Vec<Estimate> {
+    let mut config = Config::default();
+    for (name, value) in [("model", PRESET), ("arx_model", "none")] {
+        config.set(name, &Setting::Text(value.to_owned())).expect("a text");
+    }
+    let (models, _) = models::from_config(&config).expect("a preset");
+    let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
+    let mut pipeline = Pipeline::new(models, settings).expect("it runs");
+    let mut estimates = Vec::new();
+    for sent in &told.sent {
+        let stamp = Stamp::from_nanos(sent.stamp_ns);
+        let [displacement, current, force] = sent.values;
+        for reading in [
+            Reading::Drive(Drive::new(DriveKind::CoilCurrent, current)),
+            Reading::Force(Newton(force)),
+            Reading::Displacement(Metre(displacement)),
+        ] {
+            pipeline.step(&Sample { stamp, received: stamp, reading }, &mut |event| {
+                estimates.extend(if let Event::Estimate(estimate) = event { Some(estimate) } else { None });
+            });
+        }
+    }
+    estimates
+}
+
+#[test]
+fn what_is_delayed_repeated_and_overtaken_by_other_topics_gives_the_same_bits() {
+    interop("wire: delay, jitter, duplicates", |lab| {
+        let (far, mut wire, _node) = match wired(lab, 11) {
+            Ok(all) => all,
+            Err(why) => return Outcome::Skipped(why),
+        };
+        let mut peer = FaultPeer::start(&far, "fault_peer", &["--rate", "20"]);
+        // Less than the spacing of 50 ms by far, so that a topic keeps its order and topics do not.
+        wire.tell(r#"{"name": "crooked", "delay_ms": 20, "jitter_ms": 8, "duplicate": 0.2}"#);
+        peer.tell("phase crooked");
+        peer.tell("send");
+        std::thread::sleep(std::time::Duration::from_secs(if long() { 60 } else { 5 }));
+        let told = peer.told();
+        let wire = wire.close();
+        told.is_sound();
+        assert_eq!(told.status("refused"), 0, "{:?}", told.diagnostics.last());
+        assert_eq!(told.status("received"), 3 * told.sent.len() as u64, "each message once");
+        let expected = offline(&told);
+        let live: Vec<_> = told.heard.iter().filter(|heard| heard.is_live()).collect();
+        assert_eq!(live.len(), told.sent.len(), "one estimate a displacement: {}", told.summary());
+        for (heard, expected) in live.iter().zip(&expected) {
+            assert_eq!(heard.stamp_ns, expected.stamp.nanos());
+            assert_eq!(heard.force_n.to_bits(), expected.force.get().to_bits(), "{heard:?} {expected:?}");
+            assert_eq!((heard.mode, heard.validity), (expected.mode as u8, expected.validity as u8));
+        }
+        let [lost, repeated, overtaken] = done(&wire, "crooked");
+        assert!(lost == 0 && repeated > 50 && overtaken > 50, "{wire:#}");
+        Outcome::Passed(format!(
+            "{} estimates to the bit, with {repeated} frames repeated and {overtaken} overtaken",
+            live.len()
+        ))
+    });
+}
+
+#[test]
+fn loss_bursts_disorder_and_a_cut_are_flagged_and_gone_when_the_wire_is_whole() {
+    interop("wire: loss, bursts, disorder, cut", |lab| {
+        let (far, mut wire, node) = match wired(lab, 12) {
+            Ok(all) => all,
+            Err(why) => return Outcome::Skipped(why),
+        };
+        let mut peer = FaultPeer::start(&far, "fault_peer", &[]);
+        let seconds = if long() { 30.0 } else { 2.5 };
+        peer.tell("phase whole");
+        peer.tell("send");
+        std::thread::sleep(std::time::Duration::from_secs(1));
+        for (name, fault) in [
+            ("loss", r#""loss": 0.2"#),
+            ("bursts", r#""burst_every_s": 0.5, "burst_ms": 200"#),
+            ("disorder", r#""jitter_ms": 60, "duplicate": 0.2"#),
+            ("cut", r#""cut": true"#),
+        ] {
+            wire.tell(&format!(r#"{{"name": "{name}", {fault}}}"#));
+            peer.phase(name, seconds);
+            wire.tell(r#"{"name": "clean"}"#);
+            peer.phase(&format!("after_{name}"), 1.5);
+        }
+        let told = peer.told();
+        let wire = wire.close();
+        drop(node);
+        told.is_sound();
+        let mut figures = Vec::new();
+        for (name, least) in [("loss", 0.7), ("bursts", 0.5), ("disorder", 0.1), ("cut", 0.0)] {
+            let back_s = told.valid_after_s(&format!("after_{name}"));
+            assert!(back_s < BACK_S, "VALID again {back_s:.2} s after {name}; {}", told.summary());
+            let answered = told.answered(name);
+            assert!(answered >= least, "{answered:.2} answered under {name}; {}", told.summary());
+            figures.push(format!(
+                "{name} {:.0} % answered, VALID again after {:.0} ms",
+                1e2 * answered,
+                1e3 * back_s
+            ));
+        }
+        assert!(told.answered("after_cut") > 0.9, "{}", told.summary());
+        let [lost, ..] = done(&wire, "loss");
+        assert!(lost > 30 && done(&wire, "bursts")[0] > 20 && done(&wire, "cut")[0] > 100, "{wire:#}");
+        assert!(done(&wire, "disorder")[2] > 100, "{wire:#}");
+        // The longest silence ends in FAULT, and the first estimates after it are not VALID without more ado.
+        assert!(told.heard.iter().any(|heard| !heard.is_live()), "the cut was noticed: {}", told.summary());
+        Outcome::Passed(figures.join("; "))
+    });
+}
