@@ -76,9 +76,8 @@ mod tests {
 
     #[test]
     fn what_it_holds_is_told() {
-        let before = held().expect("Linux says");
-        let block = vec![1_u8; 64 << 20];
-        assert!(held().expect("Linux says") >= before + 60 * MIB, "{before}");
-        drop(block);
+        // Other tests of this process take and give back meanwhile.
+        let block = std::hint::black_box(vec![1_u8; 64 << 20]);
+        assert!(held().expect("Linux says") >= block.len() as u64);
     }
 }
