@@ -156,11 +156,11 @@ def replay(folder):
     if not minute.exists():
         simulate(minute, 60)
     script = """
-      "$0" --quiet node --ros-args -p "model:=$2" & node=$!
+      "$0" --quiet node --ros-args -p "model:=$2" >/dev/null 2>&1 & node=$!
+      trap 'kill -INT $node; wait $node' EXIT
       began=$EPOCHREALTIME
-      "$0" --quiet replay "$1" --rate max --wait 10 --json
+      "$0" --quiet replay "$1" --rate max --wait 10 >/dev/null
       ended=$EPOCHREALTIME
-      kill -INT $node; wait $node
       echo "{\\"seconds\\": $(awk "BEGIN { print $ended - $began }")}" """
     told = run(INTEROP / "netns.sh", "run", "bash", "-euc", script, BINARY, minute / "rp3-cs-01", MODEL, env={"ROS_DOMAIN_ID": "85"})
     return {"samples": 60 * 512, "seconds": last_json(told)["seconds"]}
