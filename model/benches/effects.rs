@@ -5,10 +5,12 @@
 //! cargo bench -p mr-damper-model --bench effects
 //! ```
 
+mod middle;
 mod motion;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use middle::present;
 use motion::{SAMPLES, motion};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{ForceModel, FreeRun};
@@ -23,19 +25,6 @@ fn main() {
 
 fn force() -> ForceModel {
     preset::load(preset::BEST_FUZZY_TANH).expect("a preset").force
-}
-
-/// In the middle of its range, on a damper of 1 kN, 15 mm, 0.2 m/s.
-fn present(effect: Effect) -> EffectModel {
-    let value = |p: &mr_damper_model::effect::Parameter| {
-        let size = 1e3_f64.powi(p.scale.force)
-            * 0.015_f64.powi(p.scale.displacement)
-            * 0.2_f64.powi(p.scale.velocity);
-        let [low, high] = p.range_at(size);
-        if high > 0.0 { 0.5 * high } else { 0.5 * low }
-    };
-    let values: Vec<f64> = effect.parameters().iter().map(value).collect();
-    EffectModel::new(effect, &values).expect("within range")
 }
 
 fn run(bencher: Bencher, effects: &[EffectModel]) {

@@ -5,10 +5,12 @@
 //! cargo bench -p mr-damper-model --bench laws
 //! ```
 
+mod middle;
 mod motion;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use middle::parameters;
 use motion::{SAMPLES, motion};
 use mr_damper_model::force::law::Hidden;
 use mr_damper_model::force::{Dependence, FuzzySets, Law, LawModel, LawState, Membership};
@@ -18,19 +20,6 @@ const DRIVE: DriveKind = DriveKind::CoilCurrent;
 
 fn main() {
     divan::main();
-}
-
-/// Parameters in the middle of where a fit would start, on a damper of 1 kN, 15 mm, 0.2 m/s, 2 m/s².
-fn parameters(law: Law) -> Vec<f64> {
-    let value = |p: &mr_damper_model::force::law::Parameter| {
-        let scale = 1e3_f64.powi(p.scale.force)
-            * 0.015_f64.powi(p.scale.displacement)
-            * 0.2_f64.powi(p.scale.velocity)
-            * 2_f64.powi(p.scale.acceleration);
-        let [low, high] = p.start;
-        scale * if low > 0.0 { (low * high).sqrt() } else { 0.3 * low + 0.7 * high }
-    };
-    law.parameters().iter().map(value).collect()
 }
 
 fn run(bencher: Bencher, law: Law, dependence: Dependence) {

@@ -2,10 +2,13 @@
 //! that is documented as unknown, and no force beyond what the damper was ever seen to give is called valid.
 
 mod common;
+#[path = "../benches/middle/mod.rs"]
+mod middle;
 
 use common::preset;
+use middle::{parameters, present};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
-use mr_damper_model::effect::{Effect, EffectModel, Effects, Parameter};
+use mr_damper_model::effect::{Effect, Effects};
 use mr_damper_model::force::{Dependence, ForceModel, FuzzySets, Law, LawModel, Membership};
 use mr_damper_model::inverse;
 use mr_damper_model::model::Model;
@@ -18,35 +21,13 @@ use proptest::prelude::*;
 /// A force that is valid lies within the largest one that its model was identified on, times this.
 const WITHIN: f64 = 4.0;
 
-/// A law over seven sets, its parameters in the middle of where a fit begins, for a damper of 1 kN, 15 mm, 0.2 m/s, 2 m/s².
+/// A law over seven sets.
 fn law(law: Law) -> ForceModel {
-    let value = |p: &mr_damper_model::force::law::Parameter| {
-        let scale = 1e3_f64.powi(p.scale.force)
-            * 0.015_f64.powi(p.scale.displacement)
-            * 0.2_f64.powi(p.scale.velocity)
-            * 2_f64.powi(p.scale.acceleration);
-        let [low, high] = p.start;
-        scale * if low > 0.0 { (low * high).sqrt() } else { 0.3 * low + 0.7 * high }
-    };
     let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.2 };
     let sets = FuzzySets::new(membership, &[0.0, 0.4, 0.8, 1.2, 1.6, 2.1, 2.5]).expect("centres increase");
     let dependence = Dependence::Fuzzy(sets);
-    let parameters: Vec<f64> = law.parameters().iter().map(value).collect();
-    let parameters = parameters.repeat(dependence.copies());
+    let parameters = parameters(law).repeat(dependence.copies());
     ForceModel::Law(LawModel::new(law, dependence, &parameters, 0.0).expect("as many as it takes"))
-}
-
-/// In the middle of its range, on the same damper.
-fn present(effect: Effect) -> EffectModel {
-    let value = |p: &Parameter| {
-        let size = 1e3_f64.powi(p.scale.force)
-            * 0.015_f64.powi(p.scale.displacement)
-            * 0.2_f64.powi(p.scale.velocity);
-        let [low, high] = p.range_at(size);
-        if high > 0.0 { 0.5 * high } else { 0.5 * low }
-    };
-    let values: Vec<f64> = effect.parameters().iter().map(value).collect();
-    EffectModel::new(effect, &values).expect("within range")
 }
 
 /// Each preset that runs, each law, and each effect around a preset.

@@ -126,9 +126,7 @@ impl Domain {
             .map_err(|e| failed("creating the ROS context", &e, ""))?;
         Ok(Self { context, threads: Arc::new(threads), _listed: listed.map(Arc::new) })
     }
-}
 
-impl Domain {
     /// False once a thread of the DDS library has ended: then nothing comes or goes any more.
     #[must_use]
     pub fn is_alive(&self) -> bool {

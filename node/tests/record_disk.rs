@@ -10,10 +10,11 @@ use mr_damper_node::ros::Ros;
 use ros2_client::{NodeOptions, Publisher};
 use run_support::*;
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
+use tempfile::TempDir;
 
 const DOMAIN: i64 = 90;
 const CHUNK_AGE: Duration = Duration::from_millis(200);
@@ -100,14 +101,19 @@ fn holds(dir: &Path, output: &Output, sent: &HashMap<i64, Instant>, ended: Insta
     assert!(behind < CHUNK_AGE + SLACK, "the last one is of {behind:?} before the end");
 }
 
+/// A directory, and the one in it where a small disk is to be mounted; none where nothing can be mounted.
+fn place_of_a_disk() -> Option<(TempDir, PathBuf)> {
+    can_mount().then(|| {
+        let dir = temporary();
+        let disk = dir.path().join("disk");
+        std::fs::create_dir(&disk).expect("a directory");
+        (dir, disk)
+    })
+}
+
 fn full(storage: &str) {
     let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    if !can_mount() {
-        return;
-    }
-    let dir = temporary();
-    let disk = dir.path().join("disk");
-    std::fs::create_dir(&disk).expect("a directory");
+    let Some((dir, disk)) = place_of_a_disk() else { return };
     let (output, sent, ended) = play_to(recorder(&disk, 3, storage, "true"));
     let bag = disk.join("bag");
     let says = [bag.to_str().expect("UTF-8"), "make room on that disk, or write to another"];
@@ -127,12 +133,7 @@ fn a_full_disk_ends_a_recording_of_sqlite3_and_what_was_written_reads() {
 #[test]
 fn a_disk_that_becomes_read_only_ends_a_recording_and_what_was_written_reads() {
     let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    if !can_mount() {
-        return;
-    }
-    let dir = temporary();
-    let disk = dir.path().join("disk");
-    std::fs::create_dir(&disk).expect("a directory");
+    let Some((dir, disk)) = place_of_a_disk() else { return };
     // The system remounts no disk on which a file is open for writing, so the same disk is laid over it, read-only: what is open
     // stays so, and the next file of the bag cannot be made.
     let meanwhile = "until [ -s \"$1\"/bag/bag_bag_1.mcap ]; do sleep 0.05; done

@@ -147,6 +147,19 @@ macro_rules! double {
     };
 }
 
+macro_rules! integer {
+    ($name:literal, $low:literal..=$high:literal, $change:ident, $doc:literal, $($field:ident).+) => {
+        Parameter {
+            name: $name,
+            kind: Kind::Integer($low, $high),
+            change: $change,
+            doc: $doc,
+            get: |c| Value::Integer(c.$($field).+),
+            set: |c, v| if let Value::Integer(n) = v { c.$($field).+ = *n; },
+        }
+    };
+}
+
 macro_rules! text {
     ($name:literal, $kind:expr, $change:ident, $doc:literal, $($field:ident).+) => {
         Parameter {

@@ -191,30 +191,20 @@ const MAIN: [Parameter; 26] = [
         "how long after the receipt of its displacement an estimate has to be published, s; later ones are counted as missed_deadlines on /diagnostics; 0: no deadline",
         deadline_s
     ),
-    Parameter {
-        name: "realtime_priority",
-        kind: Kind::Integer(0, 99),
-        change: Never,
-        doc: "SCHED_FIFO priority of the threads that every sample passes, DDS's among them; where the system refuses, the node runs without and says so; 0: none",
-        get: |c| Value::Integer(c.realtime_priority),
-        set: |c, v| {
-            if let Value::Integer(n) = v {
-                c.realtime_priority = *n;
-            }
-        },
-    },
-    Parameter {
-        name: "domain_id",
-        kind: Kind::Integer(-1, 232),
-        change: Never,
-        doc: "ROS domain; -1: ROS_DOMAIN_ID from the environment, else 0",
-        get: |c| Value::Integer(c.domain_id),
-        set: |c, v| {
-            if let Value::Integer(n) = v {
-                c.domain_id = *n;
-            }
-        },
-    },
+    integer!(
+        "realtime_priority",
+        0..=99,
+        Never,
+        "SCHED_FIFO priority of the threads that every sample passes, DDS's among them; where the system refuses, the node runs without and says so; 0: none",
+        realtime_priority
+    ),
+    integer!(
+        "domain_id",
+        -1..=232,
+        Never,
+        "ROS domain; -1: ROS_DOMAIN_ID from the environment, else 0",
+        domain_id
+    ),
     list!(
         "discovery_peers",
         "hosts (IPv4 addresses or names) that are told of the node where no multicast reaches them; the node then leaves this machine; none: ROS_STATIC_PEERS",
