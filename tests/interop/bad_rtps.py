@@ -27,7 +27,7 @@ SEDP_WRITER, SEDP_READER = bytes.fromhex("000003c2"), bytes.fromhex("000003c7")
 BUILTIN = [SPDP_READER, SEDP_READER, bytes.fromhex("000004c7"), bytes.fromhex("000200c7"), bytes(4)]
 INFO_DST, HEARTBEAT, GAP, DATA, DATA_FRAG = 0x0E, 0x07, 0x08, 0x15, 0x16
 # More numbers in one range, or bytes in one sample, than any peer of these tests has.
-RANGE, SAMPLE = 1_000_000, 1 << 26
+RANGE, SAMPLE = 1 << 16, 1 << 20
 ODD = [0, 1, 2, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF]
 
 

@@ -12,8 +12,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Growth of the node's memory under a storm of some ten thousand packets, at most, MiB: strangers stay in discovery's books until
-/// their leases end, and a fragment that says to be of 64 MiB is given that much for a while, where a reader takes it.
-const GROWTH_MIB: u64 = 256;
+/// their leases end, and a fragment that says to be of a mebibyte is given that much, where a reader takes it. (Ten at most were seen.)
+const GROWTH_MIB: u64 = 128;
 /// From a storm's end to the first VALID estimate, at most, s.
 const BACK_S: f64 = 1.0;
 /// From a packet that takes all memory to the end of the process.
