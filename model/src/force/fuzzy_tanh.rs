@@ -23,6 +23,7 @@
 //! the recorded velocity, as it does when displacement is low-passed and force is not. Sigma is printed
 //! as "variance 0.2"; it is taken as a standard deviation of 0.2 A and is a setting here.
 
+use super::Way;
 use super::sets::{FuzzySets, MAX_FUNCTIONS};
 use super::tanh::tanh;
 use crate::error::Error;
@@ -59,6 +60,19 @@ impl TanhFunction {
     pub fn force_n(&self, x_m: f64, v_m_s: f64) -> f64 {
         let u = v_m_s + self.coupling_per_s * x_m;
         self.yield_force_n * tanh(self.pre_yield_slope_s_m * u) + self.post_yield_damping_n_s_m * u
+    }
+
+    /// The same, and how fast it grows along `way`.
+    #[inline]
+    fn force_and_slope(&self, x_m: f64, v_m_s: f64, way: &Way) -> [f64; 2] {
+        let u = v_m_s + self.coupling_per_s * x_m;
+        let step = tanh(self.pre_yield_slope_s_m * u);
+        let by_u = self.yield_force_n * self.pre_yield_slope_s_m * (1.0 - step * step)
+            + self.post_yield_damping_n_s_m;
+        [
+            self.yield_force_n * step + self.post_yield_damping_n_s_m * u,
+            by_u * (way.velocity_m_s + self.coupling_per_s * way.displacement_m),
+        ]
     }
 }
 
@@ -143,6 +157,16 @@ impl FuzzyTanh {
     pub fn force_n(&self, x_m: f64, v_m_s: f64, i: f64) -> f64 {
         let functions = self.functions();
         self.sets.strengths(i).mean(|set| functions[set].force_n(x_m, v_m_s)) + self.force_offset_n
+    }
+
+    /// What [`Self::force_n`] says, to 1e-15, and how fast it grows along `way`, N.
+    #[inline]
+    #[must_use]
+    pub(super) fn force_and_slope(&self, x_m: f64, v_m_s: f64, i: f64, way: &Way) -> [f64; 2] {
+        let functions = self.functions();
+        let [force_n, slope_n] =
+            self.sets.strengths(i).mean_and_slope(|set| functions[set].force_and_slope(x_m, v_m_s, way));
+        [force_n + self.force_offset_n, slope_n]
     }
 
     /// The model at a motion that stays, for several drives: the tanh functions are taken once. What [`Self::force_n`] says,

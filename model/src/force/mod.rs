@@ -79,6 +79,13 @@ pub struct Inputs {
     pub case_temp_c: f64,
 }
 
+/// A way through the inputs of a model: how much of each belongs to a step of one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Way {
+    pub(crate) displacement_m: f64,
+    pub(crate) velocity_m_s: f64,
+}
+
 /// State of a model that runs free (never sees measured force).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FreeRun {
@@ -204,6 +211,18 @@ impl ForceModel {
             Self::Lpv(lpv) => lpv.predict_n(history),
             Self::Network(network) => network.predict_n(history),
             Self::FuzzyTanh(_) | Self::Law(_) | Self::Lazy(_) | Self::Tsk(_) => None,
+        }
+    }
+
+    /// Force, N, and how fast it grows along `way`, N: of a model that remembers nothing and has this in one pass, for little more
+    /// than the force alone. `None` for every other.
+    #[inline]
+    pub(crate) fn force_and_slope(&self, inputs: &Inputs, way: &Way) -> Option<[f64; 2]> {
+        match self {
+            Self::FuzzyTanh(fuzzy) => {
+                Some(fuzzy.force_and_slope(inputs.displacement_m, inputs.velocity_m_s, inputs.drive, way))
+            }
+            _ => None,
         }
     }
 

@@ -157,6 +157,22 @@ impl Strengths {
         }
         sum / self.sum
     }
+
+    /// [`Self::mean`] of a value and its slope.
+    #[inline]
+    pub(crate) fn mean_and_slope(&self, says: impl Fn(usize) -> [f64; 2]) -> [f64; 2] {
+        let [mut value, mut slope] = [0.0; 2];
+        for (set, strength) in self.of[..self.len].iter().enumerate() {
+            if *strength != 0.0 {
+                let [own, own_slope] = says(set);
+                value += strength * own;
+                slope += strength * own_slope;
+            }
+        }
+        // At hand before `says` is: whoever waits for the mean waits for no division.
+        let share = self.sum.recip();
+        [value * share, slope * share]
+    }
 }
 
 /// Weights of Gaussian sets at drive `i`, as many as there are `centres`, at most [`MAX_FUNCTIONS`].

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::condition::{LowPass, LowPassState};
+use crate::force::{FuzzySets, FuzzyTanh, Membership, TanhFunction};
 use crate::units::Hertz;
 
 const DT_S: f64 = 0.002;
@@ -284,6 +285,41 @@ fn a_spring_balances_a_stiff_model_at_every_sample() {
         let answer = (200.0 + 400.0 * at.drive) * (30.0 * u).tanh() + 700.0 * u + OFFSET_N;
         close(force_n, answer, 1e-7);
         before = Some(stretch);
+    }
+}
+
+/// The same damper as current-fuzzy tanh, which a spring takes in one evaluation where it can, and as a law over fuzzy sets, which it
+/// takes by secants to the last digit; noise in the velocity, and every softness.
+#[test]
+fn one_evaluation_is_as_good_as_all_of_them() {
+    let sets = FuzzySets::new(Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 }, &[0.4, 1.2, 2.0]);
+    let sets = sets.expect("sets");
+    let rows = [[300.0, 700.0, 30.0, 3.0], [700.0, 900.0, 40.0, 4.0], [1100.0, 1300.0, 45.0, 3.0]];
+    let functions = rows.map(TanhFunction::new);
+    let fuzzy = ForceModel::FuzzyTanh(FuzzyTanh::new(sets, &functions, OFFSET_N).expect("a model"));
+    let as_law: Vec<f64> = rows.iter().flat_map(|[a1, a2, a3, kappa]| [*a1, *a2, *a3, *kappa, 1.0]).collect();
+    let plain = law(Law::Sp, Dependence::Fuzzy(sets), &as_law);
+    let mut inputs = motion(4000);
+    let mut noise = 1_u64;
+    for at in &mut inputs {
+        noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        at.velocity_m_s += 2e-3 * ((noise >> 32) as f64 / f64::from(1 << 31) - 1.0);
+    }
+    let size = |signal: &[f64]| signal.iter().map(|n| n * n).sum::<f64>().sqrt();
+    let off = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
+    for compliance in [1e-8, 1e-7, 3e-7, 1e-6] {
+        let forces = |force, share: f64| {
+            run(&augmented(force, &[with(Effect::SeriesSpring, &[compliance * (1.0 + share)])]), &inputs)
+        };
+        let (quick, all) = (forces(fuzzy, 0.0), forces(plain, 0.0));
+        let wrong = off(&quick, &all);
+        let share = size(&wrong) / size(&all);
+        assert!(share < 1e-3, "{compliance}: root mean square differs by {share:.1e}");
+        assert!(wrong.iter().all(|n| n.abs() < 6.0), "of some 1300 N");
+        // What scores are made of: as smooth in the parameter as by secants.
+        let [fine, exact] = [(fuzzy, &quick), (plain, &all)].map(|(force, at)| off(&forces(force, 1e-5), at));
+        let share = size(&off(&fine, &exact)) / size(&exact);
+        assert!(share < 2e-2, "{compliance}: scores differ by {share:.1e}");
     }
 }
 
