@@ -23,7 +23,7 @@ const INADEQUATE: f64 = 0.5;
 const HALF: f64 = 0.5;
 /// Share of the explainable error of the base alone that an effect must remove at least, and under which no further one is sought:
 /// what a base leaves of itself around a large effect is of this size.
-const NEXT_TO_NOTHING: f64 = 0.003;
+const NEXT_TO_NOTHING: f64 = 0.001;
 /// Share of squared error by which a refinement of an effect must help, on the estimate runs and on the confirm runs.
 const REFINED: f64 = 0.02;
 

@@ -23,7 +23,7 @@ use std::sync::{Mutex, PoisonError};
 const CONVERGED: f64 = 1e-5;
 
 /// Broyden's updates between derivatives that are taken afresh, each of which costs a free run a number.
-const UPDATES: usize = 4;
+const UPDATES: usize = 3;
 
 /// A model with its residual on some rows.
 #[derive(Debug, Clone)]
@@ -77,10 +77,19 @@ impl Joint<'_> {
         if space.values().is_empty() {
             return Ok(Fitted::as_is(*start, self.rows));
         }
-        let problem =
-            Simulated { joint: self, space: &space, best: Mutex::new(None), nearby: Mutex::new(nearby) };
         let stop = Stop { evaluations, cost: CONVERGED, step: CONVERGED };
-        let found = minimise(&problem, &space.values(), &space.bounds(), &stop).ok_or(Error::Cancelled)?;
+        let from = |start: &[f64], nearby| {
+            let problem =
+                Simulated { joint: self, space: &space, best: Mutex::new(None), nearby: Mutex::new(nearby) };
+            minimise(&problem, start, &space.bounds(), &stop).ok_or(Error::Cancelled)
+        };
+        let mut found = from(&space.values(), nearby)?;
+        if let Some(upright) = space.upright(&found.parameters) {
+            let other = from(&upright, Nearby::new())?;
+            if other.cost < found.cost {
+                found = other;
+            }
+        }
         if self.watch.is_cancelled() {
             return Err(Error::Cancelled);
         }

@@ -21,7 +21,7 @@ const WORTH_A_REFIT: f64 = 0.03;
 const MOST_REFITS: usize = 6;
 /// Evaluations of a refit that ranks, and of one that stands.
 const RANKING: usize = 8;
-pub(super) const FINAL: usize = 40;
+pub(super) const FINAL: usize = 60;
 /// Share of the error that is left to explain which an effect must remove.
 pub(super) const LEAST_SHARE: f64 = 0.1;
 /// Share that a ranking refit must reach for a final one to be worth the time.

@@ -17,6 +17,8 @@ use crate::identify::Scales;
 const STEP: f64 = 1e-4;
 /// Least size that a coefficient's step is taken from, as a share of its natural scale.
 const LEAST_SIZE: f64 = 1e-2;
+/// Steepness of a tanh step, as a multiple of the middle one, or a share, from which it says something else than a yield.
+const UPRIGHT: f64 = 3.0;
 /// Step of a difference, relative to the probe of an effect's parameter.
 const PROBE_SHARE: f64 = 0.05;
 
@@ -90,6 +92,29 @@ impl Space {
         let inside =
             |((step, bounds), at): ((f64, [f64; 2]), &f64)| if at + step > bounds[1] { -step } else { step };
         base.chain(effects).zip(self.bounds()).zip(at).map(inside).collect()
+    }
+
+    /// Another start for a search that ended at `values`: each tanh function that lies flat, its step a third of the steepness of the
+    /// others or less (or three times), is given theirs, at the same slope at rest. A step that was flattened to stand for an effect
+    /// that the base did not have does not stand up again by itself once it has it: without height its steepness has no say, and flat
+    /// it is a second damping. `None` where all are upright, or the base has no tanh functions.
+    pub(super) fn upright(&self, values: &[f64]) -> Option<Vec<f64>> {
+        if !matches!(self.base, ForceModel::FuzzyTanh(_)) {
+            return None;
+        }
+        let mut upright = values.to_vec();
+        let functions = upright.get_mut(..self.of_base())?.as_chunks_mut::<4>().0;
+        let mut slopes: Vec<f64> = functions.iter().map(|f| f[2]).collect();
+        slopes.sort_by(f64::total_cmp);
+        let middle = *slopes.get(slopes.len() / 2)?;
+        let lies = |slope: f64| slope * UPRIGHT < middle || slope > middle * UPRIGHT;
+        let mut any = false;
+        for [height, _, slope, _] in functions.iter_mut().filter(|f| lies(f[2])) {
+            *height *= *slope / middle;
+            *slope = middle;
+            any = true;
+        }
+        any.then_some(upright)
     }
 
     /// The model of these numbers; `None` when they make none.
