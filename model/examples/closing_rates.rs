@@ -51,10 +51,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     for plan in &plans {
         let mut row = Row::default();
         let seeds = given.first..given.first + given.seeds;
-        let one = |seed| Ok::<_, mr_damper_model::Error>((judge(&plan.case(seed)?)?, plan.change(seed)?));
+        // Of other bases the own misfit is all there is.
+        let has_twin = matches!(plan.kind, Kind::Single | Kind::Pair);
+        let one = |seed| {
+            let healthy = has_twin.then(|| judge(&plan.healthy(seed)?)).transpose()?;
+            Ok::<_, mr_damper_model::Error>((judge(&plan.case(seed)?)?, healthy, plan.change(seed)?))
+        };
         // In the order of the seeds, whatever the order in which they end.
-        for (outcome, change) in seeds.into_par_iter().map(one).collect::<Result<Vec<_>, _>>()? {
-            row.take(plan, &outcome, change);
+        for (outcome, healthy, change) in seeds.into_par_iter().map(one).collect::<Result<Vec<_>, _>>()? {
+            row.take(plan, &outcome, healthy.as_ref(), change);
         }
         println!("{}", row.text(plan));
         let key = (plan.kind, plan.truth.is_empty(), plan.share);

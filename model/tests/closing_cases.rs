@@ -97,7 +97,7 @@ fn effects_are_named_where_they_are_and_nowhere_else() -> Result<(), Error> {
         let plan = plan(name);
         let outcome = judge(&plan.case(1)?)?;
         let mut row = Row::default();
-        row.take(&plan, &outcome, 0.0);
+        row.take(&plan, &outcome, None, 0.0);
         assert_eq!((row.right.hits, row.wrong.hits), (1, 0), "{name}: {outcome:?}");
         assert!(row.error() < 0.1, "{name}: {outcome:?}");
         assert!(outcome.removed.is_some_and(|share| share > 0.9), "{name}: {outcome:?}");
@@ -129,12 +129,13 @@ fn names_are_right_when_they_hold_the_truth_and_wrong_when_they_hold_none_of_it(
         before: 1.0,
         after: None,
         removed: None,
+        over_noise_n2: [1.0; 2],
         named: named.to_vec(),
         verdict: Verdict::Unexplained,
     };
     let judged = |name: &str, named: &[Named]| {
         let mut row = Row::default();
-        row.take(&plan(name), &outcome(named), 0.0);
+        row.take(&plan(name), &outcome(named), None, 0.0);
         (row.right.hits, row.wrong.hits)
     };
     assert_eq!(judged("null", &[]), (1, 0));
@@ -149,7 +150,7 @@ fn names_are_right_when_they_hold_the_truth_and_wrong_when_they_hold_none_of_it(
     assert_eq!(judged("pair coil_lag + gas_spring x1", &both[..1]), (0, 0));
     assert_eq!(judged("outside mains_hum x1", &[]), (0, 0));
     let mut row = Row::default();
-    row.take(&plan("single coil_lag x1"), &outcome(&[named(&["coil_lag"], 0.0132)]), 0.0);
+    row.take(&plan("single coil_lag x1"), &outcome(&[named(&["coil_lag"], 0.0132)]), None, 0.0);
     assert!((row.error() - 0.1).abs() < 1e-12, "{}", row.error());
     assert_eq!(plan("single coil_lag x1").kind, Kind::Single);
 }

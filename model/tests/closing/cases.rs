@@ -184,9 +184,21 @@ impl Plan {
     /// # Errors
     /// When the rig refuses an effect.
     pub(crate) fn case(&self, seed: u64) -> Result<Case, Error> {
+        self.with(&self.truth, seed)
+    }
+
+    /// The same motions, currents and noise with nothing put in.
+    ///
+    /// # Errors
+    /// As [`Plan::case`].
+    pub(crate) fn healthy(&self, seed: u64) -> Result<Case, Error> {
+        self.with(&[], seed)
+    }
+
+    fn with(&self, truth: &[(&'static str, f64)], seed: u64) -> Result<Case, Error> {
         let channels = Channels::default().with_velocity(VELOCITY_NOISE_M_S);
         let run = |which: usize, name: &str| -> Result<Run, Error> {
-            let run = self.record(&self.truth, which, which, channels, seed)?;
+            let run = self.record(truth, which, which, channels, seed)?;
             Ok(Run { name: format!("{name} {seed} of {}", self.name()), ..run })
         };
         let healthy = |which: usize| -> Result<Run, Error> {
@@ -198,7 +210,7 @@ impl Plan {
             kind: self.kind,
             name: self.name(),
             seed,
-            truth: self.truth.clone(),
+            truth: truth.to_vec(),
             estimate: vec![run(0, "estimate")?],
             confirm: vec![run(1, "confirm")?],
             test: vec![run(2, "test")?],

@@ -18,6 +18,8 @@ pub(crate) struct Outcome {
     pub(crate) after: Option<f64>,
     /// Share of the explainable error that is gone there; `None` when nothing was named.
     pub(crate) removed: Option<f64>,
+    /// Mean square error there over the noise floor, N²: of the base alone, and of the augmented model.
+    pub(crate) over_noise_n2: [f64; 2],
     /// What was named, in the order of application.
     pub(crate) named: Vec<Named>,
     /// The verdict.
@@ -93,8 +95,10 @@ pub(crate) fn judge(case: &Case) -> Result<Outcome, Error> {
     // A name that the sealed run does not bear out is taken back by the verdict.
     let stands = !matches!(found.verdict, Verdict::Unexplained | Verdict::BaseInadequate);
     let effects = if stands { &found.effects[..] } else { &[] };
+    let over_noise = |rsse_n: f64| rsse_n.powi(2) - found.noise_floor.rsse_n.powi(2);
     Ok(Outcome {
         before: sealed.before.esr,
+        over_noise_n2: [sealed.before.rsse_n, sealed.after.rsse_n].map(over_noise),
         after: (!effects.is_empty()).then_some(sealed.after.esr),
         removed: sealed.removed.filter(|_| !effects.is_empty()),
         named: effects.iter().map(named).collect(),

@@ -64,14 +64,16 @@ pub(crate) struct Row {
     before: Vec<f64>,
     after: Vec<f64>,
     removed: Vec<f64>,
+    undone: Vec<f64>,
     /// Relative errors of the parameters of effects that were named as themselves.
     errors: Vec<f64>,
     verdicts: BTreeMap<&'static str, u32>,
 }
 
 impl Row {
-    /// Counts one outcome of `plan`, whose effects change the force by the share `change`.
-    pub(crate) fn take(&mut self, plan: &Plan, outcome: &Outcome, change: f64) {
+    /// Counts one outcome of `plan`, whose effects change the force by the share `change`; and where it is known what comes out with
+    /// nothing put in, how much of the error that they brought is gone.
+    pub(crate) fn take(&mut self, plan: &Plan, outcome: &Outcome, healthy: Option<&Outcome>, change: f64) {
         let there: Vec<Option<&str>> = plan.truth.iter().map(|(id, _)| library_id(id)).collect();
         let within = |ids: &[String], id: &str| ids.iter().any(|named| named == id);
         let found = |id: &str| outcome.named.iter().any(|named| within(&named.ids, id));
@@ -92,6 +94,11 @@ impl Row {
         self.before.push(outcome.before);
         self.after.extend(outcome.after);
         self.removed.extend(outcome.removed);
+        let undone = healthy.filter(|_| outcome.after.is_some()).map(|healthy| {
+            let [[own, _], [before, after]] = [healthy.over_noise_n2, outcome.over_noise_n2];
+            (before - after) / (before - own)
+        });
+        self.undone.extend(undone);
         *self.verdicts.entry(outcome.verdict.name()).or_default() += 1;
     }
 
@@ -105,13 +112,14 @@ impl Row {
         let sizes: Vec<String> = plan.truth.iter().map(|(_, size)| format!("{size}")).collect();
         let verdicts: Vec<String> = self.verdicts.iter().map(|(name, n)| format!("{name} {n}")).collect();
         format!(
-            "{:<40} {:>14} {:>7.2} {:>9.2e} {:>9.2e} {:>7.1} {:>7.1} {:>20} {:>20}  {}",
+            "{:<40} {:>14} {:>7.2} {:>9.2e} {:>9.2e} {:>7.1} {:>8.1} {:>7.1} {:>20} {:>20}  {}",
             plan.name(),
             sizes.join(", "),
             100.0 * median(&self.changes),
             median(&self.before),
             median(&self.after),
             100.0 * median(&self.removed),
+            100.0 * median(&self.undone),
             100.0 * self.error(),
             self.right.text(),
             self.wrong.text(),
@@ -120,12 +128,23 @@ impl Row {
     }
 }
 
-/// Head of the table: medians over the seeds (ESR on the sealed run, share of the explainable error that is gone there, error of
-/// the parameter), rates with Wilson's 95 % interval.
+/// Head of the table: medians over the seeds (ESR on the sealed run; share that is gone there of the error over the noise, and of what
+/// the effects brought to it, over the base's own misfit to the healthy damper; error of the parameter), rates with Wilson's 95 %
+/// interval.
 pub(crate) fn head() -> String {
     format!(
-        "{:<40} {:>14} {:>7} {:>9} {:>9} {:>7} {:>7} {:>20} {:>20}  {}",
-        "case", "size", "dF/F %", "before", "after", "gone %", "off %", "right", "wrong", "verdicts"
+        "{:<40} {:>14} {:>7} {:>9} {:>9} {:>7} {:>8} {:>7} {:>20} {:>20}  {}",
+        "case",
+        "size",
+        "dF/F %",
+        "before",
+        "after",
+        "gone %",
+        "undone %",
+        "off %",
+        "right",
+        "wrong",
+        "verdicts"
     )
 }
 
