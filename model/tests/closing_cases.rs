@@ -3,7 +3,7 @@
 mod closing;
 
 use closing::cases::{Case, Kind, OUTSIDE, Plan, SIZES, catalogue};
-use closing::judge::{Named, Outcome, judge};
+use closing::judge::{Bench, Named, Outcome, judge};
 use closing::rates::{Rate, Row, library_id};
 use mr_damper_model::Error;
 use mr_damper_model::diagnose::Verdict;
@@ -90,12 +90,12 @@ fn every_effect_changes_the_force_and_more_of_it_changes_it_more() -> Result<(),
 #[test]
 fn effects_are_named_where_they_are_and_nowhere_else() -> Result<(), Error> {
     for name in ["null", "wrong base null", "outside force_loss x1"] {
-        let outcome = judge(&plan(name).case(1)?)?;
+        let outcome = judge(&plan(name).case(1)?, Bench::Displacement)?;
         assert!(outcome.named.is_empty(), "{name}: {outcome:?}");
     }
     for name in ["single coil_lag x1", "single asymmetry x0.5", "pair coil_lag + gas_spring x1"] {
         let plan = plan(name);
-        let outcome = judge(&plan.case(1)?)?;
+        let outcome = judge(&plan.case(1)?, Bench::Displacement)?;
         let mut row = Row::default();
         row.take(&plan, &outcome, None, 0.0);
         assert_eq!((row.right.hits, row.wrong.hits), (1, 0), "{name}: {outcome:?}");
@@ -103,6 +103,13 @@ fn effects_are_named_where_they_are_and_nowhere_else() -> Result<(), Error> {
         assert!(outcome.removed.is_some_and(|share| share > 0.9), "{name}: {outcome:?}");
         assert_eq!(outcome.verdict, Verdict::Explained, "{name}");
     }
+    // What is next to nothing beside the misfit of difference quotients: a tenth of a newton a second.
+    let outcome = judge(&plan("single load_cell_drift x0.5").case(1)?, Bench::Velocity)?;
+    assert_eq!(
+        outcome.named.iter().map(|named| named.ids[0].as_str()).collect::<Vec<_>>(),
+        ["load_cell_drift"]
+    );
+    assert!(outcome.removed.is_some_and(|share| share > 0.8), "{outcome:?}");
     Ok(())
 }
 

@@ -4,7 +4,7 @@
 //! test. They start at 22, 34 and 46 °C, and a small heat capacity lets the damper warm by some 20 K on the way, so that
 //! fade can be told from drift. The road is rough enough for masses and lags, and long enough for end stops; the current
 //! is an APRBS that is often near zero, where friction is not lost beside the yield force. Runs hold a velocity
-//! channel too, which the diagnosis here does without.
+//! channel too, which the diagnosis does without unless asked ([`super::judge::Bench`]).
 //!
 //! | kind | truth | base fits |
 //! |---|---|---|

@@ -47,18 +47,39 @@ pub(crate) const CONDITIONING: Conditioning = Conditioning {
 
 /// Restarts of the base's search.
 const RESTARTS: u32 = 5;
-/// Sets of the base over the current, 0 to 2.5 A.
-const SETS: u8 = 7;
-/// Their standard deviation, of their spacing. With the half of the thesis' sets the base follows the rig's smooth valve in steps, and
-/// leaves five times the noise.
+/// Standard deviation of the base's sets, of their spacing. With the half of the thesis' sets the base follows the rig's smooth valve
+/// in steps, and leaves five times the noise.
 const SIGMA: f64 = 0.7;
 
-/// Sets that follow the rig's valve to the noise.
-pub(crate) fn placement() -> Placement {
-    let spacing_a = 2.5 / f64::from(SETS - 1);
-    Placement::Given {
-        centres: (0..SETS).map(|k| spacing_a * f64::from(k)).collect(),
-        sigma: Some(SIGMA * spacing_a),
+/// What the diagnosing side has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Bench {
+    /// Displacement alone, as a vehicle has it, and a base of seven sets over the current. What a difference quotient and seven sets
+    /// miss of the healthy damper is half of its noise.
+    Displacement,
+    /// A velocity transducer too, and nine sets: next to nothing is missed.
+    Velocity,
+}
+
+impl Bench {
+    const fn conditioning(self) -> Conditioning {
+        match self {
+            Self::Displacement => CONDITIONING,
+            Self::Velocity => Conditioning { velocity: VelocitySource::Measured, ..CONDITIONING },
+        }
+    }
+
+    /// Sets of the base over the current, 0 to 2.5 A.
+    fn placement(self) -> Placement {
+        let sets: u8 = match self {
+            Self::Displacement => 7,
+            Self::Velocity => 9,
+        };
+        let spacing_a = 2.5 / f64::from(sets - 1);
+        Placement::Given {
+            centres: (0..sets).map(|k| spacing_a * f64::from(k)).collect(),
+            sigma: Some(SIGMA * spacing_a),
+        }
     }
 }
 
@@ -67,18 +88,19 @@ pub(crate) fn placement() -> Placement {
 ///
 /// # Errors
 /// Those of identification and diagnosis.
-pub(crate) fn judge(case: &Case) -> Result<Outcome, Error> {
+pub(crate) fn judge(case: &Case, bench: Bench) -> Result<Outcome, Error> {
+    let conditioning = bench.conditioning();
     let rows = |runs: &[Run]| -> Result<Vec<Dataset>, Error> {
-        runs.iter().map(|run| Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default())).collect()
+        runs.iter().map(|run| Dataset::from_run(run, &conditioning, &DatasetOptions::default())).collect()
     };
     let (estimate, confirm, test) = (rows(&case.estimate)?, rows(&case.confirm)?, rows(&case.test)?);
     let reference = rows(&case.reference)?;
     let healthy = if case.kind == Kind::Paired { &reference[..1] } else { &estimate[..] };
     let options = Options {
-        conditioning: CONDITIONING,
+        conditioning,
         choose_velocity: false,
         restarts: RESTARTS,
-        placement: placement(),
+        placement: bench.placement(),
         ..Options::default()
     };
     let base = identify_datasets(ModelSpec::FUZZY_TANH, healthy, &options, &Watch::none())?.model;
