@@ -33,13 +33,16 @@ def step(figures):
         ("pipeline, fuzzy-tanh alone", "fuzzy-tanh", ns["pipeline"], 300),
         ("pipeline, ARX seeded beside it", "fuzzy-tanh + arx", ns["pipeline"], 300),
         ("the same with a coil lag", "fuzzy-tanh with coil lag + arx", ns["pipeline"], 300),
-        ("the same without it, commanding a current", "fuzzy-tanh + arx + command", ns["pipeline"], None),
+        ("or with a spring in series", "fuzzy-tanh with spring in series + arx", ns["pipeline"], 300),
+        ("the same without either, commanding a current", "fuzzy-tanh + arx + command", ns["pipeline"], None),
     ]
     rows = []
     for what, name, of, goal in goals:
         said = f"{goal} ns: {verdict(of[name], goal)}" if goal else "-"
         median, worst = single[name][0], single[name][3]
         rows.append([what, f"{of[name]:.1f}", said, counted[name] - idle, f"{median} / {worst}"])
+    without = ns["pipeline"]["fuzzy-tanh + arx"]
+    lag, spring = (ns["pipeline"][f"fuzzy-tanh with {effect} + arx"] / without for effect in ("coil lag", "spring in series"))
     head = ["one sample", "ns", "goal", "instructions", "single: median / worst, ns"]
     others = sorted([*ns["identified"].items(), *ns.get("p", {}).items()], key=lambda row: row[1])
     each = ", ".join(f"{name} {took:.0f}" for name, took in others)
@@ -53,6 +56,9 @@ residual, doubt, flags. Means over 15 360 samples of the peers' problem, and ove
 in it); each is the least of five passes, so the worst is a step that is long and not one that the system broke into. Nothing in a step
 allocates (`model/tests/no_alloc.rs`), locks or calls the system. What the estimating thread itself asks of the system is to park and to
 wake a sink that has parked.
+
+What one effect adds to the whole of a sample, goal 1.2: coil lag {lag:.2f}, {verdict(lag, 1.2)}; a spring in series, which is solved for and costs the
+most of them, {spring:.2f}, {verdict(spring, 1.2)} (`cargo bench -p mr-damper-model --bench effects` has all of them).
 
 Every model that can be identified, following the current, ns: {each}.
 

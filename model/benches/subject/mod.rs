@@ -22,15 +22,24 @@ pub(crate) const PRESETS: [&str; 4] = [
 ];
 
 /// The pipeline bare, with its supervisor, and with what else may be asked of it.
-pub(crate) const PIPELINES: [&str; 4] =
-    ["fuzzy-tanh", "fuzzy-tanh + arx", "fuzzy-tanh with coil lag + arx", "fuzzy-tanh + arx + command"];
+pub(crate) const PIPELINES: [&str; 5] = [
+    "fuzzy-tanh",
+    "fuzzy-tanh + arx",
+    "fuzzy-tanh with coil lag + arx",
+    "fuzzy-tanh with spring in series + arx",
+    "fuzzy-tanh + arx + command",
+];
 
 /// The pipeline called `name`.
 pub(crate) fn pipeline(name: &str) -> Pipeline {
     let mut free = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
-    if name.contains("coil lag") {
-        let lag = EffectModel::new(Effect::CoilLag, &[0.01]).expect("within range");
-        free = Model { effects: Effects::new(&[lag]).expect("one"), ..free };
+    for (words, effect, value) in
+        [("coil lag", Effect::CoilLag, 0.01), ("spring in series", Effect::SeriesSpring, 2e-7)]
+    {
+        if name.contains(words) {
+            let present = EffectModel::new(effect, &[value]).expect("within range");
+            free = Model { effects: Effects::new(&[present]).expect("one"), ..free };
+        }
     }
     let mut models = Models::alone(free);
     if name.contains("arx") {

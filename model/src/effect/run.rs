@@ -6,7 +6,7 @@ use super::{anti_alias_mismatch, asymmetry, deadzone, force_lag, friction, gas_s
 use super::{load_cell_drift, position_dependence, remanence, sensor_delay, series_spring};
 use super::{thermal_fade, velocity_saturation};
 use crate::error::Error;
-use crate::force::{ForceModel, FreeRun, Inputs, Way};
+use crate::force::{ForceModel, FreeRun, FuzzyTanhAlong, Inputs};
 
 /// An effect with its parameters: one that can run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -157,10 +157,10 @@ impl<'a> Inside<'a> {
         self.run(inputs).filter(|force_n| force_n.is_finite())
     }
 
-    /// Force, N, and how fast it grows along `way`, N, where a model that has this stands alone inside.
+    /// The model at a drive that stays, where one that tells its slope stands alone inside.
     #[inline]
-    pub(super) fn force_and_slope(&self, inputs: &Inputs, way: &Way) -> Option<[f64; 2]> {
-        if self.effects.is_empty() { self.force.force_and_slope(inputs, way) } else { None }
+    pub(super) fn along(&self, drive: f64) -> Option<FuzzyTanhAlong<'_>> {
+        if self.effects.is_empty() { self.force.along(drive) } else { None }
     }
 
     /// A sample that may be taken back.

@@ -73,34 +73,31 @@ struct Spring {
 struct Before {
     /// One over the time since.
     per_s: f64,
-    /// Where its rate then would have brought the force by now, N.
+    /// What it bore, N.
+    force_n: f64,
+    /// How fast that grew.
+    force_rate_n_s: f64,
+    /// Where that rate would have brought it by now, N.
     guess_n: f64,
-    stretch_m: f64,
-    rate_m_s: f64,
 }
 
 impl Spring {
-    #[inline]
-    fn stretch_m(&self, force_n: f64) -> f64 {
-        self.compliance_m_n * (force_n - self.offset_n)
-    }
-
-    /// First and second derivative of its stretch when it bears `force_n`.
+    /// How fast what it bears grows when it is `force_n` now, N/s, and how fast that does, N/s².
     #[inline]
     fn rates(&self, force_n: f64) -> (f64, f64) {
         let Some(before) = &self.before else { return (0.0, 0.0) };
-        let rate_m_s = (self.stretch_m(force_n) - before.stretch_m) * before.per_s;
-        (rate_m_s, (rate_m_s - before.rate_m_s) * before.per_s)
+        let force_rate_n_s = (force_n - before.force_n) * before.per_s;
+        (force_rate_n_s, (force_rate_n_s - before.force_rate_n_s) * before.per_s)
     }
 
     /// What is left for the piston when it bears `force_n`.
     #[inline]
     fn behind(&self, inputs: &Inputs, force_n: f64) -> Inputs {
-        let (rate_m_s, rate_m_s2) = self.rates(force_n);
+        let (rate_n_s, rate_n_s2) = self.rates(force_n);
         Inputs {
-            displacement_m: inputs.displacement_m - self.stretch_m(force_n),
-            velocity_m_s: inputs.velocity_m_s - rate_m_s,
-            acceleration_m_s2: inputs.acceleration_m_s2 - rate_m_s2,
+            displacement_m: inputs.displacement_m - self.compliance_m_n * (force_n - self.offset_n),
+            velocity_m_s: inputs.velocity_m_s - self.compliance_m_n * rate_n_s,
+            acceleration_m_s2: inputs.acceleration_m_s2 - self.compliance_m_n * rate_n_s2,
             ..*inputs
         }
     }
@@ -116,14 +113,14 @@ pub(super) fn step(
     if compliance_m_n == 0.0 {
         return inside.run(inputs);
     }
-    let [force_before_n, rate_m_s, slope] = state.held;
-    let mut spring = Spring { compliance_m_n, offset_n: inside.offset_n(), before: None };
-    spring.before = state.elapsed.since_s(inputs.dt_s).map(|since_s| Before {
+    let [force_before_n, force_rate_n_s, slope] = state.held;
+    let before = state.elapsed.since_s(inputs.dt_s).map(|since_s| Before {
         per_s: since_s.recip(),
-        guess_n: force_before_n + rate_m_s * (since_s / compliance_m_n),
-        stretch_m: spring.stretch_m(force_before_n),
-        rate_m_s,
+        force_n: force_before_n,
+        guess_n: force_before_n + force_rate_n_s * since_s,
+        force_rate_n_s,
     });
+    let spring = Spring { compliance_m_n, offset_n: inside.offset_n(), before };
     let newton = Newton::search(&spring, slope, inputs, inside);
     let found = if newton.unsure > 0.0 {
         // The model steps whether there is a force or not: it may be filling its history.
@@ -162,13 +159,15 @@ impl Newton {
             return Self { force_n: spring.offset_n, at_n: spring.offset_n, slope: 1.0, unsure: 1.0 };
         };
         let mut newton = Self { force_n: before.guess_n, at_n: before.guess_n, slope, unsure: 1.0 };
+        let Some(model) = inside.along(inputs.drive) else { return newton };
         let way = Way {
             displacement_m: -spring.compliance_m_n,
             velocity_m_s: -spring.compliance_m_n * before.per_s,
         };
         for _ in 0..NEWTONS {
-            let told = inside.force_and_slope(&spring.behind(inputs, newton.at_n), &way);
-            if !told.is_some_and(|told| newton.step(spring.offset_n, told)) || newton.unsure == 0.0 {
+            let piston = spring.behind(inputs, newton.at_n);
+            let told = model.force_and_slope(piston.displacement_m, piston.velocity_m_s, &way);
+            if !newton.step(spring.offset_n, told) || newton.unsure == 0.0 {
                 break;
             }
         }
@@ -186,9 +185,13 @@ impl Newton {
         self.slope = slope;
         self.force_n += self.unsure * step_n;
         self.at_n += step_n;
-        let length = step_n.abs() / ((self.at_n - offset_n).abs() + 1.0);
-        let way = ((length - SHORT[0]) / (SHORT[1] - SHORT[0])).clamp(0.0, 1.0);
-        self.unsure *= way * way * (3.0 - 2.0 * way);
+        let (length_n, size_n) = (step_n.abs(), (self.at_n - offset_n).abs() + 1.0);
+        if length_n <= SHORT[0] * size_n {
+            self.unsure = 0.0;
+        } else {
+            let way = ((length_n / size_n - SHORT[0]) / (SHORT[1] - SHORT[0])).clamp(0.0, 1.0);
+            self.unsure *= way * way * (3.0 - 2.0 * way);
+        }
         true
     }
 

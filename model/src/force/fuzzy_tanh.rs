@@ -24,7 +24,7 @@
 //! as "variance 0.2"; it is taken as a standard deviation of 0.2 A and is a setting here.
 
 use super::Way;
-use super::sets::{FuzzySets, MAX_FUNCTIONS};
+use super::sets::{FuzzySets, MAX_FUNCTIONS, Strengths};
 use super::tanh::tanh;
 use crate::error::Error;
 use crate::sample::DriveKind;
@@ -159,14 +159,10 @@ impl FuzzyTanh {
         self.sets.strengths(i).mean(|set| functions[set].force_n(x_m, v_m_s)) + self.force_offset_n
     }
 
-    /// What [`Self::force_n`] says, to 1e-15, and how fast it grows along `way`, N.
+    /// The model at a drive that stays, for several motions: the memberships are taken once.
     #[inline]
-    #[must_use]
-    pub(super) fn force_and_slope(&self, x_m: f64, v_m_s: f64, i: f64, way: &Way) -> [f64; 2] {
-        let functions = self.functions();
-        let [force_n, slope_n] =
-            self.sets.strengths(i).mean_and_slope(|set| functions[set].force_and_slope(x_m, v_m_s, way));
-        [force_n + self.force_offset_n, slope_n]
+    pub(super) fn along(&self, drive: f64) -> FuzzyTanhAlong<'_> {
+        FuzzyTanhAlong { model: self, strengths: self.sets.strengths(drive) }
     }
 
     /// The model at a motion that stays, for several drives: the tanh functions are taken once. What [`Self::force_n`] says,
@@ -196,5 +192,23 @@ impl FuzzyTanhAt<'_> {
     #[must_use]
     pub fn force_n(&self, i: f64) -> f64 {
         self.model.sets.strengths(i).mean(|set| self.forces_n[set]) + self.model.force_offset_n
+    }
+}
+
+/// A [`FuzzyTanh`] at one drive; see [`FuzzyTanh::along`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FuzzyTanhAlong<'a> {
+    model: &'a FuzzyTanh,
+    strengths: Strengths,
+}
+
+impl FuzzyTanhAlong<'_> {
+    /// What [`FuzzyTanh::force_n`] says, to 1e-15, and how fast it grows along `way`, N.
+    #[inline]
+    pub(crate) fn force_and_slope(&self, x_m: f64, v_m_s: f64, way: &Way) -> [f64; 2] {
+        let functions = self.model.functions();
+        let [force_n, slope_n] =
+            self.strengths.mean_and_slope(|set| functions[set].force_and_slope(x_m, v_m_s, way));
+        [force_n + self.model.force_offset_n, slope_n]
     }
 }

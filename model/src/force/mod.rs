@@ -19,6 +19,7 @@ pub(crate) mod tsk;
 
 pub use arx::{Arx, LAGS, SAVARESI_LAGS};
 pub use dependence::{Dependence, MAX_DEGREE};
+pub(crate) use fuzzy_tanh::FuzzyTanhAlong;
 pub use fuzzy_tanh::{FuzzyTanh, FuzzyTanhAt, TanhFunction};
 pub use history::{DEPTH, History};
 pub use law::{Law, LawModel, LawState, Sensitivity};
@@ -214,14 +215,12 @@ impl ForceModel {
         }
     }
 
-    /// Force, N, and how fast it grows along `way`, N: of a model that remembers nothing and has this in one pass, for little more
-    /// than the force alone. `None` for every other.
+    /// The model at a drive that stays: one that remembers nothing and tells its slope in one pass, for little more than the force
+    /// alone. `None` for every other.
     #[inline]
-    pub(crate) fn force_and_slope(&self, inputs: &Inputs, way: &Way) -> Option<[f64; 2]> {
+    pub(crate) fn along(&self, drive: f64) -> Option<FuzzyTanhAlong<'_>> {
         match self {
-            Self::FuzzyTanh(fuzzy) => {
-                Some(fuzzy.force_and_slope(inputs.displacement_m, inputs.velocity_m_s, inputs.drive, way))
-            }
+            Self::FuzzyTanh(fuzzy) => Some(fuzzy.along(drive)),
             _ => None,
         }
     }
