@@ -122,6 +122,7 @@ fn what_cannot_prove_anything_is_refused_before_any_work() {
     // Files and numbers.
     refused(&format!("{three} --report none/r.html"), 1, &["none/r.html", "no folder none"]);
     refused(&format!("{three} --noise-floor -3"), 2, &["--noise-floor", "positive number of newtons"]);
+    refused(&format!("{three} --effects coil_lag,cavitation"), 2, &["cavitation", "coil_lag, remanence"]);
     refused(&preset("--estimate a.csv --confirm none.csv"), 1, &["none.csv"]);
     let own = ["close", "--base", "a.toml", "--estimate", "b.csv", "--confirm", "c.csv", "--out", "a.toml"];
     let output = mr_damper(dir.path(), &own);
@@ -168,6 +169,15 @@ fn the_rigs_lag_is_found_proved_and_written_and_its_sealed_run_is_sealed_no_more
     assert!(json["test"]["ratio_ci95"][1].as_f64().is_some_and(|high| high < 0.6), "{:#}", json["test"]);
     let roles: Vec<&Value> = json["runs"].as_array().expect("runs").iter().map(|run| &run["role"]).collect();
     assert_eq!(roles, ["estimate", "estimate", "confirm", "test"]);
+
+    // What was not to be looked for is not named, and not called absent.
+    let other = close("close --base fuzzy-tanh --restarts 2 --out other.toml --effects gas_spring,friction");
+    let other: Value = serde_json::from_slice(&other.stdout).expect("JSON alone on stdout");
+    let ids = |list: &str| -> Vec<&str> {
+        other[list].as_array().expect(list).iter().filter_map(|effect| effect["id"].as_str()).collect()
+    };
+    assert!(!ids("effects").contains(&"coil_lag"), "{other:#}");
+    assert!(ids("untestable").contains(&"coil_lag") && !ids("untestable").contains(&"friction"), "{other:#}");
 
     // The model file holds what was found: the same error again, from the file.
     let evaluated = mr_damper(dir.path(), &["evaluate", "new.toml", "d.csv", "--json"]);

@@ -33,6 +33,7 @@ mod round;
 mod rows;
 mod score;
 mod sealed;
+mod sought;
 mod space;
 
 pub use finding::{
@@ -40,6 +41,7 @@ pub use finding::{
     Sealed, Verdict,
 };
 pub use paired::reference_force_n;
+pub use sought::Sought;
 
 use crate::error::Error;
 use crate::identify::{Dataset, Watch};
@@ -69,6 +71,8 @@ pub struct Settings {
     pub significance: f64,
     /// Most effects to name, 1 to 3.
     pub most_effects: usize,
+    /// Effects that may be named.
+    pub sought: Sought,
     /// Least length of a block, s. At the default of 3 s a null of coloured noise was named in none of a hundred trials, with
     /// blocks of a quarter of a second in one of six: shorten it only where the data are too few for anything else, and say so.
     pub block_s: f64,
@@ -85,6 +89,7 @@ impl Default for Settings {
             significance: 0.05,
             block_s: 3.0,
             most_effects: 3,
+            sought: Sought::ALL,
             most_rows: 60_000,
             seed: 0,
         }

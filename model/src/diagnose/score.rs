@@ -66,7 +66,8 @@ pub(super) fn scores(
     settings: &Settings,
 ) -> Result<Scores, Error> {
     let known = Known::new(joint, fitted)?;
-    let effects: Vec<Effect> = candidates(&fitted.model).collect();
+    let (effects, left_out): (Vec<Effect>, Vec<Effect>) =
+        candidates(&fitted.model).partition(|effect| settings.sought.has(*effect));
     let one = |effect: &Effect| {
         if joint.watch.is_cancelled() {
             return Err(Error::Cancelled);
@@ -74,7 +75,9 @@ pub(super) fn scores(
         Ok(score(joint, confirm, fitted, &known, *effect, settings))
     };
     let found: Vec<Result<Score, Refused>> = effects.par_iter().map(one).collect::<Result<_, _>>()?;
-    let (mut scores, mut untestable): (Vec<Score>, Vec<Refused>) = (Vec::new(), Vec::new());
+    let mut scores = Vec::new();
+    let not_sought = |effect| Refused { effect, why: "was not to be looked for".to_owned() };
+    let mut untestable: Vec<Refused> = left_out.into_iter().map(not_sought).collect();
     for result in found {
         match result {
             Ok(score) => scores.push(score),

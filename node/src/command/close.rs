@@ -13,7 +13,8 @@ use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use base::Base;
 use live::LiveArgs;
-use mr_damper_model::diagnose::{self, Runs, Settings, Stage};
+use mr_damper_model::diagnose::{self, Runs, Settings, Sought, Stage};
+use mr_damper_model::effect::Effect;
 use mr_damper_model::identify::{Dataset, Watch};
 use mr_damper_model::model_file::Role;
 use roles::Given;
@@ -102,6 +103,10 @@ pub struct RecordedArgs {
     /// shorten them only where there is no more data.
     #[arg(long, group = GROUP, value_name = "S", default_value_t = Settings::default().block_s)]
     pub block_s: f64,
+    /// Effects to look for, by their ids (coil_lag, friction, ...), where you know what your damper can have [default: all of the
+    /// library].
+    #[arg(long, group = GROUP, value_name = "ID", num_args = 1.., value_delimiter = ',', value_parser = effect_ids())]
+    pub effects: Vec<String>,
     /// Model file to write.
     #[arg(long, group = GROUP, value_name = "MODEL+.toml", required = false, required_unless_present = "live")]
     pub out: PathBuf,
@@ -120,6 +125,12 @@ pub struct RecordedArgs {
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
+}
+
+fn effect_ids() -> clap::builder::PossibleValuesParser {
+    let mut ids = Effect::ALL.map(Effect::id).to_vec();
+    ids.dedup();
+    ids.into()
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -189,7 +200,9 @@ fn close(
     around: &Surroundings,
     working: &Working,
 ) -> Result<diagnose::Closing, NodeError> {
+    let sought = if args.effects.is_empty() { Sought::ALL } else { Sought::only(&args.effects)? };
     let settings = Settings {
+        sought,
         noise_floor_n: args.noise_floor,
         block_s: args.block_s,
         seed: args.seed,
