@@ -7,7 +7,8 @@
 //! Broyden, C. G. (1965), Math. Comp. 19, 577: derivatives are carried on by what the last step missed, and taken afresh now and
 //! then, since each costs as many free runs as there are numbers; a first fit of an effect begins with those that its score was
 //! taken with. Levenberg and Marquardt from where the base stands: a closing starts from a base that was searched for from many
-//! points, and an effect moves its coefficients only a little.
+//! points, and an effect moves its coefficients only a little; but for yields that it had to lay flat without the effect, which get a
+//! second start ([`Space::upright`]).
 
 use super::rows::{Rows, dot};
 use super::space::Space;

@@ -234,3 +234,35 @@ pub(super) fn without_effect(model: &Augmented, index: usize) -> Result<Augmente
     effects.remove(index);
     Augmented::new(*model.force(), Effects::new(&effects)?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::force::{FuzzySets, Membership};
+    use crate::sample::DriveKind;
+
+    #[test]
+    fn a_step_that_lies_flat_stands_up_at_the_same_slope_at_rest() -> Result<(), Error> {
+        let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 };
+        let scales = Scales {
+            force_n: 1000.0,
+            displacement_m: 0.015,
+            velocity_m_s: 0.2,
+            acceleration_m_s2: 5.0,
+            frequency_1_s: 20.0,
+            drive: 2.0,
+        };
+        let upright = |slopes: [f64; 3]| -> Result<Option<Vec<f64>>, Error> {
+            let functions = slopes.map(|slope| TanhFunction::new([300.0, 900.0, slope, 2.0]));
+            let sets = FuzzySets::new(membership, &[0.0, 1.0, 2.0])?;
+            let force = ForceModel::FuzzyTanh(FuzzyTanh::new(sets, &functions, 0.0)?);
+            let space = Space::new(&Augmented::new(force, Effects::NONE)?, scales, true)?;
+            Ok(space.upright(&space.values()))
+        };
+        assert_eq!(upright([30.0, 45.0, 60.0])?, None);
+        let found = upright([30.0, 1.5, 40.0])?.expect("one lies");
+        assert_eq!(found[4..8], [300.0 * 1.5 / 30.0, 900.0, 30.0, 2.0]);
+        assert_eq!((found[2], found[10]), (30.0, 40.0));
+        Ok(())
+    }
+}
