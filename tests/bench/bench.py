@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Measures what the service costs, beside its peers, and writes node/docs/BENCHMARKS.md.
 
-    tests/bench/bench.py                      # everything, about half an hour on two cores; the machine has to be idle
+    tests/bench/bench.py                      # all that takes minutes: half an hour on two cores; the machine has to be idle
     tests/bench/bench.py step round_trip      # these again; the rest stays as it was measured
+    tests/bench/bench.py soak                 # and so what takes longer: fuzz, coverage, soak, mutants
     tests/bench/bench.py --list
     tests/bench/bench.py --document           # measures nothing, writes the document from what was measured last
 
@@ -26,7 +27,7 @@ from common import FOLDER, ROOT, Missing, say
 
 def parse_arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("section", nargs="*", help="what to measure; by default everything")
+    parser.add_argument("section", nargs="*", help="what to measure; by default all that takes minutes")
     parser.add_argument("--list", action="store_true", help="say which sections there are, with about how long they take")
     parser.add_argument("--document", action="store_true", help="only write the document")
     arguments = parser.parse_args()
@@ -82,7 +83,7 @@ def main():
     FOLDER.mkdir(parents=True, exist_ok=True)
     left_out = []
     if not arguments.document:
-        for name in arguments.section or sections.ALL:
+        for name in arguments.section or [name for name in sections.ALL if name not in sections.LONG]:
             try:
                 measure(name)
             except Missing as missing:

@@ -231,6 +231,44 @@ worth a refit, and whether a wrong one is named first. None of the peers names a
 {table(["runs", "effects looked for (`--effects`)", "s", "processor, s", "MB"], rows)}"""
 
 
+def fuzz(figures):
+    rows = [[one["target"], one["runs"], one["per_s"], one["features"], one["found"]] for one in figures]
+    return f"""## Fuzzing
+
+Every reader of what comes from outside, a minute each, from committed corpora (`tests/fuzz/README.md`; `tests/fuzz/run.sh --hour` takes an hour each).
+
+{table(["target", "inputs", "a second", "features", "found"], rows)}"""
+
+
+def coverage(figures):
+    share = 1 - figures["missed"] / figures["lines"]
+    least = ", ".join(f"`{name}` {100 * of:.0f}" for of, name in figures["least"])
+    return f"""## Lines that tests run
+
+`model/`, by its own tests (`.ci/coverage`): {100 * share:.1f} % of {figures["lines"]} lines, those of tests within them. The least, %: {least}.
+"""
+
+
+def soak(figures):
+    third, last = figures["third"], figures["last"]
+    grown = 100 * (last[0] / third[0] - 1)
+    return f"""## An hour
+
+{figures["dampers"]} dampers at {figures["rate_hz"]} Hz: {figures["displacements"]} displacements, {figures["lost"]} without an estimate; the driver was late by {figures["late_s"]:.2f} s at most.
+The node after twenty minutes, and at the end: {third[0] / 1024:.1f} and {last[0] / 1024:.1f} MiB ({grown:+.1f} %), {third[1]} and {last[1]} threads, {third[2]} and {last[2]} open files. What it
+received is what it used, refused, could not read or dropped, by reason.
+"""
+
+
+def mutants(figures):
+    goal = "met" if figures["percent"] >= 85 else "missed"
+    return f"""## Wrong changes that tests notice
+
+`model/`, changed in one place at a time by cargo-mutants (`.ci/mutants`), {figures["of"] + figures["unviable"]} changes drawn by seed 1: {figures["caught"]} of {figures["of"]} noticed, {figures["percent"]} % (95 %: {figures["low"]} to {figures["high"]});
+{figures["unviable"]} more did not compile. Goal 85 %: {goal}.
+"""
+
+
 def write(results, order):
     """Writes the document of all sections that were measured."""
     parts = [HEAD]

@@ -210,6 +210,65 @@ def closing():
     return found
 
 
+def soak():
+    """An hour of four dampers at 1 kHz: what is lost, and what grows."""
+    env = {"MR_DAMPER_LONG": "1", "MR_DAMPER_SOAK_S": "3600"}
+    command = ["cargo", "test", "--release", "--workspace", "--test", "soak", "--", "--nocapture"]
+    return soaked(run(INTEROP / "netns.sh", "run", *command, env=env))
+
+
+def soaked(told):
+    lost = re.findall(r"(\w+): (\d+) displacements at (\d+) Hz, (\d+) without an estimate", told)
+    used_then = re.search(r"\[memory kB, threads, files\] \[(.*?)\], \[(.*?)\]", told)
+    third, last = ([int(count) for count in group.split(",")] for group in used_then.groups())
+    return {
+        "dampers": len(lost),
+        "rate_hz": int(lost[0][2]),
+        "displacements": sum(int(row[1]) for row in lost),
+        "lost": sum(int(row[3]) for row in lost),
+        "late_s": float(re.search(r"the peer was late by ([\d.e-]+)", told).group(1)),
+        "third": third,
+        "last": last,
+    }
+
+
+def fuzz():
+    """What a minute of each fuzz target finds."""
+    return fuzzed(run("tests/fuzz/run.sh", "--seed", "1"))
+
+
+def fuzzed(told):
+    rows = re.findall(r"^(\w+) +(\d+) runs +(\d+)/s +(\d+) features +(.*)$", told, re.MULTILINE)
+    return [
+        {"target": name, "runs": int(runs), "per_s": int(per_s), "features": int(features), "found": found}
+        for name, runs, per_s, features, found in rows
+    ]
+
+
+def coverage():
+    """Lines of model/ that its own tests run."""
+    return covered(run(".ci/coverage"))
+
+
+def covered(told):
+    rows = [line.split() for line in told.splitlines() if re.match(r"\S+\.rs |TOTAL ", line)]
+    lines = {row[0]: [int(row[7]), int(row[8])] for row in rows}
+    total = lines.pop("TOTAL")
+    least = sorted((1 - missed / count, name) for name, (count, missed) in lines.items() if count >= 40)[:5]
+    return {"lines": total[0], "missed": total[1], "least": least}
+
+
+def mutants():
+    """Share of wrong changes to model/ that its tests notice: a hundred, drawn by a seed."""
+    return caught(run("bash", "-c", ".ci/mutants 100 1 || true"))
+
+
+def caught(told):
+    found = re.search(r"caught (\d+) of (\d+) \((\d+) %, 95 %: (\d+) to (\d+)\), (\d+) did not compile", told)
+    names = ("caught", "of", "percent", "low", "high", "unviable")
+    return dict(zip(names, map(int, found.groups()), strict=True))
+
+
 # Each section by name, with about how long it takes, s.
 ALL = {
     "step": (step, 240),
@@ -218,5 +277,11 @@ ALL = {
     "realtime": (realtime, 150),
     "offline": (offline, 260),
     "identification": (identification, 200),
-    "closing": (closing, 60),
+    "closing": (closing, 90),
+    "fuzz": (fuzz, 1000),
+    "coverage": (coverage, 1500),
+    "soak": (soak, 3700),
+    "mutants": (mutants, 7200),
 }
+# Those that are measured only when they are asked for by name.
+LONG = ("fuzz", "coverage", "soak", "mutants")
