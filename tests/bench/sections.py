@@ -259,7 +259,7 @@ def covered(told):
 
 
 def mutants():
-    """Share of wrong changes to model/ that its tests notice: a hundred, drawn by a seed."""
+    """Share of wrong changes to model/ that its tests notice: every n-th, about a hundred in all."""
     return caught(run("bash", "-c", ".ci/mutants 100 1 || true"))
 
 
