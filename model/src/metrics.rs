@@ -116,11 +116,13 @@ mod tests {
             samples.iter().for_each(|(measured, predicted)| sum.add(*measured, *predicted));
             sum
         };
-        let whole = of(&samples).fit().expect("samples");
+        let sum = of(&samples);
+        let whole = sum.fit().expect("samples");
         let mut merged = ErrorSum::default();
         for part in [&samples[..0], &samples[..30], &samples[30..31], &samples[31..]] {
             merged.merge(&of(part));
         }
+        assert!((merged.mean_error_n() - sum.mean_error_n()).abs() < 1e-12 && sum.mean_error_n() != 0.0);
         let merged = merged.fit().expect("samples");
         assert!(
             (merged.esr / whole.esr - 1.0).abs() < 1e-14 && merged.samples == 100,
