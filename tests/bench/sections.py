@@ -214,19 +214,20 @@ def soak():
     """An hour of four dampers at 1 kHz: what is lost, and what grows."""
     env = {"MR_DAMPER_LONG": "1", "MR_DAMPER_SOAK_S": "3600"}
     command = ["cargo", "test", "--release", "--workspace", "--test", "soak", "--", "--nocapture"]
-    return soaked(run(INTEROP / "netns.sh", "run", *command, env=env))
+    return {**soaked(run(INTEROP / "netns.sh", "run", *command, env=env)), "busy": False}
 
 
 def soaked(told):
     lost = re.findall(r"(\w+): (\d+) displacements at (\d+) Hz, (\d+) without an estimate", told)
     used_then = re.search(r"\[memory kB, threads, files\] \[(.*?)\], \[(.*?)\]", told)
+    late, unit = re.search(r"the peer was late by ([\d.]+)(\D+) at most", told).groups()
     third, last = ([int(count) for count in group.split(",")] for group in used_then.groups())
     return {
         "dampers": len(lost),
         "rate_hz": int(lost[0][2]),
         "displacements": sum(int(row[1]) for row in lost),
         "lost": sum(int(row[3]) for row in lost),
-        "late_s": float(re.search(r"the peer was late by ([\d.e-]+)", told).group(1)),
+        "late_s": float(late) * {"s": 1.0, "ms": 1e-3, "µs": 1e-6}[unit],
         "third": third,
         "last": last,
     }
