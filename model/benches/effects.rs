@@ -7,6 +7,7 @@
 
 mod middle;
 mod motion;
+mod subject;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
@@ -14,7 +15,6 @@ use middle::present;
 use motion::{SAMPLES, motion};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
 use mr_damper_model::force::{ForceModel, FreeRun};
-use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use mr_damper_model::preset;
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Metre, Newton};
@@ -75,14 +75,8 @@ fn samples() -> Vec<Sample> {
     motion().iter().enumerate().flat_map(at).collect()
 }
 
-/// A service that estimates with fuzzy-tanh, and one step ahead with ARX, as `thesis/fuzzy-tanh` runs by default.
 fn service(bencher: Bencher, effects: &[EffectModel]) {
-    let effects = Effects::new(effects).expect("few enough");
-    let free =
-        mr_damper_model::model::Model { effects, ..preset::load(preset::BEST_FUZZY_TANH).expect("a preset") };
-    let seeded = preset::load(preset::BEST_ARX).expect("a preset");
-    let models = Models::alone(free).with_seeded(seeded).expect("it feeds on force");
-    let pipeline = Pipeline::new(models, Settings::default()).expect("it runs");
+    let pipeline = subject::service(effects, true);
     let samples = samples();
     bencher.counter(ItemsCount::new(SAMPLES)).with_inputs(|| pipeline.clone()).bench_refs(|pipeline| {
         let mut events = 0_u32;

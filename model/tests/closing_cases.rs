@@ -2,20 +2,15 @@
 
 mod closing;
 
-use closing::cases::{Case, Kind, OUTSIDE, Plan, SIZES, catalogue};
-use closing::judge::{Bench, CONDITIONING, Named, Outcome, judge};
+use closing::cases::{Case, Kind, OUTSIDE, Plan, SIZES, catalogue, plan};
+use closing::judge::{Bench, Named, Outcome, judge};
 use closing::rates::{Rate, Row, library_id};
 use mr_damper_model::Error;
-use mr_damper_model::diagnose::{FloorSource, NoiseFloor, Runs, Settings, Verdict, close};
+use mr_damper_model::diagnose::Verdict;
 use mr_damper_model::effect::Effect;
 use mr_damper_model::force::law::Scale;
-use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
 use mr_damper_model::sample::Run;
 use std::collections::HashSet;
-
-fn plan(name: &str) -> Plan {
-    catalogue().into_iter().find(|plan| plan.name() == name).unwrap_or_else(|| panic!("no case {name}"))
-}
 
 fn force(run: &Run) -> &[f64] {
     run.force_n.as_ref().map_or(&[], |trace| &trace.values)
@@ -113,36 +108,6 @@ fn effects_are_named_where_they_are_and_nowhere_else() -> Result<(), Error> {
         ["load_cell_drift"]
     );
     assert!(outcome.removed.is_some_and(|share| share > 0.8), "{outcome:?}");
-    Ok(())
-}
-
-/// Two healthy runs of one pattern: what tells them apart is the noise that the third differences of one of them tell, too.
-#[test]
-fn replicates_and_a_single_run_tell_one_noise() -> Result<(), Error> {
-    let case = plan("paired null").case(2)?;
-    let rows = |run: &Run| Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default());
-    let (estimate, confirm) = ([rows(&case.estimate[0])?], [rows(&case.confirm[0])?]);
-    let replicates = [rows(&case.test[0])?, rows(&case.reference[2])?];
-    let options =
-        Options { conditioning: CONDITIONING, choose_velocity: false, restarts: 2, ..Options::default() };
-    let base = identify_datasets(ModelSpec::FUZZY_TANH, &estimate, &options, &Watch::none())?.model;
-    let floor = |replicates: &[Dataset], noise_floor_n| -> Result<NoiseFloor, Error> {
-        let runs = Runs { estimate: &estimate, confirm: &confirm, replicates, ..Runs::default() };
-        let settings = Settings { most_effects: 1, noise_floor_n, ..Settings::default() };
-        Ok(close(&base, &runs, &settings, &Watch::none(), &|_| {})?.noise_floor)
-    };
-    let (told, guessed) = (floor(&replicates, None)?, floor(&[], None)?);
-    assert_eq!((told.source, guessed.source), (FloorSource::Replicates, FloorSource::Estimated));
-    let ratio = told.rsse_n / guessed.rsse_n;
-    assert!((0.8..1.5).contains(&ratio), "{told:?} {guessed:?}");
-    let declared = floor(&[], Some(7.0))?;
-    assert_eq!((declared.source, declared.rsse_n), (FloorSource::Declared, 7.0));
-    // Runs that do not move alike are no replicates, nor is one alone.
-    let strangers =
-        floor(&[replicates[0].clone(), confirm[0].clone()], None).map_err(|error| error.to_string());
-    assert!(strangers.is_err_and(|why| why.contains("do not move alike")));
-    let alone = floor(&replicates[..1], None).map_err(|error| error.to_string());
-    assert!(alone.is_err_and(|why| why.contains("one run has no replicate")));
     Ok(())
 }
 

@@ -2,18 +2,14 @@
 
 mod closing;
 
-use closing::cases::{Plan, catalogue};
+use closing::cases::plan;
 use closing::judge::CONDITIONING;
 use mr_damper_model::Error;
-use mr_damper_model::diagnose::{Closing, Runs, Settings, close};
+use mr_damper_model::diagnose::{Closing, FloorSource, NoiseFloor, Runs, Settings, close};
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
 use mr_damper_model::model::Model;
 use mr_damper_model::sample::{Run, Stamp};
 use std::sync::LazyLock;
-
-fn plan(name: &str) -> Plan {
-    catalogue().into_iter().find(|plan| plan.name() == name).unwrap_or_else(|| panic!("no case {name}"))
-}
 
 fn rows(run: &Run) -> Dataset {
     Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default()).expect("a run of the rig makes rows")
@@ -86,4 +82,29 @@ fn the_number_of_threads_changes_nothing() {
     let (alone, together) = (on(1).expect("a closing"), on(3).expect("a closing"));
     assert_eq!(alone, together);
     assert!(together.test.is_some_and(|test| test.ratio < 0.1 && test.ratio_ci95[1] < 0.2));
+}
+
+/// Two healthy runs of one pattern: what tells them apart is the noise that the third differences of one of them tell, too.
+#[test]
+fn replicates_and_a_single_run_tell_one_noise() -> Result<(), Error> {
+    let case = plan("paired null").case(2)?;
+    let [estimate, confirm, _] = LAGGING.0.each_ref().map(|run| [rows(run)]);
+    let replicates = [rows(&case.test[0]), rows(&case.reference[2])];
+    let floor = |replicates: &[Dataset], noise_floor_n| -> Result<NoiseFloor, Error> {
+        let runs = Runs { estimate: &estimate, confirm: &confirm, replicates, ..Runs::default() };
+        let settings = Settings { most_effects: 1, noise_floor_n, ..Settings::default() };
+        Ok(close(&LAGGING.1, &runs, &settings, &Watch::none(), &|_| {})?.noise_floor)
+    };
+    let (told, guessed) = (floor(&replicates, None)?, floor(&[], None)?);
+    assert_eq!((told.source, guessed.source), (FloorSource::Replicates, FloorSource::Estimated));
+    let ratio = told.rsse_n / guessed.rsse_n;
+    assert!((0.8..1.5).contains(&ratio), "{told:?} {guessed:?}");
+    let declared = floor(&[], Some(7.0))?;
+    assert_eq!((declared.source, declared.rsse_n), (FloorSource::Declared, 7.0));
+    // Runs that do not move alike are no replicates, nor is one alone.
+    let strangers = floor(&[replicates[0].clone(), confirm[0].clone()], None);
+    assert!(strangers.is_err_and(|why| why.to_string().contains("do not move alike")));
+    let alone = floor(&replicates[..1], None);
+    assert!(alone.is_err_and(|why| why.to_string().contains("one run has no replicate")));
+    Ok(())
 }

@@ -214,14 +214,14 @@ The command as a whole, on runs of 30 s at 512 Hz of the virtual rig:
 
 def closing(figures):
     def what(row):
-        few = row.get("effects")
+        few = row["effects"]
         return f"{len(few)}: {', '.join(few)}" if few else "the whole library"
 
     rows = [
         [f"3 x {row['run_s']} s", what(row), f"{row['seconds']:.1f}", f"{row['processor_s']:.1f}", f"{row['memory_mb']:.0f}"]
         for row in figures
     ]
-    thirty = next(row for row in figures if row["run_s"] == 30 and not row.get("effects"))
+    thirty = next(row for row in figures if row["run_s"] == 30 and not row["effects"])
     return f"""## Closing the loop
 
 `close` on three runs at 512 Hz of the virtual rig (estimate, confirm, sealed), whose coil lags: effects scored, the best of them refitted with the base,
@@ -252,11 +252,11 @@ def coverage(figures):
 def soak(figures):
     third, last = figures["third"], figures["last"]
     grown = 100 * (last[0] / third[0] - 1)
-    where = "On a machine that built and tested on both cores meanwhile, " if figures["busy"] else ""
     share = 100 * figures["lost"] / figures["displacements"]
     return f"""## An hour
 
-{where}{figures["dampers"]} dampers at {figures["rate_hz"]} Hz: {figures["displacements"]} displacements, {figures["lost"]} ({share:.3f} %) without an estimate; the driver was late by {figures["late_s"]:.2f} s at most.
+{figures["dampers"]} dampers at {figures["rate_hz"]} Hz: {figures["displacements"]} displacements, {figures["lost"]} ({share:.3f} %) without an estimate; the driver was late by {figures["late_s"]:.2f} s at most,
+with a load average of {figures["load"]:.1f} on the machine (1 or less when it is idle but for this).
 The node after twenty minutes, and at the end: {third[0] / 1024:.1f} and {last[0] / 1024:.1f} MiB ({grown:+.1f} %), {third[1]} and {last[1]} threads, {third[2]} and {last[2]} open files.
 """
 

@@ -192,7 +192,7 @@ def closing():
     """Closing the loop: how its cost grows with the length of the runs, and with the effects that are looked for."""
     build()
     found = []
-    candidates = [[], ["friction"], ["coil_lag"], CANDIDATES[:4], CANDIDATES[:8]]
+    candidates = [[], ["friction"], ["coil_lag"], CANDIDATES[:4], CANDIDATES]
     for seconds in (20, 30, 60, 120):
         folder = FOLDER / f"closing-{seconds}"
         if not folder.exists():
@@ -214,7 +214,8 @@ def soak():
     """An hour of four dampers at 1 kHz: what is lost, and what grows."""
     env = {"MR_DAMPER_LONG": "1", "MR_DAMPER_SOAK_S": "3600"}
     command = ["cargo", "test", "--release", "--workspace", "--test", "soak", "--", "--nocapture"]
-    return {**soaked(run(INTEROP / "netns.sh", "run", *command, env=env)), "busy": False}
+    told = run(INTEROP / "netns.sh", "run", *command, env=env)
+    return {**soaked(told), "load": os.getloadavg()[2]}
 
 
 def soaked(told):

@@ -32,17 +32,19 @@ pub(crate) const PIPELINES: [&str; 5] = [
 
 /// The pipeline called `name`.
 pub(crate) fn pipeline(name: &str) -> Pipeline {
-    let mut free = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
-    for (words, effect, value) in
-        [("coil lag", Effect::CoilLag, 0.01), ("spring in series", Effect::SeriesSpring, 2e-7)]
-    {
-        if name.contains(words) {
-            let present = EffectModel::new(effect, &[value]).expect("within range");
-            free = Model { effects: Effects::new(&[present]).expect("one"), ..free };
-        }
-    }
+    let known = [("coil lag", Effect::CoilLag, 0.01), ("spring in series", Effect::SeriesSpring, 2e-7)];
+    let there = known.into_iter().filter(|(words, ..)| name.contains(words));
+    let present = |(_, effect, value)| EffectModel::new(effect, &[value]).expect("within range");
+    service(&there.map(present).collect::<Vec<_>>(), name.contains("arx"))
+}
+
+/// A service that estimates with fuzzy-tanh and `effects` around it; and one step ahead with ARX, as `thesis/fuzzy-tanh` runs by
+/// default, where it is `seeded`.
+pub(crate) fn service(effects: &[EffectModel], seeded: bool) -> Pipeline {
+    let effects = Effects::new(effects).expect("few enough");
+    let free = Model { effects, ..preset::load(preset::BEST_FUZZY_TANH).expect("a preset") };
     let mut models = Models::alone(free);
-    if name.contains("arx") {
+    if seeded {
         models =
             models.with_seeded(preset::load(preset::BEST_ARX).expect("a preset")).expect("it feeds on force");
     }

@@ -20,8 +20,7 @@ impl Sought {
     /// # Errors
     /// [`Error::Data`] when an id is none of the library's, or there is none.
     pub fn only<S: AsRef<str>>(ids: &[S]) -> Result<Self, Error> {
-        let mut known: Vec<&str> = Effect::ALL.map(Effect::id).to_vec();
-        known.dedup();
+        let known = Effect::ids();
         let wrong = ids.iter().map(AsRef::as_ref).find(|id| !known.contains(id));
         if let Some(id) = wrong.or(ids.is_empty().then_some("")) {
             return Err(Error::Data {

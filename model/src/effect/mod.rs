@@ -270,6 +270,14 @@ impl Effect {
         self.about().id
     }
 
+    /// The ids of the library, each once, in the order of [`Effect::ALL`].
+    #[must_use]
+    pub fn ids() -> Vec<&'static str> {
+        let mut ids = Self::ALL.map(Self::id).to_vec();
+        ids.dedup();
+        ids
+    }
+
     /// Which form of the effect this is, where there is more than one.
     #[must_use]
     pub const fn form(self) -> Option<&'static str> {

@@ -33,7 +33,7 @@ pub trait Problem {
 }
 
 /// How fast the scale of a parameter follows it to where the residuals feel it less, a step. The largest scale so far, as MINPACK has
-/// it, holds a parameter that was felt strongly once, and searches creep along valleys: fits of a closing took ten times the steps.
+/// it, holds a parameter that was felt strongly once, and searches creep along valleys: fits of a closing ended short of the minimum.
 const FORGETS: f64 = 1e-3;
 
 /// When to stop.

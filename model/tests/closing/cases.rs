@@ -163,6 +163,11 @@ pub(crate) fn catalogue() -> Vec<Plan> {
     plans
 }
 
+/// The plan called `name`.
+pub(crate) fn plan(name: &str) -> Plan {
+    catalogue().into_iter().find(|plan| plan.name() == name).unwrap_or_else(|| panic!("no case {name}"))
+}
+
 /// Full size of an effect of the library, in the rig's unit.
 pub(crate) fn full_size(id: &str) -> f64 {
     SIZES.iter().find(|(known, _)| *known == id).map_or(f64::NAN, |(_, size)| *size)

@@ -12,6 +12,7 @@ use crate::command::progress::Working;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use base::Base;
+use clap::builder::PossibleValuesParser;
 use live::LiveArgs;
 use mr_damper_model::diagnose::{self, Runs, Settings, Sought, Stage};
 use mr_damper_model::effect::Effect;
@@ -105,7 +106,7 @@ pub struct RecordedArgs {
     pub block_s: f64,
     /// Effects to look for, by their ids (coil_lag, friction, ...), where you know what your damper can have [default: all of the
     /// library].
-    #[arg(long, group = GROUP, value_name = "ID", num_args = 1.., value_delimiter = ',', value_parser = effect_ids())]
+    #[arg(long, group = GROUP, value_name = "ID", num_args = 1.., value_delimiter = ',', value_parser = PossibleValuesParser::new(Effect::ids()))]
     pub effects: Vec<String>,
     /// Model file to write.
     #[arg(long, group = GROUP, value_name = "MODEL+.toml", required = false, required_unless_present = "live")]
@@ -125,12 +126,6 @@ pub struct RecordedArgs {
     /// How runs are read.
     #[command(flatten)]
     pub load: RunArgs,
-}
-
-fn effect_ids() -> clap::builder::PossibleValuesParser {
-    let mut ids = Effect::ALL.map(Effect::id).to_vec();
-    ids.dedup();
-    ids.into()
 }
 
 fn positive(text: &str) -> Result<f64, String> {

@@ -134,30 +134,25 @@ pub fn find(name: &str) -> Result<&'static Parameter, NodeError> {
     })
 }
 
-macro_rules! double {
-    ($name:literal, $low:literal..=$high:literal, $change:ident, $doc:literal, $($field:ident).+) => {
+macro_rules! number {
+    ($variant:ident, $name:literal, $low:literal..=$high:literal, $change:ident, $doc:literal, $($field:ident).+) => {
         Parameter {
             name: $name,
-            kind: Kind::Double($low, $high),
+            kind: Kind::$variant($low, $high),
             change: $change,
             doc: $doc,
-            get: |c| Value::Double(c.$($field).+),
-            set: |c, v| if let Value::Double(x) = v { c.$($field).+ = *x; },
+            get: |c| Value::$variant(c.$($field).+),
+            set: |c, v| if let Value::$variant(x) = v { c.$($field).+ = *x; },
         }
     };
 }
 
+macro_rules! double {
+    ($($rest:tt)*) => { number!(Double, $($rest)*) };
+}
+
 macro_rules! integer {
-    ($name:literal, $low:literal..=$high:literal, $change:ident, $doc:literal, $($field:ident).+) => {
-        Parameter {
-            name: $name,
-            kind: Kind::Integer($low, $high),
-            change: $change,
-            doc: $doc,
-            get: |c| Value::Integer(c.$($field).+),
-            set: |c, v| if let Value::Integer(n) = v { c.$($field).+ = *n; },
-        }
-    };
+    ($($rest:tt)*) => { number!(Integer, $($rest)*) };
 }
 
 macro_rules! text {

@@ -4,6 +4,8 @@ use super::*;
 use crate::condition::{LowPass, LowPassState};
 use crate::force::{FuzzySets, FuzzyTanh, Membership, TanhFunction};
 use crate::units::Hertz;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
 
 const DT_S: f64 = 0.002;
 
@@ -300,10 +302,9 @@ fn one_evaluation_is_as_good_as_all_of_them() {
     let as_law: Vec<f64> = rows.iter().flat_map(|[a1, a2, a3, kappa]| [*a1, *a2, *a3, *kappa, 1.0]).collect();
     let plain = law(Law::Sp, Dependence::Fuzzy(sets), &as_law);
     let mut inputs = motion(4000);
-    let mut noise = 1_u64;
+    let mut random = Pcg64Mcg::seed_from_u64(1);
     for at in &mut inputs {
-        noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        at.velocity_m_s += 2e-3 * ((noise >> 32) as f64 / f64::from(1 << 31) - 1.0);
+        at.velocity_m_s += random.random_range(-2e-3..2e-3);
     }
     let size = |signal: &[f64]| signal.iter().map(|n| n * n).sum::<f64>().sqrt();
     let off = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
