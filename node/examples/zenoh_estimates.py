@@ -11,6 +11,7 @@ endpoint, count = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else None
 config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+config.insert_json5("connect/timeout_ms", "-1")  # wait for who is not there yet; Ctrl-C ends it
 with zenoh.open(config) as session:
     estimates = session.declare_subscriber("mr_damper/**/web/force_estimate")
     for sample in itertools.islice(estimates, count):

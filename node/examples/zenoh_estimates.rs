@@ -11,6 +11,7 @@ fn main() -> zenoh::Result<()> {
     let mut config = zenoh::Config::default();
     config.insert_json5("mode", "\"client\"")?;
     config.insert_json5("connect/endpoints", &format!("[\"{endpoint}\"]"))?;
+    config.insert_json5("connect/timeout_ms", "-1")?; // wait for who is not there yet
     let session = zenoh::open(config).wait()?;
     let estimates = session.declare_subscriber("mr_damper/**/web/force_estimate").wait()?;
     for _ in 0..count {

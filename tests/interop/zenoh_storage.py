@@ -24,6 +24,7 @@ def main() -> int:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("connect/timeout_ms", "-1")  # a router may be there later than its client
     config.insert_json5("scouting/multicast/enabled", "false")
     heard: dict[str, dict] = {}
     had_force, given_up, gone = threading.Event(), threading.Event(), threading.Event()

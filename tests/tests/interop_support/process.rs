@@ -43,6 +43,8 @@ pub(crate) struct Program {
     status: Option<ExitStatus>,
     /// Of a program that takes commands.
     stdin: Option<ChildStdin>,
+    /// Where its standard error goes.
+    log: PathBuf,
 }
 
 impl Program {
@@ -74,7 +76,7 @@ impl Program {
             }
         });
         let stdin = child.stdin.take();
-        Self { name: name.to_owned(), child, lines, status: None, stdin }
+        Self { name: name.to_owned(), child, lines, status: None, stdin, log: log.to_owned() }
     }
 
     /// The next line of standard output, as JSON.
@@ -85,7 +87,7 @@ impl Program {
             Err(RecvTimeoutError::Timeout) => panic!("{} said nothing for {timeout:?}", self.name),
             Err(RecvTimeoutError::Disconnected) => {
                 let status = self.wait(GRACE);
-                panic!("{} ended without a result: {status}", self.name)
+                panic!("{} ended without a result: {status}\n{}", self.name, tail(&self.log))
             }
         }
     }
@@ -114,7 +116,7 @@ impl Program {
     /// Waits for a program to end well, and gives what it wrote to standard output.
     pub(crate) fn output(&mut self, timeout: Duration) -> String {
         let status = self.wait(timeout);
-        assert!(status.success(), "{} failed: {status}", self.name);
+        assert!(status.success(), "{} failed: {status}\n{}", self.name, tail(&self.log));
         self.lines.iter().collect::<Vec<_>>().join("\n")
     }
 

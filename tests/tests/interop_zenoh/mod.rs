@@ -50,10 +50,14 @@ fn zenoh_commands_with_a_password() {
 #[test]
 fn the_example_in_python_prints_what_it_hears() {
     interop("zenoh example in Python", |lab| {
+        // It is there first, and waits.
+        let mut example = lab.peer("../../node/examples/zenoh_estimates.py", &[ZENOH_ENDPOINT, "20"]);
+        std::thread::sleep(std::time::Duration::from_secs(1));
+        assert!(example.is_running(), "it gave up on a node that is not there yet");
         let listen = format!("zenoh.listen:=['{ZENOH_ENDPOINT}']");
         let _node = lab.node(PRESET, &["-p", &listen]);
-        let sender = lab.ros(Distro::Jazzy, "ros_peer.py", &["--node", NODE, "--seconds", "6"]);
-        let text = lab.peer("../../node/examples/zenoh_estimates.py", &[ZENOH_ENDPOINT, "20"]).output(PEER);
+        let sender = lab.ros(Distro::Jazzy, "ros_peer.py", &["--node", NODE, "--seconds", "8"]);
+        let text = example.output(PEER);
         let _ = sender.json(PEER);
         let begins = format!("mr_damper{NODE}/web/force_estimate ");
         assert_eq!(text.lines().count(), 20, "{text}");
