@@ -258,6 +258,16 @@ mod tests {
     }
 
     #[test]
+    fn a_root_far_beyond_the_other_costs_it_no_digits() {
+        // 1 - s/20 - p3 s^2: one root is next to 20 1/s, whatever the other is.
+        for p3 in [1e-14, -1e-14] {
+            let nearest =
+                roots(0.05, p3).into_iter().flatten().map(|root| (root.re_per_s / 20.0 - 1.0).abs());
+            assert!(nearest.fold(f64::INFINITY, f64::min) < 1e-8, "{p3}: {:?}", roots(0.05, p3));
+        }
+    }
+
+    #[test]
     fn the_fold_is_where_the_static_velocity_stops_rising() {
         let phase = Phase::new(None, &[3_000.0, 0.0, 0.0, 1.28e-6, -6.7e-13]).expect("a relation");
         let fold_n = phase.cannot_run(0.0).and_then(|why| why.folds_at_n).expect("it folds");

@@ -345,3 +345,67 @@ impl Sought for LawColumns {
         vec![1.0; parameters.len()]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::force::Membership;
+    use crate::force::law::Parameter;
+    use crate::sample::DriveKind;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    const SCALES: Scales = Scales {
+        force_n: 900.0,
+        displacement_m: 0.02,
+        velocity_m_s: 0.3,
+        acceleration_m_s2: 4.5,
+        frequency_1_s: 15.0,
+        drive: 2.0,
+    };
+
+    fn is_drawn(parameter: &&Parameter) -> bool {
+        parameter.kind != Kind::Linear && parameter.start[0] < parameter.start[1]
+    }
+
+    /// Shares of the range of starts at which parameters are drawn, copy after copy.
+    fn shares(sought: &LawColumns, restart: u32, random: &mut Pcg64Mcg) -> Vec<f64> {
+        let start = sought.draw(restart, &mut |low, high| random.random_range(low..=high));
+        let parameters = sought.law.parameters().iter().cycle().zip(start);
+        let drawn = parameters.filter(|(parameter, _)| is_drawn(parameter));
+        drawn
+            .map(|(parameter, value)| {
+                let [low, high] = parameter.start;
+                let value = value / SCALES.size(parameter.scale);
+                if low > 0.0 { (value / low).ln() / (high / low).ln() } else { (value - low) / (high - low) }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn starts_fill_the_range_of_each_parameter_and_the_first_is_its_middle() {
+        let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 };
+        let sets = FuzzySets::new(membership, &[0.0, 1.0, 2.0]).expect("sets");
+        let mut random = Pcg64Mcg::seed_from_u64(1);
+        for law in Law::ALL {
+            let drawn = law.parameters().iter().filter(is_drawn).count();
+            for (dependence, copies) in [(Dependence::None, 1), (Dependence::Fuzzy(sets), sets.len())] {
+                let sought = LawColumns { law, dependence, scales: SCALES, seed: None };
+                let middle = shares(&sought, 0, &mut random);
+                assert_eq!(middle.len(), copies * drawn, "{law:?}");
+                assert!(middle.iter().all(|share| (share - 0.5).abs() < 1e-9), "{law:?}: {middle:?}");
+                let draws: Vec<_> = (1..200).map(|restart| shares(&sought, restart, &mut random)).collect();
+                for parameter in 0..middle.len() {
+                    let of = |draw: &Vec<f64>| draw[parameter];
+                    let least = draws.iter().map(of).fold(f64::INFINITY, f64::min);
+                    let most = draws.iter().map(of).fold(f64::NEG_INFINITY, f64::max);
+                    assert!(least > -1e-9 && most < 1.0 + 1e-9, "{law:?}: {least} to {most}");
+                    assert!(least < 0.05 && most > 0.95, "{law:?}: {least} to {most}");
+                }
+                // Sets of one damper resemble each other.
+                let apart = |draw: &Vec<f64>| (draw[0] - draw[draw.len() - drawn]).abs();
+                assert!(drawn == 0 || draws.iter().map(apart).fold(0.0, f64::max) < 2.0 * SPREAD + 1e-9);
+            }
+        }
+    }
+}

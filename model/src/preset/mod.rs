@@ -173,3 +173,36 @@ pub(crate) fn edit_distance(a: &str, b: &str) -> usize {
     }
     row[b.len()]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// FNV-1a: one changed digit is another number.
+    fn digest(text: &str) -> String {
+        let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        format!("{:016x}", text.bytes().fold(0xcbf2_9ce4_8422_2325, step))
+    }
+
+    /// The tables were held against the thesis number by number. Whoever changes one does it knowingly, and says why.
+    #[test]
+    fn no_number_of_the_tables_changes_unnoticed() {
+        let mut all = String::new();
+        for name in names() {
+            all += &format!("{name} {}\n", digest(&format!("{:?}", load(&name).expect("a preset"))));
+        }
+        for name in phase_names() {
+            all += &format!("{name} {}\n", digest(&format!("{:?}", phase(&name).expect("a preset"))));
+        }
+        insta::assert_snapshot!(all);
+    }
+
+    #[test]
+    fn distances_are_levenshtein_s() {
+        let all =
+            [("kitten", "sitting", 3), ("", "abc", 3), ("abc", "", 3), ("flaw", "lawn", 2), ("ab", "ab", 0)];
+        for (a, b, expected) in all {
+            assert_eq!(edit_distance(a, b), expected, "{a} {b}");
+        }
+    }
+}

@@ -422,3 +422,46 @@ fn the_rig_uses_nothing_that_it_is_there_to_test() {
         assert!(files.iter().all(|file| !file.contains(&format!("crate::{module}"))), "{module}");
     }
 }
+
+/// Root mean square and last value of a channel, to six digits, on which all machines' libraries agree.
+fn told(trace: &Trace) -> String {
+    let rms = (trace.values.iter().map(|x| x * x).sum::<f64>() / trace.len() as f64).sqrt();
+    format!("{rms:.5e} {:.5e}", trace.values.last().copied().unwrap_or(f64::NAN))
+}
+
+/// The rates of the README are of seeds. They can be counted again only as long as a seed tells the run that it told then.
+#[test]
+fn a_seed_tells_the_run_that_it_told_before() {
+    let mut all = String::new();
+    let mut tell = |name: &str, valve: &str, plant: &Plant, channels: &Channels, experiment: Experiment| {
+        let run = record(&experiment.with_duration_s(6.0), plant, channels, 11);
+        let (force, drive) = (run.force_n.as_ref(), run.drive.as_ref().map(|(_, trace)| trace));
+        let channels = [Some(&run.displacement_m), drive, force, run.case_temp_c.as_ref()];
+        let words: Vec<String> = channels.into_iter().flatten().map(told).collect();
+        all += &format!("{name}, {valve}: {}\n", words.join(", "));
+        for (name, trace) in &run.other {
+            all += &format!("  {name}: {}\n", told(trace));
+        }
+    };
+    let plants = [("bouc-wen", Plant::plain()), ("quasi-static", Plant::quasi_static())];
+    let more = Channels::default().with_ambient().with_velocity(1e-4);
+    for (valve, plant) in &plants {
+        for name in Experiment::names() {
+            tell(name, valve, plant, &more, thesis(name).expect("its own name"));
+        }
+        for name in Experiment::paper1_names() {
+            let experiment = Experiment::paper1(name).expect("its own name");
+            tell(name, valve, plant, &Channels::default().with_fine_displacement(), experiment);
+        }
+        for effect in inject::EFFECTS {
+            let (mut plant, mut channels) = (*plant, Channels::default());
+            let (low, high) = effect.range;
+            inject::inject(effect.id, low + 0.05 * (high - low), &mut plant, &mut channels)
+                .expect("in its range");
+            tell(effect.id, valve, &plant, &channels, thesis("RP3-CS").expect("its own name"));
+        }
+    }
+    let servo = thesis("RP-ICPS").expect("its own name").with_servo(SecondOrder::with_delay_s(0.01));
+    tell("servo", "default", &Plant::default(), &Channels::default(), servo);
+    insta::assert_snapshot!(all);
+}
