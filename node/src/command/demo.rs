@@ -19,6 +19,7 @@ use crate::provenance::TOOL;
 use crate::report::closed::{Closed, Swap};
 use crate::report::demo::{self as report, WITHOUT_FORCE};
 use crate::report::{Agreement, Figure, Outcome, Recording, summary};
+use crate::run::write_text;
 use crate::service;
 use crate::wire::ModelNames;
 use mr_damper_model::condition::ApplyTo;
@@ -470,8 +471,7 @@ fn directory(args: &Args) -> Result<PathBuf, NodeError> {
 /// Writes report and run; returns where the report is.
 fn write_report(dir: &Path, run: &Run, outcome: &Outcome) -> Result<PathBuf, NodeError> {
     let path = dir.join("report.html");
-    std::fs::write(&path, report::html(outcome))
-        .map_err(NodeError::io(format!("writing {}", path.display())))?;
+    write_text(&path, &report::html(outcome))?;
     let csv = dir.join("run.csv");
     match std::fs::remove_file(&csv) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {

@@ -5,6 +5,7 @@ use crate::command::output;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::models;
+use crate::run::write_text;
 use mr_damper_model::evaluate::{Coverage, evaluate};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
@@ -88,7 +89,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     }
     if let Some(out) = &args.calibrate {
         file.model.expected.uncertainty = Some(calibrator.finish()?);
-        std::fs::write(out, file.to_toml()?).map_err(NodeError::io(format!("writing {}", out.display())))?;
+        write_text(out, &file.to_toml()?)?;
         tracing::info!(model = %out.display(), runs = args.runs.len(), "calibrated");
     }
     Ok(())

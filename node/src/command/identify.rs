@@ -9,6 +9,7 @@ use crate::error::NodeError;
 use crate::provenance::{TOOL, date, expect};
 use crate::report::identify::SteppedRun;
 use crate::report::{self, Recording};
+use crate::run::write_text;
 use clap::builder::PossibleValuesParser;
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
@@ -179,8 +180,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         .collect::<Result<Vec<_>, NodeError>>()?;
     let validation = validate(&mut found, &held_out, around)?;
     let file = ModelFile { model: found.model, provenance: provenance(args, &found, &hashes, validation) };
-    std::fs::write(&args.out, file.to_toml()?)
-        .map_err(NodeError::io(format!("writing {}", args.out.display())))?;
+    write_text(&args.out, &file.to_toml()?)?;
     let report = Report {
         schema: "mr-damper/identify/1",
         model: found.model.force.name(),

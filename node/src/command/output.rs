@@ -1,6 +1,7 @@
 //! Results: a page, JSON to stdout or to a file, text.
 
 use crate::error::NodeError;
+use crate::run::write_text;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -23,7 +24,7 @@ impl OutputArgs {
     /// Those of `page`; when the file cannot be written.
     pub fn page(&self, page: impl FnOnce() -> Result<String, NodeError>) -> Result<(), NodeError> {
         if let Some(path) = &self.report {
-            std::fs::write(path, page()?).map_err(NodeError::io(format!("writing {}", path.display())))?;
+            write_text(path, &page()?)?;
             tracing::info!(report = %path.display(), "written");
         }
         Ok(())
@@ -61,6 +62,6 @@ pub fn json(path: &Path, value: &impl Serialize) -> Result<(), NodeError> {
     if path == Path::new("-") {
         std::io::stdout().write_all(text.as_bytes()).map_err(NodeError::io("writing to stdout"))
     } else {
-        std::fs::write(path, text).map_err(NodeError::io(format!("writing {}", path.display())))
+        Ok(write_text(path, &text)?)
     }
 }

@@ -2,8 +2,9 @@
 
 use super::bag_write::{BagOptions, BagWriter, Topic, TopicId};
 use super::names::Namer;
+use super::whole::write_beside;
 use super::wire::Encoder;
-use super::{RunError, columns_of, sqlite, write_beside};
+use super::{RunError, columns_of, sqlite};
 use mr_damper_model::sample::{Run, Trace};
 use std::path::Path;
 

@@ -5,11 +5,12 @@
 //! `metadata.yaml`, which comes at the end). How a chunk becomes durable is the storage's affair:
 //! [`OpenFile`].
 
+use super::RunError;
 use super::bag_file::{Message, OpenFile};
 use super::metadata::{self, FileEntry, TopicEntry, Written};
 use super::names::{is_topic_name, is_type_name};
 use super::pack::{pack_file, packed_name};
-use super::{RunError, write_file};
+use super::whole::write_file;
 use mr_damper_msgs::cdr;
 use std::collections::HashMap;
 use std::fs;

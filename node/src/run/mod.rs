@@ -42,17 +42,19 @@ mod pack;
 mod sqlite;
 mod sqlite_write;
 mod storage;
+mod whole;
 mod wire;
 
 pub use bag_write::{BagOptions, BagSummary, BagWriter, Storage, Sync, Topic, TopicId};
 pub use error::{Note, RunError};
+pub(crate) use whole::write_text;
 
 use hash::{Hash, HashingReader};
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::borrow::Cow;
 use std::fs::{self, File};
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use whole::write_file;
 
 /// How a run is read.
 #[derive(Debug, Clone, Default)]
@@ -273,40 +275,4 @@ fn columns_of<'a>(run: &'a Run, path: &Path) -> Result<Vec<(&'a str, &'a Trace)>
         }
     }
     Ok(columns)
-}
-
-/// Writes a file under a temporary name beside it and renames it when it is complete and on the disk, so that
-/// nobody ever sees half a file.
-fn write_file(
-    path: &Path,
-    fill: impl FnOnce(&mut BufWriter<File>) -> Result<(), RunError>,
-) -> Result<(), RunError> {
-    write_beside(path, |part| {
-        let file = File::create(part).map_err(RunError::io(part, "create"))?;
-        let mut sink = BufWriter::new(file);
-        fill(&mut sink)?;
-        sink.flush().map_err(RunError::io(part, "write"))?;
-        sink.get_ref().sync_all().map_err(RunError::io(part, "write to disk"))
-    })
-}
-
-/// The same for what opens its file by itself: `fill` is given the temporary name.
-fn write_beside(path: &Path, fill: impl FnOnce(&Path) -> Result<(), RunError>) -> Result<(), RunError> {
-    let part = part_name(path);
-    let written = (|| {
-        if let Some(parent) = path.parent() {
-            fs::create_dir_all(parent).map_err(RunError::io(parent, "create"))?;
-        }
-        fill(&part)?;
-        fs::rename(&part, path).map_err(RunError::io(path, "create"))
-    })();
-    written.inspect_err(|_| {
-        // It may not exist; the first error counts.
-        let _ = fs::remove_file(&part);
-    })
-}
-
-fn part_name(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    path.with_file_name(format!(".{name}.{}.part", std::process::id()))
 }

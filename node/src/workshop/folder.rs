@@ -10,7 +10,7 @@
 
 use super::refusal::{Kind, Refusal};
 use crate::error::NodeError;
-use crate::run::{self, LoadOptions, Loaded};
+use crate::run::{self, LoadOptions, Loaded, write_text};
 use mr_damper_model::sample::DriveKind;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, TryLockError};
@@ -254,7 +254,7 @@ impl Folder {
             match upload.persist_noclobber(self.run(&name)) {
                 Ok(()) => {
                     let found = About::of(&name, bytes, &loaded, reading);
-                    write(&about, &crate::watch::json(&found))?;
+                    write_text(&about, &crate::watch::json(&found)).map_err(NodeError::from)?;
                     return Ok(found);
                 }
                 Err(taken) if taken.error.kind() == std::io::ErrorKind::AlreadyExists => upload = taken.path,
@@ -310,8 +310,8 @@ impl Folder {
         let damper = safe_name(&damper.replace([':', '/', ' '], "-")).unwrap_or_else(|_| "damper".to_owned());
         let name = format!("{damper}-{stamp}");
         let reports = self.root.join("reports");
-        write(&reports.join(format!("{name}.json")), json)?;
-        write(&reports.join(format!("{name}.html")), page)?;
+        write_text(&reports.join(format!("{name}.json")), json)?;
+        write_text(&reports.join(format!("{name}.html")), page)?;
         Ok(format!("{name}.html"))
     }
 
@@ -326,16 +326,6 @@ impl Folder {
         }
         fs::read(self.root.join("reports").join(name)).map_err(|_| missing())
     }
-}
-
-/// Writes a file under another name first, so that nobody sees half of it.
-fn write(path: &Path, text: &str) -> Result<(), NodeError> {
-    let writing = || NodeError::io(format!("writing {}", path.display()));
-    let folder = path.parent().unwrap_or_else(|| Path::new("."));
-    let file = NamedTempFile::new_in(folder).map_err(writing())?;
-    fs::write(file.path(), text).map_err(writing())?;
-    file.persist(path).map_err(|error| writing()(error.error))?;
-    Ok(())
 }
 
 /// `name` with a number from two on before its extension.

@@ -8,6 +8,7 @@ use crate::command::output::OutputArgs;
 use crate::error::NodeError;
 use crate::provenance::TOOL;
 use crate::report::close::{self as report, json};
+use crate::run::write_text;
 use mr_damper_model::diagnose::{Closing, Runs};
 use mr_damper_model::model_file::{Role, TrainingRun};
 use serde::Serialize;
@@ -71,7 +72,7 @@ pub(super) fn all(
     if named {
         let origin = Origin { seed: args.seed, restarts: done.base.restarts, runs: training_runs(done) };
         let text = closing::model_file(&done.closing, &done.runs, origin).to_toml()?;
-        std::fs::write(&args.out, text).map_err(NodeError::io(format!("writing {}", args.out.display())))?;
+        write_text(&args.out, &text)?;
     }
     output.page(|| Ok(report::html(&outcome(args, done, around)?)))?;
     let runs = done.given.iter().map(run_row);

@@ -11,6 +11,7 @@ use crate::closing::{Origin, model_file, rows, training_runs};
 use crate::command::Surroundings;
 use crate::command::close::in_words;
 use crate::error::NodeError;
+use crate::run::write_text;
 use mr_damper_model::diagnose::{self, Closing, Runs, Settings};
 use mr_damper_model::identify::{Dataset, Watch};
 use mr_damper_model::model::Model;
@@ -111,7 +112,7 @@ pub(super) fn close(
     if named {
         let origin = Origin { seed: args.seed, runs: training_runs(&closing, &runs), ..Origin::default() };
         let text = model_file(&closing, &runs, origin).to_toml()?;
-        std::fs::write(path, text).map_err(NodeError::io(format!("writing {}", path.display())))?;
+        write_text(path, &text)?;
     }
     Ok(Found {
         closing,

@@ -2,6 +2,7 @@
 
 use crate::command::Surroundings;
 use crate::error::NodeError;
+use crate::run::write_text;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
@@ -124,5 +125,5 @@ pub(super) fn identify_models(
 
 fn write(model: Model, provenance: Provenance, path: &Path) -> Result<(), NodeError> {
     let text = ModelFile { model, provenance }.to_toml()?;
-    std::fs::write(path, text).map_err(NodeError::io(format!("writing {}", path.display())))
+    Ok(write_text(path, &text)?)
 }

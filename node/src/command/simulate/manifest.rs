@@ -1,6 +1,7 @@
 //! `simulate.toml`: what the runs of a directory are.
 
 use crate::error::NodeError;
+use crate::run::write_text;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -99,12 +100,9 @@ impl Manifest {
         if self.runs.is_empty() {
             return Ok(());
         }
-        let (path, part) = (dir.join(FILE), dir.join(format!(".{FILE}.{}.part", std::process::id())));
         let text = toml::to_string(self)
             .map_err(|e| NodeError::Failed(format!("the manifest does not go into TOML: {e}")))?;
         let head = "# Runs of the virtual rig, as `mr-damper simulate` wrote them.\n";
-        fs::write(&part, format!("{head}{text}"))
-            .and_then(|()| fs::rename(&part, &path))
-            .map_err(NodeError::io(format!("writing {}", path.display())))
+        Ok(write_text(&dir.join(FILE), &format!("{head}{text}"))?)
     }
 }
