@@ -189,7 +189,8 @@ in bounded memory: missed. A run is kept whole, {per:.0f} bytes a reading (16 ar
 errors; a bag that is all one damper's takes about its own size.
 
 Played through the node over DDS at `--rate max`, a minute of 512 Hz takes {played["seconds"]:.1f} s with start and discovery:
-{played["samples"] / played["seconds"]:.0f} instants a second.
+{played["samples"] / played["seconds"]:.0f} instants a second. That is what the player allows itself, 4000 messages a second, since DDS drops some of a longer
+burst without a word; the pipeline alone is `evaluate`, above.
 """
 
 
@@ -253,10 +254,11 @@ def soak(figures):
     third, last = figures["third"], figures["last"]
     grown = 100 * (last[0] / third[0] - 1)
     share = 100 * figures["lost"] / figures["displacements"]
+    ahead = f"; node and driver ran ahead of all else, at nice {figures['nice']}" if figures["nice"] < 0 else ""
     return f"""## An hour
 
 {figures["dampers"]} dampers at {figures["rate_hz"]} Hz: {figures["displacements"]} displacements, {figures["lost"]} ({share:.3f} %) without an estimate; the driver was late by {figures["late_s"]:.2f} s at most,
-with a load average of {figures["load"]:.1f} on the machine (1 or less when it is idle but for this).
+with a load average of {figures["load"]:.1f} on the machine (1 or less when it is idle but for this){ahead}.
 The node after twenty minutes, and at the end: {third[0] / 1024:.1f} and {last[0] / 1024:.1f} MiB ({grown:+.1f} %), {third[1]} and {last[1]} threads, {third[2]} and {last[2]} open files.
 """
 

@@ -215,7 +215,7 @@ def soak():
     env = {"MR_DAMPER_LONG": "1", "MR_DAMPER_SOAK_S": "3600"}
     command = ["cargo", "test", "--release", "--workspace", "--test", "soak", "--", "--nocapture"]
     told = run(INTEROP / "netns.sh", "run", *command, env=env)
-    return {**soaked(told), "load": os.getloadavg()[2]}
+    return {**soaked(told), "load": os.getloadavg()[2], "nice": os.nice(0)}
 
 
 def soaked(told):
