@@ -476,20 +476,4 @@ fn add_outer(total: &mut [f64], left: &[f64], right: &[f64]) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pairs_are_counted_in_one_order() {
-        for n in 1..=5 {
-            let values: Vec<f64> = (0..n).map(|j| (j as f64 + 2.0).sqrt()).collect();
-            let mut products = vec![0.0; pair_count(n)];
-            pair_products(&values, &mut products);
-            for j in 0..n {
-                for k in 0..n {
-                    assert!((products[pair_index(j, k, n)] - values[j] * values[k]).abs() < 1e-15);
-                }
-            }
-        }
-    }
-}
+mod tests;

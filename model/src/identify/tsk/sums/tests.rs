@@ -1,0 +1,230 @@
+//! The sums beside the same taken row by row, as the equations have them, and slopes beside differences.
+
+use super::*;
+use crate::force::{Signal, TskSet};
+use crate::sample::DriveKind;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+static GO_ON: AtomicBool = AtomicBool::new(false);
+
+/// Sets of a shape, evenly over -1 to 1, two widths of spacing wide.
+fn sets(shape: Shape, count: usize) -> Vec<[f64; 3]> {
+    let spacing = 2.0 / (count.max(2) - 1) as f64;
+    let peak = |j: usize| -1.0 + spacing * j as f64 + 0.03;
+    match shape {
+        Shape::Gaussian => (0..count).map(|j| [peak(j), 0.7 * spacing, 0.0]).collect(),
+        Shape::Triangle => (0..count).map(|j| [peak(j) - spacing, peak(j), peak(j) + spacing]).collect(),
+    }
+}
+
+fn input(signal: Signal, shape: Shape, numbers: &[[f64; 3]]) -> TskInput {
+    let set = |n: &[f64; 3]| match shape {
+        Shape::Gaussian => TskSet::Gaussian { centre: n[0], sigma: n[1] },
+        Shape::Triangle => TskSet::Triangle { left: n[0], peak: n[1], right: n[2] },
+    };
+    TskInput::new(signal, 0.0, 1.0, &numbers.iter().map(set).collect::<Vec<_>>()).expect("an input")
+}
+
+/// A problem of so many sets an input, and numbers of one conclusion.
+struct Problem {
+    shape: Shape,
+    numbers: Vec<Vec<[f64; 3]>>,
+    sums: Sums<'static>,
+}
+
+impl Problem {
+    fn new(shape: Shape, sets_of_each: &[usize], width: usize) -> Self {
+        let mut random = Pcg64Mcg::seed_from_u64(3);
+        let mut counts = [1; MAX_INPUTS];
+        counts[..sets_of_each.len()].copy_from_slice(sets_of_each);
+        // One more than a chunk and some groups, and one run that fills neither.
+        let runs = [CHUNK + 2 * GROUP + 1, 3].map(|len| {
+            let draw = |_| {
+                let mut u = [0.0; MAX_INPUTS];
+                u[..sets_of_each.len()].fill_with(|| random.random_range(-1.2..1.2));
+                u
+            };
+            let u: Vec<_> = (0..len).map(draw).collect();
+            let force: Vec<f64> =
+                u.iter().map(|[a, b, c]| f64::tanh(2.0 * a + b) + 0.3 * c + a * b).collect();
+            let mean = force.iter().sum::<f64>() / len as f64;
+            Rows { u, target: force.iter().map(|f| f - mean).collect() }
+        });
+        let sums = Sums {
+            runs: runs.to_vec(),
+            counts,
+            width,
+            sparse: is_sparse(shape),
+            parallel: false,
+            cancel: &GO_ON,
+        };
+        Self { shape, numbers: sets_of_each.iter().map(|count| sets(shape, *count)).collect(), sums }
+    }
+
+    fn inputs(&self) -> Vec<TskInput> {
+        let signals = [Signal::Displacement, Signal::Velocity, Signal::Drive(DriveKind::CoilCurrent)];
+        signals.into_iter().zip(&self.numbers).map(|(s, n)| input(s, self.shape, n)).collect()
+    }
+
+    /// Regressors of every row of each run: z_a times the product of the weights, coefficient by coefficient.
+    fn regressors(&self) -> Vec<Vec<DVector<f64>>> {
+        let inputs = self.inputs();
+        let [n0, n1, n2] = self.sums.counts;
+        let row = |u: &[f64; MAX_INPUTS]| {
+            let w: Vec<Vec<f64>> = (0..MAX_INPUTS)
+                .map(|d| inputs.get(d).map_or(vec![1.0], |input| input.weights(u[d]).to_vec()))
+                .collect();
+            let z = [&u[..self.sums.width - 1], &[1.0]].concat();
+            let mut phi = Vec::new();
+            for z in z {
+                for j in 0..n0 {
+                    for k in 0..n1 {
+                        phi.extend((0..n2).map(|l| z * w[0][j] * w[1][k] * w[2][l]));
+                    }
+                }
+            }
+            DVector::from_vec(phi)
+        };
+        self.sums.runs.iter().map(|run| run.u.iter().map(row).collect()).collect()
+    }
+}
+
+fn centred(rows: &[DVector<f64>]) -> Vec<DVector<f64>> {
+    let mean = rows.iter().sum::<DVector<f64>>() / rows.len() as f64;
+    rows.iter().map(|row| row - &mean).collect()
+}
+
+fn alike(what: &str, found: &DMatrix<f64>, expected: &DMatrix<f64>, tolerance: f64) {
+    assert_eq!(found.shape(), expected.shape(), "{what}");
+    let (off, size) = ((found - expected).amax(), expected.amax().max(1e-3));
+    assert!(off < tolerance * size, "{what}: {off:.1e} of {size:.1e}");
+}
+
+fn problems() -> [Problem; 5] {
+    [
+        Problem::new(Shape::Gaussian, &[3, 2, 4], 4),
+        Problem::new(Shape::Gaussian, &[4, 3], 3),
+        Problem::new(Shape::Gaussian, &[2, 3, 2], 1),
+        Problem::new(Shape::Triangle, &[3, 4, 2], 4),
+        Problem::new(Shape::Triangle, &[5], 2),
+    ]
+}
+
+#[test]
+fn sums_for_the_conclusions_are_those_of_the_rows() {
+    for problem in problems() {
+        let (sums, regressors) = (&problem.sums, problem.regressors());
+        let found = sums.linear(&problem.inputs()).expect("not cancelled");
+        let n = sums.len();
+        assert_eq!(n, sums.counts.iter().product::<usize>() * sums.width);
+        let (mut square, mut rhs, mut power) = (DMatrix::zeros(n, n), DVector::zeros(n), 0.0);
+        for ((rows, run), own) in regressors.iter().zip(&sums.runs).zip(&found.run_sums) {
+            let total = rows.iter().sum::<DVector<f64>>();
+            alike("sums of a run", &own.columns(0, 1).into_owned(), &total.columns(0, 1).into_owned(), 1e-11);
+            for (phi, target) in centred(rows).iter().zip(&run.target) {
+                square += phi * phi.transpose();
+                rhs += phi * *target;
+                power += target * target;
+            }
+        }
+        alike("square", &found.square, &square, 1e-11);
+        alike("right side", &found.rhs.columns(0, 1).into_owned(), &rhs.columns(0, 1).into_owned(), 1e-11);
+        assert!((sums.power() / power - 1.0).abs() < 1e-12);
+        assert_eq!(sums.rows(), CHUNK + 2 * GROUP + 1 + 3);
+    }
+}
+
+#[test]
+fn sums_for_the_memberships_are_those_of_differences() {
+    for mut problem in problems() {
+        // Each number of each set, two of them tied to one parameter, with factors.
+        let numbers = if problem.shape == Shape::Gaussian { 2 } else { 3 };
+        let mut links = Vec::new();
+        for (input, sets) in problem.numbers.iter().enumerate() {
+            for set in 0..sets.len() {
+                for number in 0..numbers {
+                    let parameter = links.len() - usize::from(links.len() == 1);
+                    links.push(Link { parameter, input, set, number, factor: 0.5 + 0.25 * number as f64 });
+                }
+            }
+        }
+        let parameters = links.iter().map(|link| link.parameter + 1).max().expect("some");
+        let regressors = problem.regressors();
+        let conclusions = DVector::from_fn(problem.sums.len(), |k, _| (k as f64 * 0.7).sin());
+        let outputs = |problem: &Problem| -> Vec<f64> {
+            problem.regressors().iter().flatten().map(|phi| phi.dot(&conclusions)).collect()
+        };
+        let before = outputs(&problem);
+        let mut slopes = DMatrix::zeros(before.len(), parameters);
+        for link in &links {
+            const STEP: f64 = 1e-7;
+            let mut turn = |step: f64| problem.numbers[link.input][link.set][link.number] += step;
+            turn(STEP);
+            let above = outputs(&problem);
+            problem.numbers[link.input][link.set][link.number] -= 2.0 * STEP;
+            let below = outputs(&problem);
+            problem.numbers[link.input][link.set][link.number] += STEP;
+            for (row, (above, below)) in above.iter().zip(&below).enumerate() {
+                slopes[(row, link.parameter)] += link.factor * (above - below) / (2.0 * STEP);
+            }
+        }
+
+        let linear = problem.sums.linear(&problem.inputs()).expect("not cancelled");
+        let found = problem
+            .sums
+            .nonlinear(&problem.inputs(), &links, parameters, &conclusions, &linear.run_sums)
+            .expect("not cancelled");
+        let (mut cost, mut square) = (0.0, DMatrix::zeros(parameters, parameters));
+        let mut gradient = DVector::zeros(parameters);
+        let mut cross = DMatrix::zeros(problem.sums.len(), parameters);
+        let mut first = 0;
+        for (rows, run) in regressors.iter().zip(&problem.sums.runs) {
+            let own: Vec<DVector<f64>> =
+                (first..first + rows.len()).map(|row| slopes.row(row).transpose()).collect();
+            let residual: Vec<DVector<f64>> = rows
+                .iter()
+                .zip(&run.target)
+                .map(|(phi, target)| DVector::from_element(1, phi.dot(&conclusions) - target))
+                .collect();
+            for ((slope, residual), phi) in centred(&own).iter().zip(centred(&residual)).zip(centred(rows)) {
+                cost += residual[0] * residual[0];
+                square += slope * slope.transpose();
+                gradient += slope * residual[0];
+                cross += phi * slope.transpose();
+            }
+            first += rows.len();
+        }
+        assert!((found.cost / cost - 1.0).abs() < 1e-11);
+        alike("square", &found.square, &square, 1e-5);
+        let columns = |v: &DVector<f64>| v.columns(0, 1).into_owned();
+        alike("gradient", &columns(&found.gradient), &columns(&gradient), 1e-5);
+        alike("cross", &found.cross, &cross, 1e-5);
+    }
+}
+
+#[test]
+fn cancelling_ends_it_and_threads_change_nothing() {
+    static STOP: AtomicBool = AtomicBool::new(true);
+    let mut problem = Problem::new(Shape::Gaussian, &[3, 2, 2], 4);
+    let alone = problem.sums.linear(&problem.inputs()).expect("not cancelled");
+    problem.sums.parallel = true;
+    let together = problem.sums.linear(&problem.inputs()).expect("not cancelled");
+    assert_eq!((alone.square, alone.rhs), (together.square, together.rhs));
+    problem.sums.cancel = &STOP;
+    assert!(problem.sums.linear(&problem.inputs()).is_none());
+}
+
+#[test]
+fn pairs_are_counted_in_one_order() {
+    for n in 1..=5 {
+        let values: Vec<f64> = (0..n).map(|j| (j as f64 + 2.0).sqrt()).collect();
+        let mut products = vec![0.0; pair_count(n)];
+        pair_products(&values, &mut products);
+        for j in 0..n {
+            for k in 0..n {
+                assert!((products[pair_index(j, k, n)] - values[j] * values[k]).abs() < 1e-15);
+            }
+        }
+    }
+}
