@@ -202,10 +202,11 @@ pub(crate) fn blend(i: f64, centres: &[f64], sigmas: &[f64]) -> [f64; MAX_FUNCTI
     Strengths::at(i, centres, &sharpnesses).shares()
 }
 
-/// What the squared distance from a centre is multiplied by: 1/(2 sigma²).
+/// What the squared distance from a centre is multiplied by: 1/(2 sigma²). Of widths beyond all reason it is that of 1e100 or 1e-100:
+/// no product with a distance overflows, and no difference of two is none.
 #[inline]
 fn sharpness(sigma: f64) -> f64 {
-    0.5 / (sigma * sigma)
+    (0.5 / (sigma * sigma)).clamp(1e-200, 1e200)
 }
 
 /// Exponent of each set at drive `i`, (i - c)²/(2 sigma²), and the least of them; zeros beyond.
@@ -226,4 +227,66 @@ fn exponents(i: f64, centres: &[f64], sharpnesses: &[f64]) -> ([f64; MAX_FUNCTIO
 fn strength(beyond: f64) -> f64 {
     // NaN, of a drive that is not known, must come through.
     if beyond > OUT { 0.0 } else { (-beyond).exp() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn sets(centres: &[f64], sigmas: &[f64]) -> FuzzySets {
+        FuzzySets::with_widths(DriveKind::CoilCurrent, centres, sigmas).expect("sets")
+    }
+
+    proptest! {
+        #[test]
+        fn weights_are_the_quotient_of_exponentials(
+            steps in prop::collection::vec(0.05..1.0f64, 1..=MAX_FUNCTIONS),
+            sigma in 0.1..0.6f64, wider in 0.8..1.25f64, share in -0.1..1.1f64,
+        ) {
+            let centres: Vec<f64> = steps.iter().scan(0.0, |at, step| { *at += step; Some(*at) }).collect();
+            let widths: Vec<f64> = (0..centres.len()).map(|j| if j % 2 == 0 { sigma } else { sigma * wider }).collect();
+            let i = share * centres[centres.len() - 1];
+            let strength: Vec<f64> = centres.iter().zip(&widths).map(|(c, s)| (-(i - c).powi(2) / (2.0 * s * s)).exp()).collect();
+            let sum: f64 = strength.iter().sum();
+            let weights = sets(&centres, &widths).weights(i);
+            for (weight, strength) in weights.iter().zip(&strength) {
+                // What has less than 1e-7 of the strongest is out: of sixteen sets.
+                prop_assert!((weight - strength / sum).abs() < 2e-6, "{weight} {}", strength / sum);
+            }
+            prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-15 * 16.0);
+            prop_assert!(weights[centres.len()..].iter().all(|w| *w == 0.0));
+            let mean = sets(&centres, &widths).strengths(i).mean(|set| centres[set]);
+            let expected: f64 = weights.iter().zip(&centres).map(|(w, c)| w * c).sum();
+            prop_assert!((mean - expected).abs() < 1e-12);
+            let [value, slope] = sets(&centres, &widths).strengths(i).mean_and_slope(|set| [centres[set], -centres[set]]);
+            prop_assert!((value - expected).abs() < 1e-12 && (slope + expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn next_to_each_other_they_are_to_the_last_digits() {
+        let weights = sets(&[0.0, 0.4, 1.0], &[0.2, 0.3, 0.2]).weights(0.3);
+        let strength = [-1.125, -0.5 / 9.0, -6.125].map(f64::exp);
+        let sum: f64 = strength.iter().sum();
+        for (weight, strength) in weights.iter().zip(strength) {
+            assert!((weight * sum / strength - 1.0).abs() < 1e-14, "{weights:?}");
+        }
+    }
+
+    #[test]
+    fn widths_of_any_size_give_weights_and_a_drive_that_is_none_gives_none() {
+        for sigma in [1e-300, 1e-160, 1e160, 1e300] {
+            let sets = sets(&[0.0, 1.0], &[sigma; 2]);
+            for i in [0.0, 1e-200, 0.4, 1.0, 50.0] {
+                let weights = sets.weights(i);
+                let sum: f64 = weights.iter().sum();
+                assert!((sum - 1.0).abs() < 1e-15, "sigma {sigma}, drive {i}: {weights:?}");
+            }
+        }
+        let narrow = sets(&[0.0, 1.0], &[0.2; 2]);
+        assert_eq!(narrow.weights(40.0)[..2], [0.0, 1.0]);
+        assert_eq!(narrow.weights(-40.0)[..2], [1.0, 0.0]);
+        assert!([f64::NAN, f64::INFINITY].iter().all(|i| narrow.weights(*i)[0].is_nan()));
+    }
 }
