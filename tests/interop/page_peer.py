@@ -92,7 +92,15 @@ class Browser:
     def close(self):
         self.session = None
         self.ask("Browser.close")
-        self.process.wait(timeout=10)
+        # Nobody reads any more what it may still have to say, on which it could wait.
+        os.close(self.inlet)
+        os.close(self.out)
+        try:
+            self.process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            # It has shown what it was to show; how it leaves is its own affair.
+            self.process.kill()
+            self.process.wait()
 
 
 def main():
@@ -149,8 +157,8 @@ def main():
         picture = browser.ask("Page.captureScreenshot", format="png", captureBeyondViewport=args.whole)
         with open(args.picture, "wb") as file:
             file.write(base64.b64decode(picture["data"]))
+    print(json.dumps(saw), flush=True)
     browser.close()
-    print(json.dumps(saw))
 
 
 main()
