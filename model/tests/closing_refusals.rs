@@ -71,8 +71,12 @@ fn a_channel_that_is_missing_makes_an_effect_untestable_and_never_absent() -> Re
     Ok(())
 }
 
+fn near(found: f64, expected: f64) {
+    assert!((found / expected - 1.0).abs() < 1e-6, "{found}, not {expected}");
+}
+
 #[test]
-fn the_number_of_threads_changes_nothing() {
+fn the_number_of_threads_changes_nothing_and_figures_hang_together() {
     let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
     let one = std::slice::from_ref;
     let on = |threads: usize| {
@@ -82,6 +86,21 @@ fn the_number_of_threads_changes_nothing() {
     let (alone, together) = (on(1).expect("a closing"), on(3).expect("a closing"));
     assert_eq!(alone, together);
     assert!(together.test.is_some_and(|test| test.ratio < 0.1 && test.ratio_ci95[1] < 0.2));
+
+    // The figures hang together: shares are of what noise leaves to explain.
+    let (floor, test) = (alone.noise_floor, alone.test.expect("sealed"));
+    let forces: Vec<f64> = estimate.rows.iter().filter(|row| row.counts).map(|row| row.force_n).collect();
+    let mean = forces.iter().sum::<f64>() / forces.len() as f64;
+    let variance = forces.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / forces.len() as f64;
+    near(floor.esr, floor.rsse_n.powi(2) / variance);
+    near(test.ratio, (test.after.rsse_n / test.before.rsse_n).powi(2));
+    near(
+        test.removed.expect("something"),
+        (1.0 - test.ratio) / (1.0 - (floor.rsse_n / test.before.rsse_n).powi(2)),
+    );
+    near(test.ratio, test.after.esr / test.before.esr);
+    assert!(test.ratio_ci95[0] < test.ratio && test.ratio < test.ratio_ci95[1]);
+    assert!(test.removed > Some(1.0 - test.ratio), "there is some noise");
 }
 
 /// Two healthy runs of one pattern: what tells them apart is the noise that the third differences of one of them tell, too.

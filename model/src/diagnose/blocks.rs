@@ -271,6 +271,16 @@ mod tests {
     }
 
     #[test]
+    fn coarse_steps_are_means_of_the_rows_in_them() {
+        // Four rows a step, none in the third, and a step that ends early.
+        let row = |k: usize| COARSE_S * (k as f64 + 0.5) / 4.0;
+        let times: Vec<f64> = (0..8).chain(12..14).map(row).collect();
+        let values: Vec<f64> = (0..10).map(|k| (k * k) as f64).collect();
+        assert_eq!(coarse(&times, &values), [3.5, 31.5, 72.5]);
+        assert!(coarse(&[], &[]).is_empty());
+    }
+
+    #[test]
     fn p_is_what_it_says_it_is() {
         // Sums about zero: p is uniform, whatever the number of blocks.
         let mut random = Pcg64Mcg::seed_from_u64(7);

@@ -274,6 +274,14 @@ mod tests {
         let v =
             |force_n| phase.velocity_m_s(&ForceMotion { force_n, rate_n_s: 0.0, curvature_n_s2: 0.0 }, 0.0);
         assert!(v(fold_n) > v(fold_n - 1.0) && v(fold_n) > v(fold_n + 1.0), "{fold_n} N");
+        // The least of two, and without the fifth power.
+        for (p4, p5) in [(1.28e-6, -6.7e-13), (1.28e-6, 0.0), (0.0, 1e-13), (-1e-6, 1e-12)] {
+            let slope = |f: f64| 1.0 - 3.0 * p4 * f.powi(2) - 5.0 * p5 * f.powi(4);
+            let at = fold(p4, p5).expect("it folds");
+            assert!(slope(at).abs() < 1e-9, "{p4} {p5}: {at} N, {}", slope(at));
+            assert!((1..100).all(|k| slope(at * f64::from(k) / 100.0) > 0.0), "{p4} {p5}: {at} N");
+        }
+        assert_eq!([fold(0.0, 0.0), fold(-1e-6, 0.0), fold(-1e-6, -1e-12)], [None; 3]);
     }
 
     #[test]
