@@ -265,11 +265,16 @@ The node after twenty minutes, and at the end: {third[0] / 1024:.1f} and {last[0
 
 def mutants(figures):
     goal = "met" if figures["percent"] >= 85 else "missed"
+    since = figures.get("noticed_since", [])
+    missed = "".join(f"- `{change}`{' *' if change in since else ''}\n" for change in figures["missed"])
     return f"""## Wrong changes that tests notice
 
 `model/`, changed in one place at a time by cargo-mutants (`.ci/mutants`), every n-th of some twelve thousand changes: {figures["caught"]} of {figures["of"]} noticed, {figures["percent"]} % (95 %: {figures["low"]} to {figures["high"]});
 {figures["unviable"]} more did not compile. Goal 85 %: {goal}.
-"""
+
+Not noticed (line of the commit below{"; what is marked * is noticed by tests that were written since" if since else ""}):
+
+{missed}"""
 
 
 def write(results, order):

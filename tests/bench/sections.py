@@ -268,7 +268,8 @@ def mutants():
 def caught(told):
     found = re.search(r"caught (\d+) of (\d+) \((\d+) %, 95 %: (\d+) to (\d+)\), (\d+) did not compile", told)
     names = ("caught", "of", "percent", "low", "high", "unviable")
-    return dict(zip(names, map(int, found.groups()), strict=True))
+    missed = re.findall(r"^MISSED +(\S+?):\d+: (.*?)(?: in [\d.]+s .*)?$", told, re.MULTILINE)
+    return {**dict(zip(names, map(int, found.groups()), strict=True)), "missed": [f"{at}: {what}" for at, what in missed]}
 
 
 # Each section by name, with about how long it takes, s.
