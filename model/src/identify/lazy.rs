@@ -288,3 +288,38 @@ fn sums(rows: &[LazyPoint], places: &[[f64; 3]], centres: &[[f64; 3]]) -> Vec<[f
     }
     sums
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::condition::Conditioning;
+    use crate::identify::DatasetOptions;
+    use crate::rig::{Channels, Experiment, Plant, record};
+
+    #[test]
+    fn rows_that_count_and_have_a_drive_are_taken_less_their_run_s_mean() {
+        let experiment = Experiment::thesis("RP-APRBS").expect("known").with_duration_s(2.0);
+        let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
+        let whole = Dataset::from_run(&run, &Conditioning::THESIS, &DatasetOptions::default()).expect("rows");
+        let mut gaps = whole.clone();
+        gaps.rows[100].drive = f64::NAN;
+        gaps.rows[101].counts = false;
+        gaps.rows[102].counts = true;
+        gaps.rows[102].drive = 1.5;
+        let counted = gaps.rows.iter().filter(|row| row.counts).count();
+        let of_gaps = |driven: bool| rows(std::slice::from_ref(&gaps), driven, &[20.0]);
+        assert_eq!(of_gaps(false).len(), counted);
+        assert_eq!(of_gaps(true).len(), counted - usize::from(gaps.rows[100].counts));
+        assert!(of_gaps(true).iter().all(|point| point.drive.is_finite()));
+        assert!(of_gaps(false).iter().all(|point| point.drive == 0.0));
+        let row = &gaps.rows[102];
+        let expected = LazyPoint {
+            displacement_m: row.displacement_m,
+            velocity_m_s: row.velocity_m_s,
+            drive: 1.5,
+            force_n: row.force_n - 20.0,
+        };
+        assert!(of_gaps(true).contains(&expected));
+        assert_eq!(rows(&[whole.clone(), gaps], false, &[0.0, 20.0]).len(), whole.counted() + counted);
+    }
+}

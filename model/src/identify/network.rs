@@ -485,6 +485,26 @@ mod tests {
     }
 
     #[test]
+    fn starts_are_those_of_nguyen_and_widrow() {
+        for structure in NetworkStructure::ALL {
+            let (_, network) = table(structure);
+            let (hidden, inputs, weights) = (structure.hidden(), network.inputs(), network.weights());
+            let length = 0.7 * (hidden as f64).powf(1.0 / inputs as f64);
+            for j in 0..hidden {
+                let own = (0..inputs).map(|i| weights[i * hidden + j].powi(2)).sum::<f64>().sqrt();
+                assert!(
+                    (own / length - 1.0).abs() < 1e-12,
+                    "{structure:?}: neuron {j} has {own}, not {length}"
+                );
+            }
+            let spread = |values: &[f64]| values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+            let [bends, outputs] = [inputs, inputs + 1].map(|k| spread(&weights[k * hidden..][..hidden]));
+            assert!(bends > 0.5 * length && bends <= length, "{structure:?}: {bends} of {length}");
+            assert!(outputs > 0.15 && outputs <= 0.3, "{structure:?}: {outputs}");
+        }
+    }
+
+    #[test]
     fn a_free_run_that_goes_astray_is_told() {
         for structure in NetworkStructure::ALL {
             let (table, network) = table(structure);
