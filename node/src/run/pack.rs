@@ -5,8 +5,9 @@
 
 use super::RunError;
 use super::storage::UNPACK_RATIO;
+use super::whole::write_file;
 use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use zstd::bulk::Decompressor;
 use zstd::stream::read::Decoder;
@@ -122,22 +123,12 @@ pub(super) fn packed_name(path: &Path) -> PathBuf {
 /// on the disk, it has another name, so that whatever happens one of both is whole.
 pub(super) fn pack_file(path: &Path) -> Result<u64, RunError> {
     let packed = packed_name(path);
-    let part = packed.with_extension("zstd.part");
-    let written = (|| {
+    write_file(&packed, |sink| {
         let source = BufReader::new(File::open(path).map_err(RunError::io(path, "open"))?);
-        let sink = File::create(&part).map_err(RunError::io(&part, "create"))?;
-        let mut sink = BufWriter::new(sink);
-        zstd::stream::copy_encode(source, &mut sink, LEVEL).map_err(RunError::io(&part, "write"))?;
-        sink.flush().map_err(RunError::io(&part, "write"))?;
-        sink.get_ref().sync_all().map_err(RunError::io(&part, "write to disk"))?;
-        fs::rename(&part, &packed).map_err(RunError::io(&packed, "create"))?;
-        fs::remove_file(path).map_err(RunError::io(path, "remove"))?;
-        Ok(fs::metadata(&packed).map_err(RunError::io(&packed, "look at"))?.len())
-    })();
-    written.inspect_err(|_| {
-        // It may not exist; the first error counts.
-        let _ = fs::remove_file(&part);
-    })
+        zstd::stream::copy_encode(source, sink, LEVEL).map_err(RunError::io(&packed, "write"))
+    })?;
+    fs::remove_file(path).map_err(RunError::io(path, "remove"))?;
+    Ok(fs::metadata(&packed).map_err(RunError::io(&packed, "look at"))?.len())
 }
 
 #[cfg(test)]
