@@ -36,7 +36,9 @@ pub(crate) fn interop(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
             record("skipped", name);
         }
         Err(panic) => {
-            say(&format!("interop FAILED {name}\n{}", lab.logs()));
+            say(&format!("interop FAILED {name}"));
+            // Kept by the test runner, which tells it once more with the failure, at the end.
+            eprint!("{}", lab.logs());
             record("failed", name);
             resume_unwind(panic);
         }

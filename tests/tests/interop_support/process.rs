@@ -43,8 +43,6 @@ pub(crate) struct Program {
     status: Option<ExitStatus>,
     /// Of a program that takes commands.
     stdin: Option<ChildStdin>,
-    /// Where its standard error goes.
-    log: PathBuf,
 }
 
 impl Program {
@@ -76,7 +74,7 @@ impl Program {
             }
         });
         let stdin = child.stdin.take();
-        Self { name: name.to_owned(), child, lines, status: None, stdin, log: log.to_owned() }
+        Self { name: name.to_owned(), child, lines, status: None, stdin }
     }
 
     /// The next line of standard output, as JSON.
@@ -87,7 +85,7 @@ impl Program {
             Err(RecvTimeoutError::Timeout) => panic!("{} said nothing for {timeout:?}", self.name),
             Err(RecvTimeoutError::Disconnected) => {
                 let status = self.wait(GRACE);
-                panic!("{} ended without a result: {status}\n{}", self.name, tail(&self.log))
+                panic!("{} ended without a result: {status}", self.name)
             }
         }
     }
@@ -116,7 +114,7 @@ impl Program {
     /// Waits for a program to end well, and gives what it wrote to standard output.
     pub(crate) fn output(&mut self, timeout: Duration) -> String {
         let status = self.wait(timeout);
-        assert!(status.success(), "{} failed: {status}\n{}", self.name, tail(&self.log));
+        assert!(status.success(), "{} failed: {status}", self.name);
         self.lines.iter().collect::<Vec<_>>().join("\n")
     }
 
