@@ -245,21 +245,24 @@ mod tests {
             sigma in 0.1..0.6f64, wider in 0.8..1.25f64, share in -0.1..1.1f64,
         ) {
             let centres: Vec<f64> = steps.iter().scan(0.0, |at, step| { *at += step; Some(*at) }).collect();
-            let widths: Vec<f64> = (0..centres.len()).map(|j| if j % 2 == 0 { sigma } else { sigma * wider }).collect();
+            let widths: Vec<f64> =
+                (0..centres.len()).map(|j| if j % 2 == 0 { sigma } else { sigma * wider }).collect();
+            let sets = sets(&centres, &widths);
             let i = share * centres[centres.len() - 1];
-            let strength: Vec<f64> = centres.iter().zip(&widths).map(|(c, s)| (-(i - c).powi(2) / (2.0 * s * s)).exp()).collect();
-            let sum: f64 = strength.iter().sum();
-            let weights = sets(&centres, &widths).weights(i);
-            for (weight, strength) in weights.iter().zip(&strength) {
+            let strength = |(c, s): (&f64, &f64)| (-(i - c).powi(2) / (2.0 * s * s)).exp();
+            let strengths: Vec<f64> = centres.iter().zip(&widths).map(strength).collect();
+            let sum: f64 = strengths.iter().sum();
+            let weights = sets.weights(i);
+            for (weight, strength) in weights.iter().zip(&strengths) {
                 // What has less than 1e-7 of the strongest is out: of sixteen sets.
                 prop_assert!((weight - strength / sum).abs() < 2e-6, "{weight} {}", strength / sum);
             }
             prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-15 * 16.0);
             prop_assert!(weights[centres.len()..].iter().all(|w| *w == 0.0));
-            let mean = sets(&centres, &widths).strengths(i).mean(|set| centres[set]);
             let expected: f64 = weights.iter().zip(&centres).map(|(w, c)| w * c).sum();
+            let mean = sets.strengths(i).mean(|set| centres[set]);
             prop_assert!((mean - expected).abs() < 1e-12);
-            let [value, slope] = sets(&centres, &widths).strengths(i).mean_and_slope(|set| [centres[set], -centres[set]]);
+            let [value, slope] = sets.strengths(i).mean_and_slope(|set| [centres[set], -centres[set]]);
             prop_assert!((value - expected).abs() < 1e-12 && (slope + expected).abs() < 1e-12);
         }
     }
