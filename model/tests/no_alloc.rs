@@ -79,6 +79,7 @@ fn the_hot_path_does_not_allocate() {
                 }
             }
             pipeline.note_overload();
+            pipeline.note_interleaved();
             pipeline.reset(&mut count);
             pipeline.take(changed, &mut count);
             pipeline.take(other.clone(), &mut count);

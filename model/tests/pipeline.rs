@@ -323,6 +323,44 @@ fn a_sample_that_arrives_long_after_its_stamp_is_flagged() {
     assert!(last.reasons.has(Reasons::LATE) && last.validity == Validity::Stale, "{last:?}");
 }
 
+/// One stamp an hour ahead must not make all samples after it older than the newest.
+#[test]
+fn a_stamp_an_hour_ahead_costs_that_sample_alone() {
+    for reading in [
+        Reading::Displacement(Metre(0.001)),
+        Reading::Force(Newton(10.0)),
+        Reading::Drive(Drive::CoilCurrent(Ampere(1.0))),
+    ] {
+        let mut clean = Bench::thesis();
+        clean.run(0..200, |_| true);
+        let mut dirty = Bench::thesis();
+        dirty.run(0..100, |_| true);
+        dirty.feed_ahead(100, 3_600_000_000_000, reading);
+        dirty.run(100..200, |_| true);
+        let bits = |bench: &Bench| bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&clean), bits(&dirty), "good samples give what they gave before");
+        let told: Vec<_> = dirty.estimates().filter(|e| e.reasons.has(Reasons::STAMP_AHEAD)).collect();
+        assert!(told.len() == 1 && told[0].validity != Validity::Valid, "{told:?}");
+        assert!(dirty.refusals().contains("later than its arrival"), "{}", dirty.refusals());
+    }
+}
+
+/// A publisher whose clock is an hour ahead is estimated, and never VALID; when its clock is set right, all is well.
+#[test]
+fn a_clock_an_hour_ahead_is_believed_and_told() {
+    let mut bench = Bench::thesis();
+    bench.epoch_ns = 3_600_000_000_000;
+    bench.delay_ns = -3_600_000_000_000;
+    bench.run(0..200, |_| true);
+    assert_eq!(bench.pipeline.mode(), Mode::Arx);
+    assert!(bench.estimates().count() > 190);
+    assert!(bench.estimates().all(|e| e.validity != Validity::Valid && e.reasons.has(Reasons::STAMP_AHEAD)));
+    (bench.epoch_ns, bench.delay_ns) = (0, 0);
+    bench.run(200..400, |_| true);
+    let last = bench.estimates().last().expect("estimates");
+    assert_eq!((last.mode, last.validity), (Mode::Arx, Validity::Valid), "{last:?}");
+}
+
 #[test]
 fn ten_times_the_rate_rests_arx_and_says_so() {
     let mut bench = Bench::thesis();

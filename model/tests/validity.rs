@@ -202,6 +202,18 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
             edited(|_, feed| feed.iter_mut().for_each(|s| s.received = s.received.shifted(400_000_000))),
         ),
         (
+            // The clock of the publisher is 50 ms ahead.
+            Reasons::STAMP_AHEAD,
+            edited(|_, feed| feed.iter_mut().for_each(|s| s.received = s.received.shifted(-50_000_000))),
+            edited(|_, feed| feed.iter_mut().for_each(|s| s.received = s.received.shifted(-25_000_000))),
+        ),
+        (
+            // Only that of the driver is.
+            Reasons::STAMP_AHEAD,
+            edited(|_, feed| feed[0].received = feed[0].received.shifted(-50_000_000)),
+            SOUND,
+        ),
+        (
             Reasons::WRONG_DRIVE,
             edited(|k, feed| {
                 if k == 500 {
@@ -235,6 +247,19 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
             Drill {
                 end: |p, hear| {
                     p.note_overload();
+                    for sample in samples(LENGTH, 0) {
+                        p.step(&sample, &mut |e| hear(e));
+                    }
+                },
+                ..SOUND
+            },
+            SOUND,
+        ),
+        (
+            Reasons::INPUT_INTERLEAVED,
+            Drill {
+                end: |p, hear| {
+                    p.note_interleaved();
                     for sample in samples(LENGTH, 0) {
                         p.step(&sample, &mut |e| hear(e));
                     }

@@ -14,6 +14,31 @@ macro_rules! text {
     (Float64) => {
         "float64 data\n"
     };
+    (Float32) => {
+        "float32 data\n"
+    };
+    (Vector3) => {
+        "float64 x\nfloat64 y\nfloat64 z\n"
+    };
+    (Wrench) => {
+        "Vector3 force\nVector3 torque\n"
+    };
+    (WrenchStamped) => {
+        "std_msgs/Header header\nWrench wrench\n"
+    };
+    (Twist) => {
+        "Vector3 linear\nVector3 angular\n"
+    };
+    (TwistStamped) => {
+        "std_msgs/Header header\nTwist twist\n"
+    };
+    (Range) => {
+        concat!(
+            "uint8 ULTRASOUND=0\nuint8 INFRARED=1\n",
+            "std_msgs/Header header\nuint8 radiation_type\nfloat32 field_of_view\nfloat32 min_range\n",
+            "float32 max_range\nfloat32 range\nfloat32 variance\n"
+        )
+    };
     (Clock) => {
         "builtin_interfaces/Time clock\n"
     };
@@ -113,6 +138,9 @@ pub(crate) use text;
 macro_rules! part {
     (Time) => { $crate::definition::part!("builtin_interfaces" Time) };
     (Header) => { $crate::definition::part!("std_msgs" Header) };
+    (Vector3) => { $crate::definition::part!("geometry_msgs" Vector3) };
+    (Wrench) => { $crate::definition::part!("geometry_msgs" Wrench) };
+    (Twist) => { $crate::definition::part!("geometry_msgs" Twist) };
     (KeyValue) => { $crate::definition::part!("diagnostic_msgs" KeyValue) };
     (DiagnosticStatus) => { $crate::definition::part!("diagnostic_msgs" DiagnosticStatus) };
     (State) => { $crate::definition::part!("lifecycle_msgs" State) };

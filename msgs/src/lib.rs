@@ -30,6 +30,7 @@
 pub mod action;
 pub mod cdr;
 mod definition;
+pub mod geometry;
 pub mod lifecycle;
 mod message;
 mod mr_damper;
@@ -72,7 +73,14 @@ pub const MESSAGES: &[Descriptor] = &[
     Descriptor::of::<standard::JointState>(),
     Descriptor::of::<standard::Temperature>(),
     Descriptor::of::<standard::Float64>(),
+    Descriptor::of::<standard::Float32>(),
+    Descriptor::of::<standard::Range>(),
     Descriptor::of::<standard::Header>(),
+    Descriptor::of::<geometry::Vector3>(),
+    Descriptor::of::<geometry::Wrench>(),
+    Descriptor::of::<geometry::WrenchStamped>(),
+    Descriptor::of::<geometry::Twist>(),
+    Descriptor::of::<geometry::TwistStamped>(),
     Descriptor::of::<lifecycle::State>(),
     Descriptor::of::<lifecycle::Transition>(),
     Descriptor::of::<lifecycle::TransitionDescription>(),

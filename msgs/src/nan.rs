@@ -13,3 +13,12 @@ pub(crate) fn or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64,
         f64::deserialize(deserializer)
     }
 }
+
+/// The same for an `f32`.
+pub(crate) fn or_null_f32<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f32, D::Error> {
+    if deserializer.is_human_readable() {
+        Ok(Option::deserialize(deserializer)?.unwrap_or(f32::NAN))
+    } else {
+        f32::deserialize(deserializer)
+    }
+}

@@ -50,6 +50,20 @@ message!(
     text!(Float64)
 );
 
+/// `std_msgs/msg/Float32`: the same in single precision.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Float32 {
+    /// The number.
+    #[serde(deserialize_with = "nan::or_null_f32")]
+    pub data: f32,
+}
+message!(
+    Float32,
+    "std_msgs" / "msg" / "Float32",
+    "7170d3d8f841f7be3172ce5f4f59f3a4d7f63b0447e8b33327601ad64d83d6e2",
+    text!(Float32)
+);
+
 /// `rosgraph_msgs/msg/Clock`: simulated time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Clock {
@@ -81,6 +95,43 @@ message!(
     "72514a14126ab9f8a9abec974c78e5610a367b59db5da355ff1fb982d5bad4b8",
     definition!(text!(Temperature), Header Time)
 );
+
+/// `sensor_msgs/msg/Range`: a distance along one ray, as Iron and later define it. Before that, `variance` was not there.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Range {
+    /// When and where it was taken.
+    pub header: Header,
+    /// One of the constants of this type.
+    pub radiation_type: u8,
+    /// Angle that the ray covers, in rad.
+    #[serde(deserialize_with = "nan::or_null_f32")]
+    pub field_of_view: f32,
+    /// Least distance that the sensor can measure, in m.
+    #[serde(deserialize_with = "nan::or_null_f32")]
+    pub min_range: f32,
+    /// Largest distance that the sensor can measure, in m.
+    #[serde(deserialize_with = "nan::or_null_f32")]
+    pub max_range: f32,
+    /// Distance in m; infinite outside the limits above for sensors that only tell near from far.
+    #[serde(deserialize_with = "nan::or_null_f32")]
+    pub range: f32,
+    /// Variance in m^2; 0 is unknown.
+    #[serde(deserialize_with = "nan::or_null_f32")]
+    pub variance: f32,
+}
+message!(
+    Range,
+    "sensor_msgs" / "msg" / "Range",
+    "b42b62562e93cbfe9d42b82fe5994dfa3d63d7d5c90a317981703f7388adff3a",
+    definition!(text!(Range), Header Time)
+);
+
+impl Range {
+    /// The sensor works by sound.
+    pub const ULTRASOUND: u8 = 0;
+    /// The sensor works by light.
+    pub const INFRARED: u8 = 1;
+}
 
 /// `sensor_msgs/msg/JointState`: the state of several joints. A list is empty when its quantity is unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

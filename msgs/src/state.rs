@@ -182,6 +182,10 @@ reasons! {
     DRIVE_IMPLAUSIBLE = 262_144 "DRIVE_IMPLAUSIBLE",
     /// Measured force gives energy, where a damper takes it: its sign or its offset is wrong.
     NOT_PASSIVE = 524_288 "NOT_PASSIVE",
+    /// Samples of two publishers of one input come mixed.
+    INPUT_INTERLEAVED = 1_048_576 "INPUT_INTERLEAVED",
+    /// The stamp of an input is later than its arrival: the clocks of its publisher and of the node differ.
+    STAMP_AHEAD = 2_097_152 "STAMP_AHEAD",
 }
 
 impl Reasons {

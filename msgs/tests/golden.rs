@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 use mr_damper_msgs::action::{
     CloseLoopFeedback, CloseLoopGoal, CloseLoopResult, IdentifyFeedback, IdentifyGoal, IdentifyResult,
 };
+use mr_damper_msgs::geometry::{Twist, TwistStamped, Vector3, Wrench, WrenchStamped};
 use mr_damper_msgs::lifecycle::{
     ChangeState, ChangeStateRequest, ChangeStateResponse, GetAvailableStates, GetAvailableStatesRequest,
     GetAvailableStatesResponse, GetAvailableTransitions, GetAvailableTransitionsRequest,
@@ -32,7 +33,8 @@ use mr_damper_msgs::srv::{
     SetModeRequest, SetModeResponse,
 };
 use mr_damper_msgs::standard::{
-    Clock, DiagnosticArray, DiagnosticStatus, Float64, Header, JointState, KeyValue, Temperature, Time,
+    Clock, DiagnosticArray, DiagnosticStatus, Float32, Float64, Header, JointState, KeyValue, Range,
+    Temperature, Time,
 };
 use mr_damper_msgs::type_description::{
     self, Field, FieldType, GetTypeDescription, GetTypeDescriptionRequest, GetTypeDescriptionResponse,
@@ -54,7 +56,7 @@ macro_rules! for_every_message {
         for_every_message!(
             $check: CoilCurrent CommandVoltage CurrentCommand Displacement Force ForceEstimate ForceResidual
             ModeChange Velocity Time DiagnosticArray DiagnosticStatus KeyValue Clock JointState Temperature
-            Float64 Header LoadModelRequest LoadModelResponse ResetRequest ResetResponse SetModeRequest
+            Float64 Float32 Range Vector3 Wrench WrenchStamped Twist TwistStamped Header LoadModelRequest LoadModelResponse ResetRequest ResetResponse SetModeRequest
             SetModeResponse CloseLoopGoal CloseLoopResult CloseLoopFeedback IdentifyGoal IdentifyResult
             IdentifyFeedback State Transition TransitionDescription TransitionEvent GetStateRequest
             GetStateResponse ChangeStateRequest ChangeStateResponse GetAvailableStatesRequest
@@ -217,7 +219,7 @@ fn defined<M: Message>() -> &'static str {
 #[test]
 fn definitions_and_structs_agree() {
     let defined = for_every_message!(defined);
-    assert_eq!(defined.len(), 89);
+    assert_eq!(defined.len(), 96);
     let topics: BTreeSet<&str> = defined.into_iter().filter(|name| name.contains("/msg/")).collect();
     let listed: BTreeSet<&str> = MESSAGES.iter().map(|message: &Descriptor| message.type_name).collect();
     assert_eq!(listed, topics);

@@ -6,6 +6,7 @@ use crate::error::NodeError;
 use crate::interrupt::Interrupt;
 use crate::logging::{self, LogFormat, Outputs};
 use crate::player;
+use crate::shown;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -13,7 +14,7 @@ use std::process::ExitCode;
 ///
 /// Without a command the demo runs. Exit codes: 0 done, 1 the work failed, 2 wrong usage.
 #[derive(Debug, Parser)]
-#[command(name = "mr-damper", version, max_term_width = 110)]
+#[command(name = "mr-damper", version = crate::hardened::version(), max_term_width = 110)]
 pub struct Cli {
     /// Log only warnings and errors, show no progress.
     #[arg(long, short, global = true)]
@@ -56,6 +57,31 @@ impl Command {
             _ => "mr_damper",
         }
     }
+
+    /// Refuses ROS arguments that the command would not use.
+    fn check_ros_args(&self, given: &RosArgs) -> Result<(), NodeError> {
+        let offline = match self {
+            Self::Convert(_) => "convert",
+            Self::Simulate(_) => "simulate",
+            Self::Identify(_) => "identify",
+            Self::Compare(_) => "compare",
+            Self::Evaluate(_) => "evaluate",
+            Self::Close(args) if !args.live.live => "close",
+            Self::Inverse(_) => "inverse",
+            Self::Presets(_) => "presets",
+            // Nodes that have names, but no parameters.
+            Self::Replay(_) => return self.refuse_parameters("replay", given),
+            Self::Record(_) => return self.refuse_parameters("record", given),
+            Self::Serve(_) => return self.refuse_parameters("serve", given),
+            Self::Top(_) => return self.refuse_parameters("top", given),
+            Self::Demo(_) | Self::Node(_) | Self::Doctor(_) | Self::Close(_) => return Ok(()),
+        };
+        given.refuse_for_no_node(offline)
+    }
+
+    fn refuse_parameters(&self, command: &str, given: &RosArgs) -> Result<(), NodeError> {
+        given.clone().for_node(self.node_name()).refuse_parameters(command)
+    }
 }
 
 /// Runs the command line `arguments` (without the program's name).
@@ -64,7 +90,7 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
     let (plain, ros_args) = match RosArgs::split(arguments) {
         Ok(split) => split,
         Err(error) => {
-            eprintln!("error: {error}");
+            eprintln!("{}", shown::error(&error));
             return ExitCode::from(2);
         }
     };
@@ -86,7 +112,7 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
     match run(cli, ros_args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            eprintln!("{}", shown::error(&error));
             let cause = match &error {
                 NodeError::Damper { why, .. } => why,
                 other => other,
@@ -104,6 +130,7 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
 
 fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
     let command = cli.command.unwrap_or_else(|| Command::Demo(command::demo::Args::default()));
+    command.check_ros_args(&ros_args)?;
     let ros_args = ros_args.for_node(command.node_name());
     let around = Surroundings { interrupt: Interrupt::install()?, quiet: cli.quiet, ros_args };
     match command {
@@ -122,5 +149,72 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Presets(args) => command::presets::run(&args),
         Command::Serve(args) => command::serve::run(&args, &around),
         Command::Top(args) => command::top::run(&args, &around),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    /// Commands whose help names a run to read, by a value or a list of them.
+    fn reads_runs(command: &clap::Command) -> bool {
+        command.get_arguments().any(|argument| {
+            let names = argument.get_value_names().unwrap_or_default();
+            names.iter().any(|name| ["RUN", "IN", "RUNS_DIR", "RUN_OR_CSV"].contains(&name.as_str()))
+        })
+    }
+
+    #[test]
+    fn every_command_that_reads_runs_takes_a_map_and_its_help_shows_one() {
+        let mut cli = Cli::command();
+        cli.build();
+        let mut readers = Vec::new();
+        for command in cli.get_subcommands_mut() {
+            let flag = |name: &str| command.get_arguments().any(|argument| argument.get_long() == Some(name));
+            let (map, file) = (flag("map"), flag("map-file"));
+            assert_eq!(map, reads_runs(command), "{}", command.get_name());
+            assert_eq!(map, file, "{}", command.get_name());
+            if map {
+                let help = command.render_long_help().to_string();
+                assert!(help.contains("--map displacement=/fl/susp/pos"), "{help}");
+                readers.push(command.get_name().to_owned());
+            }
+        }
+        assert_eq!(readers, ["replay", "convert", "identify", "compare", "evaluate", "close", "inverse"]);
+    }
+
+    #[test]
+    fn no_command_ignores_ros_arguments_that_it_does_not_use() {
+        let outcome = |line: &str| {
+            let words = line.split_whitespace().map(str::to_owned);
+            let (plain, ros_args) = RosArgs::split(words).expect("ROS arguments");
+            let cli = Cli::try_parse_from(std::iter::once("mr-damper".to_owned()).chain(plain)).expect(line);
+            cli.command.expect("a command").check_ros_args(&ros_args).map_err(|error| error.to_string())
+        };
+        for command in [
+            "convert a b",
+            "simulate --list",
+            "identify --model arx --out m.toml a",
+            "compare runs",
+            "evaluate m.toml a",
+            "close --base arx --estimate a --confirm b --out m.toml",
+            "inverse m.toml --force a",
+            "presets",
+        ] {
+            for ros in ["-r displacement:=/x", "-r __ns:=/a", "-p coast_s:=1", "--enclave /a"] {
+                let message = outcome(&format!("{command} --ros-args {ros}")).expect_err(command);
+                assert!(message.contains("starts no ROS node"), "{message}");
+            }
+            assert_eq!(outcome(&format!("{command} --ros-args --log-level debug")), Ok(()));
+        }
+        for command in ["replay a", "record --out b", "serve", "top"] {
+            let message = outcome(&format!("{command} --ros-args -p use_sim_time:=true")).expect_err(command);
+            assert!(message.contains("has no parameters"), "{message}");
+            assert_eq!(outcome(&format!("{command} --ros-args -r __ns:=/a -p other:x:=1")), Ok(()));
+        }
+        for command in ["node", "demo", "doctor", "close --live"] {
+            assert_eq!(outcome(&format!("{command} --ros-args -r __ns:=/a -p coast_s:=1")), Ok(()));
+        }
     }
 }

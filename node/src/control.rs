@@ -292,6 +292,11 @@ impl Control {
         let mut config = state.config.clone();
         let mut changed = Vec::new();
         for (name, value) in wanted {
+            if config.qos.get(name).is_some() {
+                return Err(format!(
+                    "{name} is read-only: the QoS of a topic is set at the start of the node"
+                ));
+            }
             let parameter = find(name).map_err(|e| e.to_string())?;
             let value = parameter.check(value).map_err(|e| e.to_string())?;
             if (parameter.get)(&config) == value {

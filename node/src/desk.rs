@@ -2,15 +2,19 @@
 
 use crate::config::RosArgs;
 use crate::error::NodeError;
+use crate::far::{Far, Shorten};
 use crate::ros::{Part, Ros, Task};
 use futures::future::{BoxFuture, join_all, select};
 use mr_damper_msgs::Service;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// How long the first answer to a client waits. Its request may be here before DDS has heard of the reader of answers, and
 /// what is sent then is lost; other middlewares wait for that reader up to 100 ms.
 const ACQUAINTANCE: Duration = Duration::from_millis(50);
+/// Bytes of a GUID that are those of its participant.
+const PREFIX: usize = 12;
 /// Clients of a service that are remembered to be known.
 const KNOWN: usize = 64;
 
@@ -18,6 +22,7 @@ const KNOWN: usize = 64;
 pub struct Desk<'a> {
     ros: &'a mut Ros,
     args: &'a RosArgs,
+    far: Arc<Far>,
     /// What answers the requests of each service, for ever.
     open: Vec<BoxFuture<'static, ()>>,
 }
@@ -26,7 +31,8 @@ impl<'a> Desk<'a> {
     /// A desk without services yet.
     #[must_use]
     pub fn new(ros: &'a mut Ros, args: &'a RosArgs) -> Self {
-        Self { ros, args, open: Vec::new() }
+        let far = Arc::new(ros.domain().far());
+        Self { ros, args, far, open: Vec::new() }
     }
 
     /// Offers the service that the node calls `name`, answered by `answer`.
@@ -41,8 +47,25 @@ impl<'a> Desk<'a> {
     where
         S: Service<Request: Sync, Response: Sync> + 'static,
     {
+        self.offer_with::<S>(name, None, answer)
+    }
+
+    /// The same, for answers that `shorten` makes fit where they are too long over a network address.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn offer_with<S>(
+        &mut self,
+        name: &str,
+        shorten: Option<Shorten<S::Response>>,
+        answer: impl Fn(S::Request) -> S::Response + Send + Sync + 'static,
+    ) -> Result<(), NodeError>
+    where
+        S: Service<Request: Sync, Response: Sync> + 'static,
+    {
         let name = self.args.service(name);
         let server = self.ros.serve::<S>(&name)?;
+        let far = Arc::clone(&self.far);
         self.open.push(Box::pin(async move {
             let mut known = VecDeque::with_capacity(KNOWN);
             loop {
@@ -58,7 +81,9 @@ impl<'a> Desk<'a> {
                     known.push_front(id.writer_gid);
                     tokio::time::sleep(ACQUAINTANCE).await;
                 }
-                if let Err(error) = server.async_send_response(id, Part(answer(request))).await {
+                let prefix = &id.writer_gid.to_bytes16()[..PREFIX];
+                let fit = far.fit(&name, prefix, answer(request), shorten);
+                if let Err(error) = server.async_send_response(id, Part(fit)).await {
                     tracing::warn!(service = name, %error, "an answer was not sent");
                 }
             }

@@ -16,7 +16,7 @@ use mr_damper_model::pipeline::{Event, Pipeline, Plan};
 use mr_damper_model::sample::{Channel, Sample};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
@@ -42,12 +42,34 @@ pub enum Command {
     Reset,
 }
 
+/// Which events a sink gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wanted {
+    /// Current commands alone: nothing else delays them.
+    Commands,
+    /// What the node publishes besides commands.
+    Reports,
+    /// Everything, accepted samples as well.
+    All,
+}
+
+impl Wanted {
+    #[inline]
+    const fn has(self, event: &Event) -> bool {
+        match (self, event) {
+            (Self::All, _) | (Self::Commands, Event::Command(_)) => true,
+            (Self::Commands, _) | (Self::Reports, Event::Command(_) | Event::Input(_)) => false,
+            (Self::Reports, _) => true,
+        }
+    }
+}
+
 /// One sink's end of its ring, as the estimating thread holds it.
 pub struct Outlet {
     ring: Producer<Event>,
     waker: Option<Thread>,
     dropped: Arc<AtomicU64>,
-    inputs: bool,
+    wanted: Wanted,
 }
 
 /// One sink's end of its ring, as the sink holds it.
@@ -58,12 +80,12 @@ pub struct Inlet {
     pub dropped: Arc<AtomicU64>,
 }
 
-/// A ring of [`EVENTS`] between the estimating thread and a sink. `inputs`: accepted samples are echoed too.
+/// A ring of [`EVENTS`] between the estimating thread and a sink.
 #[must_use]
-pub fn channel(inputs: bool) -> (Outlet, Inlet) {
+pub fn channel(wanted: Wanted) -> (Outlet, Inlet) {
     let (ring, events) = RingBuffer::new(EVENTS);
     let dropped = Arc::new(AtomicU64::new(0));
-    (Outlet { ring, waker: None, dropped: Arc::clone(&dropped), inputs }, Inlet { events, dropped })
+    (Outlet { ring, waker: None, dropped: Arc::clone(&dropped), wanted }, Inlet { events, dropped })
 }
 
 impl Outlet {
@@ -76,7 +98,7 @@ impl Outlet {
 
     #[inline]
     fn put(&mut self, event: Event) -> bool {
-        if matches!(event, Event::Input(_)) && !self.inputs {
+        if !self.wanted.has(&event) {
             return false;
         }
         let fits = self.ring.push(event).is_ok();
@@ -103,8 +125,12 @@ pub struct HotCounters {
     pub idle: AtomicU64,
     /// Those of them that were used: neither idle nor refused.
     pub used: AtomicU64,
+    /// Those of them that the pipeline refused.
+    pub refused: AtomicU64,
     /// Samples lost because the ring was full.
     pub overflow: AtomicU64,
+    /// Samples of two publishers of one input come mixed.
+    pub mixed: AtomicBool,
     /// Commands obeyed.
     pub obeyed: AtomicU64,
     /// How long displacements waited in the ring. Under simulated time nothing says so.
@@ -127,6 +153,12 @@ impl SampleSink {
         if self.ring.push(sample).is_err() {
             self.counters.overflow.fetch_add(1, Ordering::Relaxed);
         }
+    }
+
+    /// Says whether samples of two publishers of one input come mixed; call before the samples. Every estimate says so while they do.
+    #[inline]
+    pub fn note_mixed(&self, mixed: bool) {
+        self.counters.mixed.store(mixed, Ordering::Relaxed);
     }
 
     /// Wakes the estimating thread; call after the last sample of a batch.
@@ -220,6 +252,9 @@ fn run(
                 overflow_seen = overflow;
                 pipeline.note_overload();
             }
+            if counters.mixed.load(Ordering::Relaxed) {
+                pipeline.note_interleaved();
+            }
             // Reading the clock is no system call on Linux.
             let began = (sample.reading.channel() == Channel::Displacement).then(Instant::now);
             if began.is_some() {
@@ -227,9 +262,11 @@ fn run(
             }
             let mut fanout = Fanout::new(&mut outlets);
             pipeline.step(&sample, &mut |event| {
-                if matches!(event, Event::Input(_)) {
-                    counters.used.fetch_add(1, Ordering::Relaxed);
-                }
+                match event {
+                    Event::Input(_) => counters.used.fetch_add(1, Ordering::Relaxed),
+                    Event::Refusal(_) => counters.refused.fetch_add(1, Ordering::Relaxed),
+                    _ => 0,
+                };
                 fanout.put(event);
             });
             if let Some(began) = began {

@@ -2,7 +2,13 @@
 
 use crate::live::held_log;
 use crate::rosout::ToRosout;
+use crate::shown::OneLine;
 use clap::ValueEnum;
+use std::ffi::OsStr;
+use std::fmt::{self as text, Write};
+use tracing::field::Field;
+use tracing_subscriber::field::MakeExt;
+use tracing_subscriber::fmt::format::{self, Writer};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, fmt};
@@ -35,14 +41,78 @@ pub fn start(format: LogFormat, level: &str, outputs: Outputs) {
         "{level},rustdds=error,rustdds::network::udp_listener=off,rustdds::discovery::discovery_db=off,ros2_client=error,ros2_client::distributions=off,ros2_client::node=off,zenoh=error"
     );
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
-    let colour = std::io::IsTerminal::is_terminal(&std::io::stderr());
+    let is_terminal = std::io::IsTerminal::is_terminal(&std::io::stderr());
+    let colour = is_coloured(is_terminal, std::env::var_os("NO_COLOR").as_deref());
     let lines = fmt::layer().with_writer(|| held_log::Writer).with_target(false).with_ansi(colour);
     let lines = match (outputs.stderr, format) {
         (false, _) => None,
-        (true, LogFormat::Text) => Some(lines.boxed()),
+        (true, LogFormat::Text) => Some(lines.fmt_fields(format::debug_fn(field).delimited(" ")).boxed()),
         (true, LogFormat::Json) => Some(lines.json().with_ansi(false).boxed()),
     };
     let rosout = outputs.rosout.then_some(ToRosout);
     // A second start (in tests) leaves the first in place.
     let _ = tracing_subscriber::registry().with(filter).with(lines).with(rosout).try_init();
+}
+
+/// Whether log lines have colours: on a terminal, unless NO_COLOR is set (<https://no-color.org>).
+fn is_coloured(is_terminal: bool, no_color: Option<&OsStr>) -> bool {
+    is_terminal && no_color.is_none_or(OsStr::is_empty)
+}
+
+/// One field of a log line, or its message. Others may have written the value, so its control characters are escaped: an event stays
+/// one line, and the terminal obeys no escape sequence in it.
+fn field(writer: &mut Writer<'_>, field: &Field, value: &dyn text::Debug) -> text::Result {
+    let is_coloured = writer.has_ansi_escapes();
+    match field.name() {
+        "message" => {}
+        // Where a line of the `log` crate comes from.
+        name if name.starts_with("log.") => return Ok(()),
+        // Slanted and dimmed, as the library writes it.
+        name if is_coloured => write!(writer, "\u{1b}[3m{name}\u{1b}[0m\u{1b}[2m=\u{1b}[0m")?,
+        name => write!(writer, "{name}=")?,
+    }
+    write!(OneLine(writer), "{value:?}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::{Arc, Mutex, PoisonError};
+
+    #[derive(Clone, Default)]
+    struct Kept(Arc<Mutex<Vec<u8>>>);
+
+    impl std::io::Write for Kept {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_log_line_is_one_line_and_tells_the_terminal_nothing() {
+        let kept = Kept::default();
+        let into = kept.clone();
+        let lines = fmt::layer().with_writer(move || into.clone()).with_ansi(false).without_time();
+        let lines = lines.fmt_fields(format::debug_fn(field).delimited(" "));
+        tracing::subscriber::with_default(tracing_subscriber::registry().with(lines), || {
+            let name = "a\u{1b}[31m\r\nERROR b.csv";
+            tracing::info!(run = %name, frame = name, "cannot read {name}");
+        });
+        let bytes = kept.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let text = String::from_utf8(bytes).expect("UTF-8");
+        let shown = "a\\u{1b}[31m\\r\\nERROR b.csv";
+        let expected = format!("cannot read {shown} run={shown} frame=\"{shown}\"\n");
+        assert!(text.ends_with(&expected) && !text.trim_end().contains(char::is_control), "{text:?}");
+    }
+
+    #[test]
+    fn colours_are_for_terminals_and_not_where_no_color_is_set() {
+        assert!(is_coloured(true, None) && is_coloured(true, Some(OsStr::new(""))));
+        assert!(!is_coloured(true, Some(OsStr::new("1"))) && !is_coloured(false, None));
+    }
 }

@@ -1,5 +1,5 @@
-//! The overseer: keeps the history of raw input, puts the log on `/rosout`, and says on `/diagnostics` how node and model do, once a
-//! second.
+//! The overseer: keeps the history of raw input, logs what the pipeline reports, puts the log on `/rosout`, and says on `/diagnostics`
+//! how node and model do, once a second.
 //!
 //! It has a ring of its own from the estimating thread and looks into it a few times a second, unasked: nothing here
 //! is in a hurry, and being woken for each sample would cost more than the models.
@@ -7,19 +7,22 @@
 use crate::clock::Clock;
 use crate::config::RosArgs;
 use crate::control::Control;
-use crate::diagnostics::{Health, Surroundings, Work, twin_advice};
+use crate::diagnostics::{
+    CLOCK_ADVICE, Health, Publishers, Surroundings, Work, publishers_advice, twin_advice,
+};
 use crate::error::NodeError;
+use crate::event_log::EventLog;
 use crate::history::History;
 use crate::hot::Inlet;
-use crate::ros::{Domain, Ros};
+use crate::ros::{Domain, Output, Ros};
 use crate::rosout::Rosout;
 use crate::service::Counters;
 use crate::sink::ros::SharedNames;
+use crate::source::{self, InputTopic};
 use crate::wire::header;
 use crate::worker::{Stop, Worker};
 use mr_damper_model::pipeline::Event;
 use mr_damper_msgs::standard::DiagnosticArray;
-use ros2_client::Publisher;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -28,6 +31,8 @@ use std::time::{Duration, Instant};
 const NAP: Duration = Duration::from_millis(50);
 /// How often `/diagnostics` is published.
 const PERIOD: Duration = Duration::from_secs(1);
+/// How long simulated time may keep the node waiting before that is said.
+const CLOCK_PATIENCE: Duration = Duration::from_secs(5);
 
 /// The history, as the overseer fills it and a diagnosis reads it.
 pub type SharedHistory = Arc<Mutex<History>>;
@@ -62,7 +67,7 @@ impl Overseer {
 
 /// What an overseer is made of, before its thread runs.
 pub struct Overseeing {
-    publisher: Publisher<DiagnosticArray>,
+    publisher: Output<DiagnosticArray>,
     rosout: Option<Rosout>,
     /// Fully qualified name of the node.
     node: String,
@@ -76,12 +81,42 @@ pub struct Overseeing {
     history: SharedHistory,
     health: Health,
     work: Work,
+    log: EventLog,
     /// The log has been told that the history is full before its time.
     said_dropped: bool,
     /// Events that the ring had no room for.
     lost: u64,
     /// Publishers of the estimates in other processes, at the last look.
     twins: usize,
+    inputs: Vec<InputTopic>,
+    /// Inputs that had more than one publisher, at the last look.
+    publishers: Vec<Publishers>,
+    sim_time: SimTime,
+}
+
+/// Whether simulated time, where it is asked for, keeps the node waiting.
+#[derive(Debug, Default)]
+struct SimTime {
+    waiting_since: Option<Instant>,
+    said: bool,
+}
+
+impl SimTime {
+    /// True when it has not come for [`CLOCK_PATIENCE`] by `now`. The log has one line for that, and one for its end.
+    fn is_missing(&mut self, clock: &Clock, now: Instant) -> bool {
+        if clock.now().is_some() {
+            if std::mem::take(self).said {
+                tracing::info!("simulated time has come, or the time is the system's again");
+            }
+            return false;
+        }
+        let since = *self.waiting_since.get_or_insert(now);
+        let is_missing = now.saturating_duration_since(since) >= CLOCK_PATIENCE;
+        if is_missing && !std::mem::replace(&mut self.said, true) {
+            tracing::warn!("{CLOCK_ADVICE}");
+        }
+        is_missing
+    }
 }
 
 impl Overseeing {
@@ -107,9 +142,13 @@ impl Overseeing {
             history: Arc::new(Mutex::new(History::new(control.config().history_duration_s))),
             health: Health::default(),
             work: Work::default(),
+            log: EventLog::default(),
             said_dropped: false,
             lost: 0,
             twins: 0,
+            inputs: source::inputs(args, &control.config())?,
+            publishers: Vec::new(),
+            sim_time: SimTime::default(),
         })
     }
 
@@ -148,14 +187,16 @@ impl Overseeing {
     fn drain(&mut self, inlet: &mut Inlet) {
         let at = Instant::now();
         let shared = Arc::clone(&self.history);
-        let mut history = lock(&shared);
+        let names = self.names.read().unwrap_or_else(PoisonError::into_inner).clone();
         while let Ok(event) = inlet.events.pop() {
             if let Event::Input(sample) = &event {
-                history.push(sample);
+                lock(&shared).push(sample);
             }
             self.health.take(&event, at);
             self.work.take(&event, at);
+            self.log.take(&event, &names);
         }
+        self.log.flush();
     }
 
     /// Once a second: publishes, follows the parameters, says what was lost.
@@ -183,6 +224,9 @@ impl Overseeing {
             tracing::warn!(publishers = twins, "{}", twin_advice(&self.estimates));
         }
         self.twins = twins;
+        self.look_at_publishers(counters);
+        let now = Instant::now();
+        let clock_missing = self.sim_time.is_missing(clock, now);
         let names = self.names.read().unwrap_or_else(PoisonError::into_inner).clone();
         let around = Surroundings {
             node: &self.node,
@@ -191,22 +235,55 @@ impl Overseeing {
             false_alarm_interval_s: config.settings.false_alarm_interval_s,
             history_s,
             estimates: (&self.estimates, twins),
+            publishers: &self.publishers,
+            clock_missing,
         };
         let phase = self.control.phase();
-        let now = Instant::now();
         let status =
             vec![self.work.status(now, &around, phase, counters), self.health.residual_status(now, &around)];
-        if self
-            .publisher
-            .publish(DiagnosticArray { header: header(clock.now_or_system(), ""), status })
-            .is_err()
-        {
-            tracing::warn!("/diagnostics was not published");
+        let message = DiagnosticArray { header: header(clock.now_or_system(), ""), status };
+        if let Err(error) = self.publisher.publish(message) {
+            tracing::warn!("/diagnostics was not published: {error}");
         }
+    }
+}
+
+impl Overseeing {
+    /// Looks up who publishes the inputs. Every change gets a line in the log.
+    fn look_at_publishers(&mut self, counters: &Counters) {
+        let found = Publishers::of(&self.inputs, &self.domain, &counters.source);
+        for publishers in found.iter().filter(|publishers| !self.publishers.contains(publishers)) {
+            tracing::warn!("{}", publishers_advice(publishers));
+        }
+        let is_left = |before: &&Publishers| !found.iter().any(|now| now.topic == before.topic);
+        for before in self.publishers.iter().filter(is_left) {
+            tracing::info!(topic = before.topic, "the input has one publisher again, or none");
+        }
+        self.publishers = found;
     }
 }
 
 /// Samples are pushed whole: what a thread that panicked left behind is a history.
 fn lock(history: &Mutex<History>) -> MutexGuard<'_, History> {
     history.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mr_damper_model::sample::Stamp;
+
+    #[test]
+    fn simulated_time_that_does_not_come_is_missing_after_a_while_and_no_more_once_it_comes() {
+        let (clock, begin) = (Clock::new(true), Instant::now());
+        let mut sim_time = SimTime::default();
+        let mut missing = |s: u64| sim_time.is_missing(&clock, begin + Duration::from_secs(s));
+        assert_eq!([0, 4, 5, 6].map(&mut missing), [false, false, true, true]);
+        clock.hear(Stamp::from_nanos(1));
+        assert!(!missing(7));
+        clock.simulate(false);
+        assert!(!missing(20), "the system's time is always there");
+        clock.simulate(true);
+        assert_eq!([21, 25, 26].map(&mut missing), [false, false, true]);
+    }
 }

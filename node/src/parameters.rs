@@ -6,14 +6,14 @@
 use crate::config::{Change, Kind, Parameter, TABLE, Value, find};
 use crate::control::Control;
 use crate::error::NodeError;
-use crate::ros::Ros;
+use crate::qos::Overrides;
+use crate::ros::{Output, Ros};
 use crate::wire::header;
 use mr_damper_msgs::rcl;
 use mr_damper_msgs::rcl::{
     FloatingPointRange, IntegerRange, ListParametersResult, ParameterDescriptor, ParameterEvent,
     ParameterValue, SetParametersResult,
 };
-use ros2_client::Publisher;
 use std::sync::Arc;
 
 /// What stands between the parts of a name.
@@ -22,7 +22,7 @@ const SEPARATOR: char = '.';
 /// The parameters of a node.
 pub struct Parameters {
     control: Arc<Control>,
-    events: Publisher<ParameterEvent>,
+    events: Output<ParameterEvent>,
     /// The node's full name.
     node: String,
 }
@@ -35,7 +35,7 @@ impl Parameters {
     pub fn start(ros: &mut Ros, control: &Arc<Control>, node: &str) -> Result<Self, NodeError> {
         let events = ros.publish_seldom("/parameter_events")?;
         let parameters = Self { control: Arc::clone(control), events, node: node.to_owned() };
-        let all: Vec<String> = TABLE.iter().map(|parameter| parameter.name.to_owned()).collect();
+        let all: Vec<String> = names(&control.config().qos).collect();
         let new_parameters = parameters.present(&all);
         parameters.publish(ParameterEvent { new_parameters, ..ParameterEvent::default() });
         Ok(parameters)
@@ -47,6 +47,24 @@ impl Parameters {
         let config = self.control.config();
         let value = |name: &String| config.get(name).map(to_ros).unwrap_or_default();
         names.iter().map(value).collect()
+    }
+
+    /// Types by name, in their order.
+    #[must_use]
+    pub fn types(&self, names: &[String]) -> Vec<u8> {
+        self.get(names).into_iter().map(|value| value.r#type).collect()
+    }
+
+    /// What parameters are and take, in the order of `names`; without type where there is no such parameter.
+    #[must_use]
+    pub fn describe(&self, names: &[String]) -> Vec<ParameterDescriptor> {
+        describe(names, &self.control.config().qos)
+    }
+
+    /// Names below prefixes, as every ROS 2 node lists them: to a depth in dots, any where it is 0.
+    #[must_use]
+    pub fn list(&self, prefixes: &[String], depth: u64) -> ListParametersResult {
+        list(prefixes, depth, &self.control.config().qos)
     }
 
     /// Sets them, all or none.
@@ -92,26 +110,29 @@ impl Parameters {
         let stamp = header(self.control.clock().now_or_system(), "").stamp;
         let event = ParameterEvent { stamp, node: self.node.clone(), ..event };
         if let Err(error) = self.events.publish(event) {
-            tracing::warn!(%error, "a change of parameters was not published");
+            tracing::warn!("a change of parameters was not published: {error}");
         }
     }
 }
 
-/// Types by name, in their order.
-#[must_use]
-pub fn types(names: &[String]) -> Vec<u8> {
-    names
-        .iter()
-        .map(|name| find(name).map_or(ParameterValue::NOT_SET, |parameter| type_of(parameter.kind)))
-        .collect()
+/// Names of all parameters: those of the table, and the overrides of QoS that were set.
+fn names(qos: &Overrides) -> impl Iterator<Item = String> {
+    TABLE.iter().map(|parameter| parameter.name.to_owned()).chain(qos.names().collect::<Vec<_>>())
 }
 
 /// What parameters are and take, in the order of `names`; without type where there is no such parameter.
-#[must_use]
-pub fn describe(names: &[String]) -> Vec<ParameterDescriptor> {
-    let descriptor = |name: &String| match find(name) {
-        Ok(parameter) => descriptor(parameter),
-        Err(_) => ParameterDescriptor {
+fn describe(names: &[String], qos: &Overrides) -> Vec<ParameterDescriptor> {
+    let descriptor = |name: &String| match (find(name), qos.get(name)) {
+        (_, Some(value)) => ParameterDescriptor {
+            name: name.clone(),
+            r#type: to_ros(value.clone()).r#type,
+            description: "override of a topic's QoS".to_owned(),
+            additional_constraints: qos.expected(name).unwrap_or_default().to_owned(),
+            read_only: true,
+            ..ParameterDescriptor::default()
+        },
+        (Ok(parameter), None) => descriptor(parameter),
+        (Err(_), None) => ParameterDescriptor {
             name: name.chars().take(LONGEST).collect(),
             ..ParameterDescriptor::default()
         },
@@ -120,8 +141,7 @@ pub fn describe(names: &[String]) -> Vec<ParameterDescriptor> {
 }
 
 /// Names below prefixes, as every ROS 2 node lists them: to a depth in dots, any where it is 0.
-#[must_use]
-pub fn list(prefixes: &[String], depth: u64) -> ListParametersResult {
+fn list(prefixes: &[String], depth: u64, qos: &Overrides) -> ListParametersResult {
     let shallow = |rest: &str| depth == 0 || (rest.matches(SEPARATOR).count() as u64) < depth;
     let below = |name: &str, prefix: &String| {
         let rest = name.strip_prefix(prefix.as_str());
@@ -131,8 +151,8 @@ pub fn list(prefixes: &[String], depth: u64) -> ListParametersResult {
         if prefixes.is_empty() { shallow(name) } else { prefixes.iter().any(|prefix| below(name, prefix)) }
     };
     let mut found = ListParametersResult::default();
-    for name in TABLE.iter().map(|parameter| parameter.name).filter(|name| is_meant(name)) {
-        found.names.push(name.to_owned());
+    for name in names(qos).filter(|name| is_meant(name)) {
+        found.names.push(name.clone());
         if let Some((prefix, _)) = name.rsplit_once(SEPARATOR)
             && !found.prefixes.iter().any(|known| known == prefix)
         {
@@ -240,7 +260,9 @@ mod tests {
     #[test]
     fn every_parameter_is_described_whole() {
         for parameter in TABLE.iter() {
-            let [described] = &describe(&[parameter.name.to_owned()])[..] else { panic!("one") };
+            let [described] = &describe(&[parameter.name.to_owned()], &Overrides::default())[..] else {
+                panic!("one")
+            };
             assert_ne!(described.r#type, ParameterValue::NOT_SET, "{}", parameter.name);
             assert!(!described.description.is_empty(), "{}", parameter.name);
             let default = to_ros((parameter.get)(&crate::config::Config::default()));
@@ -248,9 +270,8 @@ mod tests {
             assert_eq!(from_ros(&default), Some((parameter.get)(&crate::config::Config::default())));
         }
         let names = ["coast_s", "domain_id", "law", "displacement.sign", "model", "coats"].map(str::to_owned);
-        let told: Vec<_> = describe(&names).iter().map(|d| format!("{d:?}")).collect();
+        let told: Vec<_> = describe(&names, &Overrides::default()).iter().map(|d| format!("{d:?}")).collect();
         insta::assert_snapshot!(told.join("\n"));
-        assert_eq!(types(&names), [3, 2, 4, 3, 4, 0]);
     }
 
     #[test]
@@ -260,7 +281,7 @@ mod tests {
         let said = within_length("model", &long).expect_err("too long");
         assert_eq!(said, "model has 3145728 bytes; texts have at most 4096");
         // Nor is it compared with all names, for minutes, to find the nearest, or sent back.
-        let described = describe(&[long]);
+        let described = describe(&[long], &Overrides::default());
         assert_eq!((described.len(), described[0].name.len()), (1, LONGEST));
     }
 
@@ -268,7 +289,7 @@ mod tests {
     fn names_are_listed_by_prefix_and_depth() {
         let listed = |prefixes: &[&str], depth| {
             let prefixes: Vec<String> = prefixes.iter().map(|text| (*text).to_owned()).collect();
-            list(&prefixes, depth)
+            list(&prefixes, depth, &Overrides::default())
         };
         assert_eq!(listed(&[], 0).names.len(), TABLE.len());
         let shallow = listed(&[], 1);
@@ -280,5 +301,20 @@ mod tests {
         );
         assert_eq!(listed(&["sky"], 0), ListParametersResult::default());
         assert_eq!(listed(&["coast_s"], 7).names, ["coast_s"]);
+    }
+
+    #[test]
+    fn overrides_of_qos_are_listed_and_described_as_read_only() {
+        let mut qos = Overrides::default();
+        let name = "qos_overrides./mode.publisher.depth";
+        qos.set(name, &Value::Integer(5)).expect("allowed");
+        let listed = list(&["qos_overrides".to_owned()], 0, &qos);
+        assert_eq!(
+            (listed.names, listed.prefixes),
+            (vec![name.to_owned()], vec!["qos_overrides./mode.publisher".to_owned()])
+        );
+        let [described] = &describe(&[name.to_owned()], &qos)[..] else { panic!("one") };
+        assert!(described.read_only && described.r#type == ParameterValue::INTEGER, "{described:?}");
+        assert!(described.additional_constraints.contains("1 to 65536"), "{described:?}");
     }
 }

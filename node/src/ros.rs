@@ -1,35 +1,41 @@
-//! The ROS 2 side of the process: participant, node, spinner, and their orderly end.
+//! The ROS 2 side of the process: participant, node, graph, and their orderly end.
 //!
 //! The client library ignores `ROS_DOMAIN_ID` and the localhost settings, so the participant is built here.
 //! When the process ends, everything is dropped in the one order that tells peers at once (publishers and
-//! subscriptions, node, spinner awaited, context); otherwise they list the node for half a minute.
+//! subscriptions, node, the graph's thread awaited, context); otherwise they list the node for half a minute.
 
+use crate::client::{Reaching, endpoints_of};
 use crate::config::{Config, RosArgs};
 use crate::dds_threads::DdsThreads;
 use crate::error::NodeError;
+use crate::far::Far;
+use crate::graph::{Endpoints, Graph};
+use crate::hardened;
+use crate::lagging_readers::{LaggingReaders, WINDOW, Writers, Written};
 use crate::listed_peers::ListedPeers;
+use crate::qos::{End, Overrides};
+use crate::realtime::{self, Standing};
+use crate::ros_environment::{self, Asked, Reach, Remark};
 use crate::security::Enclave;
-use futures::FutureExt;
+use crate::source::Writer;
 use futures::channel::oneshot;
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::{Action, Message, Service};
 use ros2_client::action::{
-    ActionClient, ActionClientQosPolicies, ActionServerQosPolicies, AsyncActionServer, ExecutingGoalHandle,
-    NewGoalHandle,
+    ActionClientQosPolicies, ActionServerQosPolicies, AsyncActionServer, ExecutingGoalHandle, NewGoalHandle,
 };
-use ros2_client::qos::{Durability, History, QosProfile};
-use ros2_client::service::{Client, Server};
+use ros2_client::qos::{Durability, History, QosProfile, Reliability, WhenFull};
+use ros2_client::service::Server;
 use ros2_client::{
     ActionTypeName, Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, ServiceMapping,
     ServiceTypeName, Subscription,
 };
-use rustdds::{DomainParticipantBuilder, RTPSEntity};
+use rustdds::{DomainParticipantBuilder, GUID, QosPolicies, RTPSEntity, TopicKind, policy};
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr};
-use std::pin::pin;
-use std::sync::{Arc, mpsc};
-use std::task::Poll;
+use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::Duration;
 use tracing::Span;
 
 /// Depth of every topic's history, one second at 1 kHz. It never shows to a peer. A writer drops what its middleware's
@@ -37,12 +43,23 @@ use tracing::Span;
 /// keeps in it what the source thread has not taken.
 const DEPTH: usize = 1024;
 
+/// Bytes that the system may hold for a network before it refuses more; it gives what `net.core.wmem_max` allows. One socket serves all
+/// readers. Linux holds up to 208 KiB for a host whose address it is still looking for (`unres_qlen_bytes`), which is all that a
+/// socket gets by default: a host that is away would block the others for seconds.
+const SEND_BUFFER: usize = 1 << 20;
+
+/// How long a program that plays a run waits for room, where its readers are slower than it is.
+const PLAYER_PATIENCE: Duration = Duration::from_millis(100);
+
 /// Depth of the topics on which something is said once a second or less: what is kept of these stays in memory, and long texts
 /// kept by the thousand make the node grow for a quarter of an hour.
 const SELDOM_DEPTH: usize = 64;
 
 /// Requests and answers that a service keeps, as everywhere in ROS 2.
 const SERVICE_DEPTH: usize = 10;
+
+/// The last domain: the ports of one further are beyond the last port.
+const LAST_DOMAIN: u16 = 232;
 
 /// Lines of the log that late readers get, fewer than the 1000 of other nodes: they stay in memory.
 const LOG_DEPTH: usize = 100;
@@ -61,16 +78,11 @@ impl<M: Message> ros2_client::Message for Part<M> {}
 /// The server of a service.
 pub type ServerOf<S> = Server<Part<<S as Service>::Request>, Part<<S as Service>::Response>>;
 
-/// A client of a service.
-pub type ClientOf<S> = Client<Part<<S as Service>::Request>, Part<<S as Service>::Response>>;
+pub use crate::client::{ActionClientOf, ClientOf};
 
 /// The server of an action.
 pub type ActionServerOf<A> =
     AsyncActionServer<Part<<A as Action>::Goal>, Part<<A as Action>::Result>, Part<<A as Action>::Feedback>>;
-
-/// A client of an action.
-pub type ActionClientOf<A> =
-    ActionClient<Part<<A as Action>::Goal>, Part<<A as Action>::Result>, Part<<A as Action>::Feedback>>;
 
 /// A goal of an action that was neither accepted nor rejected.
 pub type NewGoalOf<A> = NewGoalHandle<Part<<A as Action>::Goal>>;
@@ -81,6 +93,11 @@ pub type ExecutingOf<A> = ExecutingGoalHandle<Part<<A as Action>::Goal>>;
 /// The domain as this process has joined it: one participant, whatever the number of its nodes.
 #[derive(Clone)]
 pub struct Domain {
+    /// First, so that its thread has let go of the participant when the context is dropped.
+    _lagging: Option<Arc<LaggingReaders>>,
+    writers: Writers,
+    /// Before the context, so that its reader goes before the participant does.
+    graph: Arc<Graph>,
     context: Context,
     threads: Arc<DdsThreads>,
     /// Tells listed hosts of this process, as long as it is in the domain.
@@ -94,6 +111,19 @@ impl Domain {
     /// When the participant cannot be created (no network interface, no free ports), or security that is asked for cannot
     /// be had.
     pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
+        Self::join_raised(config, enclave, 0).map(|(domain, _)| domain)
+    }
+
+    /// The same, with the threads of the DDS library at a real-time `priority` (0: none); says what came of that.
+    ///
+    /// # Errors
+    /// Those of [`Domain::join`].
+    pub fn join_raised(
+        config: &Config,
+        enclave: Option<&str>,
+        priority: u8,
+    ) -> Result<(Self, Standing), NodeError> {
+        let announced = crate::security::name_of_enclave(enclave);
         let enclave = Enclave::asked_for(enclave)?;
         let domain = domain_id(config)?;
         if config.discovery_range == "localhost" && !config.discovery_peers.is_empty() {
@@ -102,8 +132,12 @@ impl Domain {
                     .to_owned(),
             ));
         }
-        let mut builder = DomainParticipantBuilder::new(domain);
-        if is_loopback_only(config) {
+        let asked = ros_environment::asked(config, &ros_environment::of_process)?;
+        for Remark { found, advice } in &asked.remarks {
+            tracing::warn!("{found}; {advice}");
+        }
+        let mut builder = DomainParticipantBuilder::new(domain).socket_send_buffer_size(SEND_BUFFER);
+        if asked.reach == Reach::Loopback {
             require_loopback()?;
             builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
         }
@@ -115,16 +149,34 @@ impl Domain {
                 &format!(", and that the files in {directory} are signed, valid and for domain {domain}");
             tracing::info!(enclave = %directory, "DDS-Security is on");
         }
-        let (built, threads) = DdsThreads::of(|| builder.build());
+        hardened::announce(&announced);
+        let ((built, threads), standing) = realtime::raised(priority, || DdsThreads::of(|| builder.build()));
         let participant = built.map_err(|e| failed(format!("joining domain {domain}"), &e, &advice))?;
-        let peers = listed_peers(config);
-        let listed = match peers.is_empty() {
+        let listed = match asked.peers.is_empty() {
             true => None,
-            false => Some(ListedPeers::start(&peers, domain, participant.guid().prefix.as_ref())?),
+            false => Some(ListedPeers::start(&asked.peers, domain, participant.guid().prefix.as_ref())?),
         };
+        let writers = Writers::default();
+        // Where DDS-Security is on, nobody is believed who speaks for another one; and writers of the hardened build need no help.
+        let lagging = match (&enclave, hardened::EDITS) {
+            (Some(_), _) | (_, Some(_)) => None,
+            (None, None) => Some(
+                LaggingReaders::start(participant.clone(), writers.clone())
+                    .map_err(NodeError::io("starting the thread that leaves lagging readers behind"))?,
+            ),
+        };
+        let graph = Arc::new(Graph::start(&participant)?);
         let context = Context::from_domain_participant(participant)
             .map_err(|e| failed("creating the ROS context", &e, ""))?;
-        Ok(Self { context, threads: Arc::new(threads), _listed: listed.map(Arc::new) })
+        let domain = Self {
+            _lagging: lagging.map(Arc::new),
+            writers,
+            graph,
+            context,
+            threads: Arc::new(threads),
+            _listed: listed.map(Arc::new),
+        };
+        Ok((domain, standing))
     }
 
     /// False once a thread of the DDS library has ended: then nothing comes or goes any more.
@@ -133,14 +185,80 @@ impl Domain {
         self.threads.are_alive()
     }
 
+    /// What is known of clients with network addresses.
+    #[must_use]
+    pub fn far(&self) -> Far {
+        Far::new(self.context.clone())
+    }
+
     /// How many publishers of a topic (its full name) there are in other processes, as far as discovery has seen them.
     #[must_use]
     pub fn other_publishers(&self, topic: &str) -> usize {
         let participant = self.context.domain_participant();
-        let (own, dds_name) = (participant.guid().prefix, format!("rt{topic}"));
+        let (own, dds_name) = (participant.guid().prefix, format!("{TOPIC_PREFIX}{topic}"));
         let writers = participant.discovered_writers();
         let others = writers.iter().filter(|writer| writer.writer_proxy.remote_writer_guid.prefix != own);
         others.filter(|writer| writer.publication_topic_data.topic_name == dds_name).count()
+    }
+
+    /// The publishers of messages of a type (its DDS name) on a topic (its full name) in other processes, as far as discovery
+    /// has seen them.
+    #[must_use]
+    pub fn publishers(&self, topic: &str, dds_type_name: &str) -> Vec<Writer> {
+        let dds_name = format!("{TOPIC_PREFIX}{topic}");
+        let writers = self.context.domain_participant().discovered_writers().into_iter();
+        let of_topic = writers.filter(|writer| {
+            let data = &writer.publication_topic_data;
+            data.topic_name == dds_name && data.type_name == dds_type_name
+        });
+        of_topic.map(|writer| writer.writer_proxy.remote_writer_guid.to_bytes()).collect()
+    }
+
+    /// The full name of the node that a publisher belongs to, where that has told of itself.
+    #[must_use]
+    pub fn node_of(&self, writer: &Writer) -> Option<String> {
+        self.graph.node_of(writer)
+    }
+}
+
+/// What ROS 2 puts in front of a topic's name in DDS.
+const TOPIC_PREFIX: &str = "rt";
+
+/// QoS of what the node publishes. It never waits for a reader: a writer whose window is full refuses, at once.
+fn output_qos(depth: usize) -> QosProfile {
+    QosProfile::publisher_default()
+        .reliability(Reliability::Reliable { when_full: WhenFull::Fail })
+        .history(History::KeepLast { depth })
+}
+
+/// The DDS library did not take a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the DDS library took no more messages of this topic; see whether a network or a reader is overloaded"
+)]
+pub struct NotTaken;
+
+/// An output topic.
+pub struct Output<M: Message> {
+    publisher: Publisher<M>,
+    written: Arc<Written>,
+}
+
+impl<M: Message> Output<M> {
+    /// Hands a message to the DDS library.
+    ///
+    /// # Errors
+    /// When that takes no more.
+    pub fn publish(&self, message: M) -> Result<(), NotTaken> {
+        self.publisher.publish(message).map_err(|_| NotTaken)?;
+        self.written.note();
+        Ok(())
+    }
+
+    /// The publisher's GUID.
+    #[must_use]
+    pub fn guid(&self) -> GUID {
+        self.publisher.guid()
     }
 }
 
@@ -148,55 +266,60 @@ impl Domain {
 pub struct Ros {
     node: Arc<Node>,
     domain: Domain,
-    spinner: JoinHandle<()>,
+    /// QoS of topics, where it is not our own.
+    overrides: Overrides,
 }
 
 /// The domain that `config` and the environment ask for.
 ///
 /// # Errors
-/// When `ROS_DOMAIN_ID` is no number from 0 to 232.
+/// When the domain is no number from 0 to 232.
 pub fn domain_id(config: &Config) -> Result<u16, NodeError> {
-    if let Ok(id) = u16::try_from(config.domain_id) {
-        return Ok(id);
+    let refused = |name: &str, value: String| NodeError::Parameter {
+        name: name.to_owned(),
+        value,
+        expected: format!("a whole number from 0 to {LAST_DOMAIN}"),
+    };
+    let is_domain = |id: &u16| *id <= LAST_DOMAIN;
+    if config.domain_id >= 0 {
+        let id = u16::try_from(config.domain_id).ok().filter(is_domain);
+        return id.ok_or_else(|| refused("domain_id", config.domain_id.to_string()));
     }
-    match std::env::var("ROS_DOMAIN_ID") {
-        Ok(text) if !text.is_empty() => {
-            text.parse().ok().filter(|id| *id <= 232).ok_or_else(|| NodeError::Parameter {
-                name: "ROS_DOMAIN_ID (environment)".to_owned(),
-                value: format!("\"{text}\""),
-                expected: "a whole number from 0 to 232".to_owned(),
-            })
+    match ros_environment::of_process("ROS_DOMAIN_ID") {
+        Some(text) => {
+            let id = text.parse().ok().filter(is_domain);
+            id.ok_or_else(|| refused("ROS_DOMAIN_ID (environment)", format!("{text:?}")))
         }
-        _ => Ok(0),
+        None => Ok(0),
     }
+}
+
+/// A domain as a flag names it; -1 for that of the environment.
+///
+/// # Errors
+/// What it must be.
+pub fn domain_flag(text: &str) -> Result<i64, String> {
+    let id = text.parse().ok().filter(|id| (-1..=i64::from(LAST_DOMAIN)).contains(id));
+    id.ok_or_else(|| format!("a ROS domain is a whole number from 0 to {LAST_DOMAIN}"))
+}
+
+/// What `config` and this process's environment ask for; loopback alone where the environment means nothing, which
+/// [`Domain::join`] refuses.
+fn asked(config: &Config) -> Asked {
+    let nothing = Asked { reach: Reach::Loopback, peers: Vec::new(), remarks: Vec::new() };
+    ros_environment::asked(config, &ros_environment::of_process).unwrap_or(nothing)
 }
 
 /// The hosts that are told of this process though no multicast reaches them: by parameter, or by ROS' environment.
 #[must_use]
 pub fn listed_peers(config: &Config) -> Vec<String> {
-    if config.discovery_range == "localhost" {
-        return Vec::new();
-    }
-    if !config.discovery_peers.is_empty() {
-        return config.discovery_peers.clone();
-    }
-    let text = std::env::var("ROS_STATIC_PEERS").unwrap_or_default();
-    text.split(';').map(str::trim).filter(|host| !host.is_empty()).map(str::to_owned).collect()
+    asked(config).peers
 }
 
 /// True when only this machine may find the node: by parameter, by ROS' environment, and by default. Hosts that are listed may.
 #[must_use]
 pub fn is_loopback_only(config: &Config) -> bool {
-    match config.discovery_range.as_str() {
-        "localhost" => true,
-        "subnet" => false,
-        _ if !listed_peers(config).is_empty() => false,
-        _ => {
-            let range = std::env::var("ROS_AUTOMATIC_DISCOVERY_RANGE").unwrap_or_default();
-            let localhost_only = std::env::var("ROS_LOCALHOST_ONLY").unwrap_or_default();
-            if localhost_only == "1" { true } else { !range.eq_ignore_ascii_case("SUBNET") }
-        }
-    }
+    asked(config).reach == Reach::Loopback
 }
 
 impl Ros {
@@ -210,13 +333,21 @@ impl Ros {
         options: NodeOptions,
         name: &str,
     ) -> Result<Self, NodeError> {
-        Self::start_in(&Domain::join(config, args.enclave.as_deref())?, args, options, name)
+        let overrides = if config.qos == Overrides::default() { args.qos()? } else { config.qos.clone() };
+        let mut ros = Self::start_in(&Domain::join(config, args.enclave.as_deref())?, args, options, name)?;
+        ros.override_qos(overrides);
+        Ok(ros)
+    }
+
+    /// Topics that are published and subscribed to from now on have this QoS.
+    pub fn override_qos(&mut self, overrides: Overrides) {
+        self.overrides = overrides;
     }
 
     /// Creates the node called `name` in a domain that was joined.
     ///
     /// # Errors
-    /// When the name is bad, or the system gives no thread.
+    /// When the name is bad or DDS refuses.
     pub fn start_in(
         domain: &Domain,
         args: &RosArgs,
@@ -226,31 +357,10 @@ impl Ros {
         let node_name = NodeName::new(&args.namespace(), name).map_err(|e| {
             failed(format!("node name {}/{name}", args.namespace()), &e, "use letters, digits and _")
         })?;
-        let mut node =
+        // Without the spinner of ros2-client: see `graph.rs`.
+        let node =
             domain.context.new_node(node_name, options).map_err(|e| failed("creating the node", &e, ""))?;
-        let spinner = node.spinner().map_err(|e| failed("creating the node's spinner", &e, ""))?;
-        let (begun, begins) = mpsc::channel();
-        let spinner = run_async("ros-spinner", async move {
-            let mut spinning = pin!(spinner.spin());
-            let ended = match futures::poll!(spinning.as_mut()) {
-                Poll::Ready(ended) => ended,
-                Poll::Pending => {
-                    let _ = begun.send(());
-                    spinning.await
-                }
-            };
-            if let Err(error) = ended {
-                tracing::error!(
-                    ?error,
-                    "the ROS node's background work ended: parameters are out of service"
-                );
-            }
-        })?;
-        // The spinner subscribes when it is first polled. With DDS-Security, RustDDS 0.15 locks up for good when two threads
-        // create something at a time: one holds the participant and waits for the plugins, the other the reverse.
-        // An error here is a spinner that ended, which it has said.
-        let _ = begins.recv();
-        Ok(Self { node: Arc::new(node), domain: domain.clone(), spinner })
+        Ok(Self { node: Arc::new(node), domain: domain.clone(), overrides: Overrides::default() })
     }
 
     /// Subscribes to a topic by its full name: best effort, so that any publisher matches.
@@ -259,6 +369,7 @@ impl Ros {
     /// When the name is bad or DDS refuses.
     pub fn subscribe<M: Message>(&mut self, topic: &str) -> Result<Subscription<M>, NodeError> {
         let qos = QosProfile::subscription_default().history(History::KeepLast { depth: DEPTH });
+        let qos = self.overrides.applied(&qos, topic, End::Subscription);
         let topic_handle = self.topic::<M>(topic, &qos)?;
         self.own()?
             .create_subscription(&topic_handle, None)
@@ -269,35 +380,52 @@ impl Ros {
     ///
     /// # Errors
     /// When the name is bad or DDS refuses.
-    pub fn publish<M: Message>(&mut self, topic: &str) -> Result<Publisher<M>, NodeError> {
-        self.publish_with(topic, &QosProfile::publisher_default().history(History::KeepLast { depth: DEPTH }))
+    pub fn publish<M: Message>(&mut self, topic: &str) -> Result<Output<M>, NodeError> {
+        self.publish_with(topic, &output_qos(DEPTH))
     }
 
     /// Publishes what is said once a second or less, by the topic's full name.
     ///
     /// # Errors
     /// When the name is bad or DDS refuses.
-    pub fn publish_seldom<M: Message>(&mut self, topic: &str) -> Result<Publisher<M>, NodeError> {
-        let history = History::KeepLast { depth: SELDOM_DEPTH };
-        self.publish_with(topic, &QosProfile::publisher_default().history(history))
+    pub fn publish_seldom<M: Message>(&mut self, topic: &str) -> Result<Output<M>, NodeError> {
+        self.publish_with(topic, &output_qos(SELDOM_DEPTH))
     }
 
-    /// Publishes a log by its full name, as `/rosout` is everywhere: who comes late hears the last lines.
+    /// Publishes what holds until the next message, by the topic's full name: late readers get the last one.
     ///
     /// # Errors
     /// When the name is bad or DDS refuses.
-    pub fn publish_log(&mut self, topic: &str) -> Result<Publisher<Log>, NodeError> {
-        let qos = QosProfile::publisher_default()
-            .history(History::KeepLast { depth: LOG_DEPTH })
-            .durability(Durability::TransientLocal);
-        self.publish_with(topic, &qos)
+    pub fn publish_state<M: Message>(&mut self, topic: &str) -> Result<Output<M>, NodeError> {
+        self.publish_with(topic, &output_qos(1).durability(Durability::TransientLocal))
     }
 
-    fn publish_with<M: Message>(&mut self, topic: &str, qos: &QosProfile) -> Result<Publisher<M>, NodeError> {
-        let topic_handle = self.topic::<M>(topic, qos)?;
-        self.own()?
-            .create_publisher(&topic_handle, None)
-            .map_err(|e| failed(format!("publishing {topic}"), &e, ""))
+    /// Publishes a log by its full name, as `/rosout` is everywhere: late readers get the last lines.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn publish_log(&mut self, topic: &str) -> Result<Output<Log>, NodeError> {
+        self.publish_with(topic, &output_qos(LOG_DEPTH).durability(Durability::TransientLocal))
+    }
+
+    /// Publishes a recorded run on a topic by its full name: waits for readers that are slower, and loses nothing before that.
+    ///
+    /// # Errors
+    /// When the name is bad or DDS refuses.
+    pub fn publish_run<M: Message>(&mut self, topic: &str) -> Result<Output<M>, NodeError> {
+        let waits = Reliability::Reliable { when_full: WhenFull::Wait(PLAYER_PATIENCE) };
+        self.publish_with(topic, &output_qos(DEPTH).reliability(waits))
+    }
+
+    fn publish_with<M: Message>(&mut self, topic: &str, qos: &QosProfile) -> Result<Output<M>, NodeError> {
+        let qos = &self.overrides.applied(qos, topic, End::Publisher);
+        let dds_topic = self.output_topic::<M>(topic, qos)?;
+        let publisher = self
+            .own()?
+            .create_publisher(&dds_topic, None)
+            .map_err(|e| failed(format!("publishing {topic}"), &e, ""))?;
+        let written = self.domain.writers.add(publisher.guid(), format!("{TOPIC_PREFIX}{topic}"));
+        Ok(Output { publisher, written })
     }
 
     /// Offers a service by its full name.
@@ -307,6 +435,7 @@ impl Ros {
     pub fn serve<S: Service>(&mut self, service: &str) -> Result<ServerOf<S>, NodeError> {
         let qos = service_qos();
         let name = name_of("service", service)?;
+        hardened::announce_service::<S>();
         // What ROS 2 has used with all its middleware since Foxy.
         self.own()?
             .create_server(
@@ -326,7 +455,10 @@ impl Ros {
     pub fn client<S: Service>(&mut self, service: &str) -> Result<ClientOf<S>, NodeError> {
         let qos = service_qos();
         let name = name_of("service", service)?;
-        self.own()?
+        hardened::announce_service::<S>();
+        let before = self.endpoints();
+        let client = self
+            .own()?
             .create_client(
                 ServiceMapping::Enhanced,
                 &name,
@@ -334,7 +466,8 @@ impl Ros {
                 qos.clone(),
                 qos,
             )
-            .map_err(|e| failed(format!("calling {service}"), &e, ""))
+            .map_err(|e| failed(format!("calling {service}"), &e, ""))?;
+        Ok(ClientOf::new(client, self.endpoints_since(&before)))
     }
 
     /// Offers an action by its full name.
@@ -371,9 +504,25 @@ impl Ros {
             status_subscription: status,
         };
         let (name, of_type) = (name_of("action", action)?, ActionTypeName::new(A::PACKAGE, A::NAME));
-        self.own()?
+        let before = self.endpoints();
+        let client = self
+            .own()?
             .create_action_client(ServiceMapping::Enhanced, &name, &of_type, qos)
-            .map_err(|e| failed(format!("calling the action {action}"), &e, ""))
+            .map_err(|e| failed(format!("calling the action {action}"), &e, ""))?;
+        Ok(ActionClientOf::new(client, self.endpoints_since(&before)))
+    }
+
+    /// The node's endpoints by now.
+    fn endpoints(&self) -> Endpoints {
+        endpoints_of(&self.domain.context, &self.node.fully_qualified_name())
+    }
+
+    fn endpoints_since(&self, before: &Endpoints) -> Endpoints {
+        let Endpoints { writers, readers } = self.endpoints();
+        Endpoints {
+            writers: writers.difference(&before.writers).copied().collect(),
+            readers: readers.difference(&before.readers).copied().collect(),
+        }
     }
 
     /// The node, for what creates something on it.
@@ -391,6 +540,25 @@ impl Ros {
             .map_err(|e| failed(format!("creating topic {topic}"), &e, ""))
     }
 
+    /// The topic of an output. The client library's own way to it knows no limits of resources, and a writer has those of its topic.
+    fn output_topic<M: Message>(&self, topic: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
+        name_of("topic", topic)?;
+        let limits = policy::ResourceLimits {
+            max_samples: WINDOW,
+            max_instances: 1,
+            max_samples_per_instance: WINDOW,
+        };
+        let limited = QosPolicies::qos_none()
+            .modify_by(&QosPolicies::from(qos))
+            .modify_by(&rustdds::QosPolicyBuilder::new().resource_limits(limits).build());
+        let type_name = MessageTypeName::new(M::PACKAGE, M::NAME).dds_msg_type();
+        self.domain
+            .context
+            .domain_participant()
+            .create_topic(format!("{TOPIC_PREFIX}{topic}"), type_name, &limited, TopicKind::NoKey)
+            .map_err(|e| failed(format!("creating topic {topic}"), &e, ""))
+    }
+
     /// The topics that others publish, as far as discovery has seen them: full names with their DDS types.
     #[must_use]
     pub fn published(&self) -> Vec<(String, String)> {
@@ -400,17 +568,22 @@ impl Ros {
         topics.filter_map(|topic| Some((of_ros(&topic.topic_name)?, topic.type_name))).collect()
     }
 
-    /// Whether a server of `client` is there now, so that a request is not lost.
-    ///
-    /// To be asked again and again: ros2-client 0.12's future for the same is woken through a channel of eight events, and
-    /// where discovery brings more at a time it may wait for ever. Polled once, it looks at what is matched.
+    /// Whether a server of `client` is there now, so that a request is not lost. To be asked again and again.
     #[must_use]
-    pub fn reaches<Q, R>(&self, client: &Client<Q, R>) -> bool
-    where
-        Q: ros2_client::Message + 'static,
-        R: ros2_client::Message + 'static,
-    {
-        client.wait_for_service(&self.node).now_or_never().is_some()
+    pub fn reaches(&self, client: &impl Reaching) -> bool {
+        self.domain.graph.are_matched(client.endpoints())
+    }
+
+    /// How many readers of others are matched with a publisher of this process, by its GUID.
+    #[must_use]
+    pub fn readers_of(&self, publisher: GUID) -> usize {
+        self.domain.graph.readers_of(publisher)
+    }
+
+    /// How many publishers of others are matched with a subscription of this process, by its GUID.
+    #[must_use]
+    pub fn writers_of(&self, subscription: GUID) -> usize {
+        self.domain.graph.writers_of(subscription)
     }
 
     /// The domain, for a thread that has to end before [`Ros::stop`].
@@ -431,10 +604,10 @@ impl Ros {
         Arc::clone(&self.node)
     }
 
-    /// True while the node's background thread and those of the DDS library run.
+    /// True while the thread that follows the graph and those of the DDS library run.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        !self.spinner.is_finished() && self.domain.is_alive()
+        self.domain.graph.is_alive() && self.domain.is_alive()
     }
 
     /// An error once [`Ros::is_alive`] is not.
@@ -447,12 +620,8 @@ impl Ros {
 
     /// Leaves the domain. Publishers and subscriptions must be dropped by now.
     pub fn stop(self) {
-        let Self { node, domain, spinner } = self;
-        // Dropping the node is what stops its spinner.
+        let Self { node, domain, .. } = self;
         drop(node);
-        if spinner.join().is_err() {
-            tracing::error!("the ROS node's background thread had panicked");
-        }
         drop(domain);
     }
 }

@@ -9,10 +9,9 @@
 
 use crate::clock::Clock;
 use crate::error::NodeError;
-use crate::ros::Ros;
+use crate::ros::{Output, Ros};
 use crate::wire::header;
 use mr_damper_msgs::rcl::Log;
-use ros2_client::Publisher;
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -137,7 +136,7 @@ impl Visit for Text {
 
 /// One node's log, on its way to `/rosout`.
 pub struct Rosout {
-    publisher: Publisher<Log>,
+    publisher: Output<Log>,
     /// The node's full name, and the same as loggers are called.
     node: String,
     logger: String,

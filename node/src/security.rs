@@ -29,6 +29,18 @@ const ABSENT: &str = "ROS_SECURITY_ENABLE is true, but this mr-damper was built 
                       `cargo build --release --features security` (needs libssl-dev), or set ROS_SECURITY_ENABLE=false \
                       to go without";
 
+/// The enclave that the environment and `--enclave` (`argument`) name, with security or without.
+#[must_use]
+pub fn name_of_enclave(argument: Option<&str>) -> String {
+    enclave_of(argument, |name| std::env::var(name).ok().filter(|text| !text.is_empty()))
+}
+
+fn enclave_of(argument: Option<&str>, variable: impl Fn(&str) -> Option<String>) -> String {
+    variable("ROS_SECURITY_ENCLAVE_OVERRIDE")
+        .or_else(|| argument.map(str::to_owned))
+        .unwrap_or_else(|| "/".to_owned())
+}
+
 /// An enclave of a keystore that is there: who this process is, and what it may do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Enclave {
@@ -75,9 +87,7 @@ impl Enclave {
                     .to_owned(),
             )
         })?;
-        let name = variable("ROS_SECURITY_ENCLAVE_OVERRIDE")
-            .or_else(|| argument.map(str::to_owned))
-            .unwrap_or_else(|| "/".to_owned());
+        let name = enclave_of(argument, variable);
         Self::open(Path::new(&keystore), &name).map(Some)
     }
 

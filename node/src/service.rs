@@ -1,9 +1,10 @@
 //! The service: everything that runs for one damper, started in order and ended in order.
 //!
 //! ```text
-//! ROS topics ─→ source thread ─→ ring ─→ estimating thread ─→ ring ─→ ROS thread ─→ topics
+//! ROS topics ─→ source thread ─→ ring ─→ estimating thread ─→ ring ─→ thread of commands ─→ current_command
+//!                                                          ├→ ring ─→ ROS thread ─→ the other topics
 //!                                                          ├→ ring ─→ Zenoh thread ─→ keys
-//!                                                          ├→ ring ─→ overseer ─→ /diagnostics, history
+//!                                                          ├→ ring ─→ overseer ─→ /diagnostics, log, history
 //!                                                          └→ ring ─→ whoever asked for one (screen, report)
 //! rmw_zenoh topics ─→ queue ─→ source thread
 //! Zenoh commands ─→ commands thread ─→ ring ─→ source thread (forces), and control as the services below
@@ -15,22 +16,26 @@
 use crate::config::{Config, RosArgs};
 use crate::control::Control;
 use crate::error::NodeError;
-use crate::hot::{self, Hot, HotCounters, Inlet};
+use crate::frame::Frame;
+use crate::hot::{self, Hot, HotCounters, Inlet, Wanted};
 use crate::lifecycle::{Phase, Transition};
 use crate::overseer::{Overseeing, Overseer, SharedHistory};
 use crate::panics;
 use crate::realtime::{self, Standing};
 use crate::ros::{self, Domain, Ros};
+use crate::ros_environment::{self, Reach};
 use crate::rosout::Rosout;
 use crate::services::Services;
-use crate::sink::ros::{RosSink, RosSinkCounters, SharedNames};
+use crate::sink::ros::{Inlets, RosSink, RosSinkCounters, SharedNames};
 use crate::sink::zenoh::{Damper, Encoding, Link, Mirror, Rmw, RmwPresence, SessionMode, ZenohConfig};
 use crate::source;
 use crate::source::ros::{RosSource, SourceCounters};
 use crate::source::zenoh::rmw::RmwSource;
 use crate::source::zenoh::{ByZenoh, Obeying, ZenohSource};
+use crate::wire;
 use ros2_client::NodeOptions;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 /// What [`Service::dead_thread`] calls the threads of the DDS library that ended without a panic.
@@ -69,8 +74,7 @@ impl Process {
         panics::watch();
         // The table keeps it within 0 to 99.
         let priority = u8::try_from(config.realtime_priority).unwrap_or_default();
-        let (domain, standing) = realtime::raised(priority, || Domain::join(config, enclave));
-        let domain = domain?;
+        let (domain, standing) = Domain::join_raised(config, enclave, priority)?;
         if let Standing::Refused { why, .. } = &standing {
             tracing::warn!(priority, "no real-time priority: {why}; {}", realtime::ADVICE);
         }
@@ -88,8 +92,40 @@ pub struct Counters {
     pub source: Arc<SourceCounters>,
     /// Of the ROS sink.
     pub ros_sink: Arc<RosSinkCounters>,
+    /// Events that a ring between the estimating thread and a sink had no room for, by sink.
+    pub rings: Vec<(&'static str, Arc<AtomicU64>)>,
     /// How the threads that count are scheduled.
     pub standing: Standing,
+}
+
+impl Counters {
+    /// All that was lost on its way through the node, by name: samples, events, and messages.
+    #[must_use]
+    pub fn losses(&self) -> Vec<(String, u64)> {
+        let read = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        let rings = self.rings.iter().map(|(sink, lost)| (format!("lost_{sink}"), read(lost)));
+        let others = [
+            ("dropped", &self.hot.overflow),
+            ("not_published", &self.ros_sink.failed),
+            ("late_commands", &self.ros_sink.late_commands),
+        ];
+        let others = others.into_iter().map(|(name, count)| (name.to_owned(), read(count)));
+        others.chain(rings).collect()
+    }
+
+    /// How much that is together.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.losses().iter().map(|(_, count)| count).sum()
+    }
+
+    /// What was lost, as `name=count`; `none` where nothing was.
+    #[must_use]
+    pub fn losses_in_words(&self) -> String {
+        let losses = self.losses().into_iter().filter(|(_, count)| *count > 0);
+        let words: Vec<_> = losses.map(|(name, count)| format!("{name}={count}")).collect();
+        if words.is_empty() { "none".to_owned() } else { words.join(" ") }
+    }
 }
 
 impl Service {
@@ -119,22 +155,37 @@ impl Service {
         }
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
         let mut ros = Ros::start_in(&process.domain, args, options, args.node_name())?;
+        ros.override_qos(config.qos.clone());
         let rosout = args.rosout_logs.then(|| Rosout::start(&mut ros, &args.full_name())).transpose()?;
 
-        let (ros_outlet, ros_inlet) = hot::channel(false);
+        // Commands come first wherever there is an order.
+        let (commands_outlet, commands) = hot::channel(Wanted::Commands);
+        let (reports_outlet, reports) = hot::channel(Wanted::Reports);
+        let mut rings =
+            vec![("commands", Arc::clone(&commands.dropped)), ("reports", Arc::clone(&reports.dropped))];
         let (names, clock) = (control.names(), control.clock());
         let deadline = (config.deadline_s > 0.0).then(|| Duration::from_secs_f64(config.deadline_s));
-        let start_sink = || RosSink::start(&mut ros, args, names, clock, deadline, ros_inlet);
+        let frame = Frame::new(&wire::frame_id(&args.namespace()));
+        let (sink_frame, inlets) = (frame.clone(), Inlets { commands, reports });
+        let start_sink = || RosSink::start(&mut ros, args, names, clock, deadline, sink_frame, inlets);
         let ros_sink = realtime::raised(process.priority, start_sink).0?;
-        let mut outlets = vec![ros_outlet.waking(ros_sink.thread())];
+        let mut outlets = vec![
+            commands_outlet.waking(ros_sink.commands_thread()),
+            reports_outlet.waking(ros_sink.reports_thread()),
+        ];
 
-        let presence = rmw_presence(process, config, args)?;
+        let presence = rmw_presence(process, config, args, &frame)?;
         let mut zenoh = None;
         if let Some(link) = &process.link {
-            let (outlet, inlet) = hot::channel(true);
+            let (outlet, inlet) = hot::channel(Wanted::All);
+            rings.push(("mirror", Arc::clone(&inlet.dropped)));
             let mirror = Mirror::start(
                 link,
-                Damper { rmw: presence.clone(), ..Damper::named(args.damper()) },
+                Damper {
+                    name: args.damper().to_owned(),
+                    frame: frame.with_default(args.damper()),
+                    rmw: presence.clone(),
+                },
                 control.models_names(),
                 inlet.events,
                 inlet.dropped,
@@ -143,11 +194,13 @@ impl Service {
             control.attach_mirror(mirror.renamer());
             zenoh = Some((Arc::clone(link), mirror));
         }
-        let (outlet, overseen) = hot::channel(true);
+        let (outlet, overseen) = hot::channel(Wanted::All);
+        rings.push(("history", Arc::clone(&overseen.dropped)));
         outlets.push(outlet);
         let overseeing = Overseeing::offer(&mut ros, args, &control, rosout)?;
         let watched = watch.then(|| {
-            let (outlet, inlet) = hot::channel(true);
+            let (outlet, inlet) = hot::channel(Wanted::All);
+            rings.push(("watch", Arc::clone(&inlet.dropped)));
             outlets.push(outlet);
             inlet
         });
@@ -160,12 +213,13 @@ impl Service {
         let (asking, forces) = source::zenoh::forces();
         let (arriving, arrived) = source::zenoh::rmw::queue();
         let by_zenoh = ByZenoh { forces, samples: arrived };
-        let start_source = || RosSource::start(&mut ros, args, config, &control, by_zenoh, samples);
+        let start_source = || RosSource::start(&mut ros, args, config, &control, by_zenoh, frame, samples);
         let source = realtime::raised(process.priority, start_source).0?;
         let counters = Counters {
             hot: hot_counters,
             source: source.counters(),
             ros_sink: ros_sink.counters(),
+            rings,
             standing: process.standing.clone(),
         };
         let overseer = overseeing.start(overseen, counters.clone())?;
@@ -245,7 +299,7 @@ impl Service {
             ("ros-sink", self.ros_sink.is_alive()),
             ("overseer", self.overseer.is_alive()),
             ("ros-services", self.services.is_alive()),
-            ("ros-spinner", self.ros.is_alive()),
+            ("ros-graph", self.ros.is_alive()),
             ("zenoh-commands", self.commands.as_ref().is_none_or(ZenohSource::is_alive)),
             ("zenoh-inputs", self.rmw_inputs.as_ref().is_none_or(RmwSource::is_alive)),
             ("zenoh-mirror", self.mirror().is_none_or(Mirror::is_alive)),
@@ -316,9 +370,11 @@ fn rmw_presence(
     process: &Process,
     config: &Config,
     args: &RosArgs,
+    frame: &Frame,
 ) -> Result<Option<RmwPresence>, NodeError> {
     let link = process.link.as_ref().filter(|_| rmw(config) != Rmw::Off);
-    link.map(|link| Ok(RmwPresence::of(args, ros::domain_id(config)?, link.next_entity()))).transpose()
+    let domain = ros::domain_id(config);
+    link.map(|link| Ok(RmwPresence::of(args, domain?, link.next_entity(), frame))).transpose()
 }
 
 /// The Zenoh session that `config` asks for, if it asks for one.
@@ -354,11 +410,13 @@ pub(crate) fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
 /// # Errors
 /// When `ROS_DOMAIN_ID` is no domain.
 pub fn reach(config: &Config) -> Result<String, NodeError> {
-    let mut range =
-        if ros::is_loopback_only(config) { "this machine only" } else { "all networks" }.to_owned();
-    let listed = ros::listed_peers(config);
-    if !listed.is_empty() {
-        range += &format!(" and {}", listed.join(", "));
+    let asked = ros_environment::asked(config, &ros_environment::of_process)?;
+    let mut range = match asked.reach {
+        Reach::Loopback => "this machine only".to_owned(),
+        Reach::Network => "all networks".to_owned(),
+    };
+    if !asked.peers.is_empty() {
+        range += &format!(" and {}", asked.peers.join(", "));
     }
     Ok(format!("domain {}, {range}", ros::domain_id(config)?))
 }

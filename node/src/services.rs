@@ -16,10 +16,11 @@ use crate::config::RosArgs;
 use crate::control::{Control, Loaded};
 use crate::desk::Desk;
 use crate::error::NodeError;
+use crate::far;
 use crate::lifecycle::{self, Phase, Transition};
 use crate::overseer::SharedHistory;
 use crate::parameters::{self, Parameters};
-use crate::ros::{Ros, Task};
+use crate::ros::{Output, Ros, Task};
 use crate::types;
 use mr_damper_msgs::lifecycle::{
     ChangeState, ChangeStateRequest, ChangeStateResponse, GetAvailableStates, GetAvailableStatesResponse,
@@ -36,7 +37,6 @@ use mr_damper_msgs::srv::{
 };
 use mr_damper_msgs::type_description::GetTypeDescription;
 use mr_damper_msgs::{Mode, UnknownValue};
-use ros2_client::Publisher;
 use std::sync::Arc;
 
 /// The running services and actions.
@@ -67,7 +67,11 @@ impl Services {
         offer.offer_own(control, &changes)?;
         offer.offer_parameters(&parameters)?;
         offer.offer_lifecycle(&manager)?;
-        offer.0.offer::<GetTypeDescription>("~/get_type_description", |request| types::describe(&request))?;
+        offer.0.offer_with::<GetTypeDescription>(
+            "~/get_type_description",
+            Some(far::short_type),
+            |request| types::describe(&request),
+        )?;
         let answering = offer.0.start("ros-services")?;
         Ok(Self { answering, actions: actions.start()?, manager, changes })
     }
@@ -110,7 +114,7 @@ impl Services {
 /// Takes transitions, and says so.
 struct Manager {
     control: Arc<Control>,
-    events: Publisher<TransitionEvent>,
+    events: Output<TransitionEvent>,
 }
 
 impl Manager {
@@ -129,7 +133,7 @@ impl Manager {
             goal_state: to.message(),
         };
         if let Err(error) = self.events.publish(event) {
-            tracing::warn!(%error, "a transition of the node was not published");
+            tracing::warn!("a transition of the node was not published: {error}");
         }
     }
 
@@ -172,8 +176,9 @@ impl Offer<'_> {
         self.0.offer::<GetParameters>("~/get_parameters", move |request| GetParametersResponse {
             values: of.get(&request.names),
         })?;
-        self.0.offer::<GetParameterTypes>("~/get_parameter_types", |request| GetParameterTypesResponse {
-            types: parameters::types(&request.names),
+        let of = Arc::clone(parameters);
+        self.0.offer::<GetParameterTypes>("~/get_parameter_types", move |request| {
+            GetParameterTypesResponse { types: of.types(&request.names) }
         })?;
         let of = Arc::clone(parameters);
         self.0.offer::<SetParameters>("~/set_parameters", move |request| SetParametersResponse {
@@ -183,11 +188,13 @@ impl Offer<'_> {
         self.0.offer::<SetParametersAtomically>("~/set_parameters_atomically", move |request| {
             SetParametersAtomicallyResponse { result: of.set(&request.parameters) }
         })?;
-        self.0.offer::<ListParameters>("~/list_parameters", |request| ListParametersResponse {
-            result: parameters::list(&request.prefixes, request.depth),
+        let of = Arc::clone(parameters);
+        self.0.offer::<ListParameters>("~/list_parameters", move |request| ListParametersResponse {
+            result: of.list(&request.prefixes, request.depth),
         })?;
-        self.0.offer::<DescribeParameters>("~/describe_parameters", |request| DescribeParametersResponse {
-            descriptors: parameters::describe(&request.names),
+        let of = Arc::clone(parameters);
+        self.0.offer::<DescribeParameters>("~/describe_parameters", move |request| {
+            DescribeParametersResponse { descriptors: of.describe(&request.names) }
         })
     }
 

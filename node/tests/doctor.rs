@@ -46,6 +46,17 @@ fn a_sound_machine_passes_and_a_port_that_is_taken_does_not() {
     assert!(all.iter().all(|(_, level, _)| level != "failure"), "{all:?}");
     assert_eq!(found(&all, "multicast").0, "ok");
     assert!(found(&all, "model of /mr_damper").1.contains("rp3-cs loads"), "{all:?}");
+    let (level, libraries) = found(&all, "DDS libraries");
+    assert_eq!(level, "ok", "{libraries}");
+    match mr_damper_node::hardened::EDITS {
+        Some(edits) => assert!(libraries.contains(edits), "{libraries}"),
+        None => assert!(
+            ["do not reach clients", "type hash", "crafted packet", "Ctrl-Z", "node/hardened/build"]
+                .iter()
+                .all(|word| libraries.contains(word)),
+            "{libraries}"
+        ),
+    }
 
     let (code, all) = doctor(&["-p", &listen, "-p", "domain_id:=150"]);
     assert_eq!(code, Some(1), "{all:?}");

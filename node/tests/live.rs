@@ -9,6 +9,7 @@ use mr_damper_node::config::{Config, RosArgs, Value};
 use mr_damper_node::hot::Inlet;
 use mr_damper_node::interrupt::Interrupt;
 use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::run::{LoadOptions, Map, Mapping, SaveOptions, load, save};
 use mr_damper_node::service::Service;
 use std::time::{Duration, Instant};
 
@@ -81,4 +82,38 @@ fn live_over_dds_equals_evaluate() {
         assert_eq!(live.one_step, offline.one_step, "{name}");
         assert_eq!(Models::alone(model).seeded.is_some(), live.one_step.is_some());
     }
+}
+
+#[test]
+fn a_map_s_sign_and_offset_are_those_of_the_node_s_inputs() {
+    // In a namespace of its own: tests run side by side.
+    let run = run();
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let path = dir.path().join("raw.csv");
+    save(&run, &path, &SaveOptions::default()).expect("written");
+    let name = "thesis/fuzzy-tanh/rp3-cs";
+    let mut config = config(name);
+    let mut mappings = Vec::new();
+    for (input, column, offset) in
+        [("displacement", "displacement_m", 0.0031), ("measured_force", "force_n", -12.7)]
+    {
+        config.set(&format!("{input}.sign"), &Value::Double(-1.0)).expect("a sign");
+        config.set(&format!("{input}.offset"), &Value::Double(offset)).expect("an offset");
+        let mapping: Mapping =
+            format!("{input}={column},sign=-1,offset={offset}").parse().expect("a mapping");
+        mappings.push(mapping);
+    }
+    config.set("arx_model", &Value::Text("none".into())).expect("a text");
+    let options = LoadOptions { map: Map::new(mappings).expect("distinct"), ..LoadOptions::default() };
+    let mapped = load(&path, &options).expect("a run").run;
+    assert_ne!(mapped.displacement_m.values, run.displacement_m.values);
+
+    let model = preset::load(name).expect("a preset");
+    let offline = evaluate(model, &mapped, Settings::default(), |_| true).expect("the run has all channels");
+    let expected = offline.free_run.expect("a free run").samples;
+    let mut evaluator = Evaluator::default();
+    for event in live_events(&RosArgs::in_namespace("/mapped"), &config, &run, expected) {
+        evaluator.take(&event, |_| true);
+    }
+    assert_eq!(evaluator.finish().free_run, offline.free_run, "bit-identical");
 }

@@ -55,11 +55,7 @@ impl Stage {
         }
         let mut peer = Ros::start(&config, &args, NodeOptions::new(), "peer").expect("a peer starts");
         let client = peer.action_client::<CloseLoop>(&args.topic("close_loop")).expect("a client");
-        wait_until("the action", || {
-            peer.reaches(client.goal_client())
-                && peer.reaches(client.result_client())
-                && peer.reaches(client.cancel_client())
-        });
+        wait_until("the action", || peer.reaches(&client));
         Self { service, peer, client }
     }
 

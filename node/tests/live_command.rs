@@ -32,7 +32,7 @@ fn run() -> Run {
 }
 
 fn config(domain: i64) -> Config {
-    let mut config = Config { domain_id: domain, align_wait_s: 0.5, ..Config::default() };
+    let mut config = Config { domain_id: domain, align_wait_s: 0.5, deadline_s: 10.0, ..Config::default() };
     for (name, value) in [
         ("model", Value::Text("thesis/fuzzy-tanh/rp3-cs".into())),
         ("request_timeout_s", Value::Double(0.2)),

@@ -237,7 +237,7 @@ fn the_mode_is_held_and_simulated_time_that_goes_back_forgets_the_past() {
     assert_eq!(auto.last().map(|change| change.0), Some("arx"), "{auto:?}");
     assert!(peer.call::<Reset>("", "reset", Default::default()).success);
     // Nobody says in which order /clock and the first samples of a run come: those that are there before time goes back are of the past.
-    let refused = service.counters().ros_sink.refused.load(Ordering::Relaxed);
+    let refused = service.counters().hot.refused.load(Ordering::Relaxed);
     assert!(refused <= 2 * 2 * 3, "{refused} samples refused, of two runs that came again");
     let clock = service.control().clock().now().expect("it was heard");
     let last = run.displacement_m.stamps.last().expect("a run");

@@ -70,10 +70,12 @@ fn the_threads_that_count_get_the_priority_and_what_is_late_is_counted() {
     assert!(ms("latency_worst_ms") >= ms("waiting_worst_ms").max(ms("publishing_worst_ms")), "{status:?}");
 
     let threads = threads(node.0.id());
-    let counts =
-        |name: &str| ["estimating", "ros-source", "ros-sink"].contains(&name) || name.starts_with("RustDDS");
+    let counts = |name: &str| {
+        ["estimating", "ros-source", "ros-commands", "ros-sink"].contains(&name)
+            || name.starts_with("RustDDS")
+    };
     let (path, others): (Vec<_>, Vec<_>) = threads.iter().partition(|(name, ..)| counts(name));
-    assert!(path.len() >= 4, "three of ours, and DDS's: {threads:?}");
+    assert!(path.len() >= 5, "four of ours, and DDS's: {threads:?}");
     assert!(others.iter().all(|(_, policy, _)| *policy == 0), "{threads:?}");
     if path.iter().all(|(_, policy, priority)| (*policy, *priority) == (FIFO, PRIORITY)) {
         assert_eq!(value(&status, "realtime_priority"), format!("SCHED_FIFO {PRIORITY}"));

@@ -2,16 +2,20 @@
 
 mod run_support;
 
-use mr_damper_msgs::Displacement;
+use mr_damper_msgs::rcl::Log;
+use mr_damper_msgs::standard::DiagnosticArray;
+use mr_damper_msgs::{Displacement, ForceEstimate};
 use mr_damper_node::config::{Config, RosArgs};
-use mr_damper_node::ros::Ros;
+use mr_damper_node::ros::{Output, Ros};
 use mr_damper_node::run::Note;
-use ros2_client::{NodeOptions, Publisher};
+use ros2_client::NodeOptions;
 use run_support::*;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 80;
+/// The domain of the test with several dampers.
+const OTHERS: i64 = 123;
 const CHUNK_AGE: Duration = Duration::from_millis(200);
 /// On the way to the recorder, and through it, on a busy machine.
 const SLACK: Duration = Duration::from_millis(400);
@@ -29,7 +33,7 @@ impl Drop for Recorder {
 }
 
 /// Publishes numbered samples 5 ms apart for `time`, and notes when each was sent.
-fn publish(publisher: &Publisher<Displacement>, sent: &mut Vec<(i64, Instant)>, time: Duration) {
+fn publish(publisher: &Output<Displacement>, sent: &mut Vec<(i64, Instant)>, time: Duration) {
     let start = Instant::now();
     while start.elapsed() < time {
         let number = sent.len() as i64 + 1;
@@ -45,7 +49,7 @@ fn a_recording_that_is_killed_keeps_what_is_older_than_a_chunk() {
     let config = Config { domain_id: DOMAIN, ..Config::default() };
     let mut ros =
         Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
-    let publisher: Publisher<Displacement> = ros.publish("/displacement").expect("a topic");
+    let publisher: Output<Displacement> = ros.publish("/displacement").expect("a topic");
     // Both storages at once, each killed at a time of its own.
     let mut recorders = ["mcap", "sqlite3"].map(|storage| {
         let path = dir.path().join(storage);
@@ -56,7 +60,7 @@ fn a_recording_that_is_killed_keeps_what_is_older_than_a_chunk() {
         (path, Recorder(command.stdout(Stdio::null()).spawn().expect("started")))
     });
     let deadline = Instant::now() + Duration::from_secs(30);
-    while publisher.get_subscription_count(ros.node()) < recorders.len() {
+    while ros.readers_of(publisher.guid()) < recorders.len() {
         assert!(Instant::now() < deadline, "the recorders listen");
         std::thread::sleep(Duration::from_millis(20));
     }
@@ -80,5 +84,84 @@ fn a_recording_that_is_killed_keeps_what_is_older_than_a_chunk() {
         assert!(files_of(path).len() > 1, "{name}: it was split meanwhile");
     }
     drop(publisher);
+    ros.stop();
+}
+
+#[test]
+fn a_recording_of_renamed_topics_is_read_back_without_a_map() {
+    const DOMAIN: i64 = 122;
+    let dir = temporary();
+    let config = Config { domain_id: DOMAIN, ..Config::default() };
+    let mut ros =
+        Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
+    let publisher: Output<Displacement> = ros.publish("/susp/pos").expect("a topic");
+    let path = dir.path().join("bag");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
+    command.args(["--quiet", "record", "--chunk-age", "0.1", "--domain-id", &DOMAIN.to_string(), "--out"]);
+    command.arg(&path).args(["--ros-args", "-r", "__ns:=/fl", "-r", "displacement:=/susp/pos"]);
+    let mut recorder = Recorder(command.stdout(Stdio::null()).spawn().expect("started"));
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while ros.readers_of(publisher.guid()) == 0 {
+        assert!(Instant::now() < deadline, "the recorder listens");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    publish(&publisher, &mut Vec::new(), Duration::from_millis(900));
+    recorder.0.kill().expect("killed");
+    recorder.0.wait().expect("gone");
+    let loaded = read(&path);
+    assert!(loaded.run.displacement_m.len() > 20, "{}", loaded.run.displacement_m.len());
+    drop(publisher);
+    ros.stop();
+}
+
+/// A recorder of two seconds in `OTHERS`, with more arguments of ROS: what it said, its exit code and its bag's topics.
+fn recorded(path: &std::path::Path, ros_args: &[&str]) -> (std::process::Output, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
+    command.args(["--quiet", "record", "--duration", "3", "--domain-id", &(OTHERS).to_string(), "--out"]);
+    command.arg(path).arg("--ros-args").args(ros_args);
+    let output = command.output().expect("it runs");
+    let metadata = std::fs::read_to_string(path.join("metadata.yaml")).unwrap_or_default();
+    (output, metadata)
+}
+
+#[test]
+fn a_recording_finds_dampers_in_namespaces_and_says_when_nothing_came() {
+    let dir = temporary();
+    let config = Config { domain_id: OTHERS, ..Config::default() };
+    let mut ros =
+        Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
+    let estimate: Output<ForceEstimate> = ros.publish("/car/front/force_estimate").expect("a topic");
+    let moved: Output<Displacement> = ros.publish("/car/front/displacement").expect("a topic");
+    let health: Output<DiagnosticArray> = ros.publish("/diagnostics").expect("a topic");
+    let log: Output<Log> = ros.publish_log("/rosout").expect("a topic");
+    let stop = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            for number in 1.. {
+                if stop.load(std::sync::atomic::Ordering::Relaxed) {
+                    break;
+                }
+                estimate.publish(ForceEstimate::default()).expect("taken");
+                moved.publish(displacement(number, 0.0)).expect("taken");
+                health.publish(DiagnosticArray::default()).expect("taken");
+                log.publish(Log::default()).expect("taken");
+                std::thread::sleep(SPACING);
+            }
+        });
+        let (output, metadata) = recorded(&dir.path().join("all"), &[]);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        // Of another namespace nothing comes but what all nodes share.
+        let (other, shared) = recorded(&dir.path().join("other"), &["-r", "__ns:=/bike"]);
+        stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        assert!(output.status.success(), "{told}");
+        for topic in ["/car/front/force_estimate", "/car/front/displacement", "/diagnostics", "/rosout"] {
+            assert!(metadata.contains(&format!("name: {topic}\n")), "{topic} in {metadata}");
+        }
+        let told = String::from_utf8_lossy(&other.stderr).into_owned();
+        assert_eq!(other.status.code(), Some(1), "{told}");
+        assert!(told.contains("no message of a damper came in namespace /bike or below it"), "{told}");
+        assert!(shared.contains("/diagnostics") && !shared.contains("/car/"), "{shared}");
+    });
+    drop((estimate, moved, health, log));
     ros.stop();
 }

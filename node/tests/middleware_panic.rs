@@ -67,8 +67,8 @@ fn gap_beyond_all_numbers() -> Vec<u8> {
 
 #[test]
 fn a_panic_of_the_dds_library_is_said_and_ends_the_node() {
-    if !cfg!(debug_assertions) {
-        eprintln!("SKIPPED: the overflow that panics in a debug build does not in this one");
+    if !cfg!(debug_assertions) || mr_damper_node::hardened::EDITS.is_some() {
+        eprintln!("SKIPPED: the overflow that panics in a default debug build does not in this one");
         return;
     }
     let domain = format!("domain_id:={DOMAIN}");

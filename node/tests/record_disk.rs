@@ -6,8 +6,8 @@ mod run_support;
 
 use mr_damper_msgs::Displacement;
 use mr_damper_node::config::{Config, RosArgs};
-use mr_damper_node::ros::Ros;
-use ros2_client::{NodeOptions, Publisher};
+use mr_damper_node::ros::{self, Ros};
+use ros2_client::NodeOptions;
 use run_support::*;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -58,12 +58,12 @@ fn play_to(mut command: Command) -> (Output, HashMap<i64, Instant>, Instant) {
     let config = Config { domain_id: DOMAIN, ..Config::default() };
     let mut ros =
         Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
-    let publisher: Publisher<Displacement> = ros.publish("/displacement").expect("a topic");
+    let publisher: ros::Output<Displacement> = ros.publish("/displacement").expect("a topic");
     let mut child = command.spawn().expect("unshare starts");
     let (begun, mut sent, mut random) = (Instant::now(), HashMap::new(), 1_u64);
     while child.try_wait().expect("a child of ours").is_none() {
         assert!(begun.elapsed() < Duration::from_secs(30), "it ends");
-        if publisher.get_subscription_count(ros.node()) > 0 {
+        if ros.readers_of(publisher.guid()) > 0 {
             let number = sent.len() as i64 + 1;
             let mut message = displacement(number, number as f64);
             message.header.frame_id = std::iter::repeat_with(|| {

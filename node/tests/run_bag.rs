@@ -102,7 +102,7 @@ fn several_dampers_leave_a_choice() {
     assert_eq!(
         refusal(&path, &plain()),
         "two: displacement of several dampers is recorded: /front_left, /front_right; choose one with \
-         --namespace"
+         --bag-namespace"
     );
     for namespace in ["/front_right", "front_right", "front_right/"] {
         let options = LoadOptions { namespace: Some(namespace.into()), ..plain() };
@@ -197,7 +197,9 @@ fn topics_of_others_become_no_known_quantity_by_their_name() {
     let names: Vec<_> =
         loaded.run.other.iter().map(|(name, trace)| (name.as_str(), trace.values[0])).collect();
     assert_eq!((loaded.run.force_n, names), (None, vec![("oil_c", 5.0)]));
-    let [Note::TopicsLeft { topics }] = loaded.notes.as_slice() else { panic!("{:?}", loaded.notes) };
+    let [Note::TopicsLeft { topics }, Note::CouldServe { .. }] = loaded.notes.as_slice() else {
+        panic!("{:?}", loaded.notes)
+    };
     assert_eq!(topics.len(), 7, "{topics:?}");
     assert!(topics.contains(&"/other/c (a second oil_c)".to_owned()), "{topics:?}");
 }
@@ -217,19 +219,24 @@ fn missing_displacement_is_explained() {
     );
     assert_eq!(
         make("other", &|writer| writer.write_message("/x", &Float64 { data: 0.0 }, 1, 1)),
-        "other: no sample of displacement; a run needs a topic that ends in /displacement (or joint_states \
-         with --joint); topics are: /x"
+        "other: no sample of displacement; no topic is called displacement. Say which one holds it, for example \
+         --map displacement=/x; topics (* can hold displacement):\n  * /x  std_msgs/msg/Float64, 1 messages"
     );
     assert_eq!(
         make("force", &|writer| {
             writer.write_message("/displacement", &Force { header: at(1), force: 0.0, variance: 0.0 }, 1, 1)
         }),
         "force: topic /displacement holds mr_damper_msgs/msg/Force in cdr; accepted are \
-         mr_damper_msgs/msg/Displacement, std_msgs/msg/Float64 and sensor_msgs/msg/JointState, in CDR"
+         mr_damper_msgs/msg/Displacement, sensor_msgs/msg/Range, sensor_msgs/msg/JointState, std_msgs/msg/Float64, \
+         std_msgs/msg/Float32, in CDR"
     );
+    let joints =
+        JointState { header: at(1), name: vec!["hip".into()], position: vec![0.5], ..JointState::default() };
+    let joint = make("joint", &|writer| writer.write_message("/displacement", &joints, 1, 1));
     assert!(
-        make("joint", &|writer| writer.write_message("/displacement", &JointState::default(), 1, 1))
-            .ends_with("in CDR; name the joint with --joint")
+        joint
+            .ends_with("in CDR; say where displacement is, for example --map displacement=/displacement:hip"),
+        "{joint}"
     );
     assert_eq!(
         make("broken", &|writer| {

@@ -7,7 +7,8 @@ real ones that were changed in some places (mutated), ones that are put together
     --as stranger    real packets bear the GUID prefix of one of sixteen strangers instead of their sender's
     --as peer        they keep it: what they say is said in a peer's name
     --lethal KIND    one packet that takes the node's DDS library all memory there is, as a stranger whom it has discovered:
-                     heartbeat, gap or datafrag (node/docs/decisions/0010-what-rustdds-does-not-survive.md)
+                     heartbeat, gap or datafrag (node/docs/decisions/0010-what-rustdds-does-not-survive.md); or nackfrag,
+                     which ends its event loop by a panic
 
 Of the storm's packets those are held back that are lethal in this way, and counted: they are tried one by one.
 Prints one line of JSON: how many packets of which kind.
@@ -25,7 +26,7 @@ import time
 SPDP_WRITER, SPDP_READER = bytes.fromhex("000100c2"), bytes.fromhex("000100c7")
 SEDP_WRITER, SEDP_READER = bytes.fromhex("000003c2"), bytes.fromhex("000003c7")
 BUILTIN = [SPDP_READER, SEDP_READER, bytes.fromhex("000004c7"), bytes.fromhex("000200c7"), bytes(4)]
-INFO_DST, HEARTBEAT, GAP, DATA, DATA_FRAG = 0x0E, 0x07, 0x08, 0x15, 0x16
+INFO_DST, HEARTBEAT, GAP, DATA, DATA_FRAG, NACK_FRAG = 0x0E, 0x07, 0x08, 0x15, 0x16, 0x12
 # More numbers in one range, or bytes in one sample, than any peer of these tests has.
 RANGE, SAMPLE = 1 << 16, 1 << 20
 ODD = [0, 1, 2, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF]
@@ -116,6 +117,11 @@ def gap(start, base, bits, words, reader=SEDP_READER, writer=SEDP_WRITER):
 def data_frag(n, first, count, size, sample, payload, reader=SPDP_READER, writer=SPDP_WRITER, flags=1):
     body = struct.pack("<HH", 0, 28) + reader + writer + sequence(n)
     return submessage(DATA_FRAG, flags, body + struct.pack("<IHHI", first, count, size, sample) + payload)
+
+
+def nack_frag(n, base, bits, words, count=1, reader=SEDP_READER, writer=SEDP_WRITER):
+    body = reader + writer + sequence(n) + struct.pack("<II", base, bits) + words + struct.pack("<i", count)
+    return submessage(NACK_FRAG, 1, body)
 
 
 class Liar:
@@ -267,6 +273,7 @@ def lethal(args, ports, to):
         "heartbeat": heartbeat(1, 1 << 40),
         "gap": gap(10, 1 << 40, 0, b""),
         "datafrag": data_frag(1, 1, 1, 1024, 0xFFFFFFFF, bytes(1024)),
+        "nackfrag": nack_frag(1, 0, 32, bytes([0xFF] * 4)),
     }[args.lethal]
     packet = header(stranger) + body
     to.sendto(packet, ("127.0.0.1", ports[0]))
@@ -276,7 +283,7 @@ def lethal(args, ports, to):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--as", dest="play", choices=["stranger", "peer"], default="stranger")
-    parser.add_argument("--lethal", choices=["heartbeat", "gap", "datafrag"])
+    parser.add_argument("--lethal", choices=["heartbeat", "gap", "datafrag", "nackfrag"])
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--rate", type=float, default=1000.0, help="packets a second")
     parser.add_argument("--seed", type=int, default=1)
@@ -287,4 +294,5 @@ def main():
         print(json.dumps(lethal(args, ports, to) if args.lethal else storm(args, ports, to)), flush=True)
 
 
-main()
+if __name__ == "__main__":
+    main()

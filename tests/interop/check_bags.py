@@ -17,6 +17,11 @@ both storages, by file and by message. OUT/humble is OUT/sqlite in the schema of
     /tmp/bag-venv/bin/python tests/interop/check_bags.py --write OUT RUN.csv
     mr-damper convert OUT/v8 BACK.csv        # must equal RUN.csv in its canonical form
 
+Write bags with `rosbags` whose topics have names and types of their own, in the messages of two distributions:
+OUT/foreign-humble and OUT/foreign-jazzy. They are read with a map, which FOREIGN says:
+
+    /tmp/bag-venv/bin/python tests/interop/check_bags.py --write-foreign OUT RUN.csv
+
 The CSV file must be in SI columns, as `mr-damper convert` writes them. Exit code 0 means that all is equal;
 differences go to stderr with exit code 1.
 """
@@ -31,6 +36,7 @@ import sys
 from decimal import Decimal
 from pathlib import Path
 
+import numpy
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -237,6 +243,54 @@ def write(out: Path, source: Path) -> None:
     make_humble(out / "sqlite", out / "humble")
 
 
+# Column: (topic, type, the message's fields for a value). `mr-damper` reads them with --map
+# displacement=/joint_states:fl_damper,sign=-1 measured_force=/load_cell:z coil_current=/amps setpoint=/ray.
+FOREIGN = {
+    "displacement_m": ("/joint_states", "sensor_msgs/msg/JointState"),
+    "force_n": ("/load_cell", "geometry_msgs/msg/WrenchStamped"),
+    "current_a": ("/amps", "std_msgs/msg/Float64"),
+    "setpoint_m": ("/ray", "sensor_msgs/msg/Range"),
+}
+
+
+def foreign_message(store: object, kind: str, nanos: int, value: float) -> object:
+    """A message of a foreign topic; displacement has the other sign there."""
+    types = store.types
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(nanos, 1_000_000_000))
+    header = types["std_msgs/msg/Header"](stamp, "damper")
+    if kind == "std_msgs/msg/Float64":
+        return types[kind](value)
+    if kind == "sensor_msgs/msg/JointState":
+        position, none = numpy.array([0.0, -value]), numpy.array([])
+        return types[kind](header, ["wheel", "fl_damper"], position, none, none)
+    if kind == "geometry_msgs/msg/WrenchStamped":
+        vector, wrench = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Wrench"]
+        return types[kind](header, wrench(vector(9.0, 9.0, value), vector(0.0, 0.0, 0.0)))
+    # Before Iron, Range had no variance.
+    variance = {"variance": 0.0} if "variance" in dict(store.fielddefs[kind][1]) else {}
+    limits = {"field_of_view": 0.5, "min_range": 0.0, "max_range": 4.0}
+    return types[kind](header=header, radiation_type=1, range=value, **limits, **variance)
+
+
+def write_foreign(out: Path, source: Path) -> None:
+    """Writes the columns of a CSV file on topics that have names and types of their own."""
+    columns = read_csv(source)
+    for name, stores, storage in [
+        ("foreign-humble", Stores.ROS2_HUMBLE, StoragePlugin.SQLITE3),
+        ("foreign-jazzy", Stores.ROS2_JAZZY, StoragePlugin.MCAP),
+    ]:
+        store = get_typestore(stores)
+        with Writer(out / name, version=8, storage_plugin=storage) as writer:
+            samples = []
+            for column, (topic, kind) in FOREIGN.items():
+                connection = writer.add_connection(topic, kind, typestore=store)
+                samples += [(nanos, topic, connection, kind, value) for nanos, value in columns[column]]
+            for nanos, _, connection, kind, value in sorted(samples, key=lambda sample: sample[:2]):
+                message = foreign_message(store, kind, nanos, value)
+                writer.write(connection, nanos, store.serialize_cdr(message, kind))
+        print(f"{out / name}: {len(FOREIGN)} topics, {len(samples)} messages written")
+
+
 def main() -> int:
     """Reads the command line."""
     plain = argparse.RawDescriptionHelpFormatter
@@ -244,7 +298,11 @@ def main() -> int:
     parser.add_argument("bag", type=Path, help="the bag or its file; with --write, the directory for bags")
     parser.add_argument("csv", type=Path, help="the CSV file with the same data")
     parser.add_argument("--write", action="store_true", help="write bags instead of checking one")
+    parser.add_argument("--write-foreign", action="store_true", help="write bags with other names and types")
     arguments = parser.parse_args()
+    if arguments.write_foreign:
+        write_foreign(arguments.bag, arguments.csv)
+        return 0
     if arguments.write:
         write(arguments.bag, arguments.csv)
         return 0

@@ -8,7 +8,9 @@
 #   /node    may do all that a node of ours does
 #   /narrow  may do that except publish force_estimate
 #   /sensor  may publish displacement and coil_current, and subscribe to force_estimate
-#   /deaf    may publish the same, and no more
+#   /axle    may do the same; its GUID is lower than that of /node, so it begins the handshake with it
+#   /tools   may do all that /node may
+#   /deaf    may publish what /sensor may, and no more
 #   /mute    may subscribe to force_estimate, and no more
 set -euo pipefail
 [ $# = 1 ] || {
@@ -108,8 +110,10 @@ ours=$1/ours strangers=$1/strangers
 certificate_authority "$ours" ours
 all='rt/* rq/* rr/*'
 enclave "$ours" node "$all" "$all"
+enclave "$ours" tools "$all" "$all"
 enclave "$ours" narrow "$all" "$all" rt/force_estimate
 enclave "$ours" sensor 'rt/displacement rt/coil_current' rt/force_estimate
+enclave "$ours" axle 'rt/displacement rt/coil_current' rt/force_estimate
 enclave "$ours" deaf 'rt/displacement rt/coil_current' ''
 enclave "$ours" mute '' rt/force_estimate
 certificate_authority "$strangers" strangers

@@ -2,13 +2,14 @@
 # Prepares the foreign peers of the interop tests: two real ROS 2 distributions with our messages compiled in,
 # and one environment with CycloneDDS, Zenoh and the bag readers.
 #
-# usage: setup.sh [jazzy] [kilted] [peers] [secure] [router]      (nothing named: the first three)
+# usage: setup.sh [jazzy] [kilted] [peers] [secure] [cyclone] [router]      (nothing named: the first three)
 #
 # Everything lands under $MR_DAMPER_INTEROP_DIR (default /var/tmp/mr-damper-interop):
 #   jazzy/venv   jazzy/msgs     rclpy and friends from wheels; mr_damper_msgs built against them
 #   kilted/venv  kilted/msgs
 #   peers/venv                  cyclonedds, eclipse-zenoh, pyzeros, rosbags, mcap, mcap-ros2-support
 #   secure/secure_peer          a peer on Debian's Fast DDS, which has DDS-Security; needs libfastrtps-dev and openssl
+#   cyclone/secure_cyclone      a peer on Debian's CycloneDDS with DDS-Security; needs cyclonedds-dev, cyclonedds-tools and openssl
 #   router/fleet-router         a Zenoh router with a storage; needs Rust, and some minutes to build
 # A part is skipped when its stamp still names these requirements, these interface files, this script and
 # this Python. Delete the directory to start over.
@@ -44,6 +45,10 @@ fingerprint() {
   case $part in
     secure)
       cat "$here/secure_peer.cpp" "${BASH_SOURCE[0]}" | sha256sum | cut -d' ' -f1
+      return
+      ;;
+    cyclone)
+      cat "$here"/{secure_cyclone.c,mr_damper.idl} "${BASH_SOURCE[0]}" | sha256sum | cut -d' ' -f1
       return
       ;;
     router)
@@ -108,6 +113,15 @@ build_secure_peer() {
     die "secure_peer.cpp did not build; it is written for Fast DDS 2.9"
 }
 
+build_cyclone_peer() {
+  command -v openssl >/dev/null || die "openssl is missing; on Debian: apt-get install openssl"
+  [ -e /usr/include/dds/dds.h ] && command -v idlc >/dev/null ||
+    die "CycloneDDS for C is missing; on Debian: apt-get install cyclonedds-dev cyclonedds-tools"
+  (cd "$base/cyclone" && idlc -l c "$here/mr_damper.idl" &&
+    cc -O1 -I. -o secure_cyclone "$here/secure_cyclone.c" mr_damper.c -lddsc -lm) ||
+    die "secure_cyclone.c did not build; it is written for CycloneDDS 0.10"
+}
+
 build_router() {
   local target=$base/router/target
   command -v cargo >/dev/null || die "cargo is missing; install Rust"
@@ -148,6 +162,8 @@ prepare() {
   rm -rf "$base/$part/stamp" "$base/$part/venv" "$base/$part/msgs" "$base/$part/build"
   if [ "$part" = secure ]; then
     build_secure_peer
+  elif [ "$part" = cyclone ]; then
+    build_cyclone_peer
   elif [ "$part" = router ]; then
     build_router
   else
@@ -166,9 +182,9 @@ check_tools
 [ $# -gt 0 ] || set -- jazzy kilted peers
 for part in "$@"; do
   case $part in
-    jazzy | kilted | peers | secure | router) (prepare "$part") ;;
+    jazzy | kilted | peers | secure | cyclone | router) (prepare "$part") ;;
     *)
-      say "there is no part '$part'; parts are jazzy, kilted, peers, secure, router"
+      say "there is no part '$part'; parts are jazzy, kilted, peers, secure, cyclone, router"
       exit 2
       ;;
   esac

@@ -134,15 +134,16 @@ impl<T: Copy> ForceAligner<T> {
             }
             self.first = (self.first + 1) % PENDING;
             self.len -= 1;
-            if let (Some(force), Some(what)) = (self.force_at(stamp, max_span_s), self.waiting[slot]) {
+            if let (Some(force), Some(what)) = (self.measured(stamp, max_span_s), self.waiting[slot]) {
                 return Some((stamp, force, what));
             }
         }
         None
     }
 
-    /// Force at `stamp` on the line through the readings around it.
-    fn force_at(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
+    /// Force at `stamp` on the line through the readings around it, which are no further apart than `max_span_s`.
+    #[must_use]
+    pub fn measured(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
         let ((t0, f0), after) = self.readings.around(stamp)?;
         if t0 == stamp {
             return Some(f0);

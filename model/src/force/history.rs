@@ -30,6 +30,17 @@ impl Default for History {
 }
 
 impl History {
+    /// The history with these lags, newest first: forces from the sample before on, all others from this sample on.
+    #[must_use]
+    pub(crate) const fn of(
+        force_n: [f64; DEPTH],
+        displacement_m: [f64; DEPTH],
+        velocity_m_s: [f64; DEPTH],
+        drive: [f64; DEPTH],
+    ) -> Self {
+        Self { force_n, displacement_m, velocity_m_s, drive }
+    }
+
     /// Takes in the inputs of sample k.
     #[inline]
     pub fn push_inputs(&mut self, inputs: &Inputs) {

@@ -31,6 +31,7 @@ pub(super) struct Commanding {
 /// What a command is made from.
 pub(super) struct Moving {
     pub(super) stamp: Stamp,
+    pub(super) received: Stamp,
     /// Time since the displacement before, s; however long.
     pub(super) step_s: Option<f64>,
     /// Inputs of the free lane; the drive NaN where it is not known now.
@@ -93,16 +94,22 @@ impl Commanding {
         let inputs = moving.inputs.unwrap_or(UNKNOWN);
         let demand = settings.law.demand(fresh(&self.request), fresh(&self.body), inputs.velocity_m_s);
         let command = self.commander.step(&inputs, demand, moving.measured_n);
-        Some(Commanded { stamp: moving.stamp, command })
+        Some(Commanded { stamp: moving.stamp, known_at: moving.received, command })
     }
 
-    /// What the current has gone to after `silence_s` without displacement, where that is long enough.
-    pub(super) fn silent(&self, last: Stamp, silence_s: f64, settings: &Settings) -> Option<Commanded> {
+    /// What the current has gone to by `now`, after `silence_s` without displacement, where that is long enough.
+    pub(super) fn silent(
+        &self,
+        now: Stamp,
+        last: Stamp,
+        silence_s: f64,
+        settings: &Settings,
+    ) -> Option<Commanded> {
         let (demand, idle_s) = idle(silence_s, settings).filter(|_| self.speaks(settings))?;
         let mut commander = self.commander;
         let command = commander.idle(demand, idle_s);
         // A cast of a float saturates.
-        Some(Commanded { stamp: last.shifted((silence_s * 1e9) as i64), command })
+        Some(Commanded { stamp: last.shifted((silence_s * 1e9) as i64), known_at: now, command })
     }
 
     fn resume(&mut self, silence_s: f64, settings: &Settings) {

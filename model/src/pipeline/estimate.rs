@@ -31,7 +31,9 @@ impl Pipeline {
         let mut free_reasons = Reasons::NONE;
         let free_n = self.free.step(&given, &mut free_reasons);
         let mut seeded_reasons = Reasons::NONE;
-        let seeded_n = self.seeded.as_mut().and_then(|lane| lane.step(&given, &mut seeded_reasons));
+        let (force, max_span_s) = (&self.force, self.settings.force_timeout_s);
+        let measured = |ago_s: f64| force.measured(stamp.shifted((-1e9 * ago_s).round() as i64), max_span_s);
+        let seeded_n = self.seeded.as_mut().and_then(|lane| lane.step(&given, measured, &mut seeded_reasons));
         self.note_operating(stamp);
         // A prediction is corrected, or smoothed, for the estimate alone: the residual is that of the free run.
         let observed_n = free_n.map(|force_n| force_n + self.observer.bias_n(stamp, &self.settings));
@@ -89,6 +91,9 @@ impl Pipeline {
         self.index = self.index.wrapping_add(1);
         if sample.received.since(stamp).get() > self.settings.input_timeout_s {
             *reasons |= Reasons::LATE;
+        }
+        if self.gate.is_ahead(self.settings.stamp_ahead_s) {
+            *reasons |= Reasons::STAMP_AHEAD;
         }
         step_s
     }
@@ -183,7 +188,13 @@ impl Pipeline {
         // Feedback is for the force of this sample: an older one is of another motion.
         let of_this = |at: Stamp| at == stamp || step_s.is_some_and(|step_s| stamp.since(at).get() < step_s);
         let newest = self.force.newest(stamp).filter(|(at, _)| of_this(*at) && !force_odd);
-        let moving = Moving { stamp, step_s, inputs, measured_n: newest.map(|(_, force_n)| force_n) };
+        let moving = Moving {
+            stamp,
+            received: self.last_received.unwrap_or(stamp),
+            step_s,
+            inputs,
+            measured_n: newest.map(|(_, force_n)| force_n),
+        };
         if let Some(commanded) = self.commanding.step(&moving, &self.settings) {
             emit(Event::Command(commanded));
         }

@@ -29,6 +29,9 @@ pub enum Event {
 pub struct Commanded {
     /// Stamp of the displacement sample; in silence, that of the last one plus the silence.
     pub stamp: Stamp,
+    /// When it was known: at the receipt of that sample; in silence, when the silence was looked at. On the clock of
+    /// [`Sample::received`].
+    pub known_at: Stamp,
     /// The command.
     pub command: Command,
 }
@@ -210,6 +213,8 @@ pub enum Refused {
     OutOfRange,
     /// The rod cannot have come there since the displacement before.
     TooFast,
+    /// The stamp is far later than the sample's arrival.
+    Ahead,
 }
 
 impl Refused {
@@ -221,12 +226,20 @@ impl Refused {
             Self::NotFinite | Self::Repeated | Self::TimeBack => Reasons::INPUT_REFUSED,
             Self::OutOfRange => Reasons(Reasons::INPUT_REFUSED.0 | Reasons::INPUT_RANGE.0),
             Self::TooFast => Reasons(Reasons::INPUT_REFUSED.0 | Reasons::INPUT_RATE.0),
+            Self::Ahead => Reasons(Reasons::INPUT_REFUSED.0 | Reasons::STAMP_AHEAD.0),
         }
     }
 
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::NotFinite, Self::Repeated, Self::TimeBack, Self::WrongDrive, Self::OutOfRange, Self::TooFast];
+    pub const ALL: [Self; 7] = [
+        Self::NotFinite,
+        Self::Repeated,
+        Self::TimeBack,
+        Self::WrongDrive,
+        Self::OutOfRange,
+        Self::TooFast,
+        Self::Ahead,
+    ];
 
     /// The reason as the name of a count.
     #[must_use]
@@ -238,6 +251,7 @@ impl Refused {
             Self::WrongDrive => "wrong_drive",
             Self::OutOfRange => "out_of_range",
             Self::TooFast => "too_fast",
+            Self::Ahead => "stamp_ahead",
         }
     }
 
@@ -251,6 +265,7 @@ impl Refused {
             Self::WrongDrive => "the model wants the other kind of drive",
             Self::OutOfRange => "the value is beyond what its sensor can have",
             Self::TooFast => "the rod cannot have moved there so fast",
+            Self::Ahead => "its stamp is more than a second later than its arrival",
         }
     }
 }
@@ -349,6 +364,10 @@ reasons! {
     DRIVE_IMPLAUSIBLE = 262_144, Degraded;
     /// Measured force gives energy, where a damper takes it: its sign or its offset is wrong.
     NOT_PASSIVE = 524_288, Degraded;
+    /// Samples of two publishers of one input come mixed.
+    INPUT_INTERLEAVED = 1_048_576, Degraded;
+    /// The stamp of an input is later than its arrival: the clocks of its publisher and of the node differ.
+    STAMP_AHEAD = 2_097_152, Degraded;
 }
 
 impl Reasons {

@@ -6,6 +6,10 @@
 //! when [`JUMP_AFTER`] in a row increase among themselves, time has jumped: they are the new truth. A network that lets samples
 //! overtake each other brings such rows as well, of samples that are a little old; for these it takes [`SMALL_JUMP_AFTER`]. Likewise a
 //! displacement that the rod cannot have come to since the last one is refused, and believed when as many agree.
+//!
+//! A sample whose stamp is later than its arrival by more than [`FAR_AHEAD_S`] is refused likewise, so that it does not make the samples
+//! after it older than the newest; [`JUMP_AFTER`] in a row are the clock of their publisher, and are accepted. Estimates from
+//! samples that are ahead by less say so: [`Gate::is_ahead`].
 
 use super::event::Refused;
 use super::plausible::Plausible;
@@ -17,6 +21,11 @@ const JUMP_AFTER: u32 = 3;
 const SMALL_JUMP_AFTER: u32 = 20;
 /// How late a network brings what it brings in another order, s.
 const DISORDER_S: f64 = 0.5;
+/// How much later than its arrival a stamp is that no synchronised clock has made, s.
+const FAR_AHEAD_S: f64 = 1.0;
+/// Channels that an estimate is made from.
+const OF_ESTIMATES: [Channel; 5] =
+    [Channel::Displacement, Channel::Drive, Channel::Velocity, Channel::Force, Channel::CaseTemperature];
 /// Largest current, A, or command voltage, V: no driver of a damper makes more, and a model's memory would take long to forget it.
 const DRIVE_MAX: f64 = 1e3;
 /// Temperatures that a damper's case can have, °C.
@@ -40,6 +49,8 @@ pub(super) enum Verdict {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Seen {
     last: Option<Stamp>,
+    /// How much later the stamp of the last one was than its arrival, s; negative when it was earlier.
+    ahead_s: f64,
     /// Newest of the samples from another time, and how many in a row there were.
     other: Option<Stamp>,
     other_count: u32,
@@ -106,7 +117,7 @@ impl Gate {
             return Verdict::Refuse(Refused::WrongDrive);
         }
         let channel = sample.reading.channel();
-        let verdict = self.seen[channel as usize].judge(sample.stamp);
+        let verdict = self.seen[channel as usize].judge(sample.stamp, sample.received);
         if verdict == Verdict::TimeJumped && channel == Channel::Displacement {
             // The other channels start anew as well, each with whatever comes next.
             let displacement = self.seen[channel as usize];
@@ -125,6 +136,14 @@ impl Gate {
     }
 }
 
+impl Gate {
+    /// True while the last sample of a channel that estimates are made from was stamped more than `limit_s` after it arrived.
+    #[inline]
+    pub(super) fn is_ahead(&self, limit_s: f64) -> bool {
+        OF_ESTIMATES.iter().any(|channel| self.seen[*channel as usize].ahead_s > limit_s)
+    }
+}
+
 /// True for a reading that no sensor of its channel can have.
 fn beyond(reading: Reading, plausible: &Plausible) -> bool {
     match reading {
@@ -138,25 +157,44 @@ fn beyond(reading: Reading, plausible: &Plausible) -> bool {
 
 impl Seen {
     #[inline]
-    fn judge(&mut self, stamp: Stamp) -> Verdict {
+    fn judge(&mut self, stamp: Stamp, received: Stamp) -> Verdict {
+        let ahead_s = stamp.since(received).get();
+        if ahead_s > FAR_AHEAD_S && self.ahead_s <= FAR_AHEAD_S {
+            let known = self.last.is_some();
+            return match self.comes_from_another_time(stamp, ahead_s, JUMP_AFTER) {
+                false => Verdict::Refuse(Refused::Ahead),
+                true if known => Verdict::TimeJumped,
+                true => Verdict::Accept,
+            };
+        }
         match self.last {
             Some(last) if stamp == last => Verdict::Refuse(Refused::Repeated),
             Some(last) if stamp < last => {
-                let follows = self.other.is_some_and(|other| stamp > other);
-                self.other_count = if follows { self.other_count + 1 } else { 1 };
-                self.other = Some(stamp);
                 let is_small = last.since(stamp).get() <= DISORDER_S;
-                if self.other_count < if is_small { SMALL_JUMP_AFTER } else { JUMP_AFTER } {
-                    return Verdict::Refuse(Refused::TimeBack);
+                let after = if is_small { SMALL_JUMP_AFTER } else { JUMP_AFTER };
+                if self.comes_from_another_time(stamp, ahead_s, after) {
+                    Verdict::TimeJumped
+                } else {
+                    Verdict::Refuse(Refused::TimeBack)
                 }
-                *self = Self { last: Some(stamp), ..Self::default() };
-                Verdict::TimeJumped
             }
             _ => {
-                *self = Self { last: Some(stamp), ..Self::default() };
+                *self = Self { last: Some(stamp), ahead_s, ..Self::default() };
                 Verdict::Accept
             }
         }
+    }
+
+    /// Takes a sample from another time; true when it is the `after`-th in a row of those: then they are the new truth.
+    fn comes_from_another_time(&mut self, stamp: Stamp, ahead_s: f64, after: u32) -> bool {
+        let follows = self.other.is_some_and(|other| stamp > other);
+        self.other_count = if follows { self.other_count + 1 } else { 1 };
+        self.other = Some(stamp);
+        let is_truth = self.other_count >= after;
+        if is_truth {
+            *self = Self { last: Some(stamp), ahead_s, ..Self::default() };
+        }
+        is_truth
     }
 }
 
@@ -205,6 +243,45 @@ mod tests {
     fn a_clock_that_was_set_back_is_believed_after_three() {
         assert_eq!(verdicts(&[10_000, 10_001, 0, 1, 2, 3]), "aabbJa");
         assert_eq!(verdicts(&[0, 1, 10_000, 2, 3, 4, 5]), "aaabbJa", "one stamp from the future costs three");
+    }
+
+    /// Samples that arrive a millisecond after each other, the given ones ahead of their arrival.
+    fn verdicts_ahead(ahead_ms: &[i64]) -> String {
+        let mut gate = Gate::default();
+        let mut verdict = |(k, ahead): (usize, &i64)| {
+            let received = Stamp::from_nanos(k as i64 * 1_000_000);
+            let sample = Sample {
+                stamp: received.shifted(ahead * 1_000_000),
+                received,
+                reading: Reading::Displacement(Metre(0.0)),
+            };
+            let verdict = gate.judge(&sample, None, &PLAUSIBLE);
+            match (verdict, gate.is_ahead(0.03)) {
+                (Verdict::Accept, false) => 'a',
+                (Verdict::Accept, true) => 'A',
+                (Verdict::Refuse(Refused::Ahead), _) => 'f',
+                (Verdict::Refuse(Refused::TimeBack), _) => 'b',
+                (Verdict::TimeJumped, false) => 'j',
+                (Verdict::TimeJumped, true) => 'J',
+                _ => '?',
+            }
+        };
+        ahead_ms.iter().enumerate().map(&mut verdict).collect()
+    }
+
+    #[test]
+    fn stamps_that_are_ahead_of_their_arrival_are_told_or_refused() {
+        const HOUR: i64 = 3_600_000;
+        assert_eq!(verdicts_ahead(&[0, 20, 20, 20]), "aaaa", "within what clocks differ by");
+        assert_eq!(verdicts_ahead(&[50, 50, 50, 0, 0]), "AAAbb", "a clock that is 50 ms ahead");
+        assert_eq!(verdicts_ahead(&[0, 0, HOUR, 0, 0]), "aafaa", "one from far ahead harms nobody");
+        assert_eq!(verdicts_ahead(&[HOUR, 0, HOUR, 0, 0]), "fafaa", "nor does the first one");
+        assert_eq!(verdicts_ahead(&[0, HOUR, HOUR, HOUR, HOUR]), "affJA", "a clock that is an hour ahead");
+        assert_eq!(
+            verdicts_ahead(&[HOUR, HOUR, HOUR, HOUR, 0, 0, 0, 0]),
+            "ffAAbbja",
+            "and that was set right"
+        );
     }
 
     #[test]

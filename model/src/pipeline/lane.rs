@@ -1,10 +1,12 @@
 //! The two lanes: one model each, with its own conditioning and state.
 
 use super::event::Reasons;
+use super::resample::{Row, Rows, SAME};
+use super::rhythm::Rhythm;
 use crate::condition::{ApplyTo, Conditioning, LowPass, LowPassState, MotionState};
 use crate::effect::{AugmentedState, Need};
 use crate::error::Error;
-use crate::force::{ForceModel, History, Inputs};
+use crate::force::{DEPTH, ForceModel, History, Inputs};
 use crate::model::{Envelope, Model};
 
 /// What both lanes are given at a displacement.
@@ -220,21 +222,24 @@ impl FreeLane {
 pub(super) struct SeededLane {
     model: Model,
     front: Front,
+    /// The last samples: the model's lags while samples come evenly.
     history: History,
-    /// The sample period that the model holds at, s.
-    nominal_s: f64,
-    /// Mean sample period of the last samples, s, and how many it is the mean of.
-    period_s: f64,
-    periods: u32,
+    /// The same samples with their times, from which lags are read while samples do not.
+    rows: Rows,
+    rhythm: Rhythm,
+    /// Time since the last reset, s.
+    now_s: f64,
+    /// For how long the lags still reach over many lost samples, s.
+    bridged_s: f64,
 }
 
 impl SeededLane {
-    /// Samples that the mean period is taken over.
-    const PERIODS: u32 = 50;
-    /// Departure of the mean period from the model's beyond which its coefficients mean nothing.
-    const PERIOD_TOLERANCE: f64 = 0.05;
-    /// Step over period beyond which a sample was lost and the lags no longer fit.
-    const LOST_SAMPLE: f64 = 1.6;
+    /// Longest step that rows are put into, s and periods: a publisher that stands still for a moment. A longer one clears
+    /// the lags.
+    const BRIDGED_S: f64 = 0.025;
+    const BRIDGED: [f64; 2] = [10.5, 50.5];
+    /// Periods between two samples beyond which what was put in between is said to be worse than samples.
+    const FEW_BRIDGED: f64 = 3.5;
 
     /// A lane for `model`, or `None` when it does not feed on force.
     pub(super) fn new(model: Model) -> Result<Option<Self>, Error> {
@@ -248,9 +253,10 @@ impl SeededLane {
             model,
             front: Front::new(model.conditioning),
             history: History::default(),
-            nominal_s: nominal.get(),
-            period_s: nominal.get(),
-            periods: 0,
+            rows: Rows::default(),
+            rhythm: Rhythm::new(nominal.get()),
+            now_s: 0.0,
+            bridged_s: 0.0,
         }))
     }
 
@@ -270,65 +276,134 @@ impl SeededLane {
 
     /// Takes over what `old` remembers, as far as it means the same here.
     pub(super) fn inherit(&mut self, old: &Self) {
-        if self.model.conditioning == old.model.conditioning && self.nominal_s == old.nominal_s {
-            self.front = old.front.clone();
-            self.history = old.history;
-            self.period_s = old.period_s;
-            self.periods = old.periods;
+        if self.model.conditioning == old.model.conditioning
+            && self.rhythm.nominal_s() == old.rhythm.nominal_s()
+        {
+            *self = Self { model: self.model, ..old.clone() };
         }
     }
 
     pub(super) fn reset(&mut self) {
         self.front = Front::new(self.model.conditioning);
+        self.rhythm = Rhythm::new(self.rhythm.nominal_s());
+        self.start_anew();
+    }
+
+    /// Forgets the lags.
+    fn start_anew(&mut self) {
         self.history = History::default();
-        self.period_s = self.nominal_s;
-        self.periods = 0;
+        self.rows.clear();
+        (self.now_s, self.bridged_s) = (0.0, 0.0);
     }
 
     /// Makes only measured forces able to make the lane ready again.
     pub(super) fn forget_forces(&mut self) {
         self.history.forget_forces();
+        self.rows.forget_forces();
     }
 
     /// Puts the measured force of `age` samples before the newest into the history.
     #[inline]
     pub(super) fn seed(&mut self, age: usize, force_n: f64) {
         self.history.seed(age, force_n);
+        self.rows.seed(age, force_n);
     }
 
-    /// The predicted force in newtons, or `None` while the history does not carry one.
+    /// The predicted force in newtons, or `None` while the history does not carry one. `measured` is the measured force so many
+    /// seconds ago, where it is known.
     #[inline]
-    pub(super) fn step(&mut self, given: &Given, reasons: &mut Reasons) -> Option<f64> {
+    pub(super) fn step(
+        &mut self,
+        given: &Given,
+        measured: impl Fn(f64) -> Option<f64>,
+        reasons: &mut Reasons,
+    ) -> Option<f64> {
         match given.dt_s {
             None => self.reset(),
-            Some(dt_s) => {
-                self.periods = (self.periods + 1).min(Self::PERIODS);
-                self.period_s += (dt_s - self.period_s) / f64::from(self.periods);
-                if dt_s > Self::LOST_SAMPLE * self.nominal_s {
-                    self.history = History::default();
-                }
-            }
+            Some(dt_s) => self.pass_time(dt_s),
         }
-        match self.front.step(given, reasons) {
-            Some(inputs) => {
-                if outside(&self.model, &inputs) {
-                    *reasons |= Reasons::OUTSIDE_ENVELOPE;
-                }
-                self.history.push_inputs(&inputs);
-            }
-            None => self.history.push_unknown_inputs(),
-        }
-        let at_rate = (self.period_s / self.nominal_s - 1.0).abs() <= Self::PERIOD_TOLERANCE;
+        let row = self.take_inputs(given, reasons);
+        let at_rate = self.rhythm.is_at_rate();
         if !at_rate {
             *reasons |= Reasons::RATE_MISMATCH;
         }
+        if self.bridged_s > 0.0 {
+            *reasons |= Reasons::SETTLING;
+        }
+        let is_even = self.rhythm.is_even();
+        if at_rate && !is_even {
+            self.bridge(&row, measured);
+        }
+        self.rows.push(row);
+        let history = if is_even { self.history } else { self.lags(self.now_s) };
         let predicted =
-            self.model.force.predict_n(&self.history).filter(|force_n| at_rate && is_a_force(*force_n));
+            self.model.force.predict_n(&history).filter(|force_n| at_rate && is_a_force(*force_n));
         if predicted.is_some_and(|force_n| Envelope::leaves(self.model.envelope.force_n, force_n)) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
         self.history.push_force(predicted.unwrap_or(f64::NAN));
+        self.rows.set_newest_force(predicted.unwrap_or(f64::NAN));
         predicted
+    }
+
+    /// Notes that a sample comes `dt_s` after the one before.
+    #[inline]
+    fn pass_time(&mut self, dt_s: f64) {
+        self.rhythm.see(dt_s);
+        let nominal_s = self.rhythm.nominal_s();
+        let [least, most] = Self::BRIDGED.map(|periods| periods * nominal_s);
+        if dt_s > Self::BRIDGED_S.clamp(least, most) {
+            self.start_anew();
+            return;
+        }
+        self.now_s += dt_s;
+        self.bridged_s -= dt_s;
+        if dt_s > Self::FEW_BRIDGED * nominal_s {
+            self.bridged_s = DEPTH as f64 * nominal_s;
+        }
+    }
+
+    /// Conditions what is given into the history; the row of it has no force yet.
+    #[inline]
+    fn take_inputs(&mut self, given: &Given, reasons: &mut Reasons) -> Row {
+        let inputs = self.front.step(given, reasons);
+        match &inputs {
+            Some(inputs) => {
+                if outside(&self.model, inputs) {
+                    *reasons |= Reasons::OUTSIDE_ENVELOPE;
+                }
+                self.history.push_inputs(inputs);
+            }
+            None => self.history.push_unknown_inputs(),
+        }
+        Row {
+            at_s: self.now_s,
+            displacement_m: inputs.map_or(f64::NAN, |inputs| inputs.displacement_m),
+            velocity_m_s: inputs.map_or(f64::NAN, |inputs| inputs.velocity_m_s),
+            drive: given.drive,
+            force_n: f64::NAN,
+            is_between: false,
+        }
+    }
+
+    /// Puts rows between the last sample and `row` where they are more than a period apart.
+    fn bridge(&mut self, row: &Row, measured: impl Fn(f64) -> Option<f64>) {
+        let period_s = self.rhythm.nominal_s();
+        while let Some(last) = self.rows.newest()
+            && row.at_s - last.at_s > (1.0 + SAME) * period_s
+        {
+            let at_s = last.at_s + period_s;
+            let Some(between) = self.rows.towards(row, at_s, period_s) else { return };
+            self.rows.push(between);
+            let predicted = || self.model.force.predict_n(&self.lags(at_s)).filter(|n| is_a_force(*n));
+            let force_n = measured(row.at_s - at_s).or_else(predicted);
+            self.rows.set_newest_force(force_n.unwrap_or(f64::NAN));
+        }
+    }
+
+    /// The lags at `at_s`, read from the rows.
+    fn lags(&self, at_s: f64) -> History {
+        self.rows.history(at_s, self.rhythm.nominal_s(), self.model.conditioning.velocity)
     }
 }
 

@@ -31,6 +31,8 @@ mod mode;
 mod observer;
 mod plan;
 mod plausible;
+mod resample;
+mod rhythm;
 mod settings;
 mod window;
 
@@ -257,6 +259,11 @@ impl Pipeline {
         self.pending |= Reasons::OVERLOAD;
     }
 
+    /// Notes that samples of two publishers of one input come mixed: the next estimate says so.
+    pub fn note_interleaved(&mut self) {
+        self.pending |= Reasons::INPUT_INTERLEAVED;
+    }
+
     /// Takes one sample and reports what follows from it, in order, through `emit`.
     pub fn step(&mut self, sample: &Sample, emit: &mut impl FnMut(Event)) {
         let wanted = self.free.model().force.drive();
@@ -311,7 +318,7 @@ impl Pipeline {
     pub fn tick(&mut self, now: Stamp, emit: &mut impl FnMut(Event)) {
         let (Some(received), Some(stamp)) = (self.last_received, self.last_displacement) else { return };
         let silence_s = now.since(received).get();
-        if let Some(commanded) = self.commanding.silent(stamp, silence_s, &self.settings) {
+        if let Some(commanded) = self.commanding.silent(now, stamp, silence_s, &self.settings) {
             emit(Event::Command(commanded));
         }
         if silence_s <= self.settings.input_timeout_s {

@@ -10,9 +10,21 @@
 //!
 //! The best mode that its conditions allow is taken; `arx_coast` only follows `arx`, and `hold` only follows a mode that had an
 //! estimate. `TABLE` says it all.
+//!
+//! The machine has hysteresis. The first return to `arx` is immediate. If `arx` is lost again within [`RELAPSE_S`], the machine
+//! returns only after the conditions of `arx` have held without a break for [`DWELL_S`] (from `model`) or
+//! [`COAST_DWELL_S`] (from `arx_coast`, where the seeded model still gives the estimate). So a load cell that comes and
+//! goes causes at most two changes a second between the models, and the step of a change has decayed before the next.
 
 use super::event::{Cause, Transition};
 use crate::sample::Stamp;
+
+/// Time in `arx` up to which its loss is a relapse, s.
+pub(super) const RELAPSE_S: f64 = 2.0;
+/// How long the conditions of `arx` must hold after a relapse before `model` gives way to it, s.
+const DWELL_S: f64 = 1.0;
+/// The same before `arx_coast` does, s: less than `coast_s`, so that force which is late now and then does not end in `model`.
+const COAST_DWELL_S: f64 = 0.1;
 
 /// Mode of a pipeline. The values are those of `ForceEstimate.msg`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,16 +69,31 @@ pub struct Conditions {
     pub model_ready: bool,
 }
 
+impl Conditions {
+    /// ARX can predict from fresh, plausible measured force.
+    const fn is_fed(&self) -> bool {
+        self.arx_ready && self.force_fresh && !self.force_odd
+    }
+}
+
+/// The machine's timers, as the table reads them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Lasted {
+    /// The mode has lasted for as long as it may.
+    over: bool,
+    /// After a relapse the conditions of `arx` have not yet held for long enough.
+    waits: bool,
+}
+
 /// A row of the machine's table.
 struct Row {
     from: &'static [Mode],
-    /// The conditions, and whether the mode has lasted for as long as it may.
-    when: fn(&Conditions, bool) -> bool,
+    when: fn(&Conditions, Lasted) -> bool,
     to: Mode,
     cause: Cause,
 }
 
-const fn row(from: &'static [Mode], when: fn(&Conditions, bool) -> bool, to: Mode, cause: Cause) -> Row {
+const fn row(from: &'static [Mode], when: fn(&Conditions, Lasted) -> bool, to: Mode, cause: Cause) -> Row {
     Row { from, when, to, cause }
 }
 
@@ -78,15 +105,15 @@ const ESTIMATING: &[Mode] = &[Mode::Arx, Mode::ArxCoast, Mode::Model];
 /// The machine: the first row that fits is taken. The last one always does.
 #[rustfmt::skip]
 const TABLE: [Row; 11] = [
-    row(ANY, |c, _| c.arx_ready && c.force_fresh && !c.force_odd, Mode::Arx, Cause::ForceFresh),
-    row(FED, |c, over| c.arx_ready && !c.force_odd && !over, Mode::ArxCoast, Cause::ForceLost),
+    row(ANY, |c, t| c.is_fed() && !t.waits, Mode::Arx, Cause::ForceFresh),
+    row(FED, |c, t| c.arx_ready && !c.force_odd && !t.over, Mode::ArxCoast, Cause::ForceLost),
     row(FED, |c, _| c.model_ready && c.force_odd, Mode::Model, Cause::ForceImplausible),
-    row(&[Mode::ArxCoast], |c, over| c.model_ready && over, Mode::Model, Cause::CoastEnded),
+    row(&[Mode::ArxCoast], |c, t| c.model_ready && t.over, Mode::Model, Cause::CoastEnded),
     row(FED, |c, _| c.model_ready && c.arx_ready, Mode::Model, Cause::ForceLost),
     row(FED, |c, _| c.model_ready, Mode::Model, Cause::ArxUnready),
     row(ANY, |c, _| c.model_ready, Mode::Model, Cause::ModelReady),
     row(ESTIMATING, |_, _| true, Mode::Hold, Cause::InputsMissing),
-    row(HOLD, |_, over| !over, Mode::Hold, Cause::InputsMissing),
+    row(HOLD, |_, t| !t.over, Mode::Hold, Cause::InputsMissing),
     row(HOLD, |_, _| true, Mode::Fault, Cause::HoldEnded),
     row(ANY, |_, _| true, Mode::Fault, Cause::InputsMissing),
 ];
@@ -96,12 +123,17 @@ const TABLE: [Row; 11] = [
 pub struct ModeMachine {
     mode: Mode,
     since: Option<Stamp>,
+    /// Since when the conditions of `arx` hold without a break.
+    fed_since: Option<Stamp>,
+    /// When `arx` was lost last, and whether that was a relapse.
+    lost: Option<Stamp>,
+    has_relapsed: bool,
 }
 
 impl Default for ModeMachine {
     /// Starts in `fault`: there is no estimate yet.
     fn default() -> Self {
-        Self { mode: Mode::Fault, since: None }
+        Self { mode: Mode::Fault, since: None, fed_since: None, lost: None, has_relapsed: false }
     }
 }
 
@@ -128,8 +160,31 @@ impl ModeMachine {
             // What is not entered takes no time.
             _ => coast_s <= 0.0,
         };
-        let row = TABLE.iter().find(|row| row.from.contains(&self.mode) && (row.when)(&c, over))?;
+        let lasted = Lasted { over, waits: self.waits(now, &c) };
+        let row = TABLE.iter().find(|row| row.from.contains(&self.mode) && (row.when)(&c, lasted))?;
         self.force_to(row.to, row.cause, now)
+    }
+
+    /// Notes whether the conditions of `arx` hold; true while a relapse keeps the machine from it and another mode has an estimate.
+    #[inline]
+    fn waits(&mut self, now: Stamp, c: &Conditions) -> bool {
+        self.fed_since = if c.is_fed() { self.fed_since.or(Some(now)) } else { None };
+        let dwell_s = match self.mode {
+            Mode::ArxCoast => COAST_DWELL_S,
+            Mode::Model if c.model_ready => DWELL_S,
+            _ => return false,
+        };
+        self.has_relapsed && self.fed_since.is_none_or(|since| now.since(since).get() < dwell_s)
+    }
+
+    /// Notes that `arx` is lost at `now`, or that the machine restarts.
+    fn note_loss(&mut self, to: Mode, now: Stamp) {
+        if to == Mode::Fault {
+            (self.fed_since, self.lost, self.has_relapsed) = (None, None, false);
+        } else if self.mode == Mode::Arx {
+            self.has_relapsed = self.lost.is_some_and(|lost| now.since(lost).get() <= RELAPSE_S);
+            self.lost = Some(now);
+        }
     }
 
     /// Takes the conditions at stamp `now` and returns the change of mode, if there is one. Where `only` one mode is allowed, it is that
@@ -160,6 +215,7 @@ impl ModeMachine {
         if to == self.mode {
             return None;
         }
+        self.note_loss(to, now);
         let from = std::mem::replace(&mut self.mode, to);
         self.since = Some(now);
         Some(Transition { stamp: now, from, to, cause })
@@ -181,8 +237,9 @@ mod tests {
                 let is = |bit: u32| bits & (8 >> bit) != 0;
                 let c =
                     Conditions { arx_ready: is(0), force_fresh: is(1), force_odd: is(2), model_ready: is(3) };
-                let told = [false, true].map(|over| {
-                    let row = TABLE.iter().find(|row| row.from.contains(from) && (row.when)(&c, over));
+                let told = [(false, false), (true, false), (false, true)].map(|(over, waits)| {
+                    let lasted = Lasted { over, waits };
+                    let row = TABLE.iter().find(|row| row.from.contains(from) && (row.when)(&c, lasted));
                     let row = row.expect("the last row always fits");
                     if row.to == *from {
                         "stays".to_owned()
@@ -193,8 +250,13 @@ mod tests {
                 let word = |there: bool, word: &'static str| if there { word } else { "-" };
                 let when =
                     [word(is(0), "arx"), word(is(1), "fresh"), word(is(2), "odd"), word(is(3), "model")];
-                let later =
-                    if told[0] == told[1] { String::new() } else { format!("; when over {}", told[1]) };
+                let mut later = String::new();
+                let may_wait = *from == Mode::ArxCoast || (*from == Mode::Model && is(3));
+                for (when, other, may_be) in [("over", &told[1], true), ("it waits", &told[2], may_wait)] {
+                    if may_be && *other != told[0] {
+                        write!(later, "; when {when} {other}").expect("a text");
+                    }
+                }
                 writeln!(
                     text,
                     "  {:<5} {:<5} {:<3} {:<5}  {}{later}",
@@ -231,5 +293,64 @@ mod tests {
             }
         }
         insta::assert_snapshot!(text);
+    }
+
+    /// A story: how the conditions go on, a millisecond a step, and for how long.
+    fn told(story: &[(Conditions, i64)]) -> String {
+        let (mut machine, mut ms, mut text) = (ModeMachine::default(), 0, String::new());
+        for (conditions, lasts_ms) in story {
+            for _ in 0..*lasts_ms {
+                let now = Stamp::from_nanos(ms * 1_000_000);
+                if let Some(t) = machine.update(None, now, *conditions, 0.2, 1.0) {
+                    let change = format!("{} -> {}", t.from.name(), t.to.name());
+                    writeln!(text, "{ms:5} ms  {change:<18} {}", t.cause.text()).expect("a text");
+                }
+                ms += 1;
+            }
+        }
+        text
+    }
+
+    const FED_WELL: Conditions =
+        Conditions { arx_ready: true, force_fresh: true, force_odd: false, model_ready: true };
+
+    #[test]
+    fn an_arx_that_is_lost_again_and_again_has_to_be_good_for_a_second() {
+        let unready = Conditions { arx_ready: false, ..FED_WELL };
+        let mut story = vec![(FED_WELL, 100)];
+        // Lost every 20 ms for half a second, good for 900 ms, lost once more, and good for long.
+        story.extend([(unready, 1), (FED_WELL, 19)].repeat(25));
+        story.extend([(FED_WELL, 881), (unready, 1), (FED_WELL, 4000)]);
+        // Long after, it is lost once.
+        story.extend([(unready, 5), (FED_WELL, 100)]);
+        insta::assert_snapshot!(told(&story));
+    }
+
+    #[test]
+    fn force_that_is_late_again_and_again_coasts() {
+        let late = Conditions { force_fresh: false, ..FED_WELL };
+        let mut story = vec![(FED_WELL, 100)];
+        // A burst of losses, good for a while, and another.
+        story.extend([(late, 10), (FED_WELL, 490)].repeat(3));
+        // A load cell that is slower than force_timeout_s.
+        story.extend([(late, 10), (FED_WELL, 50)].repeat(20));
+        story.push((FED_WELL, 1500));
+        insta::assert_snapshot!(told(&story));
+    }
+
+    #[test]
+    fn no_conditions_make_the_mode_flap() {
+        let mut random = 1_u64;
+        let mut next = || {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            random >> 33
+        };
+        let (mut machine, mut changes) = (ModeMachine::default(), 0);
+        for ms in 0..10_000 {
+            let conditions = Conditions { arx_ready: !next().is_multiple_of(3), ..FED_WELL };
+            let now = Stamp::from_nanos(ms * 1_000_000);
+            changes += usize::from(machine.update(None, now, conditions, 0.2, 1.0).is_some());
+        }
+        assert!(changes <= 6, "{changes} changes of mode in 10 s");
     }
 }

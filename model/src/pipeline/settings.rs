@@ -31,6 +31,8 @@ pub struct Settings {
     pub coast_s: f64,
     /// Age beyond which displacement and drive count as stale, s.
     pub input_timeout_s: f64,
+    /// How much later than their arrival stamps may be before estimates say so, s.
+    pub stamp_ahead_s: f64,
     /// How long the last estimate is held when a model cannot run, s.
     pub hold_s: f64,
     /// Time constant with which the step at a change of mode decays, s.
@@ -67,6 +69,7 @@ impl Default for Settings {
             force_timeout_s: 0.05,
             coast_s: 0.2,
             input_timeout_s: 0.5,
+            stamp_ahead_s: Self::STAMP_AHEAD_S,
             hold_s: 1.0,
             bumpless_tau_s: 0.05,
             gap_s: 0.1,
@@ -87,6 +90,10 @@ impl Default for Settings {
 impl Settings {
     /// Spacing of the reports while displacement is silent, s.
     pub const STALE_REPORT_S: f64 = 0.1;
+    /// How much later than its arrival a stamp is at most, s: clocks that NTP keeps differ by less.
+    pub const STAMP_AHEAD_S: f64 = 0.03;
+    /// The same under simulated time, s: arrivals are stamped with the last `/clock`, which comes ten times a second or more.
+    pub const SIMULATED_STAMP_AHEAD_S: f64 = 0.15;
 
     /// Checks that every number lies in its range.
     ///
@@ -105,6 +112,7 @@ impl Settings {
         for (name, value) in [
             ("force_timeout_s", self.force_timeout_s),
             ("input_timeout_s", self.input_timeout_s),
+            ("stamp_ahead_s", self.stamp_ahead_s),
             ("gap_s", self.gap_s),
             ("request_timeout_s", self.request_timeout_s),
             ("residual.window_s", self.residual_window_s),

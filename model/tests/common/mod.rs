@@ -162,6 +162,12 @@ impl Bench {
         self.feed(&Sample { stamp, received: stamp, reading });
     }
 
+    /// Feeds a reading that arrives at sample `k` with a stamp so many nanoseconds later.
+    pub(crate) fn feed_ahead(&mut self, k: i64, ahead_ns: i64, reading: Reading) {
+        let received = Stamp::from_nanos(self.epoch_ns + k * self.period_ns);
+        self.feed(&Sample { stamp: received.shifted(ahead_ns), received, reading });
+    }
+
     fn feed(&mut self, sample: &Sample) {
         let events = &mut self.events;
         self.pipeline.step(sample, &mut |event| events.push(event));

@@ -29,6 +29,11 @@ STANDARD = [
     'diagnostic_msgs/msg/DiagnosticArray',
     'diagnostic_msgs/msg/DiagnosticStatus',
     'diagnostic_msgs/msg/KeyValue',
+    'geometry_msgs/msg/Twist',
+    'geometry_msgs/msg/TwistStamped',
+    'geometry_msgs/msg/Vector3',
+    'geometry_msgs/msg/Wrench',
+    'geometry_msgs/msg/WrenchStamped',
     'lifecycle_msgs/msg/State',
     'lifecycle_msgs/msg/Transition',
     'lifecycle_msgs/msg/TransitionDescription',
@@ -44,7 +49,9 @@ STANDARD = [
     'rcl_interfaces/msg/SetParametersResult',
     'rosgraph_msgs/msg/Clock',
     'sensor_msgs/msg/JointState',
+    'sensor_msgs/msg/Range',
     'sensor_msgs/msg/Temperature',
+    'std_msgs/msg/Float32',
     'std_msgs/msg/Float64',
     'std_msgs/msg/Header',
     'type_description_interfaces/msg/Field',
@@ -192,6 +199,10 @@ def joints(name=('rod',), position=(0.0125,), velocity=(-0.5,), effort=(812.0,))
             'velocity': list(velocity), 'effort': list(effort)}
 
 
+def vector(x=0.0, y=0.0, z=0.0):
+    return {'x': x, 'y': y, 'z': z}
+
+
 def state(number=3, label='active'):
     return {'id': number, 'label': label}
 
@@ -232,8 +243,16 @@ CASES = {
     },
     'std_msgs/msg/Header': {f'frame_{len(f.encode())}': header(f) for f in FRAMES},
     'std_msgs/msg/Float64': {'pi': {'data': math.pi}, 'nan': {'data': NAN}, 'minus_zero': {'data': -0.0}},
+    'std_msgs/msg/Float32': {'quarter': {'data': 0.25}, 'nan': {'data': NAN}, 'minus_zero': {'data': -0.0}},
+    'geometry_msgs/msg/Vector3': {'all': vector(1.0, -2.5, 9.81), 'nan': vector(z=NAN)},
+    'geometry_msgs/msg/Wrench': {'both': {'force': vector(1.0, 2.0, -750.0), 'torque': vector(0.5)}},
+    'geometry_msgs/msg/WrenchStamped': frames(wrench={'force': vector(z=-750.0), 'torque': vector()}),
+    'geometry_msgs/msg/Twist': {'both': {'linear': vector(z=-0.25), 'angular': vector(0.5)}},
+    'geometry_msgs/msg/TwistStamped': frames(twist={'linear': vector(z=-0.25), 'angular': vector()}),
     'rosgraph_msgs/msg/Clock': {'now': {'clock': time()}},
     'sensor_msgs/msg/Temperature': frames(temperature=41.5, variance=0.25),
+    'sensor_msgs/msg/Range': frames(radiation_type=1, field_of_view=0.5, min_range=0.0625, max_range=4.0,
+                                    range=0.375, variance=0.0),
     'sensor_msgs/msg/JointState': {
         'empty': joints((), (), (), ()), 'one': joints(), 'no_velocity': joints(velocity=()),
         'three': joints(('a', 'bcd', 'efghi'), (1.0, 2.0, 3.0), (), (4.0, 5.0, 6.0)),

@@ -7,6 +7,7 @@ use crate::closing::{Origin, drive, model_file, rows, training_runs};
 use crate::command::close::in_words;
 use crate::control::Control;
 use crate::error::NodeError;
+use crate::far::{self, Shorten};
 use crate::parameters::Parameters;
 use crate::report::close as report;
 use crate::report::close::json::{self, SCHEMA};
@@ -79,6 +80,8 @@ impl Work for CloseLoopWork {
     fn feedback(Step { stage, progress }: Step) -> CloseLoopFeedback {
         CloseLoopFeedback { stage, progress }
     }
+
+    const SHORTEN: Option<Shorten<CloseLoopResult>> = Some(far::short_report);
 
     fn result(worked: Result<String, &NodeError>) -> CloseLoopResult {
         let success = worked.is_ok();

@@ -24,6 +24,7 @@ mod working;
 use crate::config::RosArgs;
 use crate::control::Control;
 use crate::error::NodeError;
+use crate::far::{Far, Shorten};
 use crate::overseer::SharedHistory;
 use crate::parameters::Parameters;
 use crate::ros::{ActionServerOf, ExecutingOf, NewGoalOf, Part, Ros, Task};
@@ -71,6 +72,9 @@ trait Work: Send + Sync + 'static {
 
     /// The result.
     fn result(worked: Result<Self::Done, &NodeError>) -> <Self::Action as Action>::Result;
+
+    /// What makes a result fit that is too long over a network address.
+    const SHORTEN: Option<Shorten<<Self::Action as Action>::Result>> = None;
 }
 
 /// What all work is done on.
@@ -182,12 +186,16 @@ struct Answer<'a, W: Work> {
 /// Where goals come in and results go out.
 struct Desk<W: Work> {
     server: ActionServerOf<W::Action>,
+    /// The action's full name.
+    name: String,
+    far: Far,
     work: W,
 }
 
 impl<W: Work> Desk<W> {
     fn offer(ros: &mut Ros, args: &RosArgs, work: W) -> Result<Self, NodeError> {
-        Ok(Self { server: ros.serve_action::<W::Action>(&args.service(W::NAME))?, work })
+        let name = args.service(W::NAME);
+        Ok(Self { server: ros.serve_action::<W::Action>(&name)?, name, far: ros.domain().far(), work })
     }
 
     async fn run(self, mut stopped: impl FusedFuture + Unpin + Send) {
@@ -296,6 +304,8 @@ impl<W: Work> Desk<W> {
             Ok(done) => W::result(Ok(done)),
             Err(error) => W::result(Err(&error)),
         };
+        let asked = format!("{}/_action/get_result", self.name);
+        let result = self.far.fit_all(&asked, result, W::SHORTEN);
         let sending = self.server.send_result_response(goal.clone(), status, Part(result));
         let sending = Box::pin(async move {
             if let Err(error) = sending.await {

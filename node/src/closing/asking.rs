@@ -75,12 +75,7 @@ struct Asking<'a> {
 impl Asking<'_> {
     /// Waits until a node offers the action.
     fn find(&self, config: &Config) -> Result<(), NodeError> {
-        let there = || {
-            self.ros.reaches(self.client.goal_client())
-                && self.ros.reaches(self.client.cancel_client())
-                && self.ros.reaches(self.client.result_client())
-        };
-        match self.poll(FIND, || Ok(there().then_some(())))? {
+        match self.poll(FIND, || Ok(self.ros.reaches(self.client).then_some(())))? {
             Some(_) => Ok(()),
             None => Err(NodeError::Failed(format!(
                 "no node answers {} in {} within {} s. Is `mr-damper node` running there? Its domain is given by \
@@ -158,7 +153,7 @@ impl Asking<'_> {
                 return Err(NodeError::Interrupted);
             }
             if seen_alive.elapsed() > ALIVE_EVERY {
-                if !self.ros.reaches(self.client.goal_client()) {
+                if !self.ros.reaches(self.client) {
                     return Ok(None);
                 }
                 seen_alive = Instant::now();

@@ -5,6 +5,7 @@ use crate::command::bag_args::BagArgs;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::run::{self, Part, SaveOptions};
+use crate::shown;
 use std::path::PathBuf;
 
 /// Convert a run between CSV and rosbag2 (MCAP, sqlite3), without loss.
@@ -44,7 +45,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     args.bag.check(&args.output)?;
     let part = Part { start_s: args.start, duration_s: args.duration };
     let save = SaveOptions { namespace: args.namespace.clone(), part, bag: args.bag.options() };
-    let loaded = run::convert(&args.input, &args.output, &args.load.options(), &save)?;
+    let loaded = run::convert(&args.input, &args.output, &args.load.options()?, &save)?;
     for note in &loaded.notes {
         tracing::warn!(run = %args.input.display(), "{note}");
     }
@@ -52,7 +53,9 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         let (run, output) = (&loaded.run, args.output.display());
         let (count, length_s) = (run.displacement_m.len(), run.duration().get());
         let what = if part == Part::default() { "written to" } else { "a part of it written to" };
-        eprintln!("{}: {count} displacements, {length_s:.1} s, {what} {output}", args.input.display());
+        let input = args.input.display();
+        let text = format!("{input}: {count} displacements, {length_s:.1} s, {what} {output}");
+        eprintln!("{}", shown::line(&text));
     }
     Ok(())
 }

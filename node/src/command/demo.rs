@@ -21,6 +21,7 @@ use crate::report::demo::{self as report, WITHOUT_FORCE};
 use crate::report::{Agreement, Figure, Outcome, Recording, summary};
 use crate::run::write_text;
 use crate::service;
+use crate::shown;
 use crate::wire::ModelNames;
 use mr_damper_model::condition::ApplyTo;
 use mr_damper_model::evaluate::{Evaluation, evaluate};
@@ -106,16 +107,16 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 /// Runs the demo and returns what it came to.
 fn tell(args: &Args, around: &Surroundings) -> Result<Outcome, NodeError> {
     let act = Act::prepare(args, around)?;
-    println!("{}", act.introduction()?);
+    println!("{}", shown::lines(&act.introduction()?));
     let fresh = Fresh::begin(args)?;
     let live = Live::start(&act.config, args, around)?;
     let shown = act.perform(&live, fresh, args, around);
     let ended = live.stop();
     let outcome = act.outcome(shown?, args)?;
     ended?;
-    println!("\n{}", summary::text(&outcome));
+    println!("\n{}", shown::lines(&summary::text(&outcome)));
     let path = write_report(&act.dir, &act.played, &outcome)?;
-    println!("report: {}", path.display());
+    println!("report: {}", shown::line(&path.display().to_string()));
     match outcome.agreement {
         Some(agreement @ Agreement::Differs(_)) => Err(NodeError::Failed(format!(
             "{}; please report it with seed {} and {} s",
@@ -226,7 +227,8 @@ impl Act {
         };
         let name = model.display().to_string();
         let alarms = live.load_model(&name)?;
-        println!("  {name} is swapped into the running service; the damper moves on\n");
+        let shown_name = shown::line(&name);
+        println!("  {shown_name} is swapped into the running service; the damper moves on\n");
         let shown = live.play(&fresh.after, self.headline(&fresh.after, &name)?)?;
         let with = Models { free: models::load(&name)?, ..self.models };
         closed.swap = Some(Swap {

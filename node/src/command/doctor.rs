@@ -4,6 +4,7 @@ use crate::command::{Surroundings, output};
 use crate::config::{self, ParameterFlags};
 use crate::doctor::{Finding, Level, examine};
 use crate::error::NodeError;
+use crate::shown;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -42,7 +43,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let mut findings = Vec::new();
     examine(&dampers, &around.interrupt, |finding| {
         if aloud {
-            println!("{}", finding.text());
+            println!("{}", shown::lines(&finding.text()));
         }
         findings.push(finding);
     });

@@ -6,6 +6,7 @@ use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::models;
 use crate::run::write_text;
+use crate::shown;
 use mr_damper_model::evaluate::{Coverage, evaluate};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::model::Model;
@@ -85,7 +86,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let report = Report { schema: "mr-damper/evaluate/1", model: &args.model, runs: reports };
     match &args.json {
         Some(path) => output::json(path, &report)?,
-        None => print!("{}", table(&report)),
+        None => print!("{}", shown::lines(&table(&report))),
     }
     if let Some(out) = &args.calibrate {
         file.model.expected.uncertainty = Some(calibrator.finish()?);
@@ -116,7 +117,7 @@ pub fn figures(name: String, model: Model, run: &Run) -> Result<RunReport, NodeE
 fn table(report: &Report<'_>) -> String {
     let mut text = format!("{}\n", report.model);
     for run in &report.runs {
-        text += &format!("\n{}\n", run.run);
+        text += &format!("\n{}\n", shown::line(&run.run));
         let mut row = |name: &str, fit: &Option<Fit>| {
             text += &match fit {
                 Some(fit) => format!(

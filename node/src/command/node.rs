@@ -4,9 +4,11 @@ use crate::command::Surroundings;
 use crate::config::{self, ParameterFlags};
 use crate::error::NodeError;
 use crate::fleet::Fleet;
+use crate::hardened;
 use crate::memory;
 use crate::ros::DEAF;
 use crate::service::{self, DDS_THREAD};
+use crate::shown;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -41,6 +43,7 @@ pub struct Args {
 /// When it does not start, one of its threads or of the middlewares' panicked, or it has outgrown its memory.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let dampers = config::dampers(args.config.as_deref(), &around.ros_args, &args.parameters.given)?;
+    tracing::info!("{}", hardened::summary());
     let fleet = Fleet::start(&dampers)?;
     for ((_, service), damper) in fleet.services().zip(&dampers) {
         let names = service.names();
@@ -75,11 +78,13 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         tracing::info!(
             damper,
             samples = counters.hot.samples.load(Ordering::Relaxed),
-            refused = counters.ros_sink.refused.load(Ordering::Relaxed),
-            lost = counters.hot.overflow.load(Ordering::Relaxed),
+            refused = counters.hot.refused.load(Ordering::Relaxed),
             incomplete = counters.source.incomplete.load(Ordering::Relaxed),
             estimates = counters.ros_sink.estimates.load(Ordering::Relaxed),
             residuals = counters.ros_sink.residuals.load(Ordering::Relaxed),
+            commands = counters.ros_sink.commands.load(Ordering::Relaxed),
+            lost = counters.lost(),
+            losses = counters.losses_in_words(),
             "the node has ended"
         );
     }
@@ -99,7 +104,8 @@ fn died(thread: &str, damper: &str) -> String {
 fn end_at_last(words: String) -> Result<(), NodeError> {
     let ending = std::thread::Builder::new().name("ending".to_owned()).spawn(move || {
         std::thread::sleep(LAST_WORDS);
-        eprintln!("error: {words} (its other threads did not end within {} s)", LAST_WORDS.as_secs());
+        let words = format!("{words} (its other threads did not end within {} s)", LAST_WORDS.as_secs());
+        eprintln!("{}", shown::error(&words));
         std::process::exit(1);
     });
     ending.map(drop).map_err(NodeError::io("starting the thread that ends the node"))

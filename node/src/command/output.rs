@@ -2,6 +2,7 @@
 
 use crate::error::NodeError;
 use crate::run::write_text;
+use crate::shown;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -39,7 +40,7 @@ impl OutputArgs {
             json(path, value)?;
         }
         if self.json.as_deref() != Some(Path::new("-")) {
-            print!("{}", text());
+            print!("{}", shown::lines(&text()));
         }
         Ok(())
     }

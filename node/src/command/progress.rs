@@ -1,5 +1,6 @@
 //! Progress of a long computation on the terminal.
 
+use crate::shown;
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::identify::Progress;
 use std::time::Duration;
@@ -17,7 +18,7 @@ impl Working {
     pub(super) fn stage(&self, what: &str) {
         let style = ProgressStyle::with_template("{spinner} {prefix}, {elapsed}");
         self.0.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
-        self.0.set_prefix(what.to_owned());
+        self.0.set_prefix(shown::line(what).into_owned());
         self.0.enable_steady_tick(Duration::from_millis(100));
         if self.0.is_hidden() {
             tracing::info!("{what}");

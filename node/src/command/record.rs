@@ -3,12 +3,17 @@
 use crate::clock::system_now;
 use crate::command::Surroundings;
 use crate::command::bag_args::BagArgs;
-use crate::config::Config;
+use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
-use crate::ros::Ros;
+use crate::files;
+use crate::ros::{self, Ros};
 use crate::run::{BagOptions, BagWriter};
+use crate::service;
+use crate::shown;
+use crate::watch::{MOST_DAMPERS, found};
 use indicatif::{ProgressBar, ProgressStyle};
-use mr_damper_msgs::standard::Temperature;
+use mr_damper_msgs::rcl::Log;
+use mr_damper_msgs::standard::{DiagnosticArray, Temperature};
 use mr_damper_msgs::{
     CoilCurrent, CommandVoltage, CurrentCommand, Displacement, Force, ForceEstimate, ForceResidual, Message,
     ModeChange, Velocity,
@@ -20,7 +25,13 @@ use std::time::{Duration, Instant};
 /// Name of the node, unless it is given another.
 pub const NODE: &str = "mr_damper_record";
 
-/// Record everything in and out of a damper's node into a rosbag2 directory.
+/// Record everything in and out of dampers' nodes into a rosbag2 directory, with /diagnostics and /rosout.
+///
+/// Dampers are found as they come: whoever publishes force_estimate in this namespace (--ros-args -r __ns:=/vehicle) or below it, as
+/// for `top`. When no message of a damper came, that is said, and the exit code is 1.
+///
+/// Topics of other names are recorded with --ros-args -r displacement:=/fl/susp/pos, and the bag notes what they stand for: it is
+/// read back as it is.
 ///
 /// A process that is killed loses at most the last chunk, whose age --chunk-age bounds; the bag reads without repair.
 /// Ctrl-C ends properly.
@@ -39,44 +50,66 @@ pub struct Args {
     #[command(flatten)]
     pub bag: BagArgs,
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
-    #[arg(long, value_name = "ID", default_value_t = -1)]
+    #[arg(long, value_name = "ID", default_value_t = -1, value_parser = ros::domain_flag)]
     pub domain_id: i64,
 }
 
+/// The topics of a damper that are recorded, as its node calls them.
+const TOPICS: [&str; 12] = [
+    "displacement",
+    "coil_current",
+    "command_voltage",
+    "velocity",
+    "measured_force",
+    "force_request",
+    "body_velocity",
+    "case_temperature",
+    "force_estimate",
+    "force_residual",
+    "current_command",
+    "mode",
+];
+/// Those that all nodes share.
+const SHARED: [&str; 2] = ["/diagnostics", "/rosout"];
+
+/// How often the recorder looks for dampers.
+const FIND_EVERY: Duration = Duration::from_millis(200);
 /// How often the recorder looks for messages. They bear the time of their arrival, not of the look.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
 /// Records until a signal comes or the time is over.
 ///
 /// # Errors
-/// When ROS does not start, the directory exists, or the disk refuses (what was written until then is readable).
+/// When ROS does not start, the directory exists, no message of a damper came, or the disk refuses (what was written until then is
+/// readable).
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let config = Config { domain_id: args.domain_id, ..Config::default() };
     let ros_args = &around.ros_args;
+    ros_args.refuse_stray_rules(NODE, &[&TOPICS[..], &SHARED].concat(), &[])?;
     let name = ros_args.node.as_deref().unwrap_or(NODE);
     let age = Duration::from_secs_f64(args.chunk_age.clamp(0.01, 3600.0));
+    let reach = service::reach(&config)?;
     let mut bag = BagWriter::create(&args.out, BagOptions { chunk_max_age: age, ..args.bag.options() })?;
-    let mut ros = Ros::start(&config, ros_args, NodeOptions::new().enable_rosout(false), name)?;
-    let taps = taps(&mut ros, &|topic| ros_args.topic(topic))?;
+    files::allow(4);
+    let ros = Ros::start(&config, ros_args, NodeOptions::new().enable_rosout(false), name)?;
+    let mut taps = Taps::start(ros, ros_args, &mut bag)?;
     let deadline = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e9)));
     let bar = progress(around.quiet);
     let mut recorded = Recorded::default();
     let outcome = loop {
         // Looked at before draining, so that what had come by then is still written.
         let last_round = around.interrupt.is_raised() || deadline.is_some_and(|at| Instant::now() >= at);
-        let drained = taps.iter().try_for_each(|tap| tap.drain(&mut bag, &mut recorded));
-        if let Err(error) = drained.and_then(|()| Ok(bag.flush_if_due()?)).and_then(|()| ros.check()) {
+        if let Err(error) = taps.look(&mut bag).and_then(|()| taps.drain(&mut bag, &mut recorded)) {
             break Err(error);
         }
         if last_round {
             break Ok(());
         }
-        bar.set_message(format!("{} messages from {} topics", recorded.messages, recorded.topics(&taps)));
+        bar.set_message(format!("{} messages from {} topics", recorded.messages, taps.spoken()));
         std::thread::sleep(LOOK_EVERY);
     };
     bar.finish_and_clear();
-    drop(taps);
-    ros.stop();
+    taps.stop();
     // What came before a DDS library that went deaf is a whole bag; a disk that refuses lets nobody finish one.
     let summary = match outcome {
         Err(error @ NodeError::Run(_)) => return Err(error),
@@ -90,7 +123,15 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     }
     if !around.quiet {
         let (path, files) = (summary.path.display(), summary.files);
-        eprintln!("{path}: {} messages, {files} files, {} bytes", recorded.messages, summary.bytes);
+        let text = format!("{path}: {} messages, {files} files, {} bytes", recorded.messages, summary.bytes);
+        eprintln!("{}", shown::line(&text));
+    }
+    if recorded.of_dampers == 0 {
+        return Err(NodeError::Failed(format!(
+            "no message of a damper came in namespace {} or below it ({reach}), so the bag holds none. Is `mr-damper node` or a sensor \
+             running there? The domain is given by ROS_DOMAIN_ID or --domain-id, the namespace by --ros-args -r __ns:=/vehicle",
+            ros_args.namespace()
+        )));
     }
     Ok(())
 }
@@ -99,13 +140,9 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 #[derive(Debug, Default)]
 struct Recorded {
     messages: u64,
+    /// Of these, how many were on topics of dampers, not on /diagnostics or /rosout.
+    of_dampers: u64,
     unreadable: u64,
-}
-
-impl Recorded {
-    fn topics(&self, taps: &[Box<dyn Tap>]) -> usize {
-        taps.iter().filter(|tap| tap.has_spoken()).count()
-    }
 }
 
 fn progress(quiet: bool) -> ProgressBar {
@@ -114,6 +151,96 @@ fn progress(quiet: bool) -> ProgressBar {
     }
     let style = ProgressStyle::with_template("recording {elapsed}: {msg} (Ctrl-C ends)");
     ProgressBar::new_spinner().with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
+}
+
+/// The recorder's node, and its subscriptions.
+struct Taps {
+    ros: Ros,
+    args: RosArgs,
+    /// /diagnostics and /rosout, which all nodes share.
+    shared: Vec<Box<dyn Tap>>,
+    /// The topics of each damper, by its namespace without a slash behind it.
+    dampers: Vec<(String, Vec<Box<dyn Tap>>)>,
+    looked: Option<Instant>,
+    /// There were more dampers than are recorded, and that was said.
+    is_full: bool,
+}
+
+impl Taps {
+    /// Subscribes to what all nodes share, and to the topics of a damper in the node's own namespace, whether there is one or not.
+    fn start(mut ros: Ros, args: &RosArgs, bag: &mut BagWriter) -> Result<Self, NodeError> {
+        let shared = vec![
+            tap::<DiagnosticArray>(&mut ros, args.topic(SHARED[0]))?,
+            tap::<Log>(&mut ros, args.topic(SHARED[1]))?,
+        ];
+        let mut taps =
+            Self { ros, args: args.clone(), shared, dampers: Vec::new(), looked: None, is_full: false };
+        taps.add(args.namespace().trim_end_matches('/').to_owned(), bag)?;
+        Ok(taps)
+    }
+
+    /// Subscribes to the topics of dampers that have come, now and then.
+    fn look(&mut self, bag: &mut BagWriter) -> Result<(), NodeError> {
+        if self.looked.is_some_and(|looked| looked.elapsed() < FIND_EVERY) {
+            return Ok(());
+        }
+        self.looked = Some(Instant::now());
+        for namespace in found::namespaces(self.ros.published(), &self.args.namespace()) {
+            if self.dampers.iter().all(|(known, _)| *known != namespace) {
+                self.add(namespace, bag)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, namespace: String, bag: &mut BagWriter) -> Result<(), NodeError> {
+        // That in the node's own namespace may not be there.
+        if self.dampers.len() > MOST_DAMPERS {
+            if !self.is_full {
+                tracing::warn!(
+                    namespace,
+                    "more than {MOST_DAMPERS} dampers: not all are recorded; record fewer with --ros-args -r __ns:=/namespace"
+                );
+                self.is_full = true;
+            }
+            return Ok(());
+        }
+        let args = self.args.below(&namespace);
+        for topic in TOPICS {
+            // A run is read back by the names that topics have without renaming.
+            bag.note_renamed(&args.topic(topic), &args.unrenamed(topic));
+        }
+        let taps = taps(&mut self.ros, &|topic| args.topic(topic))?;
+        tracing::info!(namespace = args.namespace(), "recording the topics of a damper");
+        self.dampers.push((namespace, taps));
+        Ok(())
+    }
+
+    /// Writes all messages that have come.
+    fn drain(&self, bag: &mut BagWriter, recorded: &mut Recorded) -> Result<(), NodeError> {
+        let before = recorded.messages;
+        self.of_dampers().try_for_each(|tap| tap.drain(bag, recorded))?;
+        recorded.of_dampers += recorded.messages - before;
+        self.shared.iter().try_for_each(|tap| tap.drain(bag, recorded))?;
+        bag.flush_if_due()?;
+        self.ros.check()
+    }
+
+    fn of_dampers(&self) -> impl Iterator<Item = &Box<dyn Tap>> {
+        self.dampers.iter().flat_map(|(_, taps)| taps)
+    }
+
+    /// How many topics have had a message.
+    fn spoken(&self) -> usize {
+        self.of_dampers().chain(&self.shared).filter(|tap| tap.has_spoken()).count()
+    }
+
+    /// Leaves the domain.
+    fn stop(self) {
+        let Self { ros, shared, dampers, .. } = self;
+        drop((shared, dampers));
+        ros.stop();
+    }
 }
 
 /// A subscribed topic, whatever its type.
@@ -156,12 +283,14 @@ impl<M: Message> Tap for TypedTap<M> {
     }
 }
 
+/// A tap on a topic by its full name.
+fn tap<M: Message>(ros: &mut Ros, topic: String) -> Result<Box<dyn Tap>, NodeError> {
+    let subscription = ros.subscribe::<M>(&topic)?;
+    Ok(Box::new(TypedTap { topic, subscription, spoken: std::cell::Cell::new(false) }))
+}
+
 /// Taps on everything that goes in and out of a node.
 fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap>>, NodeError> {
-    fn tap<M: Message>(ros: &mut Ros, topic: String) -> Result<Box<dyn Tap>, NodeError> {
-        let subscription = ros.subscribe::<M>(&topic)?;
-        Ok(Box::new(TypedTap { topic, subscription, spoken: std::cell::Cell::new(false) }))
-    }
     Ok(vec![
         tap::<Displacement>(ros, topic("displacement"))?,
         tap::<CoilCurrent>(ros, topic("coil_current"))?,

@@ -4,7 +4,9 @@ use crate::command::Surroundings;
 use crate::command::run_args::RunArgs;
 use crate::config::Config;
 use crate::error::NodeError;
-use crate::player::{Keys, Plan, Played, Player, Rate};
+use crate::player::{Keys, NODE, Plan, Played, Player, Rate};
+use crate::ros;
+use crate::shown;
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::sample::Run;
 use std::path::PathBuf;
@@ -54,7 +56,7 @@ pub struct Args {
     #[command(flatten)]
     pub load: RunArgs,
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
-    #[arg(long, value_name = "ID", default_value_t = -1)]
+    #[arg(long, value_name = "ID", default_value_t = -1, value_parser = ros::domain_flag)]
     pub domain_id: i64,
 }
 
@@ -84,12 +86,13 @@ impl FromStr for ClockRate {
 /// # Errors
 /// When a run does not load or ROS does not start.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+    let config = Config { domain_id: args.domain_id, ..Config::default() };
+    around.ros_args.refuse_stray_rules(NODE, &Player::TOPICS, &Player::SERVICES)?;
+    let ros_args = around.ros_args.with_topics_renamed(&args.remap, &Player::TOPICS)?;
     let mut runs = Vec::with_capacity(args.runs.len());
     for path in &args.runs {
         runs.push(args.load.load(path)?.run);
     }
-    let config = Config { domain_id: args.domain_id, ..Config::default() };
-    let ros_args = around.ros_args.with_topics_renamed(&args.remap, &Player::TOPICS)?;
     let mut player = Player::start(&config, &ros_args, args.clock.is_some())?;
     player.offer_services(&ros_args)?;
     if args.start_paused {
@@ -148,5 +151,5 @@ fn progress(run: &Run, plan: &Plan, quiet: bool) -> ProgressBar {
     ProgressBar::new((length_s * 1e3) as u64)
         .with_style(style)
         .with_prefix(format!("{length_s:.0} s"))
-        .with_message(run.name.clone())
+        .with_message(shown::line(&run.name).into_owned())
 }

@@ -1,12 +1,14 @@
 //! Arguments on how runs are read, shared by the commands that read some.
 
 use crate::error::NodeError;
-use crate::run::{self, LoadOptions, Loaded};
+use crate::run::{self, LoadOptions, Loaded, Map, Mapping};
 use clap::ValueEnum;
 use mr_damper_model::sample::DriveKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How runs are read.
+// The help shows brackets as they are typed.
+#[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Reading runs")]
 pub struct RunArgs {
@@ -23,9 +25,32 @@ pub struct RunArgs {
     /// Namespace to read when a bag holds several dampers, e.g. /front_left.
     #[arg(long, value_name = "NS")]
     pub bag_namespace: Option<String>,
-    /// Joint to take from JointState topics of a bag.
+    /// Joint to take from JointState topics of a bag that are called as ours; --map takes one from any topic.
     #[arg(long, value_name = "NAME")]
     pub bag_joint: Option<String>,
+    /// Read a channel from a topic or column of another name; several are several --map.
+    ///
+    /// Topics of bags begin with a slash, anything else is a column of CSV files:
+    ///
+    ///   --map displacement=/fl/susp/pos
+    ///   --map displacement=/joint_states:fl_damper,sign=-1,offset=0.01
+    ///   --map measured_force=/wrench:z
+    ///   --map 'displacement=Stroke [mm]' --map measured_force=load,unit=kN --map time=t,unit=ms
+    ///
+    /// The value is sign * (reading - offset), as for the node's inputs;
+    /// the offset is in SI (m, m/s, N, A, V, C), whatever the unit of the reading.
+    /// Behind a colon stands a joint of sensor_msgs/JointState, or an axis (x, y, z)
+    /// of geometry_msgs/WrenchStamped or TwistStamped.
+    ///
+    /// Channels: displacement, velocity, measured_force, coil_current,
+    /// command_voltage, case_temperature, body_velocity, force_request,
+    /// ambient_temperature, setpoint; of CSV files also time.
+    #[arg(long, value_name = "CHANNEL=SOURCE[,sign=-1][,offset=X][,unit=U]", verbatim_doc_comment)]
+    pub map: Vec<Mapping>,
+    /// File with the same in a table [map], one line a channel, as in displacement = "/fl/susp/pos,sign=-1"; --map comes
+    /// before it.
+    #[arg(long, value_name = "FILE.toml")]
+    pub map_file: Option<PathBuf>,
 }
 
 /// A kind of drive, as its CSV column is called.
@@ -40,9 +65,11 @@ pub enum DriveArg {
 
 impl RunArgs {
     /// The options that these arguments stand for.
-    #[must_use]
-    pub fn options(&self) -> LoadOptions {
-        LoadOptions {
+    ///
+    /// # Errors
+    /// When a channel is mapped twice, or the file of the map cannot be used.
+    pub fn options(&self) -> Result<LoadOptions, NodeError> {
+        Ok(LoadOptions {
             skip_bad_rows: self.skip_bad_rows,
             thesis_txt: self.thesis_txt,
             drive: self.drive.map(|drive| match drive {
@@ -51,7 +78,18 @@ impl RunArgs {
             }),
             namespace: self.bag_namespace.clone(),
             joint: self.bag_joint.clone(),
-        }
+            map: self.map()?,
+        })
+    }
+
+    /// Where channels come from: flags before the file.
+    fn map(&self) -> Result<Map, NodeError> {
+        let flags =
+            Map::new(self.map.clone()).map_err(|error| NodeError::Usage(format!("--map: {error}")))?;
+        let Some(path) = &self.map_file else { return Ok(flags) };
+        let in_file = |message: String| NodeError::File { path: path.clone(), message };
+        let text = std::fs::read_to_string(path).map_err(|error| in_file(error.to_string()))?;
+        Ok(Map::from_toml(&text).map_err(in_file)?.overridden_by(flags))
     }
 
     /// Reads the run at `path` and logs what is to be said of it.
@@ -59,7 +97,7 @@ impl RunArgs {
     /// # Errors
     /// When the run does not load.
     pub fn load(&self, path: &Path) -> Result<Loaded, NodeError> {
-        let loaded = run::load(path, &self.options())?;
+        let loaded = run::load(path, &self.options()?)?;
         for note in &loaded.notes {
             tracing::warn!(run = %path.display(), "{note}");
         }

@@ -8,6 +8,7 @@ use crate::command::Surroundings;
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
 use crate::run::{self, SaveOptions};
+use crate::shown;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use manifest::Manifest;
 use mr_damper_model::rig;
@@ -136,7 +137,8 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     if !around.quiet {
         let damper_s: f64 = jobs.iter().map(|job| job.entry.duration_s).sum();
         let (runs, seconds) = (jobs.len(), start.elapsed().as_secs_f64());
-        eprintln!("{runs} runs ({damper_s:.0} s at 512 Hz) in {}, {seconds:.1} s", dir.display());
+        let text = format!("{runs} runs ({damper_s:.0} s at 512 Hz) in {}, {seconds:.1} s", dir.display());
+        eprintln!("{}", shown::line(&text));
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use crate::command::Surroundings;
 use crate::error::NodeError;
 use crate::live::{Key, Terminal};
+use crate::shown;
 use crate::watch::screen::{self, View};
 use crate::watch::source::{Source, SourceArgs};
 use crate::watch::{Cursor, Origin, Points, State, Wall};
@@ -73,7 +74,7 @@ fn in_lines(source: &mut Source, origin: Origin, around: &Surroundings) -> Resul
         let mut text: String = snapshot
             .dampers
             .iter()
-            .map(|state| format!("{:7.1} s  {}\n", snapshot.now_s, screen::line(state)))
+            .map(|state| format!("{:7.1} s  {}\n", snapshot.now_s, shown::line(&screen::line(state))))
             .collect();
         if text.is_empty() {
             text = format!("{:7.1} s  no damper has been found yet\n", snapshot.now_s);

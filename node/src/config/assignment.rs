@@ -1,6 +1,6 @@
 //! One parameter as a source has it, before it is known whose it is.
 
-use super::{Config, Value};
+use super::{Config, Value, params_file};
 use crate::error::NodeError;
 use std::path::PathBuf;
 
@@ -16,18 +16,21 @@ pub struct Assignment {
 }
 
 impl Assignment {
-    /// Sets it on `config`, as the parameter called `name`.
+    /// True where it stands in a section for several nodes, as `/**`: what this node does not know there is another node's.
+    #[must_use]
+    pub fn is_shared(&self) -> bool {
+        matches!(&self.origin, Some((_, Some(section))) if params_file::is_shared(section))
+    }
+
+    /// Sets it on `config`, as the parameter called `name`; not where it is another node's.
     ///
     /// # Errors
     /// Those of [`Config::set`], with the file.
     pub fn apply_as(&self, name: &str, config: &mut Config) -> Result<(), NodeError> {
-        config.set(name, &self.value).map_err(|error| match &self.origin {
-            None => error,
-            Some((path, None)) => NodeError::File { path: path.clone(), message: error.to_string() },
-            Some((path, Some(section))) => {
-                NodeError::File { path: path.clone(), message: format!("{section}: {error}") }
-            }
-        })
+        match config.set(name, &self.value) {
+            Err(NodeError::UnknownParameter { .. }) if self.is_shared() => Ok(()),
+            done => done.map_err(|error| self.placed(error)),
+        }
     }
 
     /// Sets it on `config`.
@@ -36,5 +39,15 @@ impl Assignment {
     /// Those of [`Config::set`], with the file.
     pub fn apply(&self, config: &mut Config) -> Result<(), NodeError> {
         self.apply_as(&self.name, config)
+    }
+
+    fn placed(&self, error: NodeError) -> NodeError {
+        match &self.origin {
+            None => error,
+            Some((path, None)) => NodeError::File { path: path.clone(), message: error.to_string() },
+            Some((path, Some(section))) => {
+                NodeError::File { path: path.clone(), message: format!("{section}: {error}") }
+            }
+        }
     }
 }

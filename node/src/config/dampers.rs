@@ -14,8 +14,9 @@
 //! `/front_left/mr_damper` of a parameter file. Each damper is a node of its own, below the namespace of the process. What one
 //! source says of a damper is stronger than what it says of all. Domain, discovery, priority and Zenoh endpoints are the process's.
 
-use super::{Assignment, Config, RosArgs, TABLE, Value, file};
+use super::{Assignment, Config, RosArgs, TABLE, Value, file, foreign};
 use crate::error::NodeError;
+use crate::qos::Overrides;
 use std::path::Path;
 
 /// A damper of the process.
@@ -55,20 +56,31 @@ pub fn dampers(
         Ok([of_file.clone(), args.assignments()?, of_flags.clone()])
     };
 
-    let names = names(&sources(args)?)?;
+    let own = sources(args)?;
+    let names = names(&own)?;
     if names.is_empty() {
-        let mut config = Config::default();
-        sources(args)?.iter().flatten().try_for_each(|assignment| assignment.apply(&mut config))?;
+        let mut config = Config { qos: Overrides::of_nodes([args]), ..Config::default() };
+        own.iter().flatten().try_for_each(|assignment| assignment.apply(&mut config))?;
+        config.qos.forget_topics();
+        foreign::say(own.iter().flatten(), &names, std::slice::from_ref(&config));
         return Ok(vec![Damper { config, args: args.clone() }]);
     }
-    let all = names.iter().map(|name| {
-        let namespace = Some(format!("{}/{name}", args.namespace().trim_end_matches('/')));
-        let mut args = args.clone();
-        args.namespace = namespace;
-        let config = config_of(name, &names, &sources(&args)?)?;
+    let mut read = own.into_iter().flatten().collect::<Vec<_>>();
+    let nodes =
+        names.iter().map(|name| args.below(&format!("{}/{name}", args.namespace().trim_end_matches('/'))));
+    let nodes: Vec<RosArgs> = nodes.collect();
+    let qos = Overrides::of_nodes(&nodes);
+    let all = names.iter().zip(&nodes).map(|(name, args)| {
+        let (args, sources) = (args.clone(), sources(args)?);
+        let mut config = Config { qos: qos.clone(), ..Config::default() };
+        config_of(name, &names, &sources, &mut config)?;
+        config.qos.forget_topics();
+        read.extend(sources.into_iter().flatten());
         Ok(Damper { config, args })
     });
     let all: Vec<Damper> = all.collect::<Result<_, NodeError>>()?;
+    let configs: Vec<Config> = all.iter().map(|damper| damper.config.clone()).collect();
+    foreign::say(&read, &names, &configs);
     let shared = |config: &Config| {
         let Config { domain_id, discovery_range, discovery_peers, realtime_priority, zenoh, .. } =
             config.clone();
@@ -112,9 +124,13 @@ fn names(sources: &[Vec<Assignment>]) -> Result<Vec<String>, NodeError> {
     Ok(config.dampers)
 }
 
-/// What the damper called `own` is told, of all the `names`.
-fn config_of(own: &str, names: &[String], sources: &[Vec<Assignment>]) -> Result<Config, NodeError> {
-    let mut config = Config::default();
+/// Tells `config` what the damper called `own` is told, of all the `names`.
+fn config_of(
+    own: &str,
+    names: &[String],
+    sources: &[Vec<Assignment>],
+    config: &mut Config,
+) -> Result<(), NodeError> {
     for source in sources {
         let (mut general, mut special) = (Vec::new(), Vec::new());
         for assignment in source {
@@ -125,10 +141,10 @@ fn config_of(own: &str, names: &[String], sources: &[Vec<Assignment>]) -> Result
             }
         }
         for (assignment, name) in general.into_iter().chain(special) {
-            assignment.apply_as(name, &mut config)?;
+            assignment.apply_as(name, config)?;
         }
     }
-    Ok(config)
+    Ok(())
 }
 
 #[cfg(test)]
@@ -214,6 +230,39 @@ mod tests {
         for corner in &in_one_process {
             let alone = of_yaml(&format!("-r __ns:=/{}", corner.name()));
             assert_eq!(configs(&alone), configs(std::slice::from_ref(corner)), "{}", corner.name());
+        }
+    }
+
+    #[test]
+    fn parameters_of_other_nodes_in_a_shared_section_are_ignored() {
+        let dir = tempfile::tempdir().expect("a temporary directory");
+        let path = dir.path().join("robot.params.yaml");
+        let read = |text: &str| {
+            std::fs::write(&path, text).expect("written");
+            let line = ["--ros-args", "--params-file", path.to_str().expect("UTF-8")];
+            let (_, args) = RosArgs::split(line.map(str::to_owned))?;
+            dampers(None, &args.for_node("mr_damper"), &[])
+        };
+        let shared = "/**:\n  ros__parameters:\n    coast_s: 0.5\n    frame_id: base_link\n    gains: [1.0, 2.0]\n    \
+                      unset: null\n    camera: {exposure: {ms: 3}}\n";
+        let found = read(shared).expect("a shared file");
+        assert_eq!(found[0].config.settings.coast_s, 0.5);
+        let fleet = format!("{shared}    dampers: [left, right]\n    left: {{coast_s: 0.7}}\n");
+        let found = read(&fleet).expect("a shared file");
+        assert_eq!((found.len(), found[0].config.settings.coast_s), (2, 0.7));
+
+        // A value that does not fit, and what names this node, are errors as before.
+        for (text, says) in [
+            ("/**:\n  ros__parameters:\n    coast_s: -1\n", "/**: parameter coast_s is -1"),
+            ("/**:\n  ros__parameters:\n    coast_s: null\n", "/**: coast_s has no value"),
+            (
+                "mr_damper:\n  ros__parameters:\n    coast: 1\n",
+                "mr_damper: there is no parameter coast; did you mean coast_s?",
+            ),
+            ("/**/mr_damper:\n  ros__parameters:\n    gains: [1.0]\n", "gains must be a list of texts"),
+        ] {
+            let message = read(text).expect_err(text).to_string();
+            assert!(message.contains(says), "{text}: {message}");
         }
     }
 

@@ -7,6 +7,7 @@ mod assignment;
 mod dampers;
 mod file;
 mod flags;
+mod foreign;
 mod params_file;
 pub mod ros_args;
 mod table;
@@ -16,10 +17,11 @@ pub use assignment::Assignment;
 pub use dampers::{Damper, dampers};
 pub use flags::ParameterFlags;
 pub use ros_args::RosArgs;
-pub use table::{Change, Kind, Parameter, TABLE, find};
+pub use table::{Change, Kind, Parameter, TABLE, find, is_known};
 pub use value::Value;
 
 use crate::error::NodeError;
+use crate::qos::Overrides;
 use mr_damper_model::condition::ApplyTo;
 use mr_damper_model::inverse::Law;
 use mr_damper_model::pipeline::{Settings, UseForce};
@@ -132,6 +134,8 @@ pub struct Config {
     pub discovery_range: String,
     /// Hosts that are told of the node; empty: `ROS_STATIC_PEERS`.
     pub discovery_peers: Vec<String>,
+    /// QoS of topics, where it is not the node's own.
+    pub qos: Overrides,
     /// Zenoh mirror.
     pub zenoh: ZenohSettings,
 }
@@ -168,6 +172,7 @@ impl Default for Config {
             domain_id: -1,
             discovery_range: "system_default".to_owned(),
             discovery_peers: Vec::new(),
+            qos: Overrides::default(),
             zenoh: ZenohSettings {
                 listen: Vec::new(),
                 connect: Vec::new(),
@@ -186,11 +191,14 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Sets the parameter called `name`.
+    /// Sets the parameter called `name`, one of the table or an override of QoS.
     ///
     /// # Errors
     /// [`NodeError::Parameter`] with the name, the value and what it must be; then nothing changes.
     pub fn set(&mut self, name: &str, value: &Value) -> Result<(), NodeError> {
+        if Overrides::are_meant(name) {
+            return self.qos.set(name, value);
+        }
         let parameter = find(name)?;
         let value = parameter.check(value)?;
         (parameter.set)(self, &value);
@@ -202,7 +210,10 @@ impl Config {
     /// # Errors
     /// [`NodeError::Parameter`] when there is none of that name.
     pub fn get(&self, name: &str) -> Result<Value, NodeError> {
-        Ok((find(name)?.get)(self))
+        match self.qos.get(name) {
+            Some(value) => Ok(value.clone()),
+            None => Ok((find(name)?.get)(self)),
+        }
     }
 
     /// The pipeline's settings that follow from all parameters.
@@ -227,7 +238,9 @@ impl Config {
             _ => Law::Follow,
         };
         let filter = apply_to.map(|apply_to| (apply_to, cutoff_hz));
-        Settings { filter, use_measured_force, law, ..self.settings }
+        let stamp_ahead_s =
+            if self.use_sim_time { Settings::SIMULATED_STAMP_AHEAD_S } else { self.settings.stamp_ahead_s };
+        Settings { filter, use_measured_force, law, stamp_ahead_s, ..self.settings }
     }
 }
 

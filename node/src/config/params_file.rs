@@ -10,10 +10,12 @@
 //! ```
 //!
 //! In a pattern `*` is any one part of a name and `**` any number of them. A section that names the node is stronger than one that
-//! matches it by a pattern, whatever their order in the file.
+//! matches it by a pattern, whatever their order in the file. A section whose pattern ends in `*` or `**` is shared with other nodes:
+//! what is no parameter of this node is ignored there, with a line in the log. Elsewhere it is an error.
 
-use super::{Assignment, Value};
+use super::{Assignment, Value, is_known};
 use crate::error::NodeError;
+use crate::qos::Overrides;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -39,7 +41,8 @@ pub(super) fn read(path: &Path, full_name: &str) -> Result<Vec<Assignment>, Node
             .and_then(serde_json::Value::as_object)
             .ok_or_else(|| in_file(format!("{section} holds no ros__parameters")))?;
         let mut values = Vec::new();
-        flatten("", parameters, &mut values).map_err(|why| in_file(format!("{section}: {why}")))?;
+        let flat = Flat { is_shared: is_shared(section) };
+        flat.flatten("", parameters, &mut values).map_err(|why| in_file(format!("{section}: {why}")))?;
         let origin = Some((path.to_owned(), Some(section.clone())));
         all.extend(values.into_iter().map(|(name, value)| Assignment {
             name,
@@ -65,31 +68,64 @@ fn matches(section: &str, full_name: &str) -> bool {
     parts_match(&parts(section), &parts(full_name))
 }
 
-fn flatten(
-    prefix: &str,
-    map: &serde_json::Map<String, serde_json::Value>,
-    out: &mut Vec<(String, Value)>,
-) -> Result<(), String> {
-    for (key, value) in map {
-        let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-        match value {
-            serde_json::Value::Object(inner) => flatten(&name, inner, out)?,
-            serde_json::Value::Bool(b) => out.push((name, Value::Bool(*b))),
-            serde_json::Value::String(text) => out.push((name, Value::Text(text.clone()))),
-            serde_json::Value::Number(n) => {
-                let value = n.as_i64().map(Value::Integer).or_else(|| n.as_f64().map(Value::Double));
-                out.push((name, value.ok_or("a number is out of range")?));
+/// True for a section that may be for several nodes, whatever they are called.
+pub(super) fn is_shared(section: &str) -> bool {
+    section.trim_end_matches('/').rsplit('/').next().is_some_and(|node| node.contains('*'))
+}
+
+/// How the parameters of a section are brought into a list.
+struct Flat {
+    /// The section is for several nodes.
+    is_shared: bool,
+}
+
+impl Flat {
+    fn flatten(
+        &self,
+        prefix: &str,
+        map: &serde_json::Map<String, serde_json::Value>,
+        out: &mut Vec<(String, Value)>,
+    ) -> Result<(), String> {
+        for (key, value) in map {
+            let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+            match value {
+                serde_json::Value::Object(inner) => self.flatten(&name, inner, out)?,
+                _ => match value_of(&name, value) {
+                    Ok(value) => out.push((name, value)),
+                    // Parameters of other nodes have types that no parameter of this one has. Their values are not read.
+                    Err(_) if self.is_shared && is_foreign(&name) => {
+                        out.push((name, Value::Text(value.to_string())));
+                    }
+                    Err(why) => return Err(why),
+                },
             }
-            serde_json::Value::Array(items) => {
-                let texts: Option<Vec<String>> =
-                    items.iter().map(|item| item.as_str().map(str::to_owned)).collect();
-                let texts = texts.ok_or_else(|| format!("{name} must be a list of texts"))?;
-                out.push((name, Value::TextList(texts)));
-            }
-            serde_json::Value::Null => return Err(format!("{name} has no value")),
         }
+        Ok(())
     }
-    Ok(())
+}
+
+/// True where `name` is no parameter, whether a damper's name stands before it or not.
+fn is_foreign(name: &str) -> bool {
+    !is_known(name)
+        && !Overrides::are_meant(name)
+        && !name.split_once('.').is_some_and(|(_, rest)| is_known(rest))
+}
+
+fn value_of(name: &str, value: &serde_json::Value) -> Result<Value, String> {
+    match value {
+        serde_json::Value::Bool(b) => Ok(Value::Bool(*b)),
+        serde_json::Value::String(text) => Ok(Value::Text(text.clone())),
+        serde_json::Value::Number(n) => {
+            let value = n.as_i64().map(Value::Integer).or_else(|| n.as_f64().map(Value::Double));
+            value.ok_or_else(|| format!("{name}: a number is out of range"))
+        }
+        serde_json::Value::Array(items) => {
+            let texts: Option<Vec<String>> =
+                items.iter().map(|item| item.as_str().map(str::to_owned)).collect();
+            texts.map(Value::TextList).ok_or_else(|| format!("{name} must be a list of texts"))
+        }
+        serde_json::Value::Null | serde_json::Value::Object(_) => Err(format!("{name} has no value")),
+    }
 }
 
 #[cfg(test)]
@@ -148,6 +184,16 @@ mod tests {
                 named("coast_s", Value::Double(2.0))
             ]
         );
+    }
+
+    #[test]
+    fn sections_that_name_no_node_are_shared() {
+        for section in ["/**", "**", "/*", "/front/**", "/front/*"] {
+            assert!(is_shared(section), "{section}");
+        }
+        for section in ["/**/mr_damper", "/*/mr_damper", "mr_damper", "/front/mr_damper"] {
+            assert!(!is_shared(section), "{section}");
+        }
     }
 
     #[test]

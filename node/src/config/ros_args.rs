@@ -13,8 +13,11 @@
 //! to topics or services. Of several rules that match, the first is taken. Unknown arguments are an error. A bare `--` ends the ROS
 //! arguments.
 
-use super::{Assignment, Config, Value, params_file};
+mod unused;
+
+use super::{Assignment, Config, Value, foreign, params_file};
 use crate::error::NodeError;
+use crate::qos::Overrides;
 use std::path::PathBuf;
 
 /// What `--ros-args` said.
@@ -339,7 +342,24 @@ impl RosArgs {
     /// # Errors
     /// When a file does not load, or a parameter does not fit.
     pub fn apply(&self, config: &mut Config) -> Result<(), NodeError> {
-        self.assignments()?.iter().try_for_each(|assignment| assignment.apply(config))
+        let all = self.assignments()?;
+        all.iter().try_for_each(|assignment| assignment.apply(config))?;
+        foreign::say(&all, &config.dampers, std::slice::from_ref(config));
+        Ok(())
+    }
+
+    /// The overrides of QoS among the parameters, for programs that have no other parameters.
+    ///
+    /// # Errors
+    /// When a file does not load, or an override cannot be had.
+    pub fn qos(&self) -> Result<Overrides, NodeError> {
+        let mut config = Config::default();
+        if !self.parameters.is_empty() {
+            let all = self.assignments()?;
+            let meant = all.iter().filter(|assignment| Overrides::are_meant(&assignment.name));
+            meant.into_iter().try_for_each(|assignment| assignment.apply(&mut config))?;
+        }
+        Ok(config.qos)
     }
 
     /// The parameters, in the order given; of files, those that are meant for this node.

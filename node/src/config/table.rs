@@ -114,6 +114,12 @@ impl Parameter {
     }
 }
 
+/// Whether there is a parameter called `name`.
+#[must_use]
+pub fn is_known(name: &str) -> bool {
+    TABLE.iter().any(|parameter| parameter.name == name)
+}
+
 /// Characters of an unknown name that are compared with those of known ones.
 const COMPARED: usize = 200;
 
@@ -204,7 +210,7 @@ macro_rules! input {
                 change: Never,
                 doc: concat!(
                     "message type of the input: empty for ", $own,
-                    "; a Float64 is stamped on arrival"
+                    "; a Float64 is stamped when it was sent"
                 ),
                 get: |c| Value::Text(c.$field.message_type.clone()),
                 set: |c, v| if let Value::Text(t) = v { c.$field.message_type.clone_from(t); },

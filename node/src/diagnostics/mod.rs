@@ -1,10 +1,12 @@
 //! What `/diagnostics` says of a running damper: a status for the node's work, one for the free run's residual.
 
+mod publishers;
 mod residual;
 mod work;
 
+pub use publishers::{Publishers, publishers_advice};
 pub use residual::{ALARM_ADVICE, Health};
-pub use work::{Work, twin_advice};
+pub use work::{CLOCK_ADVICE, Work, twin_advice};
 
 use crate::wire::ModelNames;
 use mr_damper_msgs::standard::KeyValue;
@@ -24,6 +26,10 @@ pub struct Surroundings<'a> {
     pub history_s: f64,
     /// Full name of the topic of estimates, and how many publishers of it there are in other processes.
     pub estimates: (&'a str, usize),
+    /// Inputs that have more than one publisher.
+    pub publishers: &'a [Publishers],
+    /// Simulated time is asked for and does not come.
+    pub clock_missing: bool,
 }
 
 fn value(key: &str, value: impl std::fmt::Display) -> KeyValue {
@@ -40,5 +46,7 @@ fn around(names: &ModelNames) -> Surroundings<'_> {
         false_alarm_interval_s: 86_400.0,
         history_s: 120.0,
         estimates: ("/front_left/force_estimate", 0),
+        publishers: &[],
+        clock_missing: false,
     }
 }

@@ -1,6 +1,6 @@
 //! How the node does: what comes in and goes out, how old it is, what was lost, how long it takes.
 
-use super::{Surroundings, value};
+use super::{Surroundings, publishers_advice, value};
 use crate::lifecycle::Phase;
 use crate::realtime::{ADVICE, Standing};
 use crate::service::Counters;
@@ -37,6 +37,8 @@ pub struct Work {
     looked: Option<Instant>,
     /// Deadlines missed by then.
     missed: u64,
+    /// What was lost by then, as [`Counters::losses`] has it.
+    lost: Vec<(String, u64)>,
     /// Samples that the pipeline refused, by reason, in the order of [`Refused::ALL`].
     refused: [u64; Refused::ALL.len()],
 }
@@ -59,6 +61,10 @@ pub fn twin_advice(topic: &str) -> String {
          another namespace (-r __ns:=/front_left). One that was killed is listed for up to a minute"
     )
 }
+
+/// The sentence for a node that waits for simulated time.
+pub const CLOCK_ADVICE: &str = "use_sim_time is true and nothing comes on /clock: start the simulation (or `mr-damper replay --clock`), \
+     see that it has the domain of this node, or set use_sim_time to false";
 
 impl Work {
     /// Takes an event that came `at`.
@@ -94,10 +100,23 @@ impl Work {
         let missed = counters.ros_sink.missed.load(Ordering::Relaxed);
         let late = missed - std::mem::replace(&mut self.missed, missed);
         let (mut level, mut message) = in_time(self.verdict(now, phase), late, &counters.standing);
+        let losses = counters.losses();
+        for what in self.newly_lost(&losses) {
+            level = level.max(DiagnosticStatus::WARN);
+            message += &what;
+        }
         let (topic, others) = around.estimates;
         if others > 0 {
             level = level.max(DiagnosticStatus::WARN);
             message += &format!("; {}", twin_advice(topic));
+        }
+        for publishers in around.publishers {
+            level = level.max(DiagnosticStatus::WARN);
+            message += &format!("; {}", publishers_advice(publishers));
+        }
+        if around.clock_missing {
+            level = level.max(DiagnosticStatus::WARN);
+            message += &format!("; {CLOCK_ADVICE}");
         }
         let mut values = vec![
             value("state", phase.name()),
@@ -116,17 +135,22 @@ impl Work {
             ("received", read(&source.messages)),
             ("unreadable", read(&source.unreadable)),
             ("incomplete", read(&source.incomplete)),
-            ("dropped", read(&hot.overflow)),
             ("idle", read(&hot.idle)),
             ("used", read(&hot.used)),
-            ("refused", read(&sink.refused)),
+            ("refused", read(&hot.refused)),
             ("estimates", read(&sink.estimates)),
-            ("not_published", read(&sink.failed)),
+            ("commands", read(&sink.commands)),
             ("missed_deadlines", missed),
             ("other_publishers", others as u64),
         ] {
             values.push(value(name, count));
         }
+        for publishers in around.publishers {
+            let name = publishers.topic.rsplit('/').next().unwrap_or_default();
+            values.push(value(&format!("publishers_of_{name}"), publishers.nodes.join(", ")));
+        }
+        values.extend(losses.iter().map(|(name, count)| value(name, count)));
+        self.lost = losses;
         for (why, count) in Refused::ALL.iter().zip(self.refused).filter(|(_, count)| *count > 0) {
             values.push(value(&format!("refused_{}", why.name()), count));
         }
@@ -149,6 +173,15 @@ impl Work {
             hardware_id: around.damper.to_owned(),
             values,
         }
+    }
+
+    /// What was lost since the last status, each with its cause, as parts of a message.
+    fn newly_lost(&self, losses: &[(String, u64)]) -> Vec<String> {
+        let before =
+            |name: &str| self.lost.iter().find(|(known, _)| known == name).map_or(0, |(_, count)| *count);
+        let new =
+            losses.iter().map(|(name, count)| (name, count - before(name))).filter(|(_, count)| *count > 0);
+        new.map(|(name, count)| format!("; {count} more {name}: {}", why_lost(name))).collect()
     }
 
     /// Rates since the last status, and ages.
@@ -196,6 +229,25 @@ impl Work {
     }
 }
 
+/// What a count of [`Counters::losses`] means, and what to do.
+fn why_lost(name: &str) -> &'static str {
+    match name {
+        "dropped" => "samples came faster than they were estimated; lower their rate or free the processor",
+        "not_published" => {
+            "the DDS library took no more messages; see whether a network or a reader is overloaded"
+        }
+        "late_commands" => {
+            "commands that missed deadline_s were not sent; free the processor or raise realtime_priority"
+        }
+        "lost_commands" | "lost_reports" => {
+            "the thread that publishes was held up; free the processor or raise realtime_priority"
+        }
+        "lost_mirror" => "the Zenoh mirror was held up; see its status",
+        "lost_history" => "the history and the log have a gap; free the processor",
+        _ => "whoever watches the node was held up",
+    }
+}
+
 /// The verdict of a node that has missed `late` deadlines since the last one, or has not got the priority that it was to have.
 fn in_time((level, mut message): (u8, String), late: u64, standing: &Standing) -> (u8, String) {
     if late > 0 {
@@ -210,13 +262,14 @@ fn in_time((level, mut message): (u8, String), late: u64, standing: &Standing) -
 
 #[cfg(test)]
 mod tests {
-    use super::super::around;
+    use super::super::{Publishers, around};
     use super::*;
     use crate::wire::ModelNames;
     use mr_damper_model::pipeline::{Reasons, Refusal};
     use mr_damper_model::sample::{Reading, Sample, Stamp};
     use mr_damper_model::units::Metre;
     use std::fmt::Write;
+    use std::sync::Arc;
 
     #[test]
     fn statuses_as_text() {
@@ -245,6 +298,12 @@ mod tests {
             counters.ros_sink.latency.add(Duration::from_micros(80));
         }
         say("with an old drive", &work.status(at(2), &around, Phase::Active, &counters));
+        counters.rings = vec![("commands", Arc::new(AtomicU64::new(7))), ("reports", Arc::default())];
+        counters.ros_sink.late_commands.store(2, Ordering::Relaxed);
+        say(
+            "with a ring that was full, and late commands",
+            &work.status(at(2), &around, Phase::Active, &counters),
+        );
         let sample = Sample {
             stamp: Stamp::from_nanos(0),
             received: Stamp::from_nanos(0),
@@ -257,6 +316,22 @@ mod tests {
         say("no real-time priority", &work.status(at(2), &around, Phase::Active, &counters));
         let twin = Surroundings { estimates: ("/front_left/force_estimate", 1), ..around };
         say("with another node of its name", &work.status(at(3), &twin, Phase::Active, &counters));
+        let nodes = vec!["/left_sensor".to_owned(), "/right_sensor".to_owned()];
+        let two = Publishers {
+            topic: "/front_left/displacement".to_owned(),
+            nodes,
+            mixed: false,
+            is_estimated_from: true,
+        };
+        let mixed = Publishers { mixed: true, ..two.clone() };
+        for (what, publishers) in
+            [("with two publishers of displacement", two), ("whose samples come mixed", mixed)]
+        {
+            let crowded = Surroundings { publishers: &[publishers], ..around };
+            say(what, &work.status(at(3), &crowded, Phase::Active, &counters));
+        }
+        let timeless = Surroundings { clock_missing: true, ..around };
+        say("without simulated time", &work.status(at(3), &timeless, Phase::Active, &counters));
         say("silence", &work.status(at(9), &around, Phase::Active, &counters));
         insta::assert_snapshot!(text);
     }

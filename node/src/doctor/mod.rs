@@ -8,6 +8,7 @@ mod network;
 mod system;
 
 use crate::config::{Config, Damper};
+use crate::hardened;
 use crate::interrupt::Interrupt;
 use crate::models;
 use serde::Serialize;
@@ -76,8 +77,10 @@ impl Finding {
 pub fn examine(dampers: &[Damper], interrupt: &Interrupt, mut tell: impl FnMut(Finding)) {
     // What is the process's is the same in all of them, of whom there is at least one.
     let Some(Damper { config, args }) = dampers.first() else { return };
+    tell(libraries());
     dampers.iter().for_each(|damper| tell(model(damper)));
     network::domain(config).into_iter().for_each(&mut tell);
+    network::environment(config).into_iter().for_each(&mut tell);
     tell(network::multicast(config));
     if interrupt.is_raised() {
         return;
@@ -89,6 +92,23 @@ pub fn examine(dampers: &[Damper], interrupt: &Interrupt, mut tell: impl FnMut(F
     tell(system::timer());
     tell(system::priority(config));
     tell(system::files(dampers.len()));
+}
+
+/// Which DDS libraries this program was built with.
+fn libraries() -> Finding {
+    const WHAT: &str = "DDS libraries";
+    match hardened::EDITS {
+        Some(edits) => Finding::ok(WHAT, format!("hardened: {edits}")),
+        None => {
+            let lacks: Vec<_> =
+                hardened::LACKS.iter().map(|(name, lack)| format!("{name}: {lack}")).collect();
+            let advice = "node/hardened/build makes a build without these limits";
+            Finding {
+                advice: Some(advice.to_owned()),
+                ..Finding::ok(WHAT, format!("as released, so {}", lacks.join("; ")))
+            }
+        }
+    }
 }
 
 /// The models that the parameters name.

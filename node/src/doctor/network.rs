@@ -5,6 +5,7 @@ use crate::config::Config;
 use crate::interrupt::Interrupt;
 use crate::listed_peers;
 use crate::ros::{self, Domain};
+use crate::ros_environment::{self, Remark};
 use crate::service;
 use crate::sink::zenoh::Link;
 use std::collections::BTreeMap;
@@ -38,6 +39,19 @@ pub(super) fn domain(config: &Config) -> Vec<Finding> {
         return vec![found, Finding::warning("ports", lent, advice)];
     }
     vec![found]
+}
+
+/// What the environment asks for and is done in another way, or cannot be had.
+pub(super) fn environment(config: &Config) -> Vec<Finding> {
+    const WHAT: &str = "environment";
+    match ros_environment::asked(config, &ros_environment::of_process) {
+        Ok(asked) if asked.remarks.is_empty() => Vec::new(),
+        Ok(asked) => {
+            let warning = |Remark { found, advice }| Finding::warning(WHAT, found, advice);
+            asked.remarks.into_iter().map(warning).collect()
+        }
+        Err(error) => vec![Finding::failure(WHAT, error.to_string())],
+    }
 }
 
 /// Whether multicast, by which participants find each other, comes back on the interface that the node uses.

@@ -14,13 +14,14 @@ use crate::clock::system_now;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
-use crate::ros::{Ros, Task};
+use crate::ros::{NotTaken, Output, Ros, Task};
 use crate::wire::header;
 use mr_damper_model::sample::{Drive, Reading, Run, Sample, Stamp};
 use mr_damper_msgs::standard::{Clock, Temperature, Time};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Velocity};
 use pace::Pace;
-use ros2_client::{NodeOptions, Publisher};
+use ros2_client::NodeOptions;
+use rustdds::GUID;
 use std::str::FromStr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -90,15 +91,15 @@ pub struct Player {
     node: String,
     control: Arc<Control>,
     services: Option<Task>,
-    displacement: Publisher<Displacement>,
-    velocity: Publisher<Velocity>,
-    coil_current: Publisher<CoilCurrent>,
-    command_voltage: Publisher<CommandVoltage>,
-    force: Publisher<Force>,
-    temperature: Publisher<Temperature>,
-    body_velocity: Publisher<Velocity>,
-    force_request: Publisher<Force>,
-    clock: Option<Publisher<Clock>>,
+    displacement: Output<Displacement>,
+    velocity: Output<Velocity>,
+    coil_current: Output<CoilCurrent>,
+    command_voltage: Output<CommandVoltage>,
+    force: Output<Force>,
+    temperature: Output<Temperature>,
+    body_velocity: Output<Velocity>,
+    force_request: Output<Force>,
+    clock: Option<Output<Clock>>,
 }
 
 impl Player {
@@ -115,6 +116,19 @@ impl Player {
         "/clock",
     ];
 
+    /// The services that it may offer, by names in the node's own namespace.
+    pub const SERVICES: [&str; 9] = [
+        "~/pause",
+        "~/resume",
+        "~/toggle_paused",
+        "~/is_paused",
+        "~/get_rate",
+        "~/set_rate",
+        "~/play_next",
+        "~/burst",
+        "~/seek",
+    ];
+
     /// Joins the domain as `mr_damper_replay`, in the namespace of the ROS arguments; `clock`: to publish /clock.
     ///
     /// # Errors
@@ -124,14 +138,14 @@ impl Player {
         let name = args.node.as_deref().unwrap_or(NODE);
         let mut ros = Ros::start(config, args, NodeOptions::new().enable_rosout(false), name)?;
         Ok(Self {
-            displacement: ros.publish(&args.topic("displacement"))?,
-            velocity: ros.publish(&args.topic("velocity"))?,
-            coil_current: ros.publish(&args.topic("coil_current"))?,
-            command_voltage: ros.publish(&args.topic("command_voltage"))?,
-            force: ros.publish(&args.topic("measured_force"))?,
-            temperature: ros.publish(&args.topic("case_temperature"))?,
-            body_velocity: ros.publish(&args.topic("body_velocity"))?,
-            force_request: ros.publish(&args.topic("force_request"))?,
+            displacement: ros.publish_run(&args.topic("displacement"))?,
+            velocity: ros.publish_run(&args.topic("velocity"))?,
+            coil_current: ros.publish_run(&args.topic("coil_current"))?,
+            command_voltage: ros.publish_run(&args.topic("command_voltage"))?,
+            force: ros.publish_run(&args.topic("measured_force"))?,
+            temperature: ros.publish_run(&args.topic("case_temperature"))?,
+            body_velocity: ros.publish_run(&args.topic("body_velocity"))?,
+            force_request: ros.publish_run(&args.topic("force_request"))?,
             clock: if clock { Some(ros.publish(&args.topic("/clock"))?) } else { None },
             ros,
             node: name.to_owned(),
@@ -167,13 +181,11 @@ impl Player {
     /// Waits until somebody listens on every topic that matters; false after `timeout` or on a signal.
     pub fn wait_for_listener(&self, timeout: Duration, interrupt: &Interrupt) -> bool {
         let deadline = Instant::now() + timeout;
-        let node = self.ros.node();
+        let readers = |publisher: GUID| self.ros.readers_of(publisher);
         let listened = || {
-            self.displacement.get_subscription_count(node) > 0
-                && self.force.get_subscription_count(node) > 0
-                && self.coil_current.get_subscription_count(node)
-                    + self.command_voltage.get_subscription_count(node)
-                    > 0
+            readers(self.displacement.guid()) > 0
+                && readers(self.force.guid()) > 0
+                && readers(self.coil_current.guid()) + readers(self.command_voltage.guid()) > 0
         };
         while !listened() {
             if Instant::now() >= deadline
@@ -225,31 +237,29 @@ impl Player {
         self.clock.as_ref().is_none_or(|publisher| publisher.publish(clock).is_ok())
     }
 
-    fn publish(&self, sample: &Sample) -> bool {
+    fn publish(&self, sample: &Sample) -> Result<(), NotTaken> {
         let header = header(sample.stamp, "");
         let variance = 0.0;
         match sample.reading {
             Reading::Displacement(x) => {
-                self.displacement.publish(Displacement { header, displacement: x.get(), variance }).is_ok()
+                self.displacement.publish(Displacement { header, displacement: x.get(), variance })
             }
-            Reading::Velocity(v) => {
-                self.velocity.publish(Velocity { header, velocity: v.get(), variance }).is_ok()
-            }
+            Reading::Velocity(v) => self.velocity.publish(Velocity { header, velocity: v.get(), variance }),
             Reading::Drive(Drive::CoilCurrent(i)) => {
-                self.coil_current.publish(CoilCurrent { header, current: i.get(), variance }).is_ok()
+                self.coil_current.publish(CoilCurrent { header, current: i.get(), variance })
             }
             Reading::Drive(Drive::CommandVoltage(u)) => {
-                self.command_voltage.publish(CommandVoltage { header, voltage: u.get(), variance }).is_ok()
+                self.command_voltage.publish(CommandVoltage { header, voltage: u.get(), variance })
             }
-            Reading::Force(f) => self.force.publish(Force { header, force: f.get(), variance }).is_ok(),
+            Reading::Force(f) => self.force.publish(Force { header, force: f.get(), variance }),
             Reading::CaseTemperature(t) => {
-                self.temperature.publish(Temperature { header, temperature: t.get(), variance }).is_ok()
+                self.temperature.publish(Temperature { header, temperature: t.get(), variance })
             }
             Reading::BodyVelocity(v) => {
-                self.body_velocity.publish(Velocity { header, velocity: v.get(), variance }).is_ok()
+                self.body_velocity.publish(Velocity { header, velocity: v.get(), variance })
             }
             Reading::ForceRequest(f) => {
-                self.force_request.publish(Force { header, force: f.get(), variance }).is_ok()
+                self.force_request.publish(Force { header, force: f.get(), variance })
             }
         }
     }
@@ -321,7 +331,7 @@ impl Playing<'_> {
                 self.last_clock = Some(stamp);
                 played.failed += u64::from(!self.player.tell_time(stamp));
             }
-            let taken = self.player.publish(&Sample { stamp, ..sample });
+            let taken = self.player.publish(&Sample { stamp, ..sample }).is_ok();
             self.pace.sent(Instant::now(), run_s);
             self.player.control.played();
             played.samples += 1;

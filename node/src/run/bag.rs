@@ -1,14 +1,19 @@
 //! Runs from rosbag2 bags: topics become channels of one damper, in one pass over the files.
 
-use super::column::{Column, Quantity};
+use super::column::{Column, Quantity, same};
 use super::csv::settle_drive;
+use super::error::MapFault;
 use super::hash::Hash;
-use super::names::{Role, normal_namespace, role_of};
+use super::map::{Channel, Convert, Mapping};
+use super::names::{Role, normal_namespace, role_of, topic_of};
 use super::pack::{MessageUnpacker, is_packed};
 use super::storage::{Sink, TopicInfo, read};
-use super::wire::{Decoder, Fault};
+use super::suggest::{self, Seen};
 use super::{LoadOptions, Note, RunError};
+use crate::extract::{Dimension, Extractor, Part};
 use mr_damper_model::sample::{Run, Stamp, Trace};
+use mr_damper_msgs::standard::{Float32, Float64, JointState};
+use mr_damper_msgs::{Message, cdr};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -43,6 +48,10 @@ pub(super) fn load(
 /// One channel of the run to be, as far as it is read.
 struct Series {
     role: Role,
+    /// The map takes it from here, not the topic's name.
+    mapped: bool,
+    extractor: Extractor,
+    convert: Convert,
     trace: Trace,
 }
 
@@ -50,11 +59,14 @@ struct Series {
 struct Topic {
     name: String,
     namespace: String,
+    /// What its name, or what its recorder noted, says that it holds.
+    role: Option<Role>,
     type_name: String,
     encoding: String,
-    /// `None` when the type cannot stand for the topic's role.
-    decoder: Option<Decoder>,
+    /// Empty when it holds nothing of a run, or its type cannot stand for its role.
     series: Vec<Series>,
+    /// The first message of joint states.
+    joints: Option<JointState>,
     messages: u64,
     undecodable: (u64, Option<String>),
     not_finite: u64,
@@ -63,30 +75,49 @@ struct Topic {
 }
 
 impl Topic {
-    fn trace(&self, quantity: Quantity) -> Option<&Trace> {
-        let series = self.series.iter().find(|series| series.role == Role::Known(quantity))?;
+    fn trace(&self, quantity: Quantity, mapped: bool) -> Option<&Trace> {
+        let is_it = |series: &&Series| series.role == Role::Known(quantity) && series.mapped == mapped;
+        let series = self.series.iter().find(is_it)?;
         (!series.trace.is_empty()).then_some(&series.trace)
     }
 
     fn message(&mut self, log_time: Result<i64, String>, data: &[u8], unpacker: &mut MessageUnpacker) {
         self.messages += 1;
-        let Some(decoder) = &self.decoder else { return };
+        let names_joints = self.joints.is_none() && self.type_name == JointState::TYPE;
+        if self.series.is_empty() && !names_joints {
+            return;
+        }
         let cdr = if is_packed(data) { unpacker.unpack(data) } else { Ok(data) };
-        let decoded = cdr.and_then(|cdr| decoder.decode(cdr).map_err(|Fault(fault)| fault));
-        let (decoded, log_time) = match (decoded, log_time) {
-            (Ok(decoded), Ok(log_time)) => (decoded, log_time),
-            (Err(fault), _) | (_, Err(fault)) => {
-                self.undecodable.0 += 1;
-                self.undecodable.1.get_or_insert(fault);
-                return;
-            }
-        };
-        // A stamp of zero is how publishers say that they did not set it.
-        let unset = decoded.stamp == Some(0) && log_time != 0;
-        self.unstamped += u64::from(unset);
-        let stamp = Stamp::from_nanos(decoded.stamp.filter(|_| !unset).unwrap_or(log_time));
-        for (series, value) in self.series.iter_mut().zip(decoded.values) {
-            let Some(value) = value else { continue };
+        if let (true, Ok(cdr)) = (names_joints, &cdr) {
+            self.joints = cdr::from_slice(cdr).ok();
+        }
+        match (cdr, log_time) {
+            _ if self.series.is_empty() => {}
+            (Ok(cdr), Ok(log_time)) => self.take(log_time, cdr),
+            (Err(fault), _) | (_, Err(fault)) => self.note_undecodable(fault),
+        }
+    }
+
+    fn note_undecodable(&mut self, fault: String) {
+        self.undecodable.0 += 1;
+        self.undecodable.1.get_or_insert(fault);
+    }
+
+    fn take(&mut self, log_time: i64, cdr: &[u8]) {
+        let (mut fault, mut is_unset) = (None, false);
+        for series in &mut self.series {
+            let taken = match series.extractor.read(cdr) {
+                Ok(taken) => taken,
+                Err(error) => {
+                    fault.get_or_insert_with(|| error.to_string());
+                    continue;
+                }
+            };
+            // A stamp of zero is how publishers say that they did not set it.
+            let unset = taken.stamp_ns == Some(0) && log_time != 0;
+            is_unset |= unset;
+            let stamp = Stamp::from_nanos(taken.stamp_ns.filter(|_| !unset).unwrap_or(log_time));
+            let Some(value) = taken.value.map(|raw| series.convert.apply(raw)) else { continue };
             if !value.is_finite() {
                 self.not_finite += 1;
             } else if series.trace.stamps.last().is_some_and(|&last| stamp <= last) {
@@ -95,6 +126,20 @@ impl Topic {
                 series.trace.stamps.push(stamp);
                 series.trace.values.push(value);
             }
+        }
+        self.unstamped += u64::from(is_unset);
+        if let Some(fault) = fault {
+            self.note_undecodable(fault);
+        }
+    }
+
+    fn seen(&self) -> Seen<'_> {
+        Seen {
+            name: &self.name,
+            type_name: &self.type_name,
+            encoding: &self.encoding,
+            messages: self.messages,
+            joints: self.joints.as_ref(),
         }
     }
 
@@ -150,7 +195,9 @@ impl Sink for Bag<'_> {
 }
 
 fn new_topic(info: TopicInfo, options: &LoadOptions) -> Topic {
-    let (namespace, role) = match role_of(&info.name) {
+    // What a recorder noted counts only where it names a channel of ours.
+    let noted = info.stands_for.as_deref().filter(|name| matches!(role_of(name), Some((_, Role::Known(_)))));
+    let (namespace, role) = match role_of(noted.unwrap_or(&info.name)) {
         Some((namespace, Role::Other(name))) => {
             let column = info.column.clone().unwrap_or(name);
             // A bag of somebody else may call it `force_n`, which it would be after one conversion.
@@ -159,25 +206,22 @@ fn new_topic(info: TopicInfo, options: &LoadOptions) -> Topic {
         Some((namespace, role)) => (namespace, Some(role)),
         None => ("", None),
     };
-    let cdr = info.encoding == "cdr";
-    let decoder = role
-        .as_ref()
-        .filter(|_| cdr)
-        .and_then(|role| Decoder::new(role, &info.type_name, options.joint.as_deref()));
-    let roles = match (role, &decoder) {
-        (_, None) => vec![],
-        (Some(Role::Joints), _) => {
-            [Quantity::Displacement, Quantity::Velocity, Quantity::Force].map(Role::Known).into()
-        }
-        (role, _) => role.into_iter().collect(),
-    };
+    let namespace = namespace.to_owned();
+    let mut series = Vec::new();
+    if info.encoding == "cdr" {
+        series.extend(options.map.all().iter().filter_map(|mapping| mapped_series(mapping, &info)));
+        // What is mapped is not carried through beside that.
+        let by_name = role.as_ref().filter(|role| series.is_empty() || !matches!(role, Role::Other(_)));
+        series.extend(by_name.into_iter().flat_map(|role| series_by_name(role, &info, options)));
+    }
     Topic {
-        namespace: namespace.to_owned(),
+        namespace,
+        role,
         name: info.name,
         type_name: info.type_name,
         encoding: info.encoding,
-        decoder,
-        series: roles.into_iter().map(|role| Series { role, trace: Trace::default() }).collect(),
+        series,
+        joints: None,
         messages: 0,
         undecodable: (0, None),
         not_finite: 0,
@@ -186,17 +230,62 @@ fn new_topic(info: TopicInfo, options: &LoadOptions) -> Topic {
     }
 }
 
+/// What `mapping` takes from the topic; `None` when it names another one, or the topic's type does not fit.
+fn mapped_series(mapping: &Mapping, info: &TopicInfo) -> Option<Series> {
+    let (Channel::Known(quantity, _), Some((topic, part))) = (mapping.channel, mapping.topic()) else {
+        return None;
+    };
+    if topic != info.name {
+        return None;
+    }
+    let extractor = Extractor::new(quantity.dimension(), topic, &info.type_name, part).ok()?;
+    let (role, convert) = (Role::Known(quantity), mapping.convert(same));
+    Some(Series { role, mapped: true, extractor, convert, trace: Trace::default() })
+}
+
+/// What the topic holds by its name.
+fn series_by_name(role: &Role, info: &TopicInfo, options: &LoadOptions) -> Vec<Series> {
+    let is_joints = info.type_name == JointState::TYPE;
+    let joint = options.joint.as_deref().filter(|_| is_joints);
+    let series = |role: Role, dimension: Dimension| {
+        let extractor = Extractor::new(dimension, &info.name, &info.type_name, joint).ok()?;
+        let series =
+            Series { role, mapped: false, extractor, convert: Convert::plain(same), trace: Trace::default() };
+        // A name does not say which axis is meant.
+        (!matches!(series.extractor.part, Part::Axis(_))).then_some(series)
+    };
+    let known = |quantity: Quantity| series(Role::Known(quantity), quantity.dimension());
+    match role {
+        Role::Known(quantity) => known(*quantity).into_iter().collect(),
+        Role::Joints if is_joints => [Quantity::Displacement, Quantity::Velocity, Quantity::Force]
+            .into_iter()
+            .filter_map(known)
+            .collect(),
+        Role::Other(_) if matches!(&*info.type_name, Float64::TYPE | Float32::TYPE) => {
+            // A number alone is one of any kind.
+            series(role.clone(), Dimension::Length).into_iter().collect()
+        }
+        Role::Joints | Role::Other(_) => Vec::new(),
+    }
+}
+
 impl Bag<'_> {
     fn into_run(mut self, path: &Path, notes: &mut Vec<Note>) -> Result<Run, RunError> {
+        self.check_map(path)?;
         let namespace = self.choose_namespace(path)?;
         let options = self.options;
         let mut run = Run { name: path.display().to_string(), ..Run::default() };
         // Topics of a quantity's own name come before joint states; the sort is stable.
-        self.topics.sort_by_key(|topic| role_of(&topic.name).is_some_and(|(_, role)| role == Role::Joints));
-        let take = |quantity| {
-            let topic =
-                self.topics.iter().find(|t| t.namespace == namespace && t.trace(quantity).is_some())?;
-            Some((topic.name.clone(), topic.trace(quantity)?.clone()))
+        self.topics.sort_by_key(|topic| topic.role == Some(Role::Joints));
+        let mut by_name = Vec::new();
+        let mut take = |quantity| {
+            let mapped = options.map.of(quantity).is_some();
+            let mut topics = self.topics.iter().filter(|topic| mapped || topic.namespace == namespace);
+            let (topic, trace) = topics.find_map(|topic| Some((topic, topic.trace(quantity, mapped)?)))?;
+            if !mapped {
+                by_name.push(format!("{} as {}", topic.name, topic_of(quantity)));
+            }
+            Some((topic.name.clone(), trace.clone()))
         };
         let plain = |taken: Option<(String, Trace)>| taken.map(|(_, trace)| trace);
         run.displacement_m = plain(take(Quantity::Displacement)).unwrap_or_default();
@@ -206,21 +295,20 @@ impl Bag<'_> {
         run.body_velocity_m_s = plain(take(Quantity::BodyVelocity));
         run.force_request_n = plain(take(Quantity::ForceRequest));
         let drives = [take(Quantity::Current), take(Quantity::Command)];
+        if options.map.of(Quantity::Displacement).is_some() && !by_name.is_empty() {
+            notes.push(Note::TakenByName { topics: by_name });
+        }
+        self.note_axes(notes);
+        let could_serve = self.could_serve(&run, drives.iter().all(Option::is_none), &namespace);
         let mut left = Vec::new();
         for mut topic in self.topics {
-            if topic.namespace != namespace || topic.decoder.is_none() {
+            if !is_used(&topic, &namespace, options) {
                 left.push(format!("{} ({}, {} messages)", topic.name, topic.type_name, topic.messages));
                 continue;
             }
             topic.notes(notes);
-            for Series { role, trace } in topic.series {
-                let name = match role {
-                    Role::Known(Quantity::AmbientTemperature) => {
-                        Quantity::AmbientTemperature.si_name().to_owned()
-                    }
-                    Role::Other(name) => name,
-                    _ => continue,
-                };
+            for Series { role, mapped, trace, .. } in topic.series {
+                let Some(name) = carried_name(&role, mapped, options) else { continue };
                 if run.other.iter().any(|(other, _)| *other == name) {
                     left.push(format!("{} (a second {name})", topic.name));
                 } else {
@@ -231,6 +319,7 @@ impl Bag<'_> {
         if !left.is_empty() {
             notes.push(Note::TopicsLeft { topics: left });
         }
+        notes.extend(could_serve);
         if self.stray > 0 {
             let first = "what describes their topic is missing".to_owned();
             notes.push(Note::Undecodable { topic: "(unknown)".into(), count: self.stray, first });
@@ -239,12 +328,107 @@ impl Bag<'_> {
         Ok(run)
     }
 
-    /// The namespace to read: the one asked for, or the only one with displacement.
+    fn seen(&self) -> Vec<Seen<'_>> {
+        self.topics.iter().map(Topic::seen).collect()
+    }
+
+    /// Refuses a map that gave no sample of a channel.
+    fn check_map(&self, path: &Path) -> Result<(), RunError> {
+        for mapping in self.options.map.all() {
+            if let Err(why) = self.check_mapping(mapping) {
+                return Err(RunError::Map {
+                    path: path.to_owned(),
+                    map: mapping.to_string(),
+                    why: Box::new(why),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_mapping(&self, mapping: &Mapping) -> Result<(), MapFault> {
+        let Channel::Known(quantity, _) = mapping.channel else { return Err(MapFault::TimeOfBag) };
+        let names = || self.topics.iter().map(|topic| topic.name.as_str());
+        let listing = || suggest::listing(quantity, &self.seen());
+        let Some((name, part)) = mapping.topic() else {
+            return Err(MapFault::ColumnOfBag { column: mapping.source.clone(), topics: listing() });
+        };
+        let of_name = || self.topics.iter().filter(|topic| topic.name == name);
+        if of_name().any(|topic| topic.trace(quantity, true).is_some()) {
+            return Ok(());
+        }
+        let Some(topic) = of_name().max_by_key(|topic| topic.series.iter().any(|series| series.mapped))
+        else {
+            let nearest = suggest::nearest(name, names()).map(str::to_owned);
+            return Err(MapFault::NoTopic { topic: name.to_owned(), nearest, topics: listing() });
+        };
+        if topic.encoding != "cdr" {
+            return Err(MapFault::Encoding { encoding: topic.encoding.clone() });
+        }
+        let extractor =
+            Extractor::new(quantity.dimension(), name, &topic.type_name, part).map_err(|unfit| {
+                let instead = suggest::line_for(quantity, &self.seen());
+                MapFault::Unfit { unfit, instead }
+            })?;
+        if topic.messages == 0 {
+            return Err(MapFault::NoMessage { topic: name.to_owned() });
+        }
+        match (&extractor.part, &topic.joints, &topic.undecodable.1) {
+            (Part::Joint(joint, _), Some(first), _) if !first.name.contains(joint) => {
+                let nearest =
+                    suggest::nearest(joint, first.name.iter().map(String::as_str)).map(str::to_owned);
+                Err(MapFault::NoJoint { joint: joint.clone(), nearest, joints: first.name.clone() })
+            }
+            (_, _, Some(fault)) => {
+                Err(MapFault::Undecodable { topic: name.to_owned(), fault: fault.clone() })
+            }
+            _ => Err(MapFault::NoValue { topic: name.to_owned(), messages: topic.messages }),
+        }
+    }
+
+    /// Says which axis was taken where none was named.
+    fn note_axes(&self, notes: &mut Vec<Note>) {
+        let unnamed = |mapping: &&Mapping| matches!(mapping.topic(), Some((_, None | Some(""))));
+        for mapping in self.options.map.all().iter().filter(unnamed) {
+            let topics = self.topics.iter().filter(|topic| Some((&*topic.name, None)) == mapping.topic());
+            let axis = |series: &Series| match series.extractor.part {
+                Part::Axis(axis) if series.mapped => Some(axis),
+                _ => None,
+            };
+            if let Some(axis) = topics.flat_map(|topic| &topic.series).find_map(axis) {
+                notes.push(Note::AxisTaken { topic: mapping.source.clone(), axis: axis.to_string() });
+            }
+        }
+    }
+
+    /// A topic that is not in the run, for force or drive, where these are missing.
+    fn could_serve(&self, run: &Run, no_drive: bool, namespace: &str) -> Option<Note> {
+        let left: Vec<Seen<'_>> = self
+            .topics
+            .iter()
+            .filter(|topic| !is_used(topic, namespace, self.options))
+            .map(Topic::seen)
+            .collect();
+        let missing = [(run.force_n.is_none(), Quantity::Force), (no_drive, Quantity::Current)];
+        let lines = missing.into_iter().filter(|(missing, _)| *missing);
+        let lines: Vec<_> =
+            lines.filter_map(|(_, quantity)| suggest::likely_line_for(quantity, &left)).collect();
+        (!lines.is_empty()).then_some(Note::CouldServe { lines })
+    }
+
+    /// The namespace to read: the one asked for, or the only one with displacement; where that is mapped, the only one with
+    /// any channel that is not.
     fn choose_namespace(&self, path: &Path) -> Result<String, RunError> {
+        let map = &self.options.map;
+        let displacement_is_mapped = map.of(Quantity::Displacement).is_some();
+        let is_wanted = |quantity: &Quantity| {
+            map.of(*quantity).is_none() && (displacement_is_mapped || *quantity == Quantity::Displacement)
+        };
+        let wanted: Vec<Quantity> = Quantity::ALL.into_iter().filter(is_wanted).collect();
         let mut found: Vec<&str> = self
             .topics
             .iter()
-            .filter(|topic| topic.trace(Quantity::Displacement).is_some())
+            .filter(|topic| wanted.iter().any(|quantity| topic.trace(*quantity, false).is_some()))
             .map(|topic| topic.namespace.as_str())
             .collect();
         found.sort_unstable();
@@ -253,10 +437,18 @@ impl Bag<'_> {
             |namespace: &&str| if namespace.is_empty() { "/".to_owned() } else { (*namespace).to_owned() };
         let asked = self.options.namespace.as_deref().map(normal_namespace);
         match (asked, found.as_slice()) {
+            (Some(asked), _) if displacement_is_mapped => Ok(asked),
             (Some(asked), found) if found.contains(&asked.as_str()) => Ok(asked),
             (None, [only]) => Ok((*only).to_owned()),
+            (None, []) if displacement_is_mapped => Ok(String::new()),
             (None, [_, ..]) => {
-                Err(RunError::Namespaces { path: path.to_owned(), found: found.iter().map(show).collect() })
+                let what = if displacement_is_mapped {
+                    "several namespaces have channels that the map leaves open"
+                } else {
+                    "displacement of several dampers is recorded"
+                };
+                let found = found.iter().map(show).collect();
+                Err(RunError::Namespaces { path: path.to_owned(), what, found })
             }
             (asked, _) => Err(self.no_displacement(path, asked.as_deref(), found.iter().map(show).collect())),
         }
@@ -266,18 +458,17 @@ impl Bag<'_> {
     fn no_displacement(&self, path: &Path, asked: Option<&str>, elsewhere: Vec<String>) -> RunError {
         let path = path.to_owned();
         let displacement = |topic: &&Topic| {
-            matches!(role_of(&topic.name), Some((_, Role::Known(Quantity::Displacement))))
+            topic.role == Some(Role::Known(Quantity::Displacement))
                 && asked.is_none_or(|asked| topic.namespace == asked)
         };
-        if let Some(topic) = self.topics.iter().filter(displacement).find(|topic| topic.decoder.is_none()) {
-            let joint = topic.type_name == "sensor_msgs/msg/JointState" && self.options.joint.is_none();
+        let instead = suggest::line_for(Quantity::Displacement, &self.seen());
+        if let Some(topic) = self.topics.iter().filter(displacement).find(|topic| topic.series.is_empty()) {
             return RunError::TopicType {
                 path,
                 topic: topic.name.clone(),
                 found: format!("{} in {}", topic.type_name, topic.encoding),
-                accepted: "mr_damper_msgs/msg/Displacement, std_msgs/msg/Float64 and \
-                           sensor_msgs/msg/JointState",
-                hint: if joint { "; name the joint with --joint" } else { "" },
+                accepted: Quantity::Displacement.dimension().accepted().into(),
+                instead,
             };
         }
         let hint = if !elsewhere.is_empty() {
@@ -291,13 +482,48 @@ impl Bag<'_> {
         } else if self.topics.is_empty() {
             "the bag names no topic, so it is empty or was cut off before its first chunk".to_owned()
         } else {
-            let names: Vec<_> = self.topics.iter().take(20).map(|topic| topic.name.as_str()).collect();
-            format!(
-                "a run needs a topic that ends in /displacement (or joint_states with --joint); topics are: \
-                 {}",
-                names.join(", ")
-            )
+            let listing = suggest::listing(Quantity::Displacement, &self.seen());
+            match instead {
+                Some(line) => format!(
+                    "no topic is called displacement. Say which one holds it, for example {line}; {listing}"
+                ),
+                None => format!(
+                    "no topic is called displacement, and no topic's type can hold it (types that can are {}); {listing}",
+                    Quantity::Displacement.dimension().accepted()
+                ),
+            }
         };
         RunError::NoDisplacement { path, hint }
+    }
+}
+
+/// True when the run, or what is carried through, has something of the topic.
+fn is_used(topic: &Topic, namespace: &str, options: &LoadOptions) -> bool {
+    topic.series.iter().any(|series| {
+        series.mapped || (topic.namespace == namespace && !is_mapped_elsewhere(&series.role, options))
+    })
+}
+
+/// True for the role of a channel that the map takes from somewhere.
+fn is_mapped_elsewhere(role: &Role, options: &LoadOptions) -> bool {
+    let quantity = match role {
+        Role::Known(quantity) => Some(*quantity),
+        Role::Other(name) => Quantity::of_si_name(name),
+        Role::Joints => None,
+    };
+    quantity.is_some_and(|quantity| options.map.of(quantity).is_some())
+}
+
+/// The name under which a run carries a series through; `None` when that is a channel of its own, or is mapped.
+fn carried_name(role: &Role, mapped: bool, options: &LoadOptions) -> Option<String> {
+    if !mapped && is_mapped_elsewhere(role, options) {
+        return None;
+    }
+    match role {
+        Role::Known(quantity @ (Quantity::AmbientTemperature | Quantity::Setpoint)) => {
+            Some(quantity.si_name().to_owned())
+        }
+        Role::Other(name) => Some(name.clone()),
+        Role::Known(_) | Role::Joints => None,
     }
 }

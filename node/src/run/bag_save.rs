@@ -69,6 +69,7 @@ fn write(
             definition: encoder.definition,
             type_hash: encoder.type_hash,
             column: differs.then_some(column),
+            stands_for: None,
         })?;
         channels.push(Channel { topic, id, encoder, trace, next: 0 });
     }

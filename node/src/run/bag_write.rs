@@ -135,13 +135,17 @@ pub struct Topic<'a> {
     /// The run's column behind the topic, where the topic's name cannot say it; kept in the channel's
     /// metadata.
     pub column: Option<&'a str>,
+    /// What the topic would be called without a renaming, where it was renamed: `/front_left/displacement`. Kept beside the
+    /// topic, so that it is read as that.
+    pub stands_for: Option<&'a str>,
 }
 
 impl<'a> Topic<'a> {
     /// A topic of one of our message types.
     #[must_use]
     pub fn of<M: mr_damper_msgs::Message>(name: &'a str) -> Self {
-        Self { name, type_name: M::TYPE, definition: M::DEFINITION, type_hash: M::TYPE_HASH, column: None }
+        let (type_name, definition, type_hash) = (M::TYPE, M::DEFINITION, M::TYPE_HASH);
+        Self { name, type_name, definition, type_hash, column: None, stands_for: None }
     }
 }
 
@@ -169,6 +173,7 @@ struct TopicState {
     definition: String,
     type_hash: String,
     column: Option<String>,
+    stands_for: Option<String>,
     /// Messages in all files, and in those before the one at hand.
     messages: u64,
     before: u64,
@@ -182,6 +187,7 @@ impl TopicState {
             definition: topic.definition.to_owned(),
             type_hash: topic.type_hash.to_owned(),
             column: topic.column.map(str::to_owned),
+            stands_for: topic.stands_for.map(str::to_owned),
             messages: 0,
             before: 0,
         }
@@ -222,6 +228,8 @@ pub struct BagWriter {
     options: BagOptions,
     topics: Vec<TopicState>,
     by_name: HashMap<String, TopicId>,
+    /// What renamed topics would be called without that, by their names.
+    stand_for: HashMap<String, String>,
     /// When the oldest message that is still in memory came, and how many bytes wait.
     waiting: Option<(Instant, usize)>,
     /// Size of the file at hand without what waits.
@@ -270,10 +278,18 @@ impl BagWriter {
             options,
             topics: Vec::new(),
             by_name: HashMap::new(),
+            stand_for: HashMap::new(),
             waiting: None,
             flushed_bytes: 0,
             buffer: Vec::new(),
         })
+    }
+
+    /// Says what the topic `name`, which comes later, would be called without a renaming; nothing where it is called so.
+    pub fn note_renamed(&mut self, name: &str, stands_for: &str) {
+        if name != stands_for {
+            self.stand_for.insert(name.to_owned(), stands_for.to_owned());
+        }
     }
 
     /// Adds a topic, or finds it again by its name.
@@ -296,6 +312,8 @@ impl BagWriter {
             let why = format!("`{}` is not a ROS 2 type, as in std_msgs/msg/Float64", topic.type_name);
             return Err(self.unwritable(topic.name, why));
         }
+        let stands_for = topic.stands_for.or_else(|| self.stand_for.get(topic.name).map(String::as_str));
+        let topic = &Topic { stands_for, ..*topic };
         self.file.topic(topic)?;
         let id = TopicId(self.topics.len());
         self.topics.push(TopicState::new(topic));
@@ -408,9 +426,9 @@ impl BagWriter {
         self.file = OpenFile::create(&self.path, &self.options)?;
         self.entry = entry_of(&self.path, &self.options);
         for topic in &self.topics {
-            let TopicState { name, type_name, definition, type_hash, column, .. } = topic;
-            let column = column.as_deref();
-            self.file.topic(&Topic { name, type_name, definition, type_hash, column })?;
+            let TopicState { name, type_name, definition, type_hash, column, stands_for, .. } = topic;
+            let (column, stands_for) = (column.as_deref(), stands_for.as_deref());
+            self.file.topic(&Topic { name, type_name, definition, type_hash, column, stands_for })?;
         }
         Ok(())
     }
@@ -489,6 +507,8 @@ fn entry_of(path: &Path, options: &BagOptions) -> FileEntry {
 
 /// Key of a channel's metadata that names the run's column.
 pub(super) const COLUMN_KEY: &str = "mr_damper_column";
+/// Key of a channel's metadata with what its topic would be called without the recorder's renaming.
+pub(super) const TOPIC_KEY: &str = "mr_damper_topic";
 
 #[cfg(test)]
 mod tests {
@@ -502,6 +522,7 @@ mod tests {
         definition: Float64::DEFINITION,
         type_hash: Float64::TYPE_HASH,
         column: None,
+        stands_for: None,
     };
 
     fn create(dir: &Path, options: BagOptions) -> BagWriter {

@@ -1,5 +1,6 @@
 //! The columns of the run format: which quantity a header names, and how its unit becomes SI.
 
+use crate::extract::Dimension;
 use mr_damper_model::units::{M_PER_IN, N_PER_LBF};
 
 /// A quantity that the run format knows, in the order in which columns are written.
@@ -27,20 +28,20 @@ const fn unit(name: &'static str, to_si: fn(f64) -> f64) -> Unit {
     Unit { name, to_si }
 }
 
-const fn same(value: f64) -> f64 {
+pub(super) const fn same(value: f64) -> f64 {
     value
 }
 
 // A division by 1000 rounds once; 0.001 is itself rounded, so a product would round twice.
-const fn from_milli(value: f64) -> f64 {
+pub(super) const fn from_milli(value: f64) -> f64 {
     value / 1000.0
 }
 
-const fn from_inch(value: f64) -> f64 {
+pub(super) const fn from_inch(value: f64) -> f64 {
     value * M_PER_IN
 }
 
-const fn from_fahrenheit(value: f64) -> f64 {
+pub(super) const fn from_fahrenheit(value: f64) -> f64 {
     (value - 32.0) * 5.0 / 9.0
 }
 
@@ -107,6 +108,18 @@ impl Quantity {
                     ]
                 }
             }
+        }
+    }
+
+    /// What kind of physical quantity it is.
+    pub(super) const fn dimension(self) -> Dimension {
+        match self {
+            Self::Displacement | Self::Setpoint => Dimension::Length,
+            Self::Velocity | Self::BodyVelocity => Dimension::Velocity,
+            Self::Force | Self::ForceRequest => Dimension::Force,
+            Self::Current => Dimension::Current,
+            Self::Command => Dimension::Voltage,
+            Self::CaseTemperature | Self::AmbientTemperature => Dimension::Temperature,
         }
     }
 

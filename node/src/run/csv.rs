@@ -6,6 +6,11 @@
 
 use super::column::{Column, Quantity, THESIS_ORDER};
 use super::decimal::{parse_nanos, seconds_text};
+use super::error::MapFault;
+use super::map::{Channel, Convert, Map, Mapping};
+use super::names::topic_of;
+use super::suggest;
+use super::unit::{self, TIME, TimeUnit, Unit};
 use super::{LoadOptions, Note, RunError};
 use csv::{ByteRecord, ReaderBuilder, Trim};
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
@@ -40,7 +45,7 @@ fn read_headed<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> 
         return Err(RunError::NoDisplacement { path: path.to_owned(), hint: "the file is empty".into() });
     }
     let line = row.position().map_or(1, csv::Position::line);
-    let mut table = Table::from_header(path, line, &row, options.skip_bad_rows)?;
+    let mut table = Table::from_header(path, line, &row, options)?;
     while read_row(path, &mut reader, &mut row)? {
         let line = row.position().map_or(0, csv::Position::line);
         table.push(line, &row)?;
@@ -68,7 +73,7 @@ fn read_row(
 /// Reads lines of the thesis' acquisition files: no header, fields split by blanks, tabs or commas.
 fn read_thesis<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> Result<Table<'a>, RunError> {
     let header = ByteRecord::from(THESIS_ORDER.to_vec());
-    let mut table = Table::from_header(path, 1, &header, options.skip_bad_rows)?;
+    let mut table = Table::from_header(path, 1, &header, options)?;
     let mut reader = BufReader::new(source);
     let (mut text, mut row) = (Vec::new(), ByteRecord::new());
     for line in 1.. {
@@ -101,21 +106,57 @@ fn read_thesis<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> 
     Ok(table)
 }
 
-/// One column while it is read.
+/// What a column is for.
+#[derive(Debug, Clone, Copy)]
+enum Use {
+    Time,
+    Known(Quantity, Convert),
+    Other,
+}
+
+impl Use {
+    fn by_name(header: &str) -> Self {
+        match Column::of_header(header) {
+            Column::Time => Self::Time,
+            Column::Known(quantity, to_si) => Self::Known(quantity, Convert::plain(to_si)),
+            Column::Other => Self::Other,
+        }
+    }
+
+    /// True for what `map` takes from somewhere.
+    fn is_mapped(self, map: &Map) -> bool {
+        match self {
+            Self::Time => map.of_time().is_some(),
+            Self::Known(quantity, _) => map.of(quantity).is_some(),
+            Self::Other => false,
+        }
+    }
+}
+
+/// One channel while it is read.
 struct Reading {
+    /// Its place in a row.
+    field: usize,
     /// The header as written, for messages.
     header: String,
-    column: Column,
+    what: Use,
     trace: Trace,
     empty: u64,
+}
+
+impl Reading {
+    fn new(field: usize, header: &str, what: Use) -> Self {
+        Self { field, header: header.to_owned(), what, trace: Trace::default(), empty: 0 }
+    }
 }
 
 /// A table while it is read.
 struct Table<'a> {
     path: &'a Path,
+    headers: Vec<String>,
     columns: Vec<Reading>,
-    /// Index of `time_s`.
-    time: usize,
+    /// Place of the time, and its unit.
+    time: (usize, TimeUnit),
     skip_bad_rows: bool,
     last: Option<i64>,
     /// Values of the row at hand: a row enters the traces whole or not at all.
@@ -123,6 +164,8 @@ struct Table<'a> {
     kept: u64,
     skipped: u64,
     faults: Vec<String>,
+    /// What was noted of the header.
+    notes: Vec<Note>,
 }
 
 impl<'a> Table<'a> {
@@ -130,52 +173,121 @@ impl<'a> Table<'a> {
         path: &'a Path,
         line: u64,
         header: &ByteRecord,
-        skip_bad_rows: bool,
+        options: &LoadOptions,
     ) -> Result<Self, RunError> {
         let fail = |why: String| RunError::Header { path: path.to_owned(), line, why };
-        let mut columns: Vec<Reading> = Vec::with_capacity(header.len());
-        for (index, name) in header.iter().enumerate() {
-            let name = if index == 0 { name.strip_prefix(b"\xef\xbb\xbf").unwrap_or(name) } else { name };
-            let name = std::str::from_utf8(name.trim_ascii()).map_err(|_| {
-                let shown = String::from_utf8_lossy(name);
-                fail(format!(
-                    "column {} is named `{shown}`, which is not UTF-8: save the file as UTF-8",
-                    index + 1
-                ))
-            })?;
-            // Blanks of any alphabet are no name, nor can they be written as one.
-            if name.trim().is_empty() {
-                return Err(fail(format!("column {} has no name: name it or remove it", index + 1)));
-            }
-            let column = Column::of_header(name);
-            if let Some(twin) =
-                columns.iter().find(|other| same_column(&other.header, &other.column, name, &column))
-            {
-                let (a, b) = (&twin.header, name);
+        let headers = headers(header).map_err(fail)?;
+        let by_name: Vec<Use> = headers.iter().map(|header| Use::by_name(header)).collect();
+        for (index, (name, what)) in headers.iter().zip(&by_name).enumerate() {
+            let same = |(other, of): &(&String, &Use)| same_column(other, of, name, what);
+            let twin = headers[..index].iter().zip(&by_name).find(same);
+            if let Some((twin, _)) = twin.filter(|_| !what.is_mapped(&options.map)) {
                 return Err(fail(format!(
-                    "columns `{a}` and `{b}` are the same quantity: remove one of them"
+                    "columns `{twin}` and `{name}` are the same quantity: remove one of them"
                 )));
             }
-            columns.push(Reading { header: name.to_owned(), column, trace: Trace::default(), empty: 0 });
         }
-        let time = columns.iter().position(|c| matches!(c.column, Column::Time));
-        let has_displacement =
-            columns.iter().any(|c| matches!(c.column, Column::Known(Quantity::Displacement, _)));
-        let (Some(time), true) = (time, has_displacement) else {
-            return Err(fail(missing(time.is_none(), &columns)));
-        };
-        let values = Vec::with_capacity(columns.len());
-        Ok(Self {
+        let mut table = Self {
             path,
-            columns,
-            time,
-            skip_bad_rows,
+            columns: Vec::with_capacity(headers.len()),
+            time: (headers.len(), TIME[0]),
+            headers,
+            skip_bad_rows: options.skip_bad_rows,
             last: None,
-            values,
+            values: Vec::new(),
             kept: 0,
             skipped: 0,
             faults: vec![],
-        })
+            notes: vec![],
+        };
+        let mut mapped = Vec::new();
+        for mapping in options.map.all() {
+            let map = || mapping.to_string();
+            let field = table.take_mapped(mapping).map_err(|why| RunError::Map {
+                path: path.to_owned(),
+                map: map(),
+                why: Box::new(why),
+            })?;
+            mapped.push(field);
+        }
+        table.take_by_name(&by_name, &mapped, &options.map);
+        let has_displacement =
+            table.columns.iter().any(|c| matches!(c.what, Use::Known(Quantity::Displacement, _)));
+        let no_time = table.time.0 == table.headers.len();
+        if no_time || !has_displacement {
+            return Err(fail(missing(no_time, &table.headers)));
+        }
+        Ok(table)
+    }
+
+    /// Takes a channel from the column that it is mapped to; returns the column's place.
+    fn take_mapped(&mut self, mapping: &Mapping) -> Result<usize, MapFault> {
+        let headers = || self.headers.iter().map(String::as_str);
+        let source = mapping.source.as_str();
+        let place = headers().position(|header| header == source);
+        let Some(field) = place.or_else(|| headers().position(|it| it.eq_ignore_ascii_case(source))) else {
+            let nearest = suggest::nearest(source, headers()).map(str::to_owned);
+            let columns = shown(&self.headers);
+            return Err(MapFault::NoColumn { column: source.to_owned(), nearest, columns });
+        };
+        let header = self.headers[field].clone();
+        let by_name = Column::of_header(&header);
+        let (unit, by_unit, given, what) = match (mapping.channel, by_name) {
+            (Channel::Time(unit), _) => {
+                let found = TimeUnit::in_column(&header);
+                self.time = (field, unit.or(found).unwrap_or(TIME[0]));
+                (self.time.1.name, found.is_some(), unit.is_some(), Use::Time)
+            }
+            (Channel::Known(..), Column::Time) => return Err(MapFault::IsTime { column: header }),
+            (Channel::Known(quantity, _), Column::Known(other, _))
+                if other.dimension() != quantity.dimension() =>
+            {
+                let (found, wanted) = (other.dimension(), quantity.dimension());
+                return Err(MapFault::Quantity {
+                    column: header,
+                    found,
+                    channel: topic_of(quantity),
+                    wanted,
+                });
+            }
+            (Channel::Known(quantity, unit), by_name) => {
+                let found = Unit::in_column(quantity.dimension(), &header);
+                let taken = unit.or(found).unwrap_or(unit::of(quantity.dimension())[0]);
+                let what = Use::Known(quantity, mapping.convert(taken.to_si));
+                // The unit of a column of ours is agreed.
+                let given = unit.is_some() || matches!(by_name, Column::Known(..));
+                (taken.name, found.is_some(), given, what)
+            }
+        };
+        if !given {
+            self.notes.push(Note::UnitTaken { column: header.clone(), unit, by_name: by_unit });
+        }
+        self.columns.push(Reading::new(field, &header, what));
+        Ok(field)
+    }
+
+    /// Takes every column as what it is called, but for what the map takes from somewhere.
+    fn take_by_name(&mut self, by_name: &[Use], mapped: &[usize], map: &Map) {
+        for (field, what) in by_name.iter().enumerate() {
+            let header = &self.headers[field];
+            let is_source = mapped.contains(&field);
+            match what {
+                Use::Other if is_source => continue,
+                _ if what.is_mapped(map) => {
+                    let channel = match what {
+                        Use::Known(quantity, _) => topic_of(*quantity),
+                        Use::Time | Use::Other => "time",
+                    };
+                    if !is_source {
+                        self.notes.push(Note::ColumnReplaced { column: header.clone(), channel });
+                    }
+                    continue;
+                }
+                Use::Time => self.time.0 = field,
+                Use::Known(..) | Use::Other => {}
+            }
+            self.columns.push(Reading::new(field, header, *what));
+        }
     }
 
     /// Takes a row, or refuses it, or drops it when that was asked for.
@@ -208,47 +320,63 @@ impl<'a> Table<'a> {
     /// Parses a row into `self.values` and returns its time in nanoseconds.
     fn check(&mut self, line: u64, row: &ByteRecord) -> Result<i64, RunError> {
         let path = || self.path.to_owned();
-        let cell = |index: usize, why| RunError::Cell {
+        let cell = |field: usize, why| RunError::Cell {
             path: path(),
             line,
-            column: self.columns[index].header.clone(),
-            value: String::from_utf8_lossy(&row[index]).into_owned(),
+            column: self.headers[field].clone(),
+            value: String::from_utf8_lossy(&row[field]).into_owned(),
             why,
         };
-        if row.len() != self.columns.len() {
-            let hint = match self.columns.get(row.len()) {
-                Some(column) => format!("no value for `{}`", column.header),
-                None => format!("`{}` is one too many", String::from_utf8_lossy(&row[self.columns.len()])),
+        if row.len() != self.headers.len() {
+            let hint = match self.headers.get(row.len()) {
+                Some(header) => format!("no value for `{header}`"),
+                None => format!("`{}` is one too many", String::from_utf8_lossy(&row[self.headers.len()])),
             };
-            let (found, expected) = (row.len(), self.columns.len());
+            let (found, expected) = (row.len(), self.headers.len());
             return Err(RunError::RowLength { path: path(), line, found, expected, hint });
         }
-        let time = std::str::from_utf8(&row[self.time]).unwrap_or_default();
-        let nanos = parse_nanos(time)
-            .ok_or_else(|| cell(self.time, "is not a time in decimal seconds within 292 years"))?;
+        let (time_field, unit) = self.time;
+        let time = std::str::from_utf8(&row[time_field]).unwrap_or_default();
+        let nanos = parse_nanos(time, unit.exponent).ok_or_else(|| {
+            let in_seconds = unit == TIME[0];
+            cell(
+                time_field,
+                if in_seconds {
+                    "is not a time in decimal seconds within 292 years"
+                } else {
+                    "is not a decimal time within 292 years"
+                },
+            )
+        })?;
         if let Some(last) = self.last.filter(|&last| nanos <= last) {
-            let (value, previous) = (time.to_owned(), seconds_text(last));
-            return Err(RunError::TimeOrder { path: path(), line, value, previous });
+            let value = if unit == TIME[0] { time.to_owned() } else { seconds_text(nanos) };
+            let (column, previous) = (self.headers[time_field].clone(), seconds_text(last));
+            return Err(RunError::TimeOrder { path: path(), line, column, value, previous });
         }
         self.values.clear();
-        for (index, (field, column)) in row.iter().zip(&self.columns).enumerate() {
-            let value = match &column.column {
+        for column in &self.columns {
+            let field = &row[column.field];
+            let value = match &column.what {
                 _ if field.is_empty() => None,
-                Column::Time => None,
-                Column::Known(_, to_si) => {
-                    Some(to_si(number(field).ok_or_else(|| cell(index, "is not a number"))?))
+                Use::Time => None,
+                Use::Known(_, convert) => {
+                    let raw = number(field).ok_or_else(|| cell(column.field, "is not a number"))?;
+                    Some(convert.apply(raw))
                 }
-                Column::Other => Some(number(field).ok_or_else(|| {
-                    cell(index, "is not a number, and only numbers are carried through: remove the column")
+                Use::Other => Some(number(field).ok_or_else(|| {
+                    cell(
+                        column.field,
+                        "is not a number, and only numbers are carried through: remove the column",
+                    )
                 })?),
             };
             if value.is_some_and(|value| !value.is_finite()) {
-                return Err(cell(index, "is not finite"));
+                return Err(cell(column.field, "is not finite"));
             }
             self.values.push(value);
         }
         if self.values.iter().all(Option::is_none) {
-            return Err(cell(self.time, "is a time without any value"));
+            return Err(cell(time_field, "is a time without any value"));
         }
         Ok(nanos)
     }
@@ -263,28 +391,34 @@ impl<'a> Table<'a> {
         if self.skipped > 0 {
             notes.push(Note::RowsSkipped { count: self.skipped, first: self.faults });
         }
+        notes.extend(self.notes);
         let mut run = Run { name: path.display().to_string(), ..Run::default() };
         let mut drives: [Option<(String, Trace)>; 2] = [None, None];
-        for Reading { header, column, trace, empty } in self.columns {
-            if empty > 0 && !matches!(column, Column::Time) && !is_slower(&trace, empty) {
+        let mut columns = self.columns;
+        // Others in the order of the file, wherever mapped ones are.
+        columns.sort_by_key(|column| column.field);
+        for Reading { header, what, trace, empty, .. } in columns {
+            if empty > 0 && !matches!(what, Use::Time) && !is_slower(&trace, empty) {
                 notes.push(Note::EmptyCells { column: header.clone(), count: empty });
             }
             // A column of empty cells alone is a channel that was not recorded.
             let recorded = (!trace.is_empty()).then_some(trace.clone());
-            match column {
-                Column::Time => {}
-                Column::Known(Quantity::Displacement, _) => run.displacement_m = trace,
-                Column::Known(Quantity::Velocity, _) => run.velocity_m_s = recorded,
-                Column::Known(Quantity::Force, _) => run.force_n = recorded,
-                Column::Known(Quantity::CaseTemperature, _) => run.case_temp_c = recorded,
-                Column::Known(Quantity::BodyVelocity, _) => run.body_velocity_m_s = recorded,
-                Column::Known(Quantity::ForceRequest, _) => run.force_request_n = recorded,
-                Column::Known(Quantity::Current, _) => drives[0] = recorded.map(|trace| (header, trace)),
-                Column::Known(Quantity::Command, _) => drives[1] = recorded.map(|trace| (header, trace)),
-                Column::Known(quantity, _) => run.other.push((quantity.si_name().to_owned(), trace)),
-                Column::Other => {
-                    if let Some(quantity) = Column::resembles(&header) {
-                        notes.push(Note::UnitUnknown { column: header.clone(), known: quantity.names() });
+            match what {
+                Use::Time => {}
+                Use::Known(Quantity::Displacement, _) => run.displacement_m = trace,
+                Use::Known(Quantity::Velocity, _) => run.velocity_m_s = recorded,
+                Use::Known(Quantity::Force, _) => run.force_n = recorded,
+                Use::Known(Quantity::CaseTemperature, _) => run.case_temp_c = recorded,
+                Use::Known(Quantity::BodyVelocity, _) => run.body_velocity_m_s = recorded,
+                Use::Known(Quantity::ForceRequest, _) => run.force_request_n = recorded,
+                Use::Known(Quantity::Current, _) => drives[0] = recorded.map(|trace| (header, trace)),
+                Use::Known(Quantity::Command, _) => drives[1] = recorded.map(|trace| (header, trace)),
+                Use::Known(quantity, _) => run.other.push((quantity.si_name().to_owned(), trace)),
+                Use::Other => {
+                    let resembled = Column::resembles(&header);
+                    if let Some(quantity) = resembled.filter(|it| options.map.of(*it).is_none()) {
+                        let (column, channel) = (header.clone(), topic_of(quantity));
+                        notes.push(Note::UnitUnknown { column, channel, known: quantity.names() });
                     }
                     run.other.push((header, trace));
                 }
@@ -333,36 +467,63 @@ fn fault_text(fault: &RunError) -> String {
     }
 }
 
-fn same_column(a_name: &str, a: &Column, b_name: &str, b: &Column) -> bool {
+fn same_column(a_name: &str, a: &Use, b_name: &str, b: &Use) -> bool {
     match (a, b) {
-        (Column::Time, Column::Time) => true,
-        (Column::Known(a, _), Column::Known(b, _)) => a == b,
-        (Column::Other, Column::Other) => a_name == b_name,
+        (Use::Time, Use::Time) => true,
+        (Use::Known(a, _), Use::Known(b, _)) => a == b,
+        (Use::Other, Use::Other) => a_name == b_name,
         _ => false,
     }
 }
 
+/// The names of the columns, or what is wrong with one.
+fn headers(header: &ByteRecord) -> Result<Vec<String>, String> {
+    let name_of = |(index, name): (usize, &[u8])| {
+        let name = if index == 0 { name.strip_prefix(b"\xef\xbb\xbf").unwrap_or(name) } else { name };
+        let text = std::str::from_utf8(name.trim_ascii()).map_err(|_| {
+            let shown = String::from_utf8_lossy(name);
+            format!("column {} is named `{shown}`, which is not UTF-8: save the file as UTF-8", index + 1)
+        })?;
+        // Blanks of any alphabet are no name, nor can they be written as one.
+        if text.trim().is_empty() {
+            return Err(format!("column {} has no name: name it or remove it", index + 1));
+        }
+        Ok(text.to_owned())
+    };
+    header.iter().enumerate().map(name_of).collect()
+}
+
+/// The names of columns for a message.
+fn shown(headers: &[String]) -> String {
+    headers.join(", ").chars().take(200).collect()
+}
+
 /// What a header lacks, and the likeliest reason.
-fn missing(no_time: bool, columns: &[Reading]) -> String {
-    let found: Vec<_> = columns.iter().map(|c| c.header.as_str()).collect();
-    if found.iter().all(|name| number(name.as_bytes()).is_some()) {
+fn missing(no_time: bool, headers: &[String]) -> String {
+    if headers.iter().all(|name| number(name.as_bytes()).is_some()) {
         return "the first row holds numbers, so the header row is missing: name the columns, or give \
                 --thesis-txt for the order time, displacement, force, current, ambient, case, set point"
             .into();
     }
-    let lacks = if no_time {
-        "`time_s`".to_owned()
+    let (lacks, channel) = if no_time {
+        ("`time_s`".to_owned(), "time")
     } else {
-        format!("displacement ({})", Quantity::Displacement.names())
+        (format!("displacement ({})", Quantity::Displacement.names()), "displacement")
     };
-    let hint = match found.as_slice() {
+    let is_time = |header: &&str| matches!(Column::of_header(header), Column::Time);
+    let free = headers.iter().map(String::as_str).filter(|header| no_time || !is_time(header));
+    let hint = match headers {
         [only] if only.contains([';', '\t']) => {
-            "; the fields seem to be split by `;` or tabs: split them by commas"
+            "; the fields seem to be split by `;` or tabs: split them by commas".to_owned()
         }
-        _ => "; the unit belongs to the name, as in displacement_mm",
+        _ => {
+            let flag = suggest::column_for(channel, free);
+            let say =
+                flag.map(|flag| format!(", or say which column it is, as in {flag}")).unwrap_or_default();
+            format!("; the unit belongs to the name, as in displacement_mm{say}")
+        }
     };
-    let shown: String = found.join(", ").chars().take(200).collect();
-    format!("no column {lacks} among: {shown}{hint}")
+    format!("no column {lacks} among: {}{hint}", shown(headers))
 }
 
 /// A decimal number, finite or not; `None` when the text is no number.

@@ -8,11 +8,12 @@ use std::fmt::Write as _;
 /// Exponents beyond this are refused; they could only say zero or overflow.
 const EXPONENT_LIMIT: i32 = 1000;
 
-/// Reads decimal seconds (`12`, `-0.5`, `1.7e9`, `.25`) as nanoseconds, rounded half away from zero.
+/// Reads decimal seconds (`12`, `-0.5`, `1.7e9`, `.25`) as nanoseconds, rounded half away from zero; with a `shift`, another
+/// unit: -3 for milliseconds.
 ///
 /// `None` when the text is not a finite decimal number or does not fit 64 bits of nanoseconds (about 292
 /// years either way).
-pub(super) fn parse_nanos(text: &str) -> Option<i64> {
+pub(super) fn parse_nanos(text: &str, shift: i32) -> Option<i64> {
     let (negative, rest) = match text.as_bytes().first()? {
         b'-' => (true, &text[1..]),
         b'+' => (false, &text[1..]),
@@ -31,7 +32,7 @@ pub(super) fn parse_nanos(text: &str) -> Option<i64> {
         return None;
     }
     // How many of the digits count whole nanoseconds; the one after them decides the rounding.
-    let kept = i64::try_from(whole.len()).ok()? + i64::from(exponent) + 9;
+    let kept = i64::try_from(whole.len()).ok()? + i64::from(exponent + shift) + 9;
     let mut nanos: i64 = 0;
     let mut digits = digits().map(|b| i64::from(b - b'0'));
     for _ in 0..kept.max(0) {
@@ -101,12 +102,12 @@ mod tests {
             ("0e900", 0),
             ("9223372036.854775807", i64::MAX),
         ] {
-            assert_eq!(parse_nanos(text), Some(nanos), "{text}");
+            assert_eq!(parse_nanos(text, 0), Some(nanos), "{text}");
         }
         for text in
             ["", "-", ".", "e5", "1e", "nan", "inf", "1,5", "0x1", "1 2", "9223372037", "1e1001", "--1"]
         {
-            assert_eq!(parse_nanos(text), None, "{text}");
+            assert_eq!(parse_nanos(text, 0), None, "{text}");
         }
     }
 
@@ -124,7 +125,7 @@ mod tests {
     proptest! {
         #[test]
         fn times_round_trip(nanos in -i64::MAX..=i64::MAX) {
-            prop_assert_eq!(parse_nanos(&seconds_text(nanos)), Some(nanos));
+            prop_assert_eq!(parse_nanos(&seconds_text(nanos), 0), Some(nanos));
         }
 
         #[test]
@@ -140,7 +141,7 @@ mod tests {
 
         #[test]
         fn hostile_times_do_not_panic(text in "[-+0-9.eE]{0,40}") {
-            let _ = parse_nanos(&text);
+            let _ = parse_nanos(&text, 0);
         }
     }
 }

@@ -1,7 +1,9 @@
 //! What can go wrong with a run, and what was noted while reading one.
 
+use super::map::flag;
 use super::mcap::at;
 use crate::error::advice;
+use crate::extract::{Dimension, Unfit};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -88,7 +90,7 @@ pub enum RunError {
     },
     /// Time that does not increase.
     #[error(
-        "{}, line {line}, column `time_s`: {value} s does not come after {previous} s of the row before; \
+        "{}, line {line}, column `{column}`: {value} s does not come after {previous} s of the row before; \
          times must increase by 1 ns at least: sort or correct the file, or drop such rows with \
          --skip-bad-rows",
         path.display()
@@ -98,7 +100,9 @@ pub enum RunError {
         path: PathBuf,
         /// Line, from 1.
         line: u64,
-        /// The time as written.
+        /// The column of time.
+        column: String,
+        /// The time in seconds.
         value: String,
         /// The last accepted time, as exact decimal seconds.
         previous: String,
@@ -143,19 +147,22 @@ pub enum RunError {
     },
     /// Several dampers in one bag.
     #[error(
-        "{}: displacement of several dampers is recorded: {}; choose one with --namespace",
+        "{}: {what}: {}; choose one with --bag-namespace",
         path.display(), found.join(", ")
     )]
     Namespaces {
         /// The bag.
         path: PathBuf,
+        /// The open choice.
+        what: &'static str,
         /// The namespaces.
         found: Vec<String>,
     },
     /// A topic of a known name with a type that cannot stand for it.
     #[error(
-        "{}: topic {topic} holds {found}; accepted are {accepted}, in CDR{hint}",
-        path.display()
+        "{}: topic {topic} holds {found}; accepted are {accepted}, in CDR{}",
+        path.display(),
+        instead.as_ref().map(|line| format!("; say where displacement is, for example {line}")).unwrap_or_default()
     )]
     TopicType {
         /// The bag.
@@ -165,9 +172,19 @@ pub enum RunError {
         /// Its type and message encoding.
         found: String,
         /// The types that would do.
-        accepted: &'static str,
-        /// What to do, if it is known.
-        hint: &'static str,
+        accepted: Box<str>,
+        /// The flag that maps displacement to a topic, where one could serve.
+        instead: Option<String>,
+    },
+    /// What `--map` says cannot be read from this run.
+    #[error("{}: --map {map}: {why}", path.display())]
+    Map {
+        /// The run.
+        path: PathBuf,
+        /// The mapping.
+        map: String,
+        /// Why not.
+        why: Box<MapFault>,
     },
     /// `metadata.yaml` cannot be used.
     #[error(
@@ -241,6 +258,115 @@ pub enum RunError {
     },
 }
 
+/// Why a channel cannot be read from where it is mapped to.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MapFault {
+    /// The topic is not in the bag.
+    #[error("topic {topic} is not in the bag{}; {topics}", did_you_mean(nearest))]
+    NoTopic {
+        /// The topic.
+        topic: String,
+        /// The one with the nearest name.
+        nearest: Option<String>,
+        /// Those that are.
+        topics: String,
+    },
+    /// A column was named for a bag.
+    #[error(
+        "`{column}` is a column, and this run is a bag: name a topic, which begins with a slash; {topics}"
+    )]
+    ColumnOfBag {
+        /// The source as given.
+        column: String,
+        /// The topics.
+        topics: String,
+    },
+    /// Time was mapped for a bag.
+    #[error("messages of a bag have their stamps: leave out the map of time, which is for CSV files")]
+    TimeOfBag,
+    /// The topic's type does not fit.
+    #[error("{unfit}{}", instead.as_ref().map(|line| format!("; this bag has {line}")).unwrap_or_default())]
+    Unfit {
+        /// Why not.
+        unfit: Unfit,
+        /// The flag for a topic of this bag that fits.
+        instead: Option<String>,
+    },
+    /// The joint is not in the messages.
+    #[error("joint `{joint}` is not in the messages{}; joints are {}", did_you_mean(nearest), joints.join(", "))]
+    NoJoint {
+        /// The joint.
+        joint: String,
+        /// The one with the nearest name.
+        nearest: Option<String>,
+        /// Those that are.
+        joints: Vec<String>,
+    },
+    /// The topic is there and empty.
+    #[error(
+        "topic {topic} is in the bag, but no message was recorded: map another topic, or record it again"
+    )]
+    NoMessage {
+        /// The topic.
+        topic: String,
+    },
+    /// No message can be decoded.
+    #[error("no message of {topic} could be decoded: {fault}")]
+    Undecodable {
+        /// The topic.
+        topic: String,
+        /// The first one's fault.
+        fault: String,
+    },
+    /// Messages hold no number.
+    #[error("none of the {messages} messages of {topic} has a finite value of it: map another topic")]
+    NoValue {
+        /// The topic.
+        topic: String,
+        /// How many there are.
+        messages: u64,
+    },
+    /// Not in CDR.
+    #[error("its messages are in `{encoding}`, and only CDR is read")]
+    Encoding {
+        /// The encoding.
+        encoding: String,
+    },
+    /// The column is not in the file.
+    #[error("there is no column `{column}`{}; columns are {columns}", did_you_mean(nearest))]
+    NoColumn {
+        /// The column.
+        column: String,
+        /// The one with the nearest name.
+        nearest: Option<String>,
+        /// Those that are.
+        columns: String,
+    },
+    /// The column holds another quantity.
+    #[error("column `{column}` holds a {found}, and {channel} is a {wanted}: map another column")]
+    Quantity {
+        /// The column.
+        column: String,
+        /// Its quantity, by its name.
+        found: Dimension,
+        /// The channel.
+        channel: &'static str,
+        /// The channel's quantity.
+        wanted: Dimension,
+    },
+    /// One column is time and something else.
+    #[error("column `{column}` is the time: map another column")]
+    IsTime {
+        /// The column.
+        column: String,
+    },
+}
+
+fn did_you_mean(nearest: &Option<String>) -> String {
+    nearest.as_ref().map(|nearest| format!("; did you mean {nearest}?")).unwrap_or_default()
+}
+
 impl RunError {
     /// An adapter for `map_err` on I/O results.
     pub(super) fn io(path: &std::path::Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
@@ -279,6 +405,8 @@ pub enum Note {
     UnitUnknown {
         /// The column.
         column: String,
+        /// The channel that it looks like.
+        channel: &'static str,
         /// Names that would be used.
         known: String,
     },
@@ -369,6 +497,39 @@ pub enum Note {
         /// Their names.
         topics: Vec<String>,
     },
+    /// Topics that were taken by their names, though displacement is mapped.
+    TakenByName {
+        /// Topic and channel of each.
+        topics: Vec<String>,
+    },
+    /// No axis was named for a vector.
+    AxisTaken {
+        /// The topic.
+        topic: String,
+        /// The axis.
+        axis: String,
+    },
+    /// Force or drive are missing, and a topic of the bag may hold them.
+    CouldServe {
+        /// The flags that would map them.
+        lines: Vec<String>,
+    },
+    /// No unit was named for a mapped column.
+    UnitTaken {
+        /// The column.
+        column: String,
+        /// The unit.
+        unit: &'static str,
+        /// The column's name says so.
+        by_name: bool,
+    },
+    /// A column that is called as a channel that is mapped to another one.
+    ColumnReplaced {
+        /// The column.
+        column: String,
+        /// The channel.
+        channel: &'static str,
+    },
     /// The bag has no usable `metadata.yaml`: the recorder was killed. Its files were read by name.
     NoMetadata {
         /// The bag.
@@ -385,8 +546,13 @@ impl fmt::Display for Note {
             Self::EmptyCells { column, count } => {
                 write!(f, "column `{column}`: {count} empty cells taken as no sample")
             }
-            Self::UnitUnknown { column, known } => {
-                write!(f, "column `{column}` is carried through but not used: known names are {known}")
+            Self::UnitUnknown { column, channel, known } => {
+                write!(
+                    f,
+                    "column `{column}` is carried through but not used: known names are {known}; or say its \
+                     unit, as in {}",
+                    flag(channel, &format!("{column},unit=UNIT"))
+                )
             }
             Self::CutShort { path, offset, messages, why } => {
                 write!(f, "{}: read up to byte {offset}, {messages} messages; there: {why}", path.display())
@@ -426,6 +592,28 @@ impl fmt::Display for Note {
             }
             Self::TopicsLeft { topics } => {
                 write!(f, "not part of the run: {}", topics.join(", "))
+            }
+            Self::TakenByName { topics } => {
+                write!(f, "taken by name beside the map: {}", topics.join(", "))
+            }
+            Self::AxisTaken { topic, axis } => {
+                write!(f, "topic {topic}: axis {axis} was taken; name another one as in {topic}:x")
+            }
+            Self::CouldServe { lines } => write!(f, "what is missing may be read with {}", lines.join(" ")),
+            Self::UnitTaken { column, unit, by_name: true } => {
+                write!(
+                    f,
+                    "column `{column}` is read in {unit}, by its name; say unit=... where that is wrong"
+                )
+            }
+            Self::UnitTaken { column, unit, by_name: false } => {
+                write!(
+                    f,
+                    "column `{column}` is read in {unit}, as its name has no unit; say unit=... where that is wrong"
+                )
+            }
+            Self::ColumnReplaced { column, channel } => {
+                write!(f, "column `{column}` is left out, because {channel} is mapped to another one")
             }
             Self::NoMetadata { path } => write!(
                 f,

@@ -4,7 +4,7 @@
 //! split buys three things: exact byte offsets for notes, a damaged chunk that costs only itself, and
 //! length fields that are checked before the crate (which trusts them in places) sees them.
 
-use super::bag_write::COLUMN_KEY;
+use super::bag_write::{COLUMN_KEY, TOPIC_KEY};
 use super::storage::{Sink, TopicInfo, UNPACK_RATIO};
 use super::{Note, RunError};
 use mcap::McapError;
@@ -59,7 +59,9 @@ impl<S: Sink> Records<'_, S> {
     fn channel(&mut self, mut channel: Channel) {
         let type_name = self.types.get(&channel.schema_id).cloned().unwrap_or_default();
         let column = channel.metadata.remove(COLUMN_KEY);
-        let topic = TopicInfo { name: channel.topic, type_name, encoding: channel.message_encoding, column };
+        let stands_for = channel.metadata.remove(TOPIC_KEY);
+        let (name, encoding) = (channel.topic, channel.message_encoding);
+        let topic = TopicInfo { name, type_name, encoding, column, stands_for };
         self.sink.topic(channel.id.into(), topic);
     }
 }

@@ -4,7 +4,7 @@
 //! the process is killed, the file holds everything up to the last chunk and reads without repair.
 
 use super::bag_file::Message;
-use super::bag_write::{BagOptions, COLUMN_KEY, Sync, Topic};
+use super::bag_write::{BagOptions, COLUMN_KEY, Sync, TOPIC_KEY, Topic};
 use super::{RunError, metadata};
 use crate::provenance::TOOL;
 use mcap::records::{MessageHeader, Metadata};
@@ -53,6 +53,9 @@ impl McapFile {
         }
         if let Some(column) = topic.column {
             keys.insert(COLUMN_KEY.into(), column.to_owned());
+        }
+        if let Some(name) = topic.stands_for {
+            keys.insert(TOPIC_KEY.into(), name.to_owned());
         }
         let schema = self.writer.add_schema(topic.type_name, "ros2msg", topic.definition.as_bytes());
         let channel = schema.and_then(|schema| self.writer.add_channel(schema, topic.name, "cdr", &keys));

@@ -17,8 +17,8 @@
 //! | `ambient_temp_c` | `ambient_temperature` | `sensor_msgs/msg/Temperature` |
 //! | any other | `other/<column>` | `std_msgs/msg/Float64`, stamped by its log time |
 //!
-//! Each of these topics may also be `std_msgs/msg/Float64`, and displacement, velocity and force one joint of
-//! a `sensor_msgs/msg/JointState`. A [`Run`] has no place for variances and frame names, so these are the
+//! Each of these topics may also be of another type that holds such a quantity (`extract.rs`): `std_msgs/msg/Float64`, one joint of
+//! a `sensor_msgs/msg/JointState`, and others. Channels in topics or columns of other names are mapped ([`Map`]). A [`Run`] has no place for variances and frame names, so these are the
 //! parts of a recorded bag that a conversion drops; topics that are no part of a run are named in a note.
 //!
 //! A bag is a rosbag2 directory or one of its files alone, stored as MCAP or sqlite3, split or not, packed as
@@ -34,6 +34,7 @@ mod csv_write;
 mod decimal;
 mod error;
 mod hash;
+mod map;
 mod mcap;
 mod mcap_write;
 mod metadata;
@@ -42,11 +43,14 @@ mod pack;
 mod sqlite;
 mod sqlite_write;
 mod storage;
+mod suggest;
+mod unit;
 mod whole;
 mod wire;
 
 pub use bag_write::{BagOptions, BagSummary, BagWriter, Storage, Sync, Topic, TopicId};
-pub use error::{Note, RunError};
+pub use error::{MapFault, Note, RunError};
+pub use map::{Map, MapError, Mapping};
 pub(crate) use whole::write_text;
 
 use hash::{Hash, HashingReader};
@@ -67,8 +71,10 @@ pub struct LoadOptions {
     pub drive: Option<DriveKind>,
     /// Bags: the damper's namespace, such as `/front_left`; needed when a bag holds several.
     pub namespace: Option<String>,
-    /// Bags: the joint to take from `sensor_msgs/msg/JointState` topics.
+    /// Bags: the joint to take from `sensor_msgs/msg/JointState` topics that are called as ours (`--bag-joint`).
     pub joint: Option<String>,
+    /// Where channels come from whose topics or columns are called otherwise (`--map`).
+    pub map: Map,
 }
 
 /// How a run is written.

@@ -3,7 +3,7 @@
 use super::column::Quantity;
 
 /// Last part of the topics of known quantities. The set point has none: it travels as `other/setpoint_m`.
-const TOPICS: [(Quantity, &str); 9] = [
+pub(super) const TOPICS: [(Quantity, &str); 9] = [
     (Quantity::Displacement, "displacement"),
     (Quantity::Velocity, "velocity"),
     (Quantity::Force, "measured_force"),
@@ -20,6 +20,11 @@ const OTHER: &str = "other";
 
 /// Last part of the topics with states of joints.
 const JOINTS: &str = "joint_states";
+
+/// What a channel is called where topics and columns of other names are mapped to it: as the node's topic.
+pub(super) fn topic_of(quantity: Quantity) -> &'static str {
+    TOPICS.iter().find(|(known, _)| *known == quantity).map_or("setpoint", |(_, topic)| topic)
+}
 
 /// What a topic holds, by its name.
 #[derive(Debug, Clone, PartialEq, Eq)]

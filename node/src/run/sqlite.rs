@@ -31,6 +31,8 @@ const JOURNALS: [&str; 2] = ["-wal", "-journal"];
 
 /// Table of ours that names the run's column behind a topic, where the topic's name cannot say it.
 pub(super) const COLUMNS_TABLE: &str = "mr_damper_columns";
+/// Table of ours with what a topic would be called without the recorder's renaming.
+pub(super) const TOPICS_TABLE: &str = "mr_damper_topics";
 
 /// Reads a whole database into `sink`; it lies at `file` and is called `path`. What is damaged is left out
 /// with a note.
@@ -224,20 +226,26 @@ impl Reader<'_> {
         } else {
             "'cdr'"
         };
+        let mut columns = self.names(COLUMNS_TABLE)?;
+        let mut stand_for = self.names(TOPICS_TABLE)?;
+        self.few_rows(&format!("SELECT id, name, type, {encoding} FROM topics ORDER BY id"), |row| {
+            let id = integer(row, 0);
+            let (column, stands_for) = (columns.remove(&id), stand_for.remove(&id));
+            let (name, type_name, encoding) = (text(row, 1), text(row, 2), text(row, 3));
+            let topic = TopicInfo { name, type_name, encoding, column, stands_for };
+            sink.topic(id.unwrap_or(-1), topic);
+        })
+    }
+
+    /// What one of our own tables says of topics, by their ids; nothing where the table is missing.
+    fn names(&mut self, table: &str) -> Result<HashMap<Option<i64>, String>, RunError> {
         let mut names = HashMap::new();
-        if !self.columns(COLUMNS_TABLE)?.is_empty() {
-            let query = format!("SELECT topic_id, name FROM {COLUMNS_TABLE}");
-            self.few_rows(&query, |row| {
+        if !self.columns(table)?.is_empty() {
+            self.few_rows(&format!("SELECT topic_id, name FROM {table}"), |row| {
                 names.insert(integer(row, 0), text(row, 1));
             })?;
         }
-        self.few_rows(&format!("SELECT id, name, type, {encoding} FROM topics ORDER BY id"), |row| {
-            let id = integer(row, 0);
-            let column = names.remove(&id);
-            let topic =
-                TopicInfo { name: text(row, 1), type_name: text(row, 2), encoding: text(row, 3), column };
-            sink.topic(id.unwrap_or(-1), topic);
-        })
+        Ok(names)
     }
 
     /// Takes the rows of a small table as far as they go.

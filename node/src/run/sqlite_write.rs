@@ -7,7 +7,7 @@
 
 use super::bag_file::Message;
 use super::bag_write::{BagOptions, Sync, Topic};
-use super::sqlite::COLUMNS_TABLE;
+use super::sqlite::{COLUMNS_TABLE, TOPICS_TABLE};
 use super::{RunError, metadata};
 use crate::error::advice;
 use rusqlite::{Connection, ErrorCode, OpenFlags, params};
@@ -92,15 +92,14 @@ impl SqliteFile {
                     params![topic.type_name, topic.definition, topic.type_hash],
                 )?;
             }
-            if let Some(column) = topic.column {
-                // Only where it is needed: rosbag2 knows no such table.
+            // Only where they are needed: rosbag2 knows no such tables.
+            for (table, name) in [(COLUMNS_TABLE, topic.column), (TOPICS_TABLE, topic.stands_for)] {
+                let Some(name) = name else { continue };
                 transaction.execute_batch(&format!(
-                    "CREATE TABLE IF NOT EXISTS {COLUMNS_TABLE}(topic_id INTEGER PRIMARY KEY, name TEXT NOT NULL)"
+                    "CREATE TABLE IF NOT EXISTS {table}(topic_id INTEGER PRIMARY KEY, name TEXT NOT NULL)"
                 ))?;
-                transaction.execute(
-                    &format!("INSERT INTO {COLUMNS_TABLE} (topic_id, name) VALUES (?1, ?2)"),
-                    params![id, column],
-                )?;
+                let insert = format!("INSERT INTO {table} (topic_id, name) VALUES (?1, ?2)");
+                transaction.execute(&insert, params![id, name])?;
             }
             transaction.commit()
         };

@@ -19,6 +19,8 @@ pub(super) struct TopicInfo {
     pub(super) encoding: String,
     /// The run's column behind it, where its name cannot say that.
     pub(super) column: Option<String>,
+    /// What the topic would be called without the recorder's renaming, where it was renamed.
+    pub(super) stands_for: Option<String>,
 }
 
 /// Takes what matters from the files of a bag, in file order.

@@ -1,30 +1,36 @@
-//! Events to ROS topics, and to the log.
+//! Events to ROS topics.
 //!
-//! Publishing allocates and wakes the middleware's thread, so it happens here and never on the estimating
-//! thread. Refused samples are logged: the first at once, then no more than one line a second for each kind,
-//! with a count.
+//! ```text
+//! estimating thread ─→ ring of commands ─→ [ros-commands] ─→ current_command
+//!                   └→ ring of reports ──→ [ros-sink] ─────→ force_estimate, force_residual, mode
+//! ```
+//!
+//! Publishing allocates and wakes the middleware's thread, so it happens here and never on the estimating thread. Commands have a
+//! ring and a thread of their own: no amount of estimates delays one, and one that is late all the same is dropped. No write waits for
+//! a reader (`ros.rs`, `lagging_readers.rs`), and nothing is logged here, because a log can be slow: `event_log.rs` does that.
 
 use crate::clock::Clock;
 use crate::config::RosArgs;
-use crate::diagnostics::ALARM_ADVICE;
 use crate::error::NodeError;
+use crate::frame::Frame;
 use crate::hot::Inlet;
 use crate::latency::Latency;
-use crate::ros::Ros;
+use crate::ros::{Output, Ros};
 use crate::wire::{self, ModelNames};
 use crate::worker::{Stop, Worker};
-use mr_damper_model::pipeline::{AlarmChange, Event, Refusal, Refused};
-use mr_damper_model::sample::{Channel, Stamp};
+use mr_damper_model::pipeline::{Commanded, Estimate, Event};
+use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
-use ros2_client::Publisher;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, RwLock};
+use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-/// How long the thread sleeps when nobody wakes it.
+/// How long a thread sleeps when nobody wakes it.
 const IDLE: Duration = Duration::from_millis(100);
-/// Spacing of log lines on refused samples of one kind.
-const LOG_EVERY: Duration = Duration::from_secs(1);
+
+/// How old a command may be when it is published, where `deadline_s` says nothing: the time for which a request holds by default.
+pub const COMMAND_AGE: Duration = Duration::from_millis(100);
 
 /// Counters of the sink.
 #[derive(Debug, Default)]
@@ -33,8 +39,10 @@ pub struct RosSinkCounters {
     pub estimates: AtomicU64,
     /// Residuals published.
     pub residuals: AtomicU64,
-    /// Samples refused by the pipeline.
-    pub refused: AtomicU64,
+    /// Commands published.
+    pub commands: AtomicU64,
+    /// Commands that were not published because they were late.
+    pub late_commands: AtomicU64,
     /// Messages that the middleware did not take.
     pub failed: AtomicU64,
     /// From the receipt of a displacement to the publishing of its estimate.
@@ -48,21 +56,46 @@ pub struct RosSinkCounters {
 /// The names of the models that run; swapped with them.
 pub type SharedNames = Arc<RwLock<ModelNames>>;
 
-/// The running sink.
-pub struct RosSink {
-    worker: Worker,
+/// State that both threads share.
+#[derive(Clone)]
+struct Shared {
+    clock: Arc<Clock>,
+    /// `deadline_s`, where there is one.
+    deadline: Option<Duration>,
+    frame: Frame,
     counters: Arc<RosSinkCounters>,
 }
 
-struct Publishers {
-    estimate: Publisher<ForceEstimate>,
-    residual: Publisher<ForceResidual>,
-    mode: Publisher<ModeChange>,
-    command: Publisher<CurrentCommand>,
+impl Shared {
+    /// How long ago `received` was. Under simulated time nothing says so.
+    fn age(&self, received: Stamp) -> Option<Duration> {
+        self.clock.took_since(received)
+    }
+
+    fn count(&self, published: bool, count: &AtomicU64) {
+        let count = if published { count } else { &self.counters.failed };
+        count.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// The ends of the rings that the sink reads.
+pub struct Inlets {
+    /// [`crate::hot::Wanted::Commands`].
+    pub commands: Inlet,
+    /// [`crate::hot::Wanted::Reports`].
+    pub reports: Inlet,
+}
+
+/// The running sink.
+pub struct RosSink {
+    commands: Worker,
+    reports: Worker,
+    counters: Arc<RosSinkCounters>,
 }
 
 impl RosSink {
-    /// Creates the publishers and starts the thread. Estimates older than `deadline` are published all the same, and counted.
+    /// Creates the publishers and starts the threads. Estimates older than `deadline` are published all the same, and counted;
+    /// commands older than that, or than [`COMMAND_AGE`] where there is none, are dropped and counted.
     ///
     /// # Errors
     /// When a topic cannot be published or the system starts no thread.
@@ -72,34 +105,39 @@ impl RosSink {
         names: SharedNames,
         clock: Arc<Clock>,
         deadline: Option<Duration>,
-        inlet: Inlet,
+        frame: Frame,
+        inlets: Inlets,
     ) -> Result<Self, NodeError> {
-        let publishers = Publishers {
+        let counters = Arc::new(RosSinkCounters::default());
+        let shared = Shared { clock, deadline, frame, counters: Arc::clone(&counters) };
+        let commands =
+            Commands { publisher: ros.publish(&args.topic("current_command"))?, shared: shared.clone() };
+        let reports = Reports {
             estimate: ros.publish(&args.topic("force_estimate"))?,
             residual: ros.publish(&args.topic("force_residual"))?,
-            mode: ros.publish(&args.topic("mode"))?,
-            command: ros.publish(&args.topic("current_command"))?,
-        };
-        let counters = Arc::new(RosSinkCounters::default());
-        let frame_id = wire::frame_id(&args.namespace());
-        let publishing = Publishing {
-            publishers,
+            mode: ros.publish_state(&args.topic("mode"))?,
             names,
-            clock,
-            deadline,
-            frame_id,
-            counters: Arc::clone(&counters),
-            log: RefusalLog::default(),
+            shared,
         };
-        let worker = Worker::start("ros-sink", move |stop| publishing.run(inlet, stop))
-            .map_err(NodeError::io("starting the thread that publishes ROS messages"))?;
-        Ok(Self { worker, counters })
+        let starting = NodeError::io("starting a thread that publishes ROS messages");
+        let commands =
+            Worker::start("ros-commands", move |stop| drain(inlets.commands, stop, |e| commands.publish(e)));
+        let reports =
+            Worker::start("ros-sink", move |stop| drain(inlets.reports, stop, |e| reports.publish(e)));
+        let (commands, reports) = commands.and_then(|commands| Ok((commands, reports?))).map_err(starting)?;
+        Ok(Self { commands, reports, counters })
     }
 
-    /// The sink's thread, for waking.
+    /// The thread of commands, for waking.
     #[must_use]
-    pub fn thread(&self) -> std::thread::Thread {
-        self.worker.thread()
+    pub fn commands_thread(&self) -> Thread {
+        self.commands.thread()
+    }
+
+    /// The thread of everything else, for waking.
+    #[must_use]
+    pub fn reports_thread(&self) -> Thread {
+        self.reports.thread()
     }
 
     /// The sink's counters.
@@ -108,184 +146,147 @@ impl RosSink {
         Arc::clone(&self.counters)
     }
 
-    /// True while the thread runs; false after a panic.
+    /// True while the threads run; false after a panic.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        self.worker.is_alive()
+        self.commands.is_alive() && self.reports.is_alive()
     }
 
-    /// Publishes what is left in the ring, ends the thread and drops the publishers. `Err` when it had panicked.
+    /// Publishes what is left in the rings, ends the threads and drops the publishers. `Err` when one had panicked.
     ///
     /// # Errors
     /// The panic's payload.
     pub fn stop(self) -> std::thread::Result<()> {
-        self.worker.stop()
+        let commands = self.commands.stop();
+        self.reports.stop().and(commands)
     }
 }
 
-struct Publishing {
-    publishers: Publishers,
-    names: SharedNames,
-    clock: Arc<Clock>,
-    /// How old an estimate may be when it is published.
-    deadline: Option<Duration>,
-    frame_id: String,
-    counters: Arc<RosSinkCounters>,
-    log: RefusalLog,
-}
-
-impl Publishing {
-    fn run(mut self, mut inlet: Inlet, stop: &Stop) {
-        loop {
-            // Read before draining: what is in the ring when stop is set is still published.
-            let last_round = stop.is_raised();
-            while let Ok(event) = inlet.events.pop() {
-                self.publish(&event);
-            }
-            self.log.flush();
-            if last_round {
-                return;
-            }
-            std::thread::park_timeout(IDLE);
+/// Hands on the events of a ring until the end.
+fn drain(mut inlet: Inlet, stop: &Stop, mut publish: impl FnMut(&Event)) {
+    loop {
+        // Read before draining: what is in the ring when stop is set is still published.
+        let last_round = stop.is_raised();
+        while let Ok(event) = inlet.events.pop() {
+            publish(&event);
         }
+        if last_round {
+            return;
+        }
+        std::thread::park_timeout(IDLE);
     }
+}
 
-    fn publish(&mut self, event: &Event) {
-        let published = match event {
-            Event::Estimate(estimate) => {
-                let began = Instant::now();
-                // A poisoned lock only means that a writer panicked between two whole names.
-                let names = self.names.read().unwrap_or_else(std::sync::PoisonError::into_inner);
-                let message = wire::force_estimate(estimate, &names, &self.frame_id);
-                drop(names);
-                self.counters.estimates.fetch_add(1, Ordering::Relaxed);
-                let published = self.publishers.estimate.publish(message).is_ok();
-                self.counters.publishing.add(began.elapsed());
-                self.note_latency(estimate.received);
-                published
-            }
+struct Commands {
+    publisher: Output<CurrentCommand>,
+    shared: Shared,
+}
+
+impl Commands {
+    fn publish(&self, event: &Event) {
+        let Event::Command(commanded) = event else { return };
+        let counters = &self.shared.counters;
+        if is_late(commanded, &self.shared) {
+            counters.late_commands.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        let published =
+            self.publisher.publish(wire::current_command(commanded, &self.shared.frame.get())).is_ok();
+        self.shared.count(published, &counters.commands);
+    }
+}
+
+/// True for a command of a motion that is over by now.
+fn is_late(commanded: &Commanded, shared: &Shared) -> bool {
+    shared.age(commanded.known_at).is_some_and(|age| age > shared.deadline.unwrap_or(COMMAND_AGE))
+}
+
+struct Reports {
+    estimate: Output<ForceEstimate>,
+    residual: Output<ForceResidual>,
+    mode: Output<ModeChange>,
+    names: SharedNames,
+    shared: Shared,
+}
+
+impl Reports {
+    fn publish(&self, event: &Event) {
+        let Shared { frame, counters, .. } = &self.shared;
+        match event {
+            Event::Estimate(estimate) => self.publish_estimate(estimate),
             Event::Residual(residual) => {
-                self.counters.residuals.fetch_add(1, Ordering::Relaxed);
-                self.publishers.residual.publish(wire::force_residual(residual, &self.frame_id)).is_ok()
+                let published = self.residual.publish(wire::force_residual(residual, &frame.get())).is_ok();
+                self.shared.count(published, &counters.residuals);
             }
             Event::Transition(transition) => {
-                tracing::info!(
-                    from = transition.from.name(),
-                    to = transition.to.name(),
-                    reason = transition.cause.text(),
-                    "mode"
-                );
-                self.publishers.mode.publish(wire::mode_change(transition, &self.frame_id)).is_ok()
+                if self.mode.publish(wire::mode_change(transition, &frame.get())).is_err() {
+                    counters.failed.fetch_add(1, Ordering::Relaxed);
+                }
             }
-            Event::Refusal(refusal) => {
-                self.counters.refused.fetch_add(1, Ordering::Relaxed);
-                self.log.note(refusal);
-                true
-            }
-            Event::Alarm(alarm) => {
-                self.say_alarm(alarm);
-                true
-            }
-            Event::Command(commanded) => {
-                self.publishers.command.publish(wire::current_command(commanded, &self.frame_id)).is_ok()
-            }
-            Event::Input(_) => true,
-        };
-        if !published {
-            self.counters.failed.fetch_add(1, Ordering::Relaxed);
+            Event::Refusal(_) | Event::Alarm(_) | Event::Command(_) | Event::Input(_) => {}
         }
     }
 
-    /// Counts how long an estimate took. Simulated time says nothing of that.
-    fn note_latency(&self, received: Option<Stamp>) {
-        if let Some(took) = received.and_then(|received| self.clock.took_since(received)) {
-            self.counters.latency.add(took);
-            if self.deadline.is_some_and(|deadline| took > deadline) {
-                self.counters.missed.fetch_add(1, Ordering::Relaxed);
-            }
-        }
-    }
-
-    fn say_alarm(&self, alarm: &AlarmChange) {
+    fn publish_estimate(&self, estimate: &Estimate) {
+        let began = Instant::now();
+        // A poisoned lock only means that a writer panicked between two whole names.
         let names = self.names.read().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let (model, stamp_ns) = (names.free.as_str(), alarm.stamp.nanos());
-        if alarm.raised {
-            tracing::warn!(
-                model,
-                stamp_ns,
-                ratio = format!("{:.2}", alarm.ratio),
-                "residual alarm: the model is off by more than its noise explains; {ALARM_ADVICE}"
-            );
-        } else {
-            tracing::info!(model, stamp_ns, "the residual alarm is over");
-        }
-    }
-}
-
-/// Log lines on refused samples, thinned out.
-#[derive(Default)]
-struct RefusalLog {
-    kinds: Vec<RefusalKind>,
-}
-
-struct RefusalKind {
-    channel: Channel,
-    why: Refused,
-    since_last: u64,
-    last_line: Instant,
-    example: Refusal,
-}
-
-impl RefusalLog {
-    fn note(&mut self, refusal: &Refusal) {
-        let channel = refusal.sample.reading.channel();
-        match self.kinds.iter_mut().find(|kind| kind.channel == channel && kind.why == refusal.why) {
-            Some(kind) => {
-                kind.since_last += 1;
-                kind.example = *refusal;
-            }
-            None => {
-                warn(refusal, 1);
-                self.kinds.push(RefusalKind {
-                    channel,
-                    why: refusal.why,
-                    since_last: 0,
-                    last_line: Instant::now(),
-                    example: *refusal,
-                });
-            }
-        }
-    }
-
-    fn flush(&mut self) {
-        for kind in &mut self.kinds {
-            if kind.since_last > 0 && kind.last_line.elapsed() >= LOG_EVERY {
-                warn(&kind.example, kind.since_last);
-                kind.since_last = 0;
-                kind.last_line = Instant::now();
+        let message = wire::force_estimate(estimate, &names, &self.shared.frame.get());
+        drop(names);
+        let published = self.estimate.publish(message).is_ok();
+        let counters = &self.shared.counters;
+        self.shared.count(published, &counters.estimates);
+        counters.publishing.add(began.elapsed());
+        if let Some(took) = estimate.received.and_then(|received| self.shared.age(received)) {
+            counters.latency.add(took);
+            if self.shared.deadline.is_some_and(|deadline| took > deadline) {
+                counters.missed.fetch_add(1, Ordering::Relaxed);
             }
         }
     }
 }
 
-fn warn(refusal: &Refusal, count: u64) {
-    let advice = match refusal.why {
-        Refused::NotFinite => "check who publishes it",
-        Refused::Repeated | Refused::TimeBack => "check the publisher's stamps, and that only one publishes",
-        Refused::OutOfRange => {
-            "check the sensor's unit and offset, or raise the parameter plausible.* that bounds it"
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::system_now;
+    use mr_damper_model::inverse::{Command, LimitedBy};
+    use mr_damper_model::units::{Ampere, Newton};
+
+    fn commanded(known_at: Stamp) -> Commanded {
+        let command = Command {
+            current: Ampere(0.6),
+            requested: Newton(300.0),
+            expected: Newton(299.5),
+            achievable: [Newton(80.0), Newton(900.0)],
+            is_achievable: true,
+            dissipative: true,
+            limited_by: LimitedBy::None,
+        };
+        Commanded { stamp: known_at, known_at, command }
+    }
+
+    fn shared(simulated: bool, deadline: Option<Duration>) -> Shared {
+        let clock = Arc::new(Clock::new(simulated));
+        Shared { clock, deadline, frame: Frame::new(""), counters: Arc::default() }
+    }
+
+    #[test]
+    fn a_command_is_late_after_its_deadline_and_after_a_tenth_of_a_second_without_one() {
+        let ago = |ms: i64| commanded(system_now().shifted(-ms * 1_000_000));
+        for (deadline_ms, in_time_ms, late_ms) in
+            [(None, 0, 101), (Some(20), 0, 21), (Some(5000), 4000, 5001)]
+        {
+            let shared = shared(false, deadline_ms.map(Duration::from_millis));
+            assert!(!is_late(&ago(in_time_ms), &shared), "{deadline_ms:?}");
+            assert!(is_late(&ago(late_ms), &shared), "{deadline_ms:?}");
         }
-        Refused::TooFast => {
-            "check the sensor for spikes and its unit, or raise the parameter plausible.speed_max_m_s"
-        }
-        Refused::WrongDrive => "load a model that was identified on this kind of drive",
-    };
-    tracing::warn!(
-        channel = refusal.sample.reading.channel().name(),
-        value = refusal.sample.reading.get(),
-        stamp_ns = refusal.sample.stamp.nanos(),
-        count,
-        "sample refused: {}; {advice}",
-        refusal.why.text(),
-    );
+    }
+
+    #[test]
+    fn simulated_time_tells_no_age() {
+        let shared = shared(true, None);
+        shared.clock.hear(Stamp::from_nanos(5_000_000_000));
+        assert!(!is_late(&commanded(Stamp::from_nanos(0)), &shared));
+    }
 }

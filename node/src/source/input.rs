@@ -1,6 +1,6 @@
 //! The input topics: which message each carries, and where in it its number is.
 
-use crate::config::InputConfig;
+use crate::config::{Config, InputConfig, RosArgs};
 use crate::error::NodeError;
 use mr_damper_msgs::standard::{Float64, Header, JointState, Temperature};
 use mr_damper_msgs::{
@@ -19,21 +19,37 @@ pub(super) const TOPICS: [&str; 8] = [
     "case_temperature",
 ];
 
-/// Stamp (ns; zero: none) and plain value of a message; `None` when it holds no value for us.
-pub(super) type Taken = Option<(i64, f64)>;
+/// The number of a message, and what its header says of it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Number {
+    /// Stamp, ns; zero: none.
+    pub(super) stamp_ns: i64,
+    /// As it is in the message.
+    pub(super) value: f64,
+    /// Frame; empty: none.
+    pub(super) frame_id: String,
+}
+
+impl Number {
+    fn new(header: Header, value: f64) -> Self {
+        Self { stamp_ns: header.stamp.as_nanos(), value, frame_id: header.frame_id }
+    }
+}
+
+/// What is taken of a message; `None` when it holds no number for us.
+pub(super) type Taken = Option<Number>;
 
 /// A message that holds one number.
 pub(super) trait Carries: Message {
-    /// Its stamp and that number.
-    fn taken(self) -> (i64, f64);
+    /// That number.
+    fn taken(self) -> Number;
 }
 
 macro_rules! carries {
     ($($message:ty: $field:ident),+) => {
         $(impl Carries for $message {
-            fn taken(self) -> (i64, f64) {
-                let Header { stamp, .. } = self.header;
-                (stamp.as_nanos(), self.$field)
+            fn taken(self) -> Number {
+                Number::new(self.header, self.$field)
             }
         })+
     };
@@ -44,8 +60,8 @@ carries!(
 );
 
 impl Carries for Float64 {
-    fn taken(self) -> (i64, f64) {
-        (0, self.data)
+    fn taken(self) -> Number {
+        Number { value: self.data, ..Number::default() }
     }
 }
 
@@ -57,7 +73,8 @@ pub(super) fn of_joint(message: JointState, topic: &str, joint: &str) -> Taken {
         "velocity" | "body_velocity" => message.velocity,
         _ => message.effort,
     };
-    column.get(index).map(|value| (message.header.stamp.as_nanos(), *value))
+    let value = *column.get(index)?;
+    Some(Number::new(message.header, value))
 }
 
 /// The joint that `topic` is taken from.
@@ -73,6 +90,42 @@ pub(super) fn joint_of(topic: &str, settings: &InputConfig) -> Result<String, No
         });
     }
     Ok(settings.joint.clone())
+}
+
+/// An input as others see it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct InputTopic {
+    /// Full name.
+    pub topic: String,
+    /// DDS name of the messages' type.
+    pub dds_type_name: &'static str,
+    /// One publisher is meant to publish it. Joints of one topic may come from several.
+    pub has_one_publisher: bool,
+    /// Estimates are made from it.
+    pub is_estimated_from: bool,
+}
+
+/// True for an input that estimates are made from: the others only say which current is wanted.
+pub(super) fn is_estimated_from(topic: &str) -> bool {
+    !matches!(topic, "body_velocity" | "force_request")
+}
+
+/// The inputs of a node, in the order of `TOPICS`.
+///
+/// # Errors
+/// When a joint is to be taken and none is named.
+pub fn inputs(args: &RosArgs, config: &Config) -> Result<Vec<InputTopic>, NodeError> {
+    let input = |name: &'static str| {
+        let of = Reader::of(name, &config.input(name).cloned().unwrap_or_default())?.of;
+        let has_one_publisher = of.type_name != JointState::TYPE;
+        Ok(InputTopic {
+            topic: args.topic(name),
+            dds_type_name: of.dds_type_name,
+            has_one_publisher,
+            is_estimated_from: is_estimated_from(name),
+        })
+    };
+    TOPICS.into_iter().map(input).collect()
 }
 
 type Read = dyn Fn(&[u8]) -> Result<Taken, CdrError> + Send + Sync;
@@ -115,7 +168,7 @@ impl Reader {
         Self { of: Descriptor::of::<M>(), read: Box::new(read) }
     }
 
-    /// Stamp and value of a message.
+    /// What is taken of a message.
     ///
     /// # Errors
     /// When the bytes are none of this type.
@@ -123,8 +176,8 @@ impl Reader {
         (self.read)(bytes)
     }
 
-    /// True where samples are stamped on arrival, so that each has to wake the thread that takes them.
-    pub(super) fn stamps_on_arrival(&self) -> bool {
+    /// True where messages have no stamp: under simulated time each has to wake the thread that takes them.
+    pub(super) fn is_unstamped(&self) -> bool {
         self.of.type_name == Float64::TYPE
     }
 }
@@ -141,7 +194,7 @@ mod tests {
     fn read<M: Message>(topic: &'static str, settings: &InputConfig, message: &M) -> Taken {
         let reader = Reader::of(topic, settings).expect("it can be read");
         assert_eq!(reader.of, Descriptor::of::<M>(), "{topic}");
-        assert_eq!(reader.stamps_on_arrival(), M::TYPE == Float64::TYPE, "{topic}");
+        assert_eq!(reader.is_unstamped(), M::TYPE == Float64::TYPE, "{topic}");
         reader.read(&cdr::to_vec(message).expect("it can be written")).expect("it can be read")
     }
 
@@ -149,7 +202,8 @@ mod tests {
     fn each_topic_has_its_message_and_its_number() {
         let header = Header { stamp: Time { sec: 1, nanosec: 5 }, frame_id: "rig".to_owned() };
         let own = InputConfig::default();
-        let (variance, expected) = (9.0, Some((1_000_000_005, 0.25)));
+        let number = |value| Number { stamp_ns: 1_000_000_005, value, frame_id: "rig".to_owned() };
+        let (variance, expected) = (9.0, Some(number(0.25)));
         for topic in TOPICS {
             let header = header.clone();
             let taken = match topic {
@@ -163,8 +217,9 @@ mod tests {
                 _ => read(topic, &own, &Force { header, force: 0.25, variance }),
             };
             assert_eq!(taken, expected, "{topic}");
-            let number = read(topic, &settings(Float64::TYPE, ""), &Float64 { data: 0.25 });
-            assert_eq!(number, Some((0, 0.25)), "{topic}: stamped on arrival");
+            let unstamped = read(topic, &settings(Float64::TYPE, ""), &Float64 { data: 0.25 });
+            let plain = Number { value: 0.25, ..Number::default() };
+            assert_eq!(unstamped, Some(plain), "{topic}: without stamp and frame");
         }
         let joints = JointState {
             header,
@@ -181,7 +236,7 @@ mod tests {
             ("displacement", "middle", None),
         ] {
             let taken = read(topic, &settings(JointState::TYPE, joint), &joints);
-            assert_eq!(taken, value.map(|value| (1_000_000_005, value)), "{topic} {joint}");
+            assert_eq!(taken, value.map(number), "{topic} {joint}");
         }
         let nameless = Reader::of("displacement", &settings(JointState::TYPE, ""));
         let why = nameless.err().expect("a joint is missing").to_string();

@@ -3,4 +3,9 @@
 pub mod collate;
 mod input;
 pub mod ros;
+mod stamp;
+mod writers;
 pub mod zenoh;
+
+pub use input::{InputTopic, inputs};
+pub use writers::{Writer, Writers};

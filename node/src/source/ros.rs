@@ -3,13 +3,18 @@
 //! One thread waits on all input topics. Displacement is taken first, everything else after it: what a peer sent
 //! before a displacement is there by then, and is sorted before it. What its middleware sent in another order is
 //! waited for a little (`collate.rs`). So an estimate does not miss a current of its own stamp because of the
-//! order in which topics happen to be sent or polled, and live results are those of a replay.
+//! order in which topics happen to be sent or polled, and live results are those of a replay. A message without
+//! a stamp gets that of its sending (`stamp.rs`), and two publishers of one input are noticed (`writers.rs`).
 
 use super::collate::Collator;
-use super::input::{Carries, TOPICS, Taken, joint_of, of_joint};
+use super::input::{Carries, Number, TOPICS, Taken, is_estimated_from, joint_of, of_joint};
+use super::stamp::{Origin, Stamper, Ticks, Times};
+use super::writers::{Writer, Writers};
+use crate::clock::system_now;
 use crate::config::{Config, InputConfig, RosArgs};
 use crate::control::Control;
 use crate::error::NodeError;
+use crate::frame::Frame;
 use crate::hot::SampleSink;
 use crate::ros::Ros;
 use crate::source::zenoh::ByZenoh;
@@ -19,9 +24,10 @@ use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Celsius, Metre, MetrePerSecond, Newton};
 use mr_damper_msgs::standard::{Clock, Float64, JointState, Temperature};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity};
-use ros2_client::Subscription;
-use std::sync::Arc;
+use ros2_client::{MessageInfo, Subscription};
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
@@ -32,6 +38,10 @@ const BATCH: usize = 512;
 const NAP: Duration = Duration::from_millis(10);
 /// Sleep while a displacement is held back.
 const HOLDING_NAP: Duration = Duration::from_millis(1);
+/// How often it is told who publishes the inputs.
+const TELL_EVERY: Duration = Duration::from_millis(200);
+/// Publishers on rmw_zenoh whose nodes' names are kept.
+const NAMED: usize = 64;
 
 /// Counters of the source.
 #[derive(Debug, Default)]
@@ -42,6 +52,10 @@ pub struct SourceCounters {
     pub unreadable: AtomicU64,
     /// Displacements that went on without an input of their stamp, though they had waited for it.
     pub incomplete: AtomicU64,
+    /// Who publishes the inputs, in the order of their topics.
+    writers: Mutex<[Writers; TOPICS.len()]>,
+    /// The nodes of publishers on rmw_zenoh.
+    names: Mutex<BTreeMap<Writer, String>>,
 }
 
 /// One input topic, whatever its message type.
@@ -64,6 +78,13 @@ struct Channel {
     offset: f64,
 }
 
+/// What is remembered of a channel's samples.
+#[derive(Default)]
+struct Past {
+    stamper: Stamper,
+    writers: Writers,
+}
+
 /// The running source.
 pub struct RosSource {
     worker: Worker,
@@ -81,6 +102,7 @@ impl RosSource {
         config: &Config,
         control: &Arc<Control>,
         by_zenoh: ByZenoh,
+        frame: Frame,
         samples: SampleSink,
     ) -> Result<Self, NodeError> {
         let mut channels = Vec::with_capacity(TOPICS.len());
@@ -96,6 +118,7 @@ impl RosSource {
             clock: ros.subscribe(&args.topic("/clock"))?,
             control: Arc::clone(control),
             by_zenoh,
+            frame,
             samples,
             collator: Collator::new(wait),
             counters: Arc::clone(&counters),
@@ -154,14 +177,17 @@ impl Channel {
         self.topic == "displacement" || matches!(self.input, Input::Float(_) | Input::Joint(..))
     }
 
-    /// The channel's messages as plain stamps and values. An `Err` is a message that cannot be read.
-    fn values(&self) -> LocalBoxStream<'_, Result<Taken, String>> {
-        fn messages<M: Message>(of: &Subscription<M>) -> impl Stream<Item = Result<M, String>> {
-            of.async_stream()
-                .map(|taken| taken.map(|(message, _)| message).map_err(|error| error.to_string()))
+    /// The channel's messages as plain numbers. An `Err` is a message that cannot be read.
+    fn values(&self) -> LocalBoxStream<'_, Result<(Taken, Origin), String>> {
+        fn messages<M: Message>(of: &Subscription<M>) -> impl Stream<Item = Result<(M, Origin), String>> {
+            of.async_stream().map(|taken| {
+                taken.map(|(message, info)| (message, origin(&info))).map_err(|error| error.to_string())
+            })
         }
-        fn plain<M: Carries>(of: &Subscription<M>) -> LocalBoxStream<'_, Result<Taken, String>> {
-            messages(of).map(|message| message.map(|message| Some(message.taken()))).boxed_local()
+        fn plain<M: Carries>(of: &Subscription<M>) -> LocalBoxStream<'_, Result<(Taken, Origin), String>> {
+            messages(of)
+                .map(|message| message.map(|(message, origin)| (Some(message.taken()), origin)))
+                .boxed_local()
         }
         match &self.input {
             Input::Displacement(of) => plain(of),
@@ -172,12 +198,14 @@ impl Channel {
             Input::Temperature(of) => plain(of),
             Input::Float(of) => plain(of),
             Input::Joint(of, joint) => messages(of)
-                .map(|message| message.map(|message| of_joint(message, self.topic, joint)))
+                .map(|message| {
+                    message.map(|(message, origin)| (of_joint(message, self.topic, joint), origin))
+                })
                 .boxed_local(),
         }
     }
 
-    fn sample(&self, stamp_ns: i64, value: f64, received: Stamp) -> Sample {
+    fn sample(&self, stamp: Stamp, value: f64, received: Stamp) -> Sample {
         let value = self.sign * (value - self.offset);
         let reading = match self.topic {
             "displacement" => Reading::Displacement(Metre(value)),
@@ -189,9 +217,16 @@ impl Channel {
             "force_request" => Reading::ForceRequest(Newton(value)),
             _ => Reading::CaseTemperature(Celsius(value)),
         };
-        // A message without a stamp is taken to be as old as its arrival.
-        let stamp = if stamp_ns == 0 { received } else { Stamp::from_nanos(stamp_ns) };
         Sample { stamp, received, reading }
+    }
+}
+
+/// What DDS says of a message.
+fn origin(info: &MessageInfo) -> Origin {
+    Origin {
+        writer: info.publisher_gid().to_bytes16(),
+        sent_ns: info.source_timestamp().map(|at| at.to_nanos()),
+        arrived_ns: info.received_timestamp().map_or_else(|| system_now().nanos(), |at| at.to_nanos()),
     }
 }
 
@@ -207,57 +242,111 @@ impl Wake for Unpark {
 /// The thread: takes messages whenever a topic wakes it, until told to stop.
 ///
 /// An estimate is made when displacement arrives, so displacement wakes it. The others do so only when a displacement
-/// waits for them, or when they are stamped on arrival: at 1 kHz, being woken for each costs more than the models.
+/// waits for them, or when they may have no stamp, and so get the simulated time at which they are taken: at 1 kHz, being woken for
+/// each costs more than the models.
 struct Pump {
     channels: Vec<Channel>,
     clock: Subscription<Clock>,
     control: Arc<Control>,
     by_zenoh: ByZenoh,
+    frame: Frame,
     samples: SampleSink,
     collator: Collator,
     counters: Arc<SourceCounters>,
 }
 
+/// What a round of the pump takes, and what it needs to know for that.
+struct Round<'a> {
+    channels: &'a [Channel],
+    pasts: &'a mut [Past],
+    frame: &'a Frame,
+    batch: &'a mut Vec<Sample>,
+    times: Times,
+    received: Stamp,
+    began: Instant,
+}
+
+impl Round<'_> {
+    /// Makes a sample of a number that has come for the channel `index`.
+    fn take(&mut self, index: usize, number: &Number, origin: &Origin) {
+        let (channel, past) = (&self.channels[index], &mut self.pasts[index]);
+        past.writers.note(origin.writer, self.began);
+        let stamp = match number.stamp_ns {
+            0 => past.stamper.stamp(channel.topic, origin, &self.times),
+            stamp_ns => Stamp::from_nanos(stamp_ns),
+        };
+        if index == 0 {
+            self.frame.hear(&number.frame_id);
+        }
+        self.batch.push(channel.sample(stamp, number.value, self.received));
+    }
+
+    fn is_full(&self) -> bool {
+        self.batch.len() >= BATCH
+    }
+}
+
 impl Pump {
     fn run(self, stop: &Stop) {
-        let Self { channels, clock, control, mut by_zenoh, mut samples, mut collator, counters } = self;
+        let Self { channels, clock, control, mut by_zenoh, frame, mut samples, mut collator, counters } =
+            self;
         let waker = Waker::from(Arc::new(Unpark(std::thread::current())));
         let mut streams: Vec<_> = channels.iter().map(|channel| (channel, channel.values())).collect();
+        let mut pasts: Vec<Past> = channels.iter().map(|_| Past::default()).collect();
         let mut batch: Vec<Sample> = Vec::with_capacity(BATCH);
         let (time, wants_velocity) = (control.clock(), control.wants_velocity());
+        let (mut ticks, mut told) = (Ticks::default(), Instant::now());
         while !stop.is_raised() {
-            hear(&clock, &control);
+            hear(&clock, &control, &mut ticks);
             // What comes before the first simulated time is as old as the system says, and its stamp tells.
-            let received = time.now_or_system();
+            let (wall, received) = (system_now(), time.now_or_system());
+            let simulated = time.now().filter(|_| time.is_simulated()).map(|now| ticks.at(now));
+            let mut round = Round {
+                channels: &channels,
+                pasts: &mut pasts,
+                frame: &frame,
+                batch: &mut batch,
+                times: Times { wall, simulated },
+                received,
+                began: Instant::now(),
+            };
             collator.want_velocity(wants_velocity.load(Ordering::Acquire));
             let was_holding = collator.is_holding();
-            for (channel, stream) in &mut streams {
+            for (index, (channel, stream)) in streams.iter_mut().enumerate() {
                 let mut context =
                     Context::from_waker(if was_holding || channel.wakes() { &waker } else { Waker::noop() });
-                while batch.len() < BATCH
+                while !round.is_full()
                     && let Poll::Ready(Some(taken)) = stream.poll_next_unpin(&mut context)
                 {
                     counters.messages.fetch_add(1, Ordering::Relaxed);
                     match taken {
-                        Ok(Some((stamp_ns, value))) => batch.push(channel.sample(stamp_ns, value, received)),
-                        Ok(None) => {
+                        Ok((Some(number), origin)) => round.take(index, &number, &origin),
+                        Ok((None, _)) => {
                             counters.note_unreadable(channel.topic, "the joint is not in the message")
                         }
                         Err(error) => counters.note_unreadable(channel.topic, &error),
                     }
                 }
             }
-            while batch.len() < BATCH
+            while !round.is_full()
                 && let Ok(arrived) = by_zenoh.samples.try_recv()
             {
                 counters.messages.fetch_add(1, Ordering::Relaxed);
-                batch.push(channels[arrived.input].sample(arrived.stamp_ns, arrived.value, received));
+                round.take(arrived.input, &arrived.number, &arrived.origin);
             }
-            while batch.len() < BATCH
+            while !round.is_full()
                 && let Ok((stamp, force)) = by_zenoh.forces.pop()
             {
                 let reading = Reading::ForceRequest(force);
-                batch.push(Sample { stamp: stamp.unwrap_or(received), received, reading });
+                round.batch.push(Sample { stamp: stamp.unwrap_or(received), received, reading });
+            }
+            let now = round.began;
+            let mut counting =
+                channels.iter().zip(&pasts).filter(|(channel, _)| is_estimated_from(channel.topic));
+            samples.note_mixed(counting.any(|(_, past)| past.writers.are_mixed(now)));
+            if now.saturating_duration_since(told) >= TELL_EVERY {
+                told = now;
+                counters.tell(&pasts);
             }
             // A full batch may have left messages behind, and what is waited for now must wake: look again before sleeping.
             let drained = batch.len() < BATCH;
@@ -280,14 +369,44 @@ impl Pump {
 }
 
 /// Takes what `/clock` has said since the last time.
-fn hear(clock: &Subscription<Clock>, control: &Control) {
+fn hear(clock: &Subscription<Clock>, control: &Control, ticks: &mut Ticks) {
     // What cannot be read is no time.
-    while let Ok(Some((message, _))) = clock.take() {
-        control.hear_clock(Stamp::from_nanos(message.clock.as_nanos()));
+    while let Ok(Some((message, info))) = clock.take() {
+        let (now, origin) = (Stamp::from_nanos(message.clock.as_nanos()), origin(&info));
+        ticks.hear(now, origin.sent_ns.unwrap_or(origin.arrived_ns));
+        control.hear_clock(now);
     }
 }
 
 impl SourceCounters {
+    /// Who publishes the inputs, in the order of their topics.
+    #[must_use]
+    pub fn writers(&self) -> [Writers; TOPICS.len()] {
+        *self.writers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The node of a publisher on rmw_zenoh.
+    #[must_use]
+    pub fn name_of(&self, writer: &Writer) -> Option<String> {
+        self.names.lock().unwrap_or_else(PoisonError::into_inner).get(writer).cloned()
+    }
+
+    /// Notes the node of a publisher on rmw_zenoh.
+    pub(super) fn name(&self, writer: Writer, node: String) {
+        let mut names = self.names.lock().unwrap_or_else(PoisonError::into_inner);
+        if names.len() >= NAMED {
+            names.pop_first();
+        }
+        names.insert(writer, node);
+    }
+
+    /// Tells who publishes the inputs. It does not wait for who reads that: it is told again soon.
+    fn tell(&self, pasts: &[Past]) {
+        if let Ok(mut writers) = self.writers.try_lock() {
+            writers.iter_mut().zip(pasts).for_each(|(told, past)| *told = past.writers);
+        }
+    }
+
     /// Counts a message that gave no sample; the log hears of the first and of every doubling.
     pub(super) fn note_unreadable(&self, topic: &str, why: &str) {
         let count = self.unreadable.fetch_add(1, Ordering::Relaxed) + 1;

@@ -8,6 +8,7 @@
 //! A watcher is a peer as any other: it subscribes, and nothing of it reaches a node. Only `ros.rs` knows of ROS, and `zenoh.rs` of
 //! Zenoh; the rest is plain data, with time as an argument.
 
+pub mod found;
 mod hall;
 mod news;
 mod picture;

@@ -3,19 +3,18 @@
 //! Dampers are named, or found: whoever publishes a `force_estimate` in the domain is one, also when it comes later. Readers are best
 //! effort and stand beside those of the node, which neither waits for them nor knows of them.
 
+use super::found::{self, MARK};
 use super::news::News;
 use super::wall::{MOST_DAMPERS, Wall};
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::files;
 use crate::ros::Ros;
-use mr_damper_msgs::{ForceEstimate, Message};
+use mr_damper_msgs::Message;
 use ros2_client::{NodeOptions, Subscription};
 
 /// How often the domain is looked through for dampers, s.
 const LOOK_EVERY_S: f64 = 1.0;
-/// The topic that makes a damper.
-const MARK: &str = "force_estimate";
 
 /// Subscriptions to all topics of the dampers that are watched.
 pub struct RosSource {
@@ -110,22 +109,11 @@ impl RosSource {
 
     /// Namespaces of dampers that are published and not watched yet.
     fn found(&self) -> Vec<String> {
-        let root = self.args.namespace();
-        let root = root.trim_end_matches('/');
-        let mut found: Vec<String> = self
-            .ros
-            .published()
-            .into_iter()
-            .filter(|(_, of_type)| of_type == ForceEstimate::DDS_TYPE)
-            .filter_map(|(topic, _)| Some(topic.strip_suffix(MARK)?.strip_suffix('/')?.to_owned()))
-            .filter(|namespace| {
-                namespace.strip_prefix(root).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
-            })
-            .filter(|namespace| self.dampers.iter().all(|damper| damper.namespace != *namespace))
-            .filter(|namespace| !self.left_out.contains(namespace))
-            .collect();
-        found.sort();
-        found.dedup();
+        let mut found = found::namespaces(self.ros.published(), &self.args.namespace());
+        found.retain(|namespace| {
+            self.dampers.iter().all(|damper| damper.namespace != *namespace)
+                && !self.left_out.contains(namespace)
+        });
         found
     }
 

@@ -6,6 +6,7 @@ use super::zenoh::ZenohSource;
 use crate::command::Surroundings;
 use crate::config::Config;
 use crate::error::NodeError;
+use crate::ros;
 use std::path::PathBuf;
 
 /// What is watched.
@@ -22,7 +23,7 @@ pub struct SourceArgs {
     #[arg(long, value_name = "FILE")]
     pub zenoh_config: Option<PathBuf>,
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
-    #[arg(long, value_name = "ID", default_value_t = -1)]
+    #[arg(long, value_name = "ID", default_value_t = -1, value_parser = ros::domain_flag)]
     pub domain_id: i64,
 }
 
@@ -37,7 +38,7 @@ impl SourceArgs {
 /// Where dampers are heard.
 pub enum Source {
     /// On ROS topics.
-    Ros(RosSource),
+    Ros(Box<RosSource>),
     /// On the Zenoh mirror.
     Zenoh(ZenohSource),
 }
@@ -61,7 +62,8 @@ impl Source {
         }
         let config = Config { domain_id: args.domain_id, ..Config::default() };
         let name = around.ros_args.node.as_deref().unwrap_or(name);
-        RosSource::start(&config, &around.ros_args, name, &args.dampers).map(Self::Ros)
+        RosSource::start(&config, &around.ros_args, name, &args.dampers)
+            .map(|source| Self::Ros(Box::new(source)))
     }
 
     /// Brings what has come onto the wall.

@@ -59,6 +59,7 @@ impl Reading {
             drive,
             namespace: self.namespace.clone(),
             joint: self.joint.clone(),
+            ..LoadOptions::default()
         })
     }
 }

@@ -5,9 +5,9 @@
 use mr_damper_msgs::{CoilCurrent, Displacement, ForceEstimate};
 use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs};
-use mr_damper_node::ros::Ros;
+use mr_damper_node::ros::{Output, Ros};
 use mr_damper_node::wire::header;
-use ros2_client::{NodeOptions, Publisher, Subscription};
+use ros2_client::{NodeOptions, Subscription};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -20,8 +20,8 @@ const CATCH_UP: f64 = 0.25;
 
 /// A corner as the peer sees it.
 pub(crate) struct Corner {
-    pub(crate) displacement: Publisher<Displacement>,
-    pub(crate) current: Publisher<CoilCurrent>,
+    pub(crate) displacement: Output<Displacement>,
+    pub(crate) current: Output<CoilCurrent>,
     pub(crate) estimates: Subscription<ForceEstimate>,
 }
 
@@ -61,7 +61,7 @@ impl Peer {
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
         let mut ros = Ros::start(&config, &RosArgs::default(), options, "vehicle").expect("a peer starts");
         let corners = corners(&mut ros, names);
-        let found = || corners.iter().all(|c| c.displacement.get_subscription_count(ros.node()) > 0);
+        let found = || corners.iter().all(|c| ros.readers_of(c.displacement.guid()) > 0);
         let patience = Instant::now() + Duration::from_secs(20);
         while !found() {
             assert!(Instant::now() < patience, "the node is not found");

@@ -235,6 +235,7 @@ pub(crate) fn one_of_each() -> Vec<Event> {
         Event::Input(sample(13, Reading::ForceRequest(Newton(900.0)))),
         Event::Command(Commanded {
             stamp: Stamp::from_nanos(14),
+            known_at: Stamp::from_nanos(14),
             command: Command {
                 current: Ampere(2.5),
                 requested: Newton(900.0),

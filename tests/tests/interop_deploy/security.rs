@@ -60,7 +60,7 @@ fn only_who_may_hears_the_estimate() {
     });
 }
 
-fn secured(lab: &Lab, binary: &Path, keystores: &Path, enclave: &str) -> Program {
+pub(super) fn secured(lab: &Lab, binary: &Path, keystores: &Path, enclave: &str) -> Program {
     let model = format!("model:={PRESET}");
     let arguments = ["node", "--ros-args", "-p", &model, "--enclave", enclave];
     let keystore = keystores.join("ours");
@@ -68,7 +68,7 @@ fn secured(lab: &Lab, binary: &Path, keystores: &Path, enclave: &str) -> Program
     lab.start_with(&format!("mr-damper node of {enclave}"), binary, &arguments, &on)
 }
 
-fn keystores(lab: &Lab) -> PathBuf {
+pub(super) fn keystores(lab: &Lab) -> PathBuf {
     let folder = lab.folder().join("keystores");
     let output = Command::new(script("keystore.sh")).arg(&folder).output().expect("keystore.sh starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

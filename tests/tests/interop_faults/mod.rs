@@ -1,6 +1,8 @@
 //! The node under faults: of the wire, of peers, of what comes on its ports.
 
+mod hardened;
 mod malformed;
+mod readers;
 mod stopped;
 mod told;
 mod wire;

@@ -33,18 +33,28 @@ const THEIR_BAGS: [&str; 9] = [
     "sqlite-message",
 ];
 
+/// How the bags with other names and types are read.
+const FOREIGN_MAP: [&str; 4] = [
+    "displacement=/joint_states:fl_damper,sign=-1",
+    "measured_force=/load_cell:z",
+    "coil_current=/amps",
+    "setpoint=/ray",
+];
+
 #[test]
 fn bags_go_both_ways_with_rosbags_and_mcap() {
     interop("bags", |lab| {
         let path = |name: &str| utf8(&lab.folder().join(name)).to_owned();
-        let mut text = "time_s,displacement_m,force_n,current_a\n".to_owned();
+        let mut text = "time_s,displacement_m,force_n,current_a,setpoint_m\n".to_owned();
         for k in 0..2000 {
             let t = f64::from(k) * 0.002;
             text += &format!(
-                "{t:.3},{:e},{},{}\n",
+                "{t:.3},{:e},{},{},{}\n",
                 0.01 * (6.0 * t).sin(),
                 300.0 * (6.0 * t).cos(),
-                0.5 + 0.1 * t
+                0.5 + 0.1 * t,
+                // A number in single precision, as a range is.
+                f64::from(k) / 1024.0
             );
         }
         std::fs::write(path("run.csv"), text).expect("room in the temporary directory");
@@ -65,6 +75,16 @@ fn bags_go_both_ways_with_rosbags_and_mcap() {
             convert(&format!("theirs/{name}"), &format!("{name}.csv"));
             let theirs = std::fs::read(path(&format!("{name}.csv"))).expect("readable");
             assert!(ours == theirs, "{name}: a run that rosbags wrote comes back otherwise");
+        }
+        lab.peer("check_bags.py", &["--write-foreign", &path("theirs"), &path("ours.csv")]).output(PEER);
+        for name in ["foreign-humble", "foreign-jazzy"] {
+            let (from, to) = (path(&format!("theirs/{name}")), path(&format!("{name}.csv")));
+            let maps = FOREIGN_MAP.iter().flat_map(|mapping| ["--map", mapping]).collect::<Vec<_>>();
+            lab.mr_damper(&[&["--quiet", "convert", &from, &to], &maps[..]].concat()).output(PEER);
+            assert!(
+                ours == std::fs::read(to).expect("readable"),
+                "{name}: a mapped run comes back otherwise"
+            );
         }
         let read = format!("{} of ours; {} of theirs\n{}", told.len(), THEIR_BAGS.len(), told.join("\n"));
         Outcome::Passed(read.replace('\n', "; "))

@@ -1,7 +1,7 @@
 //! Nodes and peers on different hosts: over a cable, and behind a router that carries no multicast.
 
 use crate::interop_support::gate::{Outcome, interop};
-use crate::interop_support::json::{count, found, truth};
+use crate::interop_support::json::{count, found, texts, truth};
 use crate::interop_support::{Distro, NODE, PRESET};
 use crate::{PEER, diagnostics_arrived, estimates_arrived, models_were_loaded, residuals_arrived};
 
@@ -25,6 +25,12 @@ fn another_host_is_served_when_the_subnet_may_find_the_node() {
         assert!(truth(&saw, "/parameters/set/successful"), "{:#}", found(&saw, "/parameters"));
         models_were_loaded(&saw);
         diagnostics_arrived(&saw);
+        let long = far.ros(Distro::Jazzy, "far_peer.py", &["--node", NODE]).json(PEER);
+        assert!(count(&long, "/listed_below") > 0, "short answers arrive: {long:#}");
+        assert!(truth(&long, "/type_answered"), "an answer that can be shortened arrives: {long:#}");
+        // The hardened build sends the whole.
+        let is_told = texts(&long, "/type_told").iter().any(|text| text.contains("shortened"));
+        assert!(is_told || count(&long, "/type_sources") > 0, "what is not whole says so: {long:#}");
         let cyclone = far.peer("cyclone_peer.py", &["--interface", "far"]).json(PEER);
         estimates_arrived(&cyclone);
         Outcome::Passed(format!(

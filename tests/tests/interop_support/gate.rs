@@ -77,6 +77,11 @@ pub(crate) fn fault_peer_binary() -> PathBuf {
     built("MR_DAMPER_FAULT_PEER", "fault_peer", "cargo build --release --workspace --bins")
 }
 
+/// The ECU beside readers that fail: `MR_DAMPER_ECU_PEER`, or the release build beside this test.
+pub(crate) fn ecu_peer_binary() -> PathBuf {
+    built("MR_DAMPER_ECU_PEER", "ecu_peer", "cargo build --release --workspace --bins")
+}
+
 /// An `mr-damper` with the feature `security`: `MR_DAMPER_SECURE_BIN`, or target/secure/release/mr-damper.
 pub(crate) fn secure_binary() -> Result<PathBuf, String> {
     let beside = || target().join("secure/release/mr-damper");
@@ -90,6 +95,45 @@ pub(crate) fn secure_binary() -> Result<PathBuf, String> {
             path.display()
         ))
     }
+}
+
+/// An `mr-damper` of the hardened build: `MR_DAMPER_HARDENED_BIN`.
+pub(crate) fn hardened_binary() -> Result<PathBuf, String> {
+    let path = std::env::var_os("MR_DAMPER_HARDENED_BIN").map(PathBuf::from).unwrap_or_default();
+    if path.is_file() {
+        assert!(is_hardened(&path), "MR_DAMPER_HARDENED_BIN: {} is of the default build", path.display());
+        Ok(path)
+    } else {
+        Err(format!(
+            "MR_DAMPER_HARDENED_BIN names no file ({:?}); `node/hardened/build build --release --bins` makes \
+             target/hardened/release/mr-damper",
+            path.display()
+        ))
+    }
+}
+
+/// True when an `mr-damper` is of the hardened build, by its version.
+fn is_hardened(binary: &Path) -> bool {
+    let version = std::process::Command::new(binary).arg("--version").output();
+    let version = version.unwrap_or_else(|error| panic!("{} --version: {error}", binary.display()));
+    String::from_utf8_lossy(&version.stdout).contains("hardened")
+}
+
+/// Why a test of what the default build does not survive has nothing to test; `None` when the binary under test is a default one.
+pub(crate) fn survives() -> Option<Outcome> {
+    let why =
+        "the binary under test is of the hardened build, which survives this: interop_faults/hardened.rs";
+    is_hardened(&binary()).then(|| Outcome::Skipped(why.to_owned()))
+}
+
+/// An `mr-damper` with the feature `security` and the edits of node/hardened: `MR_DAMPER_HARDENED_SECURE_BIN`.
+pub(crate) fn hardened_secure_binary() -> Result<PathBuf, String> {
+    let path = std::env::var_os("MR_DAMPER_HARDENED_SECURE_BIN").map(PathBuf::from).ok_or(
+        "MR_DAMPER_HARDENED_SECURE_BIN is not set; `node/hardened/build build --profile quick -p mr-damper-node -p \
+         mr-damper-tests --bins --features mr-damper-node/security` makes that mr-damper",
+    )?;
+    assert!(path.is_file(), "{} is missing; MR_DAMPER_HARDENED_SECURE_BIN names it", path.display());
+    Ok(path)
 }
 
 /// The directory of a part that tests/interop/setup.sh prepares only when it is named.

@@ -124,6 +124,16 @@ impl Lab {
         self.mr_damper(&args)
     }
 
+    /// The same with an `mr-damper` of the hardened build.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub(crate) fn hardened_node(&self, ros_args: &[&str]) -> Result<Program, String> {
+        let model = format!("model:={PRESET}");
+        let args = [&["node", "--ros-args", "-p", &model], ros_args].concat();
+        Ok(self.start("mr-damper node", &gate::hardened_binary()?, &args))
+    }
+
     /// Starts `mr-damper` with `args`.
     pub(crate) fn mr_damper(&self, args: &[&str]) -> Program {
         self.start(&format!("mr-damper {}", args[0]), &gate::binary(), args)

@@ -13,6 +13,7 @@ use crate::command::output::OutputArgs;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::report::compare::published::Published;
+use crate::shown;
 use clap::builder::PossibleValuesParser;
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::compare::{self, Cell, Experiment, Summary};
@@ -109,7 +110,9 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let state = State::open(&path)?;
     let lines = match do_cells(&work, &state, around) {
         Err(NodeError::Interrupted) => {
-            eprintln!("what is done is kept in {}: the same command goes on from there", path.display());
+            let text =
+                format!("what is done is kept in {}: the same command goes on from there", path.display());
+            eprintln!("{}", shown::line(&text));
             return Err(NodeError::Interrupted);
         }
         lines => lines?,

@@ -96,7 +96,7 @@ impl Shared {
         Counts {
             sent: load(&self.sent),
             taken: load(&counters.hot.samples),
-            refused: load(&counters.ros_sink.refused),
+            refused: load(&counters.hot.refused),
             lost: load(&counters.hot.overflow) + load(&counters.source.unreadable) + load(&self.unseen),
             incomplete: load(&counters.source.incomplete),
             estimates: load(&counters.ros_sink.estimates),

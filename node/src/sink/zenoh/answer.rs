@@ -148,7 +148,7 @@ fn answer_last(tree: Tree, query: &Query, shared: &Shared) {
         let key = shared.route_key(tree, topic);
         let asked = KeyExpr::new(&key).is_ok_and(|key| query.key_expr().intersects(&key));
         let Some((item, seq)) = last[route(tree, topic)].filter(|_| asked) else { continue };
-        let replied = match encode(&item, seq, wanted, &names, &shared.frame_id) {
+        let replied = match encode(&item, seq, wanted, &names, &shared.frame.get()) {
             Ok(Encoded { bytes, attachment }) => query
                 .reply(key, bytes)
                 .encoding(encoding_of(wanted, topic).zenoh())

@@ -11,6 +11,7 @@ use super::shared::{ROUTES, Shared, Tree, route};
 use super::stats::{CommandCounters, MirrorState, Stats};
 use super::throttle::Throttle;
 use super::topic::Topic;
+use crate::frame::Frame;
 use mr_damper_model::pipeline::{Event, Validity};
 use mr_damper_model::sample::Stamp;
 use rtrb::Consumer;
@@ -39,7 +40,7 @@ pub struct Damper {
     /// Its name in keys: the ROS namespace without the leading slash, such as `front_left`.
     pub name: String,
     /// Its frame in the headers of ROS messages; used with [`Encoding::Cdr`] only.
-    pub frame_id: String,
+    pub frame: Frame,
     /// Its place in the graph of rmw_zenoh; none: nodes there do not see it.
     pub rmw: Option<RmwPresence>,
 }
@@ -48,7 +49,7 @@ impl Damper {
     /// A damper whose frame is its name.
     #[must_use]
     pub fn named(name: &str) -> Self {
-        Self { name: name.to_owned(), frame_id: name.to_owned(), rmw: None }
+        Self { name: name.to_owned(), frame: Frame::new(name), rmw: None }
     }
 }
 
@@ -289,7 +290,7 @@ impl Worker {
         let seq = *seq;
         let Some(outlet) = &self.outlet else { return (seq, false) };
         let names = self.shared.names();
-        let put = match encode(item, seq, wanted, &names, &self.shared.frame_id) {
+        let put = match encode(item, seq, wanted, &names, &self.shared.frame.get()) {
             Ok(encoded) => outlet.put(tree, topic, encoded).map_err(|error| error.to_string()),
             Err(error) => Err(error.to_string()),
         };

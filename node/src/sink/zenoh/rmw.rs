@@ -9,6 +9,7 @@ use super::payload::ModelNames;
 use super::stats::RmwCounters;
 use super::topic::Topic;
 use crate::config::RosArgs;
+use crate::frame::Frame;
 use crate::rmw::{Attachment, Gid, Node, Role, gid};
 use mr_damper_model::pipeline::Event;
 use mr_damper_msgs::{Descriptor, MESSAGES};
@@ -27,7 +28,7 @@ const OUTPUTS: [Topic; 4] = [Topic::ForceEstimate, Topic::ForceResidual, Topic::
 pub struct RmwPresence {
     /// The node that others see.
     pub node: Node,
-    frame_id: String,
+    frame: Frame,
     topics: [String; OUTPUTS.len()],
     counters: Arc<RmwCounters>,
 }
@@ -36,10 +37,10 @@ impl RmwPresence {
     /// The presence of the node with these arguments in `domain`; `id` is its own in the process, from
     /// [`super::Link::next_entity`].
     #[must_use]
-    pub fn of(args: &RosArgs, domain: u16, id: u64) -> Self {
+    pub fn of(args: &RosArgs, domain: u16, id: u64, frame: &Frame) -> Self {
         let namespace = args.namespace();
         Self {
-            frame_id: crate::wire::frame_id(&namespace),
+            frame: frame.clone(),
             node: Node {
                 domain,
                 enclave: args.enclave.clone().unwrap_or_else(|| "/".to_owned()),
@@ -63,7 +64,7 @@ impl RmwPresence {
 #[derive(Debug)]
 pub(super) struct RmwOutlet {
     outputs: Vec<Output>,
-    frame_id: String,
+    frame: Frame,
     counters: Arc<RmwCounters>,
     node: LivelinessToken,
 }
@@ -81,7 +82,7 @@ struct Output {
 impl RmwOutlet {
     /// Declares node and outputs.
     pub(super) fn declare(session: &Session, link: &Inner, presence: &RmwPresence) -> zenoh::Result<Self> {
-        let RmwPresence { node, frame_id, topics, counters } = presence;
+        let RmwPresence { node, frame, topics, counters } = presence;
         let zid = session.zid().to_string();
         let token = session.liveliness().declare_token(node.token(&zid)).wait()?;
         let mut outputs = Vec::with_capacity(OUTPUTS.len());
@@ -101,7 +102,7 @@ impl RmwOutlet {
             let token = session.liveliness().declare_token(token).wait()?;
             outputs.push(Output { of, publisher, token, gid, seq: 0 });
         }
-        Ok(Self { outputs, frame_id: frame_id.clone(), counters: Arc::clone(counters), node: token })
+        Ok(Self { outputs, frame: frame.clone(), counters: Arc::clone(counters), node: token })
     }
 
     /// Publishes an output at `now_ns` since 1970; inputs and the like are no outputs. Does not wait for consumers.
@@ -113,7 +114,7 @@ impl RmwOutlet {
         let Some(output) = self.outputs.iter_mut().find(|output| output.of == topic) else { return Ok(()) };
         output.seq += 1;
         let attachment = Attachment { seq: output.seq, stamp_ns: now_ns, gid: output.gid };
-        let put = match ros_bytes(event, names, &self.frame_id) {
+        let put = match ros_bytes(event, names, &self.frame.get()) {
             None => return Ok(()),
             Some(Err(error)) => Err(error.to_string()),
             Some(Ok(bytes)) => {

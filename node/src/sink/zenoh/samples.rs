@@ -84,6 +84,7 @@ pub(super) fn one_of_each() -> Vec<Event> {
         input(13, Reading::ForceRequest(Newton(300.0))),
         Event::Command(Commanded {
             stamp: Stamp::from_nanos(14),
+            known_at: Stamp::from_nanos(14),
             command: Command {
                 current: Ampere(0.6),
                 requested: Newton(300.0),

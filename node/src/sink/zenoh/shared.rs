@@ -9,6 +9,7 @@ use super::payload::{Item, ModelNames};
 use super::rmw::RmwPresence;
 use super::stats::{CommandCounters, MirrorState, RouteCount, Stats};
 use super::topic::Topic;
+use crate::frame::Frame;
 use mr_damper_model::pipeline::{AlarmChange, Event, Mode, Residual, Validity};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -58,7 +59,7 @@ pub(super) struct Shared {
     /// Name of the damper in keys.
     pub(super) damper: String,
     /// Frame in the headers of ROS messages.
-    pub(super) frame_id: String,
+    pub(super) frame: Frame,
     /// Its place in the graph of rmw_zenoh, where it has one.
     pub(super) rmw: Option<RmwPresence>,
     pub(super) config: ZenohConfig,
@@ -139,10 +140,10 @@ impl Shared {
             residual: None,
             alarm: None,
         };
-        let Damper { name, frame_id, rmw } = damper;
+        let Damper { name, frame, rmw } = damper;
         Self {
             damper: name,
-            frame_id,
+            frame,
             rmw,
             config,
             clock: Clock::new(),

@@ -9,12 +9,14 @@
 //! Who publishes one of the topics with a type or hash that is not ours uses another key and is not heard: the log says so,
 //! because rmw_zenoh does not.
 
+use crate::clock::system_now;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
-use crate::rmw::{Attachment, Gid, Publisher, Role};
+use crate::rmw::{Attachment, Gid, Publisher, Role, gid};
 use crate::sink::zenoh::{Link, RmwCounters, RmwPresence};
-use crate::source::input::{Reader, TOPICS, Taken};
+use crate::source::input::{Number, Reader, TOPICS, Taken};
 use crate::source::ros::{RosSource, SourceCounters};
+use crate::source::stamp::Origin;
 use crate::worker::{Stop, Worker};
 use mr_damper_msgs::Descriptor;
 use std::sync::atomic::Ordering;
@@ -39,14 +41,12 @@ const LOOK: Duration = Duration::from_millis(50);
 const REST: Duration = Duration::from_secs(60);
 
 /// A number that has come for an input.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Arrived {
     /// Index of the input topic.
     pub(in crate::source) input: usize,
-    /// Stamp of the message, ns; zero: none.
-    pub(in crate::source) stamp_ns: i64,
-    /// As it is in the message.
-    pub(in crate::source) value: f64,
+    pub(in crate::source) number: Number,
+    pub(in crate::source) origin: Origin,
 }
 
 /// A queue for them: from Zenoh's threads to the source thread.
@@ -81,7 +81,7 @@ impl RmwSource {
         let plan = |(input, name): (usize, &'static str)| {
             let reader = Reader::of(name, &config.input(name).cloned().unwrap_or_default())?;
             let (topic, of) = (args.topic(name), reader.of);
-            let wakes = name == TOPICS[0] || reader.stamps_on_arrival();
+            let wakes = name == TOPICS[0] || reader.is_unstamped();
             let door = Door {
                 key: presence.node.key(&topic, &of),
                 name,
@@ -146,7 +146,8 @@ fn run(stop: &Stop, link: &Link, presence: &RmwPresence, mut inputs: Vec<Planned
 
 fn declare(session: &Session, id: u64, presence: &RmwPresence, input: Planned) -> zenoh::Result<Declared> {
     let Planned { topic, of, door } = input;
-    let watch = Watch { name: door.name, of, counters: Arc::clone(&door.counters) };
+    let (counters, of_source) = (Arc::clone(&door.counters), Arc::clone(&door.of_source));
+    let watch = Watch { name: door.name, of, counters, of_source };
     let node = &presence.node;
     // Zenoh's own threads call these: they must not wait.
     let subscriber =
@@ -179,9 +180,9 @@ struct Door {
 impl Door {
     fn take(&self, sample: &Sample) {
         let (input, name) = (self.input, self.name);
-        let handed_on = self.read(sample).and_then(|taken| {
-            let (stamp_ns, value) = taken.ok_or("the joint is not in the message")?;
-            let arrived = Arrived { input, stamp_ns, value };
+        let handed_on = self.read(sample).and_then(|(taken, origin)| {
+            let number = taken.ok_or("the joint is not in the message")?;
+            let arrived = Arrived { input, number, origin };
             self.queue.try_send(arrived).map_err(|_| "more wait than the node keeps up with".to_owned())
         });
         match handed_on {
@@ -200,7 +201,7 @@ impl Door {
     }
 
     /// What a sample holds for us, or what is wrong with it.
-    fn read(&self, sample: &Sample) -> Result<Taken, String> {
+    fn read(&self, sample: &Sample) -> Result<(Taken, Origin), String> {
         let sent_to = sample.key_expr();
         // Access control lets what is sent to a wildcard pass wherever the wildcard itself is allowed.
         if sent_to.as_str() != self.key {
@@ -211,12 +212,15 @@ impl Door {
         }
         let attachment = sample.attachment().map(|bytes| bytes.to_bytes()).unwrap_or_default();
         let attachment = Attachment::from_bytes(&attachment).map_err(|error| error.to_string())?;
-        self.note(attachment.gid, attachment.seq);
+        let Attachment { seq, stamp_ns, gid } = attachment;
+        self.note(gid, seq);
         let length = sample.payload().len();
         if length > LONGEST {
             return Err(format!("it has {length} bytes, and may have {LONGEST}"));
         }
-        self.reader.read(&sample.payload().to_bytes()).map_err(|error| error.to_string())
+        let taken = self.reader.read(&sample.payload().to_bytes()).map_err(|error| error.to_string())?;
+        let origin = Origin { writer: gid, sent_ns: Some(stamp_ns), arrived_ns: system_now().nanos() };
+        Ok((taken, origin))
     }
 
     /// Counts what was lost on the way, while one publisher speaks: Zenoh drops without a word what a link does not carry.
@@ -236,6 +240,7 @@ struct Watch {
     name: &'static str,
     of: Descriptor,
     counters: Arc<RmwCounters>,
+    of_source: Arc<SourceCounters>,
 }
 
 impl Watch {
@@ -243,6 +248,7 @@ impl Watch {
         let told = Publisher::read(token.key_expr().as_str());
         let Some(other) = told.filter(|_| token.kind() == SampleKind::Put) else { return };
         if (other.dds_type_name, other.type_hash) == (self.of.dds_type_name, self.of.type_hash) {
+            self.of_source.name(gid(token.key_expr().as_str()), shown(&other.node));
             return;
         }
         let count = self.counters.mismatch();
@@ -264,7 +270,7 @@ impl Watch {
 }
 
 /// A name that somebody else has chosen, as it can stand in a log: not without end, and with nothing that a terminal obeys.
-fn shown(name: &str) -> String {
+pub(crate) fn shown(name: &str) -> String {
     name.chars().take(SHOWN).flat_map(char::escape_debug).collect()
 }
 

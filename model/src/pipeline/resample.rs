@@ -1,0 +1,188 @@
+//! The seeded channel's history on the model's own period, where samples came at other times.
+//!
+//! A model that feeds on force holds at one sample period T. Its lags are signals at t - T, t - 2 T, ... Where displacements jitter or
+//! are lost, the newest samples are not these. So the history is read from the last rows by interpolation:
+//!
+//! ```text
+//! rows      ... a      b  c        k        times of the displacements
+//! lags       k-4T   k-3T   k-2T   k-T  k    times of the history
+//! ```
+//!
+//! Displacement and force are read from the parabola through the two rows around a time and an older one; the drive is held. A
+//! backward difference is computed from the interpolated displacements at the lags, because the model was identified with it over T.
+//! Where no row lies between k - T and k, rows are put in between, T apart: displacement interpolated, force as measured
+//! there or else as the model predicts it.
+
+use crate::condition::VelocitySource;
+use crate::force::{DEPTH, History};
+
+/// Rows that are kept: more than a publisher that catches up sends within the lags.
+const KEPT: usize = 64;
+/// Share of a period within which a row is taken for the one at a time.
+pub(super) const SAME: f64 = 1e-3;
+/// Share of a period that the older row of a parabola is away, at least: rows close together say nothing of curvature.
+const APART: f64 = 0.5;
+/// Displacements that a history wants: as many as its lags, and two more for the derivatives.
+const POINTS: usize = DEPTH + 2;
+
+/// A conditioned sample, and its force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Row {
+    /// Time since an origin of the channel's own, s.
+    pub(super) at_s: f64,
+    pub(super) displacement_m: f64,
+    pub(super) velocity_m_s: f64,
+    pub(super) drive: f64,
+    /// Measured, or else predicted, N; NaN when there is neither.
+    pub(super) force_n: f64,
+    /// It was put in between two samples.
+    pub(super) is_between: bool,
+}
+
+impl Row {
+    const NONE: Self = Self {
+        at_s: f64::NAN,
+        displacement_m: f64::NAN,
+        velocity_m_s: f64::NAN,
+        drive: f64::NAN,
+        force_n: f64::NAN,
+        is_between: false,
+    };
+}
+
+/// The last rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rows {
+    rows: [Row; KEPT],
+    next: usize,
+    len: usize,
+}
+
+impl Default for Rows {
+    fn default() -> Self {
+        Self { rows: [Row::NONE; KEPT], next: 0, len: 0 }
+    }
+}
+
+impl Rows {
+    #[inline]
+    pub(super) fn push(&mut self, row: Row) {
+        self.rows[self.next] = row;
+        self.next = (self.next + 1) % KEPT;
+        self.len = (self.len + 1).min(KEPT);
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    const fn slot(&self, age: usize) -> usize {
+        (self.next + KEPT - 1 - age) % KEPT
+    }
+
+    fn get(&self, age: usize) -> Option<&Row> {
+        (age < self.len).then(|| &self.rows[self.slot(age)])
+    }
+
+    pub(super) fn newest(&self) -> Option<Row> {
+        self.get(0).copied()
+    }
+
+    /// Sets the force of the newest row.
+    #[inline]
+    pub(super) fn set_newest_force(&mut self, force_n: f64) {
+        if self.len > 0 {
+            let slot = self.slot(0);
+            self.rows[slot].force_n = force_n;
+        }
+    }
+
+    /// Sets the force of the sample that is `age` samples older than the newest.
+    #[inline]
+    pub(super) fn seed(&mut self, age: usize, force_n: f64) {
+        let mut samples = 0;
+        for row_age in age..self.len {
+            if row_age == age {
+                samples = (0..age).filter(|before| !self.rows[self.slot(*before)].is_between).count();
+            }
+            let slot = self.slot(row_age);
+            if self.rows[slot].is_between {
+                continue;
+            }
+            if samples == age {
+                self.rows[slot].force_n = force_n;
+                return;
+            }
+            samples += 1;
+        }
+    }
+
+    /// Forgets all forces, so that only measured ones can make a history again.
+    pub(super) fn forget_forces(&mut self) {
+        for row in &mut self.rows {
+            row.force_n = f64::NAN;
+        }
+    }
+
+    /// The row at `at_s`, between those that there are; `None` before the first and after the last.
+    fn at(&self, at_s: f64, period_s: f64) -> Option<Row> {
+        let older = (0..self.len).find(|age| self.rows[self.slot(*age)].at_s <= at_s + SAME * period_s)?;
+        let a = self.get(older)?;
+        if (at_s - a.at_s).abs() <= SAME * period_s {
+            return Some(*a);
+        }
+        let b = self.get(older.checked_sub(1)?)?;
+        Some(self.between(at_s, older, b, period_s))
+    }
+
+    /// The row at `at_s` between the row of age `older` and a newer one, `b`.
+    fn between(&self, at_s: f64, older: usize, b: &Row, period_s: f64) -> Row {
+        let a = &self.rows[self.slot(older)];
+        let third = (older + 1..self.len)
+            .map(|age| &self.rows[self.slot(age)])
+            .find(|row| a.at_s - row.at_s >= APART * period_s);
+        let curve = |of: fn(&Row) -> f64| {
+            let (ya, yb) = (of(a), of(b));
+            let slope = (yb - ya) / (b.at_s - a.at_s);
+            let line = ya + slope * (at_s - a.at_s);
+            let Some(c) = third.filter(|c| of(c).is_finite()) else { return line };
+            let curvature = (slope - (ya - of(c)) / (a.at_s - c.at_s)) / (b.at_s - c.at_s);
+            line + curvature * (at_s - a.at_s) * (at_s - b.at_s)
+        };
+        let share = (at_s - a.at_s) / (b.at_s - a.at_s);
+        Row {
+            at_s,
+            displacement_m: curve(|row| row.displacement_m),
+            velocity_m_s: a.velocity_m_s + share * (b.velocity_m_s - a.velocity_m_s),
+            drive: a.drive,
+            force_n: curve(|row| row.force_n),
+            is_between: true,
+        }
+    }
+
+    /// The row at `at_s` between the newest one and `next`, which comes after it. Its force is not known.
+    pub(super) fn towards(&self, next: &Row, at_s: f64, period_s: f64) -> Option<Row> {
+        (self.len > 0).then(|| Row { force_n: f64::NAN, ..self.between(at_s, 0, next, period_s) })
+    }
+
+    /// The history at `at_s` with lags of `period_s`. Unknown values are NaN.
+    pub(super) fn history(&self, at_s: f64, period_s: f64, velocity: VelocitySource) -> History {
+        let mut points = [Row::NONE; POINTS];
+        for (lag, point) in points.iter_mut().enumerate() {
+            let Some(row) = self.at(at_s - lag as f64 * period_s, period_s) else { break };
+            *point = row;
+        }
+        let x = |lag: usize| points[lag].displacement_m;
+        let difference = |lag: usize| (x(lag) - x(lag + 1)) / period_s;
+        History::of(
+            std::array::from_fn(|lag| points[lag + 1].force_n),
+            std::array::from_fn(x),
+            std::array::from_fn(|lag| match velocity {
+                VelocitySource::Backward => difference(lag),
+                VelocitySource::ThreePoint => 1.5 * difference(lag) - 0.5 * difference(lag + 1),
+                VelocitySource::Slope | VelocitySource::Measured => points[lag].velocity_m_s,
+            }),
+            std::array::from_fn(|lag| points[lag].drive),
+        )
+    }
+}

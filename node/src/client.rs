@@ -1,0 +1,92 @@
+//! Clients of services and actions, with the endpoints by which the graph tells whether their server is there.
+//!
+//! ros2-client's own way to ask for that (`wait_for_service`) needs its spinner: see `graph.rs`.
+
+use crate::graph::Endpoints;
+use crate::ros::Part;
+use mr_damper_msgs::{Action, Service};
+use ros2_client::Context;
+use ros2_client::action::ActionClient;
+use ros2_client::service::Client;
+use serde::Deserialize;
+use std::collections::BTreeSet;
+use std::ops::Deref;
+
+type ServiceClient<S> = Client<Part<<S as Service>::Request>, Part<<S as Service>::Response>>;
+type OfAction<A> =
+    ActionClient<Part<<A as Action>::Goal>, Part<<A as Action>::Result>, Part<<A as Action>::Feedback>>;
+
+/// A client of a service.
+pub struct ClientOf<S: Service> {
+    client: ServiceClient<S>,
+    endpoints: Endpoints,
+}
+
+/// A client of an action.
+pub struct ActionClientOf<A: Action> {
+    client: OfAction<A>,
+    endpoints: Endpoints,
+}
+
+/// A client that is of use once its endpoints are matched.
+pub trait Reaching {
+    /// Those endpoints.
+    fn endpoints(&self) -> &Endpoints;
+}
+
+impl<S: Service> ClientOf<S> {
+    pub(crate) fn new(client: ServiceClient<S>, endpoints: Endpoints) -> Self {
+        Self { client, endpoints }
+    }
+}
+
+impl<S: Service> Deref for ClientOf<S> {
+    type Target = ServiceClient<S>;
+
+    fn deref(&self) -> &Self::Target {
+        &self.client
+    }
+}
+
+impl<S: Service> Reaching for ClientOf<S> {
+    fn endpoints(&self) -> &Endpoints {
+        &self.endpoints
+    }
+}
+
+impl<A: Action> ActionClientOf<A> {
+    pub(crate) fn new(client: OfAction<A>, endpoints: Endpoints) -> Self {
+        Self { client, endpoints }
+    }
+}
+
+impl<A: Action> Deref for ActionClientOf<A> {
+    type Target = OfAction<A>;
+
+    fn deref(&self) -> &Self::Target {
+        &self.client
+    }
+}
+
+impl<A: Action> Reaching for ActionClientOf<A> {
+    fn endpoints(&self) -> &Endpoints {
+        &self.endpoints
+    }
+}
+
+/// A node's endpoints, as ros2-client serialises them; it has no other way to read them.
+#[derive(Debug, Default, Deserialize)]
+struct OfNode {
+    reader_gid_seq: BTreeSet<[u8; 16]>,
+    writer_gid_seq: BTreeSet<[u8; 16]>,
+}
+
+/// The endpoints that the node called `node` has by now.
+pub(crate) fn endpoints_of(context: &Context, node: &str) -> Endpoints {
+    let told = context.participant_entities_info();
+    let own = told.nodes().iter().find(|of| of.fully_qualified_name() == node);
+    let own = own.and_then(|of| serde_json::to_value(of).ok());
+    let OfNode { reader_gid_seq: readers, writer_gid_seq: writers } =
+        own.and_then(|of| serde_json::from_value(of).ok()).unwrap_or_default();
+    Endpoints { writers, readers }
+}

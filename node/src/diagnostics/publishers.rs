@@ -1,0 +1,79 @@
+//! Inputs that have more than one publisher: who they are, and what to do.
+
+use crate::ros::Domain;
+use crate::source::ros::SourceCounters;
+use crate::source::{InputTopic, Writer, Writers};
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// The publishers of an input that has more than one.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Publishers {
+    /// Full name of the topic.
+    pub topic: String,
+    /// Full names of their nodes, sorted; where a node has not told its name, the publisher's identity.
+    pub nodes: Vec<String>,
+    /// Their samples come mixed.
+    pub mixed: bool,
+    /// Estimates are made from them.
+    pub is_estimated_from: bool,
+}
+
+impl Publishers {
+    /// Of all `inputs`, those with more than one publisher, by what discovery and the samples show.
+    #[must_use]
+    pub fn of(inputs: &[InputTopic], domain: &Domain, source: &SourceCounters) -> Vec<Self> {
+        let now = Instant::now();
+        let crowded = |(input, writers): (&InputTopic, &Writers)| {
+            let named = |writer: Writer| {
+                let node = domain.node_of(&writer).or_else(|| source.name_of(&writer));
+                (writer, node.unwrap_or_else(|| identity(&writer)))
+            };
+            let mut all: BTreeMap<Writer, String> = writers.mixed(now).map(named).collect();
+            let mixed = !all.is_empty();
+            if input.has_one_publisher {
+                let listed = domain.publishers(&input.topic, input.dds_type_name);
+                all.extend(writers.present(listed.into_iter().map(named).collect(), now));
+            }
+            let mut nodes: Vec<String> = all.into_values().collect();
+            nodes.sort();
+            let &InputTopic { is_estimated_from, .. } = input;
+            (nodes.len() > 1).then(|| Self { topic: input.topic.clone(), nodes, mixed, is_estimated_from })
+        };
+        inputs.iter().zip(&source.writers()).filter_map(crowded).collect()
+    }
+}
+
+/// A publisher without a name, as `ros2 topic info --verbose` shows its GID.
+fn identity(writer: &Writer) -> String {
+    let bytes: Vec<String> = writer.iter().map(|byte| format!("{byte:02x}")).collect();
+    format!("a publisher without a node, GID {}", bytes.join("."))
+}
+
+/// The sentence about them for log and status: who they are, the harm, and what to do.
+#[must_use]
+pub fn publishers_advice(of: &Publishers) -> String {
+    let Publishers { topic, nodes, mixed, is_estimated_from } = of;
+    let harm = match (mixed, is_estimated_from) {
+        (true, true) => "and their samples come mixed, so estimates are DEGRADED",
+        (true, false) => "and their samples come mixed",
+        (false, _) => "and is meant to have one",
+    };
+    format!(
+        "{topic} has {} publishers ({}), {harm}: end all but one, or remap one to another topic. One that was killed is listed for up to \
+         a minute",
+        nodes.len(),
+        nodes.join(", "),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_publisher_without_a_node_is_told_by_its_gid() {
+        let told = identity(&std::array::from_fn(|index| index as u8));
+        assert_eq!(told, "a publisher without a node, GID 00.01.02.03.04.05.06.07.08.09.0a.0b.0c.0d.0e.0f");
+    }
+}

@@ -1,0 +1,227 @@
+//! The ROS graph as this process sees it: which endpoints of others its own are matched with, and which node a publisher belongs to.
+//!
+//! It replaces the `Spinner` of ros2-client 0.12.1, which always has a reader of `/clock` as
+//! `builtin_interfaces/msg/Time` (`node.rs`, `Spinner::spin`): a second type on that topic, in every process, whether there
+//! is simulated time or not. Besides, a process with several nodes has one stream of events of its participant: each spinner
+//! takes those that the others need. So there is one graph in a process, and node and topics are still ros2-client's.
+
+use crate::error::NodeError;
+use crate::ros::Task;
+use crate::source::Writer;
+use crate::source::zenoh::rmw::shown;
+use futures::StreamExt;
+use rustdds::no_key::SimpleDataReaderCdr;
+use rustdds::policy::{Durability, History};
+use rustdds::{
+    CDRDeserializerAdapter, DomainParticipant, DomainParticipantStatusEvent, GUID, QosPolicies,
+    QosPolicyBuilder, StatusEvented, TopicKind,
+};
+use serde::Deserialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::pin::pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The topic on which each participant says which nodes it has.
+const TOPIC: &str = "ros_discovery_info";
+const TYPE: &str = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_";
+/// Messages about nodes that may wait to be read.
+const DEPTH: i32 = 64;
+/// Nodes of one participant that are remembered.
+const NODES: usize = 256;
+
+/// `rmw_dds_common/msg/ParticipantEntitiesInfo`: the nodes of a participant.
+#[derive(Debug, Deserialize)]
+struct Participant {
+    _gid: Writer,
+    nodes: Vec<Entities>,
+}
+
+/// `rmw_dds_common/msg/NodeEntitiesInfo`: a node and its endpoints.
+#[derive(Debug, Deserialize)]
+struct Entities {
+    node_namespace: String,
+    node_name: String,
+    _readers: Vec<Writer>,
+    writers: Vec<Writer>,
+}
+
+/// The endpoints of this process that a client of a service or an action is made of.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Endpoints {
+    pub(crate) writers: BTreeSet<Writer>,
+    pub(crate) readers: BTreeSet<Writer>,
+}
+
+/// The graph, as far as it is known. Dropping it ends its thread.
+pub struct Graph {
+    known: Arc<Mutex<Known>>,
+    task: Option<Task>,
+}
+
+#[derive(Default)]
+struct Known {
+    /// Others' readers, by the writer of this process that they are matched with.
+    readers: BTreeMap<Writer, BTreeSet<Writer>>,
+    /// Others' writers, by the reader of this process that they are matched with.
+    writers: BTreeMap<Writer, BTreeSet<Writer>>,
+    /// Nodes of others: by their participant, full name and writers.
+    nodes: BTreeMap<[u8; 12], Vec<(String, Vec<Writer>)>>,
+}
+
+impl Graph {
+    /// Follows the graph as `participant` sees it.
+    ///
+    /// # Errors
+    /// When the topic of nodes cannot be read, or the system starts no thread.
+    pub fn start(participant: &DomainParticipant) -> Result<Self, NodeError> {
+        let failed = |error: &dyn std::fmt::Debug| NodeError::Ros {
+            what: format!("reading {TOPIC}"),
+            why: format!("{error:?}"),
+        };
+        // Here and not on the thread: with DDS-Security only one thread may create something at a time.
+        let qos = qos();
+        let topic = participant
+            .create_topic(TOPIC.to_owned(), TYPE.to_owned(), &qos, TopicKind::NoKey)
+            .map_err(|e| failed(&e))?;
+        let reader = participant
+            .create_subscriber(&qos)
+            .and_then(|subscriber| {
+                subscriber
+                    .create_simple_datareader_no_key::<Participant, CDRDeserializerAdapter<_>>(&topic, None)
+            })
+            .map_err(|e| failed(&e))?;
+        let known = Arc::<Mutex<Known>>::default();
+        let (followed, participant) = (Arc::clone(&known), participant.clone());
+        let task = Task::start("ros-graph", |stop| async move {
+            let following = pin!(follow(&participant, &reader, &followed));
+            futures::future::select(following, stop).await;
+        })?;
+        Ok(Self { known, task: Some(task) })
+    }
+
+    /// True while its thread runs; false after a panic.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        self.task.as_ref().is_some_and(Task::is_alive)
+    }
+
+    /// How many readers of others are matched with a writer of this process.
+    #[must_use]
+    pub fn readers_of(&self, writer: GUID) -> usize {
+        self.known().readers.get(&writer.to_bytes()).map_or(0, BTreeSet::len)
+    }
+
+    /// How many writers of others are matched with a reader of this process.
+    #[must_use]
+    pub fn writers_of(&self, reader: GUID) -> usize {
+        self.known().writers.get(&reader.to_bytes()).map_or(0, BTreeSet::len)
+    }
+
+    /// True when each of these endpoints is matched with one of others.
+    #[must_use]
+    pub fn are_matched(&self, endpoints: &Endpoints) -> bool {
+        let known = self.known();
+        let is_in = |matched: &BTreeMap<Writer, BTreeSet<Writer>>, of: &Writer| {
+            matched.get(of).is_some_and(|others| !others.is_empty())
+        };
+        endpoints.writers.iter().all(|writer| is_in(&known.readers, writer))
+            && endpoints.readers.iter().all(|reader| is_in(&known.writers, reader))
+    }
+
+    /// The full name of the node that a publisher belongs to, where that has told of itself.
+    #[must_use]
+    pub fn node_of(&self, writer: &Writer) -> Option<String> {
+        let known = self.known();
+        let nodes = known.nodes.get(&prefix_of(writer))?;
+        nodes.iter().find(|(_, writers)| writers.contains(writer)).map(|(node, _)| node.clone())
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        lock(&self.known)
+    }
+}
+
+impl Drop for Graph {
+    fn drop(&mut self) {
+        if self.task.take().is_some_and(|task| task.stop().is_err()) {
+            tracing::error!("the thread that follows the ROS graph had panicked");
+        }
+    }
+}
+
+/// Transient local, so that a participant which was there before this one still says which nodes it has.
+fn qos() -> QosPolicies {
+    QosPolicyBuilder::new()
+        .durability(Durability::TransientLocal)
+        .reliable(rustdds::Duration::ZERO)
+        .history(History::KeepLast { depth: DEPTH })
+        .build()
+}
+
+async fn follow(
+    participant: &DomainParticipant,
+    reader: &SimpleDataReaderCdr<Participant>,
+    known: &Mutex<Known>,
+) {
+    let listener = participant.status_listener();
+    let mut events = pin!(listener.as_async_status_stream());
+    let mut told = pin!(reader.as_async_stream());
+    loop {
+        futures::select! {
+            event = events.select_next_some() => lock(known).hear(&event),
+            of_nodes = told.select_next_some() => match of_nodes {
+                Ok(change) => {
+                    let of = prefix_of(&change.writer_guid().to_bytes());
+                    lock(known).name(of, change.into_value());
+                }
+                Err(error) => tracing::debug!("{TOPIC} cannot be read: {error:?}"),
+            },
+        }
+    }
+}
+
+impl Known {
+    fn hear(&mut self, event: &DomainParticipantStatusEvent) {
+        use DomainParticipantStatusEvent as Event;
+        match event {
+            Event::RemoteReaderMatched { local_writer, remote_reader } => {
+                self.readers.entry(local_writer.to_bytes()).or_default().insert(remote_reader.to_bytes());
+            }
+            Event::RemoteWriterMatched { local_reader, remote_writer } => {
+                self.writers.entry(local_reader.to_bytes()).or_default().insert(remote_writer.to_bytes());
+            }
+            Event::ReaderLost { guid, .. } => self.forget(|other| *other == guid.to_bytes()),
+            Event::WriterLost { guid, .. } => self.forget(|other| *other == guid.to_bytes()),
+            Event::ParticipantLost { id, .. } => {
+                let lost: &[u8] = id.as_ref();
+                self.nodes.retain(|prefix, _| prefix != lost);
+                self.forget(|other| other.starts_with(lost));
+            }
+            _ => {}
+        }
+    }
+
+    fn forget(&mut self, is_lost: impl Fn(&Writer) -> bool) {
+        let matched = self.readers.values_mut().chain(self.writers.values_mut());
+        matched.for_each(|others| others.retain(|other| !is_lost(other)));
+    }
+
+    /// Notes the nodes of a participant. By who has sent it: what it calls itself may be anything.
+    fn name(&mut self, participant: [u8; 12], told: Participant) {
+        let full_name =
+            |of: &Entities| shown(&format!("{}/{}", of.node_namespace.trim_end_matches('/'), of.node_name));
+        let nodes = told.nodes.into_iter().take(NODES);
+        let nodes = nodes.map(|of| (full_name(&of), of.writers)).collect();
+        self.nodes.insert(participant, nodes);
+    }
+}
+
+/// The participant that an endpoint belongs to.
+fn prefix_of(endpoint: &Writer) -> [u8; 12] {
+    std::array::from_fn(|index| endpoint[index])
+}
+
+/// A thread that panicked leaves whole entries behind.
+fn lock(known: &Mutex<Known>) -> MutexGuard<'_, Known> {
+    known.lock().unwrap_or_else(PoisonError::into_inner)
+}

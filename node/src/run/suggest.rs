@@ -1,0 +1,194 @@
+//! Which topic of a bag, or column of a CSV file, a channel could come from: what to type when names are others than ours.
+
+use super::column::Quantity;
+use super::map::flag;
+use super::names::topic_of;
+use crate::extract::{Carries, DEFAULT_AXIS, Dimension, Extractor, Part};
+use mr_damper_msgs::standard::JointState;
+use std::fmt::Write as _;
+
+/// Topics that a message lists at most.
+const LISTED: usize = 30;
+
+/// A topic as a bag has it.
+pub(super) struct Seen<'a> {
+    pub(super) name: &'a str,
+    pub(super) type_name: &'a str,
+    pub(super) encoding: &'a str,
+    pub(super) messages: u64,
+    /// The first message of joint states.
+    pub(super) joints: Option<&'a JointState>,
+}
+
+/// Parts of names by which a channel's topic or column is guessed.
+const fn words(quantity: Quantity) -> &'static [&'static str] {
+    match quantity {
+        Quantity::Displacement => &["displ", "susp", "stroke", "lvdt", "pos", "travel", "damper", "rod"],
+        Quantity::Velocity | Quantity::BodyVelocity => &["vel", "speed"],
+        Quantity::Force | Quantity::ForceRequest => &["force", "load", "wrench", "effort"],
+        Quantity::Current => &["current", "coil", "amp"],
+        Quantity::Command => &["volt", "command", "cmd"],
+        Quantity::CaseTemperature | Quantity::AmbientTemperature => &["temp"],
+        Quantity::Setpoint => &["setpoint", "target"],
+    }
+}
+
+/// How likely a name is the channel's.
+fn likeness(quantity: Quantity, name: &str) -> usize {
+    let name = name.to_ascii_lowercase();
+    let words = words(quantity);
+    words.iter().position(|word| name.contains(word)).map_or(0, |place| words.len() - place)
+}
+
+impl Seen<'_> {
+    /// How the channel would be mapped to this topic, and how likely that is; `None` when its type cannot hold it.
+    fn source(&self, quantity: Quantity) -> Option<(usize, String)> {
+        let dimension = quantity.dimension();
+        if self.messages == 0 || self.encoding != "cdr" || !dimension.takes(self.type_name) {
+            return None;
+        }
+        let Some(joints) = self.joints else {
+            let extractor = Extractor::new(dimension, self.name, self.type_name, None).ok()?;
+            // A number alone may be anything; the name has to say more.
+            let kind = if extractor.is_unstamped() { 1 } else { 20 };
+            let axis = if matches!(extractor.part, Part::Axis(_)) {
+                format!(":{DEFAULT_AXIS}")
+            } else {
+                String::new()
+            };
+            return Some((kind + likeness(quantity, self.name), format!("{}{axis}", self.name)));
+        };
+        let joint = |joint: &String| {
+            let extractor = Extractor::new(dimension, self.name, self.type_name, Some(joint)).ok()?;
+            joints.taken(&extractor.part).ok()?.value?;
+            // An effort is a force first; a joint's name tells the damper by the words of its displacement.
+            let likely = match quantity.dimension() {
+                Dimension::Current | Dimension::Voltage => likeness(quantity, joint),
+                Dimension::Length if likeness(quantity, joint) > 0 => 21 + likeness(quantity, joint),
+                _ => 10 + likeness(quantity, joint) + likeness(Quantity::Displacement, joint),
+            };
+            Some((likely, format!("{}:{joint}", self.name)))
+        };
+        // Of joints that are as likely, the first.
+        joints.name.iter().filter_map(joint).rev().max_by_key(|(likely, _)| *likely)
+    }
+
+    fn line(&self, quantity: Quantity) -> String {
+        let mark = if self.source(quantity).is_some() { '*' } else { ' ' };
+        let mut line = format!("  {mark} {}  {}, {} messages", self.name, self.type_name, self.messages);
+        if let Some(joints) = self.joints {
+            let _ = write!(line, ", joints: {}", joints.name.join(", "));
+        }
+        printable(&line)
+    }
+}
+
+/// The flag that maps the channel to the likeliest topic; `None` when no type can hold it.
+pub(super) fn line_for(quantity: Quantity, topics: &[Seen<'_>]) -> Option<String> {
+    likeliest(quantity, topics, 0)
+}
+
+/// The same only where type or name say that it is this channel.
+pub(super) fn likely_line_for(quantity: Quantity, topics: &[Seen<'_>]) -> Option<String> {
+    likeliest(quantity, topics, 2)
+}
+
+fn likeliest(quantity: Quantity, topics: &[Seen<'_>], least: usize) -> Option<String> {
+    let sources = topics.iter().filter_map(|topic| topic.source(quantity));
+    let best = sources.filter(|(likely, _)| *likely >= least).rev().max_by_key(|(likely, _)| *likely);
+    best.map(|(_, source)| printable(&flag(topic_of(quantity), &source)))
+}
+
+/// The topics, one a line; those that can hold the channel come first and are marked.
+pub(super) fn listing(quantity: Quantity, topics: &[Seen<'_>]) -> String {
+    let mut sorted: Vec<&Seen<'_>> = topics.iter().collect();
+    sorted.sort_by_key(|topic| topic.source(quantity).is_none());
+    let mut text = format!("topics (* can hold {}):", topic_of(quantity));
+    for topic in sorted.iter().take(LISTED) {
+        let _ = write!(text, "\n{}", topic.line(quantity));
+    }
+    if sorted.len() > LISTED {
+        let _ = write!(text, "\n    and {} more", sorted.len() - LISTED);
+    }
+    text
+}
+
+/// The flag that maps the channel to the likeliest of these columns, where there are any.
+pub(super) fn column_for<'a>(channel: &str, columns: impl Iterator<Item = &'a str>) -> Option<String> {
+    let likely = |column: &&str| match Quantity::ALL
+        .into_iter()
+        .find(|quantity| topic_of(*quantity) == channel)
+    {
+        Some(quantity) => likeness(quantity, column),
+        None => usize::from(["time", "stamp"].iter().any(|word| column.to_ascii_lowercase().contains(word))),
+    };
+    let columns: Vec<&str> = columns.collect();
+    columns.into_iter().rev().max_by_key(likely).map(|column| printable(&flag(channel, column)))
+}
+
+/// The name among `known` that is most like `name`.
+pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let compared: String = name.chars().take(200).collect();
+    known
+        .take(1000)
+        .filter(|known| known.len() <= 400)
+        .map(|known| (strsim::jaro_winkler(known, &compared), known))
+        .filter(|(likeness, _)| *likeness > 0.7)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, known)| known)
+}
+
+/// Text of a file without what would steer a terminal.
+fn printable(text: &str) -> String {
+    text.chars().flat_map(|c| if c.is_control() { c.escape_default().collect() } else { vec![c] }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen<'a>(name: &'a str, type_name: &'a str, joints: Option<&'a JointState>) -> Seen<'a> {
+        Seen { name, type_name, encoding: "cdr", messages: 5, joints }
+    }
+
+    #[test]
+    fn the_likeliest_topic_is_suggested() {
+        let joints = JointState {
+            name: ["wheel", "fl_damper", "fr_damper"].map(str::to_owned).into(),
+            position: vec![0.0; 3],
+            ..JointState::default()
+        };
+        let float = "std_msgs/msg/Float64";
+        let topics = [
+            seen("/oil", float, None),
+            seen("/susp/pos", float, None),
+            seen("/joint_states", "sensor_msgs/msg/JointState", Some(&joints)),
+            seen("/wrench", "geometry_msgs/msg/WrenchStamped", None),
+            seen("/i\u{1b}mu", "sensor_msgs/msg/Imu", None),
+        ];
+        let line = |quantity, of: &[Seen<'_>]| line_for(quantity, of).unwrap_or_default();
+        assert_eq!(line(Quantity::Displacement, &topics), "--map displacement=/joint_states:fl_damper");
+        assert_eq!(line(Quantity::Displacement, &topics[..2]), "--map displacement=/susp/pos");
+        // Efforts are not published.
+        assert_eq!(line(Quantity::Force, &topics), "--map measured_force=/wrench:z");
+        assert_eq!(likely_line_for(Quantity::Current, &topics), None);
+        assert_eq!(line_for(Quantity::Displacement, &topics[4..]), None);
+        assert_eq!(
+            listing(Quantity::Displacement, &topics),
+            "topics (* can hold displacement):\n  * /oil  std_msgs/msg/Float64, 5 messages\n  * /susp/pos  \
+             std_msgs/msg/Float64, 5 messages\n  * /joint_states  sensor_msgs/msg/JointState, 5 messages, joints: wheel, \
+             fl_damper, fr_damper\n    /wrench  geometry_msgs/msg/WrenchStamped, 5 messages\n    /i\\u{1b}mu  \
+             sensor_msgs/msg/Imu, 5 messages"
+        );
+    }
+
+    #[test]
+    fn the_likeliest_column_is_suggested() {
+        let columns = ["Time [s]", "load", "Stroke [mm]"];
+        let suggested = |channel| column_for(channel, columns.into_iter()).unwrap_or_default();
+        assert_eq!(suggested("displacement"), "--map 'displacement=Stroke [mm]'");
+        assert_eq!(suggested("time"), "--map 'time=Time [s]'");
+        assert_eq!(nearest("/susp/pso", ["/oil", "/susp/pos"].into_iter()), Some("/susp/pos"));
+        assert_eq!(nearest("x", ["/oil"].into_iter()), None);
+    }
+}

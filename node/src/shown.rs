@@ -1,0 +1,64 @@
+//! Text on its way to a terminal.
+//!
+//! File names, CSV headers, topic names and frame ids are written by others, and may hold control characters: with these a terminal
+//! can be made to hide text, to show other text, or to change its title. They are shown by their number instead, as `\u{1b}`.
+
+use std::borrow::Cow;
+use std::fmt::{self, Write};
+
+/// `text` without control characters: it stays on one line.
+#[must_use]
+pub fn line(text: &str) -> Cow<'_, str> {
+    escaped(text, |c| c != '\t' && c.is_control())
+}
+
+/// `text` without control characters other than line ends, for what has several lines.
+#[must_use]
+pub fn lines(text: &str) -> Cow<'_, str> {
+    escaped(text, |c| !matches!(c, '\t' | '\n') && c.is_control())
+}
+
+/// An error as the command line says it. Further lines are indented, so that none of them can pass for another message.
+#[must_use]
+pub fn error(error: &impl fmt::Display) -> String {
+    format!("error: {}", lines(&error.to_string()).trim_end().replace('\n', "\n  "))
+}
+
+fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if !text.chars().any(&is_escaped) {
+        return Cow::Borrowed(text);
+    }
+    let mut out = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if is_escaped(c) { out.extend(c.escape_default()) } else { out.push(c) }
+    }
+    Cow::Owned(out)
+}
+
+/// Passes text on to another writer as [`line()`] shows it.
+#[derive(Debug)]
+pub struct OneLine<W>(pub W);
+
+impl<W: Write> Write for OneLine<W> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        self.0.write_str(&line(text))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_shown_by_their_number() {
+        let text = "a\u{1b}[31mb\r\n\tc\u{9b}\u{7}é";
+        assert_eq!(line(text), "a\\u{1b}[31mb\\r\\n\tc\\u{9b}\\u{7}é");
+        assert_eq!(lines(text), "a\\u{1b}[31mb\\r\n\tc\\u{9b}\\u{7}é");
+        assert!(matches!(line("plain é"), Cow::Borrowed(_)));
+    }
+
+    #[test]
+    fn a_line_of_an_error_cannot_pass_for_another_error() {
+        assert_eq!(error(&"a.csv\nerror: \u{1b}]0;b"), "error: a.csv\n  error: \\u{1b}]0;b");
+    }
+}

@@ -1,0 +1,256 @@
+#!/usr/bin/env python3
+"""What a reader that fails costs the others: makes the table of node/docs/reader-faults.md. Root only.
+
+For each rate it starts a node and an ECU (ecu_peer) in a network namespace of their own, with sensors, estimates and commands of one or
+four dampers. Then one reader after the other joins, fails, and is watched for --seconds; the ECU says what it lost meanwhile and how late
+the rest came. Victims that need another host get one, at a switch whose port is then unplugged.
+
+    kill      SIGKILL: the reader is gone, and its lease goes on
+    stop      SIGSTOP, and SIGCONT after the lease
+    slow      the reader lives, and works for 20 ms on each message
+    mute      the reader never acknowledges, and renews its lease for ever
+    unplug    the reader is on another host, whose cable is pulled
+
+usage: fault_table.py [--node BINARY] [--ecu BINARY] [--build NAME] [--rates 500,1000,4x1000] [--cases rclpy-kill,...] [--seconds 25]
+
+Progress goes to stderr; a Markdown table and then one line of JSON to stdout. Exit code 1 where an answer was lost.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", HERE.parent.parent / "target"))
+BASE = pathlib.Path(os.environ.get("MR_DAMPER_INTEROP_DIR", "/var/tmp/mr-damper-interop"))
+CASES = [
+    "rclpy-kill", "rclpy-stop", "rclpy-slow", "cyclone-kill", "cyclone-stop", "ros2client-kill", "ros2client-stop", "mute", "rclpy-unplug",
+]  # fmt: skip
+MODEL = "thesis/fuzzy-tanh/rp3-cs"
+
+
+def say(text):
+    print(f"fault_table: {text}", file=sys.stderr, flush=True)
+
+
+class Program:
+    """A program in a namespace, with lines of JSON on its standard output."""
+
+    def __init__(self, host, command, log, **environment):
+        self.log = log
+        enter = [HERE / "netns.sh", "enter", str(host.pid), *map(str, command)]
+        self.process = subprocess.Popen(
+            enter, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=open(log, "w"), text=True, env={**os.environ, **environment}
+        )
+
+    def line(self):
+        text = self.process.stdout.readline()
+        if not text:
+            sys.exit(f"fault_table: {self.process.args[3:]} ended without an answer; it said:\n{open(self.log).read()[-2000:]}")
+        return json.loads(text)
+
+    def tell(self, text):
+        self.process.stdin.write(text + "\n")
+        self.process.stdin.flush()
+
+    def end(self):
+        """Closes its standard input and waits; kills it where that does not help."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGCONT)
+        self.process.stdin.close()
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+class Host:
+    """A network namespace with nothing but loopback."""
+
+    def __init__(self):
+        self.holder = subprocess.Popen([HERE / "netns.sh", "hold"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.pid = int(self.holder.stdout.readline())
+
+    def run(self, script):
+        subprocess.run([HERE / "netns.sh", "enter", str(self.pid), "bash", "-euc", script], check=True)
+
+    def end(self):
+        self.holder.stdin.close()
+        self.holder.wait()
+
+
+def switch(near, middle, far):
+    """Puts `near` (10.78.0.1) and `far` (10.78.0.2) at a switch in `middle`."""
+    middle.run("ip link add sw type bridge && ip link set sw up")
+    for number, host in ((1, near), (2, far)):
+        subprocess.run(
+            ["ip", "link", "add", "eth", "netns", str(host.pid), "type", "veth", "peer", "name", f"port{number}", "netns", str(middle.pid)], check=True
+        )
+        middle.run(f"ip link set port{number} master sw up")
+        host.run(f"ip addr add 10.78.0.{number}/24 dev eth && ip link set eth up && ip route replace 224.0.0.0/4 dev eth")
+
+
+def victim(case, dampers, args):
+    """Command of the reader that fails."""
+    fault = case.rsplit("-", 1)[-1]
+    match case.split("-")[0]:
+        case "rclpy":
+            slow = ["--slow", "0.02"] if fault == "slow" else []
+            return [HERE / "ros-python.sh", "jazzy", HERE / "victim_peer.py", "--dampers", dampers, *slow]
+        case "cyclone":
+            return [BASE / "peers/venv/bin/python", HERE / "cyclone_victim.py", dampers]
+        case "ros2client":
+            return [args.ecu, "--hear", "--dampers", dampers, "--loopback"]
+    ours = "mr_damper_msgs::msg::dds_::"
+    topics = [
+        f"rt/d{k}/{topic}={ours}{of}_" for k in range(dampers) for topic, of in (("force_estimate", "ForceEstimate"), ("current_command", "CurrentCommand"))
+    ]
+    return [sys.executable, HERE / "mute_reader.py", *topics]
+
+
+class Session:
+    """A node and an ECU at one rate."""
+
+    def __init__(self, args, rate_hz, dampers, folder, subnet):
+        self.args, self.dampers, self.folder, self.subnet = args, dampers, folder, subnet
+        # Fast DDS shares memory by domain id across network namespaces.
+        self.environment = {"ROS_DOMAIN_ID": str(1 + (os.getpid() * 7 + time.monotonic_ns() // 10**9) % 100)}
+        self.hosts = [Host() for _ in range(3 if subnet else 1)]
+        if subnet:
+            switch(*self.hosts)
+            self.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
+        names = ",".join(f"d{k}" for k in range(dampers))
+        parameters = [f"model:={MODEL}", f"dampers:=[{names}]", "law:=fixed"]
+        ros_args = [word for parameter in parameters for word in ("-p", parameter)]
+        self.node = self.program(self.hosts[0], [args.node, "node", "--ros-args", *ros_args], "node")
+        reach = [] if subnet else ["--loopback"]
+        self.ecu = self.program(self.hosts[0], [args.ecu, "--rate", rate_hz, "--dampers", dampers, *reach], "ecu")
+        self.ecu.line()
+
+    def program(self, host, command, name):
+        return Program(host, command, self.folder / f"{name}.log", **self.environment)
+
+    def phase(self, name, seconds):
+        self.ecu.tell(name)
+        self.ecu.line()
+        time.sleep(seconds)
+
+    def case(self, case):
+        say(f"  {case}")
+        self.phase(f"{case} joins", 0.0)
+        host = self.hosts[2 if self.subnet else 0]
+        reader = self.program(host, victim(case, self.dampers, self.args), case)
+        reader.line()
+        self.phase(f"{case} alive", 3.0)
+        fault = case.rsplit("-", 1)[-1]
+        if fault == "unplug":
+            self.hosts[1].run("ip link set port2 down")
+        elif fault in ("kill", "stop"):
+            reader.process.send_signal(signal.SIGKILL if fault == "kill" else signal.SIGSTOP)
+        self.phase(case, self.args.seconds)
+        self.phase(f"{case} leaves", 0.0)
+        reader.end()
+        if fault == "unplug":
+            self.hosts[1].run("ip link set port2 up")
+        self.phase("without a victim", self.args.quiet)
+
+    def end(self):
+        self.ecu.process.stdin.close()
+        report = json.loads(self.ecu.process.stdout.readline())
+        self.ecu.process.wait(20)
+        self.node.process.send_signal(signal.SIGINT)
+        self.node.process.wait(20)
+        ended = [line for line in open(self.node.log) if "the node has ended" in line]
+        report["node_lost"] = sum(int(n) for line in ended for n in re.findall(r"\blost\S*?=\S*?(\d+)", line)[:1])
+        for host in reversed(self.hosts):
+            host.end()
+        return report
+
+
+def rows(build, rate, report):
+    """Rows of the table: each case beside the phases without a victim."""
+    quiet = [phase for phase in report["phases"] if phase["name"] == "without a victim"]
+
+    def middle(kind):
+        values = sorted(phase[kind]["p99_ms"] for phase in quiet)
+        return values[len(values) // 2]
+
+    # A reader that joins or leaves may cost nothing either: these phases count with the fault.
+    around = {}
+    for phase in report["phases"]:
+        case = re.sub(" (joins|alive|leaves)$", "", phase["name"])
+        around.setdefault(case, []).append(phase)
+    for phase in report["phases"]:
+        if phase["name"] not in CASES:
+            continue
+        yield {
+            "build": build,
+            "rate": rate,
+            "case": phase["name"],
+            "sent": sum(part["sent"] for part in around[phase["name"]]),
+            **{f"{kind}_lost": sum(part[kind]["lost"] for part in around[phase["name"]]) for kind in ("estimates", "commands")},
+            **{f"{kind}_p99_ms": phase[kind]["p99_ms"] for kind in ("estimates", "commands")},
+            **{f"{kind}_p99_ratio": (phase[kind]["p99_ms"] or float("nan")) / middle(kind) for kind in ("estimates", "commands")},
+            "worst_ms": max(phase[kind]["worst_ms"] or 0.0 for kind in ("estimates", "commands")),
+        }
+
+
+def table(found):
+    print("| build | rate | victim | estimates lost | commands lost | p99 of estimates, ms | of that without it | p99 of commands, ms | of that without it | worst, ms |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for row in found:
+        print(
+            f"| {row['build']} | {row['rate']} | {row['case']} | {row['estimates_lost']} of {row['sent']} | {row['commands_lost']} "
+            f"| {row['estimates_p99_ms'] or 0:.2f} | {row['estimates_p99_ratio']:.2f} | {row['commands_p99_ms'] or 0:.2f} "
+            f"| {row['commands_p99_ratio']:.2f} | {row['worst_ms']:.1f} |"
+        )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--node", default=TARGET / "release/mr-damper", metavar="BINARY")
+    parser.add_argument("--ecu", default=TARGET / "release/ecu_peer", metavar="BINARY")
+    parser.add_argument("--build", default="default", metavar="NAME", help="what the table calls the node")
+    parser.add_argument("--rates", default="500,1000,4x1000", help="Hz, or dampers x Hz")
+    parser.add_argument("--cases", default=",".join(CASES))
+    parser.add_argument("--seconds", type=float, default=25.0, help="how long a fault is watched; the lease of rclpy is 20 s")
+    parser.add_argument("--quiet", type=float, default=8.0, help="seconds without a victim after each case")
+    args = parser.parse_args()
+    if os.geteuid() != 0:
+        sys.exit("fault_table: network namespaces, raw sockets and cables take root")
+    unknown = set(args.cases.split(",")) - set(CASES)
+    if unknown:
+        sys.exit(f"fault_table: unknown cases {', '.join(sorted(unknown))}; known are {', '.join(CASES)}")
+    found, reports = [], []
+    for rate in args.rates.split(","):
+        dampers, hz = (int(part) for part in (rate if "x" in rate else f"1x{rate}").split("x"))
+        for subnet in (False, True):
+            cases = [case for case in args.cases.split(",") if case.endswith("unplug") == subnet]
+            if not cases:
+                continue
+            say(f"{args.build}, {rate} Hz{', two hosts' if subnet else ''}")
+            with tempfile.TemporaryDirectory() as folder:
+                session = Session(args, hz, dampers, pathlib.Path(folder), subnet)
+                # The first displacements wait for each other, and the filters settle.
+                session.phase("warm-up", 3.0)
+                session.phase("without a victim", args.quiet)
+                for case in cases:
+                    session.case(case)
+                report = session.end()
+            found += rows(args.build, rate, report)
+            reports.append({"rate": rate, **report})
+    table(found)
+    print(json.dumps({"rows": found, "sessions": reports}))
+    elsewhere = sum(phase[kind]["lost"] for report in reports for phase in report["phases"] for kind in ("estimates", "commands"))
+    sys.exit(elsewhere > 0)
+
+
+main()

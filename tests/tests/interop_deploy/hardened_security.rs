@@ -1,0 +1,152 @@
+//! DDS-Security in the hardened build: what RustDDS alone does not do (decision 0004).
+
+use super::security::{keystores, secured};
+use crate::PEER;
+use crate::interop_support::Lab;
+use crate::interop_support::gate::{Outcome, hardened_secure_binary, interop, optional_environment};
+use crate::interop_support::json::{count, number, text};
+use crate::interop_support::process::{Program, script};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How long the CycloneDDS peer continues once it is matched, s.
+const SECONDS: &str = "6";
+/// Rows of the run that is replayed, at 100 Hz.
+const ROWS: u32 = 600;
+/// The session id of every message of RustDDS 0.15.1.
+const CONSTANT_SESSION: &str = "01030307";
+
+#[test]
+fn cyclonedds_peers_send_and_hear_whichever_side_begins_the_handshake() {
+    interop("security with CycloneDDS", |lab| {
+        let (binary, peer) = match (hardened_secure_binary(), optional_environment("cyclone")) {
+            (Ok(binary), Ok(folder)) => (binary, folder.join("secure_cyclone")),
+            (Err(why), _) | (_, Err(why)) => return Outcome::Skipped(why),
+        };
+        let keystores = keystores(lab);
+        let mut node = secured(lab, &binary, &keystores, "/node");
+        let saw = |enclave: &str, readers: &str, writers: &str| -> Value {
+            let path = keystores.join(enclave);
+            let arguments = [path.to_str().expect("UTF-8"), readers, writers, SECONDS];
+            lab.start_with(enclave, &peer, &arguments, &[]).json(PEER)
+        };
+
+        let mut heard = Vec::new();
+        for (enclave, begins) in [("sensor", "node"), ("axle", "peer")] {
+            let saw = saw(&format!("ours/enclaves/{enclave}"), "1", "1");
+            let estimates = count(&saw, "/heard");
+            assert!(estimates > 100, "the {begins} begins: {saw:#}");
+            assert_eq!(count(&saw, "/known"), estimates, "estimates of its own samples: {saw:#}");
+            assert!(number(&saw, "/largest_force_n") > 10.0, "the force of a damper: {saw:#}");
+            heard.push(format!("{estimates} estimates where the {begins} begins"));
+        }
+        let stranger = saw("strangers/enclaves/sensor", "0", "0");
+        assert_eq!((count(&stranger, "/heard"), count(&stranger, "/readers")), (0, 0), "{stranger:#}");
+        node.signal("INT");
+        assert!(node.wait(PEER).success());
+        Outcome::Passed(heard.join(", ") + "; none to a stranger")
+    });
+}
+
+#[test]
+fn our_recorder_gets_the_estimates_and_no_initialization_vector_occurs_twice() {
+    interop("security between our own programs", |lab| {
+        let binary = match hardened_secure_binary() {
+            Ok(binary) => binary,
+            Err(why) => return Outcome::Skipped(why),
+        };
+        let keystores = keystores(lab);
+        let mut watch =
+            lab.start_told("nonce_watch.py", Path::new("python3"), &[&utf8(&script("nonce_watch.py"))]);
+        assert_eq!(text(&watch.json_line(PEER), "/event"), "ready");
+
+        let node = secured(lab, &binary, &keystores, "/node");
+        let (bag, run) = (lab.folder().join("bag"), sine(lab.folder()));
+        let recorder = tool(lab, &binary, &keystores, &["record", "--out", &utf8(&bag)]);
+        std::thread::sleep(Duration::from_secs(4)); // a handshake takes some seconds
+        tool(lab, &binary, &keystores, &["--quiet", "replay", &utf8(&run), "--wait", "20"]).output(PEER);
+        std::thread::sleep(Duration::from_secs(1));
+        for mut program in [recorder, node] {
+            program.signal("INT");
+            assert!(program.wait(PEER).success());
+        }
+        let watched = watch.close();
+
+        assert_eq!(count(&watched, "/reused"), 0, "{watched:#}");
+        let senders = watched["senders"].as_object().expect("an object");
+        assert!(senders.len() >= 3, "node, recorder and replay: {watched:#}");
+        for (sender, seen) in senders {
+            let sessions = seen["sessions"].as_array().expect("a list");
+            assert!(sessions.iter().all(|session| session != CONSTANT_SESSION), "{sender}: {watched:#}");
+            // Each message takes at most three vectors (payload, submessage, whole), and some messages are not for this interface.
+            let (messages, span) = (count(seen, "/messages"), number(seen, "/span"));
+            assert!(span < 4.0 * messages as f64 + 1000.0, "{sender} does not count: {watched:#}");
+        }
+        let (sent, estimates) = (sent_estimates(lab), recorded(&bag, "/force_estimate"));
+        // The node may send some before the recorder has its keys.
+        let late = u64::from(ROWS) / 10;
+        assert!(sent > 100 && estimates + late >= sent, "{estimates} of {sent} estimates recorded");
+        Outcome::Passed(format!(
+            "{estimates} estimates recorded, {} senders without a vector twice",
+            senders.len()
+        ))
+    });
+}
+
+#[test]
+fn topics_and_endpoints_are_created_by_two_threads_at_a_time() {
+    interop("security and two threads that create", |lab| {
+        let binary = match hardened_secure_binary() {
+            Ok(binary) => binary.with_file_name("create_peer"),
+            Err(why) => return Outcome::Skipped(why),
+        };
+        let keystores = keystores(lab);
+        let made = tool(lab, &binary, &keystores, &["5"]).json(PEER);
+        let (topics, endpoints) = (count(&made, "/topics"), count(&made, "/endpoints"));
+        assert!(made["stuck"] == false && topics > 10 && endpoints > 10, "{made:#}");
+        Outcome::Passed(format!("{topics} topics and {endpoints} readers and writers"))
+    });
+}
+
+/// Starts a program with the enclave that may do what a node may.
+fn tool(lab: &Lab, binary: &Path, keystores: &Path, arguments: &[&str]) -> Program {
+    let keystore = keystores.join("ours");
+    let on = [
+        ("ROS_SECURITY_ENABLE", Path::new("true")),
+        ("ROS_SECURITY_KEYSTORE", &keystore),
+        ("ROS_SECURITY_ENCLAVE_OVERRIDE", Path::new("/tools")),
+    ];
+    lab.start_with(&format!("{} {arguments:?}", binary.display()), binary, arguments, &on)
+}
+
+/// A run of displacements and currents.
+fn sine(folder: &Path) -> PathBuf {
+    let mut text = "time_s,displacement_m,current_a\n".to_owned();
+    for row in 0..ROWS {
+        let displacement_m = 0.01 * (0.1 * f64::from(row)).sin();
+        text += &format!("{:.2},{displacement_m},1.0\n", 0.01 * f64::from(row));
+    }
+    let path = folder.join("sine.csv");
+    std::fs::write(&path, text).expect("a writable folder");
+    path
+}
+
+/// How many messages of a topic a bag holds, by its metadata.
+fn recorded(bag: &Path, topic: &str) -> u64 {
+    let metadata = std::fs::read_to_string(bag.join("metadata.yaml")).expect("a whole bag");
+    let after = metadata.split_once(&format!("name: {topic}\n")).map_or("", |(_, after)| after);
+    let messages = after.lines().find_map(|line| line.trim().strip_prefix("message_count: "));
+    messages.map_or(0, |number| number.parse().expect("a number"))
+}
+
+/// How many estimates the node sent, by its last line.
+fn sent_estimates(lab: &Lab) -> u64 {
+    let log = lab.last_log("mr-damper node of /node");
+    let after = log.rsplit_once(" estimates=").map_or("", |(_, after)| after);
+    after.split_whitespace().next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{log}"))
+}
+
+fn utf8(path: &Path) -> String {
+    path.to_str().expect("UTF-8 path").to_owned()
+}
