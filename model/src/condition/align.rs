@@ -153,6 +153,25 @@ impl<T: Copy> ForceAligner<T> {
         (span <= max_span_s).then(|| f0 + (f1 - f0) * (stamp.since(t0).get() / span))
     }
 
+    /// The same on the parabola through these and the reading before them, if that is at least half as far away as they are from each
+    /// other.
+    #[must_use]
+    pub fn measured_on_curve(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
+        let line_n = self.measured(stamp, max_span_s)?;
+        let ((t0, f0), after) = self.readings.around(stamp)?;
+        let Some((t1, f1)) = after.filter(|_| t0 != stamp) else { return Some(line_n) };
+        let span = t1.since(t0).get();
+        let Some((older, f2)) = self.readings.at(t0.shifted((-0.5e9 * span) as i64)) else {
+            return Some(line_n);
+        };
+        let back = t0.since(older).get();
+        if back > max_span_s {
+            return Some(line_n);
+        }
+        let curvature = ((f1 - f0) / span - (f0 - f2) / back) / (span + back);
+        Some(line_n + curvature * stamp.since(t0).get() * stamp.since(t1).get())
+    }
+
     /// Forgets all readings and whatever waits.
     pub fn clear(&mut self) {
         self.readings.clear();
@@ -197,6 +216,20 @@ mod tests {
         assert_eq!(aligner.next_known(0.1), None);
         aligner.push_force(at(900), 0.0);
         assert_eq!(aligner.next_known(0.1), None, "no line is drawn across a gap");
+    }
+
+    #[test]
+    fn the_curve_goes_through_three_readings_and_is_a_line_where_there_are_two() {
+        let mut aligner = ForceAligner::<()>::default();
+        for ms in [0_i64, 4, 10] {
+            aligner.push_force(at(ms), (ms * ms) as f64);
+        }
+        let close = |a: Option<f64>, b: f64| (a.expect("known") - b).abs() < 1e-9;
+        assert!(close(aligner.measured_on_curve(at(7), 0.1), 49.0));
+        assert!(close(aligner.measured_on_curve(at(10), 0.1), 100.0));
+        assert!(close(aligner.measured_on_curve(at(2), 0.1), 8.0), "nothing is older: the line");
+        assert_eq!(aligner.measured_on_curve(at(7), 0.005), None, "they are too far apart");
+        assert_eq!(aligner.measured_on_curve(at(11), 0.1), None);
     }
 
     #[test]

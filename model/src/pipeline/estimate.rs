@@ -4,7 +4,7 @@ use super::bump::{Forces, Speaker};
 use super::command::Moving;
 use super::doubt::Doubt;
 use super::event::{Cause, Estimate, Event, Reasons, Slot, Validity};
-use super::lane::{Given, SeededLane};
+use super::lane::{Given, MeasuredForce, SeededLane};
 use super::mode::{Conditions, Mode};
 use super::plausible::Seen;
 use super::settings::{Settings, UseForce};
@@ -25,15 +25,19 @@ impl Pipeline {
         let stamp = sample.stamp;
         let mut reasons = std::mem::take(&mut self.pending);
         let step_s = self.pass_time(sample, &mut reasons, emit);
-        let given = self.gather(stamp, step_s, displacement_m, &mut reasons);
+        let taken = self.displacement_timing.place(stamp, displacement_m);
+        let before = self.last_taken.replace(taken);
+        let taken_step_s = step_s.and(before).map(|before| taken.since(before).get());
+        let given = self.gather(stamp, taken_step_s, displacement_m, &mut reasons);
         let dt_s = given.dt_s;
 
         let mut free_reasons = Reasons::NONE;
         let free_n = self.free.step(&given, &mut free_reasons);
         let mut seeded_reasons = Reasons::NONE;
-        let (force, max_span_s) = (&self.force, self.settings.force_timeout_s);
-        let measured = |ago_s: f64| force.measured(stamp.shifted((-1e9 * ago_s).round() as i64), max_span_s);
-        let seeded_n = self.seeded.as_mut().and_then(|lane| lane.step(&given, measured, &mut seeded_reasons));
+        let measured =
+            MeasuredForce { readings: &self.force, now: taken, max_span_s: self.settings.force_timeout_s };
+        let seeded_n =
+            self.seeded.as_mut().and_then(|lane| lane.step(&given, &measured, &mut seeded_reasons));
         self.note_operating(stamp);
         // A prediction is corrected, or smoothed, for the estimate alone: the residual is that of the free run.
         let observed_n = free_n.map(|force_n| force_n + self.observer.bias_n(stamp, &self.settings));
@@ -63,8 +67,10 @@ impl Pipeline {
             || reasons.has(Reasons::DRIVE_STALE));
         let velocity_m_s = self.free.velocity_m_s();
         let rest_n = self.known.preload.at_n(displacement_m);
-        self.force
-            .wait(stamp, Awaiting { predicted_n, dt_s, index: self.index, counts, velocity_m_s, rest_n });
+        self.force.wait(
+            taken,
+            Awaiting { stamp, predicted_n, dt_s, index: self.index, counts, velocity_m_s, rest_n },
+        );
         self.settle_residuals(emit);
     }
 
@@ -186,8 +192,9 @@ impl Pipeline {
             .map(|inputs| Inputs { drive: if drive_counts { inputs.drive } else { f64::NAN }, ..inputs });
         let force_odd = self.judge.force_is_odd(&self.known, &self.settings.plausible);
         // Feedback is for the force of this sample: an older one is of another motion.
-        let of_this = |at: Stamp| at == stamp || step_s.is_some_and(|step_s| stamp.since(at).get() < step_s);
-        let newest = self.force.newest(stamp).filter(|(at, _)| of_this(*at) && !force_odd);
+        let taken = self.last_taken.unwrap_or(stamp);
+        let of_this = |at: Stamp| at == taken || step_s.is_some_and(|step_s| taken.since(at).get() < step_s);
+        let newest = self.force.newest(taken).filter(|(at, _)| of_this(*at) && !force_odd);
         let moving = Moving {
             stamp,
             received: self.last_received.unwrap_or(stamp),

@@ -1,13 +1,15 @@
 //! The two lanes: one model each, with its own conditioning and state.
 
+use super::Awaiting;
 use super::event::Reasons;
-use super::resample::{Row, Rows, SAME};
+use super::resample::{POINTS, Row, Rows, SAME};
 use super::rhythm::Rhythm;
-use crate::condition::{ApplyTo, Conditioning, LowPass, LowPassState, MotionState};
+use crate::condition::{ApplyTo, Conditioning, ForceAligner, LowPass, LowPassState, MotionState};
 use crate::effect::{AugmentedState, Need};
 use crate::error::Error;
 use crate::force::{DEPTH, ForceModel, History, Inputs};
 use crate::model::{Envelope, Model};
+use crate::sample::Stamp;
 
 /// What both lanes are given at a displacement.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -227,6 +229,8 @@ pub(super) struct SeededLane {
     /// The same samples with their times, from which lags are read while samples do not.
     rows: Rows,
     rhythm: Rhythm,
+    /// The force at the last sample is a measured one.
+    last_is_measured: bool,
     /// Time since the last reset, s.
     now_s: f64,
     /// For how long the lags still reach over many lost samples, s.
@@ -255,6 +259,7 @@ impl SeededLane {
             history: History::default(),
             rows: Rows::default(),
             rhythm: Rhythm::new(nominal.get()),
+            last_is_measured: false,
             now_s: 0.0,
             bridged_s: 0.0,
         }))
@@ -307,15 +312,15 @@ impl SeededLane {
     pub(super) fn seed(&mut self, age: usize, force_n: f64) {
         self.history.seed(age, force_n);
         self.rows.seed(age, force_n);
+        self.last_is_measured |= age == 0;
     }
 
-    /// The predicted force in newtons, or `None` while the history does not carry one. `measured` is the measured force so many
-    /// seconds ago, where it is known.
+    /// The predicted force in newtons, or `None` while the history does not carry one.
     #[inline]
     pub(super) fn step(
         &mut self,
         given: &Given,
-        measured: impl Fn(f64) -> Option<f64>,
+        measured: &MeasuredForce<'_>,
         reasons: &mut Reasons,
     ) -> Option<f64> {
         match given.dt_s {
@@ -335,13 +340,15 @@ impl SeededLane {
             self.bridge(&row, measured);
         }
         self.rows.push(row);
-        let history = if is_even { self.history } else { self.lags(self.now_s) };
+        let samples_are_lags = is_even && !self.is_measured_since_last(measured);
+        let history = if samples_are_lags { self.history } else { self.lags(self.now_s, measured) };
         let predicted =
             self.model.force.predict_n(&history).filter(|force_n| at_rate && is_a_force(*force_n));
         if predicted.is_some_and(|force_n| Envelope::leaves(self.model.envelope.force_n, force_n)) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
         self.history.push_force(predicted.unwrap_or(f64::NAN));
+        self.last_is_measured = false;
         self.rows.set_newest_force(predicted.unwrap_or(f64::NAN));
         predicted
     }
@@ -387,7 +394,7 @@ impl SeededLane {
     }
 
     /// Puts rows between the last sample and `row` where they are more than a period apart.
-    fn bridge(&mut self, row: &Row, measured: impl Fn(f64) -> Option<f64>) {
+    fn bridge(&mut self, row: &Row, measured: &MeasuredForce<'_>) {
         let period_s = self.rhythm.nominal_s();
         while let Some(last) = self.rows.newest()
             && row.at_s - last.at_s > (1.0 + SAME) * period_s
@@ -395,15 +402,75 @@ impl SeededLane {
             let at_s = last.at_s + period_s;
             let Some(between) = self.rows.towards(row, at_s, period_s) else { return };
             self.rows.push(between);
-            let predicted = || self.model.force.predict_n(&self.lags(at_s)).filter(|n| is_a_force(*n));
-            let force_n = measured(row.at_s - at_s).or_else(predicted);
+            let predicted =
+                || self.model.force.predict_n(&self.lags(at_s, measured)).filter(|n| is_a_force(*n));
+            let force_n = measured.at(row.at_s - at_s).or_else(predicted);
             self.rows.set_newest_force(force_n.unwrap_or(f64::NAN));
         }
     }
 
-    /// The lags at `at_s`, read from the rows.
-    fn lags(&self, at_s: f64) -> History {
-        self.rows.history(at_s, self.rhythm.nominal_s(), self.model.conditioning.velocity)
+    /// The lags at `at_s`: inputs read from the rows, forces as measured. A force after the newest reading is predicted from those before
+    /// it, plus what the model lacked at that reading, less the further it is away: to nothing at one period.
+    fn lags(&self, at_s: f64, measured: &MeasuredForce<'_>) -> History {
+        let velocity = self.model.conditioning.velocity;
+        let period_s = self.rhythm.nominal_s();
+        let mut grid = self.rows.grid(at_s, period_s);
+        let Some((newest_ago_s, newest_n)) = measured.newest() else { return grid.history(0, velocity) };
+        let newest_s = self.now_s - newest_ago_s;
+        let is_missing = newest_s < grid.points[1].at_s - SAME * period_s;
+        let lacked_n = if is_missing { self.lacked_n(newest_s, newest_n, measured) } else { 0.0 };
+        for lag in (1..POINTS).rev() {
+            let point_s = grid.points[lag].at_s;
+            let force_n = measured.at(self.now_s - point_s).or_else(|| {
+                let is_next =
+                    point_s > newest_s && lag + 1 < POINTS && newest_s >= grid.points[POINTS - 1].at_s;
+                let predicted =
+                    self.model.force.predict_n(&grid.history(lag, velocity)).filter(|_| is_next)?;
+                let fade = (1.0 - (point_s - newest_s) / period_s).max(0.0);
+                Some(predicted + fade * lacked_n)
+            });
+            if let Some(force_n) = force_n.filter(|force_n| is_a_force(*force_n)) {
+                grid.points[lag].force_n = force_n;
+            }
+        }
+        grid.history(0, velocity)
+    }
+
+    /// True when a reading is newer than all that is known of the forces at the samples' own times.
+    fn is_measured_since_last(&self, measured: &MeasuredForce<'_>) -> bool {
+        let is_late = |(ago_s, _)| ago_s < (2.0 - SAME) * self.rhythm.nominal_s();
+        !self.last_is_measured && measured.newest().is_some_and(is_late)
+    }
+
+    /// How far the reading `force_n` at `at_s` is above its own prediction, N; zero where there is none.
+    fn lacked_n(&self, at_s: f64, force_n: f64, measured: &MeasuredForce<'_>) -> f64 {
+        let mut grid = self.rows.grid(at_s, self.rhythm.nominal_s());
+        for point in &mut grid.points[1..] {
+            point.force_n = measured.at(self.now_s - point.at_s).unwrap_or(point.force_n);
+        }
+        let predicted = self.model.force.predict_n(&grid.history(0, self.model.conditioning.velocity));
+        predicted.filter(|predicted| is_a_force(*predicted)).map_or(0.0, |predicted| force_n - predicted)
+    }
+}
+
+/// Measured force, as a lane asks for it.
+#[derive(Clone, Copy)]
+pub(super) struct MeasuredForce<'a> {
+    pub(super) readings: &'a ForceAligner<Awaiting>,
+    pub(super) now: Stamp,
+    /// Readings further apart are not interpolated, s.
+    pub(super) max_span_s: f64,
+}
+
+impl MeasuredForce<'_> {
+    /// The force `ago_s` before now, N; `None` where readings do not tell.
+    fn at(&self, ago_s: f64) -> Option<f64> {
+        self.readings.measured_on_curve(self.now.shifted((-1e9 * ago_s).round() as i64), self.max_span_s)
+    }
+
+    /// The newest reading that is not newer than now: its age, s, and the force, N.
+    fn newest(&self) -> Option<(f64, f64)> {
+        self.readings.newest(self.now).map(|(at, force_n)| (self.now.since(at).get(), force_n))
     }
 }
 

@@ -34,6 +34,7 @@ mod plausible;
 mod resample;
 mod rhythm;
 mod settings;
+mod timing;
 mod window;
 
 pub(crate) use doubt::BEYOND_CALIBRATION;
@@ -60,6 +61,7 @@ use gate::Gate;
 use lane::{FreeLane, SeededLane};
 use observer::Observer;
 use plausible::{Judge, Known};
+use timing::Timing;
 use window::Window;
 
 /// The models that a pipeline runs.
@@ -125,6 +127,8 @@ impl From<Plan> for Pipeline {
             velocity: Hold::default(),
             temperature: Hold::default(),
             force: ForceAligner::default(),
+            displacement_timing: Timing::default(),
+            force_timing: Timing::default(),
             machine: ModeMachine::default(),
             bump: Bump::default(),
             observer: Observer::default(),
@@ -137,6 +141,7 @@ impl From<Plan> for Pipeline {
             alarm: Alarm::default(),
             index: 0,
             last_displacement: None,
+            last_taken: None,
             last_received: None,
             last_force: None,
             seeds: Seeds::default(),
@@ -149,6 +154,8 @@ impl From<Plan> for Pipeline {
 /// A prediction that waits for its measured force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Awaiting {
+    /// Stamp of the displacement.
+    stamp: Stamp,
     predicted_n: f64,
     dt_s: Option<f64>,
     index: u64,
@@ -171,6 +178,8 @@ pub struct Pipeline {
     velocity: Hold,
     temperature: Hold,
     force: ForceAligner<Awaiting>,
+    displacement_timing: Timing,
+    force_timing: Timing,
     machine: ModeMachine,
     bump: Bump,
     observer: Observer,
@@ -187,6 +196,8 @@ pub struct Pipeline {
     /// Displacements accepted so far.
     index: u64,
     last_displacement: Option<Stamp>,
+    /// When it was taken: its stamp, or better.
+    last_taken: Option<Stamp>,
     last_received: Option<Stamp>,
     /// Stamp of the newest measured force that met its displacement.
     last_force: Option<Stamp>,
@@ -283,7 +294,10 @@ impl Pipeline {
                 Reading::Drive(_) => self.drive.clear(),
                 Reading::Velocity(_) => self.velocity.clear(),
                 Reading::CaseTemperature(_) => self.temperature.clear(),
-                Reading::Force(_) => self.force.clear(),
+                Reading::Force(_) => {
+                    self.force.clear();
+                    self.force_timing.reset();
+                }
                 Reading::BodyVelocity(_) => self.commanding.forget_body(),
                 Reading::ForceRequest(_) => self.commanding.forget_request(),
             },
@@ -306,7 +320,8 @@ impl Pipeline {
             Reading::CaseTemperature(t) => self.temperature.push(stamp, t.get()),
             Reading::Force(force) => {
                 self.judge.force(stamp, force.get());
-                self.force.push_force(stamp, force.get());
+                let taken = self.force_timing.place(stamp, force.get());
+                self.force.push_force(taken, force.get());
                 self.settle_residuals(emit);
             }
             Reading::Displacement(x) => self.on_displacement(sample, x.get(), emit),
@@ -349,6 +364,8 @@ impl Pipeline {
         self.commanding.forget_request();
         self.commanding.forget_body();
         self.last_displacement = None;
+        self.displacement_timing.reset();
+        self.force_timing.reset();
         self.last_force = None;
         self.seeds = Seeds::default();
         if let Some(transition) = self.machine.force_to(Mode::Fault, cause, stamp) {
@@ -371,7 +388,8 @@ impl Pipeline {
 
     /// Pairs waiting predictions with the measured force that is known by now.
     fn settle_residuals(&mut self, emit: &mut impl FnMut(Event)) {
-        while let Some((stamp, measured_n, waiting)) = self.force.next_known(self.settings.force_timeout_s) {
+        while let Some((_, measured_n, waiting)) = self.force.next_known(self.settings.force_timeout_s) {
+            let stamp = waiting.stamp;
             self.last_force = Some(stamp);
             self.seeds.add(waiting.index, stamp);
             if let Some(lane) = &mut self.seeded {

@@ -8,10 +8,10 @@
 //! lags       k-4T   k-3T   k-2T   k-T  k    times of the history
 //! ```
 //!
-//! Displacement and force are read from the parabola through the two rows around a time and an older one; the drive is held. A
+//! Displacement is read from the parabola through the two rows around a time and an older one; the drive is held. A
 //! backward difference is computed from the interpolated displacements at the lags, because the model was identified with it over T.
 //! Where no row lies between k - T and k, rows are put in between, T apart: displacement interpolated, force as measured
-//! there or else as the model predicts it.
+//! there or else as the model predicts it. The lane replaces the forces of a grid by measured ones where readings tell them.
 
 use crate::condition::VelocitySource;
 use crate::force::{DEPTH, History};
@@ -23,7 +23,7 @@ pub(super) const SAME: f64 = 1e-3;
 /// Share of a period that the older row of a parabola is away, at least: rows close together say nothing of curvature.
 const APART: f64 = 0.5;
 /// Displacements that a history wants: as many as its lags, and two more for the derivatives.
-const POINTS: usize = DEPTH + 2;
+pub(super) const POINTS: usize = DEPTH + 2;
 
 /// A conditioned sample, and its force.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -165,24 +165,39 @@ impl Rows {
         (self.len > 0).then(|| Row { force_n: f64::NAN, ..self.between(at_s, 0, next, period_s) })
     }
 
-    /// The history at `at_s` with lags of `period_s`. Unknown values are NaN.
-    pub(super) fn history(&self, at_s: f64, period_s: f64, velocity: VelocitySource) -> History {
+    /// The rows at `at_s` and at so many periods before it, newest first. Unknown values are NaN.
+    pub(super) fn grid(&self, at_s: f64, period_s: f64) -> Grid {
         let mut points = [Row::NONE; POINTS];
         for (lag, point) in points.iter_mut().enumerate() {
-            let Some(row) = self.at(at_s - lag as f64 * period_s, period_s) else { break };
-            *point = row;
+            let lag_s = at_s - lag as f64 * period_s;
+            *point = self.at(lag_s, period_s).unwrap_or(Row { at_s: lag_s, ..Row::NONE });
         }
-        let x = |lag: usize| points[lag].displacement_m;
-        let difference = |lag: usize| (x(lag) - x(lag + 1)) / period_s;
+        Grid { points, period_s }
+    }
+}
+
+/// Rows a period apart, newest first.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Grid {
+    pub(super) points: [Row; POINTS],
+    period_s: f64,
+}
+
+impl Grid {
+    /// The history at the point of age `newest`. Unknown values are NaN.
+    pub(super) fn history(&self, newest: usize, velocity: VelocitySource) -> History {
+        let point = |lag: usize| self.points.get(newest + lag).copied().unwrap_or(Row::NONE);
+        let x = |lag: usize| point(lag).displacement_m;
+        let difference = |lag: usize| (x(lag) - x(lag + 1)) / self.period_s;
         History::of(
-            std::array::from_fn(|lag| points[lag + 1].force_n),
+            std::array::from_fn(|lag| point(lag + 1).force_n),
             std::array::from_fn(x),
             std::array::from_fn(|lag| match velocity {
                 VelocitySource::Backward => difference(lag),
                 VelocitySource::ThreePoint => 1.5 * difference(lag) - 0.5 * difference(lag + 1),
-                VelocitySource::Slope | VelocitySource::Measured => points[lag].velocity_m_s,
+                VelocitySource::Slope | VelocitySource::Measured => point(lag).velocity_m_s,
             }),
-            std::array::from_fn(|lag| points[lag].drive),
+            std::array::from_fn(|lag| point(lag).drive),
         )
     }
 }

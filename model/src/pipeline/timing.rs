@@ -1,0 +1,220 @@
+//! When the samples of a channel were taken, where their stamps are worse than their sampling.
+//!
+//! A driver may sample evenly and stamp late by a varying delay. Then a signal is smooth over the numbers of its samples and rough over
+//! its stamps. For both readings of time, the departure of each sample from the parabola through its neighbours is averaged:
+//!
+//! ```text
+//! r = x_b - (w_z x_z + w_a x_a + w_c x_c)            of four samples z, a, b, c in a row; Lagrange's weights at t_b
+//! J = mean of r^2 / (1 + w_z^2 + w_a^2 + w_c^2)      noise alone makes the same J whatever the times
+//! ```
+//!
+//! The stamps count until the even times have a J less than half of theirs, and again when they have a larger one.
+//!
+//! Even times are the output of a phase-locked loop of second order (F. M. Gardner, *Phaselock Techniques*, 3rd ed., 2005, ch. 2): each
+//! sample is expected one period after the one before, and a share of its departure moves the phase and the period. The shares are those of
+//! the least-squares line over the number of samples seen, up to [`SETTLED`] of them. A sample that comes more than three quarters of a period
+//! late follows lost ones.
+
+use crate::sample::Stamp;
+
+/// Samples from which the first period is taken, before the loop closes.
+const FIRST: u32 = 30;
+/// Samples that a J is the mean of, and how many it takes to judge by it.
+const MEAN_OF: u32 = 100;
+const JUDGED_FROM: u32 = 30;
+/// Samples that the first period is worth in the fit of a line, and those from which the loop's gains stay.
+const WORTH: u32 = 15;
+const SETTLED: u32 = 80;
+/// Departure, in periods, beyond which samples were lost, or taken for lost by mistake.
+const SLIP: f64 = 0.75;
+/// Steps after which all starts anew, periods.
+const GAP: f64 = 20.0;
+/// Least step of the even times, periods.
+const LEAST_STEP: f64 = 0.1;
+/// Ratios of the two J below and above which the even times are taken and left.
+const TAKEN_BELOW: f64 = 0.5;
+const LEFT_ABOVE: f64 = 1.25;
+/// Longest time between four samples that are compared, periods.
+const COMPARED: f64 = 6.0;
+
+/// Departure from a parabola, averaged, over one reading of time.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Roughness {
+    /// The last three steps, newest first, s.
+    steps_s: [f64; 3],
+    mean: f64,
+}
+
+impl Roughness {
+    /// Takes the step to the newest of four `values` (newest first), and the departure of the one before it.
+    #[inline]
+    fn see(&mut self, step_s: f64, values: [f64; 4], most_s: f64, seen: u32) {
+        self.steps_s = [step_s, self.steps_s[0], self.steps_s[1]];
+        let [cb, ba, az] = self.steps_s;
+        if !(cb > 0.0 && ba > 0.0 && az > 0.0 && cb + ba + az <= most_s) {
+            return;
+        }
+        let (ca, bz, cz) = (cb + ba, ba + az, cb + ba + az);
+        let [w_c, w_a, w_z] = [bz * ba / (cz * ca), bz * cb / (az * ca), -ba * cb / (az * cz)];
+        let [c, b, a, z] = values;
+        let departure = b - (w_c * c + w_a * a + w_z * z);
+        let square = departure * departure / (1.0 + w_c * w_c + w_a * w_a + w_z * w_z);
+        if square.is_finite() {
+            self.mean += (square - self.mean) / f64::from(seen.clamp(1, MEAN_OF));
+        }
+    }
+}
+
+/// The times of one channel.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Timing {
+    /// The last stamp, and the time that was given for it.
+    last: Option<(Stamp, Stamp)>,
+    /// The even time of the last sample, less its stamp, s.
+    offset_s: f64,
+    period_s: f64,
+    /// The last three values, newest first.
+    values: [f64; 3],
+    seen: u32,
+    by_stamp: Roughness,
+    by_number: Roughness,
+    is_even: bool,
+}
+
+impl Timing {
+    /// When the sample with this stamp was taken.
+    #[inline]
+    pub(super) fn place(&mut self, stamp: Stamp, value: f64) -> Stamp {
+        let Some((last, given)) = self.last else {
+            *self =
+                Self { last: Some((stamp, stamp)), values: [value, f64::NAN, f64::NAN], ..Self::default() };
+            return stamp;
+        };
+        let step_s = stamp.since(last).get();
+        if self.seen >= FIRST && !(step_s > 0.0 && step_s < GAP * self.period_s) {
+            *self = Self::default();
+            return self.place(stamp, value);
+        }
+        self.seen = self.seen.saturating_add(1);
+        let even_step_s = if self.seen <= FIRST { self.first(step_s) } else { self.follow(step_s) };
+        if self.seen > FIRST {
+            let [b, a, z] = self.values;
+            let (most_s, seen) = (COMPARED * self.period_s, self.seen - FIRST);
+            self.by_stamp.see(step_s, [value, b, a, z], most_s, seen);
+            self.by_number.see(even_step_s, [value, b, a, z], most_s, seen);
+            self.choose(seen);
+        }
+        self.values = [value, self.values[0], self.values[1]];
+        let even = stamp.shifted((1e9 * self.offset_s).round() as i64);
+        let at = if self.is_even { even.max(given.shifted(1)) } else { stamp.max(given.shifted(1)) };
+        self.last = Some((stamp, at));
+        at
+    }
+
+    /// Forgets all: the next sample is the first.
+    pub(super) fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Averages the first steps; the phase is that of the stamps.
+    fn first(&mut self, step_s: f64) -> f64 {
+        self.period_s += (step_s - self.period_s) / f64::from(self.seen);
+        step_s
+    }
+
+    /// Moves the loop by a step of the stamps, and returns its own step, s.
+    #[inline]
+    fn follow(&mut self, step_s: f64) -> f64 {
+        let period_s = self.period_s;
+        let mut departure_s = step_s - self.offset_s - period_s;
+        let slipped =
+            if departure_s.abs() > SLIP * period_s { (departure_s / period_s).round() } else { 0.0 };
+        departure_s -= slipped * period_s;
+        let [phase_gain, period_gain] = gains(self.seen - FIRST);
+        let even_step_s = (period_s * (1.0 + slipped) + phase_gain * departure_s).max(LEAST_STEP * period_s);
+        self.period_s += period_gain * departure_s;
+        self.offset_s += even_step_s - step_s;
+        even_step_s
+    }
+
+    #[inline]
+    fn choose(&mut self, seen: u32) {
+        let (even, stamped) = (self.by_number.mean, self.by_stamp.mean);
+        self.is_even = if self.is_even {
+            even <= LEFT_ABOVE * stamped
+        } else {
+            seen > JUDGED_FROM && even < TAKEN_BELOW * stamped
+        };
+    }
+}
+
+/// Shares of a departure by which phase and period move: those of the least-squares line through all samples, until there are many.
+#[inline]
+fn gains(seen: u32) -> [f64; 2] {
+    let n = f64::from((seen + WORTH).min(SETTLED));
+    let fit = n * (n + 1.0);
+    [(4.0 * n - 2.0) / fit, 6.0 / fit]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Largest distance in periods between the times that are given to the last half of 1000 samples of a sine at 1 kHz, and the times
+    /// at which they were taken. `late(k)` is by how many periods the stamp of sample `k` is late, or `None` when it is lost.
+    fn worst(late: impl Fn(i64) -> Option<f64>) -> f64 {
+        let mut timing = Timing::default();
+        let mut worst = 0.0_f64;
+        for k in 0..1000 {
+            let Some(late) = late(k) else { continue };
+            let taken = Stamp::from_nanos(k * 1_000_000);
+            let value = (20.0 * taken.nanos() as f64 * 1e-9).sin();
+            let given = timing.place(taken.shifted((late * 1e6) as i64), value);
+            if k >= 500 {
+                worst = worst.max((given.since(taken).get() / 1e-3).abs());
+            }
+        }
+        worst
+    }
+
+    /// Numbers that look random, within a half of zero.
+    fn jitter(k: i64) -> f64 {
+        (k as f64 * 0.618_034 + (k as f64 * 1.7).sin()).rem_euclid(1.0) - 0.5
+    }
+
+    #[test]
+    fn even_samples_keep_their_stamps() {
+        assert_eq!(worst(|_| Some(0.0)), 0.0);
+        assert_eq!(worst(|_| Some(0.25)), 0.25, "nobody can know that all stamps are late");
+    }
+
+    #[test]
+    fn stamps_that_jitter_beside_even_samples_are_set_right() {
+        assert!(worst(|k| Some(jitter(k))) < 0.2);
+        assert!(worst(|k| (k % 50 != 0).then(|| jitter(k))) < 1.2, "a lost sample may be noticed one late");
+    }
+
+    #[test]
+    fn samples_that_jitter_with_their_stamps_keep_them() {
+        let mut timing = Timing::default();
+        for k in 0..1000 {
+            let stamp = Stamp::from_nanos(k * 1_000_000 + (jitter(k) * 1e6) as i64);
+            assert_eq!(timing.place(stamp, (20.0 * stamp.nanos() as f64 * 1e-9).sin()), stamp);
+        }
+    }
+
+    #[test]
+    fn times_increase_whatever_the_stamps_do() {
+        let mut timing = Timing::default();
+        let mut last = Stamp::from_nanos(-1);
+        for k in 0..5000_i64 {
+            // Stands still and catches up, changes its rate, and has a gap.
+            let step = if k % 97 < 20 { 20_000 } else { 1_000_000 + 700_000 * (k / 1500) };
+            let gap = if k == 2500 { 1_000_000_000 } else { 0 };
+            let stamp = last.shifted(step + gap + (jitter(k) * 10_000.0) as i64);
+            let given = timing.place(stamp, jitter(k * k));
+            assert!(given > last || k == 0, "{k}: {given:?} after {last:?}");
+            last = last.max(given);
+        }
+    }
+}
