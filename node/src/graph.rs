@@ -6,10 +6,11 @@
 //! takes those that the others need. So there is one graph in a process, and node and topics are still ros2-client's.
 
 use crate::error::NodeError;
+use crate::first_requests::FirstRequests;
 use crate::ros::Task;
 use crate::source::Writer;
 use crate::source::zenoh::rmw::shown;
-use futures::StreamExt;
+use futures::{FutureExt, StreamExt};
 use rustdds::no_key::SimpleDataReaderCdr;
 use rustdds::policy::{Durability, History};
 use rustdds::{
@@ -69,11 +70,14 @@ struct Known {
 }
 
 impl Graph {
-    /// Follows the graph as `participant` sees it.
+    /// Follows the graph as `participant` sees it, and asks for the `first` requests of new clients.
     ///
     /// # Errors
     /// When the topic of nodes cannot be read, or the system starts no thread.
-    pub fn start(participant: &DomainParticipant) -> Result<Self, NodeError> {
+    pub(crate) fn start(
+        participant: &DomainParticipant,
+        first: Option<FirstRequests>,
+    ) -> Result<Self, NodeError> {
         let failed = |error: &dyn std::fmt::Debug| NodeError::Ros {
             what: format!("reading {TOPIC}"),
             why: format!("{error:?}"),
@@ -93,7 +97,7 @@ impl Graph {
         let known = Arc::<Mutex<Known>>::default();
         let (followed, participant) = (Arc::clone(&known), participant.clone());
         let task = Task::start("ros-graph", |stop| async move {
-            let following = pin!(follow(&participant, &reader, &followed));
+            let following = pin!(follow(&participant, &reader, &followed, first));
             futures::future::select(following, stop).await;
         })?;
         Ok(Self { known, task: Some(task) })
@@ -162,21 +166,42 @@ async fn follow(
     participant: &DomainParticipant,
     reader: &SimpleDataReaderCdr<Participant>,
     known: &Mutex<Known>,
+    mut first: Option<FirstRequests>,
 ) {
     let listener = participant.status_listener();
     let mut events = pin!(listener.as_async_status_stream());
     let mut told = pin!(reader.as_async_stream());
     loop {
-        futures::select! {
-            event = events.select_next_some() => lock(known).hear(&event),
-            of_nodes = told.select_next_some() => match of_nodes {
-                Ok(change) => {
-                    let of = prefix_of(&change.writer_guid().to_bytes());
-                    lock(known).name(of, change.into_value());
+        let heard = {
+            let mut asking = pin!(ask(&mut first).fuse());
+            futures::select! {
+                event = events.select_next_some() => Some(event),
+                of_nodes = told.select_next_some() => {
+                    match of_nodes {
+                        Ok(change) => {
+                            let of = prefix_of(&change.writer_guid().to_bytes());
+                            lock(known).name(of, change.into_value());
+                        }
+                        Err(error) => tracing::debug!("{TOPIC} cannot be read: {error:?}"),
+                    }
+                    None
                 }
-                Err(error) => tracing::debug!("{TOPIC} cannot be read: {error:?}"),
-            },
+                () = asking => None,
+            }
+        };
+        let Some(event) = heard else { continue };
+        if let Some(first) = &mut first {
+            first.hear(participant, &event);
         }
+        lock(known).hear(&event);
+    }
+}
+
+/// Asks for first requests, where that is wanted; never ends.
+async fn ask(first: &mut Option<FirstRequests>) {
+    match first {
+        Some(first) => first.ask().await,
+        None => std::future::pending().await,
     }
 }
 

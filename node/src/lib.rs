@@ -21,6 +21,7 @@ pub mod event_log;
 pub mod extract;
 pub mod far;
 pub mod files;
+mod first_requests;
 pub mod fleet;
 pub mod frame;
 pub mod graph;

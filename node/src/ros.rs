@@ -9,6 +9,7 @@ use crate::config::{Config, RosArgs};
 use crate::dds_threads::DdsThreads;
 use crate::error::NodeError;
 use crate::far::Far;
+use crate::first_requests::FirstRequests;
 use crate::graph::{Endpoints, Graph};
 use crate::hardened;
 use crate::lagging_readers::{LaggingReaders, WINDOW, Writers, Written};
@@ -158,14 +159,17 @@ impl Domain {
         };
         let writers = Writers::default();
         // Where DDS-Security is on, nobody is believed who speaks for another one; and writers of the hardened build need no help.
-        let lagging = match (&enclave, hardened::EDITS) {
-            (Some(_), _) | (_, Some(_)) => None,
-            (None, None) => Some(
-                LaggingReaders::start(participant.clone(), writers.clone())
-                    .map_err(NodeError::io("starting the thread that leaves lagging readers behind"))?,
+        let (lagging, first) = match (&enclave, hardened::EDITS) {
+            (Some(_), _) | (_, Some(_)) => (None, None),
+            (None, None) => (
+                Some(
+                    LaggingReaders::start(participant.clone(), writers.clone())
+                        .map_err(NodeError::io("starting the thread that leaves lagging readers behind"))?,
+                ),
+                Some(FirstRequests::new().map_err(NodeError::io("opening a socket for first requests"))?),
             ),
         };
-        let graph = Arc::new(Graph::start(&participant)?);
+        let graph = Arc::new(Graph::start(&participant, first)?);
         let context = Context::from_domain_participant(participant)
             .map_err(|e| failed("creating the ROS context", &e, ""))?;
         let domain = Self {

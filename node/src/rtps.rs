@@ -53,6 +53,16 @@ impl Datagram {
         self.push(GAP, LITTLE_ENDIAN, &body);
     }
 
+    /// From `reader` to `writer`: the first sample is missing (8.3.8.1).
+    pub(crate) fn ask_for_first(&mut self, reader: GUID, writer: GUID, count: i32) {
+        self.push(INFO_DST, LITTLE_ENDIAN, writer.prefix.as_ref());
+        let entities = [reader.entity_id.to_slice(), writer.entity_id.to_slice()].concat();
+        // A set of one number is one word of bits, of which the highest is its base.
+        let (bits, set) = (1_u32.to_le_bytes(), 0x8000_0000_u32.to_le_bytes());
+        let body = [&entities[..], &sequence_number(1), &bits, &set, &count.to_le_bytes()].concat();
+        self.push(ACKNACK, LITTLE_ENDIAN | FINAL, &body);
+    }
+
     fn push(&mut self, kind: u8, flags: u8, body: &[u8]) {
         // No body here is longer than 32 bytes.
         self.0.extend([kind, flags, body.len() as u8, 0]);
@@ -99,5 +109,10 @@ mod tests {
             format!("0c011400{:08}02040112{b} 06031800{entities}0100000005000000 00000000feffffff", 0);
         let gap = format!("0e010c00{b} 08011c00{entities}0000000003000000 0100000005000000 00000000");
         assert_eq!(hex(datagram.bytes()), format!("5254505302040112{a}{acknack}{gap}").replace(' ', ""));
+
+        let mut datagram = Datagram::from_participant_of(reader);
+        datagram.ask_for_first(reader, writer, 1);
+        let asked = format!("0e010c00{a} 06031c00{entities}0000000001000000 01000000 00000080 01000000");
+        assert_eq!(hex(datagram.bytes()), format!("5254505302040112{b}{asked}").replace(' ', ""));
     }
 }

@@ -16,6 +16,19 @@ fn rclpy_kilted_manages_the_node() {
     interop("manager with rclpy kilted", |lab| manager(lab, Distro::Kilted));
 }
 
+/// The first request of a new client often comes before the node knows the client's writer. It took 3 s then, for 4 to 13 of 60.
+#[test]
+fn a_new_client_of_fast_dds_has_its_first_answer_at_once() {
+    interop("new clients of rclpy jazzy", |lab| {
+        let _node = lab.node(PRESET, &[]);
+        let saw = lab.ros(Distro::Jazzy, "new_clients.py", &["--clients", "80"]).json(PEER);
+        assert_eq!((count(&saw, "/clients"), count(&saw, "/unanswered")), (80, 0), "{saw:#}");
+        let late = count(&saw, "/late");
+        assert!(late <= 1, "{late} waited longer than 0.2 s: {saw:#}");
+        Outcome::Passed(format!("80 clients, {late} late, median {:#} s", found(&saw, "/median_s")))
+    });
+}
+
 /// A manager in rclpy uses what every good node offers: states, parameters, mode, log, time, types, actions.
 fn manager(lab: &Lab, distro: Distro) -> Outcome {
     let params = lab.folder().join("params.yaml");
