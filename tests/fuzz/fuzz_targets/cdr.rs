@@ -7,7 +7,7 @@ use mr_damper_msgs::{
     ModeChange, Velocity,
 };
 use mr_damper_msgs::{
-    MESSAGES, Message, action, cdr, lifecycle, rcl, rosbag2, srv, standard, type_description,
+    MESSAGES, Message, action, cdr, geometry, lifecycle, rcl, rosbag2, srv, standard, type_description,
 };
 use std::sync::Once;
 
@@ -109,6 +109,13 @@ const ALL: &[Entry] = entries![
     type_description::KeyValue,
     type_description::GetTypeDescriptionRequest,
     type_description::GetTypeDescriptionResponse,
+    standard::Float32,
+    standard::Range,
+    geometry::Vector3,
+    geometry::Wrench,
+    geometry::WrenchStamped,
+    geometry::Twist,
+    geometry::TwistStamped,
 ];
 
 fuzz_target!(|bytes: &[u8]| {
