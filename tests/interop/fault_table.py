@@ -1,27 +1,29 @@
 #!/usr/bin/env python3
-"""What a reader that fails costs the others: makes the table of node/docs/reader-faults.md. Root only.
+"""Measures the effect of a failing reader on the others; writes the table of node/docs/reader-faults.md. Root only.
 
-For each rate it starts a node and an ECU (ecu_peer) in a network namespace of their own, with sensors, estimates and commands of one or
-four dampers. Then one reader after the other joins, fails, and is watched for --seconds; the ECU says what it lost meanwhile and how late
-the rest came. Victims that need another host get one, at a switch whose port is then unplugged.
+For each rate it starts a node and an ECU (ecu_peer) in their own network namespace, with sensors, estimates and commands of one or
+four dampers. Then one reader after another joins, fails, and is observed for --seconds; the ECU reports its losses during that time
+and the delays of the other messages. Readers on another host get one, at a switch whose port is then unplugged.
 
-    kill      SIGKILL: the reader is gone, and its lease goes on
-    stop      SIGSTOP, and SIGCONT after the lease
-    slow      the reader lives, and works for 20 ms on each message
-    mute      the reader never acknowledges, and renews its lease for ever
-    unplug    the reader is on another host, whose cable is pulled
+    kill      SIGKILL: the reader is gone, but its lease continues
+    stop      SIGSTOP, and SIGCONT after the lease has expired
+    slow      the reader spends 20 ms on each message
+    mute      the reader never acknowledges, but keeps renewing its lease
+    unplug    the reader is on another host, whose cable is unplugged
 
 usage: fault_table.py [--node BINARY] [--ecu BINARY] [--build NAME] [--rates 500,1000,4x1000] [--cases rclpy-kill,...] [--seconds 25]
 
-Progress goes to stderr; a Markdown table and then one line of JSON to stdout. Exit code 1 where an answer was lost.
+Progress goes to stderr; a Markdown table and then one line of JSON go to stdout. Exit code 1 if an answer was lost.
 """
 
 import argparse
 import json
 import os
 import pathlib
+import random
 import re
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -33,6 +35,8 @@ BASE = pathlib.Path(os.environ.get("MR_DAMPER_INTEROP_DIR", "/var/tmp/mr-damper-
 CASES = [
     "rclpy-kill", "rclpy-stop", "rclpy-slow", "cyclone-kill", "cyclone-stop", "ros2client-kill", "ros2client-stop", "mute", "rclpy-unplug",
 ]  # fmt: skip
+# Name of the phases in which all readers are healthy.
+QUIET = "without a victim"
 MODEL = "thesis/fuzzy-tanh/rp3-cs"
 
 
@@ -53,7 +57,7 @@ class Program:
     def line(self):
         text = self.process.stdout.readline()
         if not text:
-            sys.exit(f"fault_table: {self.process.args[3:]} ended without an answer; it said:\n{open(self.log).read()[-2000:]}")
+            sys.exit(f"fault_table: {self.process.args[3:]} ended without an answer; its log:\n{open(self.log).read()[-2000:]}")
         return json.loads(text)
 
     def tell(self, text):
@@ -61,7 +65,7 @@ class Program:
         self.process.stdin.flush()
 
     def end(self):
-        """Closes its standard input and waits; kills it where that does not help."""
+        """Closes its standard input and waits; kills it if it does not end."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGCONT)
         self.process.stdin.close()
@@ -73,7 +77,7 @@ class Program:
 
 
 class Host:
-    """A network namespace with nothing but loopback."""
+    """A network namespace with only loopback."""
 
     def __init__(self):
         self.holder = subprocess.Popen([HERE / "netns.sh", "hold"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -88,7 +92,7 @@ class Host:
 
 
 def switch(near, middle, far):
-    """Puts `near` (10.78.0.1) and `far` (10.78.0.2) at a switch in `middle`."""
+    """Connects `near` (10.78.0.1) and `far` (10.78.0.2) to a switch in `middle`."""
     middle.run("ip link add sw type bridge && ip link set sw up")
     for number, host in ((1, near), (2, far)):
         subprocess.run(
@@ -99,7 +103,7 @@ def switch(near, middle, far):
 
 
 def victim(case, dampers, args):
-    """Command of the reader that fails."""
+    """Command of the failing reader."""
     fault = case.rsplit("-", 1)[-1]
     match case.split("-")[0]:
         case "rclpy":
@@ -121,7 +125,7 @@ class Session:
 
     def __init__(self, args, rate_hz, dampers, folder, subnet):
         self.args, self.dampers, self.folder, self.subnet = args, dampers, folder, subnet
-        # Fast DDS shares memory by domain id across network namespaces.
+        # Fast DDS shares memory by domain id, even across network namespaces.
         self.environment = {"ROS_DOMAIN_ID": str(1 + (os.getpid() * 7 + time.monotonic_ns() // 10**9) % 100)}
         self.hosts = [Host() for _ in range(3 if subnet else 1)]
         if subnet:
@@ -160,7 +164,7 @@ class Session:
         reader.end()
         if fault == "unplug":
             self.hosts[1].run("ip link set port2 up")
-        self.phase("without a victim", self.args.quiet)
+        self.phase(QUIET, self.args.quiet)
 
     def end(self):
         self.ecu.process.stdin.close()
@@ -175,42 +179,62 @@ class Session:
         return report
 
 
+KINDS = ("estimates", "commands")
+
+
+def seconds(phases, kind):
+    """The 99th percentile of each whole second of these phases, ms."""
+    return [value for phase in phases for value in phase[kind]["p99_of_seconds_ms"] if value is not None]
+
+
+def ratio(faulty, quiet):
+    """Ratio of the medians of two lists of seconds, and its 95 % interval (bootstrap over the seconds, fixed seed); None without answers."""
+    if not faulty or not quiet:
+        return None
+    draw = random.Random(1).choices
+    medians = lambda: statistics.median(draw(faulty, k=len(faulty))) / statistics.median(draw(quiet, k=len(quiet)))
+    drawn = sorted(medians() for _ in range(2000))
+    return [statistics.median(faulty) / statistics.median(quiet), drawn[50], drawn[1949]]
+
+
 def rows(build, rate, report):
-    """Rows of the table: each case beside the phases without a victim."""
-    quiet = [phase for phase in report["phases"] if phase["name"] == "without a victim"]
-
-    def middle(kind):
-        values = sorted(phase[kind]["p99_ms"] for phase in quiet)
-        return values[len(values) // 2]
-
-    # A reader that joins or leaves may cost nothing either: these phases count with the fault.
-    around = {}
-    for phase in report["phases"]:
-        case = re.sub(" (joins|alive|leaves)$", "", phase["name"])
-        around.setdefault(case, []).append(phase)
-    for phase in report["phases"]:
-        if phase["name"] not in CASES:
+    """Rows of the table: each case compared with the phases without a victim before and after it."""
+    phases = report["phases"]
+    quiet_at = [index for index, phase in enumerate(phases) if phase["name"] == QUIET]
+    for index, phase in enumerate(phases):
+        case = phase["name"]
+        if case not in CASES:
             continue
+        before = max(at for at in quiet_at if at < index)
+        after = min(at for at in quiet_at if at > index)
+        # A reader that joins or leaves must not cause losses either: these phases count as part of the case.
+        around = phases[before + 1 : after]
         yield {
             "build": build,
             "rate": rate,
-            "case": phase["name"],
-            "sent": sum(part["sent"] for part in around[phase["name"]]),
-            **{f"{kind}_lost": sum(part[kind]["lost"] for part in around[phase["name"]]) for kind in ("estimates", "commands")},
-            **{f"{kind}_p99_ms": phase[kind]["p99_ms"] for kind in ("estimates", "commands")},
-            **{f"{kind}_p99_ratio": (phase[kind]["p99_ms"] or float("nan")) / middle(kind) for kind in ("estimates", "commands")},
-            "worst_ms": max(phase[kind]["worst_ms"] or 0.0 for kind in ("estimates", "commands")),
+            "case": case,
+            "sent": sum(part["sent"] for part in around),
+            **{f"{kind}_lost": sum(part[kind]["lost"] for part in around) for kind in KINDS},
+            **{f"{kind}_p99_ms": phase[kind]["p99_ms"] for kind in KINDS},
+            **{
+                f"{kind}_p99_ratio": ratio(seconds([phase], kind), seconds([phases[before], phases[after]], kind))
+                for kind in KINDS
+            },
+            "worst_ms": max(phase[kind]["worst_ms"] or 0.0 for kind in KINDS),
         }
 
 
 def table(found):
-    print("| build | rate | victim | estimates lost | commands lost | p99 of estimates, ms | of that without it | p99 of commands, ms | of that without it | worst, ms |")
+    print("| build | rate | victim | estimates lost | commands lost | p99 of estimates, ms | ratio (95 %) | p99 of commands, ms | ratio (95 %) | worst, ms |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for row in found:
+        delays = " | ".join(
+            "{:.2f} | {:.2f} ({:.2f} to {:.2f})".format(row[f"{kind}_p99_ms"], *row[f"{kind}_p99_ratio"]) if row[f"{kind}_p99_ratio"] else "- | -"
+            for kind in KINDS
+        )
         print(
             f"| {row['build']} | {row['rate']} | {row['case']} | {row['estimates_lost']} of {row['sent']} | {row['commands_lost']} "
-            f"| {row['estimates_p99_ms'] or 0:.2f} | {row['estimates_p99_ratio']:.2f} | {row['commands_p99_ms'] or 0:.2f} "
-            f"| {row['commands_p99_ratio']:.2f} | {row['worst_ms']:.1f} |"
+            f"| {delays} | {row['worst_ms']:.1f} |"
         )
 
 
@@ -218,17 +242,17 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--node", default=TARGET / "release/mr-damper", metavar="BINARY")
     parser.add_argument("--ecu", default=TARGET / "release/ecu_peer", metavar="BINARY")
-    parser.add_argument("--build", default="default", metavar="NAME", help="what the table calls the node")
+    parser.add_argument("--build", default="default", metavar="NAME", help="name of the node's build in the table")
     parser.add_argument("--rates", default="500,1000,4x1000", help="Hz, or dampers x Hz")
     parser.add_argument("--cases", default=",".join(CASES))
-    parser.add_argument("--seconds", type=float, default=25.0, help="how long a fault is watched; the lease of rclpy is 20 s")
+    parser.add_argument("--seconds", type=float, default=25.0, help="time to observe a fault; the lease of rclpy is 20 s")
     parser.add_argument("--quiet", type=float, default=8.0, help="seconds without a victim after each case")
     args = parser.parse_args()
     if os.geteuid() != 0:
         sys.exit("fault_table: network namespaces, raw sockets and cables take root")
     unknown = set(args.cases.split(",")) - set(CASES)
     if unknown:
-        sys.exit(f"fault_table: unknown cases {', '.join(sorted(unknown))}; known are {', '.join(CASES)}")
+        sys.exit(f"fault_table: unknown cases {', '.join(sorted(unknown))}; cases are {', '.join(CASES)}")
     found, reports = [], []
     for rate in args.rates.split(","):
         dampers, hz = (int(part) for part in (rate if "x" in rate else f"1x{rate}").split("x"))
@@ -241,7 +265,7 @@ def main():
                 session = Session(args, hz, dampers, pathlib.Path(folder), subnet)
                 # The first displacements wait for each other, and the filters settle.
                 session.phase("warm-up", 3.0)
-                session.phase("without a victim", args.quiet)
+                session.phase(QUIET, args.quiet)
                 for case in cases:
                     session.case(case)
                 report = session.end()

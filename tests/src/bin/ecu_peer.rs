@@ -1,18 +1,20 @@
-//! A vehicle's ECU, for the tests of readers that fail: sends the inputs of some dampers at a fixed rate, hears their estimates and
-//! commands, and says per phase what was lost and how late the rest came.
+//! A vehicle's ECU, for the tests of failing readers: sends the inputs of several dampers at a fixed rate, receives their estimates and
+//! commands, and reports losses and delays for each phase.
 //!
 //! Usage: `ecu_peer [--rate HZ] [--dampers N] [--loopback] [--hear]`, with `ROS_DOMAIN_ID` as in any ROS 2 program. The dampers are the
-//! namespaces `/d0`, `/d1` and so on. It prints `{"event": "ready"}` once all topics are matched and then sends until standard input
-//! closes; each line there is the name of the phase that begins. A sample is stamped when it is sent, and belongs to the phase of its
-//! stamp. At the end it prints
+//! namespaces `/d0`, `/d1` and so on. It prints `{"event": "ready"}` once all topics are matched, and then sends until standard input
+//! closes; each input line names the phase that begins. A sample is stamped when it is sent, and belongs to the phase of its stamp. At
+//! the end it prints
 //!
 //! ```text
 //! {"phases": [{"name", "seconds", "sent",
-//!              "estimates": {"lost", "p50_ms", "p99_ms", "worst_ms"}, "commands": {the same}}],
+//!              "estimates": {"lost", "p50_ms", "p99_ms", "worst_ms", "p99_of_seconds_ms"}, "commands": {the same}}],
 //!  "diagnostics": [level of each status of the nodes]}
 //! ```
 //!
-//! With `--hear` it sends nothing and says nothing but that it is ready: a reader of ros2-client, for somebody to kill.
+//! `p99_of_seconds_ms` holds the 99th percentile of each whole second of the phase, in order.
+//!
+//! With `--hear` it sends nothing and prints only that it is ready: a ros2-client reader for a test to kill.
 
 use futures::stream::{BoxStream, SelectAll, StreamExt};
 use mr_damper_msgs::standard::DiagnosticArray;
@@ -33,10 +35,12 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
-/// How long the node may take to be found.
+/// Longest time to discover the node.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// From found by us to having found us, and from the last sample to its last answer.
+/// Time from discovering the node to being discovered by it, and from the last sample to its last answer.
 const SETTLE: Duration = Duration::from_secs(1);
+
+const SECOND_NS: i64 = 1_000_000_000;
 
 struct Args {
     rate_hz: f64,
@@ -49,13 +53,13 @@ fn args() -> Outcome<Args> {
     let mut args = Args { rate_hz: 500.0, dampers: 1, loopback: false, hear: false };
     let mut given = std::env::args().skip(1);
     while let Some(name) = given.next() {
-        let mut value = || given.next().ok_or_else(|| format!("{name} wants a value"));
+        let mut value = || given.next().ok_or_else(|| format!("{name} needs a value"));
         match name.as_str() {
             "--rate" => args.rate_hz = value()?.parse()?,
             "--dampers" => args.dampers = value()?.parse()?,
             "--loopback" => args.loopback = true,
             "--hear" => args.hear = true,
-            _ => return Err(format!("{name}: known are --rate, --dampers, --loopback and --hear").into()),
+            _ => return Err(format!("{name}: use --rate, --dampers, --loopback or --hear").into()),
         }
     }
     Ok(args)
@@ -118,10 +122,10 @@ fn unix_ns() -> i64 {
     i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
 }
 
-/// An answer: number of its damper, whether it is a command, its stamp, and its arrival.
+/// An answer: the number of its damper, whether it is a command, its stamp, and its arrival time.
 type Heard = (usize, bool, i64, i64);
 
-/// A message, as far as it is looked at.
+/// The part of a message that is used.
 enum Arrived {
     Answer(Heard),
     Status(u8),
@@ -157,7 +161,7 @@ fn arrivals<'a>(
     all
 }
 
-/// Sends to all dampers at `rate_hz` until `ended`; stamps by damper.
+/// Sends to all dampers at `rate_hz` until `ended`; returns the stamps by damper.
 fn send_all(dampers: &[Damper], rate_hz: f64, ended: &AtomicBool) -> Outcome<Vec<Vec<i64>>> {
     let begin = Instant::now();
     let mut sent = vec![Vec::new(); dampers.len()];
@@ -171,13 +175,13 @@ fn send_all(dampers: &[Damper], rate_hz: f64, ended: &AtomicBool) -> Outcome<Vec
         for (damper, sent) in dampers.iter().zip(&mut sent) {
             sent.push(damper.send(elapsed_s)?);
         }
-        // Samples that were due while this process was held up are skipped.
+        // Samples that were due while this process was delayed are skipped.
         due_s = due_s.max(elapsed_s - 1.0 / rate_hz) + 1.0 / rate_hz;
     }
     Ok(sent)
 }
 
-/// Figures of one kind of answer to the samples with stamps from `from` to below `to`.
+/// Losses and delays of one kind of answer to the samples with stamps from `from` to below `to`.
 fn figures(sent: &[Vec<i64>], heard: &[Heard], is_command: bool, (from, to): (i64, i64)) -> Value {
     let within = |stamp: &i64| (from..to).contains(stamp);
     let mut awaited: HashSet<(usize, i64)> = HashSet::new();
@@ -185,16 +189,38 @@ fn figures(sent: &[Vec<i64>], heard: &[Heard], is_command: bool, (from, to): (i6
         awaited.extend(stamps.iter().filter(|stamp| within(stamp)).map(|stamp| (damper, *stamp)));
     }
     let mut delays_ms = Vec::new();
+    let mut delays_of_seconds_ms = vec![Vec::new(); usize::try_from((to - from) / SECOND_NS).unwrap_or(0)];
     for (damper, _, stamp, at) in
         heard.iter().filter(|(_, command, stamp, _)| *command == is_command && within(stamp))
     {
         if awaited.remove(&(*damper, *stamp)) {
-            delays_ms.push((at - stamp) as f64 * 1e-6);
+            let delay_ms = (at - stamp) as f64 * 1e-6;
+            delays_ms.push(delay_ms);
+            // The last second of a phase is not whole.
+            let second = usize::try_from((stamp - from) / SECOND_NS).ok();
+            if let Some(delays_ms) = second.and_then(|second| delays_of_seconds_ms.get_mut(second)) {
+                delays_ms.push(delay_ms);
+            }
         }
     }
     delays_ms.sort_by(f64::total_cmp);
-    let at = |share: f64| delays_ms.get(((delays_ms.len() as f64 - 1.0) * share).max(0.0) as usize);
-    json!({ "lost": awaited.len(), "p50_ms": at(0.5), "p99_ms": at(0.99), "worst_ms": at(1.0) })
+    let p99_of_seconds_ms: Vec<_> = delays_of_seconds_ms
+        .iter_mut()
+        .map(|delays_ms| {
+            delays_ms.sort_by(f64::total_cmp);
+            quantile(delays_ms, 0.99)
+        })
+        .collect();
+    let at = |share: f64| quantile(&delays_ms, share);
+    json!({
+        "lost": awaited.len(), "p50_ms": at(0.5), "p99_ms": at(0.99), "worst_ms": at(1.0),
+        "p99_of_seconds_ms": p99_of_seconds_ms,
+    })
+}
+
+/// The value below which `share` of the `sorted` values lie; `None` without values.
+fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+    sorted.get(((sorted.len() as f64 - 1.0) * share).max(0.0) as usize).copied()
 }
 
 fn report(sent: &[Vec<i64>], heard: &[Heard], phases: &[(String, i64)], end_ns: i64) -> Vec<Value> {
@@ -255,7 +281,7 @@ fn main() -> Outcome<()> {
                 let Ok(mut heard) = heard.lock() else { return };
                 match arrived {
                     Arrived::Answer(answer) => heard.0.push(answer),
-                    // The node's statuses come once a second: the last of them ends this thread.
+                    // The node's status messages arrive once per second: the last one ends this thread.
                     Arrived::Status(level) => heard.1.push(level),
                 }
                 if all_heard.load(Ordering::Relaxed) {
@@ -278,7 +304,7 @@ fn main() -> Outcome<()> {
         (sent, phases, end_ns)
     });
     let sent = sent.map_err(|_| "the sender panicked")??;
-    let (heard, levels) = heard.into_inner().map_err(|_| "the hearer panicked")?;
+    let (heard, levels) = heard.into_inner().map_err(|_| "the receiver panicked")?;
     println!("{}", json!({ "phases": report(&sent, &heard, &phases, end_ns), "diagnostics": levels }));
 
     drop((dampers, diagnostics));
