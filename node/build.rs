@@ -1,4 +1,5 @@
-//! Sets `cfg(mr_damper_hardened)` where `node/hardened/build` builds with edited DDS libraries, which can do more.
+//! Sets `cfg(mr_damper_hardened)` when `node/hardened/build` builds with the edited DDS libraries, which offer more
+//! functions.
 
 fn main() {
     println!("cargo::rustc-check-cfg=cfg(mr_damper_hardened)");

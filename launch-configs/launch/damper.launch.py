@@ -1,4 +1,4 @@
-"""One damper.
+"""Starts the node for one damper.
 
 ros2 launch mr_damper damper.launch.py namespace:=front_left model:=thesis/fuzzy-tanh/rp3-cs
 """
@@ -12,7 +12,7 @@ from launch_ros.substitutions import FindPackageShare
 
 
 def argument(name, value_type):
-    """A parameter of the node that is an argument of this file."""
+    """A parameter of the node that is also an argument of this launch file."""
     return {name: ParameterValue(LaunchConfiguration(name), value_type=value_type)}
 
 
@@ -24,12 +24,12 @@ def generate_launch_description():
         DeclareLaunchArgument(
             "model",
             default_value="thesis/fuzzy-tanh/rp3-cs",
-            description="A preset (mr-damper presets) or the path of a model file; one in params_file is stronger",
+            description="A preset (mr-damper presets) or the path of a model file; a model in params_file takes precedence",
         ),
         DeclareLaunchArgument("params_file", default_value=params_file, description="Parameters (YAML)"),
-        DeclareLaunchArgument("use_sim_time", default_value="false", description="Time is what /clock says"),
+        DeclareLaunchArgument("use_sim_time", default_value="false", description="Take the time from /clock"),
         DeclareLaunchArgument(
-            "autostart", default_value="true", description="false: wait for change_state of a lifecycle manager"
+            "autostart", default_value="true", description="false: wait for a lifecycle manager to call change_state"
         ),
         DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error"),
         Node(
@@ -39,7 +39,7 @@ def generate_launch_description():
             namespace=LaunchConfiguration("namespace"),
             arguments=["node"],
             ros_arguments=["--log-level", LaunchConfiguration("log_level")],
-            # From weak to strong.
+            # In order of increasing precedence.
             parameters=[
                 argument("model", str),
                 LaunchConfiguration("params_file"),

@@ -1,8 +1,9 @@
-"""The four dampers of a vehicle: in one process, or with separate:=true in four.
+"""Starts the four dampers of a vehicle: in one process, or in four with separate:=true.
 
 ros2 launch mr_damper vehicle.launch.py params_file:=/etc/mr-damper/vehicle.params.yaml
 
-One process shares one participant, so that a vehicle costs discovery what one damper does; four fail one by one.
+One process uses one DDS participant, so that a vehicle needs no more discovery traffic than one damper. Four processes
+fail independently.
 """
 
 from launch import LaunchDescription
@@ -17,12 +18,12 @@ CORNERS = ["front_left", "front_right", "rear_left", "rear_right"]
 
 
 def argument(name, value_type):
-    """A parameter of the node that is an argument of this file."""
+    """A parameter of the node that is also an argument of this launch file."""
     return {name: ParameterValue(LaunchConfiguration(name), value_type=value_type)}
 
 
 def process(**more):
-    """A process with the arguments of this file."""
+    """A node process with the arguments of this launch file."""
     return Node(
         package="mr_damper",
         executable="mr-damper",
@@ -45,15 +46,16 @@ def generate_launch_description():
         DeclareLaunchArgument(
             "params_file",
             default_value=params_file,
-            description="Parameters (YAML); dampers in section /mr_damper names what one process serves",
+            description="Parameters (YAML); with one process, dampers in section /mr_damper lists the dampers it serves",
         ),
         DeclareLaunchArgument("separate", default_value="false", description="true: a process for each damper"),
-        DeclareLaunchArgument("use_sim_time", default_value="false", description="Time is what /clock says"),
+        DeclareLaunchArgument("use_sim_time", default_value="false", description="Take the time from /clock"),
         DeclareLaunchArgument(
-            "autostart", default_value="true", description="false: wait for change_state of a lifecycle manager"
+            "autostart", default_value="true", description="false: wait for a lifecycle manager to call change_state"
         ),
         DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error"),
-        # Without a name, or launch would say its parameters of /mr_damper alone, and not of the four.
+        # No name is given: with one, launch would pass the parameters to /mr_damper only and not to the four
+        # dampers.
         process(condition=UnlessCondition(separate)),
         *[process(namespace=corner, name="mr_damper", condition=IfCondition(separate)) for corner in CORNERS],
     ])

@@ -1,5 +1,5 @@
-//! Time of one sample of a model with each effect around it, beside the model alone: of the model, and of all that the
-//! estimating thread does with a sample of displacement, current and force. Figures are per sample.
+//! Time per sample with each effect, compared with the model alone: for the model, and for everything that
+//! the estimating thread does with a sample of displacement, current and force.
 //!
 //! ```text
 //! cargo bench -p mr-damper-model --bench effects
@@ -29,7 +29,7 @@ fn force() -> ForceModel {
 
 fn run(bencher: Bencher, effects: &[EffectModel]) {
     let effects = Effects::new(effects).expect("few enough");
-    let (model, motion) = (Augmented::new(force(), effects).expect("they go together"), motion());
+    let (model, motion) = (Augmented::new(force(), effects).expect("compatible effects"), motion());
     bencher.counter(ItemsCount::new(SAMPLES)).bench(|| {
         let mut state = AugmentedState::default();
         motion.iter().filter_map(|at| model.free_run(&mut state, divan::black_box(at))).sum::<f64>()
@@ -60,7 +60,7 @@ fn three_effects(bencher: Bencher) {
     run(bencher, &[Effect::CoilLagRiseFall, Effect::GasSpring, Effect::AntiAliasMismatch].map(present));
 }
 
-/// The motion as the node receives it.
+/// The motion as samples that the node receives.
 fn samples() -> Vec<Sample> {
     let at = |(k, inputs): (usize, &mr_damper_model::force::Inputs)| {
         let stamp = Stamp::from_nanos(k as i64 * 1_953_125);

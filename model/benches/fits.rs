@@ -1,8 +1,8 @@
-//! TSK models: time of a step, and of an identification on the problem that Python peers are timed on
+//! TSK models: time of one step, and of an identification on the same problem as the Python peers
 //! (anfis-toolbox: 122 s for 27 rules, 15360 samples, 50 epochs).
 //!
 //! ```text
-//! cargo bench -p mr-damper-model --bench tsk
+//! cargo bench -p mr-damper-model --bench fits
 //! ```
 
 #[path = "../tests/identify_support/peers.rs"]
@@ -20,17 +20,17 @@ fn main() {
 
 const DRIVE: Option<DriveKind> = Some(DriveKind::CoilCurrent);
 
-/// One force of the thesis' best ANFIS: 27 rules.
+/// One force of the thesis' best ANFIS model: 27 rules.
 #[divan::bench(sample_count = 200, sample_size = 200)]
 fn step_anfis(bencher: Bencher) {
     let ForceModel::Tsk(model) = preset::load(preset::BEST_ANFIS).expect("a preset").force else {
-        panic!("no ANFIS")
+        panic!("not an ANFIS model")
     };
     let inputs = peers::synth(1).rows[700].inputs();
     bencher.bench(|| black_box(&model).force_n(black_box(&inputs)));
 }
 
-/// One force of 125 rules under triangles.
+/// One force of 125 rules with triangles.
 #[divan::bench(sample_count = 200, sample_size = 200)]
 fn step_tsk_555(bencher: Bencher) {
     let data = [peers::synth(0)];
@@ -40,14 +40,14 @@ fn step_tsk_555(bencher: Bencher) {
     bencher.bench(|| black_box(&found.model).force_n(black_box(&inputs)));
 }
 
-/// The peers' problem, 50 epochs at most.
+/// Identification on the peers' problem, at most 50 epochs.
 #[divan::bench(args = TskKind::ALL, sample_count = 5, sample_size = 1)]
 fn fit(bencher: Bencher, kind: TskKind) {
     let data = [peers::synth(0)];
     bencher.bench(|| fit_tsk(&data, kind, DRIVE, &TskOptions::default(), &Watch::none()));
 }
 
-/// The same with Jang's rule, which makes all 50 epochs as the peer does.
+/// The same identification with Jang's rule, which runs all 50 epochs as the peer does.
 #[divan::bench(sample_count = 5, sample_size = 1)]
 fn fit_anfis_by_gradient(bencher: Bencher) {
     let data = [peers::synth(0)];

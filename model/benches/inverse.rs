@@ -1,4 +1,5 @@
-//! Time of one command: the search for the current, the model's step, the limits. Figures are per sample.
+//! Time of one command of the inverse controller: the search for the current, the model's step, and the
+//! limits. Times are per sample.
 //!
 //! ```text
 //! cargo bench -p mr-damper-model --bench inverse
@@ -24,7 +25,7 @@ fn fuzzy_tanh_model() -> Model {
     preset::load(preset::BEST_FUZZY_TANH).expect("a preset")
 }
 
-/// `law` whose parameters are linear in the current.
+/// A model of `law` whose parameters are linear in the current.
 fn law_model(law: Law, none: &[f64], per_a: &[f64]) -> Model {
     let dependence = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
     let force = LawModel::new(law, dependence, &[none, per_a].concat(), 0.0).expect("in order");
@@ -45,7 +46,8 @@ fn with_effects(bencher: Bencher, effects: &[EffectModel]) {
 }
 
 fn command(bencher: Bencher, model: &Model, method: Method) {
-    let commander = Commander::with_method(model, Limits::default(), method).expect("it has an inverse");
+    let commander =
+        Commander::with_method(model, Limits::default(), method).expect("a model with an inverse");
     let motion = motion();
     bencher.counter(ItemsCount::new(SAMPLES)).with_inputs(|| commander).bench_refs(|commander| {
         let demand_n = |v_m_s: f64| 500.0 * v_m_s.signum() + 1500.0 * v_m_s;
@@ -66,7 +68,7 @@ fn bouc_wen(bencher: Bencher, method: Method) {
     command(bencher, &bouc_wen_model(), method);
 }
 
-/// The search's closed form, and surrogates of it.
+/// The closed form of the search, and its surrogates.
 #[divan::bench(args = [Method::Search, Method::Polynomial, Method::Fuzzy])]
 fn choi(bencher: Bencher, method: Method) {
     let none = [0.0, 2500.0, 0.0, -2e4, 0.0, 0.0, 0.0].repeat(2);

@@ -1,5 +1,5 @@
-//! Time of one sample of each law: alone, with polynomials over the current, with fuzzy sets, and with its
-//! derivatives. Figures are per sample.
+//! Time per sample of each force law: without drive, with polynomials over the current, with fuzzy sets, and
+//! with its derivatives.
 //!
 //! ```text
 //! cargo bench -p mr-damper-model --bench laws
@@ -31,7 +31,7 @@ fn run(bencher: Bencher, law: Law, dependence: Dependence) {
             powers
         }
     };
-    let model = LawModel::new(law, dependence, &copies, 0.0).expect("as many as it takes");
+    let model = LawModel::new(law, dependence, &copies, 0.0).expect("the right number of parameters");
     let motion = motion();
     bencher.counter(ItemsCount::new(SAMPLES)).bench(|| {
         let mut state = LawState::default();

@@ -1,9 +1,9 @@
-//! Time of one sample: of each model running free, and of all that the estimating thread does with a sample of displacement,
-//! current and force. Figures are per sample.
+//! Time per sample: for the simulation of each model, and for everything that the estimating thread does with
+//! a sample of displacement, current and force.
 //!
 //! ```text
-//! cargo bench -p mr-damper-model --bench step                # nanoseconds, of this machine
-//! model/examples/step_cost.sh                                # instructions, of any
+//! cargo bench -p mr-damper-model --bench step                # nanoseconds on this machine
+//! model/examples/step_cost.sh                                # instructions, independent of the machine
 //! ```
 
 #[path = "../tests/identify_support/peers.rs"]
@@ -21,7 +21,7 @@ fn main() {
     divan::main();
 }
 
-/// Runs the model over the rows of the peers' problem.
+/// Simulates the model over the rows of the peers' problem.
 fn run(bencher: Bencher, force: ForceModel) {
     let inputs: Vec<Inputs> = peers::synth(1).rows.iter().map(|row| row.inputs()).collect();
     bencher.counter(ItemsCount::new(inputs.len())).bench_local(|| {
@@ -36,7 +36,8 @@ fn thesis(bencher: Bencher, name: &str) {
     run(bencher, preset::load(name).expect("a preset").force);
 }
 
-/// Whatever can be identified and follows the current: over fuzzy sets where it comes in that form, fitted to four seconds.
+/// Every structure that can be identified with the current as drive, fitted to four seconds; with fuzzy sets
+/// if that form exists.
 #[divan::bench(args = Structure::all().into_iter().map(|structure| structure.name()).filter(|name| *name != "p"))]
 fn identified(bencher: Bencher, name: &str) {
     let whole = peers::synth(0);
@@ -58,7 +59,7 @@ fn p(bencher: Bencher) {
     bencher.bench(|| black_box(&phase).same_instant_n(black_box(row.velocity_m_s), &force, row.drive));
 }
 
-/// Conditioning, gates, the model, a supervisor that seeds an ARX model, residual and doubt.
+/// Conditioning, gates, the model, a supervisor that seeds an ARX model, residual and uncertainty.
 #[divan::bench(args = PIPELINES)]
 fn pipeline(bencher: Bencher, name: &str) {
     let (pipeline, seconds) = (subject::pipeline(name), subject::samples(name));

@@ -1,4 +1,5 @@
-//! Cost of a band: the table alone, and a sample through the pipeline with and without it.
+//! Cost of the uncertainty band: the table alone, and a sample through the pipeline with and without the
+//! table.
 //!
 //! ```text
 //! cargo bench -p mr-damper-model --bench uncertainty
@@ -30,7 +31,7 @@ fn spread(bencher: Bencher, seconds: f64) {
     bencher.bench(|| black_box(&table).spread(black_box(&at)));
 }
 
-/// Drive, force and displacement of a sample, two seconds of them.
+/// Drive, force and displacement samples of two seconds.
 #[divan::bench(args = [false, true], sample_count = 100, sample_size = 1)]
 fn a_thousand_samples(bencher: Bencher, with: bool) {
     let model = preset(BEST_ARX);

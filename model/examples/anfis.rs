@@ -12,7 +12,7 @@ use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::DriveKind;
 use std::time::Instant;
 
-/// How well `model` fits the rows of `dataset` that count.
+/// Fit of `model` to the counted rows of `dataset`.
 fn fit(model: &Tsk, dataset: &Dataset) -> Option<Fit> {
     let mut sum = ErrorSum::default();
     for row in dataset.rows.iter().filter(|row| row.counts) {
@@ -25,7 +25,7 @@ fn fit(model: &Tsk, dataset: &Dataset) -> Option<Fit> {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let experiment = Experiment::thesis("RP-ICPS").ok_or("the rig knows its experiments")?;
+    let experiment = Experiment::thesis("RP-ICPS").ok_or("the rig has no experiment RP-ICPS")?;
     let dataset = |seed| {
         let run = record(&experiment, &Plant::default(), &Channels::default(), seed);
         Dataset::from_run(&run, &Conditioning::THESIS, &DatasetOptions::default())

@@ -1,10 +1,10 @@
-//! How often the diagnosis is right, and how often wrong, on runs whose truth is known.
+//! Measures how often the diagnosis names a correct or a wrong effect, on generated runs with known effects.
 //!
 //! ```text
 //! cargo run --release -p mr-damper-model --example closing_rates -- [--seeds 20] [--first 0] [--only TEXT] [--velocity]
-//!     --only TEXT   the case of that name, "null", or else those whose name holds it: "single", "coil_lag", "x0.5"
+//!     --only TEXT   the case with this name, "null", or all cases whose name contains it: "single", "coil_lag", "x0.5"
 //!     --first N     the first seed
-//!     --velocity    with the velocity transducer, and nine sets in place of seven: less that the base itself misses
+//!     --velocity    with a velocity transducer, and nine sets instead of seven, so that the base model fits better
 //! ```
 
 #[path = "../tests/closing/mod.rs"]
@@ -27,7 +27,7 @@ fn arguments() -> Result<Arguments, String> {
     let mut given = Arguments { seeds: 20, only: String::new(), first: 0, bench: Bench::Displacement };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
-        let mut value = || words.next().ok_or_else(|| format!("{word} wants a value"));
+        let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
         match word.as_str() {
             "--seeds" => given.seeds = value()?.parse().map_err(|e| format!("--seeds: {e}"))?,
             "--only" => given.only = value()?,
@@ -35,7 +35,7 @@ fn arguments() -> Result<Arguments, String> {
             "--velocity" => given.bench = Bench::Velocity,
             _ => {
                 return Err(format!(
-                    "unknown: {word}; there are --seeds N, --first N, --only TEXT and --velocity"
+                    "{word} is unknown; the options are --seeds N, --first N, --only TEXT and --velocity"
                 ));
             }
         }
@@ -51,14 +51,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         plans.retain(|plan| plan.name() == given.only);
     }
     if plans.is_empty() {
-        return Err(format!("no case's name holds \"{}\"", given.only).into());
+        return Err(format!("no case has a name that contains \"{}\"", given.only).into());
     }
     println!("{}", head());
     let mut groups: Vec<((Kind, bool, f64), [Rate; 2])> = Vec::new();
     for plan in &plans {
         let mut row = Row::default();
         let seeds = given.first..given.first + given.seeds;
-        // Of other bases the own misfit is all there is.
+        // The same case without effects gives the error of the base model itself; only these kinds need it.
         let has_twin = matches!(plan.kind, Kind::Single | Kind::Pair);
         let one = |seed| {
             let healthy = has_twin.then(|| judge(&plan.healthy(seed)?, given.bench)).transpose()?;
@@ -68,7 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 plan.change(seed)?,
             ))
         };
-        // In the order of the seeds, whatever the order in which they end.
+        // Results are collected in the order of the seeds.
         for (outcome, healthy, change) in seeds.into_par_iter().map(one).collect::<Result<Vec<_>, _>>()? {
             row.take(plan, &outcome, healthy.as_ref(), change);
         }
@@ -83,7 +83,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     println!();
     for ((kind, is_null, share), [right, wrong]) in groups {
-        let what = if is_null { "nothing put in".to_owned() } else { format!("x{share}") };
+        let what = if is_null { "without effect".to_owned() } else { format!("x{share}") };
         println!("{:<12} {what:<16} right {:>22}   wrong {:>22}", kind.name(), right.text(), wrong.text());
     }
     Ok(())

@@ -1,5 +1,6 @@
-//! Identifies the models that the node runs by itself, and what the thesis leaves as future work (sets that are free,
-//! ARX whose coefficients follow the current), from two made-up runs, and prints what was found.
+//! Identifies several models from two generated runs and prints the results: the models that the node runs by
+//! default, and those that the thesis leaves to future work (free fuzzy sets, ARX with coefficients that
+//! depend on the current).
 //!
 //! ```text
 //! cargo run --release -p mr-damper-model --example identify
@@ -10,7 +11,7 @@ use mr_damper_model::identify::{Form, ModelSpec, Options, Placement, Watch, iden
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let experiment = Experiment::thesis("RP3-CS").ok_or("the rig knows its experiments")?;
+    let experiment = Experiment::thesis("RP3-CS").ok_or("the rig has no experiment RP3-CS")?;
     let runs: Vec<_> =
         (1..=2).map(|seed| record(&experiment, &Plant::default(), &Channels::default(), seed)).collect();
     for (name, form, placement) in [
@@ -29,7 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ("persistence", found.persistence),
         ] {
             if let Some(fit) = fit {
-                println!("  {name:15} RSSE {:7.2} N   ESR {:.5}", fit.rsse_n, fit.esr);
+                println!("  {name:15} RMSE {:7.2} N   NMSE {:.5}", fit.rsse_n, fit.esr);
             }
         }
         for run in &found.runs {

@@ -1,10 +1,11 @@
-//! How estimates fare when stamps jitter and samples are lost: changes of mode, error, and its ratio to that on clean stamps.
+//! Effect of jittering stamps and lost samples on estimates: changes of mode, error, and its ratio to the
+//! error with exact stamps.
 //!
 //! ```text
 //! cargo run --release -p mr-damper-model --example jitter -- [--raw] [--steps] [--seed N]
-//!     --steps   a current in steps instead of a sine
+//!     --steps   a stepped current instead of a sine
 //!     --raw     models without the low-pass on displacement
-//!     --seed N  other jitter, losses and noise (1)
+//!     --seed N  seed of jitter, losses and noise (default 1)
 //! ```
 
 #[path = "../tests/jitter_support/mod.rs"]

@@ -1,4 +1,4 @@
-//! Draws the force-velocity loop of each law of force: one damper of about 1 kN on a sine of 15 mm at 2 Hz.
+//! Draws the force-velocity loop of each force law, for a damper of about 1 kN on a sine of 15 mm at 2 Hz.
 //!
 //! ```text
 //! cargo run --release -p mr-damper-model --example laws
@@ -30,7 +30,7 @@ const fn parameters(law: Law) -> &'static [f64] {
     }
 }
 
-/// Velocity and force over one period, after one period to settle.
+/// Velocity and force over one period, after one settling period.
 fn cycle(model: &LawModel) -> Vec<(f64, f64)> {
     let omega = TAU * FREQUENCY_HZ;
     let period = (RATE_HZ / FREQUENCY_HZ) as usize;
@@ -50,7 +50,7 @@ fn cycle(model: &LawModel) -> Vec<(f64, f64)> {
     (0..2 * period).map(point).skip(period).collect()
 }
 
-/// The loop as text: velocity to the right, force upwards. `+` while velocity rises, `o` while it falls.
+/// The loop as text: velocity to the right, force upwards; `+` where velocity rises, `o` where it falls.
 fn draw(points: &[(f64, f64)]) -> String {
     let peak = |of: fn(&(f64, f64)) -> f64| points.iter().map(|p| of(p).abs()).fold(0.0, f64::max);
     let (speed, force) = (peak(|p| p.0), peak(|p| p.1));
@@ -72,9 +72,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for law in Law::ALL {
         let model = LawModel::new(law, Dependence::None, parameters(law), 0.0)?;
         let points = cycle(&model);
-        // Work over a cycle, from the closed force-displacement loop.
+        // Work per cycle, from the closed force-displacement loop.
         let work_j: f64 = points.iter().map(|(v, f)| v * f / RATE_HZ).sum();
-        println!("{} ({} parameters), {work_j:.1} J a cycle", law.name(), model.parameter_count());
+        println!("{} ({} parameters), {work_j:.1} J per cycle", law.name(), model.parameter_count());
         println!("{}\n", draw(&points));
     }
     Ok(())

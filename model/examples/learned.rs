@@ -1,5 +1,5 @@
-//! Identifies the models that learn from data alone (networks, lazy learning) from one made-up run, and shows how
-//! they run on another: free, one step ahead, and what persistence (the force stays what it was) would give.
+//! Identifies the data-driven models (networks, lazy learning) from one generated run and evaluates them on
+//! another: simulation, one-step-ahead prediction and persistence (the force equals the previous force).
 //!
 //! ```text
 //! cargo run --release -p mr-damper-model --example learned
@@ -14,7 +14,7 @@ use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let experiment = Experiment::thesis("RP-ICPS").ok_or("the rig knows its experiments")?;
+    let experiment = Experiment::thesis("RP-ICPS").ok_or("the rig has no experiment RP-ICPS")?;
     let [training, test] =
         [1, 2].map(|seed| record(&experiment, &Plant::default(), &Channels::default(), seed));
     let options = Options { conditioning: Conditioning::THESIS, ..Options::default() };
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let spec = ModelSpec::named(name, form)?;
             let found = identify(spec, std::slice::from_ref(&training), &options, &Watch::none())?;
             println!("{name} {}: identified in {:.2} s", form.name(), begin.elapsed().as_secs_f64());
-            println!("  candidates, RSSE on held-back rows: {:.1?} N", found.restart_rsse_n);
+            println!("  candidates, RMSE on held-back rows: {:.1?} N", found.restart_rsse_n);
             for warning in &found.warnings {
                 println!("  {warning}");
             }
@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 fn print(run: &str, free_run: Option<Fit>, one_step: Option<Fit>, persistence: Option<Fit>) {
     let esr = |fit: Option<Fit>| fit.map_or("-".to_owned(), |fit| format!("{:.5}", fit.esr));
     println!(
-        "  {run:8} ESR: free run {}, one step {}, persistence {}",
+        "  {run:8} NMSE: simulation {}, one step {}, persistence {}",
         esr(free_run),
         esr(one_step),
         esr(persistence)

@@ -1,8 +1,8 @@
-//! The other side of `tests/peers/run.sh`: times our identification on the data that Python's tools were timed on,
-//! and prints both.
+//! Our part of `tests/peers/run.sh`: times our identification on the data that the Python tools were timed
+//! on, and prints the times and errors of both.
 //!
 //! ```text
-//! peers DIR EPOCHS        DIR holds train.csv, test.csv and peers.toml, as tests/peers/peers.py writes them
+//! peers DIR EPOCHS        DIR holds train.csv, test.csv and peers.toml, written by tests/peers/peers.py
 //! ```
 
 use mr_damper_model::condition::{Conditioning, VelocitySource};
@@ -31,7 +31,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let peers: toml::Table = toml::from_str(&peers)?;
     let conditioning = Conditioning { velocity: VelocitySource::Measured, ..Conditioning::default() };
     let options = Options { conditioning, choose_velocity: false, ..Options::default() };
-    // All samples, as the peers take them.
+    // All samples, as in the peers.
     let dataset_options = DatasetOptions { moving_only: false, ..DatasetOptions::default() };
     let datasets = [Dataset::from_run(&train, &conditioning, &dataset_options)?];
 
@@ -42,7 +42,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let anfis =
         || fit_tsk(&datasets, TskKind::Anfis, Some(DriveKind::CoilCurrent), &tsk_options, &Watch::none());
 
-    // The least of twenty, on both sides: a fit of a few milliseconds feels every interruption.
+    // The minimum of twenty, for both: any interruption affects a fit of a few milliseconds.
     let (mut arx_s, mut arx) = timed(|| fit(ModelSpec::ARX_SEMI_ACTIVE))?;
     for _ in 0..19 {
         let (seconds, again) = timed(|| fit(ModelSpec::ARX_SEMI_ACTIVE))?;
@@ -66,7 +66,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     for (name, key, seconds, esr, goal) in rows {
         let (peer_s, peer_esr) = (number(&peers, key, "seconds")?, number(&peers, key, "esr")?);
         let ratio = peer_s / seconds;
-        // Where the fits are the same but for rounding, so are the errors.
+        // If the fits differ only by rounding, so do the errors.
         let holds = ratio >= goal && esr <= 1.01 * peer_esr;
         missed |= !holds;
         let mark = if holds { "" } else { "   MISSED" };
@@ -101,7 +101,7 @@ fn read(path: &Path) -> Result<Run, Box<dyn Error>> {
     let mut traces: [Trace; 4] = Default::default();
     for line in text.lines().skip(1) {
         let values = line.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
-        let [time_s, signals @ ..] = values.as_slice() else { return Err("an empty row".into()) };
+        let [time_s, signals @ ..] = values.as_slice() else { return Err("a row is empty".into()) };
         for (trace, value) in traces.iter_mut().zip(signals) {
             trace.stamps.push(Stamp::from_nanos((time_s * 1e9).round() as i64));
             trace.values.push(*value);

@@ -1,4 +1,5 @@
-//! How near the virtual rig comes to the thesis' damper: deviation of force by experiment, force by velocity.
+//! Compares the virtual rig with the thesis' damper: standard deviation of force by experiment, and force by
+//! velocity.
 //!
 //! ```text
 //! cargo run --release -p mr-damper-model --example rig_calibration [SEEDS]
@@ -11,10 +12,11 @@ use std::f64::consts::TAU;
 const N_PER_LBF: f64 = 4.448_221_6;
 const M_PER_IN: f64 = 0.0254;
 
-/// Standard deviation of force in lbf, from RSSE and ESR of the thesis' Tables 4.1 to 4.7.
+/// Standard deviation of force in lbf, computed from RSSE (RMSE) and ESR (NMSE) in the thesis' tables 4.1 to
+/// 4.7.
 const THESIS_LBF: [f64; 8] = [93.67, 94.72, 77.73, 94.28, 93.69, 94.84, 94.73, 97.49];
 
-/// Force in lbf at 1, 3, 6 and 8 in/s by current: Table D.1, mean of the three stepped experiments.
+/// Force in lbf at 1, 3, 6 and 8 in/s, by current: table D.1, mean of the three stepped experiments.
 const THESIS_FV_LBF: [[f64; 4]; 7] = [
     [22.9, 29.5, 39.3, 45.7],
     [33.9, 59.9, 70.3, 75.9],
@@ -39,12 +41,13 @@ fn deviations(experiment: &Experiment, seed: u64) -> [f64; 3] {
     [std(&x) / M_PER_IN, std(&v) / M_PER_IN, std(&force) / N_PER_LBF]
 }
 
-/// Force in lbf when a sine of 1.5 Hz is fastest, at that speed and current.
+/// Force in lbf at the peak velocity of a sine of 1.5 Hz, for that peak velocity and current.
 fn force_lbf(speed_in_s: f64, current_a: f64) -> f64 {
     let experiment = Experiment::sine(speed_in_s * M_PER_IN / (TAU * 1.5), 1.5, current_a, 4.0);
     let plant = Plant::default().with_temperature_fade_per_k(0.0);
     let run = record(&experiment, &plant, &Channels::PERFECT, 0);
-    // 1.5 Hz begins at zero displacement: at 2 s three whole periods are over, and velocity is highest.
+    // The 1.5 Hz sine starts at zero displacement; at 2 s it has completed three periods, and velocity is at
+    // its maximum.
     run.force_n.map_or(f64::NAN, |trace| trace.values[1024]) / N_PER_LBF
 }
 
@@ -56,7 +59,7 @@ fn main() {
         let Some(experiment) = Experiment::thesis(name) else { continue };
         let experiment = experiment.with_servo(SecondOrder::SERVO);
         let half = seeds / 2;
-        // Two threads: the long experiments are 80 minutes of damper time.
+        // Two threads, because the long experiments are 80 minutes of damper time.
         let all: Vec<[f64; 3]> = std::thread::scope(|scope| {
             let of = |range: std::ops::Range<u64>| {
                 let experiment = &experiment;

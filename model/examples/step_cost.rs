@@ -1,13 +1,14 @@
-//! What one step costs, in the worst case too: a command, and the whole sample of the pipeline that commands.
+//! Cost of one step, including the worst case: of a command, and of a complete sample of the pipeline with
+//! commands.
 //!
 //! ```text
-//! cargo run --release -p mr-damper-model --example step_cost                 # times over 10^6 steps, each by itself
-//! model/examples/step_cost.sh                                                # instructions a step, by valgrind
+//! cargo run --release -p mr-damper-model --example step_cost                 # times of 10^6 single steps
+//! model/examples/step_cost.sh                                                # instructions per step, by valgrind
 //! ```
 //!
-//! Times are of one machine. Each step is timed in five passes that do the same to the bit, and the least counts: the worst of a million then
-//! is a step that is long, and not one that the system broke into. What timing itself takes is told by a step of nothing.
-//! Instructions are counted as the difference of two lengths, and do not depend on the machine.
+//! Times are for this machine. Each step is timed in five bit-identical passes, and the minimum is used: the
+//! worst of a million is then a long step, not one that was preempted. The step "nothing" shows the cost of
+//! timing itself. Instructions are the difference between two run lengths, and do not depend on the machine.
 
 #[path = "../benches/subject/mod.rs"]
 mod subject;
@@ -21,7 +22,7 @@ use std::time::Instant;
 use subject::{PIPELINES, PRESETS};
 
 const RATE_HZ: f64 = 512.0;
-/// How often each step is timed.
+/// Number of passes in which each step is timed.
 const PASSES: usize = 5;
 
 fn main() -> ExitCode {
@@ -32,7 +33,7 @@ fn main() -> ExitCode {
         [what, count] if count.parse::<u64>().is_ok() => {
             let count = count.parse().unwrap_or_default();
             let Some(mut step) = step(what) else {
-                eprintln!("{what} is none of {}", all().join(", "));
+                eprintln!("{what} is unknown; choose one of {}", all().join(", "));
                 return ExitCode::from(2);
             };
             for k in 0..count {
@@ -47,15 +48,15 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// What can be stepped: nothing, a command by each method, models of the thesis, the whole pipeline.
+/// All steps: nothing, a command by each method, models of the thesis, the whole pipeline.
 fn all() -> Vec<&'static str> {
     ["nothing"].into_iter().chain(METHODS).chain(PRESETS).chain(PIPELINES).collect()
 }
 
-/// How the current for a force is found.
+/// Methods to find the current for a demanded force.
 const METHODS: [&str; 3] = ["search", "polynomial", "fuzzy"];
 
-/// A road of three sines, and a demand that changes along with it, sometimes beyond what the damper has.
+/// A road of three sines, and a changing demanded force that sometimes exceeds the damper's range.
 fn inputs(k: u64) -> (Inputs, f64) {
     let t = k as f64 / RATE_HZ;
     let [a, b, c] = [9.0, 31.0, 57.0].map(|omega: f64| omega * t);
@@ -72,8 +73,8 @@ fn inputs(k: u64) -> (Inputs, f64) {
     (inputs, wanted * (700.0 * (20.0 * velocity_m_s).tanh() + 1500.0 * velocity_m_s))
 }
 
-/// The step called `what`; `None` for a name that is none.
-#[expect(clippy::expect_used, reason = "presets run; an example may end where they do not")]
+/// The step `what`; `None` for an unknown name.
+#[expect(clippy::expect_used, reason = "presets always run; an example may panic otherwise")]
 fn step(what: &str) -> Option<Box<dyn FnMut(u64)>> {
     if what == "nothing" {
         return Some(Box::new(|k| {
@@ -82,7 +83,8 @@ fn step(what: &str) -> Option<Box<dyn FnMut(u64)>> {
     }
     if let Some(method) = Method::named(what) {
         let model = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
-        let mut commander = Commander::with_method(&model, Limits::default(), method).expect("it has one");
+        let mut commander =
+            Commander::with_method(&model, Limits::default(), method).expect("a model with an inverse");
         return Some(Box::new(move |k| {
             let (inputs, demand_n) = inputs(k);
             black_box(commander.step(&inputs, Demand::Force(demand_n), None));
@@ -105,9 +107,9 @@ fn step(what: &str) -> Option<Box<dyn FnMut(u64)>> {
     }))
 }
 
-/// Prints the spread of single steps.
+/// Prints the distribution of single steps.
 fn times(count: u64) {
-    println!("{count} steps, the least of {PASSES}, ns      median       99 %    99.99 %      worst");
+    println!("{count} steps, minimum of {PASSES}, ns        median       99 %    99.99 %      worst");
     for what in all() {
         let mut ns = vec![u32::MAX; usize::try_from(count).unwrap_or_default()];
         for _ in 0..PASSES {

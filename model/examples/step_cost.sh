@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Instructions that one step takes, by valgrind: the difference between two lengths, over their difference.
+# Counts the instructions of one step with valgrind: the difference between two run lengths, divided by the difference in steps.
 #
-# usage: step_cost.sh [WHAT...]     what: as the example step_cost says; all of them by default
+# usage: step_cost.sh [WHAT...]     WHAT: a step of the example step_cost; default all
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 command -v valgrind >/dev/null || { echo "valgrind is missing: apt-get install valgrind" >&2; exit 1; }
@@ -15,7 +15,7 @@ instructions() { # WHAT COUNT
 
 [ $# -gt 0 ] || mapfile -t all < <("$program" list)
 [ $# -gt 0 ] || set -- "${all[@]}"
-printf 'instructions a step, those of the motion itself (nothing) among them\n'
+printf 'instructions per step, including the motion itself (nothing)\n'
 for what; do
   short=$(instructions "$what" 20000)
   long=$(instructions "$what" 60000)

@@ -1,35 +1,35 @@
-//! Errors of the crate. Each names the field or parameter, the value, and what to do.
+//! Error type of the crate. Each message names the field or parameter and its value, and says what to do.
 
 use thiserror::Error;
 
-/// What can be wrong with a model, a model file, a setting or a run handed to this crate.
+/// Reasons why a model, a model file, a setting or a run cannot be used.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A number lies outside the range in which it means anything.
+    /// A number lies outside its valid range.
     #[error("{name} is {value}, but must be {expected}")]
     OutOfRange {
         /// The parameter or field, with its unit suffix.
         name: String,
-        /// The offending value.
+        /// The invalid value.
         value: f64,
-        /// The range, in words.
+        /// The valid range, in words.
         expected: &'static str,
     },
-    /// Lists that belong together differ in length.
+    /// A list has the wrong number of values.
     #[error("{name} has {found} values, but {expected} are needed")]
     Length {
-        /// The list.
+        /// Name of the list.
         name: String,
-        /// How many values it has.
+        /// Number of values in it.
         found: usize,
-        /// How many it should have, in words.
+        /// Required number of values, in words.
         expected: String,
     },
     /// A model file cannot be read.
     #[error("model file: {message}")]
     ModelFile {
-        /// What is wrong, where (line, key), and what to do.
+        /// The problem, its place (line, key), and what to do.
         message: String,
     },
     /// A `.fis` file cannot be read.
@@ -37,54 +37,55 @@ pub enum Error {
     Fis {
         /// The line, from 1.
         line: usize,
-        /// What is wrong, and what would do.
+        /// The problem, and which values are valid.
         message: String,
     },
     /// A preset name is not known.
-    #[error("there is no preset \"{name}\"; the nearest is \"{nearest}\" (`mr-damper presets` lists all)")]
+    #[error("preset \"{name}\" is not known; the nearest is \"{nearest}\" (`mr-damper presets` lists all)")]
     UnknownPreset {
-        /// The name that was asked for.
+        /// The requested name.
         name: String,
         /// The known name closest to it.
         nearest: String,
     },
-    /// A run lacks a channel that the work needs.
+    /// A run has no recording of a required channel.
     #[error("run {run}: has no {channel}, which {needed_by} needs")]
     MissingChannel {
         /// The run's name.
         run: String,
         /// The missing channel, as its CSV column.
         channel: &'static str,
-        /// Who needs it.
+        /// The model, effect or task that needs the channel.
         needed_by: String,
     },
-    /// A run was driven by the other kind of input than the model wants.
-    #[error("run {run}: is driven by {found}, but the model wants {wanted}")]
+    /// The run's drive (coil current or command voltage) is not the kind that the model was identified on.
+    #[error("run {run}: the drive is {found}, but the model needs {wanted}; use a model of the run's drive")]
     WrongDrive {
         /// The run's name.
         run: String,
-        /// What the run has.
+        /// The kind that the run recorded.
         found: &'static str,
-        /// What the model wants.
+        /// The kind that the model needs.
         wanted: &'static str,
     },
-    /// The caller ended the work before it was done.
-    #[error("cancelled before it was done")]
+    /// The caller cancelled the work before it was done.
+    #[error("the work was cancelled")]
     Cancelled,
-    /// There is too little data, or it does not excite the model.
+    /// There is too little data, or the data does not excite the model.
     #[error("{message}")]
     Data {
-        /// What is missing and what to do.
+        /// The missing data, and what to do.
         message: String,
     },
 }
 
 impl Error {
-    /// A model that feeds on force cannot have a filter behind it.
+    /// The error for `filter.apply_to = "output"` with a model whose input is force: the filter would sit
+    /// inside the feedback loop.
     pub(crate) fn output_filter_on_force_fed(model: &str) -> Self {
         Self::Data {
             message: format!(
-                "the {model} model takes filter.apply_to = inputs or none, not output: its own output is its input"
+                "the {model} model takes filter.apply_to = inputs or none, not output: its input is its own output"
             ),
         }
     }

@@ -1,8 +1,9 @@
-//! How well a model predicts a recorded run: the pipeline is run over it, and its errors are gathered.
+//! Evaluates a model on a recorded run: runs the pipeline over it and accumulates the errors.
 //!
-//! Two figures, never mixed: **free run**, the model on displacement and drive alone, and **one step**, ARX
-//! fed with the measured force of the samples before. One step stands beside **persistence** (the force stays
-//! what it was), because on smooth data even that has a tiny error.
+//! Two figures are reported separately: **simulation** (free run, key `free_run`), in which the model sees
+//! displacement and drive only, and the **one-step-ahead prediction** (key `one_step`), in which an ARX model
+//! also sees the measured force of earlier samples. The prediction is reported together with **persistence**
+//! (the force equals the last measured force), because on smooth data even persistence has a small error.
 
 use crate::effect::Need;
 use crate::error::Error;
@@ -14,54 +15,54 @@ use crate::units::Newton;
 use serde::Serialize;
 use std::collections::VecDeque;
 
-/// What an evaluation found.
+/// Result of an evaluation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evaluation {
-    /// The model running free.
+    /// Error of the simulation.
     pub free_run: Option<Fit>,
-    /// The same after its mean error (the session's force offset) is taken out.
+    /// Error of the simulation after its mean error (the force offset of the session) is removed.
     pub free_run_without_offset: Option<Fit>,
-    /// The mean error that was taken out: measured minus predicted.
+    /// The removed mean error: measured minus predicted.
     pub offset: Newton,
-    /// ARX one step ahead; `None` for models that do not feed on force.
+    /// Error of the ARX one-step-ahead prediction; `None` for models whose input does not include force.
     pub one_step: Option<Fit>,
-    /// Persistence on the samples of `one_step` or `free_run`.
+    /// Error of persistence on the samples of `one_step` or `free_run`.
     pub persistence: Option<Fit>,
-    /// How often the measured force lay within the calibrated 90 % band of its estimate; `None` for a model without one.
+    /// Share of measured forces inside the calibrated 90 % band; `None` for a model without a band.
     pub band: Option<Coverage>,
-    /// Samples of the run that the pipeline refused.
+    /// Number of the run's samples that the pipeline refused.
     pub refused: u64,
 }
 
-/// How often the measured force lay within the band.
+/// How often the measured force was inside the band.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Coverage {
-    /// Share of the samples, 1.
+    /// Share of the samples inside, 1.
     pub share: f64,
-    /// Estimates with a calibrated band whose force was measured.
+    /// Number of estimates that have a calibrated band and a measured force.
     pub samples: u64,
 }
 
-/// Gathers an evaluation from the events of a pipeline, live or replayed.
+/// Accumulates an evaluation from the events of a live or replaying pipeline.
 #[derive(Debug, Clone, Default)]
 pub struct Evaluator {
     free: ErrorSum,
     one_step: ErrorSum,
     persistence: ErrorSum,
     waiting: VecDeque<Estimate>,
-    /// Measured forces within a calibrated band, and all of them.
+    /// Measured forces inside a calibrated band, and all measured forces with one.
     banded: [u64; 2],
     last_measured: Option<(Stamp, f64)>,
     refused: u64,
 }
 
 impl Evaluator {
-    /// Longest step over which persistence counts as one step, s.
+    /// Longest gap over which persistence counts as a one-step prediction, s.
     const STEP_S: f64 = 0.1;
-    /// Estimates that may wait for their measurement.
+    /// Most estimates kept until their measured force arrives.
     const WAITING: usize = 512;
 
-    /// Takes an event. `counts` says whether a residual's stamp counts.
+    /// Processes an event. `counts` says whether a residual with this stamp is included.
     pub fn take(&mut self, event: &Event, counts: impl Fn(Stamp) -> bool) {
         match event {
             Event::Estimate(estimate) => {
@@ -101,13 +102,14 @@ impl Evaluator {
         }
     }
 
-    /// Forgets what waits from a run before, and keeps the figures: the next event is another run's.
+    /// Drops estimates and the last force of the previous run, and keeps the accumulated errors. Call it
+    /// before the first event of another run.
     pub fn new_run(&mut self) {
         self.waiting.clear();
         self.last_measured = None;
     }
 
-    /// What was found so far.
+    /// The evaluation of all events so far.
     #[must_use]
     pub fn finish(&self) -> Evaluation {
         let [inside, samples] = self.banded;
@@ -123,10 +125,10 @@ impl Evaluator {
     }
 }
 
-/// Evaluates `model` on `run`; `counts` says whether a sample's stamp counts.
+/// Evaluates `model` on `run`; `counts` says whether a sample with this stamp is included.
 ///
 /// # Errors
-/// When the run lacks force, or the drive that the model wants, or the settings do not go with the model.
+/// If the run has no force or not the drive that the model needs, or if the settings do not suit the model.
 pub fn evaluate(
     model: Model,
     run: &Run,
@@ -138,10 +140,10 @@ pub fn evaluate(
     Ok(evaluator.finish())
 }
 
-/// The same, adding to what `evaluator` has gathered of other runs.
+/// As [`evaluate`], but adds to the errors that `evaluator` already has from other runs.
 ///
 /// # Errors
-/// Those of [`evaluate`].
+/// As [`evaluate`].
 pub fn evaluate_into(
     evaluator: &mut Evaluator,
     model: Model,
@@ -158,7 +160,7 @@ pub fn evaluate_into(
     Ok(())
 }
 
-/// Checks that `run` has what `model` feeds on, and a force to compare with.
+/// Checks that `run` has the channels that `model` needs, and a measured force.
 pub(crate) fn require_channels(model: &Model, run: &Run) -> Result<(), Error> {
     let missing = |channel, needed_by: &str| Error::MissingChannel {
         run: run.name.clone(),

@@ -1,4 +1,4 @@
-//! MATLAB's `.fis` text of a Sugeno system: reading and writing.
+//! Reads and writes MATLAB's `.fis` text of a Sugeno fuzzy system.
 //!
 //! ```text
 //! [System]                                  [Output1]
@@ -18,13 +18,14 @@
 //! MF2='fast':'gaussmf',[1.5 3]              linear: a slope for each input, the constant; constant
 //! ```
 //!
-//! What a [`Tsk`] cannot be is refused: other shapes, operators, weights or connectives, and rules that are not
-//! each combination of the inputs' sets once. Spaces, blank lines, `%` and `#` comments, either kind of quotes
-//! and commas or blanks between numbers are all fine, and so are rules in any order.
+//! A file that a [`Tsk`] cannot represent is refused: other shapes, operators, weights or connectives, and
+//! rules that do not cover each combination of memberships exactly once. Spaces, blank lines, `%` and `#`
+//! comments, both kinds of quotes, commas or blanks between numbers, and any order of rules are accepted.
 //!
-//! The format knows nothing of units or normalisation: [`Scaling`] carries it beside. Numbers are written with
-//! as many digits as it takes to read the same ones back; MATLAB itself writes 15. Triangles at the ends are
-//! shoulders here and fall to zero in MATLAB: the two differ outside the outermost peaks.
+//! The format has no units and no normalisation, so [`Scaling`] holds them separately. Numbers are written
+//! with as many digits as are needed to read the same number back; MATLAB itself writes 15. The outermost
+//! triangles are shoulders in this crate but fall to zero in MATLAB, so the two differ outside the outermost
+//! peaks.
 
 mod read;
 #[cfg(test)]
@@ -34,7 +35,7 @@ use crate::error::Error;
 use crate::force::{Order, OutputScale, Signal, Tsk, TskInput, TskKind, TskSet};
 use std::fmt::Write;
 
-/// A Sugeno system on a full grid, as a file holds it.
+/// A Sugeno system on a full grid, as stored in a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fis {
     /// Name of the system.
@@ -45,37 +46,37 @@ pub struct Fis {
     pub output_name: String,
     /// Range of the output.
     pub output_range: [f64; 2],
-    /// Form of the conclusions.
+    /// Order of the conclusions.
     pub order: Order,
-    /// The conclusions of one rule after the other, the first input's set varying slowest.
+    /// The conclusions, rule by rule; the set of the first input varies slowest.
     pub conclusions: Vec<f64>,
 }
 
 /// One input of a system.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FisInput {
-    /// Its name.
+    /// Name of the input.
     pub name: String,
-    /// Its range.
+    /// Range of the input.
     pub range: [f64; 2],
-    /// Its memberships.
+    /// Its membership functions.
     pub sets: Vec<TskSet>,
 }
 
-/// What the format does not hold: signals, units, normalisation.
+/// Data that the format does not hold: signals, units and normalisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scaling {
-    /// Signal, mean and standard deviation of each input, in the signal's unit; 0 and 1 when the system takes
-    /// plain SI values.
+    /// Signal, mean and standard deviation of each input, in the signal's unit; mean 0 and deviation 1 when
+    /// the system takes plain SI values.
     pub inputs: Vec<(Signal, f64, f64)>,
-    /// What undoes the normalisation of the output.
+    /// Scale that undoes the normalisation of the output.
     pub output: OutputScale,
     /// Force offset of the session, N.
     pub force_offset_n: f64,
 }
 
 impl Scaling {
-    /// That of a model.
+    /// The scaling of a model.
     #[must_use]
     pub fn of(model: &Tsk) -> Self {
         let one = |input: &TskInput| (input.signal(), input.mean(), input.std_dev());
@@ -88,15 +89,16 @@ impl Scaling {
 }
 
 impl Fis {
-    /// Reads the text of a file.
+    /// Parses the text of a file.
     ///
     /// # Errors
-    /// [`Error::Fis`] with the line, what is wrong there, and what would do.
+    /// [`Error::Fis`] with the line, what is wrong there, and which values are valid.
     pub fn parse(text: &str) -> Result<Self, Error> {
         read::parse(text)
     }
 
-    /// The system of `model`. Ranges are those of the sets' centres; the file has nothing better to go by.
+    /// The system of `model`. The range of an input is the range of its sets' centres, because the model
+    /// stores no other.
     #[must_use]
     pub fn of(model: &Tsk, name: &str) -> Self {
         let input = |input: &TskInput| {
@@ -114,10 +116,10 @@ impl Fis {
         }
     }
 
-    /// The model that this system is with `scaling`.
+    /// The model that this system and `scaling` define.
     ///
     /// # Errors
-    /// [`Error::Length`] when `scaling` has another number of inputs; those of [`TskInput::new`] and
+    /// [`Error::Length`] if `scaling` has a different number of inputs; the errors of [`TskInput::new`] and
     /// [`Tsk::new`].
     pub fn model(&self, kind: TskKind, scaling: &Scaling) -> Result<Tsk, Error> {
         if scaling.inputs.len() != self.inputs.len() {
@@ -136,7 +138,7 @@ impl Fis {
         Tsk::new(kind, &inputs, self.order, &self.conclusions, scaling.output, scaling.force_offset_n)
     }
 
-    /// The text of a file.
+    /// The text of the file.
     #[must_use]
     pub fn to_text(&self) -> String {
         let mut text = String::new();
@@ -183,7 +185,7 @@ impl Fis {
     }
 }
 
-/// The set of each input in a rule, the last input's varying fastest.
+/// The set of each input in a rule; the last input's set varies fastest.
 fn sets_of(rule: usize, counts: &[usize]) -> Vec<usize> {
     let mut rest = rule;
     let mut sets: Vec<usize> = counts
@@ -199,7 +201,7 @@ fn sets_of(rule: usize, counts: &[usize]) -> Vec<usize> {
     sets
 }
 
-/// A name without what would end it in a file.
+/// A name without characters that would end it in a file.
 fn plain(name: &str) -> String {
     name.replace(['\n', '\'', '"'], "_")
 }
@@ -209,7 +211,7 @@ fn range(range: [f64; 2]) -> String {
 }
 
 fn list(numbers: &[f64]) -> String {
-    // The shortest digits that read back as the same number.
+    // The shortest text that reads back as the same number.
     let texts: Vec<String> = numbers.iter().map(|number| format!("{number:?}")).collect();
     format!("[{}]", texts.join(" "))
 }

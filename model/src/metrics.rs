@@ -1,25 +1,30 @@
-//! Error figures (thesis 4.1, 4.2).
+//! Error metrics (thesis 4.1, 4.2).
 //!
 //! ```text
-//! RSSE = sqrt( (1/T) sum (F - Fhat)^2 )              N; a root mean square in spite of its name
-//! ESR  = RSSE^2 / ( (1/T) sum (F - mean F)^2 )       1; error power over force variance
+//! RMSE = sqrt( (1/T) sum (F - Fhat)^2 )              N; the thesis calls it RSSE
+//! NMSE = RMSE^2 / ( (1/T) sum (F - mean F)^2 )       1; error power over force variance; the thesis calls it ESR
 //! ```
+//!
+//! Fields and JSON keys keep the thesis' names: `rsse_n` and `esr`.
+//!
+//! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equations 4.1 and 4.2 of the thesis.
 
 use serde::{Deserialize, Serialize};
 
 /// Error of a prediction over some samples.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
-    /// Root mean squared error, N.
+    /// Root mean squared error (RMSE), N.
     pub rsse_n: f64,
-    /// Error power over force variance, 1. Infinite when the measured force never varied.
+    /// Normalised mean squared error (NMSE): error power over force variance, 1. Infinite when the measured
+    /// force is constant.
     pub esr: f64,
-    /// Samples that count.
+    /// Number of samples used.
     pub samples: u64,
 }
 
-/// Gathers squared error and force variance in one pass (Welford's update, so that a large mean force
-/// does not eat the digits of the variance).
+/// Accumulates squared error and force variance in one pass. Welford's update keeps the variance accurate
+/// when the mean force is large.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ErrorSum {
     count: u64,
@@ -30,8 +35,8 @@ pub struct ErrorSum {
 }
 
 impl ErrorSum {
-    /// Counts one sample: the measured force and its prediction, in newtons. A sample with a number that is
-    /// not finite is left out.
+    /// Adds one sample: the measured force and its prediction, in newtons. A sample with a non-finite error
+    /// is ignored.
     #[inline]
     pub fn add(&mut self, measured_n: f64, predicted_n: f64) {
         let error = measured_n - predicted_n;
@@ -46,7 +51,7 @@ impl ErrorSum {
         self.error += error;
     }
 
-    /// Counts all that `other` has counted.
+    /// Adds all samples of `other`.
     pub fn merge(&mut self, other: &Self) {
         if other.count == 0 {
             return;
@@ -60,19 +65,20 @@ impl ErrorSum {
         self.error += other.error;
     }
 
-    /// Mean of measured minus predicted, N; zero without samples.
+    /// Mean of measured minus predicted force, N; zero without samples.
     #[must_use]
     pub fn mean_error_n(&self) -> f64 {
         if self.count == 0 { 0.0 } else { self.error / self.count as f64 }
     }
 
-    /// The figures, or `None` without samples.
+    /// RMSE and NMSE, or `None` without samples.
     #[must_use]
     pub fn fit(&self) -> Option<Fit> {
         self.fit_with(self.squared_error)
     }
 
-    /// The figures after the mean error (a session's force offset) is taken out, or `None` without samples.
+    /// RMSE and NMSE after the mean error (the force offset of the session) is removed, or `None` without
+    /// samples.
     #[must_use]
     pub fn fit_without_offset(&self) -> Option<Fit> {
         let mean = self.mean_error_n();
@@ -94,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn figures_of_a_hand_computed_case() {
+    fn metrics_match_a_hand_computed_case() {
         let mut sum = ErrorSum::default();
         for (measured, predicted) in [(1.0, 2.0), (3.0, 3.0), (5.0, 3.0), (f64::NAN, 0.0)] {
             sum.add(measured, predicted);
@@ -108,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn merged_sums_are_the_sum_of_all() {
+    fn merging_parts_equals_adding_all_samples() {
         let samples: Vec<(f64, f64)> =
             (0..100).map(|k| (f64::from(k * 37 % 100), f64::from(k * 53 % 90))).collect();
         let of = |samples: &[(f64, f64)]| {
@@ -132,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_large_mean_force_keeps_the_digits() {
+    fn a_large_mean_force_does_not_reduce_accuracy() {
         let mut sum = ErrorSum::default();
         for k in 0..1000 {
             sum.add(1e9 + f64::from(k % 2), 1e9);

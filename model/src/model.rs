@@ -1,4 +1,5 @@
-//! A force model with all that is needed to run it: conditioning, training envelope, expected error.
+//! A force model with everything that is needed to run it: input conditioning, training envelope and expected
+//! error.
 
 use crate::condition::Conditioning;
 use crate::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
@@ -6,20 +7,20 @@ use crate::force::{ForceModel, Inputs};
 use crate::uncertainty::Uncertainty;
 use serde::{Deserialize, Serialize};
 
-/// A model as the pipeline runs it. `Copy`, without heap: it can be swapped in between two samples.
+/// A model as the pipeline runs it. It is `Copy` and uses no heap, so it can be replaced between two samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Model {
     /// The force model.
     pub force: ForceModel,
-    /// Effects around it.
+    /// Effects that are applied to its input or output.
     pub effects: Effects,
-    /// How its inputs are made.
+    /// How its inputs are derived from the samples.
     pub conditioning: Conditioning,
-    /// Sample rate of its training data, Hz (the lowest where there were several).
+    /// Sample rate of its training data, Hz; the lowest one if the runs differ.
     pub rate_hz: f64,
-    /// Range of its training data.
+    /// Ranges of its training data.
     pub envelope: Envelope,
-    /// Error to expect of it.
+    /// Its expected error.
     pub expected: Expected,
 }
 
@@ -30,19 +31,19 @@ impl Model {
         Augmented::unchecked(self.force, self.effects)
     }
 
-    /// Advances a free run by one sample; see [`Augmented::free_run`].
+    /// Advances a simulation (free run) by one sample; see [`Augmented::free_run`].
     #[inline]
     pub fn free_run(&self, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
         self.effects.free_run(&self.force, state, inputs)
     }
 
-    /// True when it can be seeded with measured force; see [`Augmented::feeds_on_force`].
+    /// True when the model can be seeded with measured force; see [`Augmented::feeds_on_force`].
     #[must_use]
     pub const fn feeds_on_force(&self) -> bool {
         self.effects.is_empty() && self.force.force_fed_period().is_some()
     }
 
-    /// Its force at rest, which does no work over a stroke.
+    /// The static force, which does no work over a full stroke.
     pub(crate) fn preload(&self) -> Preload {
         let gas_n_m = |effect: &EffectModel| match (effect.effect(), effect.parameters()) {
             (Effect::GasSpring, [stiffness_n_m]) => *stiffness_n_m,
@@ -55,7 +56,7 @@ impl Model {
     }
 }
 
-/// Force of a damper at rest: what its offset and its gas springs make.
+/// Static force of a damper: the force offset plus the force of the gas springs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Preload {
     offset_n: f64,
@@ -70,7 +71,7 @@ impl Preload {
     }
 }
 
-/// Ranges that a model was trained on; outside them it extrapolates. `None`: not known.
+/// Ranges of a model's training data. The model extrapolates outside them. `None` means unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Envelope {
@@ -78,7 +79,7 @@ pub struct Envelope {
     pub displacement_m: Option<[f64; 2]>,
     /// Conditioned velocity, m/s.
     pub velocity_m_s: Option<[f64; 2]>,
-    /// Drive, in the unit of the model's drive (A or V).
+    /// Drive, in the unit of the model's drive kind (A or V).
     pub drive: Option<[f64; 2]>,
     /// Case temperature, °C.
     pub case_temp_c: Option<[f64; 2]>,
@@ -87,7 +88,8 @@ pub struct Envelope {
 }
 
 impl Envelope {
-    /// True when `value` lies outside `range`, with a tolerance of 5 % of its width; false when unknown.
+    /// True when `value` lies outside `range` by more than 5 % of the range's width; false when the range is
+    /// unknown.
     #[inline]
     #[must_use]
     pub fn leaves(range: Option<[f64; 2]>, value: f64) -> bool {
@@ -97,7 +99,7 @@ impl Envelope {
         })
     }
 
-    /// Widens `range` to hold `value`.
+    /// Widens `range` to include `value`.
     pub fn widen(range: &mut Option<[f64; 2]>, value: f64) {
         if value.is_finite() {
             let [low, high] = range.unwrap_or([value, value]);
@@ -106,16 +108,16 @@ impl Envelope {
     }
 }
 
-/// Root mean squared error that a model showed when it was identified (on held-out runs where there were
-/// any). `None`: not known.
+/// Root mean squared error of a model at identification, on held-out runs if there were any. `None` means
+/// unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expected {
-    /// Running free, N.
+    /// RMSE of the simulation, N.
     pub free_run_rsse_n: Option<f64>,
-    /// One step ahead of measured force, N.
+    /// RMSE of the one-step-ahead prediction, N.
     pub one_step_rsse_n: Option<f64>,
-    /// The same by region, with 90 % bands, calibrated on held-out runs.
+    /// Simulation and prediction error by region, with 90 % bands, calibrated on held-out runs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<Uncertainty>,
 }

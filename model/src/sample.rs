@@ -1,15 +1,15 @@
-//! What enters the crate: stamps, samples of one channel, and recorded runs.
+//! Input data of the crate: stamps, samples of one channel, and recorded runs.
 //!
-//! A damper is observed on several channels (displacement, drive, force, ...), each with its own rate and
-//! its own stamps. A [`Sample`] is one reading of one channel; a [`Run`] is a recording of all of them. The
-//! same samples, in the same order, come from live topics and from a replayed run.
+//! A damper has several channels (displacement, drive, force, ...), each with its own rate and its own
+//! stamps. A [`Sample`] is one reading of one channel; a [`Run`] is a recording of all channels. Live topics
+//! and a replayed run deliver the same samples in the same order.
 
 use crate::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
 use serde::{Deserialize, Serialize};
 
 /// A time stamp in whole nanoseconds since an epoch that the source defines.
 ///
-/// Only differences of stamps enter any computation, so results do not depend on the epoch.
+/// Computations use only differences of stamps, so results do not depend on the epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Stamp(i64);
@@ -21,8 +21,8 @@ impl Stamp {
         Self(nanos)
     }
 
-    /// A stamp from seconds since the epoch, rounded to the nearest nanosecond; `None` when `seconds` is
-    /// not finite or too large for 64 bits of nanoseconds (about 292 years).
+    /// A stamp from seconds since the epoch, rounded to the nearest nanosecond. `None` when `seconds` is not
+    /// finite or does not fit 64-bit nanoseconds (about 292 years).
     #[must_use]
     pub fn from_seconds(seconds: f64) -> Option<Self> {
         let nanos = (seconds * 1e9).round();
@@ -35,23 +35,23 @@ impl Stamp {
         self.0
     }
 
-    /// Time from `earlier` to `self`, in seconds; negative when `self` is the earlier one.
+    /// Time from `earlier` to `self`, in seconds; negative when `self` is earlier.
     #[inline]
     #[must_use]
     pub fn since(self, earlier: Self) -> Second {
         Second(self.0.wrapping_sub(earlier.0) as f64 * 1e-9)
     }
 
-    /// This stamp moved by whole nanoseconds, saturating at the ends of the range.
+    /// This stamp plus `nanos` nanoseconds, saturating at the ends of the range.
     #[must_use]
     pub const fn shifted(self, nanos: i64) -> Self {
         Self(self.0.saturating_add(nanos))
     }
 }
 
-/// What drives the damper's coil, as recorded: a measured (or commanded) current, or a command voltage.
+/// The recorded input of the damper's coil: a measured (or commanded) current, or a command voltage.
 ///
-/// The two are different inputs: a model identified on one refuses the other.
+/// A model that was identified on one kind refuses the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DriveKind {
     /// Coil current in amperes (`current_a`).
@@ -72,7 +72,7 @@ impl DriveKind {
         }
     }
 
-    /// The suffix of names in its unit: `a` or `v`.
+    /// The unit suffix of names: `a` or `v`.
     #[must_use]
     pub const fn unit_suffix(self) -> &'static str {
         match self {
@@ -98,7 +98,7 @@ pub enum Drive {
 }
 
 impl Drive {
-    /// Which kind of drive this is.
+    /// The kind of this drive.
     #[must_use]
     pub const fn kind(self) -> DriveKind {
         match self {
@@ -107,7 +107,7 @@ impl Drive {
         }
     }
 
-    /// The number, in the unit of its kind.
+    /// The number in the unit of its kind.
     #[must_use]
     pub const fn get(self) -> f64 {
         match self {
@@ -126,12 +126,12 @@ impl Drive {
     }
 }
 
-/// The reading that a sample carries.
+/// The value that a sample carries.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reading {
     /// Damper displacement, positive in extension.
     Displacement(Metre),
-    /// Measured damper velocity, positive in extension; used by models that ask for it.
+    /// Measured damper velocity, positive in extension; only models with measured velocity use it.
     Velocity(MetrePerSecond),
     /// Coil current or command voltage.
     Drive(Drive),
@@ -141,12 +141,12 @@ pub enum Reading {
     CaseTemperature(Celsius),
     /// Velocity of the body above the damper, positive upwards.
     BodyVelocity(MetrePerSecond),
-    /// Force that is asked for, positive in tension.
+    /// Demanded force, positive in tension.
     ForceRequest(Newton),
 }
 
 impl Reading {
-    /// The channel that this reading belongs to.
+    /// The channel of this reading.
     #[must_use]
     pub const fn channel(self) -> Channel {
         match self {
@@ -160,7 +160,7 @@ impl Reading {
         }
     }
 
-    /// The plain number in SI units.
+    /// The number in SI units.
     #[must_use]
     pub const fn get(self) -> f64 {
         match self {
@@ -173,8 +173,8 @@ impl Reading {
     }
 }
 
-/// The channels, in the order in which samples of one stamp are fed to the pipeline: displacement comes
-/// last, because it causes the estimate and all else of its stamp must be there by then.
+/// The channels, in the order in which samples with equal stamps enter the pipeline. Displacement is last: it
+/// triggers the estimate, which needs the other readings of that stamp.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Channel {
     /// Case temperature.
@@ -187,14 +187,14 @@ pub enum Channel {
     Force,
     /// Velocity of the body.
     BodyVelocity,
-    /// Force that is asked for.
+    /// Demanded force.
     ForceRequest,
     /// Displacement.
     Displacement,
 }
 
 impl Channel {
-    /// All channels, in feeding order.
+    /// All channels, in the order of processing.
     pub const ALL: [Self; 7] = [
         Self::CaseTemperature,
         Self::Drive,
@@ -205,7 +205,7 @@ impl Channel {
         Self::Displacement,
     ];
 
-    /// The channel's name, as in topics and messages.
+    /// The channel's name in topics and messages.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -225,8 +225,8 @@ impl Channel {
 pub struct Sample {
     /// When the reading was taken, by the source's stamp.
     pub stamp: Stamp,
-    /// When it reached us, on the clock that the stamps are compared with. For a recorded run without
-    /// arrival times it equals `stamp`.
+    /// When the reading arrived, on the same clock as the stamps. Equal to `stamp` for a recorded run without
+    /// arrival times.
     pub received: Stamp,
     /// The reading.
     pub reading: Reading,
@@ -248,13 +248,13 @@ impl Trace {
         self.stamps.len()
     }
 
-    /// True when there are no samples.
+    /// True when the trace has no samples.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.stamps.is_empty()
     }
 
-    /// The samples from `from` on and before `to`.
+    /// The samples from `from` (included) to `to` (excluded).
     #[must_use]
     pub fn between(&self, from: Stamp, to: Stamp) -> Self {
         let at = |limit: Stamp| self.stamps.partition_point(|stamp| *stamp < limit);
@@ -262,21 +262,21 @@ impl Trace {
         Self { stamps: self.stamps[range.clone()].to_vec(), values: self.values[range].to_vec() }
     }
 
-    /// Mean rate over the trace, in hertz; `None` with fewer than two samples.
+    /// Mean sample rate of the trace, in hertz; `None` with fewer than two samples.
     #[must_use]
     pub fn mean_rate_hz(&self) -> Option<f64> {
         let span_ns = self.stamps.last()?.nanos().saturating_sub(self.stamps.first()?.nanos());
-        // In whole nanoseconds, so that 200 Hz is 200.0.
+        // Computed in whole nanoseconds, so that 200 Hz is exactly 200.0.
         (span_ns > 0).then(|| (self.len() - 1) as f64 * 1e9 / span_ns as f64)
     }
 }
 
-/// A recorded run: what was measured, channel by channel.
+/// A recorded run: the measurements of each channel.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Run {
-    /// Where the run came from, for messages and provenance (a path, or a name of its own).
+    /// Source of the run for messages and provenance: a path or a name.
     pub name: String,
-    /// Damper displacement in metres; the channel that every run has.
+    /// Damper displacement in metres. Every run has this channel.
     pub displacement_m: Trace,
     /// Measured velocity in m/s.
     pub velocity_m_s: Option<Trace>,
@@ -288,10 +288,10 @@ pub struct Run {
     pub case_temp_c: Option<Trace>,
     /// Velocity of the body above the damper in m/s.
     pub body_velocity_m_s: Option<Trace>,
-    /// Force that was asked for in newtons.
+    /// Demanded force in newtons.
     pub force_request_n: Option<Trace>,
-    /// Columns that the pipeline does not use (ambient temperature, set point, unknown ones), by name with
-    /// their unit suffix, carried through conversions.
+    /// Columns that the pipeline does not use (ambient temperature, set point, unknown columns), by name with
+    /// unit suffix. Conversions keep them.
     pub other: Vec<(String, Trace)>,
 }
 
@@ -302,7 +302,7 @@ impl Run {
         self.drive.as_ref().map(|(kind, _)| *kind)
     }
 
-    /// Length of the displacement channel, in seconds.
+    /// Duration of the displacement channel, in seconds.
     #[must_use]
     pub fn duration(&self) -> Second {
         match (self.displacement_m.stamps.first(), self.displacement_m.stamps.last()) {
@@ -311,7 +311,7 @@ impl Run {
         }
     }
 
-    /// The part of the run from `from` on and before `to`, every channel of it.
+    /// The part of the run from `from` (included) to `to` (excluded), in every channel.
     #[must_use]
     pub fn between(&self, from: Stamp, to: Stamp) -> Self {
         let cut = |trace: &Trace| trace.between(from, to);
@@ -328,7 +328,7 @@ impl Run {
         }
     }
 
-    /// All samples in the order in which the pipeline takes them: by stamp, and within one stamp in the
+    /// All samples in the order in which the pipeline processes them: by stamp, and for equal stamps in the
     /// order of [`Channel::ALL`].
     pub fn samples<'a>(&'a self) -> impl Iterator<Item = Sample> + 'a {
         let mut cursors: Vec<Cursor<'a>> = Vec::with_capacity(Channel::ALL.len());
@@ -353,7 +353,7 @@ impl Run {
         add(self.force_request_n.as_ref(), |f| Reading::ForceRequest(Newton(f)));
         add(Some(&self.displacement_m), |x| Reading::Displacement(Metre(x)));
         std::iter::from_fn(move || {
-            // The first of the cursors with the least stamp: ties resolve in feeding order.
+            // The first cursor with the smallest stamp; equal stamps keep the order of `Channel::ALL`.
             let next = cursors
                 .iter_mut()
                 .filter(|cursor| !cursor.stamps.is_empty())
@@ -363,7 +363,7 @@ impl Run {
     }
 }
 
-/// A position in one trace, while traces are merged.
+/// A position in one trace during the merge.
 struct Cursor<'a> {
     make: fn(f64) -> Reading,
     stamps: &'a [Stamp],

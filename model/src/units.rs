@@ -1,8 +1,8 @@
-//! SI unit types for the borders of the crate.
+//! SI unit types for the crate's public interface.
 //!
-//! Kernels compute on plain `f64` in SI; whatever enters or leaves a public interface carries its unit in
-//! its type, so that a newton is never read as a pound. Each type is one `f64` and costs nothing.
-//! Constants convert the thesis' printed US units.
+//! Kernels compute on plain `f64` values in SI units. Values that cross a public interface have a type that
+//! names their unit, so that a newton is never read as a pound-force. Each type wraps one `f64` and has no
+//! run-time cost. Constants convert the US units that the thesis prints.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! The residual alarm as the pipeline's users see it: raised, over, and what ends it at once.
+//! The residual alarm from the user's view: when it is raised, when it ends, and what ends it at once.
 
 mod common;
 
@@ -10,10 +10,10 @@ use mr_damper_model::preset::BEST_FUZZY_TANH;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use std::fmt::Write;
 
-/// Samples of a second.
+/// Samples per second.
 const SECOND: i64 = 512;
 
-/// A bench on which the measured force is the model's own, plus `bias` times the RSSE that is expected of it.
+/// A [`Bench`] on which the measured force is the model's simulation plus `bias` times its expected RMSE.
 fn biased(bias: f64, seconds: i64) -> Bench {
     let expected_n = preset(BEST_FUZZY_TANH).expected.free_run_rsse_n.expect("the preset states one");
     let mut bench = Bench::new(Settings::default());
@@ -21,7 +21,7 @@ fn biased(bias: f64, seconds: i64) -> Bench {
     bench
 }
 
-/// Changes of the alarm, a line each.
+/// Changes of the alarm, one per line.
 fn changes(bench: &Bench) -> String {
     let line = |event: &Event| match event {
         Event::Alarm(a) => {
@@ -33,13 +33,13 @@ fn changes(bench: &Bench) -> String {
     bench.events.iter().filter_map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// Residuals say of the alarm what its last change said.
+/// Checks that the alarm flag of each residual matches the last change of the alarm.
 fn assert_residuals_follow(bench: &Bench) {
     let mut raised = false;
     for event in &bench.events {
         match event {
             Event::Alarm(change) => {
-                assert_ne!(change.raised, raised, "only changes are told");
+                assert_ne!(change.raised, raised, "only changes are reported");
                 raised = change.raised;
             }
             Event::Residual(residual) => assert_eq!(residual.alarm, raised, "{residual:?}"),
@@ -57,12 +57,12 @@ fn a_model_that_is_as_good_as_expected_raises_no_alarm() {
 }
 
 #[test]
-fn the_alarm_rises_when_the_model_is_off_and_falls_when_it_is_right_again() {
+fn the_alarm_is_raised_when_the_model_is_wrong_and_ends_when_it_is_right_again() {
     let mut bench = biased(3.0, 20);
     bench.run(0..20 * SECOND, |_| true);
     let mut right = biased(0.5, 40);
     right.run(0..20 * SECOND, |_| true);
-    // The first bench goes on with what the second one measures.
+    // The first bench continues with the measured force of the second.
     std::mem::swap(&mut bench.measured_n, &mut right.measured_n);
     bench.run(20 * SECOND..40 * SECOND, |_| true);
     insta::assert_snapshot!(changes(&bench), @"
@@ -73,11 +73,11 @@ fn the_alarm_rises_when_the_model_is_off_and_falls_when_it_is_right_again() {
 }
 
 #[test]
-fn a_swap_a_reset_and_a_gap_end_it_at_once() {
+fn a_swap_a_reset_and_a_gap_end_the_alarm_at_once() {
     let mut bench = biased(3.0, 60);
     let models = Models::alone(preset(BEST_FUZZY_TANH));
     bench.run(0..12 * SECOND, |_| true);
-    bench.take(models, Settings::default()).expect("a preset goes with the settings");
+    bench.take(models, Settings::default()).expect("a preset fits the settings");
     bench.run(12 * SECOND..24 * SECOND, |_| true);
     let events = &mut bench.events;
     bench.pipeline.reset(&mut |event| events.push(event));
@@ -96,7 +96,7 @@ fn a_swap_a_reset_and_a_gap_end_it_at_once() {
 }
 
 #[test]
-fn without_an_expected_rsse_there_is_no_alarm() {
+fn without_an_expected_rmse_no_alarm_is_raised() {
     let mut model: Model = preset(BEST_FUZZY_TANH);
     model.expected.free_run_rsse_n = None;
     let mut bench = biased(100.0, 30);
@@ -106,12 +106,12 @@ fn without_an_expected_rsse_there_is_no_alarm() {
     assert_eq!(changes(&bench), "");
 }
 
-/// The assumption, tried where it matters: a model that was identified on one run of an experiment, running on other
-/// replicates of it. The residual is coloured and follows motion and current. Where both vary freely, as in the runs that the
-/// expected RSSE is taken from, that is no fault. RP3-CS holds each current for half a minute, and the model is off by more
-/// than on average at some: that is a stretch in which the assumption fails, and a factor of 2 allows for it.
+/// Tests the assumption of the alarm with a model identified on one run of an experiment and run on other replicates of it. The residual
+/// is coloured and depends on motion and current. If both vary freely, as in the runs that give the expected RMSE, no alarm may be
+/// raised. RP3-CS holds each current for half a minute, and at some currents the model error is above its average. There the assumption
+/// fails, and a factor of 2 allows for it.
 #[test]
-fn other_runs_of_the_experiment_that_a_model_was_identified_on_raise_no_alarm() {
+fn other_replicates_of_the_training_experiment_raise_no_alarm() {
     let mut table = String::new();
     for (name, ratio, runs, allowed) in [
         ("RP-ICPS", 1.5, 5, 0),
@@ -140,7 +140,7 @@ fn other_runs_of_the_experiment_that_a_model_was_identified_on_raise_no_alarm() 
                 });
             }
         }
-        writeln!(table, "{name}, factor {ratio}: {raised} alarms in {seconds:.0} s, windowed RSSE at most {worst:.2} of the expected")
+        writeln!(table, "{name}, factor {ratio}: {raised} alarms in {seconds:.0} s, windowed RMSE at most {worst:.2} times the expected RMSE")
             .expect("a text");
         assert!(raised <= allowed, "{table}");
     }

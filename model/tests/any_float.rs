@@ -1,5 +1,5 @@
-//! Whatever bits a sensor, a clock or somebody who asks for a force sends: each number that comes out of the pipeline is finite, or one
-//! that is documented as unknown, and no force beyond what the damper was ever seen to give is called valid.
+//! The pipeline with arbitrary bits from sensors, clocks and force requests. Each number that it gives is finite, or NaN where that is
+//! documented as unknown. A force far beyond the range of the training data is never VALID.
 
 mod common;
 #[path = "../benches/middle/mod.rs"]
@@ -18,10 +18,10 @@ use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton};
 use proptest::prelude::*;
 
-/// A force that is valid lies within the largest one that its model was identified on, times this.
+/// A VALID force is at most this factor times the largest force that its model was identified on.
 const WITHIN: f64 = 4.0;
 
-/// A law over seven sets.
+/// A force law over seven fuzzy sets.
 fn law(law: Law) -> ForceModel {
     let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.2 };
     let sets = FuzzySets::new(membership, &[0.0, 0.4, 0.8, 1.2, 1.6, 2.1, 2.5]).expect("centres increase");
@@ -30,7 +30,7 @@ fn law(law: Law) -> ForceModel {
     ForceModel::Law(LawModel::new(law, dependence, &parameters, 0.0).expect("as many as it takes"))
 }
 
-/// Each preset that runs, each law, and each effect around a preset.
+/// Each preset that loads, each force law, and each effect around a preset.
 fn subjects() -> Vec<(String, Model)> {
     let base = preset(BEST_FUZZY_TANH);
     let of_thesis = presets::names().into_iter().filter_map(|name| Some((presets::load(&name).ok()?, name)));
@@ -42,7 +42,7 @@ fn subjects() -> Vec<(String, Model)> {
     of_thesis.chain(laws).chain(effects).map(|(model, name)| (name, model)).collect()
 }
 
-/// What a sensor sends: mostly what it might see, at times any bits at all.
+/// A sensor value: mostly plausible, sometimes arbitrary bits.
 fn number(scale: f64) -> impl Strategy<Value = f64> {
     prop_oneof![
         6 => (-1.0..1.0_f64).prop_map(move |share| scale * share),
@@ -53,7 +53,7 @@ fn number(scale: f64) -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Time since the sample before, ns: a sensor's, a pause, a jump either way.
+/// Time since the sample before, ns: a normal period, zero, or a jump in either direction.
 fn pause_ns() -> impl Strategy<Value = i64> {
     prop_oneof![
         20 => 100_000..4_000_000_i64,
@@ -90,7 +90,7 @@ fn settings() -> impl Strategy<Value = Settings> {
     })
 }
 
-/// A number, or unknown.
+/// True for a finite number, or NaN for unknown.
 fn is_known_or_unknown(number: f64) -> bool {
     !number.is_infinite()
 }
@@ -150,7 +150,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(if std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1") { 20_000 } else { 400 }))]
 
     #[test]
-    fn what_comes_out_is_a_number_or_says_that_it_is_none(
+    fn every_output_is_finite_or_documented_as_unknown(
         subject in any::<prop::sample::Index>(),
         velocity in prop::sample::select(vec![VelocitySource::Backward, VelocitySource::ThreePoint, VelocitySource::Slope, VelocitySource::Measured]),
         apply_to in prop::sample::select(vec![ApplyTo::Inputs, ApplyTo::Output]),
@@ -168,7 +168,7 @@ proptest! {
         if seeded {
             models = models.with_seeded(preset(BEST_ARX)).unwrap_or(models);
         }
-        // Not every law of command has an inverse of every model.
+        // Not every control law works with every model, because not every model has an inverse.
         let Ok(mut pipeline) = Pipeline::new(models, settings).or_else(|_| Pipeline::new(models, Settings::default())) else {
             return Err(TestCaseError::reject("these models do not run together"));
         };
@@ -179,7 +179,7 @@ proptest! {
         let mut at = Stamp::from_nanos(1_700_000_000_000_000_000);
         for (pause_ns, reading) in sent {
             let stamp = at.shifted(pause_ns);
-            // A jump of the clock is one sample's; the next ones go on from where it was, or from there.
+            // A large jump of the clock affects one sample only; after a small one time continues from there.
             if pause_ns.unsigned_abs() < 3_000_000_000 {
                 at = stamp;
             }

@@ -1,4 +1,4 @@
-//! The cases on which the diagnosis is tried: that they hold what they say, and that rates are counted right.
+//! The cases for testing the diagnosis: their contents, a few diagnoses, and the counting of rates.
 
 mod closing;
 
@@ -17,7 +17,7 @@ fn force(run: &Run) -> &[f64] {
 }
 
 #[test]
-fn every_effect_of_the_library_is_there_at_three_physical_sizes() {
+fn the_catalogue_has_every_effect_of_the_library_at_three_physical_sizes() {
     let put_in: HashSet<_> = SIZES.iter().filter_map(|(id, _)| library_id(id)).collect();
     assert_eq!(put_in, Effect::ALL.into_iter().map(Effect::id).collect());
     assert!(OUTSIDE.iter().all(|(id, _)| library_id(id).is_none()));
@@ -34,14 +34,14 @@ fn every_effect_of_the_library_is_there_at_three_physical_sizes() {
                 .find(|e| Some(e.id()) == library_id(id) && (form.is_none() || e.form() == form));
             let parameter = effect.expect("in the library").parameters()[0];
             let [low, high] = parameter.range;
-            // Ranges relative to the data are not known here.
+            // Ranges relative to the data are not checked here.
             assert!(parameter.scale != Scale::ONE || (low..=high).contains(&size), "{id} {size}");
         }
     }
 }
 
 #[test]
-fn runs_of_a_case_are_strangers_and_the_reference_is_the_test_but_for_effect_and_noise() -> Result<(), Error>
+fn runs_of_a_case_differ_and_the_reference_differs_from_the_test_run_by_effect_and_noise() -> Result<(), Error>
 {
     let case = plan("paired friction x1").case(3)?;
     let Case { estimate, confirm, test, reference, .. } = &case;
@@ -55,7 +55,7 @@ fn runs_of_a_case_are_strangers_and_the_reference_is_the_test_but_for_effect_and
     let reference = &reference[2];
     let off = apart(&test[0], reference);
     assert!(off > 1e-6 && off < 4e-5, "{off} m");
-    // 80 N of friction, and 3 N of noise twice.
+    // The difference is 80 N of friction and the 3 N of noise of both runs.
     let change = force(&test[0]).iter().zip(force(reference)).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
     let rms = (change / 15_360.0).sqrt();
     assert!((60.0..82.0).contains(&rms), "{rms} N");
@@ -67,7 +67,7 @@ fn runs_of_a_case_are_strangers_and_the_reference_is_the_test_but_for_effect_and
 }
 
 #[test]
-fn every_effect_changes_the_force_and_more_of_it_changes_it_more() -> Result<(), Error> {
+fn every_effect_changes_the_force_and_a_larger_one_changes_it_more() -> Result<(), Error> {
     assert_eq!(plan("null").change(0)?, 0.0);
     for (id, _) in SIZES {
         let half = plan(&format!("single {id} x0.5")).change(0)?;
@@ -82,9 +82,9 @@ fn every_effect_changes_the_force_and_more_of_it_changes_it_more() -> Result<(),
     Ok(())
 }
 
-/// A small share of what `examples/closing_rates.rs` counts over hundreds of seeds.
+/// A few of the cases that `examples/closing_rates.rs` counts over hundreds of seeds.
 #[test]
-fn effects_are_named_where_they_are_and_nowhere_else() -> Result<(), Error> {
+fn only_effects_that_are_present_are_named() -> Result<(), Error> {
     for name in ["null", "wrong base null", "outside force_loss x1", "paired null"] {
         let outcome = judge(&plan(name).case(1)?, Bench::Displacement)?;
         assert!(outcome.named.is_empty(), "{name}: {outcome:?}");
@@ -101,7 +101,7 @@ fn effects_are_named_where_they_are_and_nowhere_else() -> Result<(), Error> {
         assert!(outcome.removed.is_some_and(|share| share > 0.9), "{name}: {outcome:?}");
         assert_eq!(outcome.verdict, Verdict::Explained, "{name}");
     }
-    // What is next to nothing beside the misfit of difference quotients: a tenth of a newton a second.
+    // A drift of 0.1 N/s, which is negligible next to the misfit of a finite-difference velocity.
     let outcome = judge(&plan("single load_cell_drift x0.5").case(1)?, Bench::Velocity)?;
     assert_eq!(
         outcome.named.iter().map(|named| named.ids[0].as_str()).collect::<Vec<_>>(),
@@ -112,7 +112,7 @@ fn effects_are_named_where_they_are_and_nowhere_else() -> Result<(), Error> {
 }
 
 #[test]
-fn wilson_s_intervals_are_those_of_the_tables() {
+fn wilson_intervals_match_published_tables() {
     let near = |hits, of, wanted: [f64; 2]| {
         let found = Rate { hits, of }.interval();
         assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 5e-4), "{hits}/{of}: {found:?}");
@@ -124,7 +124,7 @@ fn wilson_s_intervals_are_those_of_the_tables() {
 }
 
 #[test]
-fn names_are_right_when_they_hold_the_truth_and_wrong_when_they_hold_none_of_it() {
+fn a_named_class_is_right_if_it_contains_a_true_effect_and_wrong_otherwise() {
     let named = |ids: &[&str], value| Named {
         ids: ids.iter().map(|id| (*id).to_owned()).collect(),
         form: None,

@@ -1,4 +1,4 @@
-//! What a closing refuses or cannot say, and that it says the same on any number of threads.
+//! Inputs that the diagnosis rejects, effects that it cannot test, and independence of the number of threads.
 
 mod closing;
 
@@ -12,12 +12,12 @@ use mr_damper_model::sample::{Run, Stamp};
 use std::sync::LazyLock;
 
 fn rows(run: &Run) -> Dataset {
-    Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default()).expect("a run of the rig makes rows")
+    Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default()).expect("rows of a rig run")
 }
 
-/// Estimate, confirm and sealed run of a damper whose coil lags, and a base that does not know.
+/// Training, validation and test run of a damper with a coil lag, and a base without it.
 static LAGGING: LazyLock<([Run; 3], Model)> = LazyLock::new(|| {
-    let case = plan("single coil_lag x1").case(5).expect("the rig makes it");
+    let case = plan("single coil_lag x1").case(5).expect("a case");
     let runs = [case.estimate[0].clone(), case.confirm[0].clone(), case.test[0].clone()];
     let options =
         Options { conditioning: CONDITIONING, choose_velocity: false, restarts: 3, ..Options::default() };
@@ -35,14 +35,14 @@ fn message(result: Result<Closing, Error>) -> String {
 }
 
 #[test]
-fn runs_that_cannot_give_an_honest_answer_are_refused() {
+fn missing_repeated_short_and_differently_conditioned_runs_are_rejected() {
     let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
     let one = std::slice::from_ref;
     let none = message(closed(one(&estimate), &[], one(&test)));
-    assert!(none.contains("no confirm run"), "{none}");
+    assert!(none.contains("no validation run"), "{none}");
     let none = message(closed(&[], one(&confirm), one(&test)));
-    assert!(none.contains("no estimate runs"), "{none}");
-    // By content: another name does not make another run.
+    assert!(none.contains("no training runs"), "{none}");
+    // Runs are compared by content: another name does not make another run.
     let twin = Dataset { name: "another name".to_owned(), ..estimate.clone() };
     for (confirm, test) in [(&twin, &test), (&confirm, &twin)] {
         let twice = message(closed(one(&estimate), one(confirm), one(test)));
@@ -53,11 +53,11 @@ fn runs_that_cannot_give_an_honest_answer_are_refused() {
     assert!(short.contains("3 blocks of 3 s") && short.contains("18 s of motion"), "{short}");
     let otherwise = Dataset::from_run(&LAGGING.0[1], &Default::default(), &DatasetOptions::default());
     let otherwise = message(closed(one(&estimate), one(&otherwise.expect("rows")), one(&test)));
-    assert!(otherwise.contains("conditioned unlike the base"), "{otherwise}");
+    assert!(otherwise.contains("not conditioned as the base model"), "{otherwise}");
 }
 
 #[test]
-fn a_channel_that_is_missing_makes_an_effect_untestable_and_never_absent() -> Result<(), Error> {
+fn a_missing_channel_makes_an_effect_untestable_but_not_rejected() -> Result<(), Error> {
     let mut runs = LAGGING.0.clone();
     runs[1].case_temp_c = None;
     let [estimate, confirm, test] = runs.each_ref().map(rows);
@@ -76,18 +76,18 @@ fn near(found: f64, expected: f64) {
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing_and_figures_hang_together() {
+fn the_result_does_not_depend_on_the_number_of_threads_and_its_figures_are_consistent() {
     let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
     let one = std::slice::from_ref;
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         pool.install(|| closed(one(&estimate), one(&confirm), one(&test)))
     };
-    let (alone, together) = (on(1).expect("a closing"), on(3).expect("a closing"));
+    let (alone, together) = (on(1).expect("a diagnosis"), on(3).expect("a diagnosis"));
     assert_eq!(alone, together);
     assert!(together.test.is_some_and(|test| test.ratio < 0.1 && test.ratio_ci95[1] < 0.2));
 
-    // The figures hang together: shares are of what noise leaves to explain.
+    // The figures are consistent: shares refer to the error above the noise floor.
     let (floor, test) = (alone.noise_floor, alone.test.expect("sealed"));
     let forces: Vec<f64> = estimate.rows.iter().filter(|row| row.counts).map(|row| row.force_n).collect();
     let mean = forces.iter().sum::<f64>() / forces.len() as f64;
@@ -100,12 +100,12 @@ fn the_number_of_threads_changes_nothing_and_figures_hang_together() {
     );
     near(test.ratio, test.after.esr / test.before.esr);
     assert!(test.ratio_ci95[0] < test.ratio && test.ratio < test.ratio_ci95[1]);
-    assert!(test.removed > Some(1.0 - test.ratio), "there is some noise");
+    assert!(test.removed > Some(1.0 - test.ratio), "the noise floor is above zero");
 }
 
-/// Two healthy runs of one pattern: what tells them apart is the noise that the third differences of one of them tell, too.
+/// Two healthy runs of one pattern differ by the noise that the third differences of a single run also measure.
 #[test]
-fn replicates_and_a_single_run_tell_one_noise() -> Result<(), Error> {
+fn noise_from_replicates_and_from_a_single_run_agree() -> Result<(), Error> {
     let case = plan("paired null").case(2)?;
     let [estimate, confirm, _] = LAGGING.0.each_ref().map(|run| [rows(run)]);
     let replicates = [rows(&case.test[0]), rows(&case.reference[2])];
@@ -120,10 +120,10 @@ fn replicates_and_a_single_run_tell_one_noise() -> Result<(), Error> {
     assert!((0.8..1.5).contains(&ratio), "{told:?} {guessed:?}");
     let declared = floor(&[], Some(7.0))?;
     assert_eq!((declared.source, declared.rsse_n), (FloorSource::Declared, 7.0));
-    // Runs that do not move alike are no replicates, nor is one alone.
+    // Runs with different displacements are rejected as replicates, and so is a single run.
     let strangers = floor(&[replicates[0].clone(), confirm[0].clone()], None);
-    assert!(strangers.is_err_and(|why| why.to_string().contains("do not move alike")));
+    assert!(strangers.is_err_and(|why| why.to_string().contains("differ by more than 10 %")));
     let alone = floor(&replicates[..1], None);
-    assert!(alone.is_err_and(|why| why.to_string().contains("one run has no replicate")));
+    assert!(alone.is_err_and(|why| why.to_string().contains("one run alone is not a set of replicates")));
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Current commands of the pipeline: laws, requests that go stale, silence, changes while it runs. And the observer.
+//! Current commands of the pipeline: control laws, stale requests, silence, changes while it runs; and the observer.
 
 mod common;
 
@@ -14,7 +14,7 @@ fn fuzzy_tanh() -> Models {
     Models::alone(preset(BEST_FUZZY_TANH))
 }
 
-/// A damper that is asked for things.
+/// A pipeline with the commands that it gave.
 struct Asked {
     pipeline: Pipeline,
     commands: Vec<Commanded>,
@@ -34,7 +34,7 @@ impl Asked {
         });
     }
 
-    /// Feeds motion without measured force; `ask` makes a reading of each sample's stamp.
+    /// Feeds motion without measured force, and the reading of `ask` with each sample's stamp.
     fn run(&mut self, range: Range<i64>, ask: impl Fn(i64) -> Option<Reading>) -> &mut Self {
         for k in range {
             let [drive, _, displacement] = samples(k, 0);
@@ -64,18 +64,18 @@ impl Asked {
     }
 }
 
-/// A force along the motion, which the thesis' damper has.
+/// A request for a force along the motion that the thesis' damper can give.
 fn wanted(k: i64) -> Option<Reading> {
     Some(Reading::ForceRequest(Newton(0.9 * force_n(k))))
 }
 
 #[test]
-fn nothing_is_commanded_unasked_and_everything_after_it() {
+fn commands_start_with_the_first_request() {
     let mut damper = Asked::new(fuzzy_tanh(), Settings::default());
     damper.run(0..100, |_| None);
     assert!(damper.commands.is_empty());
     damper.run(100..600, wanted);
-    assert_eq!(damper.commands.len(), 500, "one a displacement");
+    assert_eq!(damper.commands.len(), 500, "one per displacement");
     let stamps: Vec<_> = (100..600).map(|k| samples(k, 0)[2].stamp).collect();
     assert_eq!(damper.commands.iter().map(|c| c.stamp).collect::<Vec<_>>(), stamps);
     let met = damper.commands.iter().filter(|c| c.command.limited_by == LimitedBy::None).count();
@@ -86,11 +86,11 @@ fn nothing_is_commanded_unasked_and_everything_after_it() {
 }
 
 #[test]
-fn a_request_that_stops_or_is_no_number_ends_in_the_safe_current() {
+fn a_request_that_stops_or_is_not_finite_leads_to_the_safe_current() {
     let limits = Limits { safe_a: 0.3, safe_after_s: 0.2, ..Limits::default() };
     let settings = Settings { limits, request_timeout_s: 0.05, ..Settings::default() };
     let hard = |_| Some(Reading::ForceRequest(Newton(5000.0)));
-    // 0.05 s later nobody asks any more, and 0.2 s after that the current is safe.
+    // The request times out after 0.05 s; 0.2 s later the current is the safe one.
     let mut damper = Asked::new(fuzzy_tanh(), settings);
     damper.run(0..300, hard).run(300..460, |_| None);
     let says = |k: usize| damper.commands[k].command.limited_by;
@@ -99,16 +99,16 @@ fn a_request_that_stops_or_is_no_number_ends_in_the_safe_current() {
     let falling = &currents_a[326..];
     assert!(falling.windows(2).all(|pair| pair[1] <= pair[0]) && falling[0] > 2.0, "{falling:?}");
     assert!(currents_a[400] > 0.3 && currents_a[430] == 0.3, "{falling:?}");
-    // NaN is no request, at once.
+    // NaN ends the request at once.
     let mut damper = Asked::new(fuzzy_tanh(), settings);
     damper.run(0..300, hard).run(300..302, |_| Some(Reading::ForceRequest(Newton(f64::NAN))));
     assert_eq!(damper.last().command.limited_by, LimitedBy::Safe);
     assert!(damper.last().command.requested.get().is_nan());
 }
 
-/// Ticks tell what becomes of the current, and leave no trace: the next displacement finds the same without them.
+/// Ticks report the current during silence and do not change the state: the commands after them are the same without ticks.
 #[test]
-fn silence_lets_the_current_go_to_the_safe_one() {
+fn during_silence_the_current_moves_to_the_safe_one() {
     let settings =
         Settings { limits: Limits { safe_after_s: 0.4, ..Limits::default() }, ..Settings::default() };
     let hard = |_| Some(Reading::ForceRequest(Newton(5000.0)));
@@ -122,7 +122,7 @@ fn silence_lets_the_current_go_to_the_safe_one() {
             }
         }
         let told = damper.commands.split_off(fed);
-        // 893 ms.
+        // Displacement resumes at 893 ms.
         damper.run(457..467, |_| None);
         (told, damper.commands.split_off(fed))
     };
@@ -132,14 +132,14 @@ fn silence_lets_the_current_go_to_the_safe_one() {
         commands.iter().map(|c| (c.stamp, c.command.current)).collect()
     };
     assert_eq!(plain(&after), plain(&without));
-    assert!((0.6..1.4).contains(&after[0].command.current.get()), "in the middle of its way: {after:?}");
+    assert!((0.6..1.4).contains(&after[0].command.current.get()), "half way to the safe current: {after:?}");
     // Displacement ended at 584 ms; it counts for another 100 ms.
     let at = |ms: i64| {
         told.iter().rfind(|c| c.stamp <= Stamp::from_nanos(ms * 1_000_000)).map(|c| c.command.current.get())
     };
     assert_eq!(at(680), None);
-    // The last tick, at 860 ms: 276 ms of silence, of which 176 count.
-    let middle_a = at(879).expect("told by then");
+    // The last tick is at 860 ms, after 276 ms of silence, of which 176 ms count.
+    let middle_a = at(879).expect("a command by then");
     assert!((middle_a - (2.5 - 0.176 * 2.5 / 0.4)).abs() < 1e-3, "{middle_a}");
     assert!(told.iter().all(|c| c.command.limited_by == LimitedBy::Safe));
     let stamps: Vec<_> = told.iter().map(|c| c.stamp).collect();
@@ -147,7 +147,7 @@ fn silence_lets_the_current_go_to_the_safe_one() {
 }
 
 #[test]
-fn hooks_ask_for_what_the_body_does() {
+fn hooks_demand_a_force_from_the_body_velocity() {
     let body = |k: i64| Some(Reading::BodyVelocity(MetrePerSecond(0.3 * (k as f64 / 40.0).sin())));
     for (law, sign) in [(Law::Skyhook(1500.0), 1.0), (Law::Groundhook(1500.0), -1.0)] {
         let mut damper = Asked::new(fuzzy_tanh(), Settings { law, ..Settings::default() });
@@ -163,14 +163,14 @@ fn hooks_ask_for_what_the_body_does() {
             }
             assert!(command.dissipative || command.limited_by != LimitedBy::None, "{command:?}");
         }
-        // Without the body's velocity there is no demand.
+        // Without the body velocity the law has no demand.
         damper.run(800..900, |_| None);
         assert_eq!(damper.last().command.limited_by, LimitedBy::Safe);
     }
 }
 
 #[test]
-fn a_fixed_current_needs_neither_model_nor_motion() {
+fn a_fixed_current_needs_no_inverse_and_no_motion() {
     let settings = Settings { law: Law::Fixed(1.5), ..Settings::default() };
     for models in [fuzzy_tanh(), Models::alone(preset("thesis/arx-passive/rp-icps"))] {
         let mut damper = Asked::new(models, settings);
@@ -183,7 +183,7 @@ fn a_fixed_current_needs_neither_model_nor_motion() {
 }
 
 #[test]
-fn a_model_without_an_inverse_says_so() {
+fn a_model_without_an_inverse_reports_no_inverse() {
     let passive = Models::alone(preset("thesis/arx-passive/rp-icps"));
     let mut damper = Asked::new(passive, Settings::default());
     damper.run(0..50, wanted);
@@ -191,7 +191,7 @@ fn a_model_without_an_inverse_says_so() {
     assert_eq!((command.limited_by, command.current.get()), (LimitedBy::NoInverse, 0.0));
     assert!((command.requested.get() - 0.9 * force_n(49)).abs() < 1e-9);
     let hook = Settings { law: Law::Skyhook(1500.0), ..Settings::default() };
-    let refused = Plan::new(passive, hook).expect_err("a hook seeks forces").to_string();
+    let refused = Plan::new(passive, hook).expect_err("a hook needs an inverse").to_string();
     assert!(refused.starts_with("law skyhook: no inverse of the arx model"), "{refused}");
     let beyond = Settings { law: Law::Fixed(3.0), ..Settings::default() };
     assert!(
@@ -200,7 +200,7 @@ fn a_model_without_an_inverse_says_so() {
 }
 
 #[test]
-fn other_inverses_answer_too_and_refuse_what_they_cannot_stand_for() {
+fn every_inverse_method_gives_commands_and_rejects_models_it_cannot_approximate() {
     let by = |method| Settings { method, ..Settings::default() };
     let currents = Method::ALL.map(|method| {
         let mut damper = Asked::new(fuzzy_tanh(), by(method));
@@ -212,11 +212,11 @@ fn other_inverses_answer_too_and_refuse_what_they_cannot_stand_for() {
     assert!(currents[0] != currents[1] && currents[0] != currents[2]);
     let arx = Models::alone(preset(BEST_ARX));
     let refused = Plan::new(arx, by(Method::Fuzzy)).expect_err("it feeds on force").to_string();
-    assert!(refused.starts_with("inverse.method fuzzy: ") && refused.contains("take search"), "{refused}");
+    assert!(refused.starts_with("inverse.method fuzzy: ") && refused.contains("use search"), "{refused}");
 }
 
 #[test]
-fn a_change_of_model_or_limits_goes_on_from_the_current_that_is() {
+fn after_a_change_of_model_or_limits_the_current_continues_from_its_value() {
     let limits = Limits { rate_max_a_s: 20.0, ..Limits::default() };
     let settings = Settings { limits, ..Settings::default() };
     let mut damper = Asked::new(fuzzy_tanh(), settings);
@@ -233,14 +233,14 @@ fn a_change_of_model_or_limits_goes_on_from_the_current_that_is() {
     let most_a = 20.0 * PERIOD_NS as f64 * 1e-9 + 1e-12;
     let currents_a = damper.currents_a();
     let steps = currents_a.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-    // A limit that is lowered holds at once.
+    // A lowered limit applies at once, so one larger step is allowed.
     let over = steps.filter(|step| *step > most_a).count();
     assert!(over <= 1, "{over}");
     assert!(currents_a[400..].iter().all(|a| *a <= 2.0));
 }
 
 #[test]
-fn bad_requests_change_nothing_for_the_estimate() {
+fn bad_requests_do_not_change_the_estimate() {
     let forces = |bad: bool| {
         let mut bench = Bench::thesis();
         for k in 0..300 {
@@ -257,9 +257,9 @@ fn bad_requests_change_nothing_for_the_estimate() {
     assert!(forces(false) == forces(true));
 }
 
-/// The observer brings the estimate to the measured force, and the residual stays what the model lacks.
+/// The observer corrects the estimate towards the measured force; the residual stays the model error without the correction.
 #[test]
-fn an_observer_corrects_the_estimate_and_hides_nothing() {
+fn an_observer_corrects_the_estimate_but_not_the_residual() {
     let settings = |use_measured_force| Settings { use_measured_force, ..Settings::default() };
     let run = |use_measured_force| {
         let mut bench = Bench::new(settings(use_measured_force));
@@ -278,16 +278,16 @@ fn an_observer_corrects_the_estimate_and_hides_nothing() {
         .collect();
     assert!((added[999] - 200.0).abs() < 1.0, "{}", added[999]);
     let first = 1.0 - (-1.0_f64).exp();
-    // After one time constant, 51 samples past the first residual.
+    // One time constant is 51 samples after the first residual.
     assert!((added[54] - 200.0 * first).abs() < 10.0, "{}", added[54]);
-    assert!(added[1499].abs() < 10.0, "without force the bias is believed for a while: {}", added[1499]);
+    assert!(added[1499].abs() < 10.0, "without measured force the correction decays: {}", added[1499]);
     let steps = added.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
     assert!(steps < 5.0, "{steps}");
 }
 
-/// At a change of mode neither the value nor the slope of what is added to the free run steps.
+/// At a change of mode the force added to the simulation (free run) jumps neither in value nor in slope.
 #[test]
-fn a_change_of_mode_breaks_no_slope() {
+fn a_change_of_mode_jumps_neither_in_value_nor_in_slope() {
     let settings = Settings { bumpless_tau_s: 0.05, ..Settings::default() };
     let models = fuzzy_tanh().with_seeded(preset(BEST_ARX)).expect("both want a current");
     let mut bench = Bench::new(settings);
@@ -298,7 +298,7 @@ fn a_change_of_mode_breaks_no_slope() {
     assert!(models.seeded.is_some());
     let free = bench.free_run_n();
     let added: Vec<f64> = bench.estimates().zip(&free).map(|(e, free)| e.force.get() - free).collect();
-    // From ARX to the model, 50 ms + 200 ms after the force was lost.
+    // The change from ARX to the model, 50 ms + 200 ms after the force was lost.
     let change = bench
         .events
         .iter()
@@ -307,11 +307,11 @@ fn a_change_of_mode_breaks_no_slope() {
             _ => None,
         })
         .next_back()
-        .expect("it falls back to the model");
+        .expect("a change to the model");
     let at = (change.nanos() / PERIOD_NS) as usize;
     let value = (added[at] - added[at - 1]).abs();
     assert!(value < 15.0, "value {value}");
-    // The jump of the slope, against that of a plain exponential, d / tau.
+    // The jump of the slope, compared with the jump for a plain exponential, d / tau.
     let slope_before = (added[at - 1] - added[at - 6]) * 512.0 / 5.0;
     let slope_after = (added[at + 5] - added[at]) * 512.0 / 5.0;
     let plain = added[at].abs() / settings.bumpless_tau_s;

@@ -48,7 +48,7 @@ fn all(experiments: &[Experiment]) -> Vec<Finished> {
 }
 
 #[test]
-fn identification_figures_are_those_of_identify_to_the_last_bit() {
+fn identification_figures_are_bit_identical_to_those_of_identify() {
     let experiments = experiments();
     for spec in SPECS {
         let (finished, model) = run(Cell { spec, experiment: 0 }, &experiments, &options(), &Watch::none())
@@ -61,31 +61,31 @@ fn identification_figures_are_those_of_identify_to_the_last_bit() {
             let fit = match figure.predictor {
                 Predictor::FreeRun => found.free_run,
                 Predictor::OneStep => found.one_step,
-                Predictor::SameInstant => panic!("that is of the relation which makes no model"),
+                Predictor::SameInstant => panic!("only the phase relation has this predictor"),
             };
             assert_eq!((figure.rsse_n, figure.esr), (fit.map(|f| f.rsse_n), fit.map(|f| f.esr)), "{spec:?}");
         }
-        // ARX feeds on force and so has two figures, the other one.
+        // ARX has two figures, one-step-ahead and simulation; fuzzy-tanh has one.
         assert_eq!(finished.identification.len(), if spec == ModelSpec::FUZZY_TANH { 1 } else { 2 });
     }
 }
 
 #[test]
-fn every_other_run_is_a_test_and_the_training_run_is_none() {
+fn every_run_except_the_training_run_is_a_test() {
     let experiments = experiments();
     let finished = &all(&experiments)[SPECS.len()];
     assert_eq!(finished.trained_on, "RP1-CS");
     let tests: Vec<_> =
         finished.cross_validation.iter().map(|t| (t.tested_on.as_str(), t.replicate)).collect();
     assert_eq!(tests, [("RP-ICPS", 1), ("RP-ICPS", 2), ("RP1-CS", 2)]);
-    // The replicate differs in its noise alone, so the test on it is near the identification.
+    // The replicate differs only in noise, so its test error is close to the identification error.
     let (own, test) = (&finished.identification[1], &finished.cross_validation[2].figures[1]);
     let ratio = test.esr.expect("a figure") / own.esr.expect("a figure");
     assert!((ratio - 1.0).abs() < 0.05, "{ratio}");
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
+fn the_result_does_not_depend_on_the_number_of_threads() {
     let experiments = experiments();
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
@@ -95,7 +95,7 @@ fn the_number_of_threads_changes_nothing() {
 }
 
 #[test]
-fn a_model_that_cannot_be_identified_is_a_cell_with_the_reason() {
+fn a_model_that_cannot_be_identified_gives_a_cell_with_the_reason() {
     let mut experiments = experiments();
     let mut driveless = recorded("RP-ICPS", 1);
     driveless.drive = None;
@@ -104,25 +104,28 @@ fn a_model_that_cannot_be_identified_is_a_cell_with_the_reason() {
     let failure = finished[1].failure.as_deref().expect("a semi-active model without drive");
     assert!(failure.contains("current_a"), "{failure}");
     assert!(finished[1].identification.is_empty() && finished[1].cross_validation.is_empty());
-    // The passive one does not need it, and models trained elsewhere say why that one test has no figure.
+    // The passive model does not need the drive. Models trained on other runs state why this test has no figure.
     assert!(finished[0].failure.is_none());
     let note = finished[4].cross_validation[0].figures[0].note.as_deref();
     assert!(note.is_some_and(|note| note.contains("current_a")), "{note:?}");
 
     let summaries = Summary::of(&finished);
     let semi_active: Vec<_> = summaries.iter().filter(|s| s.class.form == "semi_active").collect();
-    assert!(semi_active.iter().all(|s| s.best().is_none()), "a mean without one test would flatter");
+    assert!(
+        semi_active.iter().all(|s| s.best().is_none()),
+        "a mean that leaves out a test would be too good"
+    );
     assert!(semi_active.iter().any(|s| s.failures.len() == 1));
 }
 
 #[test]
-fn a_diverging_free_run_is_no_figure() {
+fn a_diverging_simulation_gives_no_figure() {
     let data = dataset(&recorded("RP-ICPS", 1));
     let grows = Arx::new([1.02, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0; 3], None, Second(1.0 / 512.0), 0.0)
         .expect("finite coefficients");
     let scores = score(&ForceModel::Arx(grows).into(), &data, &Watch::none()).expect("it runs");
     assert!(scores.diverged && scores.free_run.is_none() && scores.free_run_without_offset.is_none());
-    assert!(scores.one_step.is_some(), "one step ahead it is fed with measured force");
+    assert!(scores.one_step.is_some(), "the one-step-ahead prediction is fed with measured force");
     let holds = Arx::new([0.5, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0; 3], None, Second(1.0 / 512.0), 0.0)
         .expect("finite coefficients");
     let scores = score(&ForceModel::Arx(holds).into(), &data, &Watch::none()).expect("it runs");
@@ -134,12 +137,12 @@ fn a_diverging_free_run_is_no_figure() {
 }
 
 #[test]
-fn summaries_hold_means_and_keep_predictors_apart() {
+fn summaries_have_means_and_separate_the_predictors() {
     let experiments = experiments();
     let finished = all(&experiments);
     let summaries = Summary::of(&finished);
     assert!(summaries.is_sorted_by_key(|s| s.class.predictor));
-    assert_eq!(summaries.len(), 5, "three running free, two one step ahead");
+    assert_eq!(summaries.len(), 5, "three in simulation, two one step ahead");
     let passive = |s: &&Summary| s.class.form == "passive" && s.class.predictor == Predictor::OneStep;
     let arx = summaries.iter().find(passive);
     let row = &arx.expect("arx steps").rows[0];
@@ -163,7 +166,7 @@ fn summaries_hold_means_and_keep_predictors_apart() {
 }
 
 #[test]
-fn a_raised_flag_ends_a_cell() {
+fn the_cancel_flag_ends_a_cell() {
     let cancel = AtomicBool::new(true);
     let watch = Watch { cancel: Some(&cancel), progress: None };
     for spec in SPECS {
@@ -173,7 +176,7 @@ fn a_raised_flag_ends_a_cell() {
 }
 
 #[test]
-fn the_relation_that_cannot_run_has_figures_of_its_own_kind() {
+fn the_phase_relation_has_same_instant_figures_and_gives_no_model() {
     let experiments = experiments();
     for form in [Form::Passive, Form::SemiActive] {
         let spec = ModelSpec::new(Structure::Phase, form).expect("a form");

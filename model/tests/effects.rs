@@ -1,5 +1,5 @@
-//! Models with effects, as their users see them: the pipeline says what a walk over the rows says, swaps keep what
-//! means the same, and what an effect lacks is named.
+//! Models with effects from the user's view: the pipeline is bit-identical to a walk over the rows, swaps keep the state that is
+//! still valid, and a missing channel is named.
 
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
@@ -12,7 +12,7 @@ use mr_damper_model::preset;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::ops::ControlFlow;
 
-/// Every effect, plainly there.
+/// Every effect at a size that clearly changes the force.
 const PRESENT: [(Effect, &[f64]); 17] = [
     (Effect::CoilLag, &[0.012]),
     (Effect::CoilLagRiseFall, &[0.006, 0.019]),
@@ -47,8 +47,8 @@ fn fuzzy(effects: &[EffectModel]) -> Model {
     Model { effects: of(effects), envelope: Envelope::default(), ..plain }
 }
 
-/// Eight seconds at 512 Hz with a jittering rate and two gaps; a current in steps, a temperature once in a while, a
-/// force at its own stamps.
+/// Eight seconds at 512 Hz with a jittering rate and two gaps; a current in steps, a temperature at a low rate, and a force with its own
+/// stamps.
 fn recorded() -> Run {
     let trace = |rate_hz: f64, jitter: i64, value: fn(f64) -> f64| {
         let (mut stamps, mut values) = (Vec::new(), Vec::new());
@@ -76,12 +76,12 @@ fn recorded() -> Run {
     }
 }
 
-/// Never seeded, and nothing smoothed: estimates are the free run's own.
+/// Never seeded and not smoothed: estimates are the simulation (free run) itself.
 fn never() -> Settings {
     Settings { use_measured_force: UseForce::Never, bumpless_tau_s: 0.0, ..Settings::default() }
 }
 
-/// Stamp and bits of each force that the free lane said.
+/// Stamp and bits of each force of the free-run channel.
 fn live(model: Model, run: &Run) -> Vec<(Stamp, u64)> {
     let mut pipeline = Pipeline::new(Models::alone(model), never()).expect("it runs");
     let mut found = Vec::new();
@@ -111,12 +111,12 @@ fn walked(model: &Model, run: &Run) -> Vec<(Stamp, u64)> {
 }
 
 #[test]
-fn the_pipeline_is_a_walk_over_the_rows_bit_for_bit() {
+fn the_pipeline_is_bit_identical_to_a_walk_over_the_rows() {
     let run = recorded();
     let effects = all();
     let mut lists: Vec<Vec<EffectModel>> = effects.iter().map(|effect| vec![*effect]).collect();
     lists.push(vec![]);
-    // A spring around a lag and a filter, a delay around a spring, and every effect in threes.
+    // A spring around a lag and a filter, a delay around a spring, and every effect in lists of three.
     lists.push(vec![effects[0], effects[16], effects[9]]);
     lists.push(vec![effects[9], effects[3], effects[10]]);
     lists.extend(effects.chunks(3).map(<[EffectModel]>::to_vec));
@@ -137,11 +137,11 @@ fn the_pipeline_is_a_walk_over_the_rows_bit_for_bit() {
 }
 
 #[test]
-fn swapping_in_an_effect_makes_no_gap() {
+fn a_swap_to_a_model_with_an_effect_makes_no_gap() {
     let run = recorded();
     let samples: Vec<_> = run.samples().collect();
     let lag = |tau_s| [EffectModel::new(Effect::CoilLag, &[tau_s]).expect("within range")];
-    // Plain, then a lag, then another time constant of it, then a filter as well.
+    // The plain model, then a lag, then another time constant of the lag, then a filter as well.
     let filter = EffectModel::new(Effect::AntiAliasMismatch, &[0.006]).expect("within range");
     let models = [fuzzy(&[]), fuzzy(&lag(0.01)), fuzzy(&lag(0.02)), fuzzy(&[lag(0.02)[0], filter])];
     let settings = Settings { use_measured_force: UseForce::Never, ..Settings::default() };
@@ -168,12 +168,12 @@ fn swapping_in_an_effect_makes_no_gap() {
         });
     }
     assert!(estimates > 1200, "{estimates}");
-    // Steps of the current alone make up to 250 N a sample in the plain model.
+    // In the plain model, steps of the current alone change the force by up to 250 N per sample.
     assert!(largest < 300.0, "{largest} N from one sample to the next");
 }
 
 #[test]
-fn thermal_fade_without_a_temperature_says_so() {
+fn thermal_fade_without_a_temperature_is_reported() {
     let model = fuzzy(&[EffectModel::new(Effect::ThermalFade, &[-0.003]).expect("within range")]);
     let run = Run { case_temp_c: None, ..recorded() };
     let data = Dataset::from_run(&run, &model.conditioning, &DatasetOptions::default()).expect("rows");
@@ -182,7 +182,7 @@ fn thermal_fade_without_a_temperature_says_so() {
     assert_eq!(refused.to_string(), expected);
     let refused = evaluate(model, &run, never(), |_| true).expect_err("no temperature");
     assert_eq!(refused.to_string(), expected);
-    assert!(live(model, &run).is_empty(), "no temperature, no force");
+    assert!(live(model, &run).is_empty(), "no force without a temperature");
     let mut pipeline = Pipeline::new(Models::alone(model), never()).expect("it runs");
     for sample in run.samples() {
         pipeline.step(&sample, &mut |event| {
@@ -191,7 +191,7 @@ fn thermal_fade_without_a_temperature_says_so() {
             }
         });
     }
-    // With one it extrapolates where the training was colder.
+    // With a temperature the estimate is flagged as extrapolating where it is warmer than in training.
     let model =
         Model { envelope: Envelope { case_temp_c: Some([20.0, 30.0]), ..Envelope::default() }, ..model };
     let mut pipeline = Pipeline::new(Models::alone(model), never()).expect("it runs");
@@ -207,7 +207,7 @@ fn thermal_fade_without_a_temperature_says_so() {
     assert!(cold == 0 && hot > 1000, "{cold} {hot}");
 }
 
-/// A model that is fed with measured force has the effects in its input: with effects it runs free, and only free.
+/// A model that is fed with measured force has the effects in its input, so a model with effects is only simulated (free run).
 #[test]
 fn a_model_with_effects_is_not_seeded() {
     let arx = preset::load(preset::BEST_ARX).expect("a preset");
@@ -223,7 +223,7 @@ fn a_model_with_effects_is_not_seeded() {
 }
 
 #[test]
-fn an_effect_on_the_drive_of_a_passive_model_is_refused() {
+fn an_effect_on_the_drive_of_a_passive_model_is_rejected() {
     let law = LawModel::new(Law::Sp, Dependence::None, &[0.0, 900.0, 1.0, 0.0, 1.0], 0.0).expect("a law");
     let model = Model { force: ForceModel::Law(law), ..fuzzy(&all()[..1]) };
     let refused = Pipeline::new(Models::alone(model), never()).expect_err("no drive to lag");

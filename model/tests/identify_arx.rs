@@ -1,4 +1,4 @@
-//! Identification of the ARX model on data whose truth is known.
+//! Identification of the ARX model on data with known truth.
 
 mod identify_support;
 
@@ -37,7 +37,7 @@ fn the_truth(semi_active: bool) -> Arx {
     .expect("a model")
 }
 
-/// A run whose force is that of `model`; see [`fed_run`].
+/// A run with the force of `model`; see [`fed_run`].
 fn arx_run(model: &Arx, noise_n: f64, recipe: Recipe) -> Run {
     fed_run(noise_n, recipe, KIND, |history| model.predict_n(history))
 }
@@ -47,7 +47,7 @@ fn steps(t: f64) -> f64 {
 }
 
 #[test]
-fn coefficients_and_offsets_come_back() {
+fn coefficients_and_offsets_are_recovered() {
     for (spec, semi_active) in [(ModelSpec::ARX_PASSIVE, false), (ModelSpec::ARX_SEMI_ACTIVE, true)] {
         let model = the_truth(semi_active);
         let recipe = Recipe { drive: steps, duration_s: 20.0, ..Recipe::default() };
@@ -67,7 +67,7 @@ fn coefficients_and_offsets_come_back() {
             let error = found.iter().zip(truth).map(|(f, t)| (f - t).abs()).fold(0.0, f64::max);
             assert!(error < 2.5, "{found:?} {truth:?}");
         }
-        // White noise of half width 2 N drives the truth, and is all that one step ahead can leave.
+        // White noise of half width 2 N drives the truth; the one-step-ahead error can only be this noise.
         let noise_n = 2.0 / 3.0_f64.sqrt();
         let one_step = found.one_step.expect("a one-step predictor").rsse_n;
         assert!(one_step <= noise_n * 1.01 && one_step > noise_n * 0.97, "{one_step}");
@@ -82,7 +82,7 @@ fn coefficients_and_offsets_come_back() {
 }
 
 #[test]
-fn collinear_regressors_give_the_least_norm() {
+fn collinear_regressors_give_the_minimum_norm_solution() {
     let model = truth(KIND);
     let recipe = Recipe { drive: steps, noise_n: 3.0, offset_n: 30.0, ..Recipe::default() };
     let exact = [run(recipe, KIND, |x, v, i| model.force_n(x, v, i))];
@@ -91,8 +91,8 @@ fn collinear_regressors_give_the_least_norm() {
         let found = identify(spec, &exact, &backward, &Watch::none()).expect("identifies");
         assert_eq!(found.rank, Some(rank));
         let a = arx(&found);
-        // x_k and x_{k-1} may be traded for v_k without changing a prediction: the least norm has no share of
-        // it.
+        // x_k and x_{k-1} can be exchanged for v_k without changing a prediction. The minimum-norm solution has no component in that
+        // direction.
         let period = 1.0 / recipe.rate_hz;
         let (x, v) = (a.displacement_lags_n_m(), a.velocity_lags_n_s_m());
         let x_norm = column_norm(&exact[0].displacement_m.values);
@@ -103,7 +103,7 @@ fn collinear_regressors_give_the_least_norm() {
             let size = x[k].abs() * x_norm * x_norm / period + v[k].abs() * v_norm * v_norm;
             assert!(along.abs() < 0.02 * size, "{k}: {along} of {size}: {x:?} {v:?}");
         }
-        // And predictions are those of the full-rank regression on x_k .. x_{k-3}.
+        // The predictions equal the predictions of the full-rank regression on x_k .. x_{k-3}.
         let full = reference_rsse(&exact[0], rank == 10);
         let ours = found.one_step.expect("figures").rsse_n;
         assert!((ours / full - 1.0).abs() < 1e-6, "{ours} {full}");
@@ -115,11 +115,11 @@ fn column_norm(values: &[f64]) -> f64 {
     values.iter().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt()
 }
 
-/// RSSE of the plain regression of F on three F lags, x_k .. x_{k-3}, drive lags and one, over the same rows.
+/// RMSE of the plain regression of F on three F lags, x_k .. x_{k-3}, drive lags and a constant, over the same rows.
 fn reference_rsse(run: &Run, drive: bool) -> f64 {
     let (x, f) = (&run.displacement_m.values, &run.force_n.as_ref().expect("made").values);
     let i = &run.drive.as_ref().expect("made").1.values;
-    // The first row of a dataset is the second sample (a velocity is known), and three more must come before.
+    // The first row of a dataset is the second sample, because a velocity needs two; three more rows are needed for the lags.
     let rows: Vec<usize> = (4..x.len()).collect();
     let width = if drive { 11 } else { 8 };
     let entry = |k: usize, j: usize| match j {
@@ -135,7 +135,7 @@ fn reference_rsse(run: &Run, drive: bool) -> f64 {
 }
 
 #[test]
-fn rounded_stamps_do_not_blow_coefficients_up() {
+fn rounded_stamps_do_not_inflate_coefficients() {
     let model = truth(KIND);
     let recipe = Recipe { drive: steps, noise_n: 3.0, ..Recipe::default() };
     let exact = run(recipe, KIND, |x, v, i| model.force_n(x, v, i));
@@ -160,7 +160,7 @@ fn rounded_stamps_do_not_blow_coefficients_up() {
 }
 
 #[test]
-fn rates_must_go_together_or_be_thinned() {
+fn runs_must_have_one_rate_or_be_thinned_to_one() {
     let model = truth(KIND);
     let make = |name, rate_hz| {
         run(Recipe { name, rate_hz, drive: steps, noise_n: 2.0, ..Recipe::default() }, KIND, |x, v, i| {
@@ -184,9 +184,9 @@ fn rates_must_go_together_or_be_thinned() {
 }
 
 #[test]
-fn a_constant_drive_is_no_signal() {
+fn a_constant_drive_gets_zero_coefficients_and_a_warning() {
     let model = truth(KIND);
-    // 3.212 is no sum of powers of two: taking its mean out leaves rounding.
+    // 3.212 has no exact binary form, so subtracting its mean leaves rounding errors.
     let fitted = |offset_n| {
         let recipe = Recipe { drive: |_| 3.212, noise_n: 3.0, offset_n, ..Recipe::default() };
         let runs = [run(recipe, KIND, |x, v, i| model.force_n(x, v, i))];
@@ -196,13 +196,13 @@ fn a_constant_drive_is_no_signal() {
     let (found, without) = (fitted(40.0), fitted(0.0));
     assert!(found.warnings[0].contains("one level of current_a, 3.212"), "{:?}", found.warnings);
     assert_eq!((found.rank, arx(&found).drive_lags()), (Some(7), Some((KIND, [0.0; 3]))));
-    // The damper is no ARX, so some offset is left over without one; what was put in comes on top of it.
+    // The damper is not an ARX model, so an offset is found even without one; the offset of the run is added to it.
     let added = arx(&found).force_offset_n() - arx(&without).force_offset_n();
     assert!((added - 40.0).abs() < 1e-6, "{added}");
 }
 
 #[test]
-fn gaps_take_part_neither_in_fit_nor_in_figures() {
+fn rows_around_gaps_are_left_out_of_fit_and_figures() {
     let model = the_truth(false);
     let whole = arx_run(&model, 2.0, Recipe { duration_s: 20.0, ..Recipe::default() });
     let mut gap = whole.clone();
@@ -219,7 +219,7 @@ fn gaps_take_part_neither_in_fit_nor_in_figures() {
 }
 
 #[test]
-fn what_cannot_be_fitted_is_refused() {
+fn runs_that_cannot_be_fitted_are_rejected_with_the_reason() {
     let model = truth(KIND);
     let made =
         |duration_s| run(Recipe { duration_s, ..Recipe::default() }, KIND, |x, v, i| model.force_n(x, v, i));
@@ -244,7 +244,7 @@ fn what_cannot_be_fitted_is_refused() {
 }
 
 #[test]
-fn savaresi_has_two_lags_and_comes_back() {
+fn savaresi_has_two_lags_and_is_recovered() {
     let drive = Some((KIND, [30.0, -12.0]));
     let model = Arx::savaresi([1.3, -0.4], [4000.0, -3500.0], [300.0, 90.0], drive, Second(1.0 / 500.0), 0.0)
         .expect("a model");
@@ -265,7 +265,7 @@ fn savaresi_has_two_lags_and_comes_back() {
     }
     let passive = ModelSpec::named("savaresi", Form::Passive).expect("a model");
     let found = identify(passive, &runs, &options(VelocitySource::Backward), &Watch::none());
-    // With a backward difference x_k, x_{k-1} and v_k are one too many.
+    // With a backward difference x_k, x_{k-1} and v_k are linearly dependent.
     let found = found.expect("identifies");
     assert_eq!((found.rank, found.model.force.parameter_count()), (Some(5), 6));
 }

@@ -1,4 +1,4 @@
-//! Rows of a dataset against the live pipeline, and which of them count.
+//! Rows of a dataset compared with the live pipeline, and the rows that count.
 
 mod identify_support;
 
@@ -13,7 +13,7 @@ use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 
 const KIND: DriveKind = DriveKind::CoilCurrent;
 
-/// A run whose channels have rates of their own, with a gap in the displacement.
+/// A run whose channels have different rates, with a gap in the displacement.
 fn uneven() -> Run {
     let model = truth(KIND);
     let recipe =
@@ -35,7 +35,7 @@ fn uneven() -> Run {
 }
 
 #[test]
-fn rows_are_those_of_the_live_pipeline() {
+fn rows_match_the_live_pipeline() {
     let run = uneven();
     for apply_to in [ApplyTo::None, ApplyTo::Inputs, ApplyTo::Output] {
         for velocity in [VelocitySource::Backward, VelocitySource::Slope, VelocitySource::Measured] {
@@ -78,8 +78,8 @@ fn rows_are_those_of_the_live_pipeline() {
                     (predicted - predicted_n).abs() < 1e-9,
                     "{conditioning:?}: {predicted} {predicted_n}"
                 );
-                // A filter of force begins with the first force known, which need not be the same one: 1 % is
-                // left of that.
+                // The filter of the force starts with the first known force, which may differ between the two; 1 % of the difference
+                // remains.
                 if row.counts {
                     let tolerance = if apply_to == ApplyTo::Output { 5.0 } else { 1e-9 };
                     assert!(
@@ -96,8 +96,7 @@ fn rows_are_those_of_the_live_pipeline() {
 
 #[test]
 fn only_the_moving_part_counts() {
-    // Rest from 0 to 2 s, a sine to 6 s, rest to 8 s; a displacement sensor that flickers by one step all the
-    // time.
+    // Rest from 0 to 2 s, a sine to 6 s, rest to 8 s; the displacement sensor flickers by one step all the time.
     let trace = |f: &dyn Fn(f64) -> f64| Trace {
         stamps: (0..8000).map(|k| Stamp::from_nanos(k * 1_000_000)).collect(),
         values: (0..8000).map(|k| f(f64::from(k) * 1e-3)).collect(),
@@ -124,7 +123,7 @@ fn only_the_moving_part_counts() {
         "turning points are part of the motion"
     );
     let all = set(DatasetOptions { moving_only: false, ..DatasetOptions::default() });
-    // Without the first two: velocity takes one row, acceleration another.
+    // The first two rows do not count: velocity needs one, acceleration another.
     assert_eq!(all.counted(), 7998);
     assert_eq!(all.envelope.force_n, Some([0.0, 100.0]));
     assert_eq!(counted.drive, None);
@@ -134,7 +133,7 @@ fn only_the_moving_part_counts() {
 }
 
 #[test]
-fn stretches_are_whole_segments_from_all_over_the_run() {
+fn stretches_are_segments_spread_over_the_whole_run() {
     let trace = |f: fn(f64) -> f64| Trace {
         stamps: (0..20_000).map(|k| Stamp::from_nanos(k * 1_000_000)).collect(),
         values: (0..20_000).map(|k| f(f64::from(k) * 1e-3)).collect(),
@@ -151,6 +150,6 @@ fn stretches_are_whole_segments_from_all_over_the_run() {
     assert_eq!((some.rows.len(), starts), (5 * 1024, 5), "one stretch of 1024 rows from each 4096");
     assert!(some.rows.windows(2).all(|pair| pair[0].stamp < pair[1].stamp));
     let last = some.rows[some.rows.len() - 1].stamp.nanos();
-    assert!(last > 18_000_000_000, "the end of the run has its say: {last}");
+    assert!(last > 18_000_000_000, "the end of the run is included: {last}");
     assert_eq!(all.stretches(1).rows.len(), all.rows.len());
 }

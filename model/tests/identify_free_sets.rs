@@ -1,4 +1,4 @@
-//! Fuzzy sets whose centres and widths are identified, on data whose truth is known.
+//! Fuzzy sets with identified centres and widths, on data with known truth.
 
 mod identify_support;
 
@@ -14,7 +14,7 @@ const KIND: DriveKind = DriveKind::CoilCurrent;
 const CENTRES: [f64; 3] = [0.2, 0.9, 2.3];
 const SIGMAS: [f64; 3] = [0.2, 0.3, 0.5];
 
-/// Three sets of unlike widths that stand nowhere near an even grid.
+/// Three sets with different widths and unevenly spaced centres.
 fn truth() -> FuzzyTanh {
     let functions = [
         tanh_function(90.0, 500.0, 60.0, -0.6),
@@ -59,15 +59,15 @@ fn found(
 }
 
 #[test]
-fn centres_and_widths_come_back() {
+fn centres_and_widths_are_recovered() {
     let runs = runs(5.0);
     let fixed = found("fuzzy-tanh", Form::SemiActive, &runs, &options(3)).expect("identifies");
     let free = found("fuzzy-tanh", Form::FreeFuzzy, &runs, &options(3)).expect("identifies");
-    let esr = |found: &Identified| found.free_run.expect("runs free").esr;
+    let esr = |found: &Identified| found.free_run.expect("a simulation error").esr;
     assert!(esr(&free) < 0.1 * esr(&fixed), "{} {}", esr(&free), esr(&fixed));
-    // What is left is the noise.
+    // Only the noise remains.
     let noise_n = 5.0 / 3.0_f64.sqrt();
-    let rsse_n = free.free_run.expect("runs free").rsse_n;
+    let rsse_n = free.free_run.expect("a simulation error").rsse_n;
     assert!((rsse_n / noise_n - 1.0).abs() < 0.02, "{rsse_n}");
     let memberships = free.memberships.as_ref().expect("sets");
     assert_eq!(memberships.source, MembershipSource::Identified);
@@ -77,8 +77,8 @@ fn centres_and_widths_come_back() {
     }
     let ForceModel::FuzzyTanh(model) = free.model.force else { panic!("asked for it") };
     assert_eq!(model.sets(), &memberships.sets);
-    // Standard errors go with the names of the model file, and cover the truth.
-    let parameter = |name: &str| free.parameters.iter().find(|p| p.name == name).expect("is there");
+    // Standard errors are listed by the names of the model file, and cover the truth.
+    let parameter = |name: &str| free.parameters.iter().find(|p| p.name == name).expect("a known name");
     let centre = parameter("membership_centres_a[1]");
     assert!(
         centre.standard_error > 0.0 && (centre.value - 0.9).abs() < 5.0 * centre.standard_error,
@@ -89,11 +89,11 @@ fn centres_and_widths_come_back() {
 }
 
 #[test]
-fn any_law_can_have_them() {
+fn every_law_can_have_free_sets() {
     let runs = runs(0.0);
     for law in ["arctan", "kwok"] {
         let esr =
-            |form| found(law, form, &runs, &options(3)).expect("identifies").free_run.expect("runs free").esr;
+            |form| found(law, form, &runs, &options(3)).expect("identifies").free_run.expect("an error").esr;
         let (fixed, free) = (esr(Form::Fuzzy), esr(Form::FreeFuzzy));
         assert!(free < 0.5 * fixed, "{law}: {free} {fixed}");
     }
@@ -104,7 +104,7 @@ fn any_law_can_have_them() {
 }
 
 #[test]
-fn sets_that_the_runs_cannot_place_are_refused() {
+fn sets_that_the_runs_do_not_determine_are_rejected() {
     let level = |drive| {
         let recipe = Recipe { drive, ..Recipe::default() };
         [run(recipe, KIND, |x, v, i| truth().force_n(x, v, i))]
@@ -115,15 +115,15 @@ fn sets_that_the_runs_cannot_place_are_refused() {
     let from_runs = Options { placement: Placement::FromRuns, ..options(3) };
     let steps = level(|t| [0.0, 1.0, 2.0][(t / 0.5) as usize % 3]);
     let text = error(&steps, &from_runs);
-    assert!(text.contains("3 levels of current_a: 3 sets cannot be placed"), "{text}");
+    assert!(text.contains("3 levels of current_a, so 3 sets cannot be placed"), "{text}");
     let text = error(&level(|_| 0.5), &from_runs);
     assert!(text.contains("one set over current_a"), "{text}");
-    // Fewer sets than levels are placed by them.
+    // Fewer sets than levels can be placed.
     let two = found("fuzzy-tanh", Form::FreeFuzzy, &steps, &options(2)).expect("identifies");
     assert_eq!(two.memberships.expect("sets").sets.len(), 2);
     let text = error(&runs(0.0), &options(17));
     assert!(text.contains("sets has 17 values") || text.contains("2 to 16"), "{text}");
-    // And placing sets of a model that has none is refused, not ignored.
+    // A request to place sets for a model without sets is rejected, not ignored.
     let text = found("arx", Form::SemiActive, &runs(0.0), &options(3)).expect_err("refused").to_string();
     assert!(text.contains("arx (semi_active) has no fuzzy sets"), "{text}");
 }

@@ -1,4 +1,4 @@
-//! Identification of the fuzzy-tanh model on data whose truth is known.
+//! Identification of the fuzzy-tanh model on data with known truth.
 
 mod identify_support;
 
@@ -24,7 +24,7 @@ fn options() -> Options {
     Options { conditioning: MEASURED, choose_velocity: false, restarts: 8, ..Options::default() }
 }
 
-/// Four runs of one damper: two rates, constant and stepping drives, an offset each.
+/// Four runs of one damper with different rates, constant and stepping drives, and an offset each.
 fn runs(kind: DriveKind, noise_n: f64) -> Vec<Run> {
     type Drive = fn(f64) -> f64;
     let steps: Drive = |t| [0.0, 1.0, 0.5, 0.0, 0.5, 1.0][(t / 0.3) as usize % 6];
@@ -56,7 +56,7 @@ fn find(runs: &[Run], options: &Options) -> Identified {
 }
 
 #[test]
-fn parameters_and_offsets_come_back_from_runs_of_other_rates_and_drives() {
+fn parameters_and_offsets_are_recovered_from_runs_with_different_rates_and_drives() {
     for kind in [DriveKind::CoilCurrent, DriveKind::CommandVoltage] {
         let found = find(&runs(kind, 4.0), &options());
         let (model, true_model) = (fuzzy(&found), truth(kind));
@@ -75,8 +75,8 @@ fn parameters_and_offsets_come_back_from_runs_of_other_rates_and_drives() {
         for (run, offset_n) in found.runs.iter().zip([45.0, -30.0, 120.0, 0.0]) {
             assert!((run.force_offset_n - offset_n).abs() < 0.3, "{run:?}");
         }
-        // Uniform noise of half width 4 N, and nothing else, is left.
-        let rsse_n = found.free_run.expect("runs free").rsse_n;
+        // Only the uniform noise of half width 4 N remains.
+        let rsse_n = found.free_run.expect("a simulation error").rsse_n;
         assert!((rsse_n - 4.0 / 3.0_f64.sqrt()).abs() < 0.05, "{rsse_n}");
         assert!(found.converged && found.active_bounds.is_empty() && found.one_step.is_none());
         assert_eq!((found.model.rate_hz.round(), found.restart_rsse_n.len()), (200.0, 8));
@@ -87,8 +87,7 @@ fn parameters_and_offsets_come_back_from_runs_of_other_rates_and_drives() {
 
 #[test]
 fn the_fit_is_no_worse_than_the_truth_on_its_own_data() {
-    // With a filtered output, noise passes the filter: the truth's error on the same rows is found by giving
-    // its centres and starting the comparison from the reported offsets.
+    // The truth's error is computed on the same rows, with each run's mean error removed.
     for noise_n in [1.0, 20.0, 100.0] {
         let runs = runs(DriveKind::CoilCurrent, noise_n);
         let found = find(&runs, &options());
@@ -107,7 +106,7 @@ fn the_fit_is_no_worse_than_the_truth_on_its_own_data() {
             sums.0 += errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>();
             sums.1 += errors.len() as f64;
         }
-        let fit = found.free_run.expect("runs free");
+        let fit = found.free_run.expect("a simulation error");
         assert_eq!(fit.samples as f64, sums.1);
         assert!(fit.rsse_n <= (sums.0 / sums.1).sqrt() * (1.0 + 1e-9), "{} {}", fit.rsse_n, sums.0 / sums.1);
     }
@@ -121,8 +120,8 @@ fn a_filtered_output_gives_the_same_parameters() {
         assert!((f.yield_force_n / t.yield_force_n - 1.0).abs() < 0.03, "{f:?} {t:?}");
         assert!((f.coupling_per_s - t.coupling_per_s).abs() < 0.06, "{f:?} {t:?}");
     }
-    let rsse_n = found.free_run.expect("runs free").rsse_n;
-    assert!(rsse_n < 1.2, "the filter takes most of 2.3 N of noise out: {rsse_n}");
+    let rsse_n = found.free_run.expect("a simulation error").rsse_n;
+    assert!(rsse_n < 1.2, "the filter removes most of the 2.3 N of noise: {rsse_n}");
 }
 
 #[test]
@@ -136,7 +135,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn velocity_is_chosen_by_the_data() {
+fn the_velocity_source_is_chosen_by_the_data() {
     let model = truth(DriveKind::CoilCurrent);
     let mut run = run(
         Recipe { rate_hz: 1000.0, noise_n: 5.0, drive: |_| 0.5, ..Recipe::default() },
@@ -144,10 +143,10 @@ fn velocity_is_chosen_by_the_data() {
         |x, v, i| model.force_n(x, v, i),
     );
     let options = Options { choose_velocity: true, ..options() };
-    // The force lags nothing: the shortest delay is best.
+    // The force has no lag, so the shortest delay is best.
     let found = find(std::slice::from_ref(&run), &options);
     assert_eq!(found.model.conditioning.velocity, VelocitySource::Backward, "{:?}", found.velocity_trials);
-    // It lags by 5 ms: a window of twice that, or near it, is.
+    // With a force lag of 5 ms, a window of about twice that is best.
     if let Some(force) = &mut run.force_n {
         force.stamps.iter_mut().for_each(|stamp| *stamp = stamp.shifted(5_000_000));
     }
@@ -158,7 +157,7 @@ fn velocity_is_chosen_by_the_data() {
 }
 
 #[test]
-fn centres_can_be_given_but_must_see_data() {
+fn centres_can_be_given_but_need_data_near_them() {
     let runs = runs(DriveKind::CoilCurrent, 4.0);
     let given = |centres: &[f64]| Options {
         placement: Placement::Given { centres: centres.to_vec(), sigma: Some(0.2) },
@@ -186,7 +185,7 @@ fn errors_name_the_run_and_the_channel() {
     };
     assert!(message(&[]).contains("no runs"));
     let text = message(&[good[0].clone(), volts]);
-    assert!(text.contains("run volts: is driven by command_v, but the model wants current_a"), "{text}");
+    assert!(text.contains("run volts: the drive is command_v, but the model needs current_a"), "{text}");
     let text = message(&[good[0].clone(), Run { drive: None, ..good[1].clone() }]);
     assert!(text.contains("run b: has no current_a or command_v"), "{text}");
     let text = message(&[Run { force_n: None, ..good[2].clone() }]);
@@ -204,7 +203,7 @@ fn errors_name_the_run_and_the_channel() {
 }
 
 #[test]
-fn it_can_be_followed_and_cancelled() {
+fn identification_reports_progress_and_can_be_cancelled() {
     let runs = runs(DriveKind::CoilCurrent, 20.0);
     let restarts = AtomicU32::new(0);
     let progress = |p: Progress| {

@@ -1,5 +1,5 @@
-//! Identification of laws of force on data whose truth is known: a law's own output at the rows that the fit
-//! sees, with the noise that a test adds.
+//! Identification of force laws on data with known truth: the output of the law itself at the rows of the fit, plus noise added by
+//! the test.
 
 mod identify_support;
 
@@ -26,7 +26,7 @@ fn steps(t: f64) -> f64 {
     [0.0, 1.0, 0.5, 0.25, 0.75, 1.0, 0.0][(t / 0.3) as usize % 7]
 }
 
-/// A run of 8 s whose force is that of `model` at the rows of the fit, plus `noise(k)`.
+/// A run of 8 s with the force of `model` at the rows of the fit, plus `noise(k)`.
 fn made_by(model: LawModel, seed: u64, noise: impl Fn(usize) -> f64) -> Run {
     let mut made = run(Recipe { drive: steps, seed, ..Recipe::default() }, KIND, |_, _, _| 0.0);
     let rows =
@@ -37,13 +37,13 @@ fn made_by(model: LawModel, seed: u64, noise: impl Fn(usize) -> f64) -> Run {
     let trace = made.force_n.as_mut().expect("made");
     let skipped = trace.values.len() - forces.len();
     for (k, force_n) in forces.into_iter().enumerate() {
-        // The first row has no acceleration, and so no force by some laws.
+        // The first row has no acceleration, so some laws give no force there.
         trace.values[skipped + k] = if force_n.is_finite() { force_n + noise(k) } else { 0.0 };
     }
     made
 }
 
-/// A damper of 1 kN: every parameter a `share` into the range that starts are drawn from.
+/// A damper of 1 kN, with each parameter at a `share` of the range from which starts are drawn.
 fn parameters(law: Law, share: impl Fn(usize) -> f64) -> Vec<f64> {
     let size = |p: &Parameter| {
         let s = p.scale;
@@ -88,18 +88,17 @@ fn noise(seed: u64, size_n: f64) -> impl Fn(usize) -> f64 {
 #[test]
 fn every_law_in_every_form_fits_its_own_force() {
     for law in Law::ALL {
-        // Free sets have a test of their own.
+        // Free sets have their own test.
         for &form in Structure::Law(law).forms().iter().filter(|form| **form != Form::FreeFuzzy) {
             let sets = Placement::Given { centres: vec![0.0, 1.0], sigma: Some(0.4) };
             let placement = if form == Form::Fuzzy { sets } else { Placement::FromRuns };
             let options = Options { placement, restarts: 20, ..options() };
             let found = find(law, form, made_by(model(law, form), 3, |_| 0.0), &options);
-            let fit = found.free_run.expect("runs free");
-            // Bouc-Wen has valleys of its own: its search, which is cut short, may end in one close to the best.
+            let fit = found.free_run.expect("a simulation error");
+            // Bouc-Wen has local minima: its search, which is limited in length, may end in one close to the best.
             let limit = if law.has_memory() { 5e-3 } else { 1e-5 };
             assert!(fit.esr < limit, "{} {form:?}: {fit:?}", law.name());
-            // Choi's polynomials have constants of their own, which share the offset with it, and a valley of
-            // Bouc-Wen's has an offset of its own.
+            // The offset is not unique for Choi, whose polynomials have constant terms, and differs at a local minimum of Bouc-Wen.
             if law != Law::Choi && !law.has_memory() {
                 let offset_n = found.model.force.force_offset_n();
                 assert!((offset_n - 35.0).abs() < 3.0, "{} {form:?}: {offset_n}", law.name());
@@ -108,9 +107,9 @@ fn every_law_in_every_form_fits_its_own_force() {
     }
 }
 
-/// Laws of acceleration have no force at the first row of a run: the filter must get over it.
+/// Laws that use acceleration have no force at the first row of a run; the output filter must cope with that.
 #[test]
-fn every_law_is_found_behind_a_filter_on_the_output() {
+fn every_law_is_identified_with_a_filter_on_the_output() {
     for law in Law::ALL {
         let form = Form::SemiActive;
         let mut options = Options { restarts: 2, ..options() };
@@ -129,7 +128,7 @@ fn standard_errors_cover_the_truth() {
         let made = made_by(truth, 40 + seed, noise(seed, 60.0));
         let found = find(Law::Sp, Form::SemiActive, made, &Options { restarts: 4, ..options() });
         for (parameter, truth) in found.parameters.iter().zip(truth.coefficients()) {
-            // The stroke of the coupling is a gauge: only its ratio to the velocity counts, and both share it.
+            // The coupling parameters are not identifiable separately: only their ratio matters.
             if parameter.name.starts_with("coupling") {
                 continue;
             }
@@ -137,12 +136,12 @@ fn standard_errors_cover_the_truth() {
             inside += usize::from((parameter.value - truth).abs() <= 1.96 * parameter.standard_error);
         }
     }
-    // 95 % of 48, with room for the scatter of 48 trials and for blocks being few (7 a run).
+    // Nominally 95 % of 48 intervals; the limit of 80 % allows for the scatter of 48 trials and for the few blocks (7 per run).
     assert!(inside * 100 >= all * 80 && inside < all + 1, "{inside} of {all} within 1.96 standard errors");
 }
 
 #[test]
-fn hubers_loss_is_not_led_astray() {
+fn hubers_loss_is_robust_against_outliers() {
     let truth = model(Law::Sp, Form::Passive);
     let strays = |k: usize| if k % 50 == 7 { 4000.0 } else { 0.0 };
     let error = |loss| {
@@ -155,7 +154,7 @@ fn hubers_loss_is_not_led_astray() {
 }
 
 #[test]
-fn a_degree_that_the_levels_do_not_carry_is_lowered_and_said() {
+fn a_degree_that_the_levels_do_not_determine_is_lowered_with_a_warning() {
     let two = |t: f64| [0.0, 1.0][(t / 0.3) as usize % 2];
     let truth = model(Law::Sp, Form::SemiActive);
     let mut made = made_by(truth, 5, |_| 0.0);
@@ -167,7 +166,7 @@ fn a_degree_that_the_levels_do_not_carry_is_lowered_and_said() {
     assert_eq!(found.model.force.parameter_count(), 10);
     assert!(
         found.warnings[0].contains("2 levels of current_a")
-            && found.warnings[0].contains("degree 1 in place of 3")
+            && found.warnings[0].contains("degree 1 instead of 3")
     );
 }
 
@@ -183,7 +182,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn what_cannot_be_identified_is_said() {
+fn runs_that_cannot_be_identified_are_rejected_with_the_reason() {
     let error = |form, run: Run, options: &Options| {
         let spec = ModelSpec::new(Structure::Law(Law::Sp), form).expect("a form");
         identify(spec, &[run], options, &Watch::none()).expect_err("refused").to_string()
@@ -210,5 +209,5 @@ fn what_cannot_be_identified_is_said() {
     constant.displacement_m.values.fill(0.01);
     constant.velocity_m_s.as_mut().expect("made").values.fill(0.0);
     let message = error(Form::Passive, constant, &options());
-    assert!(message.contains("no sample counts") || message.contains("never varies"), "{message}");
+    assert!(message.contains("no sample can be used") || message.contains("never varies"), "{message}");
 }

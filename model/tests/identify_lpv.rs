@@ -1,4 +1,4 @@
-//! Identification of the LPV model on data whose truth is known.
+//! Identification of the LPV model on data with known truth.
 
 mod identify_support;
 
@@ -37,7 +37,7 @@ fn sets() -> FuzzySets {
     FuzzySets::new(Membership { drive: KIND, sigma: 0.4 }, &[0.0, 1.0]).expect("sets")
 }
 
-/// Gain and poles go up with the drive: as a polynomial, or from the first set to the second.
+/// Gain and poles grow with the drive: as a polynomial, or from the first fuzzy set to the second.
 fn the_truth(form: Form) -> Lpv {
     let low = [1.1, -0.3, 0.05, 3000.0, -5000.0, 2600.0, 250.0, 120.0, -60.0];
     let high = [1.3, -0.5, 0.1, 6000.0, -9000.0, 4000.0, 600.0, 200.0, -90.0];
@@ -49,7 +49,7 @@ fn the_truth(form: Form) -> Lpv {
     Lpv::new(dependence, &[low, second].concat(), Second(1.0 / 500.0), 0.0).expect("a model")
 }
 
-/// A run whose force is that of `model`; see [`fed_run`].
+/// A run with the force of `model`; see [`fed_run`].
 fn made_by(model: &Lpv, noise_n: f64, recipe: Recipe) -> Run {
     fed_run(noise_n, recipe, KIND, |history| model.predict_n(history))
 }
@@ -59,7 +59,7 @@ fn roaming(t: f64) -> f64 {
 }
 
 #[test]
-fn coefficients_and_offsets_come_back() {
+fn coefficients_and_offsets_are_recovered() {
     for form in [Form::SemiActive, Form::Fuzzy] {
         let model = the_truth(form);
         let recipe = Recipe { drive: roaming, duration_s: 30.0, ..Recipe::default() };
@@ -81,12 +81,12 @@ fn coefficients_and_offsets_come_back() {
                 assert!((a - b).abs() < 0.06, "{form:?} {a} {b}");
             }
         }
-        // Lags of displacement and velocity make up for one another; what they come to together shows on a run
-        // that is held out (its offset is the mean of the others).
+        // Lags of displacement and velocity can compensate each other, so their joint effect is checked on a held-out run (its offset is
+        // the mean of the other offsets).
         let fresh = made_by(&model, 0.0, Recipe { name: "c", offset_n: 20.0, seed: 3, ..recipe });
         let scored = evaluate(found.model, &fresh, Settings::default(), |_| true).expect("scores");
-        assert!(scored.free_run.expect("runs free").esr < 2e-3, "{form:?} {:?}", scored.free_run);
-        // White noise drives the truth, and is all that one step ahead can leave.
+        assert!(scored.free_run.expect("a simulation error").esr < 2e-3, "{form:?} {:?}", scored.free_run);
+        // White noise drives the truth; the one-step-ahead error can only be this noise.
         let noise_n = NOISE_N / 3.0_f64.sqrt();
         let one_step = found.one_step.expect("a one-step predictor").rsse_n;
         assert!(one_step <= noise_n * 1.01 && one_step > noise_n * 0.97, "{one_step}");
@@ -98,7 +98,7 @@ fn coefficients_and_offsets_come_back() {
 }
 
 #[test]
-fn while_the_drive_stays_it_is_the_frozen_arx() {
+fn at_constant_drive_it_equals_the_frozen_arx() {
     for form in [Form::SemiActive, Form::Fuzzy] {
         let model = the_truth(form).with_force_offset_n(33.0);
         let arx = ForceModel::Arx(model.frozen(0.7).expect("finite"));
@@ -116,14 +116,14 @@ fn while_the_drive_stays_it_is_the_frozen_arx() {
             match (model.free_run(&mut a, &inputs), arx.free_run(&mut b, &inputs)) {
                 (Some(ours), Some(theirs)) => assert!((ours - theirs).abs() < 1e-9, "{k} {ours} {theirs}"),
                 (None, None) => assert!(k < 4),
-                other => panic!("one of them is not ready: {other:?}"),
+                other => panic!("only one of the two models has a force: {other:?}"),
             }
         }
     }
 }
 
 #[test]
-fn what_the_runs_do_not_carry_is_refused_or_said() {
+fn runs_without_enough_information_are_rejected_or_give_a_warning() {
     let recipe = Recipe { drive: roaming, ..Recipe::default() };
     let made = |recipe| run(recipe, KIND, |x, v, i| truth(KIND).force_n(x, v, i));
     let error = |form, run: Run, options: &Options| {
@@ -137,18 +137,18 @@ fn what_the_runs_do_not_carry_is_refused_or_said() {
     assert!(short.contains("too few for 18 lpv coefficients"), "{short}");
     let passive = ModelSpec::named("lpv", Form::Passive).expect_err("that is arx").to_string();
     assert!(passive.contains("no passive form"), "{passive}");
-    // Two levels carry a straight line at most.
+    // Two levels determine a straight line at most.
     let two = made(Recipe { drive: |t| if t < 4.0 { 0.2 } else { 0.9 }, ..recipe });
     let found =
         identified(Form::SemiActive, &[two], &Options { degree: 2, ..options() }).expect("identifies");
     assert_eq!(lpv(&found).dependence().copies(), 2);
     assert!(found.warnings[0].contains("2 levels of current_a"), "{:?}", found.warnings);
-    // Poles outside the unit circle at one end of the drive are said.
+    // Poles outside the unit circle at one end of the drive range give a warning.
     let wild = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 300.0, 0.0, 0.0];
     let wilder = [0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     let dependence = Dependence::Polynomial { drive: KIND, degree: 1 };
     let unstable = Lpv::new(dependence, &[wild, wilder].concat(), Second(0.002), 0.0).expect("a model");
     let driven = made_by(&unstable, 1.0, Recipe { drive: |t| 0.1 * (3.0 * t).sin() - 0.02, ..recipe });
     let found = identified(Form::SemiActive, &[driven], &options()).expect("identifies");
-    assert!(found.warnings.iter().any(|w| w.contains("free run diverges")), "{:?}", found.warnings);
+    assert!(found.warnings.iter().any(|w| w.contains("simulation diverges")), "{:?}", found.warnings);
 }

@@ -1,4 +1,4 @@
-//! Our bounded solver against the port of MINPACK's `lmder` (crate levenberg-marquardt).
+//! The bounded solver of this crate against the port of MINPACK's `lmder` (crate levenberg-marquardt).
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use mr_damper_model::identify::least_squares::{Minimum, Normal, Problem, Stop, minimise};
@@ -7,7 +7,7 @@ use nalgebra_034::{DMatrix, DVector, Dyn};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// A problem written once: residuals and Jacobian (row by row) at given parameters.
+/// A problem for both solvers: residuals and Jacobian (row by row) at given parameters.
 type Model = fn(&[f64]) -> (Vec<f64>, Vec<Vec<f64>>);
 
 struct Ours(Model);
@@ -51,7 +51,7 @@ fn ours(model: Model, start: &[f64], bounds: &[[f64; 2]]) -> Minimum {
         .expect("never cancelled")
 }
 
-/// Minimum of MINPACK from the same start: parameters and sum of squares.
+/// MINPACK's minimum from the same start: parameters and sum of squares.
 fn theirs(model: Model, start: &[f64]) -> (Vec<f64>, f64) {
     let (problem, report) =
         LevenbergMarquardt::new().minimize(Theirs(model, DVector::from_column_slice(start)));
@@ -78,7 +78,7 @@ fn powell_singular(p: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
     )
 }
 
-/// Bard's problem: a minimum with residuals, 8.21487e-3 at (0.08241, 1.133, 2.3437).
+/// Bard's problem: a minimum with non-zero residuals, 8.21487e-3 at (0.08241, 1.133, 2.3437).
 fn bard(p: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
     const Y: [f64; 15] =
         [0.14, 0.18, 0.22, 0.25, 0.29, 0.32, 0.35, 0.39, 0.37, 0.58, 0.73, 0.96, 1.34, 2.10, 4.39];
@@ -92,7 +92,7 @@ fn bard(p: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
     Y.iter().enumerate().map(row).unzip()
 }
 
-/// Two tanh functions weighted by a drive, on 1500 noisy samples: what identification solves, A3 as it is.
+/// Two tanh functions weighted by a drive, on 1500 noisy samples: the problem of identification, with A3 not transformed.
 fn tanh(p: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
     const TRUTH: [f64; 8] = [120.0, 500.0, 50.0, -0.8, 700.0, 1200.0, 35.0, 1.5];
     let force = |p: &[f64], x: f64, v: f64, w: [f64; 2]| {
@@ -122,7 +122,7 @@ fn tanh(p: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
 }
 
 #[test]
-fn without_active_bounds_the_minima_are_those_of_minpack() {
+fn without_active_bounds_the_minima_agree_with_minpack() {
     let cases: [(&str, Model, &[f64]); 4] = [
         ("rosenbrock", rosenbrock, &[-1.2, 1.0]),
         ("powell", powell_singular, &[3.0, -1.0, 0.0, 1.0]),
@@ -132,7 +132,7 @@ fn without_active_bounds_the_minima_are_those_of_minpack() {
     for (name, model, start) in cases {
         let (found, (parameters, cost)) =
             (ours(model, start, &vec![FREE; start.len()]), theirs(model, start));
-        // Powell's minimum is a singular zero, which is neared for ever and never reached.
+        // Powell's minimum is a singular zero, which the iteration approaches but never reaches.
         assert!(found.converged || found.cost < 1e-25, "{name}: {found:?}");
         assert!((found.cost - cost).abs() <= 1e-9 * cost + 1e-12, "{name}: {} {cost}", found.cost);
         for (p, q) in found.parameters.iter().zip(&parameters) {
@@ -142,15 +142,15 @@ fn without_active_bounds_the_minima_are_those_of_minpack() {
 }
 
 #[test]
-fn a_bound_holds_and_the_rest_is_best_given_it() {
-    // With p0 held at 0.5 Rosenbrock's best is p1 = 0.25, with a cost of 0.25.
+fn a_bound_is_kept_and_the_other_parameters_are_optimal_given_it() {
+    // With p0 held at 0.5 the minimum of Rosenbrock is at p1 = 0.25, with a cost of 0.25.
     let found = ours(rosenbrock, &[-1.2, 1.0], &[[-2.0, 0.5], FREE]);
     assert_eq!(found.parameters[0], 0.5);
     assert!((found.parameters[1] - 0.25).abs() < 1e-9 && (found.cost - 0.25).abs() < 1e-9, "{found:?}");
-    // A start outside is moved inside; bounds that the minimum does not touch do not matter.
+    // A start outside the bounds is moved inside; bounds away from the minimum have no influence.
     let found = ours(bard, &[9.0, 9.0, 9.0], &[[0.0, 5.0]; 3]);
     assert!((found.cost - 8.214_877e-3).abs() < 1e-8, "{found:?}");
-    // Everything held: nothing moves.
+    // With all parameters held, none changes.
     let found = ours(bard, &[1.0, 1.0, 1.0], &[[1.0, 1.0]; 3]);
     assert_eq!(found.parameters, [1.0, 1.0, 1.0]);
 }

@@ -1,4 +1,4 @@
-//! Identification of the models that learn from data without physics: `wang-liao`, `chen`, `boada`.
+//! Identification of the black-box models `wang-liao`, `chen` and `boada`.
 
 mod identify_support;
 
@@ -31,7 +31,7 @@ fn damper(recipe: Recipe) -> Run {
     run(recipe, KIND, |x, v, i| model.force_n(x, v, i))
 }
 
-/// Eight restarts are one of a network, 24 are three.
+/// A network is trained once per eight restarts, so 24 restarts are three trainings.
 fn options() -> Options {
     let velocity = VelocitySource::Measured;
     Options {
@@ -45,12 +45,12 @@ fn fitted(name: &str, form: Form, runs: &[Run]) -> Result<Identified, Error> {
     identify(ModelSpec::named(name, form)?, runs, &options(), &Watch::none())
 }
 
-/// A run whose force is the free run of a made-up network, plus 25 N.
+/// A run with the simulated force (free run) of a random network, plus 25 N.
 fn network_run(structure: NetworkStructure) -> Run {
     let mut random = Pcg64Mcg::seed_from_u64(2);
     let mut weights: Vec<f64> =
         (0..structure.weights(true)).map(|_| 0.4 * (2.0 * random.random::<f64>() - 1.0)).collect();
-    // A little memory: weak weights of past force keep it stable.
+    // Small weights of past force keep the network stable.
     let inputs = structure.inputs(true);
     for weight in
         &mut weights[(inputs - structure.force_lags()) * structure.hidden()..inputs * structure.hidden()]
@@ -82,11 +82,11 @@ fn network_run(structure: NetworkStructure) -> Run {
 }
 
 #[test]
-fn the_output_of_a_network_comes_back() {
+fn the_output_of_a_network_is_recovered() {
     for structure in NetworkStructure::ALL {
         let made = network_run(structure);
         let found = fitted(structure.name(), Form::SemiActive, &[made]).expect("identifies");
-        let esr = found.free_run.expect("runs free").esr;
+        let esr = found.free_run.expect("a simulation error").esr;
         assert!(esr < 2e-3, "{structure:?}: {esr}");
         assert_eq!(found.warnings, Vec::<String>::new());
         assert_eq!(found.model.force.name(), structure.name());
@@ -94,20 +94,20 @@ fn the_output_of_a_network_comes_back() {
 }
 
 #[test]
-fn a_damper_is_learned_running_free_and_each_run_keeps_its_offset() {
+fn a_damper_is_learned_in_simulation_and_each_run_has_its_offset() {
     let make = |name, offset_n, seed| damper(Recipe { name, offset_n, seed, ..recipe() });
     let runs = [make("a", 45.0, 1), make("b", -20.0, 2)];
     for name in ["wang-liao", "chen", "boada"] {
         let found = fitted(name, Form::SemiActive, &runs).expect("identifies");
-        let esr = found.free_run.expect("runs free").esr;
+        let esr = found.free_run.expect("a simulation error").esr;
         assert!(esr < 0.05, "{name}: {esr}");
         assert_eq!(found.one_step.is_some(), name != "boada");
         let apart = found.runs[0].force_offset_n - found.runs[1].force_offset_n;
         assert!((apart - 65.0).abs() < 15.0, "{name}: {apart}");
-        // The passive form cannot know the drive, and says nothing that is not so.
+        // The passive form does not see the drive, so its error is larger.
         let passive = fitted(name, Form::Passive, &runs).expect("identifies");
         assert_eq!(passive.model.force.drive(), None);
-        assert!(passive.free_run.expect("runs free").esr > 2.0 * esr, "{name}");
+        assert!(passive.free_run.expect("a simulation error").esr > 2.0 * esr, "{name}");
     }
 }
 
@@ -126,7 +126,7 @@ fn threads_do_not_change_the_model() {
 }
 
 #[test]
-fn what_cannot_be_learned_is_said() {
+fn runs_that_cannot_be_learned_are_rejected_with_the_reason() {
     let whole = damper(recipe());
     let short = damper(Recipe { duration_s: 0.02, ..recipe() });
     let mut constant = whole.clone();
@@ -147,11 +147,11 @@ fn what_cannot_be_learned_is_said() {
     }
     fast.name = "fast".to_owned();
     let said = fitted("chen", Form::Passive, &[whole, fast]).expect_err("two rates").to_string();
-    assert!(said.contains("the chen model holds at one rate"), "{said}");
+    assert!(said.contains("the chen model is valid at one rate only"), "{said}");
 }
 
 #[test]
-fn progress_is_told_and_cancelling_ends_it() {
+fn progress_is_reported_and_training_can_be_cancelled() {
     let runs = [damper(recipe())];
     for name in ["wang-liao", "chen", "boada"] {
         let spec = ModelSpec::named(name, Form::Passive).expect("a model");
@@ -159,7 +159,7 @@ fn progress_is_told_and_cancelling_ends_it() {
         let cancel = AtomicBool::new(false);
         let progress = |progress| {
             seen.lock().expect("no panic").push(progress);
-            // As soon as the first restart is done.
+            // Cancel as soon as the first restart is done.
             if matches!(progress, Progress::Restart { .. }) {
                 cancel.store(true, std::sync::atomic::Ordering::Relaxed);
             }

@@ -1,5 +1,5 @@
-//! Identification of TSK models: known surfaces come back, the error falls, threads do not matter, and data
-//! that cannot carry a fit are refused with a reason.
+//! Identification of TSK models: known surfaces are recovered, the error falls, the number of threads does not matter, and data that
+//! are not sufficient for a fit are rejected with the reason.
 
 #[path = "identify_support/peers.rs"]
 mod peers;
@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 const DRIVE: Option<DriveKind> = Some(DriveKind::CoilCurrent);
 
-/// Power of the error over the variance of the force; each dataset with its best offset.
+/// NMSE (thesis: ESR) of `model` on `dataset`, with the best offset.
 fn esr(model: &Tsk, dataset: &Dataset) -> f64 {
     let mut sum = ErrorSum::default();
     for row in dataset.rows.iter().filter(|row| row.counts) {
@@ -31,7 +31,7 @@ fn esr(model: &Tsk, dataset: &Dataset) -> f64 {
     sum.fit_without_offset().expect("rows that count").esr
 }
 
-/// Rows of the peers' motion with the force of `force_n`, every `every`-th of them.
+/// Every `every`-th row of the peers' motion, with the force from `force_n`.
 fn rows_of(seed: u64, every: usize, force_n: impl Fn(&Row) -> f64) -> Dataset {
     let mut data = peers::synth(seed);
     data.rows = data.rows.into_iter().step_by(every).collect();
@@ -53,8 +53,8 @@ fn rig(experiment: &str, seed: u64) -> Dataset {
 }
 
 #[test]
-fn a_known_surface_and_the_offsets_of_its_runs_come_back() {
-    // The truth is a fit of each kind to a damper; what is fitted to its forces must give these forces.
+fn a_known_surface_and_the_offsets_of_its_runs_are_recovered() {
+    // The truth is a fit of each kind to a damper; a second fit to its forces must reproduce them.
     for kind in TskKind::ALL {
         let truth = fit(&[rows_of(0, 3, |row| row.force_n)], kind, &TskOptions::default()).model;
         let offset = |offset_n: f64| move |row: &Row| truth.force_n(&row.inputs()) + offset_n;
@@ -70,7 +70,7 @@ fn a_known_surface_and_the_offsets_of_its_runs_come_back() {
 }
 
 #[test]
-fn the_error_never_rises_and_is_that_of_the_model() {
+fn the_error_falls_with_the_epochs_and_matches_the_model() {
     let data = [peers::synth(0)];
     for (kind, learning) in [
         (TskKind::Anfis, Learning::GaussNewton),
@@ -80,21 +80,21 @@ fn the_error_never_rises_and_is_that_of_the_model() {
     ] {
         let found = fit(&data, kind, &TskOptions { learning, ..TskOptions::default() });
         let errors = &found.epoch_rsse_n;
-        // What falls is the cost with the draw; the error alone may give way to that by a little.
+        // The cost includes a penalty and falls in every epoch; the error alone may rise by a little.
         assert!(errors.windows(2).all(|pair| pair[1] <= 1.003 * pair[0]), "{kind:?} {errors:?}");
         let [first, last] = [errors[0], errors[errors.len() - 1]];
         assert!(last < 0.99 * first, "{kind:?} {learning:?} learned nothing: {first} {last}");
         let mut sum = ErrorSum::default();
         data[0].rows.iter().for_each(|row| sum.add(row.force_n, found.model.force_n(&row.inputs())));
         let rsse_n = sum.fit().expect("rows").rsse_n;
-        // An evolution reports the error on its sample of the rows.
+        // The evolution reports the error on a sample of the rows.
         let tolerance = if kind == TskKind::Evolved { 0.1 } else { 1e-6 };
         assert!((rsse_n / last - 1.0).abs() < tolerance, "{kind:?} {learning:?}: {rsse_n} {last}");
     }
 }
 
 #[test]
-fn ten_epochs_that_know_how_conclusions_answer_beat_fifty_of_the_gradient() {
+fn ten_epochs_of_gauss_newton_beat_fifty_of_the_gradient() {
     for data in [peers::synth(0), rig("RP-ICPS", 1)] {
         let by = |learning, epochs| {
             let options = TskOptions { learning, epochs, ..TskOptions::default() };
@@ -108,7 +108,7 @@ fn ten_epochs_that_know_how_conclusions_answer_beat_fifty_of_the_gradient() {
 }
 
 #[test]
-fn the_number_of_threads_does_not_matter() {
+fn the_result_does_not_depend_on_the_number_of_threads() {
     let data = [rows_of(0, 2, |row| row.force_n), rows_of(1, 3, |row| row.force_n + 40.0)];
     for kind in [TskKind::Anfis, TskKind::Ahn, TskKind::Evolved] {
         let on = |threads| {
@@ -120,7 +120,7 @@ fn the_number_of_threads_does_not_matter() {
 }
 
 #[test]
-fn another_seed_is_another_evolution() {
+fn another_seed_gives_another_evolution() {
     let data = [rows_of(0, 4, |row| row.force_n)];
     let seeded = |seed| {
         let mut options = TskOptions::default();
@@ -133,8 +133,8 @@ fn another_seed_is_another_evolution() {
 }
 
 #[test]
-fn a_rank_deficient_problem_has_a_calm_solution() {
-    // Two levels of current where three sets lie over it, and velocity tied to displacement.
+fn a_rank_deficient_problem_has_a_solution_of_moderate_size() {
+    // Two levels of current for three fuzzy sets; and displacement proportional to velocity.
     let data = rows_of(0, 1, |row| {
         let i = if row.drive > 1.25 { 2.0 } else { 0.5 };
         (100.0 + 300.0 * i) * (30.0 * row.velocity_m_s).tanh()
@@ -154,7 +154,7 @@ fn a_rank_deficient_problem_has_a_calm_solution() {
 }
 
 #[test]
-fn data_that_cannot_carry_a_fit_are_refused() {
+fn insufficient_data_are_rejected_with_the_reason() {
     let message = |data: &Dataset, kind, drive| {
         let options = TskOptions::default();
         fit_tsk(std::slice::from_ref(data), kind, drive, &options, &Watch::none())
@@ -187,7 +187,7 @@ fn data_that_cannot_carry_a_fit_are_refused() {
 }
 
 #[test]
-fn it_tells_of_its_progress_and_can_be_cancelled() {
+fn it_reports_progress_and_can_be_cancelled() {
     let data = [rows_of(0, 4, |row| row.force_n)];
     for kind in [TskKind::Anfis, TskKind::Evolved] {
         let (cancel, calls) = (AtomicBool::new(false), AtomicU32::new(0));
@@ -204,10 +204,10 @@ fn it_tells_of_its_progress_and_can_be_cancelled() {
 }
 
 #[test]
-fn on_the_rig_it_holds_on_a_run_it_has_not_seen() {
+fn on_the_rig_the_model_is_accurate_on_a_new_run() {
     let (train, test) = (rig("RP-ICPS", 1), rig("RP-ICPS", 2));
-    // The thesis found 0.07; the rig's delay of displacement against force is a little longer. With acceleration
-    // among the inputs most of it is explained.
+    // The thesis found 0.07; on the rig, displacement is delayed a little more against the force. A model with acceleration as an
+    // input explains most of it.
     for (kind, trained, tested) in [(TskKind::Anfis, 0.12, 0.17), (TskKind::WangHu, 0.013, 0.02)] {
         let found = fit(std::slice::from_ref(&train), kind, &TskOptions::default());
         let reached = [esr(&found.model, &train), esr(&found.model, &test)];
@@ -216,7 +216,7 @@ fn on_the_rig_it_holds_on_a_run_it_has_not_seen() {
 }
 
 #[test]
-fn identify_takes_every_kind_in_both_forms_and_the_file_carries_it() {
+fn every_kind_can_be_identified_in_both_forms_and_stored_in_a_file() {
     let experiment = Experiment::thesis("RP-ICPS").expect("an experiment").with_duration_s(8.0);
     let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
     let options =
@@ -227,7 +227,7 @@ fn identify_takes_every_kind_in_both_forms_and_the_file_carries_it() {
             let found = identify(spec, std::slice::from_ref(&run), &options, &Watch::none()).expect("a fit");
             assert_eq!(found.model.force.name(), kind.name());
             assert_eq!(found.model.force.drive().is_some(), form == Form::SemiActive);
-            let esr = found.free_run.expect("it runs free").esr;
+            let esr = found.free_run.expect("a simulation error").esr;
             assert!(esr < if form == Form::SemiActive { 0.15 } else { 0.4 }, "{kind:?} {form:?} {esr}");
             let file = ModelFile { model: found.model, provenance: Provenance::default() };
             let text = file.to_toml().expect("writes");
@@ -237,7 +237,7 @@ fn identify_takes_every_kind_in_both_forms_and_the_file_carries_it() {
 }
 
 #[test]
-fn the_derivative_is_chosen_by_what_suits_the_runs() {
+fn the_derivative_is_chosen_by_the_runs() {
     let experiment = Experiment::thesis("RP-ICPS").expect("an experiment").with_duration_s(8.0);
     let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
     let spec = ModelSpec::named("anfis", Form::SemiActive).expect("a known model");
@@ -249,7 +249,7 @@ fn the_derivative_is_chosen_by_what_suits_the_runs() {
 }
 
 #[test]
-fn a_broken_file_is_named() {
+fn an_error_in_the_file_names_the_key() {
     let model = preset::load(preset::BEST_ANFIS).expect("a preset");
     let text = ModelFile { model, provenance: Provenance::default() }.to_toml().expect("writes");
     for (from, to, expected) in [
@@ -265,7 +265,7 @@ fn a_broken_file_is_named() {
         ("drive = \"current_a\"\n", "", "drive is absent"),
         ("\"displacement\", ", "", "displacement_centres belongs to no input"),
         ("\"displacement\", ", "\"jerk\", ", "parameters.inputs holds \"jerk\""),
-        ("model = \"anfis\"", "model = \"tsk-243\"", "not those of tsk-243"),
+        ("model = \"anfis\"", "model = \"tsk-243\"", "do not match tsk-243"),
         ("force_std_dev_n = ", "force_std_dev_n = -", "force_std_dev_n is -"),
         ("drive_std_dev_a = ", "drive_std_dev_a = -", "drive_std_dev_a is -"),
     ] {
@@ -276,7 +276,7 @@ fn a_broken_file_is_named() {
 }
 
 #[test]
-fn it_runs_free_as_a_force_model() {
+fn it_can_be_simulated_as_a_force_model() {
     let model = preset::load(preset::BEST_ANFIS).expect("a preset");
     let ForceModel::Tsk(tsk) = model.force else { panic!("{}", model.force.name()) };
     let inputs = peers::synth(0).rows[500].inputs();

@@ -1,8 +1,6 @@
-//! The inverse model: what it must never do, whatever it is given, and how well it follows a demand on a damper that the model is
-//! not.
+//! The inverse controller: its invariants for any input, and how well it follows a demanded force on a damper that differs from the model.
 //!
-//! `MR_DAMPER_LONG=1 cargo test --release -p mr-damper-model --test inverse` tries ten million states in place of a hundred
-//! thousand.
+//! `MR_DAMPER_LONG=1 cargo test --release -p mr-damper-model --test inverse` tries ten million states instead of a hundred thousand.
 
 mod inverse_support;
 
@@ -20,7 +18,7 @@ use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use std::f64::consts::TAU;
 
 #[test]
-fn no_command_leaves_its_limits_or_drives_the_rod_whatever_comes() {
+fn commands_keep_their_limits_and_never_drive_the_rod_for_any_input() {
     let states: u32 =
         if std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1") { 10_000_000 } else { 100_000 };
     let models = [
@@ -31,12 +29,15 @@ fn no_command_leaves_its_limits_or_drives_the_rod_whatever_comes() {
     for (model, seed) in models.iter().zip(0..) {
         let commander = Commander::new(model, TIGHT).expect("it follows a current");
         let commanded = keeps_its_limits(commander, states / models.len() as u32, seed);
-        assert!(commanded > states / 6, "{commanded}: the rest is beside the point");
+        assert!(
+            commanded > states / 6,
+            "{commanded}: too few states with an answer for the test to be meaningful"
+        );
     }
 }
 
 #[test]
-fn bad_demands_are_answered_with_the_reason() {
+fn demands_that_cannot_be_met_are_answered_with_the_reason() {
     let model = fuzzy_tanh();
     let mut commander = Commander::new(&model, Limits::default()).expect("it follows a current");
     let mut at = |velocity_m_s: f64, demand_n: f64| {
@@ -46,28 +47,28 @@ fn bad_demands_are_answered_with_the_reason() {
     let (by, current_a, command) = at(0.1, 600.0);
     assert!(by == LimitedBy::None && command.is_achievable && command.dissipative);
     assert!((command.expected.get() - 600.0).abs() < 1.0 && (0.1..2.4).contains(&current_a), "{command:?}");
-    // Ten times too large, at the end of what there is.
+    // Ten times too large: the command is at the upper end of the range.
     let (by, current_a, command) = at(0.1, 6000.0);
     assert!(by == LimitedBy::CurrentMax && current_a == 2.5 && !command.is_achievable);
     assert!(command.achievable[1].get() < 3000.0 && command.expected == command.achievable[1]);
-    // Softer than without current.
+    // Below the force without current.
     let (by, current_a, command) = at(0.1, command.achievable[0].get() - 20.0);
     assert!(by == LimitedBy::CurrentMin && current_a == 0.0 && command.dissipative);
-    // Against the motion.
+    // A force that would drive the motion.
     let (by, current_a, command) = at(0.1, -600.0);
     assert!(by == LimitedBy::Passivity && current_a == 0.0 && !command.dissipative && !command.is_achievable);
-    // At rest the current is held, whatever is asked for.
+    // At rest the current is held for any demand.
     let (_, before_a, _) = at(-0.1, -700.0);
     for demand_n in [500.0, -500.0, 0.0] {
         assert_eq!(at(0.0, demand_n).1, before_a);
     }
     let (by, _, command) = at(0.1, f64::NAN);
     assert!(by == LimitedBy::Safe && command.requested.get().is_nan() && command.expected.get().is_nan());
-    assert_eq!(at(f64::NAN, 500.0).0, LimitedBy::Safe, "no motion, no answer");
+    assert_eq!(at(f64::NAN, 500.0).0, LimitedBy::Safe, "without a velocity the current is safe");
 }
 
 #[test]
-fn without_demands_the_current_goes_to_the_safe_one_in_time() {
+fn without_demands_the_current_reaches_the_safe_one_in_time() {
     let limits = Limits { safe_a: 0.4, safe_after_s: 0.25, ..Limits::default() };
     let mut commander = Commander::new(&fuzzy_tanh(), limits).expect("it follows a current");
     let hard = commander.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get();
@@ -81,18 +82,18 @@ fn without_demands_the_current_goes_to_the_safe_one_in_time() {
     assert!(currents_a.windows(2).all(|pair| pair[1] <= pair[0]), "it only falls");
     let arrived = currents_a.iter().position(|a| *a == 0.4).expect("it arrives");
     assert!((f64::from(arrived as u32 + 1) / RATE_HZ - 0.25).abs() <= 1.0 / RATE_HZ, "{arrived}");
-    // And back, from one sample to the next: no rate was asked for.
+    // The current returns within one sample, because no rate limit is set.
     assert_eq!(commander.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get(), 2.5);
 }
 
 #[test]
-fn models_that_have_no_inverse_are_refused_with_the_reason() {
+fn models_without_an_inverse_are_rejected_with_the_reason() {
     let refused = |model: &Model| {
         Commander::new(model, Limits::default()).map(|_| ()).expect_err("no inverse").to_string()
     };
     let passive = preset::load("thesis/sp-passive/rp-icps").expect("a preset");
-    assert!(refused(&passive).contains("knows no current"), "{}", refused(&passive));
-    // An envelope that is none: there is no motion to look at it in.
+    assert!(refused(&passive).contains("has no current input"), "{}", refused(&passive));
+    // An invalid envelope: the model cannot be evaluated within it.
     let broken = Model {
         envelope: mr_damper_model::model::Envelope {
             displacement_m: Some([f64::NAN, 0.0]),
@@ -107,7 +108,7 @@ fn models_that_have_no_inverse_are_refused_with_the_reason() {
 }
 
 #[test]
-fn a_model_that_is_not_monotone_is_told_and_still_followed() {
+fn a_model_that_is_not_monotone_is_detected_and_can_still_be_used() {
     assert_eq!(Shape::of(&fuzzy_tanh(), 2.5).real_fold(), None);
     let model = folded();
     let fold = Shape::of(&model, 2.5).real_fold().expect("it folds");
@@ -116,12 +117,12 @@ fn a_model_that_is_not_monotone_is_told_and_still_followed() {
     for demand_n in [300.0, 700.0, 1000.0, 600.0] {
         let command = commander.step(&inputs(0.0, 0.1), Demand::Force(demand_n), None);
         assert!((command.expected.get() - demand_n).abs() < 2.0, "{command:?}");
-        assert!(command.current.get() < 1.26, "the near side of the fold: {command:?}");
+        assert!(command.current.get() < 1.26, "the current is below the fold: {command:?}");
     }
 }
 
 #[test]
-fn a_demand_is_followed_on_a_damper_that_the_model_is_not() {
+fn a_demand_is_followed_on_a_damper_that_differs_from_the_model() {
     let plant = Plant::default();
     let run = |seed: u64| {
         let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(21.0);
@@ -146,12 +147,12 @@ fn a_demand_is_followed_on_a_damper_that_the_model_is_not() {
         let errors = [(&base, false), (&base, true), (&closed, false), (&closed, true)]
             .map(|(model, feedback)| error((model, Method::Search), demand, &plant, feedback));
         println!(
-            "{name}: base {:.4}, with feedback {:.4}; closed {:.4}, with feedback {:.4}",
+            "{name}: base {:.4}, with feedback {:.4}; augmented {:.4}, with feedback {:.4}",
             errors[0], errors[1], errors[2], errors[3]
         );
         errors
     });
-    // The literature: 0.07 fed forward, 0.024 with feedback. A road up to 20 Hz is harder.
+    // The literature reports 0.07 with feedforward only and 0.024 with feedback. A road up to 20 Hz is harder.
     for ([base, base_back, closed, closed_back], limits) in
         table.into_iter().zip([[0.07, 0.024, 0.03, 0.024], [0.09, 0.045, 0.06, 0.045]])
     {
@@ -162,7 +163,7 @@ fn a_demand_is_followed_on_a_damper_that_the_model_is_not() {
 }
 
 #[test]
-fn on_the_model_itself_what_can_be_met_is_met() {
+fn on_the_model_itself_achievable_demands_are_met() {
     let model = with(&[(Effect::CoilLag, &[0.012])]);
     let model = Model {
         conditioning: Conditioning { velocity: VelocitySource::ThreePoint, ..Conditioning::default() },
@@ -174,7 +175,7 @@ fn on_the_model_itself_what_can_be_met_is_met() {
     let demand = Course {
         dt_s: (0..samples).map(|k| (k > 0).then_some(1.0 / RATE_HZ)).collect(),
         displacement_m: (0..samples).map(|k| 0.015 * (omega * seconds(k)).sin()).collect(),
-        // Along with the velocity, and for a part of each cycle too little or too much.
+        // In phase with the velocity, and for a part of each cycle too small or too large.
         force_n: (0..samples).map(|k| 700.0 * (omega * seconds(k)).cos()).collect(),
     };
     let commander = Commander::new(&model, Limits::default()).expect("it follows a current");

@@ -1,5 +1,5 @@
-//! The ways to find a current for a force: none may leave the limits, each follows a demand as well as it stands for the model, and
-//! each says what it cannot stand for.
+//! The methods of the inverse controller: each keeps its limits, follows a demanded force within its accuracy, and rejects models that it
+//! cannot approximate.
 
 mod inverse_support;
 
@@ -18,11 +18,11 @@ use mr_damper_model::units::{Ampere, Newton};
 const SURROGATES: [Method; 2] = [Method::Polynomial, Method::Fuzzy];
 
 fn commander(model: &Model, method: Method) -> Commander {
-    Commander::with_method(model, Limits::default(), method).expect("it stands for the model")
+    Commander::with_method(model, Limits::default(), method).expect("a model it can approximate")
 }
 
 #[test]
-fn no_method_leaves_the_limits_or_drives_the_rod_whatever_comes() {
+fn every_method_keeps_its_limits_and_never_drives_the_rod_for_any_input() {
     let models = [
         fuzzy_tanh(),
         with(&[(Effect::CoilLag, &[0.012]), (Effect::GasSpring, &[2e3])]),
@@ -31,36 +31,36 @@ fn no_method_leaves_the_limits_or_drives_the_rod_whatever_comes() {
     ];
     for (model, seed) in models.iter().zip(0..) {
         for method in Method::ALL {
-            let commander = Commander::with_method(model, TIGHT, method).expect("it stands for the model");
+            let commander = Commander::with_method(model, TIGHT, method).expect("a model it can approximate");
             let commanded = keeps_its_limits(commander, 10_000, seed);
-            // A law that remembers has no force from a displacement of 1e300 m until it starts anew.
+            // A law with state has no force after a displacement of 1e300 m until it restarts.
             assert!(commanded > 1000, "{}: {commanded}", method.name());
         }
     }
 }
 
 #[test]
-fn surrogates_know_what_they_are_worth() {
+fn surrogates_report_their_accuracy() {
     assert_eq!(commander(&fuzzy_tanh(), Method::Search).fit(), None);
-    // Error of current, A, and of force, as a share of the largest.
+    // Limits of the error of the current, A, and of the force, as a share of the largest force.
     let table = [
         ("fuzzy-tanh", fuzzy_tanh(), [(0.51, 0.042), (0.22, 0.022)]),
         ("bouc-wen", bouc_wen(), [(0.56, 0.11), (0.31, 0.05)]),
-        // What the polynomial is made for.
+        // Choi's model has exactly the form of the polynomial.
         ("choi", choi(), [(1e-6, 1e-6), (0.30, 0.035)]),
     ];
     for (name, model, limits) in table {
         for (method, (most_a, most)) in SURROGATES.into_iter().zip(limits) {
-            let fit = *commander(&model, method).fit().expect("it is one");
+            let fit = *commander(&model, method).fit().expect("a surrogate's fit");
             println!("{name} {}: {:.3} A, {:.4}", method.name(), fit.current.get(), fit.force_share());
             assert!(fit.current.get() < most_a && fit.force_share() < most, "{name} {method:?}: {fit:?}");
-            // It says something nearly everywhere.
+            // The surrogate gives a current at nearly all points.
             assert!(fit.points[0] * 20 > fit.points[1] * 18 && fit.points[1] > 1500, "{fit:?}");
         }
     }
 }
 
-/// Commands of a sine with a demand in the middle of what there is.
+/// Commands along a sine with a demanded force well within the achievable range.
 fn along_a_sine(commander: &Commander, mut see: impl FnMut(f64, f64, f64)) {
     let (mut commander, mut soft) = (*commander, *commander);
     for k in 0..600 {
@@ -78,7 +78,7 @@ fn along_a_sine(commander: &Commander, mut see: impl FnMut(f64, f64, f64)) {
 }
 
 #[test]
-fn a_closed_form_is_what_a_search_would_find() {
+fn the_closed_form_agrees_with_a_search() {
     let commander = commander(&choi(), Method::Search);
     assert!(commander.shape().is_some_and(|shape| shape.is_linear()));
     let mut seen = 0;
@@ -103,14 +103,14 @@ fn a_closed_form_is_what_a_search_would_find() {
         assert!((current_a(closed) - searched_a).abs() < 1e-3, "{at:?}");
     }
     for model in [fuzzy_tanh(), bouc_wen(), folded()] {
-        let shape = *self::commander(&model, Method::Search).shape().expect("it has one");
+        let shape = *self::commander(&model, Method::Search).shape().expect("a shape");
         assert!(!shape.is_linear() && shape.bend_n > 1e-3, "{shape:?}");
     }
 }
 
 #[test]
-fn what_is_expected_of_a_surrogate_is_the_models_force() {
-    // Nothing of a surrogate's error is in what is expected: it shows there.
+fn the_expected_force_of_a_surrogate_is_the_models_force() {
+    // The expected force comes from the model, so it shows the error of the surrogate.
     for method in SURROGATES {
         let (mut squares, mut seen, mut farthest_n) = (0.0, 0.0, 0.0_f64);
         along_a_sine(&commander(&fuzzy_tanh(), method), |demand_n, expected_n, _| {
@@ -125,7 +125,7 @@ fn what_is_expected_of_a_surrogate_is_the_models_force() {
 }
 
 #[test]
-fn what_the_damper_can_is_the_same_by_any_method() {
+fn the_achievable_range_is_the_same_for_every_method() {
     let model =
         with(&[(Effect::CoilLag, &[0.012]), (Effect::Friction, &[40.0]), (Effect::GasSpring, &[2e3])]);
     let at = |x_m: f64, v_m_s: f64, demand_n: f64, method: Method| {
@@ -152,8 +152,8 @@ fn what_the_damper_can_is_the_same_by_any_method() {
 }
 
 #[test]
-fn what_effects_add_is_taken_off_the_demand_first() {
-    // The same current for the same force of the fluid, whatever stands beside it.
+fn forces_added_by_effects_are_subtracted_from_the_demand() {
+    // The current is the same for the same force of the fluid, with and without effects in parallel.
     let effects: [(Effect, &[f64]); 2] = [(Effect::GasSpring, &[3e3]), (Effect::Friction, &[60.0])];
     for bare in [fuzzy_tanh(), bouc_wen()] {
         let more = Model { effects: with(&effects).effects, ..bare };
@@ -164,7 +164,7 @@ fn what_effects_add_is_taken_off_the_demand_first() {
                 let (sin, cos) = (12.0 * f64::from(k) / 512.0).sin_cos();
                 let at = Inputs { drive: last_a, ..inputs(0.015 * cos, -0.18 * sin) };
                 let fluid_n = -600.0 * sin;
-                // What is added shows in what both can.
+                // The added force is the difference of the achievable forces.
                 let (mut look, mut look_beside) = (alone, beside);
                 let [without_n, with_n] = [&mut look, &mut look_beside]
                     .map(|look| look.step(&at, Demand::Current(1.0), None).achievable[0].get());
@@ -184,12 +184,12 @@ fn what_effects_add_is_taken_off_the_demand_first() {
 }
 
 #[test]
-fn a_model_that_no_function_of_motion_and_force_stands_for_is_refused_with_the_reason() {
+fn surrogates_reject_models_that_are_not_functions_of_motion_and_force() {
     let arx = preset::load(preset::BEST_ARX).expect("a preset");
     let spring = with(&[(Effect::GasSpring, &[1e3]), (Effect::SeriesSpring, &[2e-7])]);
     for (model, why) in [
-        (arx, "arx model: it feeds on its own force"),
-        (folded(), "one force at several currents (it turns back by 998"),
+        (arx, "arx model: it is autoregressive in force"),
+        (folded(), "one force at several currents (the force turns back by 998"),
         (spring, "(series_spring), which does more than add a force"),
     ] {
         assert!(Commander::new(&model, Limits::default()).is_ok(), "a search takes it");
@@ -197,31 +197,31 @@ fn a_model_that_no_function_of_motion_and_force_stands_for_is_refused_with_the_r
             let refused = Commander::with_method(&model, Limits::default(), method).map(|_| ());
             let refused = refused.expect_err("refused").to_string();
             assert!(refused.contains(why), "{refused}");
-            assert!(refused.contains(method.name()) && refused.ends_with("take search"), "{refused}");
+            assert!(refused.contains(method.name()) && refused.ends_with("use search"), "{refused}");
         }
     }
 }
 
 #[test]
-fn each_method_follows_a_demand_on_a_damper_that_the_model_is_not() {
+fn each_method_follows_a_demand_on_a_damper_that_differs_from_the_model() {
     let plant = Plant::default();
     let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(21.0);
     let run = [record(&experiment, &plant, &Channels::default(), 1)];
     let options = Options { restarts: 3, ..Options::default() };
     let found = |spec| identify(spec, &run, &options, &Watch::none()).expect("a good run").model;
-    let choi = ModelSpec::new(Structure::Law(Law::Choi), Form::SemiActive).expect("it has this form");
+    let choi = ModelSpec::new(Structure::Law(Law::Choi), Form::SemiActive).expect("a form of the law");
     let (tanh, choi) = (found(ModelSpec::FUZZY_TANH), found(choi));
     let demands = [
         Experiment::sine(0.01, 2.0, 0.0, 11.0),
         Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(11.0),
     ]
     .map(|experiment| demand(&experiment, &plant));
-    // Fed forward and with feedback, on a sine and on a road up to 20 Hz.
+    // Error limits: feedforward only and with feedback, on a sine and on a road up to 20 Hz.
     let table = [
         ("fuzzy-tanh", &tanh, Method::Search, [0.07, 0.04, 0.09, 0.06]),
         ("fuzzy-tanh", &tanh, Method::Polynomial, [0.11, 0.05, 0.12, 0.065]),
         ("fuzzy-tanh", &tanh, Method::Fuzzy, [0.10, 0.055, 0.11, 0.07]),
-        // Closed form: a worse model, inverted exactly.
+        // A less accurate model, but inverted exactly in closed form.
         ("choi", &choi, Method::Search, [0.08, 0.035, 0.125, 0.07]),
         ("choi", &choi, Method::Fuzzy, [0.12, 0.05, 0.15, 0.09]),
     ];

@@ -1,5 +1,5 @@
-//! `Pipeline::step`, `Pipeline::tick`, `Pipeline::take` and `Commander::step` never allocate: the guard aborts the test process on the
-//! first byte.
+//! `Pipeline::step`, `Pipeline::tick`, `Pipeline::take` and `Commander::step` never allocate. A guard aborts the test process at the first
+//! allocation.
 
 mod common;
 
@@ -27,9 +27,9 @@ fn the_hot_path_does_not_allocate() {
         Models::alone(preset(BEST_FUZZY_TANH)).with_seeded(preset(BEST_ARX)).expect("both want a current");
     let anfis = Models::alone(preset(BEST_ANFIS));
     for mut models in [both, Models::alone(preset(BEST_ARX)), Models::alone(slope), anfis] {
-        // So little is expected, and blocks are so short, that the alarm rises between two of the gaps below.
+        // The expected error is so small, and the blocks are so short, that the alarm is raised between two of the gaps below.
         models.free.expected.free_run_rsse_n = Some(1.0);
-        // One of them with widths by region.
+        // The models with a seeded channel get uncertainty tables.
         if models.seeded.is_some() {
             models.free = calibrated(models.free);
             models.seeded = models.seeded.map(calibrated);
@@ -55,7 +55,7 @@ fn the_hot_path_does_not_allocate() {
                 }] += 1;
             };
             for k in 0..3000_i64 {
-                // Force comes and goes, samples are lost and broken, the clock jumps: every branch that events tell of.
+                // The force comes and goes, samples are lost and broken, and the clock jumps, so that every kind of event occurs.
                 let epoch_ns = if k < 2500 { 10_000_000_000 } else { 0 };
                 let stamp = Stamp::from_nanos(epoch_ns + k * common::PERIOD_NS);
                 if k % 5 == 0 {
@@ -83,10 +83,10 @@ fn the_hot_path_does_not_allocate() {
             pipeline.reset(&mut count);
             pipeline.take(changed, &mut count);
             pipeline.take(other.clone(), &mut count);
-            // A node that is activated and deactivated makes a pipeline and drops it, on the same thread.
+            // A node creates and drops a pipeline on this thread when it is activated and deactivated.
             drop(Pipeline::from(other));
         });
-        assert!(counts.iter().all(|n| *n > 0), "every kind of event was made: {counts:?}");
+        assert!(counts.iter().all(|n| *n > 0), "every kind of event occurred: {counts:?}");
     }
 }
 
@@ -98,7 +98,7 @@ fn no_law_allocates() {
         for dependence in
             [Dependence::None, Dependence::Polynomial { drive, degree: 2 }, Dependence::Fuzzy(sets)]
         {
-            // Any positive numbers will do.
+            // Any positive coefficients will do.
             let coefficients = vec![1.0; law.parameters().len() * dependence.copies()];
             let model = LawModel::new(law, dependence, &coefficients, 0.0).expect("as many as it takes");
             let mut sum = 0.0;
@@ -121,7 +121,7 @@ fn no_law_allocates() {
     }
 }
 
-/// Sample `k` of a sine, the drive going up and down, with gaps and a sample that is not known.
+/// Sample `k` of a sine with a varying drive, with gaps and one sample without displacement.
 fn moving(k: u32) -> Inputs {
     let t = 0.002 * f64::from(k);
     Inputs {
@@ -134,8 +134,8 @@ fn moving(k: u32) -> Inputs {
     }
 }
 
-/// A commander on each kind of search: tanh functions alone, with an effect that only adds, and a model tried on copies. And on each
-/// surrogate that stands for one of them.
+/// An inverse controller with each kind of search (tanh functions alone, with effects, and a model that is tried on copies), and with
+/// each surrogate that can approximate one of them.
 #[test]
 fn no_command_allocates() {
     let effect = |effect, parameters: &[f64]| EffectModel::new(effect, parameters).expect("within range");
@@ -164,12 +164,12 @@ fn no_command_allocates() {
     }
 }
 
-/// Each effect alone, in twos behind a spring, which tries the model on copies, and as a spring around springs.
+/// Each effect alone, within a spring that tries the model on copies, and between two springs.
 #[test]
 fn no_effect_allocates() {
     let force = preset(BEST_FUZZY_TANH).force;
     let present = |effect: Effect| {
-        // Halfway to the upper end, or to the lower one where that is zero; any size of a scale will do.
+        // Half of the upper end, or of the lower end if the upper end is zero; any size of the scales will do.
         let value = |p: &mr_damper_model::effect::Parameter| {
             let [low, high] = p.range;
             0.5 * if high > 0.0 { high } else { low }

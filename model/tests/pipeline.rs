@@ -1,4 +1,4 @@
-//! The pipeline as its users see it: modes as golden text, bad input, invariants.
+//! The pipeline from the user's view: mode changes as snapshots, bad input, invariants.
 
 mod common;
 
@@ -9,7 +9,7 @@ use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings
 use mr_damper_model::sample::{Drive, Reading, Stamp};
 use mr_damper_model::units::{Ampere, Metre, Newton, Volt};
 
-/// Everything fresh, then force lost, coasting, model, and back.
+/// All inputs fresh; then the force is lost, ARX coasts, the model takes over, and the force returns.
 #[test]
 fn modes_follow_the_measured_force() {
     let mut bench = Bench::thesis();
@@ -17,7 +17,7 @@ fn modes_follow_the_measured_force() {
     bench.run(100..300, |_| false);
     bench.run(300..400, |_| true);
     insta::assert_snapshot!(bench.transitions(), @"
-       2 ms  fault -> model     the model's inputs are there
+       2 ms  fault -> model     the model's inputs are available
        8 ms  model -> arx       measured force is fresh
      244 ms  arx -> arx_coast   measured force is older than force_timeout_s
      445 ms  arx_coast -> model ARX has coasted for coast_s
@@ -26,16 +26,16 @@ fn modes_follow_the_measured_force() {
 }
 
 #[test]
-fn measured_force_that_may_not_be_used_still_makes_residuals() {
+fn measured_force_that_must_not_be_used_still_gives_residuals() {
     let mut bench = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
     bench.run(0..100, |_| true);
-    insta::assert_snapshot!(bench.transitions(), @"   2 ms  fault -> model     the model's inputs are there");
+    insta::assert_snapshot!(bench.transitions(), @"   2 ms  fault -> model     the model's inputs are available");
     assert!(bench.residuals().count() > 90);
 }
 
-/// A model may blow up for a while: an estimate of 10^20 N is none, and the figures of the residual come back.
+/// A model may diverge for a while: a force of 10^20 N is reported as invalid, and the residual figures recover afterwards.
 #[test]
-fn a_force_that_no_damper_has_is_none_and_leaves_nothing_behind() {
+fn an_impossible_force_is_invalid_and_has_no_lasting_influence() {
     let good = ModelFile { model: preset("thesis/fuzzy-tanh/rp3-cs"), provenance: Provenance::default() };
     let text = good.to_toml().expect("writes");
     let yields = text.lines().find(|line| line.starts_with("yield_force_n = ")).expect("a line");
@@ -66,7 +66,7 @@ fn a_force_that_no_damper_has_is_none_and_leaves_nothing_behind() {
 }
 
 #[test]
-fn silence_holds_the_last_estimate_and_then_gives_it_up() {
+fn silence_holds_the_last_estimate_and_then_ends_in_fault() {
     let mut bench = Bench::thesis();
     bench.run(0..100, |_| true);
     for ms in (200..2200).step_by(20) {
@@ -74,11 +74,11 @@ fn silence_holds_the_last_estimate_and_then_gives_it_up() {
     }
     bench.run(1200..1300, |_| true);
     insta::assert_snapshot!(bench.transitions(), @"
-       2 ms  fault -> model     the model's inputs are there
+       2 ms  fault -> model     the model's inputs are available
        8 ms  model -> arx       measured force is fresh
      193 ms  arx -> hold        displacement is silent for longer than input_timeout_s
      193 ms  hold -> fault      the last estimate was held for hold_s
-    2346 ms  fault -> model     the model's inputs are there
+    2346 ms  fault -> model     the model's inputs are available
     2352 ms  model -> arx       measured force is fresh
     ");
     let stale: Vec<_> = bench.estimates().filter(|e| e.reasons.has(Reasons::DISPLACEMENT_LOST)).collect();
@@ -92,7 +92,7 @@ fn silence_holds_the_last_estimate_and_then_gives_it_up() {
     );
 }
 
-/// What ticks do between two displacements, the next displacement would have done: results are the same.
+/// A tick between two displacements does only what the next displacement would have done: the results are the same.
 #[test]
 fn ticks_do_not_change_results() {
     let silent = |ticks: bool| {
@@ -126,7 +126,7 @@ fn results_do_not_depend_on_the_epoch() {
     assert_eq!(run(0), run(1_790_000_000_123_456_789));
 }
 
-/// Channels of one stamp may arrive in any order, as long as displacement is last; force may come later still.
+/// Channels of one stamp may arrive in any order with displacement last; the force may even arrive after it.
 #[test]
 fn residuals_do_not_depend_on_when_the_force_arrives() {
     let run = |late: usize| {
@@ -159,7 +159,7 @@ fn residuals_do_not_depend_on_when_the_force_arrives() {
     assert_eq!(prompt[..late.len()], late[..]);
 }
 
-/// The residual must show what the model lacks, also while ARX estimates the force nearly perfectly.
+/// The residual must show the model error, also while ARX estimates the force nearly perfectly.
 #[test]
 fn a_seeded_arx_does_not_hide_the_residual() {
     let mut bench = Bench::thesis();
@@ -181,17 +181,17 @@ fn a_change_of_mode_makes_no_step() {
     bench.run(300..900, |_| false);
     bench.run(900..1200, |_| true);
     assert!(bench.events.iter().filter(|e| matches!(e, Event::Transition(_))).count() >= 5);
-    // The free run moves by itself, most at the steps of the current; what is added to that must not step.
+    // The simulation (free run) itself changes fast at steps of the current; the force added to it must not jump.
     let free = bench.free_run_n();
     let added: Vec<f64> =
         bench.estimates().zip(&free).skip(50).map(|(e, free)| e.force.get() - free).collect();
     let worst = added.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
-    assert!(worst < 30.0, "a bare switch would step by 100 N: {worst}");
-    assert!(added[800].abs() < 1.0, "600 samples after the force was lost the bump is gone: {}", added[800]);
+    assert!(worst < 30.0, "without smoothing the switch would jump by 100 N: {worst}");
+    assert!(added[800].abs() < 1.0, "600 samples after the force was lost nothing is added: {}", added[800]);
 }
 
 #[test]
-fn settings_change_between_two_samples_and_bad_ones_change_nothing() {
+fn settings_can_change_between_samples_and_bad_settings_are_rejected() {
     let mut bench = Bench::thesis();
     bench.run(0..100, |_| true);
     let before = *bench.pipeline.settings();
@@ -201,7 +201,7 @@ fn settings_change_between_two_samples_and_bad_ones_change_nothing() {
     bench.take(both(), Settings { coast_s: 0.0, ..before }).expect("zero is in range");
     bench.run(100..200, |_| false);
     insta::assert_snapshot!(bench.transitions(), @"
-       2 ms  fault -> model     the model's inputs are there
+       2 ms  fault -> model     the model's inputs are available
        8 ms  model -> arx       measured force is fresh
      244 ms  arx -> model       measured force is older than force_timeout_s
     ");
@@ -213,7 +213,7 @@ fn models_are_swapped_without_a_gap_or_a_step() {
     bench.constant_current = true;
     bench.run(0..300, |_| false);
     let models = Models::alone(preset("thesis/fuzzy-tanh/rp1-cs"));
-    bench.take(models, *bench.pipeline.settings()).expect("a preset goes with the settings");
+    bench.take(models, *bench.pipeline.settings()).expect("a preset fits the settings");
     bench.run(300..600, |_| false);
     let forces: Vec<f64> = bench.estimates().skip(5).map(|e| e.force.get()).collect();
     assert!(forces.iter().all(|f| f.is_finite()), "no gap");
@@ -223,14 +223,14 @@ fn models_are_swapped_without_a_gap_or_a_step() {
     assert!(largest(&at[..10]) < 1.2 * largest(before), "{at:?}");
 }
 
-/// The same model, 300 N higher: what it adds must come in slowly.
+/// A swap to the same model with an offset of 300 N: the difference must be faded in.
 #[test]
 fn a_swap_to_a_model_that_is_higher_makes_no_step() {
     let free = preset("thesis/fuzzy-tanh/rp3-cs");
     let higher = Model { force: free.force.with_force_offset_n(free.force.force_offset_n() + 300.0), ..free };
     let mut bench = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
     bench.run(0..300, |_| false);
-    bench.take(Models::alone(higher), *bench.pipeline.settings()).expect("it goes with the settings");
+    bench.take(Models::alone(higher), *bench.pipeline.settings()).expect("a model that fits the settings");
     bench.run(300..600, |_| false);
     let mut as_it_was = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
     as_it_was.run(0..600, |_| false);
@@ -238,12 +238,12 @@ fn a_swap_to_a_model_that_is_higher_makes_no_step() {
     let added: Vec<f64> = pairs.map(|(now, then)| now.force.get() - then.force.get()).collect();
     assert!(added[..300].iter().skip(2).all(|n| *n == 0.0));
     let steps = added[299..].windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
-    assert!(steps < 20.0, "a bare swap would step by 300 N: {steps}");
+    assert!(steps < 20.0, "without smoothing the swap would jump by 300 N: {steps}");
     assert!((added[599] - 300.0).abs() < 0.1, "{}", added[599]);
 }
 
 #[test]
-fn no_current_at_all_is_no_estimate() {
+fn without_any_current_the_estimate_is_invalid() {
     let mut bench = Bench::thesis();
     bench.without_drive = true;
     bench.run(0..100, |_| false);
@@ -264,11 +264,11 @@ fn a_current_that_stops_is_flagged() {
     let last = bench.estimates().last().expect("estimates");
     assert!(last.reasons.has(Reasons::DRIVE_STALE) && last.validity == Validity::Stale, "{last:?}");
     assert!((last.input_age.get() - 400.0 / 512.0).abs() < 0.01, "{last:?}");
-    assert!(last.force.is_finite(), "held, and said to be");
+    assert!(last.force.is_finite(), "held, and flagged as stale");
 }
 
 #[test]
-fn the_wrong_drive_is_refused_and_named() {
+fn the_wrong_kind_of_drive_is_refused_with_the_reason() {
     let mut bench = Bench::thesis();
     bench.run(0..50, |_| false);
     bench.feed_reading(50, Reading::Drive(Drive::CommandVoltage(Volt(2.0))));
@@ -293,16 +293,16 @@ fn bad_values_are_refused_one_by_one() {
             dirty.feed_reading(100, reading);
             dirty.run(100..200, |_| true);
             let bits = |bench: &Bench| bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>();
-            assert_eq!(bits(&clean), bits(&dirty), "good samples give what they gave before");
+            assert_eq!(bits(&clean), bits(&dirty), "the bad sample does not change other estimates");
             let flagged: Vec<_> =
                 dirty.estimates().filter(|e| e.reasons.has(Reasons::INPUT_REFUSED)).collect();
-            assert_eq!(flagged.len(), 1, "and the next estimate says that one was refused");
+            assert_eq!(flagged.len(), 1, "the next estimate reports the refused sample");
         }
     }
 }
 
 #[test]
-fn a_sample_ten_seconds_late_harms_nobody() {
+fn a_sample_ten_seconds_late_has_no_effect() {
     let mut bench = Bench::thesis();
     bench.run(0..6000, |_| true);
     let estimates = bench.estimates().count();
@@ -323,9 +323,9 @@ fn a_sample_that_arrives_long_after_its_stamp_is_flagged() {
     assert!(last.reasons.has(Reasons::LATE) && last.validity == Validity::Stale, "{last:?}");
 }
 
-/// One stamp an hour ahead must not make all samples after it older than the newest.
+/// One stamp an hour ahead must not make all later samples count as too old.
 #[test]
-fn a_stamp_an_hour_ahead_costs_that_sample_alone() {
+fn a_stamp_an_hour_ahead_affects_that_sample_only() {
     for reading in [
         Reading::Displacement(Metre(0.001)),
         Reading::Force(Newton(10.0)),
@@ -338,16 +338,16 @@ fn a_stamp_an_hour_ahead_costs_that_sample_alone() {
         dirty.feed_ahead(100, 3_600_000_000_000, reading);
         dirty.run(100..200, |_| true);
         let bits = |bench: &Bench| bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&clean), bits(&dirty), "good samples give what they gave before");
+        assert_eq!(bits(&clean), bits(&dirty), "the bad sample does not change other estimates");
         let told: Vec<_> = dirty.estimates().filter(|e| e.reasons.has(Reasons::STAMP_AHEAD)).collect();
         assert!(told.len() == 1 && told[0].validity != Validity::Valid, "{told:?}");
         assert!(dirty.refusals().contains("later than its arrival"), "{}", dirty.refusals());
     }
 }
 
-/// A publisher whose clock is an hour ahead is estimated, and never VALID; when its clock is set right, all is well.
+/// With a publisher's clock an hour ahead there are estimates, but none is VALID; after the clock is corrected, they are VALID again.
 #[test]
-fn a_clock_an_hour_ahead_is_believed_and_told() {
+fn a_clock_an_hour_ahead_gives_flagged_estimates_until_it_is_corrected() {
     let mut bench = Bench::thesis();
     bench.epoch_ns = 3_600_000_000_000;
     bench.delay_ns = -3_600_000_000_000;
@@ -362,18 +362,18 @@ fn a_clock_an_hour_ahead_is_believed_and_told() {
 }
 
 #[test]
-fn ten_times_the_rate_rests_arx_and_says_so() {
+fn ten_times_the_rate_disables_arx_with_a_reason() {
     let mut bench = Bench::thesis();
     bench.period_ns = 195_312;
     bench.run(0..4000, |_| true);
     let last = bench.estimates().last().expect("estimates");
     assert_eq!(last.mode, Mode::Model);
     assert!(last.reasons.has(Reasons::RATE_MISMATCH), "{last:?}");
-    assert_eq!(bench.estimates().count(), 4000, "every sample is estimated all the same");
+    assert_eq!(bench.estimates().count(), 4000, "every sample still has an estimate");
 }
 
 #[test]
-fn a_gap_starts_history_anew_and_says_so() {
+fn a_gap_restarts_the_history_with_a_reason() {
     let mut bench = Bench::thesis();
     bench.run(0..300, |_| true);
     bench.run(400..700, |_| true);
@@ -385,7 +385,7 @@ fn a_gap_starts_history_anew_and_says_so() {
 }
 
 #[test]
-fn a_clock_that_jumps_back_starts_anew() {
+fn a_clock_that_jumps_back_restarts_the_pipeline() {
     let mut bench = Bench::thesis();
     bench.epoch_ns = 100_000_000_000;
     bench.run(0..200, |_| true);
@@ -393,15 +393,15 @@ fn a_clock_that_jumps_back_starts_anew() {
     bench.run(0..200, |_| true);
     let text = bench.transitions();
     assert!(text.contains("stamps jumped"), "{text}");
-    assert_eq!(bench.pipeline.mode(), Mode::Arx, "and comes back");
+    assert_eq!(bench.pipeline.mode(), Mode::Arx, "ARX is used again");
 }
 
 #[test]
-fn a_model_with_an_output_filter_compares_like_with_like() {
+fn with_an_output_filter_measured_force_passes_the_same_filter() {
     let mut model = preset("thesis/fuzzy-tanh/rp3-cs");
     model.conditioning.apply_to = mr_damper_model::condition::ApplyTo::Output;
     let mut pipeline = Pipeline::new(Models::alone(model), Settings::default()).expect("a preset runs");
-    // The measured force is the model's own unfiltered one: through equal filters the residual vanishes.
+    // The measured force is the model's unfiltered force: behind equal filters the residual vanishes.
     let mr_damper_model::force::ForceModel::FuzzyTanh(fuzzy) = model.force else {
         panic!("a fuzzy-tanh preset")
     };
@@ -428,7 +428,7 @@ fn a_model_with_an_output_filter_compares_like_with_like() {
 }
 
 #[test]
-fn an_arx_model_with_a_filter_behind_it_is_refused() {
+fn an_arx_model_with_an_output_filter_is_rejected() {
     let settings =
         Settings { filter: Some((mr_damper_model::condition::ApplyTo::Output, 20.0)), ..Settings::default() };
     let refused = Pipeline::new(Models::alone(preset("thesis/arx-passive/rp-icps")), settings);
@@ -436,7 +436,7 @@ fn an_arx_model_with_a_filter_behind_it_is_refused() {
 }
 
 #[test]
-fn overload_is_said_once() {
+fn overload_is_reported_once() {
     let mut bench = Bench::thesis();
     bench.run(0..50, |_| true);
     bench.pipeline.note_overload();
@@ -445,7 +445,7 @@ fn overload_is_said_once() {
 }
 
 #[test]
-fn stamps_survive_from_the_displacement() {
+fn an_estimate_has_the_stamp_of_its_displacement() {
     let mut bench = Bench::thesis();
     bench.run(0..20, |_| true);
     let stamps: Vec<Stamp> = bench.estimates().map(|e| e.stamp).collect();

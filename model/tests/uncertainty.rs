@@ -1,5 +1,4 @@
-//! Bands of the running pipeline, and the table in a model file. How many measured forces the bands hold is
-//! `uncertainty_coverage.rs`.
+//! Uncertainty bands of the running pipeline, and their table in a model file. Coverage is tested in `uncertainty_coverage.rs`.
 
 mod common;
 
@@ -19,7 +18,7 @@ fn half_n(estimate: &Estimate) -> f64 {
     0.5 * (estimate.band[1].get() - estimate.band[0].get())
 }
 
-/// Both models calibrated, on the bench of the other tests.
+/// A [`Bench`] with both models calibrated.
 fn bench(settings: Settings) -> Bench {
     let models = Models::alone(calibrated(preset(BEST_FUZZY_TANH)))
         .with_seeded(calibrated(preset(BEST_ARX)))
@@ -28,7 +27,7 @@ fn bench(settings: Settings) -> Bench {
 }
 
 #[test]
-fn a_file_brings_the_table_back_bit_for_bit() {
+fn the_table_read_from_a_file_is_bit_identical() {
     for name in [BEST_FUZZY_TANH, BEST_ARX] {
         let written = file(calibrated(preset(name)));
         let text = written.to_toml().expect("writes");
@@ -41,7 +40,7 @@ fn a_file_brings_the_table_back_bit_for_bit() {
 }
 
 #[test]
-fn a_broken_table_is_named() {
+fn an_error_in_the_table_names_the_key() {
     let text = file(calibrated(preset(BEST_FUZZY_TANH))).to_toml().expect("writes");
     for (from, to, expected) in [
         ("half_band_n = [[20.0,", "half_band_n = [[-20.0,", "free_run.half_band_n[0][0] is -20"),
@@ -54,7 +53,7 @@ fn a_broken_table_is_named() {
         ("speed_edges_m_s = [0.05, 0.1]", "speed_edges_m_s = [0.1, 0.05]", "must increase"),
         ("speed_edges_m_s = [0.05, 0.1]", "speed_edges_m_s = [0.05, 0.05]", "must increase"),
         ("speed_edges_m_s = [0.05, 0.1]", "speed_edges_m_s = [0.05, inf]", "free_run.speed_edges_m_s is"),
-        ("speed_edges_m_s = [0.05, 0.1]", "speed_edges_m_s = [-0.05, 0.1]", "a speed is above 0"),
+        ("speed_edges_m_s = [0.05, 0.1]", "speed_edges_m_s = [-0.05, 0.1]", "speeds must be above 0"),
         ("speed_edges_m_s = [0.05, 0.1]", "speed_edges_m_s = [0.05]", "free_run.std_dev_n has 3 rows"),
         ("speed_edges_m_s = [0.05, 0.1]", "speed_edges_m_s = [0.1, 0.2, 0.3, 0.4]", "at most 3"),
         ("drive_edges = [1.0]", "drive_edges = []", "free_run.std_dev_n has 2 values in row 0"),
@@ -86,17 +85,17 @@ fn a_broken_table_is_named() {
 }
 
 #[test]
-fn bands_are_those_of_the_mode_and_of_the_region() {
+fn the_band_depends_on_the_mode_and_on_the_region() {
     let mut bench = bench(Settings { bumpless_tau_s: 0.0, ..Settings::default() });
-    // A force that is lost again within 2 s would not be taken at once.
+    // Force is present for more than 2 s at a time: a force that is lost again within 2 s is not used at once.
     bench.run(0..7685, |k| k % 1537 < 1387);
     let of = |mode| bench.estimates().filter(move |e| e.mode == mode && e.calibrated);
-    // The table's one step: 2 and 3 N; free run: 20 to 44 N.
+    // Half widths in the table: 2 and 3 N for one-step-ahead prediction, 20 to 44 N for simulation (free run).
     let arx: Vec<f64> = of(Mode::Arx).map(half_n).collect();
     assert!(arx.iter().filter(|h| (**h - 2.0).abs() < 1e-9 || (**h - 3.0).abs() < 1e-9).count() > 300);
     assert!(of(Mode::ArxCoast).count() > 200);
     for pair in bench.estimates().collect::<Vec<_>>().windows(2) {
-        // 2 to 3 N apart from the region, the band only grows while it coasts.
+        // Apart from the region (2 or 3 N), the band only grows while ARX coasts.
         if pair[0].mode == Mode::ArxCoast && pair[1].mode == Mode::ArxCoast {
             assert!(half_n(pair[1]) * 1.5 >= half_n(pair[0]), "{pair:?}");
         }
@@ -112,7 +111,7 @@ fn bands_are_those_of_the_mode_and_of_the_region() {
 }
 
 #[test]
-fn the_band_after_a_change_of_mode_holds_the_estimate_and_the_model() {
+fn the_band_after_a_change_of_mode_contains_the_estimate() {
     let mut bench = bench(Settings { bumpless_tau_s: 0.2, ..Settings::default() });
     bench.run(0..900, |k| k % 300 < 150);
     let mut stretched = 0;
@@ -125,7 +124,7 @@ fn the_band_after_a_change_of_mode_holds_the_estimate_and_the_model() {
 }
 
 #[test]
-fn without_calibration_the_band_is_a_guess() {
+fn without_calibration_the_band_comes_from_the_expected_error() {
     let mut bench = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
     bench.run(0..200, |_| true);
     let expected_n = preset(BEST_FUZZY_TANH).expected.free_run_rsse_n.expect("stated");
@@ -138,7 +137,7 @@ fn without_calibration_the_band_is_a_guess() {
 }
 
 #[test]
-fn a_drive_that_ages_widens_the_band() {
+fn an_old_drive_widens_the_band() {
     let settings = Settings { use_measured_force: UseForce::Never, ..Settings::default() };
     let mut bench = bench(settings);
     bench.constant_current = true;
@@ -154,11 +153,11 @@ fn a_drive_that_ages_widens_the_band() {
     assert!(fresh.calibrated && half_n(fresh) < 45.0, "{fresh:?}");
     assert!(aged.calibrated && base(aged), "{aged:?} {}", half_n(aged));
     let beyond = last[99 + 199];
-    assert!(!beyond.calibrated && base(beyond), "an age that was not tried: {beyond:?}");
+    assert!(!beyond.calibrated && base(beyond), "an age beyond the table: {beyond:?}");
 }
 
 #[test]
-fn a_held_estimate_may_be_off_by_all_that_the_damper_has() {
+fn the_band_of_a_held_estimate_is_the_full_force_range() {
     let range = [-1500.0, 1400.0];
     for known in [true, false] {
         let mut free = calibrated(preset(BEST_FUZZY_TANH));
@@ -185,7 +184,7 @@ fn a_held_estimate_may_be_off_by_all_that_the_damper_has() {
 }
 
 #[test]
-fn another_filter_than_it_was_calibrated_behind_ends_the_calibration() {
+fn a_filter_other_than_in_calibration_ends_the_calibration() {
     let calibrated_rows = |filter| {
         let mut bench =
             bench(Settings { filter, use_measured_force: UseForce::Never, ..Settings::default() });
@@ -210,13 +209,13 @@ fn an_extrapolating_estimate_is_not_calibrated() {
 }
 
 #[test]
-fn too_few_runs_are_refused() {
+fn too_few_calibration_runs_are_rejected() {
     let error = calibrate(&preset(BEST_FUZZY_TANH), &[]).expect_err("no runs").to_string();
     assert!(error.contains("0 of 3") && error.contains("hold out at least 3 runs"), "{error}");
 }
 
 #[test]
-fn a_model_of_one_predictor_says_so() {
+fn a_table_covers_its_predictors() {
     let table = calibrated(preset(BEST_ARX)).expected.uncertainty.expect("given");
     assert!(table.covers(Predictor::FreeRun) && table.covers(Predictor::OneStep));
     let at = Operating {

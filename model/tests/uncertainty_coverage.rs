@@ -1,11 +1,10 @@
-//! How many measured forces lie in the calibrated 90 % bands of the running pipeline, on runs that neither
-//! identification nor calibration has seen.
+//! Coverage of the calibrated 90 % bands of the running pipeline: the share of measured forces inside, on runs that were used neither for
+//! identification nor for calibration.
 //!
-//! Generated runs are replicates of two experiments with random motion and current, each with an excitation of its
-//! own, on a bench that drifts ([`mr_damper_model::rig::Drift`]). Measured ones are found by `MR_DAMPER_DATA`. Which of them are for what is
-//! drawn by lot, so that calibration and test are exchangeable; a single draw may land beside 90 % because there are few
-//! runs, so what counts is the mean over draws. `MR_DAMPER_LONG=1` makes more sets and more draws; `--nocapture` shows
-//! all figures.
+//! Generated runs are replicates of two experiments with random motion and current, each with its own excitation, on a rig with drift
+//! ([`mr_damper_model::rig::Drift`]). Measured runs are in the folder `MR_DAMPER_DATA`. They are assigned to identification, calibration
+//! and test at random, so that calibration and test are exchangeable. A single draw may differ from 90 % because there are few runs, so
+//! the mean over draws is tested. `MR_DAMPER_LONG=1` uses more sets and more draws; `--nocapture` shows all figures.
 
 mod coverage;
 mod measured;
@@ -29,7 +28,7 @@ fn long() -> bool {
     std::env::var_os("MR_DAMPER_LONG").is_some()
 }
 
-/// A model of `train`, calibrated on `held_out`.
+/// A model identified on `train` and calibrated on `held_out`.
 fn model(spec: ModelSpec, [train, held_out, _]: &Parts) -> Model {
     let options = Options { restarts: 4, most_rows: Some(4000), ..Options::default() };
     let mut model = identify(spec, train, &options, &Watch::none()).expect("identifies").model;
@@ -42,7 +41,7 @@ fn rows(model: &Model, test: &[Run], away: Away) -> Vec<Row> {
     (0..).zip(test).flat_map(|(seed, run)| cover(model, run, away, seed)).collect()
 }
 
-/// The coverage of those rows that `which` says yes to, printed under `name`; it must lie within `range`.
+/// Checks that the coverage of the rows selected by `which` lies within `range`, prints it under `name`, and returns it.
 fn assert_covers(name: &str, rows: &[Row], range: [f64; 2], which: impl Fn(&Row) -> bool) -> f64 {
     let tally = Tally::of(rows.iter().filter(|row| which(row)));
     println!("{name}: {}", tally.text());
@@ -53,22 +52,22 @@ fn assert_covers(name: &str, rows: &[Row], range: [f64; 2], which: impl Fn(&Row)
 
 const WANTED: [f64; 2] = [0.88, 0.92];
 
-/// While an input is away, errors differ more from run to run, and eight runs tell of them: a single set of runs may
-/// land here, the mean over sets may not.
+/// Range for a single set of runs while an input is missing. Errors then differ more from run to run, and only eight runs are used for
+/// calibration. The mean over sets must be within [`WANTED`].
 const OF_A_SET: [f64; 2] = [0.85, 0.95];
 
-/// The mean over sets must be what is wanted.
+/// Checks that the mean over sets is within [`WANTED`].
 fn assert_mean(name: &str, shares: &[f64]) {
     let mean = shares.iter().sum::<f64>() / shares.len() as f64;
     println!("{name}: {:.1} % over {} sets", 100.0 * mean, shares.len());
     assert!((WANTED[0]..=WANTED[1]).contains(&mean), "{name}: {mean}");
 }
 
-/// A region has some 200 effective rows or more in calibration and in test: the difference of two such shares has a
-/// standard deviation of 3 %. Three of them, because there are twelve regions.
+/// Range for a region. It has about 200 effective rows or more in calibration and in test, so the difference of the two shares has a
+/// standard deviation of 3 %. Three standard deviations are allowed, because there are twelve regions.
 const OF_A_REGION: [f64; 2] = [0.81, 0.99];
 
-/// On all inputs each region has a width of its own.
+/// Checks the coverage of each region. With all inputs present, each region has a different band width.
 fn assert_regions(name: &str, rows: &[Row], mode: Mode) {
     let mut regions: BTreeMap<u64, Vec<Row>> = BTreeMap::new();
     for row in rows.iter().filter(|row| row.mode == mode && row.calibrated) {
@@ -80,14 +79,14 @@ fn assert_regions(name: &str, rows: &[Row], mode: Mode) {
     }
 }
 
-/// Sets of replicates: two an experiment to identify, four to calibrate, five to test.
+/// Sets of replicates: per experiment two for identification, four for calibration and five for the test.
 fn sets() -> impl Iterator<Item = (u64, Parts)> {
     let parts = |set| [generated(1..=2, set), generated(3..=6, set), generated(7..=11, set)];
     (1..=if long() { 8 } else { 1 }).map(move |set| (set, parts(set)))
 }
 
 #[test]
-fn nine_of_ten_generated_forces_lie_in_the_band_of_a_free_run() {
+fn simulation_bands_cover_nine_of_ten_generated_forces() {
     let mut when_aged = Vec::new();
     for (set, parts) in sets() {
         let model = model(ModelSpec::FUZZY_TANH, &parts);
@@ -111,7 +110,7 @@ fn nine_of_ten_generated_forces_lie_in_the_band_of_a_free_run() {
 }
 
 #[test]
-fn nine_of_ten_generated_forces_lie_in_the_band_of_one_step() {
+fn one_step_ahead_bands_cover_nine_of_ten_generated_forces() {
     let mut when_coasting = Vec::new();
     for (set, parts) in sets() {
         let model = model(ModelSpec::ARX_SEMI_ACTIVE, &parts);
@@ -126,7 +125,7 @@ fn nine_of_ten_generated_forces_lie_in_the_band_of_one_step() {
             let name = format!("set {set}, arx, coasting for {from} to {to} s");
             assert_covers(&name, &lost, [0.82, 0.98], |row| coasts(row) && (from..to).contains(&row.coast_s));
         }
-        let model_mode = format!("set {set}, arx running free");
+        let model_mode = format!("set {set}, arx in simulation");
         assert_covers(&model_mode, &lost, [0.8, 0.98], |row| row.mode == Mode::Model);
         let aged = rows(&model, &parts[2], Away::Drive);
         assert_covers(&format!("set {set}, arx, drive held"), &aged, WANTED, |row| row.drive_age_s > 0.003);
@@ -134,14 +133,15 @@ fn nine_of_ten_generated_forces_lie_in_the_band_of_one_step() {
     assert_mean("arx, coasting", &when_coasting);
 }
 
-/// Draws thirds of runs by lot.
+/// Random thirds of the runs.
 fn thirds(runs: &[Run], random: &mut Pcg64Mcg) -> Parts {
     let mut order: Vec<usize> = (0..runs.len()).collect();
     order.shuffle(random);
     [0, 1, 2].map(|part| order.iter().skip(part).step_by(3).map(|k| runs[*k].clone()).collect())
 }
 
-/// Draws thirds of motions x currents (named motion by motion) by lot, as a Latin square: each motion and each current in every part.
+/// Random thirds of runs with all combinations of motions and currents (sorted by motion), as a Latin square: each motion and each
+/// current is in every part.
 fn latin_thirds(runs: &[Run], currents: usize, random: &mut Pcg64Mcg) -> Parts {
     let mut shuffled = |count: usize| {
         let mut order: Vec<usize> = (0..count).collect();
@@ -154,11 +154,11 @@ fn latin_thirds(runs: &[Run], currents: usize, random: &mut Pcg64Mcg) -> Parts {
     [0, 1, 2].map(|part| (0..runs.len()).filter(|k| part_of(*k) == part).map(|k| runs[k].clone()).collect())
 }
 
-/// While coasting: utfsm-mr has five runs to calibrate on, so that one left out is covered from four, and the level that
-/// this asks for is a little high (92.0 % over 40 draws).
+/// Range while coasting. utfsm-mr has five runs for calibration, so a run that is left out is predicted from four, and the resulting
+/// level is a little high (92.0 % over 40 draws).
 const OF_FEW: [f64; 2] = [0.87, 0.93];
 
-/// Coverage by draw; the mean over draws must lie within `range`.
+/// Checks that the mean coverage over draws is within `range`, and prints the coverage of each draw.
 fn assert_draws(
     name: &str,
     spec: ModelSpec,
@@ -192,14 +192,14 @@ fn assert_draws(
 }
 
 #[test]
-fn nine_of_ten_measured_forces_lie_in_the_band() {
+fn bands_cover_nine_of_ten_measured_forces() {
     let one_step = |row: &Row| row.mode == Mode::Arx && row.coast_s < 0.015;
     let coasts = |row: &Row| row.mode != Mode::Model && row.coast_s > 0.015;
     if let Some(runs) = folder("utfsm-mr") {
         assert_eq!(runs.len(), 30);
         let draw = |random: &mut Pcg64Mcg| latin_thirds(&runs, 5, random);
         assert_draws("utfsm-mr, fuzzy-tanh", ModelSpec::FUZZY_TANH, Away::None, WANTED, |_| true, draw);
-        // An ARX model holds at one rate: 1000 Hz, three motions.
+        // An ARX model is valid at one rate: the three motions at 1000 Hz are used.
         let fast =
             |run: &&Run| ["10mm2hz", "5mm3hz", "5mm4hz"].iter().any(|motion| run.name.contains(motion));
         let fast: Vec<Run> = runs.iter().filter(fast).cloned().collect();

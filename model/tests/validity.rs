@@ -1,4 +1,4 @@
-//! Every reason of an estimate: what makes it, and what is near that and must not.
+//! Every reason of an estimate, each with a case that gives it and a similar case that does not.
 
 mod common;
 
@@ -13,28 +13,28 @@ use mr_damper_model::preset::{BEST_ARX, BEST_FUZZY_TANH};
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Second, Volt};
 
-/// Samples of a drill; reasons count from the middle of it on.
+/// Samples of a case. Reasons are collected from sample `COUNTS_FROM` on.
 const LENGTH: i64 = 800;
 const COUNTS_FROM: i64 = 400;
 
-/// What is changed of a sample's readings: number of the sample, readings of its stamp, the last one displacement.
+/// A change of a sample's readings, given the number of the sample and its readings, of which displacement is the last.
 type Edit = fn(i64, &mut Vec<Sample>);
 
-/// What runs, and what it is fed with.
+/// A case: the models, the settings and the input.
 #[derive(Clone, Copy)]
 struct Drill {
     models: fn() -> Models,
     settings: fn() -> Settings,
     edit: Edit,
-    /// Other than feeding: silence at the end, or a note of lost samples.
+    /// A step after the samples: silence, or a note of lost samples.
     end: fn(&mut Pipeline, &mut dyn FnMut(Event)),
 }
 
-/// Both models on the thesis' motion, all inputs there.
+/// Both models on the thesis' motion, with all inputs present.
 const SOUND: Drill = Drill { models: both, settings: Settings::default, edit: |_, _| {}, end: |_, _| {} };
 
 impl Drill {
-    /// What the estimates said from the middle on, and the mode at the end.
+    /// The reasons of the estimates from `COUNTS_FROM` on, and the mode at the end.
     fn run(&self) -> (Reasons, Mode) {
         let mut pipeline = Pipeline::new((self.models)(), (self.settings)()).expect("presets run");
         let mut said = Reasons::NONE;
@@ -83,7 +83,7 @@ fn is_drive(reading: &Reading) -> bool {
     matches!(reading, Reading::Drive(_))
 }
 
-/// Changes the number of the readings of one kind.
+/// Changes the value of the readings of one kind.
 fn change(feed: &mut [Sample], what: fn(&Reading) -> bool, to: impl Fn(f64) -> f64) {
     for sample in feed.iter_mut().filter(|sample| what(&sample.reading)) {
         sample.reading = match sample.reading {
@@ -123,7 +123,7 @@ fn driver() -> Settings {
     Settings { limits: Limits { rate_max_a_s: 20.0, ..Limits::default() }, ..Settings::default() }
 }
 
-/// A reason, a drill that makes it, and the nearest one that must not.
+/// Each reason with a case that must give it, and a similar case that must not.
 fn drills() -> Vec<(Reasons, Drill, Drill)> {
     let edited = |edit: Edit| Drill { edit, ..SOUND };
     let enveloped = |edit: Edit| Drill { models: || trained(WIDE), edit, ..SOUND };
@@ -144,7 +144,7 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
                     without(feed, is_drive);
                 }
             }),
-            // At 4 Hz.
+            // The drive comes at 4 Hz.
             edited(|k, feed| {
                 if k % 128 != 0 {
                     without(feed, is_drive);
@@ -208,7 +208,7 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
             edited(|_, feed| feed.iter_mut().for_each(|s| s.received = s.received.shifted(-25_000_000))),
         ),
         (
-            // Only that of the driver is.
+            // Only the clock of the driver is ahead.
             Reasons::STAMP_AHEAD,
             edited(|_, feed| feed[0].received = feed[0].received.shifted(-50_000_000)),
             SOUND,
@@ -232,7 +232,7 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
             SOUND,
         ),
         (
-            // An ARX whose poles sum to one has no static gain; the best one has.
+            // An ARX whose force lags sum to one has no static gain; the thesis' best ARX has one.
             Reasons::NO_DC,
             Drill { models: without_dc, edit: force_ends, ..SOUND },
             Drill { models: both, edit: force_ends, ..SOUND },
@@ -305,13 +305,13 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
         ),
         (
             Reasons::SENSOR_STUCK,
-            // Displacement stands still, and the load cell tells that the rod does not.
+            // Displacement is stuck, while the measured force shows that the rod moves.
             enveloped(|k, feed| {
                 if k > 450 {
                     change(feed, is_displacement, |_| 0.004);
                 }
             }),
-            // A car is parked: nothing moves but the load cell's noise.
+            // A parked car: nothing moves except the load cell's noise.
             enveloped(|k, feed| {
                 if k > 450 {
                     let noise_n = (k * 7 % 11) as f64;
@@ -322,13 +322,13 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
         ),
         (
             Reasons::SENSOR_STUCK,
-            // The load cell stands still, and the rod moves.
+            // The load cell is stuck while the rod moves.
             edited(|k, feed| {
                 if k > 450 {
                     change(feed, is_force, |_| 350.0);
                 }
             }),
-            // It is only gone.
+            // The force is absent, not stuck.
             edited(|k, feed| {
                 if k > 450 {
                     without(feed, is_force);
@@ -338,7 +338,7 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
         (
             Reasons::VELOCITY_DISAGREES,
             edited(|k, feed| put(feed, Reading::Velocity(MetrePerSecond(-velocity_m_s(k, 0.0))))),
-            // 4 ms late, of a gain 10 % too large, with noise.
+            // 4 ms late, with a gain 10 % too large and noise.
             edited(|k, feed| {
                 let noise_m_s = 0.01 * ((k * 7 % 11) as f64 - 5.0) / 5.0;
                 let velocity_m_s = 1.1 * velocity_m_s(k, 4e-3) + noise_m_s;
@@ -375,7 +375,7 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
                 edit: |k, feed| change(feed, is_drive, |_| if k > 500 { 1.9 } else { 1.2 }),
                 ..SOUND
             },
-            // The driver's clock is set back, and its current stays what it is.
+            // The driver's clock is set back, while its current stays constant.
             Drill {
                 settings: driver,
                 edit: |k, feed| {
@@ -405,7 +405,7 @@ fn after(silence_s: f64) -> Stamp {
     Stamp::from_nanos((LENGTH - 1) * PERIOD_NS + (silence_s * 1e9) as i64)
 }
 
-/// The ARX that says that the force stays what it is: its pole is one.
+/// An ARX that predicts a constant force: its pole is one.
 fn without_dc() -> Models {
     let none = [0.0; LAGS];
     let stays = Arx::new([1.0, 0.0, 0.0], none, none, None, Second(1.0 / 512.0), 0.0).expect("finite");
@@ -414,17 +414,17 @@ fn without_dc() -> Models {
 }
 
 #[test]
-fn each_reason_is_said_where_it_holds_and_not_near_it() {
+fn each_reason_is_given_in_its_case_and_not_in_a_similar_one() {
     for (reason, makes, must_not) in drills() {
         let name = reason.names().next().expect("one reason");
         let (said, _) = makes.run();
-        assert!(said.has(reason), "{name} is made: {:?}", said.names().collect::<Vec<_>>());
+        assert!(said.has(reason), "{name} is missing: {:?}", said.names().collect::<Vec<_>>());
         let (said, _) = must_not.run();
-        assert!(!said.has(reason), "{name} is not made: {:?}", said.names().collect::<Vec<_>>());
+        assert!(!said.has(reason), "{name} must not be given: {:?}", said.names().collect::<Vec<_>>());
     }
 }
 
-/// Just wide enough for the thesis' motion.
+/// An envelope just wide enough for the thesis' motion.
 const WIDE: Envelope = Envelope {
     displacement_m: Some([-0.01, 0.01]),
     velocity_m_s: Some([-0.135, 0.135]),
@@ -433,13 +433,13 @@ const WIDE: Envelope = Envelope {
     force_n: Some([-950.0, 950.0]),
 };
 
-/// Both models, with what each of them was trained on.
+/// Both models with this training envelope.
 fn trained(envelope: Envelope) -> Models {
     let fuzzy = Model { envelope, ..preset(BEST_FUZZY_TANH) };
     Models::alone(fuzzy).with_seeded(Model { envelope, ..preset(BEST_ARX) }).expect("both want a current")
 }
 
-/// Each range of the training by itself, just wide enough for the thesis' motion, and too narrow for it.
+/// Each range of the training envelope in turn: once just wide enough for the thesis' motion, once too narrow.
 #[test]
 fn leaving_the_training_envelope_is_extrapolating() {
     type Trained = (&'static str, fn() -> Models);
@@ -468,7 +468,7 @@ fn leaving_the_training_envelope_is_extrapolating() {
     assert_eq!(said, Reasons::NONE);
 }
 
-/// The low-pass on the output remembers what the model has said.
+/// The low-pass on the output still contains earlier model forces.
 #[test]
 fn a_filtered_force_beyond_the_training_is_flagged_until_it_is_back() {
     let range = Some([-300.0, 300.0]);
@@ -478,13 +478,13 @@ fn a_filtered_force_beyond_the_training_is_flagged_until_it_is_back() {
     let mut bench = Bench::of(Models::alone(model), Settings::default());
     bench.run(0..2000, |_| false);
     let beyond: Vec<_> = bench.estimates().filter(|e| Envelope::leaves(range, e.force.get())).collect();
-    assert!(beyond.len() > 100, "the motion is enough");
+    assert!(beyond.len() > 100, "the motion leaves the range");
     assert!(beyond.iter().all(|e| e.reasons.has(Reasons::OUTSIDE_ENVELOPE)));
 }
 
 #[test]
-fn no_reason_is_left_out() {
-    // That one has a test of its own.
+fn every_reason_has_a_case() {
+    // OUTSIDE_ENVELOPE has its own test.
     let drilled = drills().into_iter().fold(Reasons::OUTSIDE_ENVELOPE, |mut all, (reason, _, _)| {
         all |= reason;
         all
@@ -494,7 +494,7 @@ fn no_reason_is_left_out() {
 }
 
 #[test]
-fn a_sound_damper_is_valid() {
+fn a_healthy_damper_is_valid() {
     let (said, mode) = SOUND.run();
     assert_eq!((said, mode), (Reasons::NONE, Mode::Arx));
     let measured = Drill {
@@ -510,7 +510,7 @@ fn a_sound_damper_is_valid() {
 }
 
 #[test]
-fn a_load_cell_that_is_odd_seeds_nothing() {
+fn implausible_measured_force_does_not_seed_the_arx() {
     for edit in [(|_, feed| change(feed, is_force, |f| -f)) as Edit, |k, feed| {
         if k > 300 {
             change(feed, is_force, |_| 350.0);

@@ -1,4 +1,4 @@
-//! Readings of real dampers are not said to be odd, and the same readings with a fault put in are.
+//! Readings of real dampers are not flagged as implausible, and the same readings with an injected fault are.
 
 mod measured;
 
@@ -8,7 +8,7 @@ use mr_damper_model::pipeline::{Event, Models, Pipeline, Reasons, Settings};
 use mr_damper_model::preset;
 use mr_damper_model::sample::{Run, Trace};
 
-/// What judges readings by each other.
+/// The plausibility checks of readings, with short names.
 const ODD: [(Reasons, &str); 6] = [
     (Reasons::INPUT_RANGE, "range"),
     (Reasons::INPUT_RATE, "rate"),
@@ -18,14 +18,14 @@ const ODD: [(Reasons, &str); 6] = [
     (Reasons::NOT_PASSIVE, "passivity"),
 ];
 
-/// Share of the estimates of `run` that bear each of [`ODD`].
+/// Share of the estimates of `run` that are flagged with each of [`ODD`].
 fn odd(run: &Run) -> [f64; ODD.len()] {
     let range = |trace: &Trace| {
         let mut range = None;
         trace.values.iter().for_each(|value| Envelope::widen(&mut range, *value));
         range
     };
-    // The judge wants the ranges of a model, and no more of it: any that takes a current will do, and for a voltage as well.
+    // The checks use only the ranges of the model, so any model with a current input will do, also for runs with a voltage.
     let envelope = Envelope {
         displacement_m: range(&run.displacement_m),
         force_n: run.force_n.as_ref().and_then(range),
@@ -53,7 +53,7 @@ fn text(shares: &[f64; ODD.len()]) -> String {
 }
 
 #[test]
-fn real_dampers_are_not_odd_until_a_fault_is_put_in() {
+fn readings_of_real_dampers_are_flagged_only_with_a_fault() {
     for name in ["utfsm-mr", "utfpr-mr", "nees-mr"] {
         let Some(runs) = folder(name) else { continue };
         let (mut worst, mut caught) = ([0.0_f64; ODD.len()], [0_usize; 2]);
@@ -76,7 +76,7 @@ fn real_dampers_are_not_odd_until_a_fault_is_put_in() {
             caught[1] += usize::from(odd(&stuck)[2] > 0.1);
         }
         println!(
-            "{name}: {} runs, at most {}; turned force caught in {}, stuck force in {}",
+            "{name}: {} runs, at most {}; inverted force found in {}, stuck force in {}",
             runs.len(),
             text(&worst),
             caught[0],

@@ -1,4 +1,4 @@
-//! The actions of `mr_damper_msgs`. The `.action` files are their one definition.
+//! The actions of `mr_damper_msgs`, defined by the `.action` files.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,7 +6,8 @@ use crate::Action;
 use crate::message::{message, section};
 use crate::nan;
 
-/// Finds what the loaded model leaves unexplained in recent data, names the effect and adds it.
+/// Diagnoses the loaded model on recent data: finds a missing effect, names it and adds it to the
+/// model.
 #[derive(Clone, Copy, Debug)]
 pub struct CloseLoop;
 
@@ -22,7 +23,7 @@ impl Action for CloseLoop {
 /// Goal of [`CloseLoop`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CloseLoopGoal {
-    /// How much of the past to use, in s.
+    /// Length of the recent data to use, in s.
     #[serde(deserialize_with = "nan::or_null")]
     pub history: f64,
 }
@@ -36,9 +37,9 @@ message!(
 /// Result of [`CloseLoop`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CloseLoopResult {
-    /// Whether it was done.
+    /// Whether the diagnosis succeeded.
     pub success: bool,
-    /// The closing report, JSON, schema `mr-damper/close/1`.
+    /// The diagnosis report as JSON, schema `mr-damper/close/1`.
     pub report: String,
 }
 message!(
@@ -51,7 +52,7 @@ message!(
 /// Feedback of [`CloseLoop`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CloseLoopFeedback {
-    /// What is being done now, for people.
+    /// Current stage, as text for people.
     pub stage: String,
     /// From 0 to 1.
     pub progress: f32,
@@ -81,7 +82,7 @@ impl Action for Identify {
 pub struct IdentifyGoal {
     /// Model name, such as `fuzzy-tanh`.
     pub model: String,
-    /// How much of the past to use, in s.
+    /// Length of the recent data to use, in s.
     #[serde(deserialize_with = "nan::or_null")]
     pub history: f64,
     /// Path of the model file to write, on the node's machine.
@@ -97,11 +98,11 @@ message!(
 /// Result of [`Identify`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct IdentifyResult {
-    /// Whether it was done.
+    /// Whether a model was fitted and written.
     pub success: bool,
-    /// What was fitted and how well, or why not and what to do.
+    /// The fitted model and how well it fits; on failure, the cause and what to do.
     pub message: String,
-    /// Path of the model file that was written; empty when there is none.
+    /// Path of the written model file; empty if none was written.
     pub model_file: String,
 }
 message!(
@@ -114,7 +115,7 @@ message!(
 /// Feedback of [`Identify`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct IdentifyFeedback {
-    /// What is being done now, for people.
+    /// Current stage, as text for people.
     pub stage: String,
     /// From 0 to 1.
     pub progress: f32,

@@ -1,26 +1,27 @@
-//! CDR, the bytes that DDS and rosbag2 carry.
+//! CDR, the encoding that DDS and rosbag2 use for messages.
 //!
-//! A payload is four bytes that name the encoding, then the message with every number aligned to its size,
-//! counted from after those four. We write little endian (`00 01 00 00`) and read both byte orders.
+//! A payload starts with four bytes that name the encoding. The message follows; every number is aligned to
+//! its size, counted from the end of the four bytes. We write little endian (`00 01 00 00`) and read both byte
+//! orders.
 //!
-//! Reading is safe on hostile bytes: a length is checked against the bytes that are there before memory is
-//! taken for a string, and a sequence grows by the elements that were really read.
+//! Reading is safe on hostile bytes: before memory is allocated for a string, its length is checked against
+//! the available bytes, and a sequence grows only by elements that were actually read.
 
 use byteorder::{BigEndian, ByteOrder, LittleEndian};
 use cdr_encoding::CdrDeserializer;
 
 use crate::Message;
 
-/// Bytes in front of the message that name its encoding.
+/// Number of bytes before the message that name its encoding.
 const HEADER_LEN: usize = 4;
 
-/// Why bytes are not the message they should be.
+/// Why a payload cannot be read, or a message cannot be written.
 ///
-/// Offsets are in bytes from the beginning of the payload, header included.
+/// Offsets are in bytes from the start of the payload, header included.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CdrError {
-    /// Not even the four bytes that name the encoding.
+    /// The payload is shorter than the four bytes that name the encoding.
     #[error("{type_name}: payload of {len} bytes has no 4-byte CDR header")]
     NoHeader {
         /// The expected type.
@@ -28,7 +29,7 @@ pub enum CdrError {
         /// Bytes in the payload.
         len: usize,
     },
-    /// Another encoding than plain CDR, such as XCDR2 or a parameter list.
+    /// The encoding is not plain CDR, but for example XCDR2 or a parameter list.
     #[error(
         "{type_name}: encoding {:02x} {:02x} is not plain CDR (00 00 or 00 01); \
          set the sender to XCDR1, final types",
@@ -41,7 +42,7 @@ pub enum CdrError {
         /// The first two bytes of the header.
         found: [u8; 2],
     },
-    /// The message is cut short or holds an impossible value.
+    /// The message is truncated or holds an impossible value.
     #[error("{type_name}: at byte {offset} of {len}: {reason}")]
     Body {
         /// The expected type.
@@ -50,7 +51,7 @@ pub enum CdrError {
         offset: usize,
         /// Bytes in the payload.
         len: usize,
-        /// What was wrong there.
+        /// The cause.
         reason: String,
     },
     /// The message cannot be written.
@@ -58,7 +59,7 @@ pub enum CdrError {
     Write {
         /// The type.
         type_name: &'static str,
-        /// Why not.
+        /// The cause.
         reason: String,
     },
 }
@@ -66,18 +67,18 @@ pub enum CdrError {
 /// Writes a message into a new vector.
 ///
 /// # Errors
-/// None of this crate's messages is refused; see [`write_into`].
+/// Never for the messages of this crate; see [`write_into`].
 pub fn to_vec<M: Message>(message: &M) -> Result<Vec<u8>, CdrError> {
     let mut buffer = Vec::with_capacity(HEADER_LEN + 2 * size_of::<M>());
     write_into(message, &mut buffer)?;
     Ok(buffer)
 }
 
-/// Writes a message into a buffer, replacing what was there. Allocates only when the buffer is too small.
+/// Writes a message into a buffer and replaces its content. Allocates only if the buffer is too small.
 ///
 /// # Errors
-/// When the type has something that CDR cannot carry. None of this crate's messages has; the buffer is then
-/// empty.
+/// If the type contains something that CDR cannot encode, which no message of this crate does; the buffer is
+/// then empty.
 pub fn write_into<M: Message>(message: &M, buffer: &mut Vec<u8>) -> Result<(), CdrError> {
     buffer.clear();
     buffer.extend_from_slice(&[0, 1, 0, 0]);
@@ -89,16 +90,16 @@ pub fn write_into<M: Message>(message: &M, buffer: &mut Vec<u8>) -> Result<(), C
 
 /// Reads a message.
 ///
-/// A Boolean other than 0 or 1 and text that is not UTF-8 are refused. Numbers are taken as they are, NaN
-/// included. Bytes after the message are ignored, as in every ROS 2 middleware: senders pad to four bytes, and
-/// what rclpy's `serialize_message` makes of a `JointState` with an empty list is eight bytes too long.
+/// A Boolean other than 0 or 1 and text that is not UTF-8 are refused. Numbers are accepted as they are,
+/// including NaN. Bytes after the message are ignored, as in every ROS 2 middleware: senders pad to four
+/// bytes, and rclpy's `serialize_message` writes eight bytes too many for a `JointState` with an empty list.
 ///
 /// # Errors
-/// When the bytes do not begin with a message of this type in plain CDR.
+/// If the bytes do not begin with a message of this type in plain CDR.
 pub fn from_slice<M: Message>(bytes: &[u8]) -> Result<M, CdrError> {
     let no_header = CdrError::NoHeader { type_name: M::TYPE, len: bytes.len() };
     let Some((header, body)) = bytes.split_first_chunk::<HEADER_LEN>() else { return Err(no_header) };
-    // The last two header bytes are options without meaning in plain CDR.
+    // The last two header bytes are options that have no meaning in plain CDR.
     match [header[0], header[1]] {
         [0, 0] => read_body::<M, BigEndian>(body),
         [0, 1] => read_body::<M, LittleEndian>(body),

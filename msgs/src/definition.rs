@@ -1,7 +1,7 @@
-//! The definitions of the standard types, and how a definition is put together.
+//! The definitions of the standard types, and the macros that assemble a full definition.
 //!
-//! Those of our own types come from the `.msg` files. These macros yield string literals, so that
-//! [`crate::Message::DEFINITION`] is made when the crate is built.
+//! The definitions of our own types come from the `.msg` files. The macros expand to string
+//! literals, so that [`crate::Message::DEFINITION`] is assembled at compile time.
 
 /// The fields and constants of a standard type.
 macro_rules! text {
@@ -134,7 +134,7 @@ macro_rules! text {
 }
 pub(crate) use text;
 
-/// The part of a definition that holds a type inside it.
+/// The part of a full definition that describes one nested type: separator, name and fields.
 macro_rules! part {
     (Time) => { $crate::definition::part!("builtin_interfaces" Time) };
     (Header) => { $crate::definition::part!("std_msgs" Header) };
@@ -158,7 +158,7 @@ macro_rules! part {
     (IndividualTypeDescription) => { $crate::definition::part!("type_description_interfaces" IndividualTypeDescription) };
     (TypeDescription) => { $crate::definition::part!("type_description_interfaces" TypeDescription) };
     (TypeSource) => { $crate::definition::part!("type_description_interfaces" TypeSource) };
-    // `diagnostic_msgs` has a `KeyValue` as well.
+    // `diagnostic_msgs` also has a `KeyValue`.
     (TypeKeyValue) => { $crate::definition::part!("type_description_interfaces" TypeKeyValue as "KeyValue") };
     ($package:literal $name:ident) => { $crate::definition::part!($package $name as stringify!($name)) };
     ($package:literal $name:ident as $called:expr) => {
@@ -171,7 +171,7 @@ macro_rules! part {
 }
 pub(crate) use part;
 
-/// A definition and those of all types inside it: `definition!(text, Header Time)`.
+/// A definition followed by the definitions of all nested types: `definition!(text, Header Time)`.
 macro_rules! definition {
     ($text:expr $(, $($inside:ident)+)?) => {
         concat!($text $(, $($crate::definition::part!($inside)),+)?)

@@ -1,4 +1,4 @@
-//! The messages of `geometry_msgs` that an input may carry. SI units (REP-103).
+//! The messages of `geometry_msgs` that an input can have as its type. SI units (REP-103).
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +7,7 @@ use crate::message::message;
 use crate::nan;
 use crate::standard::Header;
 
-/// `geometry_msgs/msg/Vector3`: a direction with a size.
+/// `geometry_msgs/msg/Vector3`: a vector in space.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Vector3 {
     /// Along the first axis.
@@ -42,7 +42,7 @@ message!(
     definition!(text!(Wrench), Vector3)
 );
 
-/// `geometry_msgs/msg/WrenchStamped`: force and torque with stamp and frame, as load cells with several axes send it.
+/// `geometry_msgs/msg/WrenchStamped`: force and torque with stamp and frame, as multi-axis load cells publish them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WrenchStamped {
     /// When it was taken, and the frame of its axes.
@@ -57,7 +57,7 @@ message!(
     definition!(text!(WrenchStamped), Header Wrench Vector3 Time)
 );
 
-/// `geometry_msgs/msg/Twist`: velocity, straight and around.
+/// `geometry_msgs/msg/Twist`: linear and angular velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Twist {
     /// Velocity in m/s.

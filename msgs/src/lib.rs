@@ -1,9 +1,9 @@
 //! The ROS 2 interface package `mr_damper_msgs`, in Rust.
 //!
-//! This directory is two things: a ROS 2 package that colcon builds (`package.xml`, `msg/`, `srv/`, `action/`),
-//! and this crate, which speaks the same interface without ROS installed. The definition files are the one
-//! source of both: the crate includes their text, and tests hold the structs, constants, bytes and type hashes
-//! against it and against an independent implementation.
+//! This directory is both a ROS 2 package that colcon builds (`package.xml`, `msg/`, `srv/`, `action/`) and
+//! this crate, which implements the same interface without a ROS installation. The definition files are the
+//! only source of both: the crate includes their text, and tests compare the structs, constants, bytes and type
+//! hashes with it and with an independent implementation.
 //!
 //! SI units (REP-103). Positive displacement and velocity extend the damper; positive force is tension on the
 //! rod.
@@ -25,7 +25,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The crate does no I/O and knows no middleware.
+//! The crate does no I/O and depends on no middleware.
 
 pub mod action;
 pub mod cdr;
@@ -54,7 +54,7 @@ pub use mr_damper::{
 pub use state::{LimitedBy, Mode, Reasons, UnknownValue, Validity};
 pub use time::TimeOutOfRange;
 
-/// Every topic message of this crate, our own first. The parts of services and actions are not listed.
+/// All topic messages of this crate, our own first. The parts of services and actions are not listed.
 pub const MESSAGES: &[Descriptor] = &[
     Descriptor::of::<CoilCurrent>(),
     Descriptor::of::<CommandVoltage>(),

@@ -1,4 +1,4 @@
-//! `lifecycle_msgs`: the states of a managed node, and how it goes from one to the other.
+//! `lifecycle_msgs`: the states of a managed node and the transitions between them.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,22 +21,22 @@ message!(
 );
 
 impl State {
-    /// Nothing was loaded yet.
+    /// Nothing is loaded yet.
     pub const UNCONFIGURED: u8 = 1;
-    /// Ready, and silent.
+    /// Ready, but does not publish.
     pub const INACTIVE: u8 = 2;
-    /// At work.
+    /// Running.
     pub const ACTIVE: u8 = 3;
-    /// About to end.
+    /// About to exit.
     pub const FINALIZED: u8 = 4;
 }
 
-/// `lifecycle_msgs/msg/Transition`: a way from one state to another.
+/// `lifecycle_msgs/msg/Transition`: a transition from one state to another.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Transition {
     /// One of the constants of this type.
     pub id: u8,
-    /// Its name: `activate`; names are taken when the id is not known.
+    /// Its name: `activate`. A request with a label selects the transition by it, not by `id`.
     pub label: String,
 }
 message!(
@@ -46,14 +46,14 @@ message!(
     text!(Transition)
 );
 
-/// `lifecycle_msgs/msg/TransitionDescription`: a transition with its ends.
+/// `lifecycle_msgs/msg/TransitionDescription`: a transition with its start and goal states.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TransitionDescription {
     /// The transition.
     pub transition: Transition,
-    /// Where it begins.
+    /// State before the transition.
     pub start_state: State,
-    /// Where it ends when all goes well.
+    /// State after a successful transition.
     pub goal_state: State,
 }
 message!(
@@ -66,13 +66,13 @@ message!(
 /// `lifecycle_msgs/msg/TransitionEvent`: a transition that has just happened.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TransitionEvent {
-    /// When, ns since 1970.
+    /// Time in ns since 1970.
     pub timestamp: u64,
     /// The transition.
     pub transition: Transition,
-    /// Where the node was.
+    /// State before the transition.
     pub start_state: State,
-    /// Where it is now.
+    /// State after the transition.
     pub goal_state: State,
 }
 message!(
@@ -83,7 +83,7 @@ message!(
 );
 
 service! {
-    /// `lifecycle_msgs/srv/GetState`: the state that a node is in.
+    /// `lifecycle_msgs/srv/GetState`: the current state of a node.
     GetState("lifecycle_msgs", "800a0a5aae599782b02932de0caf563f6dc4e7e94b794eadde075ba2cbef9795"):
         GetStateRequest => GetStateResponse
 }
@@ -115,7 +115,7 @@ message!(
 );
 
 service! {
-    /// `lifecycle_msgs/srv/ChangeState`: takes a transition.
+    /// `lifecycle_msgs/srv/ChangeState`: performs a transition.
     ChangeState("lifecycle_msgs", "356fe34f0475a43acf54542013af4167b0e729f77ea22ffb045c6ad8e20668e5"):
         ChangeStateRequest => ChangeStateResponse
 }
@@ -123,7 +123,7 @@ service! {
 /// Request of [`ChangeState`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChangeStateRequest {
-    /// The transition, by its id; by its label where that is given.
+    /// The transition, by its label if one is given, else by its id.
     pub transition: Transition,
 }
 message!(
@@ -136,7 +136,7 @@ message!(
 /// Response of [`ChangeState`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChangeStateResponse {
-    /// Whether it was taken.
+    /// Whether the transition was performed.
     pub success: bool,
 }
 message!(
@@ -179,8 +179,8 @@ message!(
 );
 
 service! {
-    /// `lifecycle_msgs/srv/GetAvailableTransitions`: the transitions out of the present state, or all of them
-    /// where it is offered as `get_transition_graph`.
+    /// `lifecycle_msgs/srv/GetAvailableTransitions`: the transitions from the current state, or all
+    /// transitions if the service is offered as `get_transition_graph`.
     GetAvailableTransitions("lifecycle_msgs", "59b7ecefce0982a8a844b9f2c4f14764c1c4543cc55e72924e2aa4adad83e9bc"):
         GetAvailableTransitionsRequest => GetAvailableTransitionsResponse
 }
@@ -201,7 +201,7 @@ message!(
 /// Response of [`GetAvailableTransitions`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GetAvailableTransitionsResponse {
-    /// The transitions, with their ends.
+    /// The transitions, with their start and goal states.
     pub available_transitions: Vec<TransitionDescription>,
 }
 message!(

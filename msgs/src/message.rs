@@ -1,4 +1,4 @@
-//! What every message type knows about itself.
+//! Traits of message, service and action types, with their names, definitions and type hashes.
 
 use std::fmt::Debug;
 
@@ -18,7 +18,8 @@ pub trait Message:
     const TYPE: &'static str;
     /// The DDS type: `mr_damper_msgs::msg::dds_::ForceEstimate_`.
     const DDS_TYPE: &'static str;
-    /// The definition followed by those of all types inside, as rosbag2 and MCAP (`ros2msg`) want it.
+    /// The definition followed by the definitions of all nested types, in the form of rosbag2 and MCAP
+    /// (`ros2msg`).
     const DEFINITION: &'static str;
     /// The type hash of REP-2016: `RIHS01_` and 64 hexadecimal digits. Tests compare it with [`crate::rihs01`].
     const TYPE_HASH: &'static str;
@@ -26,9 +27,9 @@ pub trait Message:
 
 /// A ROS 2 service type.
 pub trait Service {
-    /// What the client sends.
+    /// Message that the client sends.
     type Request: Message;
-    /// What the server answers.
+    /// Message that the server returns.
     type Response: Message;
     /// The package: `mr_damper_msgs`.
     const PACKAGE: &'static str;
@@ -42,11 +43,11 @@ pub trait Service {
 
 /// A ROS 2 action type.
 pub trait Action {
-    /// What the client asks for.
+    /// Message by which the client starts the action.
     type Goal: Message;
-    /// What it gets in the end.
+    /// Message that the server sends at the end.
     type Result: Message;
-    /// What it hears meanwhile.
+    /// Message that the server sends while the action runs.
     type Feedback: Message;
     /// The package: `mr_damper_msgs`.
     const PACKAGE: &'static str;

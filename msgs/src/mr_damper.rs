@@ -1,7 +1,7 @@
-//! The messages of `mr_damper_msgs`. The `.msg` files are their one definition.
+//! The messages of `mr_damper_msgs`, defined by the `.msg` files.
 //!
-//! SI units (REP-103). Positive displacement and velocity extend the damper; positive force is tension on the
-//! rod. NaN is unknown, where a field says that it may be.
+//! SI units (REP-103). Positive displacement and velocity extend the damper; positive force is tension on the rod.
+//! NaN means unknown in the fields whose documentation allows it.
 
 use serde::{Deserialize, Serialize};
 
@@ -35,7 +35,7 @@ message!(
 pub struct Velocity {
     /// When the sample was taken, and the frame of the damper.
     pub header: Header,
-    /// Velocity in m/s; positive extends the damper, or goes up.
+    /// Velocity in m/s; positive rod velocity extends the damper, positive body velocity points up.
     #[serde(deserialize_with = "nan::or_null")]
     pub velocity: f64,
     /// Variance in m^2/s^2; zero or negative is unknown.
@@ -68,7 +68,7 @@ message!(
     definition!(include_str!("../msg/CoilCurrent.msg"), Header Time)
 );
 
-/// Command voltage of the damper's driver, for dampers recorded by voltage and not by current.
+/// Command voltage of the damper's driver, for dampers whose runs record voltage instead of current.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CommandVoltage {
     /// When the sample was taken, and the frame of the damper.
@@ -106,12 +106,12 @@ message!(
     definition!(include_str!("../msg/Force.msg"), Header Time)
 );
 
-/// Estimated force of the damper, with what is known about its quality.
+/// Estimated force of the damper, with its uncertainty and validity.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ForceEstimate {
-    /// The stamp of the displacement sample that caused this estimate, and its frame.
+    /// Stamp and frame of the displacement sample that caused this estimate.
     pub header: Header,
-    /// Force in N; positive is tension on the rod. NaN when `validity` is `Invalid` and there is none to give.
+    /// Force in N; positive is tension on the rod. NaN when `validity` is `Invalid` and no force is available.
     #[serde(deserialize_with = "nan::or_null")]
     pub force: f64,
     /// Standard deviation of the force in N; NaN is unknown.
@@ -125,16 +125,17 @@ pub struct ForceEstimate {
     pub validity: u8,
     /// Why `validity` is not `Valid`.
     pub reasons: Reasons,
-    /// Displacement stamp minus stamp of the drive sample used, in s; NaN when none was used.
+    /// Displacement stamp minus stamp of the drive sample used, in s; NaN if no drive sample was used.
     #[serde(deserialize_with = "nan::or_null")]
     pub input_age: f64,
-    /// Lower end of the 90 % band in N; NaN is unknown.
+    /// Lower end of the 90 % interval in N; NaN is unknown.
     #[serde(deserialize_with = "nan::or_null")]
     pub band_low: f64,
-    /// Upper end of the 90 % band in N; NaN is unknown.
+    /// Upper end of the 90 % interval in N; NaN is unknown.
     #[serde(deserialize_with = "nan::or_null")]
     pub band_high: f64,
-    /// The band is calibrated on held-out runs of the model; if not, it is taken from `std_dev` as for normal errors.
+    /// True if the interval is calibrated on held-out runs of the model; false if it is computed from `std_dev`,
+    /// assuming normal errors.
     pub band_calibrated: bool,
 }
 message!(
@@ -144,7 +145,7 @@ message!(
     definition!(include_str!("../msg/ForceEstimate.msg"), Header Time)
 );
 
-/// Measured force against what the model predicts: how far to trust the model now.
+/// Measured force compared with the model's prediction: how far to trust the model now.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ForceResidual {
     /// The stamp of the measured force, and the frame of the damper.
@@ -152,19 +153,19 @@ pub struct ForceResidual {
     /// Measured force in N.
     #[serde(deserialize_with = "nan::or_null")]
     pub measured: f64,
-    /// Free-run prediction in N: never fed by measured force.
+    /// Simulated force (free run) in N: measured force is never fed back.
     #[serde(deserialize_with = "nan::or_null")]
     pub predicted: f64,
     /// Measured minus predicted, in N.
     #[serde(deserialize_with = "nan::or_null")]
     pub residual: f64,
-    /// Residual over its expected standard deviation; NaN when that is unknown.
+    /// Residual divided by its expected standard deviation; NaN if that is unknown.
     #[serde(deserialize_with = "nan::or_null")]
     pub normalised: f64,
-    /// Root of the windowed mean of squared residuals, in N; NaN before there are enough samples.
+    /// RMSE over the window (RSSE in the thesis), in N; NaN before there are enough samples.
     #[serde(deserialize_with = "nan::or_null")]
     pub windowed_rsse: f64,
-    /// Windowed error-to-signal ratio, dimensionless; NaN when it is not defined yet.
+    /// NMSE over the window (error-to-signal ratio, ESR, in the thesis), dimensionless; NaN while it is undefined.
     #[serde(deserialize_with = "nan::or_null")]
     pub windowed_esr: f64,
     /// Time constant of the exponential forgetting, in s.
@@ -180,7 +181,7 @@ message!(
     definition!(include_str!("../msg/ForceResidual.msg"), Header Time)
 );
 
-/// Coil current that makes the damper give a requested force, as far as it can.
+/// Coil current that brings the damper's force as close as possible to a requested force.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CurrentCommand {
     /// The stamp of the sample that caused this command, and the frame of the damper.
@@ -188,7 +189,7 @@ pub struct CurrentCommand {
     /// Current in A; never NaN.
     #[serde(deserialize_with = "nan::or_null")]
     pub current: f64,
-    /// Requested force in N; NaN when there is no request.
+    /// Requested force in N; NaN if no force is requested.
     #[serde(deserialize_with = "nan::or_null")]
     pub force_requested: f64,
     /// Force in N that the model expects at this current; NaN is unknown.
@@ -200,10 +201,10 @@ pub struct CurrentCommand {
     pub dissipative: bool,
     /// A [`LimitedBy`](crate::LimitedBy).
     pub limited_by: u8,
-    /// The least force that the damper can give at this motion, in N; NaN is unknown.
+    /// Smallest force that the damper can give at this motion, in N; NaN is unknown.
     #[serde(deserialize_with = "nan::or_null")]
     pub achievable_min: f64,
-    /// The largest force that the damper can give at this motion, in N; NaN is unknown.
+    /// Largest force that the damper can give at this motion, in N; NaN is unknown.
     #[serde(deserialize_with = "nan::or_null")]
     pub achievable_max: f64,
 }
@@ -223,7 +224,7 @@ pub struct ModeChange {
     pub from_mode: u8,
     /// The [`Mode`](crate::Mode) after.
     pub to_mode: u8,
-    /// Why, for people.
+    /// Reason, as text for people.
     pub reason: String,
 }
 message!(

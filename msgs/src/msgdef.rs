@@ -1,26 +1,26 @@
-//! A small parser of `.msg` definitions: what the type hash and the tests need of them.
+//! A small parser of `.msg` definitions, for what the type hash and the tests need.
 //!
 //! It reads the primitive types, `string` and `string<=N`, nested types, `[]`, `[N]` and `[<=N]`, constants and
 //! comments. Default values are skipped. `wstring` is refused.
 
 use std::collections::BTreeMap;
 
-/// A line of a definition that cannot be read, or a type that is not defined.
+/// A line of a definition that cannot be read, or a type without a definition.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DefinitionError {
     /// A line is neither a field nor a constant.
     #[error("{type_name}: `{line}` is neither a field nor a constant")]
     Line {
-        /// The type that is defined.
+        /// The type being defined.
         type_name: String,
         /// The line.
         line: String,
     },
-    /// A field's type is malformed or outside the subset that is read.
+    /// A field's type is malformed or outside the supported subset.
     #[error("{type_name}: `{found}` is not a type that can be read")]
     Type {
-        /// The type that is defined.
+        /// The type being defined.
         type_name: String,
         /// The type of the field.
         found: String,
@@ -28,7 +28,7 @@ pub enum DefinitionError {
     /// A field's type has no definition.
     #[error("no definition of {missing}")]
     Missing {
-        /// The type without definition.
+        /// The type without a definition.
         missing: String,
     },
 }
@@ -38,7 +38,7 @@ pub enum DefinitionError {
 pub enum Base {
     /// A number or a Boolean, with its id in REP-2016 type descriptions.
     Primitive(u8),
-    /// A string, with its largest length in bytes; 0 is without bound.
+    /// A string, with its maximum length in bytes; 0 means unbounded.
     String(u32),
     /// Another message, by its full name: `std_msgs/msg/Header`.
     Nested(String),
@@ -49,9 +49,9 @@ pub enum Base {
 pub enum Count {
     /// One.
     One,
-    /// Exactly so many.
+    /// Exactly this many.
     Array(u32),
-    /// At most so many.
+    /// At most this many.
     AtMost(u32),
     /// Any number.
     Sequence,
@@ -88,11 +88,11 @@ pub struct Definition {
     pub constants: Vec<Constant>,
 }
 
-/// Parses a definition and those of the types inside it, which follow it after lines of 80 equal signs
-/// (see [`crate::Message::DEFINITION`]). The result is by full type name.
+/// Parses a definition and the definitions of nested types, which follow it after lines of 80 equal signs (see
+/// [`crate::Message::DEFINITION`]). The result is indexed by full type name.
 ///
 /// # Errors
-/// When a line cannot be read.
+/// If a line cannot be read.
 pub fn parse_all(type_name: &str, text: &str) -> Result<BTreeMap<String, Definition>, DefinitionError> {
     let separator = "=".repeat(80);
     let mut all = BTreeMap::new();
@@ -115,11 +115,11 @@ pub fn parse_all(type_name: &str, text: &str) -> Result<BTreeMap<String, Definit
 /// Parses one definition. `type_name` is its full name: `mr_damper_msgs/msg/Force`.
 ///
 /// # Errors
-/// When a line cannot be read.
+/// If a line cannot be read.
 pub fn parse(type_name: &str, text: &str) -> Result<Definition, DefinitionError> {
     let mut definition = Definition::default();
     for line in text.lines() {
-        // A `#` inside a string constant or default would be cut here; the subset has neither.
+        // A `#` inside a string constant or default would be cut here; the supported subset has neither.
         let line = line.split('#').next().unwrap_or("").trim();
         if line.is_empty() {
             continue;
@@ -174,7 +174,7 @@ fn parse_type(owner: &str, written: &str) -> Option<(Base, Count)> {
     Some((base, count))
 }
 
-/// Ids of `type_description_interfaces/msg/FieldType`. A `char` of a `.msg` file is an unsigned byte.
+/// Ids of `type_description_interfaces/msg/FieldType`. `char` in a `.msg` file is an unsigned byte.
 fn primitive(name: &str) -> Option<u8> {
     Some(match name {
         "int8" => 2,
@@ -193,7 +193,8 @@ fn primitive(name: &str) -> Option<u8> {
     })
 }
 
-/// `Name`, `pkg/Name` and `pkg/folder/Name` as the last of these; a bare name is in the owner's package.
+/// The full form `pkg/folder/Name` of `Name`, `pkg/Name` or `pkg/folder/Name`; a bare name is in the owner's
+/// package.
 fn full_name(owner: &str, name: &str) -> String {
     match name.split('/').collect::<Vec<_>>()[..] {
         [bare] => format!("{}/msg/{bare}", owner.split('/').next().unwrap_or(owner)),
@@ -236,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_named() {
+    fn error_names_the_type_and_the_line() {
         for text in ["float64", "float64 1x", "wstring s", "float64[x] a", "a//b c", "string<=x s", "int8] x"]
         {
             let error = parse("pkg/msg/Thing", text).expect_err(text).to_string();

@@ -7,29 +7,30 @@ use crate::message::{message, service};
 use crate::nan;
 use crate::standard::Time;
 
-/// `rcl_interfaces/msg/ParameterValue`: a value of one of nine types; only the field of its type counts.
+/// `rcl_interfaces/msg/ParameterValue`: a value of one of nine types. Only the field that matches `type`
+/// is used.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ParameterValue {
     /// One of the constants of this type.
     pub r#type: u8,
-    /// A truth value.
+    /// A Boolean.
     pub bool_value: bool,
-    /// A whole number.
+    /// An integer.
     pub integer_value: i64,
-    /// A number.
+    /// A floating-point number.
     #[serde(deserialize_with = "nan::or_null")]
     pub double_value: f64,
-    /// A text.
+    /// A string.
     pub string_value: String,
     /// Bytes.
     pub byte_array_value: Vec<u8>,
-    /// Truth values.
+    /// Booleans.
     pub bool_array_value: Vec<bool>,
-    /// Whole numbers.
+    /// Integers.
     pub integer_array_value: Vec<i64>,
-    /// Numbers.
+    /// Floating-point numbers.
     pub double_array_value: Vec<f64>,
-    /// Texts.
+    /// Strings.
     pub string_array_value: Vec<String>,
 }
 message!(
@@ -40,25 +41,25 @@ message!(
 );
 
 impl ParameterValue {
-    /// There is no such parameter.
+    /// The parameter does not exist.
     pub const NOT_SET: u8 = 0;
-    /// A truth value.
+    /// A Boolean.
     pub const BOOL: u8 = 1;
-    /// A whole number.
+    /// An integer.
     pub const INTEGER: u8 = 2;
-    /// A number.
+    /// A floating-point number.
     pub const DOUBLE: u8 = 3;
-    /// A text.
+    /// A string.
     pub const STRING: u8 = 4;
     /// Bytes.
     pub const BYTE_ARRAY: u8 = 5;
-    /// Truth values.
+    /// Booleans.
     pub const BOOL_ARRAY: u8 = 6;
-    /// Whole numbers.
+    /// Integers.
     pub const INTEGER_ARRAY: u8 = 7;
-    /// Numbers.
+    /// Floating-point numbers.
     pub const DOUBLE_ARRAY: u8 = 8;
-    /// Texts.
+    /// Strings.
     pub const STRING_ARRAY: u8 = 9;
 }
 
@@ -77,16 +78,16 @@ message!(
     definition!(text!(Parameter), ParameterValue)
 );
 
-/// `rcl_interfaces/msg/FloatingPointRange`: the values that a number may have.
+/// `rcl_interfaces/msg/FloatingPointRange`: allowed values of a floating-point parameter.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FloatingPointRange {
-    /// The least.
+    /// Smallest value.
     #[serde(deserialize_with = "nan::or_null")]
     pub from_value: f64,
-    /// The largest.
+    /// Largest value.
     #[serde(deserialize_with = "nan::or_null")]
     pub to_value: f64,
-    /// Spacing of the values between; 0: any.
+    /// Step between allowed values; 0 allows any value.
     #[serde(deserialize_with = "nan::or_null")]
     pub step: f64,
 }
@@ -97,14 +98,14 @@ message!(
     text!(FloatingPointRange)
 );
 
-/// `rcl_interfaces/msg/IntegerRange`: the values that a whole number may have.
+/// `rcl_interfaces/msg/IntegerRange`: allowed values of an integer parameter.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct IntegerRange {
-    /// The least.
+    /// Smallest value.
     pub from_value: i64,
-    /// The largest.
+    /// Largest value.
     pub to_value: i64,
-    /// Spacing of the values between; 0 and 1: any.
+    /// Step between allowed values; 0 and 1 allow any value.
     pub step: u64,
 }
 message!(
@@ -114,20 +115,20 @@ message!(
     text!(IntegerRange)
 );
 
-/// `rcl_interfaces/msg/ParameterDescriptor`: what a parameter is and takes.
+/// `rcl_interfaces/msg/ParameterDescriptor`: type, description and allowed values of a parameter.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ParameterDescriptor {
     /// The name.
     pub name: String,
     /// A constant of [`ParameterValue`].
     pub r#type: u8,
-    /// What it does, with its unit.
+    /// Description, with the unit.
     pub description: String,
-    /// What no range says, for people.
+    /// Constraints that the ranges do not express, as text for people.
     pub additional_constraints: String,
-    /// It cannot be set on the running node.
+    /// Whether the parameter is fixed while the node runs.
     pub read_only: bool,
-    /// It may change its type.
+    /// Whether the parameter's type may change.
     pub dynamic_typing: bool,
     /// At most one.
     pub floating_point_range: Vec<FloatingPointRange>,
@@ -141,18 +142,18 @@ message!(
     definition!(text!(ParameterDescriptor), FloatingPointRange IntegerRange)
 );
 
-/// `rcl_interfaces/msg/ParameterEvent`: parameters of a node that have changed, on `/parameter_events`.
+/// `rcl_interfaces/msg/ParameterEvent`: changed parameters of a node, on `/parameter_events`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ParameterEvent {
-    /// When.
+    /// Time of the change.
     pub stamp: Time,
     /// Full name of the node.
     pub node: String,
-    /// Those that were not there before.
+    /// Parameters that did not exist before.
     pub new_parameters: Vec<Parameter>,
-    /// Those with another value.
+    /// Parameters whose value changed.
     pub changed_parameters: Vec<Parameter>,
-    /// Those that are there no more.
+    /// Parameters that no longer exist.
     pub deleted_parameters: Vec<Parameter>,
 }
 message!(
@@ -162,12 +163,12 @@ message!(
     definition!(text!(ParameterEvent), Time Parameter ParameterValue)
 );
 
-/// `rcl_interfaces/msg/SetParametersResult`: what became of a change.
+/// `rcl_interfaces/msg/SetParametersResult`: the result of setting a parameter.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetParametersResult {
-    /// Whether it was done.
+    /// Whether the parameter was set.
     pub successful: bool,
-    /// Why not, and what to do.
+    /// On failure, the cause and what to do.
     pub reason: String,
 }
 message!(
@@ -182,7 +183,7 @@ message!(
 pub struct ListParametersResult {
     /// The parameters.
     pub names: Vec<String>,
-    /// What stands before the dots in their names.
+    /// Prefixes of their names, up to the last dot.
     pub prefixes: Vec<String>,
 }
 message!(
@@ -195,11 +196,11 @@ message!(
 /// `rcl_interfaces/msg/Log`: a line of the log, on `/rosout`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Log {
-    /// When it was said.
+    /// Time of the entry.
     pub stamp: Time,
     /// One of the constants of this type.
     pub level: u8,
-    /// Name of the logger: that of the node, with dots.
+    /// Name of the logger: the full name of the node, with dots.
     pub name: String,
     /// The line.
     pub msg: String,
@@ -220,13 +221,13 @@ message!(
 impl Log {
     /// For developers.
     pub const DEBUG: u8 = 10;
-    /// Good to know.
+    /// Normal operation.
     pub const INFO: u8 = 20;
-    /// Somebody should look.
+    /// Needs attention.
     pub const WARN: u8 = 30;
     /// Something does not work.
     pub const ERROR: u8 = 40;
-    /// The node ends.
+    /// The node exits.
     pub const FATAL: u8 = 50;
 }
 
@@ -252,7 +253,7 @@ message!(
 /// Response of [`GetParameters`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GetParametersResponse {
-    /// In their order; not set where there is no such parameter.
+    /// The values in the order of the names; not set if the parameter does not exist.
     pub values: Vec<ParameterValue>,
 }
 message!(
@@ -284,7 +285,7 @@ message!(
 /// Response of [`GetParameterTypes`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GetParameterTypesResponse {
-    /// Constants of [`ParameterValue`], in their order.
+    /// Constants of [`ParameterValue`], in the order of the names.
     pub types: Vec<u8>,
 }
 message!(
@@ -295,7 +296,7 @@ message!(
 );
 
 service! {
-    /// `rcl_interfaces/srv/SetParameters`: sets parameters, one by one.
+    /// `rcl_interfaces/srv/SetParameters`: sets parameters one by one.
     SetParameters("rcl_interfaces", "56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0"):
         SetParametersRequest => SetParametersResponse
 }
@@ -316,7 +317,7 @@ message!(
 /// Response of [`SetParameters`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetParametersResponse {
-    /// In their order.
+    /// The results in the order of the parameters.
     pub results: Vec<SetParametersResult>,
 }
 message!(
@@ -327,7 +328,7 @@ message!(
 );
 
 service! {
-    /// `rcl_interfaces/srv/SetParametersAtomically`: sets parameters, all or none.
+    /// `rcl_interfaces/srv/SetParametersAtomically`: sets all parameters or none.
     SetParametersAtomically("rcl_interfaces", "0e192ef259c07fc3c07a13191d27002222e65e00ccec653ca05e856f79285fcd"):
         SetParametersAtomicallyRequest => SetParametersAtomicallyResponse
 }
@@ -348,7 +349,7 @@ message!(
 /// Response of [`SetParametersAtomically`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetParametersAtomicallyResponse {
-    /// Of all together.
+    /// The result for all parameters together.
     pub result: SetParametersResult,
 }
 message!(
@@ -367,9 +368,9 @@ service! {
 /// Request of [`ListParameters`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ListParametersRequest {
-    /// What names begin with; empty: any.
+    /// Prefixes of the names to list; empty lists every name.
     pub prefixes: Vec<String>,
-    /// Dots that a name may have below its prefix, plus one; 0: any number.
+    /// Dots allowed in a name below its prefix, plus one; 0 allows any number.
     pub depth: u64,
 }
 message!(
@@ -393,7 +394,7 @@ message!(
 );
 
 service! {
-    /// `rcl_interfaces/srv/DescribeParameters`: what parameters are and take.
+    /// `rcl_interfaces/srv/DescribeParameters`: descriptions of parameters.
     DescribeParameters("rcl_interfaces", "845b484d71eb0673dae682f2e3ba3c4851a65a3dcfb97bddd82c5b57e91e4cff"):
         DescribeParametersRequest => DescribeParametersResponse
 }
@@ -414,7 +415,7 @@ message!(
 /// Response of [`DescribeParameters`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DescribeParametersResponse {
-    /// In their order.
+    /// The descriptors in the order of the names.
     pub descriptors: Vec<ParameterDescriptor>,
 }
 message!(

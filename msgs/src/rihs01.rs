@@ -1,8 +1,8 @@
 //! RIHS01 type hashes (REP-2016).
 //!
-//! A type is described as JSON: its fields, then the types inside it, sorted by name, with the spacing of
-//! Python's `json.dumps` and without default values, constants and comments. The hash is the SHA-256 of that.
-//! ROS 2 peers on rmw_zenoh match by it; peers on DDS warn when it differs.
+//! A type is described as JSON: its fields, then the nested types sorted by name, with the spacing of Python's
+//! `json.dumps` and without default values, constants and comments. The hash is the SHA-256 of this JSON. ROS 2 peers
+//! on rmw_zenoh match types by it; peers on DDS warn if it differs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -18,11 +18,10 @@ const EMPTY: &str = "structure_needs_at_least_one_member";
 
 /// The type hash of a definition: `RIHS01_` and 64 hexadecimal digits.
 ///
-/// `type_name` is the full name (`pkg/msg/Name`); `text` also holds the types inside, as
-/// [`Message::DEFINITION`] does.
+/// `type_name` is the full name (`pkg/msg/Name`). `text` also holds the nested types, as [`Message::DEFINITION`] does.
 ///
 /// # Errors
-/// When the text cannot be read, or lacks a type that it uses.
+/// If the text cannot be read, or a type that it uses is not defined.
 pub fn hash(type_name: &str, text: &str) -> Result<String, DefinitionError> {
     let mut hash = String::from("RIHS01_");
     for byte in Sha256::digest(type_description(type_name, text)?) {
@@ -32,10 +31,10 @@ pub fn hash(type_name: &str, text: &str) -> Result<String, DefinitionError> {
     Ok(hash)
 }
 
-/// The type hash of a service, over its request, its response and the event that introspection publishes.
+/// The type hash of a service, over its request, its response and the event that service introspection publishes.
 ///
 /// # Errors
-/// When a definition cannot be read.
+/// If a definition cannot be read.
 pub fn service_hash<S: Service>() -> Result<String, DefinitionError> {
     let (service, request, response) = (S::TYPE, S::Request::TYPE, S::Response::TYPE);
     let separator = "=".repeat(80);
@@ -54,10 +53,10 @@ pub fn service_hash<S: Service>() -> Result<String, DefinitionError> {
     hash(service, &text)
 }
 
-/// What a type looks like, with those inside it.
+/// The description of a type and its nested types.
 ///
 /// # Errors
-/// When the text cannot be read, or lacks a type that it uses.
+/// If the text cannot be read, or a type that it uses is not defined.
 pub fn describe(type_name: &str, text: &str) -> Result<TypeDescription, DefinitionError> {
     let all = parse_all(type_name, text)?;
     let type_description = individual(type_name, find(&all, type_name)?);
@@ -66,10 +65,10 @@ pub fn describe(type_name: &str, text: &str) -> Result<TypeDescription, Definiti
     Ok(TypeDescription { type_description, referenced_type_descriptions })
 }
 
-/// The type description that is hashed, as JSON.
+/// The type description as JSON, the input of the hash.
 ///
 /// # Errors
-/// When the text cannot be read, or lacks a type that it uses.
+/// If the text cannot be read, or a type that it uses is not defined.
 pub fn type_description(type_name: &str, text: &str) -> Result<String, DefinitionError> {
     let described = describe(type_name, text)?;
     let inside: Vec<_> = described.referenced_type_descriptions.iter().map(json).collect();
@@ -84,7 +83,7 @@ fn find<'a>(all: &'a BTreeMap<String, Definition>, name: &str) -> Result<&'a Def
     all.get(name).ok_or_else(|| DefinitionError::Missing { missing: name.to_owned() })
 }
 
-/// The names of all types inside a type, at any depth, sorted.
+/// The names of all nested types of a type, at any depth, sorted.
 fn referenced<'a>(
     all: &'a BTreeMap<String, Definition>,
     type_name: &str,
@@ -104,7 +103,7 @@ fn referenced<'a>(
     Ok(seen)
 }
 
-/// One type's own description.
+/// The description of one type, without its nested types.
 fn individual(type_name: &str, definition: &Definition) -> IndividualTypeDescription {
     let mut fields: Vec<_> = definition.fields.iter().map(described).collect();
     if fields.is_empty() {
@@ -136,7 +135,8 @@ fn described(field: &Field) -> type_description::Field {
     type_description::Field { name: field.name.clone(), r#type, default_value: String::new() }
 }
 
-/// As Python's `json.dumps` spells it, without default values. Names are ASCII identifiers, so nothing needs escaping.
+/// JSON as Python's `json.dumps` writes it, without default values. Names are ASCII identifiers, so nothing needs
+/// escaping.
 fn json(described: &IndividualTypeDescription) -> String {
     let field = |field: &type_description::Field| {
         let FieldType { type_id, capacity, string_capacity, nested_type_name } = &field.r#type;

@@ -1,6 +1,6 @@
-//! The services of `rosbag2_interfaces` by which a player is told what to do, as `ros2 bag play` offers them (Jazzy).
+//! The services of `rosbag2_interfaces` that control a player, as `ros2 bag play` offers them (Jazzy).
 //!
-//! A part without fields is one byte on the wire, which is always 0.
+//! A request or response without fields is one byte on the wire, always 0.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ use crate::message::{message, service};
 use crate::nan;
 use crate::standard::Time;
 
-/// A part without fields.
+/// A request or response without fields.
 macro_rules! empty {
     ($($(#[$doc:meta])* $type:ident)+) => {$(
         $(#[$doc])*
@@ -21,13 +21,13 @@ macro_rules! empty {
     )+};
 }
 
-/// A part whose one field says whether it was done.
+/// A response whose one field says whether the call succeeded.
 macro_rules! success {
     ($($(#[$doc:meta])* $type:ident)+) => {$(
         $(#[$doc])*
         #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
         pub struct $type {
-            /// Whether it was done.
+            /// Whether the call succeeded.
             pub success: bool,
         }
     )+};
@@ -66,14 +66,14 @@ success! {
 /// Response of [`IsPaused`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct IsPausedResponse {
-    /// Whether it is.
+    /// Whether playback is paused.
     pub paused: bool,
 }
 
 /// Response of [`GetRate`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GetRateResponse {
-    /// Multiple of the original speed.
+    /// Speed as a multiple of the original speed.
     #[serde(deserialize_with = "nan::or_null")]
     pub rate: f64,
 }
@@ -81,7 +81,7 @@ pub struct GetRateResponse {
 /// Request of [`SetRate`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SetRateRequest {
-    /// Multiple of the original speed; more than 0.
+    /// Speed as a multiple of the original speed; must be above 0.
     #[serde(deserialize_with = "nan::or_null")]
     pub rate: f64,
 }
@@ -89,26 +89,26 @@ pub struct SetRateRequest {
 /// Request of [`Burst`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BurstRequest {
-    /// How many messages; 0 is all that are left.
+    /// Number of messages; 0 plays all remaining messages.
     pub num_messages: u64,
 }
 
 /// Response of [`Burst`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BurstResponse {
-    /// How many were played.
+    /// Number of messages that were played.
     pub actually_burst: u64,
 }
 
 /// Request of [`Seek`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SeekRequest {
-    /// Where to go on, in the times of the bag.
+    /// Time in the bag at which to continue.
     pub time: Time,
 }
 
 service! {
-    /// Pauses; nothing happens when it is paused already.
+    /// Pauses playback; has no effect if already paused.
     Pause("rosbag2_interfaces", "b101e6aaf344c37f1405f5a1f484fee1c7d2acc61c6f04aeb636e9ab3f51a497"): PauseRequest => PauseResponse
 }
 message!(
@@ -125,7 +125,7 @@ message!(
 );
 
 service! {
-    /// Goes on; nothing happens when it is not paused.
+    /// Resumes playback; has no effect if not paused.
     Resume("rosbag2_interfaces", "fb4a116a8bdfc09c4c9f48df3b295d1f546053b4bb145bcbd4c92e7eef9896b8"): ResumeRequest => ResumeResponse
 }
 message!(
@@ -142,7 +142,7 @@ message!(
 );
 
 service! {
-    /// Pauses or goes on, whichever it does not do.
+    /// Pauses a running playback or resumes a paused one.
     TogglePaused("rosbag2_interfaces", "c4382ba5856616caf3fb7b3ecffd0eb244015814861263ccc8241b2f6c9463ae"): TogglePausedRequest => TogglePausedResponse
 }
 message!(
@@ -159,7 +159,7 @@ message!(
 );
 
 service! {
-    /// Asks whether it is paused.
+    /// Returns whether playback is paused.
     IsPaused("rosbag2_interfaces", "c4d007c4a9ca1a76729d96b81c20db85b88b454eee371c0d8afe3aa31b899a40"): IsPausedRequest => IsPausedResponse
 }
 message!(
@@ -176,7 +176,7 @@ message!(
 );
 
 service! {
-    /// Asks for the speed.
+    /// Returns the playback speed.
     GetRate("rosbag2_interfaces", "c4f24894657b45b0cca8c720ce039924cfa1a5b8baa7d1ffd94881812d8700eb"): GetRateRequest => GetRateResponse
 }
 message!(
@@ -193,7 +193,7 @@ message!(
 );
 
 service! {
-    /// Sets the speed.
+    /// Sets the playback speed.
     SetRate("rosbag2_interfaces", "571e1d5335cc99a8e4132c46e4ea9bf873e85c39f23d375146cb7d249d939629"): SetRateRequest => SetRateResponse
 }
 message!(
@@ -210,7 +210,7 @@ message!(
 );
 
 service! {
-    /// Plays one message, which is done while it is paused only.
+    /// Plays one message; works only while paused.
     PlayNext("rosbag2_interfaces", "2b397d59555ce383e6af4b4e43142934ad4b208bd7da01409d472f1fa481d45b"): PlayNextRequest => PlayNextResponse
 }
 message!(
@@ -227,7 +227,7 @@ message!(
 );
 
 service! {
-    /// Plays several messages at once, which is done while it is paused only.
+    /// Plays several messages at once; works only while paused.
     Burst("rosbag2_interfaces", "3cba361b055bbec262593fcb727aeb9fb6d096f70b50e6cd9b548b63296f2380"): BurstRequest => BurstResponse
 }
 message!(
@@ -244,7 +244,7 @@ message!(
 );
 
 service! {
-    /// Goes on from another time of the bag.
+    /// Continues from another time in the bag.
     Seek("rosbag2_interfaces", "6e9b6b38c44f111e36e43903da565fb2775ab0f0e69c02169a5fb0f130b23eb4"): SeekRequest => SeekResponse
 }
 message!(

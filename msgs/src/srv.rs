@@ -1,11 +1,11 @@
-//! The services of `mr_damper_msgs`. The `.srv` files are their one definition.
+//! The services of `mr_damper_msgs`, defined by the `.srv` files.
 
 use serde::{Deserialize, Serialize};
 
 use crate::message::{message, section, service};
 
 service! {
-    /// Loads a force model into the running node. The one before stays when this fails.
+    /// Loads a force model into the running node. If this fails, the current model stays.
     LoadModel("mr_damper_msgs", "813fbfd1d5f3f9f86b206cfd800185927f2a02ed3ef1262edebe85bb1540c38a"):
         LoadModelRequest => LoadModelResponse
 }
@@ -26,9 +26,9 @@ message!(
 /// Response of [`LoadModel`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LoadModelResponse {
-    /// Whether it was done.
+    /// Whether the model was loaded.
     pub success: bool,
-    /// What was loaded, or why not and what to do.
+    /// The loaded model; on failure, the cause and what to do.
     pub message: String,
 }
 message!(
@@ -39,7 +39,7 @@ message!(
 );
 
 service! {
-    /// Forgets filters, history and residual, as if the node had just started. The model stays.
+    /// Clears filters, history and residual, as if the node had just started. The model stays.
     Reset("mr_damper_msgs", "7569d46093115dfd3b940ee2afe5a1e52a83f19fbd57266f84d63768c2b7e8b1"):
         ResetRequest => ResetResponse
 }
@@ -60,9 +60,9 @@ message!(
 /// Response of [`Reset`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ResetResponse {
-    /// Whether it was done.
+    /// Whether the node was reset.
     pub success: bool,
-    /// Why not, and what to do; empty on success.
+    /// On failure, the cause and what to do; empty on success.
     pub message: String,
 }
 message!(
@@ -73,7 +73,7 @@ message!(
 );
 
 service! {
-    /// Holds the estimator in one mode, or gives the choice back to the supervisor.
+    /// Holds the estimator in one mode, or returns the choice of mode to the supervisor.
     SetMode("mr_damper_msgs", "3bdee117533cb23ce7ce60e291cb24c73bef00d02dfb8d613937137d807423e5"):
         SetModeRequest => SetModeResponse
 }
@@ -83,7 +83,7 @@ service! {
 pub struct SetModeRequest {
     /// A [`Mode`](crate::Mode); ignored when `automatic` is true.
     pub mode: u8,
-    /// The supervisor chooses the mode.
+    /// True if the supervisor chooses the mode.
     pub automatic: bool,
 }
 message!(
@@ -96,9 +96,9 @@ message!(
 /// Response of [`SetMode`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetModeResponse {
-    /// Whether it was done.
+    /// Whether the mode was set.
     pub success: bool,
-    /// Why not, and what to do; empty on success.
+    /// On failure, the cause and what to do; empty on success.
     pub message: String,
 }
 message!(

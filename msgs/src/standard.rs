@@ -6,12 +6,12 @@ use crate::definition::{definition, text};
 use crate::message::message;
 use crate::nan;
 
-/// `builtin_interfaces/msg/Time`: a point in time, since 1970 or since the start of a simulation.
+/// `builtin_interfaces/msg/Time`: a point in time, counted from 1970 or from the start of a simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Time {
     /// Whole seconds, rounded down.
     pub sec: i32,
-    /// Nanoseconds on top, less than a second.
+    /// Nanoseconds to add, less than a second.
     pub nanosec: u32,
 }
 message!(
@@ -21,7 +21,7 @@ message!(
     text!(Time)
 );
 
-/// `std_msgs/msg/Header`: when and where a message belongs.
+/// `std_msgs/msg/Header`: stamp and coordinate frame of a message.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
     /// When the data was taken.
@@ -36,7 +36,7 @@ message!(
     definition!(text!(Header), Time)
 );
 
-/// `std_msgs/msg/Float64`: a number without stamp or unit; the topic gives both.
+/// `std_msgs/msg/Float64`: a number without stamp or unit; the topic defines its meaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Float64 {
     /// The number.
@@ -50,7 +50,7 @@ message!(
     text!(Float64)
 );
 
-/// `std_msgs/msg/Float32`: the same in single precision.
+/// `std_msgs/msg/Float32`: like [`Float64`], in single precision.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Float32 {
     /// The number.
@@ -80,7 +80,7 @@ message!(
 /// `sensor_msgs/msg/Temperature`: a temperature.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Temperature {
-    /// When and where it was taken.
+    /// Stamp and frame of the reading.
     pub header: Header,
     /// Temperature in degrees Celsius.
     #[serde(deserialize_with = "nan::or_null")]
@@ -96,23 +96,23 @@ message!(
     definition!(text!(Temperature), Header Time)
 );
 
-/// `sensor_msgs/msg/Range`: a distance along one ray, as Iron and later define it. Before that, `variance` was not there.
+/// `sensor_msgs/msg/Range`: a distance along one ray, as defined in Iron and later. Earlier versions have no `variance`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Range {
-    /// When and where it was taken.
+    /// Stamp and frame of the reading.
     pub header: Header,
     /// One of the constants of this type.
     pub radiation_type: u8,
-    /// Angle that the ray covers, in rad.
+    /// Opening angle of the ray, in rad.
     #[serde(deserialize_with = "nan::or_null_f32")]
     pub field_of_view: f32,
-    /// Least distance that the sensor can measure, in m.
+    /// Smallest distance that the sensor can measure, in m.
     #[serde(deserialize_with = "nan::or_null_f32")]
     pub min_range: f32,
     /// Largest distance that the sensor can measure, in m.
     #[serde(deserialize_with = "nan::or_null_f32")]
     pub max_range: f32,
-    /// Distance in m; infinite outside the limits above for sensors that only tell near from far.
+    /// Distance in m; infinite values are outside the limits, for sensors that only tell near from far.
     #[serde(deserialize_with = "nan::or_null_f32")]
     pub range: f32,
     /// Variance in m^2; 0 is unknown.
@@ -127,20 +127,20 @@ message!(
 );
 
 impl Range {
-    /// The sensor works by sound.
+    /// The sensor uses sound.
     pub const ULTRASOUND: u8 = 0;
-    /// The sensor works by light.
+    /// The sensor uses light.
     pub const INFRARED: u8 = 1;
 }
 
-/// `sensor_msgs/msg/JointState`: the state of several joints. A list is empty when its quantity is unknown.
+/// `sensor_msgs/msg/JointState`: the state of several joints. The list of an unknown quantity is empty.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointState {
-    /// When it was taken.
+    /// Time of the reading.
     pub header: Header,
     /// Names of the joints; the other lists follow their order.
     pub name: Vec<String>,
-    /// Positions in m (sliding) or rad (turning).
+    /// Positions in m (prismatic) or rad (revolute).
     pub position: Vec<f64>,
     /// Velocities in m/s or rad/s.
     pub velocity: Vec<f64>,
@@ -154,12 +154,12 @@ message!(
     definition!(text!(JointState), Header Time)
 );
 
-/// `diagnostic_msgs/msg/KeyValue`: one figure of a diagnostic.
+/// `diagnostic_msgs/msg/KeyValue`: one value of a diagnostic.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeyValue {
-    /// What it is.
+    /// Name of the value.
     pub key: String,
-    /// Its value, as text.
+    /// The value, as text.
     pub value: String,
 }
 message!(
@@ -169,18 +169,18 @@ message!(
     text!(KeyValue)
 );
 
-/// `diagnostic_msgs/msg/DiagnosticStatus`: the health of one part.
+/// `diagnostic_msgs/msg/DiagnosticStatus`: the health of one component.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DiagnosticStatus {
     /// One of the constants of this type.
     pub level: u8,
-    /// The part: `mr_damper: estimator`.
+    /// The component: `mr_damper: estimator`.
     pub name: String,
-    /// What is wrong, for people.
+    /// The problem, as text for people.
     pub message: String,
-    /// The hardware that the part belongs to.
+    /// The hardware that the component belongs to.
     pub hardware_id: String,
-    /// Figures.
+    /// Values.
     pub values: Vec<KeyValue>,
 }
 message!(
@@ -191,22 +191,22 @@ message!(
 );
 
 impl DiagnosticStatus {
-    /// All is well.
+    /// No problem.
     pub const OK: u8 = 0;
-    /// Works, but somebody should look.
+    /// Works, but needs attention.
     pub const WARN: u8 = 1;
     /// Does not work.
     pub const ERROR: u8 = 2;
-    /// Nothing was heard of it lately.
+    /// No recent data.
     pub const STALE: u8 = 3;
 }
 
-/// `diagnostic_msgs/msg/DiagnosticArray`: the health of several parts at one time.
+/// `diagnostic_msgs/msg/DiagnosticArray`: the health of several components at one time.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DiagnosticArray {
-    /// When.
+    /// Time of the report.
     pub header: Header,
-    /// The parts.
+    /// The components.
     pub status: Vec<DiagnosticStatus>,
 }
 message!(

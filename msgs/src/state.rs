@@ -1,17 +1,17 @@
-//! The constants of the definitions as Rust types: modes, validity, limits and reasons.
+//! The constants of the definitions as Rust types: modes, validities, limits and reasons.
 //!
-//! Messages carry plain numbers, so that a value of a newer peer survives; convert with `try_from`.
+//! Messages carry plain numbers, so that values of a newer peer survive; convert with `try_from`.
 
 use std::fmt;
 use std::ops::{BitOr, BitOrAssign};
 
 use serde::{Deserialize, Serialize};
 
-/// A number that is none of a definition's constants.
+/// A number that matches none of a definition's constants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{value} is not a known {what}")]
 pub struct UnknownValue {
-    /// What the number should say: `mode`, `validity` or `limit`.
+    /// Meaning of the number: `mode`, `validity` or `limit`.
     pub what: &'static str,
     /// The number.
     pub value: u8,
@@ -64,17 +64,17 @@ macro_rules! wire_enum {
 }
 
 wire_enum! {
-    /// Which estimator makes the force (`MODE_` constants of `ForceEstimate`).
+    /// The estimator that computes the force (`MODE_` constants of `ForceEstimate`).
     Mode, "mode", {
         /// ARX seeded by fresh measured force.
         Arx = 0 "arx",
-        /// Measured force was lost; ARX runs free from its last seed for a bounded time.
+        /// Measured force was lost; ARX simulates (free run) from its last seed for a bounded time.
         ArxCoast = 1 "arx_coast",
-        /// The loaded model, from displacement and drive alone.
+        /// The loaded model, from displacement and drive (current or voltage) alone.
         Model = 2 "model",
         /// The last good force is held.
         Hold = 3 "hold",
-        /// No force can be given.
+        /// No force is available.
         Fault = 4 "fault",
     }
 }
@@ -82,9 +82,9 @@ wire_enum! {
 wire_enum! {
     /// How far an estimate may be used (`VALIDITY_` constants of `ForceEstimate`).
     ///
-    /// Ordered from best to worst: the validity of several things together is their maximum.
+    /// Ordered from best to worst: the validity of a combination is the maximum of its parts.
     Validity, "validity", {
-        /// As good as the model.
+        /// The estimate is as good as the model.
         Valid = 0 "VALID",
         /// Usable, but an input or the estimator is worse than it should be.
         Degraded = 1 "DEGRADED",
@@ -98,7 +98,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// What kept a commanded current from the one asked for (`LIMITED_BY_` constants of `CurrentCommand`).
+    /// The limit that applied to a commanded current (`LIMITED_BY_` constants of `CurrentCommand`).
     LimitedBy, "limit", {
         /// Nothing.
         None = 0 "none",
@@ -108,7 +108,7 @@ wire_enum! {
         CurrentMin = 2 "current_min",
         /// The largest rate of change allowed.
         Rate = 3 "rate",
-        /// The request would drive the rod.
+        /// The requested force would drive the rod.
         Passivity = 4 "passivity",
         /// An input is missing or not valid, so the configured safe current is commanded.
         Safe = 5 "safe",
@@ -146,21 +146,21 @@ reasons! {
     DRIVE_MISSING = 1 "DRIVE_MISSING",
     /// The last drive sample is older than its timeout.
     DRIVE_STALE = 2 "DRIVE_STALE",
-    /// Measured force was there and has stopped.
+    /// Measured force has stopped arriving.
     FORCE_LOST = 4 "FORCE_LOST",
     /// Displacement samples are missing before this one.
     DISPLACEMENT_GAP = 8 "DISPLACEMENT_GAP",
-    /// A reading since the last estimate was refused: NaN, a time step back and the like.
+    /// A reading since the last estimate was refused, for example NaN or a stamp that goes back in time.
     INPUT_REFUSED = 16 "INPUT_REFUSED",
     /// An input is outside the range that the model was trained on.
     OUTSIDE_ENVELOPE = 32 "OUTSIDE_ENVELOPE",
-    /// The sample period is not the one of the ARX model.
+    /// The sample period differs from the ARX model's sample period.
     RATE_MISMATCH = 64 "RATE_MISMATCH",
     /// The sample reached the node late.
     LATE = 128 "LATE",
-    /// A current came where the model wants a voltage, or the other way round.
+    /// A current arrived although the model takes a voltage, or the reverse.
     WRONG_DRIVE = 256 "WRONG_DRIVE",
-    /// Filters, derivative or history are still filling.
+    /// Filters, derivative or history are not settled yet.
     SETTLING = 512 "SETTLING",
     /// The coasting ARX model has no meaningful DC gain, so its force may drift.
     NO_DC = 1024 "NO_DC",
@@ -168,23 +168,23 @@ reasons! {
     DISPLACEMENT_LOST = 2048 "DISPLACEMENT_LOST",
     /// Samples were dropped because a queue was full.
     OVERLOAD = 4096 "OVERLOAD",
-    /// The model wants the case's temperature, and none was ever received.
+    /// The model needs the case temperature, which was never received.
     TEMPERATURE_MISSING = 8192 "TEMPERATURE_MISSING",
-    /// A reading was outside what its sensor can have, and was refused.
+    /// A reading was outside its sensor's range and was refused.
     INPUT_RANGE = 16384 "INPUT_RANGE",
-    /// Displacement moved faster than it can, and was refused.
+    /// A displacement would need a faster rod than is possible, and was refused.
     INPUT_RATE = 32768 "INPUT_RATE",
-    /// A reading stands still while the others say that it cannot.
+    /// A reading does not change although the other inputs show that it must.
     SENSOR_STUCK = 65536 "SENSOR_STUCK",
-    /// Measured velocity is not that of the displacement.
+    /// Measured velocity disagrees with the displacement.
     VELOCITY_DISAGREES = 131_072 "VELOCITY_DISAGREES",
-    /// A current that the driver cannot have made: too large, or changed too fast.
+    /// The driver cannot have produced this current: too large, or changed too fast.
     DRIVE_IMPLAUSIBLE = 262_144 "DRIVE_IMPLAUSIBLE",
-    /// Measured force gives energy, where a damper takes it: its sign or its offset is wrong.
+    /// Measured force adds energy, but a damper only dissipates it: the force's sign or offset is wrong.
     NOT_PASSIVE = 524_288 "NOT_PASSIVE",
-    /// Samples of two publishers of one input come mixed.
+    /// Samples of one input arrive interleaved from two publishers.
     INPUT_INTERLEAVED = 1_048_576 "INPUT_INTERLEAVED",
-    /// The stamp of an input is later than its arrival: the clocks of its publisher and of the node differ.
+    /// The stamp of an input is later than its arrival: the clocks of its publisher and the node differ.
     STAMP_AHEAD = 2_097_152 "STAMP_AHEAD",
 }
 
@@ -198,7 +198,7 @@ impl Reasons {
         Self(bits)
     }
 
-    /// The bits as they go on the wire.
+    /// The bits as sent in messages.
     #[must_use]
     pub const fn bits(self) -> u32 {
         self.0
@@ -230,7 +230,7 @@ impl Reasons {
         Self::ALL.iter().filter(move |(_, reason)| self.contains(*reason)).map(|(name, _)| *name)
     }
 
-    /// The bits that are set and not known here.
+    /// The bits that are set but unknown here.
     #[must_use]
     pub fn unknown_bits(self) -> u32 {
         Self::ALL.iter().fold(self.0, |left, (_, reason)| left & !reason.0)
@@ -251,7 +251,7 @@ impl BitOrAssign for Reasons {
     }
 }
 
-/// `late|overload`; unknown bits as a hexadecimal number; `none` when empty.
+/// `LATE|OVERLOAD`; unknown bits as one hexadecimal number; `none` if empty.
 impl fmt::Display for Reasons {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_empty() {
@@ -280,7 +280,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_come_back_and_unknown_ones_are_refused() {
+    fn numbers_round_trip_and_unknown_ones_are_refused() {
         for mode in Mode::ALL {
             assert_eq!(Mode::try_from(u8::from(*mode)), Ok(*mode));
         }

@@ -1,4 +1,4 @@
-//! ROS time to and from nanoseconds since 1970.
+//! Conversion between ROS time and nanoseconds since 1970.
 
 use crate::standard::Time;
 
@@ -13,7 +13,7 @@ const SECOND_NS: i64 = 1_000_000_000;
     Time::MAX.as_nanos()
 )]
 pub struct TimeOutOfRange {
-    /// The time that was asked for, in nanoseconds since 1970.
+    /// The requested time in nanoseconds since 1970.
     pub nanos: i64,
 }
 
@@ -21,24 +21,24 @@ impl Time {
     /// The earliest stamp, in 1901.
     pub const MIN: Self = Self { sec: i32::MIN, nanosec: 0 };
 
-    /// The last stamp, in 2038.
+    /// The latest stamp, in 2038.
     pub const MAX: Self = Self { sec: i32::MAX, nanosec: 999_999_999 };
 
     /// Nanoseconds since 1970. Every stamp fits.
     ///
-    /// A `nanosec` of a second or more, which a careless peer may send, is carried into the seconds.
+    /// A `nanosec` of a second or more, which a faulty peer may send, is carried into the seconds.
     #[must_use]
     pub const fn as_nanos(self) -> i64 {
         // Widening casts; `i64::from` is not const.
         self.sec as i64 * SECOND_NS + self.nanosec as i64
     }
 
-    /// The stamp of a time in nanoseconds since 1970.
+    /// The stamp for a time in nanoseconds since 1970.
     ///
-    /// Seconds are rounded down, so that `nanosec` counts forward before 1970 too.
+    /// Seconds are rounded down, so that `nanosec` also counts forward before 1970.
     ///
     /// # Errors
-    /// When the time is before [`Time::MIN`] or after [`Time::MAX`].
+    /// If the time is before [`Time::MIN`] or after [`Time::MAX`].
     pub fn from_nanos(nanos: i64) -> Result<Self, TimeOutOfRange> {
         let sec = i32::try_from(nanos.div_euclid(SECOND_NS)).map_err(|_| TimeOutOfRange { nanos })?;
         let nanosec = u32::try_from(nanos.rem_euclid(SECOND_NS)).map_err(|_| TimeOutOfRange { nanos })?;
@@ -85,7 +85,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_time_in_range_comes_back(nanos in Time::MIN.as_nanos()..=Time::MAX.as_nanos()) {
+        fn every_time_in_range_round_trips(nanos in Time::MIN.as_nanos()..=Time::MAX.as_nanos()) {
             let time = Time::from_nanos(nanos).expect("in range");
             prop_assert!(time.nanosec < 1_000_000_000);
             prop_assert_eq!(time.as_nanos(), nanos);

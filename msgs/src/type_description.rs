@@ -1,4 +1,4 @@
-//! `type_description_interfaces`: what a message type looks like, for peers that do not know it (REP-2016).
+//! `type_description_interfaces`: descriptions of message types for peers that do not know them (REP-2016).
 
 use serde::{Deserialize, Serialize};
 
@@ -8,13 +8,13 @@ use crate::message::{message, service};
 /// `type_description_interfaces/msg/FieldType`: the type of a field.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FieldType {
-    /// As in REP-2016: what it is, plus 48 for an array, 96 for a bounded and 144 for an unbounded sequence.
+    /// REP-2016 id: the base type, plus 48 for an array, 96 for a bounded and 144 for an unbounded sequence.
     pub type_id: u8,
-    /// Elements of an array, or the most of a bounded sequence.
+    /// Length of an array, or maximum length of a bounded sequence.
     pub capacity: u64,
-    /// Longest text; 0: any.
+    /// Maximum string length; 0 means unbounded.
     pub string_capacity: u64,
-    /// The message type inside.
+    /// Full name of the nested message type.
     pub nested_type_name: String,
 }
 message!(
@@ -24,14 +24,14 @@ message!(
     text!(FieldType)
 );
 
-/// `type_description_interfaces/msg/Field`: a field.
+/// `type_description_interfaces/msg/Field`: one field of a type.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Field {
     /// Its name.
     pub name: String,
     /// Its type.
     pub r#type: FieldType,
-    /// Its default, as text; not part of the hash.
+    /// Its default value as text; not part of the hash.
     pub default_value: String,
 }
 message!(
@@ -41,7 +41,7 @@ message!(
     definition!(text!(Field), FieldType)
 );
 
-/// `type_description_interfaces/msg/IndividualTypeDescription`: a type without those inside it.
+/// `type_description_interfaces/msg/IndividualTypeDescription`: a type without its nested types.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct IndividualTypeDescription {
     /// Its full name.
@@ -56,12 +56,12 @@ message!(
     definition!(text!(IndividualTypeDescription), Field FieldType)
 );
 
-/// `type_description_interfaces/msg/TypeDescription`: a type with those inside it.
+/// `type_description_interfaces/msg/TypeDescription`: a type with its nested types.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TypeDescription {
     /// The type.
     pub type_description: IndividualTypeDescription,
-    /// Those inside, at any depth, by name.
+    /// The nested types at any depth, by name.
     pub referenced_type_descriptions: Vec<IndividualTypeDescription>,
 }
 message!(
@@ -76,7 +76,7 @@ message!(
 pub struct TypeSource {
     /// Its full name.
     pub type_name: String,
-    /// The language: `msg`.
+    /// Format of the text: `msg`.
     pub encoding: String,
     /// The text.
     pub raw_file_contents: String,
@@ -88,10 +88,10 @@ message!(
     text!(TypeSource)
 );
 
-/// `type_description_interfaces/msg/KeyValue`: something more.
+/// `type_description_interfaces/msg/KeyValue`: an additional piece of information.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeyValue {
-    /// What.
+    /// Its name.
     pub key: String,
     /// Its value.
     pub value: String,
@@ -104,7 +104,7 @@ message!(
 );
 
 service! {
-    /// `type_description_interfaces/srv/GetTypeDescription`: what a type looks like that a node uses.
+    /// `type_description_interfaces/srv/GetTypeDescription`: the description of a type that a node uses.
     GetTypeDescription("type_description_interfaces", "69b9c19c1021405984cc60dbbb1edceb147a6538b411d812ba6afabeed962cd5"):
         GetTypeDescriptionRequest => GetTypeDescriptionResponse
 }
@@ -112,11 +112,11 @@ service! {
 /// Request of [`GetTypeDescription`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GetTypeDescriptionRequest {
-    /// Its full name.
+    /// Full name of the type.
     pub type_name: String,
-    /// Its hash; empty: any.
+    /// Type hash; empty matches any.
     pub type_hash: String,
-    /// Send the texts as well.
+    /// Whether to include the defining texts.
     pub include_type_sources: bool,
 }
 message!(
@@ -131,13 +131,13 @@ message!(
 pub struct GetTypeDescriptionResponse {
     /// Whether the node uses such a type.
     pub successful: bool,
-    /// Why not.
+    /// On failure, the cause.
     pub failure_reason: String,
     /// The type.
     pub type_description: TypeDescription,
-    /// The texts of it and of all types inside.
+    /// The texts that define the type and all nested types.
     pub type_sources: Vec<TypeSource>,
-    /// Nothing, from us.
+    /// Empty in this node's responses.
     pub extra_information: Vec<KeyValue>,
 }
 message!(

@@ -1,4 +1,4 @@
-//! The Rust constants are exactly those of the definitions, and the definition files are all used.
+//! The Rust constants equal the constants of the definitions, and every definition file is used.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -72,9 +72,9 @@ fn diagnostic_status() {
     assert_eq!(constants("", "byte", levels), defined::<DiagnosticStatus>());
 }
 
-/// Every definition file is built by CMake, and every `.msg` file has a struct.
+/// CMake builds every definition file, and every `.msg` file has a struct.
 #[test]
-fn no_definition_file_is_forgotten() {
+fn every_definition_file_is_used() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let cmake = std::fs::read_to_string(root.join("CMakeLists.txt")).expect("CMakeLists.txt");
     let mut files = 0;

@@ -1,6 +1,7 @@
-//! Our bytes, hashes and field names against what PyPI rosbags says of the same definitions.
+//! Compares our bytes, type hashes and field names with the results of PyPI rosbags for the same
+//! definitions.
 //!
-//! `golden/generate.py` makes the tables; `generate.py --check` says whether they are fresh.
+//! `golden/generate.py` writes the tables; `generate.py --check` checks that they are up to date.
 
 use std::collections::BTreeSet;
 
@@ -104,12 +105,12 @@ fn golden_cases<M: Message>() -> usize {
         let message: M = serde_json::from_str(json).unwrap_or_else(|e| panic!("{type_name} {case}: {e}"));
         let (little, big) = (unhex(little), unhex(big));
         assert_eq!(cdr::to_vec(&message).expect("writable"), little, "{type_name} {case}: bytes written");
-        // NaN is not equal to itself, so messages are compared by what they print.
+        // NaN is not equal to itself, so messages are compared by their debug text.
         for bytes in [&little, &big] {
             let read: M = cdr::from_slice(bytes).unwrap_or_else(|e| panic!("{case}: {e}"));
             assert_eq!(format!("{read:?}"), format!("{message:?}"), "{type_name} {case}: message read");
         }
-        // The other way: our JSON is that of the table, with its field names and null for NaN.
+        // The reverse: our JSON equals the table's, with its field names and null for NaN.
         let ours = serde_json::to_value(&message).expect("JSON");
         let theirs: serde_json::Value = serde_json::from_str(json).expect("JSON");
         assert_eq!(ours, theirs, "{type_name} {case}: JSON");
@@ -119,7 +120,8 @@ fn golden_cases<M: Message>() -> usize {
     cases
 }
 
-/// No proper beginning of a message is one. Exact, as none of our types ends in something optional.
+/// No proper prefix of a message can be read as one. This is exact, because none of our types ends in an
+/// optional field.
 fn every_cut_is_refused<M: Message>(bytes: &[u8], case: &str) {
     for len in 0..bytes.len() {
         // rosbags pads nothing at the end, so every byte counts.
@@ -129,9 +131,9 @@ fn every_cut_is_refused<M: Message>(bytes: &[u8], case: &str) {
 }
 
 #[test]
-fn bytes_are_those_of_rosbags() {
+fn bytes_equal_those_of_rosbags() {
     let checked: usize = for_every_message!(golden_cases).iter().sum();
-    assert_eq!(checked, rows::<5>(CDR).len(), "the table has cases of types that the crate does not know");
+    assert_eq!(checked, rows::<5>(CDR).len(), "the table has cases for types that the crate does not define");
 }
 
 fn hashed<M: Message>() -> &'static str {
@@ -153,7 +155,7 @@ fn golden_hash(type_name: &str) -> &'static str {
 }
 
 #[test]
-fn hashes_are_those_of_rosbags_and_rosidl() {
+fn hashes_equal_those_of_rosbags_and_rosidl() {
     let mut checked = BTreeSet::from(for_every_message!(hashed));
     checked.extend([
         hashed_service::<LoadModel>(),
@@ -184,11 +186,12 @@ fn hashes_are_those_of_rosbags_and_rosidl() {
     assert_eq!(checked, golden);
 }
 
-/// The definition's fields are the struct's, in its order, and it carries all types inside and nothing else.
+/// The definition and the struct have the same fields in the same order, and the definition holds exactly
+/// the nested types.
 fn defined<M: Message>() -> &'static str {
     let all = msgdef::parse_all(M::TYPE, M::DEFINITION).expect("readable");
     let fields: Vec<String> = all[M::TYPE].fields.iter().map(|field| field.name.clone()).collect();
-    // A derived struct prints its fields in order.
+    // A derived `Debug` prints the fields in order.
     let printed = format!("{:#?}", M::default());
     let own: Vec<&str> = printed
         .lines()
@@ -203,7 +206,7 @@ fn defined<M: Message>() -> &'static str {
     for name in all.keys() {
         assert!(
             description.contains(&format!("\"type_name\": \"{name}\"")),
-            "{}: {name} is not used",
+            "{}: {name} is defined but not used",
             M::TYPE
         );
     }
@@ -227,7 +230,7 @@ fn definitions_and_structs_agree() {
 }
 
 #[test]
-fn a_definition_reads_as_rosbag2_writes_it() {
+fn a_definition_has_the_form_that_rosbag2_writes() {
     let rule = "=".repeat(80);
     let tail = format!(
         "bool alarm\n{rule}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n{rule}\n\

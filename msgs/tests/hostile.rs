@@ -1,4 +1,5 @@
-//! Bytes that are not messages: reading never panics, never takes memory for what is not there, and says where.
+//! Bytes that are not messages: reading never panics, never allocates memory for missing bytes, and reports the
+//! place.
 
 use mr_damper_msgs::standard::{DiagnosticArray, Float64, Header, JointState, Time};
 use mr_damper_msgs::{CdrError, Force, ForceEstimate, Message, ModeChange, Reasons, cdr};
@@ -21,7 +22,7 @@ fn errors_name_the_type_and_the_place() {
         Err(CdrError::NoHeader { type_name: "mr_damper_msgs/msg/Force", len: 2 })
     );
     assert_eq!(error::<Force>(&[]), "mr_damper_msgs/msg/Force: payload of 0 bytes has no 4-byte CDR header");
-    // Stamp and an empty frame, then nothing where padding and the force should be.
+    // A stamp and an empty frame; the padding and the force are missing.
     let cut = payload(&[1, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 0]);
     assert_eq!(error::<Force>(&cut), "mr_damper_msgs/msg/Force: at byte 17 of 17: unexpected end of input");
     assert_eq!(
@@ -31,8 +32,8 @@ fn errors_name_the_type_and_the_place() {
     );
 }
 
-/// From rclpy (Kilted, Fast CDR): `serialize_message` of a joint without velocity. The padding holds what was
-/// in memory, and eight bytes too many follow the message.
+/// From rclpy (Kilted, Fast CDR): `serialize_message` of a joint without velocity. The padding holds leftover
+/// memory, and eight extra bytes follow the message.
 const RCLPY_JOINT_STATE: &[u8] = b"\
     \x00\x01\x00\x00\x01\x00\x00\x00\x02\x00\x00\x00\x02\x00\x00\x00b\x00\xde\x54\x01\x00\x00\x00\
     \x04\x00\x00\x00rrr\x00\x01\x00\x00\x00\x00\x00\x00\x00\x00\x00\xe0\x3f\x00\x00\x00\x00\
@@ -58,7 +59,7 @@ fn header_options_are_ignored() {
     assert_eq!(cdr::from_slice::<Float64>(&[0, 1, 0, 3, 0, 0, 0, 0, 0, 0, 0, 0]), Ok(Float64 { data: 0.0 }));
 }
 
-/// Fast CDR leaves in the padding what its buffer held before.
+/// Fast CDR leaves previous buffer content in the padding.
 #[test]
 fn padding_may_hold_anything() {
     let force = Force { force: 512.0, variance: 4.0, ..Force::default() };
@@ -79,13 +80,13 @@ fn impossible_values_are_refused() {
     assert!(error::<mr_damper_msgs::srv::SetModeRequest>(&bytes).contains("Boolean"));
 }
 
-/// Lengths of four thousand million, with nothing behind them. Taking that memory would end the test.
+/// Lengths of 2^32 - 1 with no data behind them. Allocating that much memory would end the test.
 #[test]
 fn huge_lengths_are_refused() {
     let huge = u32::MAX.to_le_bytes();
     let string = payload(&[&[0; 8], &huge[..], b"abc\0"].concat());
     assert!(error::<Header>(&string).contains("end of input"));
-    // Sequences of strings, of numbers and of messages, after a header with an empty frame.
+    // Sequences of strings, numbers and messages, after a header with an empty frame.
     let start = [&[0; 8][..], &[1, 0, 0, 0, 0, 0, 0, 0]].concat();
     let strings = payload(&[&start, &huge[..]].concat());
     assert!(error::<JointState>(&strings).contains("end of input"));
@@ -107,7 +108,8 @@ fn a_buffer_is_reused() {
     assert_eq!(buffer, cdr::to_vec(&short).expect("writable"));
 }
 
-/// What is read from noise may be anything, but it must be writable and come back as the same bytes.
+/// Random bytes may be read as any message, but the message must be writable and survive a second round trip
+/// unchanged.
 fn no_panic<M: Message>(bytes: &[u8]) {
     if let Ok(message) = cdr::from_slice::<M>(bytes) {
         let written = cdr::to_vec(&message).expect("writable");
@@ -153,7 +155,7 @@ proptest! {
     #[test]
     fn noise_does_not_panic(
         kind in 0u8..3,
-        // Small numbers make lengths that fit now and then.
+        // Small numbers give lengths that sometimes fit.
         body in proptest::collection::vec(prop_oneof![Just(0u8), 0u8..5, any::<u8>()], 0..300),
     ) {
         let bytes = [&[0, kind, 0, 0][..], &body].concat();
@@ -172,7 +174,7 @@ proptest! {
     }
 
     #[test]
-    fn every_message_comes_back(estimate in estimate(), joints in joints()) {
+    fn every_message_round_trips(estimate in estimate(), joints in joints()) {
         let bytes = cdr::to_vec(&estimate).expect("writable");
         prop_assert_eq!(cdr::from_slice::<ForceEstimate>(&bytes).expect("our own bytes"), estimate);
         let bytes = cdr::to_vec(&joints).expect("writable");

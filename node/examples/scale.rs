@@ -1,13 +1,15 @@
-//! What many dampers cost one process: starts the node of so many, drives them at a rate, and tells in one line of JSON what was
-//! lost, how long it took from sample to estimate, and what processor and memory it took.
+//! Measures what many dampers in one process cost.
+//!
+//! It starts a node with `--dampers` dampers and feeds them at a fixed rate. It prints one line of JSON: lost samples,
+//! time from sample to estimate, processor time and memory.
 //!
 //! ```text
 //! cargo build --release --workspace --bins --examples
 //! tests/interop/netns.sh run target/release/examples/scale --node target/release/mr-damper --dampers 16 --rate-hz 512
 //! ```
 //!
-//! Whoever drives sits on the same machine and takes its share of it, which is told too: on two cores the driver is the first to be
-//! late. `tests/bench/run.sh` goes through many sizes.
+//! The driver (this program) runs on the same machine and uses a part of it, which the JSON also states. On two cores
+//! the driver is the first to be late. `tests/bench/run.sh` runs many sizes.
 
 #[path = "../tests/vehicle_support/mod.rs"]
 mod vehicle_support;
@@ -21,45 +23,46 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use vehicle_support::{Corner, Peer, drive, hear, start};
 
-/// Drives a node of many dampers, and tells what it cost.
+/// Drives a node of many dampers and prints what it cost.
 #[derive(Debug, Parser)]
 struct Args {
-    /// The program `mr-damper`.
+    /// Path of the `mr-damper` program.
     #[arg(long)]
     node: PathBuf,
-    /// How many dampers.
+    /// Number of dampers.
     #[arg(long, default_value_t = 4)]
     dampers: usize,
-    /// Samples a second of each.
+    /// Samples per second of each damper.
     #[arg(long, default_value_t = 1000.0)]
     rate_hz: f64,
-    /// Seconds that are counted.
+    /// Length of the measurement, s.
     #[arg(long, default_value_t = 10.0)]
     seconds: f64,
-    /// More parameters of the node, as `name:=value`.
+    /// Further parameters of the node, as `name:=value`.
     #[arg(long)]
     parameter: Vec<String>,
-    /// Threads beside the node that do nothing but take processor time.
+    /// Number of busy threads that run beside the node and only use processor time.
     #[arg(long, default_value_t = 0)]
     busy: usize,
-    /// ROS domain; nothing else may be in it.
+    /// ROS domain; it must be otherwise unused.
     #[arg(long, default_value_t = 83)]
     domain: i64,
 }
 
-/// What the system says of a process: processor time so far, s; resident memory, kB.
+/// Processor time used by a process so far, s, and its resident memory, kB.
 fn used(process: u32) -> Option<(f64, u64)> {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let ticks = |index: usize| fields.get(index).and_then(|text| text.parse::<f64>().ok());
-    // Fields 14 and 15 of the line, of which two are gone; a hundred ticks a second on every Linux there is.
+    // Fields 14 and 15 of the line (two are cut off above). Linux counts 100 ticks per second.
     let processor_s = (ticks(11)? + ticks(12)?) / 100.0;
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let memory = status.lines().find(|line| line.starts_with("VmRSS:"))?;
     Some((processor_s, memory.split_whitespace().nth(1)?.parse().ok()?))
 }
 
-/// The worst that any damper's node said of each figure since the last time. Medians and 99th percentiles: of a second each.
+/// The worst value of each figure that any damper's node reported since the last call. Medians and 99th percentiles
+/// cover one second each.
 fn said(diagnostics: &Subscription<DiagnosticArray>) -> Map<String, Value> {
     let mut worst = Map::new();
     while let Ok(Some((array, _))) = diagnostics.take() {
@@ -74,8 +77,8 @@ fn said(diagnostics: &Subscription<DiagnosticArray>) -> Map<String, Value> {
     worst
 }
 
-/// Drives `corners` and hears them; how many displacements there were, how many of them without an estimate, and how late
-/// the driver was at most.
+/// Drives `corners` and receives their estimates. Returns the number of displacements sent, how many of them got no
+/// estimate, and the greatest delay of the driver.
 fn exchange(corners: &[Corner], args: &Args) -> (usize, usize, Duration) {
     let done = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -96,7 +99,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let node = start(&args.node, &names, args.domain, &args.parameter);
     let Peer { mut ros, corners } = Peer::start(&names, args.domain);
     let diagnostics = ros.subscribe::<DiagnosticArray>("/diagnostics")?;
-    // Endpoints are matched and histories filled meanwhile.
+    // Endpoints are matched and histories are filled during this time.
     drive(&corners, args.rate_hz, 2.0);
     said(&diagnostics);
 
@@ -118,7 +121,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     });
     let (before, after, took_s, (sent, lost, latest)) = measured;
     let (Some((node_before, own_before)), Some((node_after, own_after))) = (before, after) else {
-        return Err("the node ended meanwhile; its log says why".into());
+        return Err("the node ended during the measurement; see its log".into());
     };
     println!(
         "{}",

@@ -1,4 +1,5 @@
-//! Prints what every damper's force is, heard by Zenoh, with nothing of ours.
+//! Prints the force of every damper, received over Zenoh. It uses an ordinary Zenoh session and nothing of this
+//! project.
 //!
 //! cargo run --release --example zenoh_estimates -- tcp/127.0.0.1:7447 [COUNT]
 
@@ -11,7 +12,7 @@ fn main() -> zenoh::Result<()> {
     let mut config = zenoh::Config::default();
     config.insert_json5("mode", "\"client\"")?;
     config.insert_json5("connect/endpoints", &format!("[\"{endpoint}\"]"))?;
-    config.insert_json5("connect/timeout_ms", "-1")?; // wait for who is not there yet
+    config.insert_json5("connect/timeout_ms", "-1")?; // wait until the endpoint is there
     let session = zenoh::open(config).wait()?;
     let estimates = session.declare_subscriber("mr_damper/**/web/force_estimate").wait()?;
     for _ in 0..count {

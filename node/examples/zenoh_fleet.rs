@@ -1,14 +1,16 @@
-//! A fleet out of one damper: listens to a real one for some seconds, then plays what it said, over and over, under the names
-//! of many, each vehicle a client of a router of its own session; a supervisor hears them all. Tells what arrived and how late, and
-//! what it cost the router.
+//! Simulates a fleet from one damper.
+//!
+//! The program records a real damper for some seconds. It then replays the recording in a loop under the names of many
+//! vehicles. Each vehicle is a session of its own, a client of one router; supervisors receive all of them. The program
+//! prints how many messages arrived, how late they were, and what they cost the router.
 //!
 //! ```text
 //! cargo run --release --example zenoh_fleet -- --damper tcp/127.0.0.1:7447 --router tcp/127.0.0.1:7448 --vehicles 50
 //! ```
 //!
-//! `tests/interop/fleet.sh` starts damper and router and goes through many sizes; `node/docs/fleet.md` is of it.
-//! Sender and supervisor stamp by one clock, so that what is late is known; they are on one machine with the router, and take their
-//! share of it.
+//! `tests/interop/fleet.sh` starts the damper and the router and runs many sizes; `node/docs/fleet.md` has the results.
+//! Sender and supervisor use one clock, so that the delay can be measured. Both run on the router's machine and use a
+//! part of it.
 
 use clap::Parser;
 use serde_json::json;
@@ -18,51 +20,51 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use zenoh::{Session, Wait};
 
-/// Plays what one damper says under the names of a fleet.
+/// Replays one damper's messages under the names of a fleet.
 #[derive(Debug, Parser)]
 struct Args {
-    /// Where a real damper is mirrored; something has to be replayed to it meanwhile.
+    /// Zenoh endpoint of a real damper; replay a run to it during the recording.
     #[arg(long)]
     damper: String,
-    /// Router of the fleet.
+    /// Zenoh endpoint of the fleet's router.
     #[arg(long)]
     router: String,
-    /// Router that supervisors are clients of, where it is another one.
+    /// Zenoh endpoint of the router that supervisors connect to, if it is a different one.
     #[arg(long)]
     upper: Option<String>,
-    /// Process id of the router, to tell what it costs.
+    /// Process id of the router, to measure its processor time and memory.
     #[arg(long)]
     router_pid: Option<u32>,
-    /// Which of its keys are played.
+    /// Keys of the damper that are replayed.
     #[arg(long, default_value = "mr_damper/**/web/*")]
     keys: String,
-    /// How many vehicles, each with a session.
+    /// Number of vehicles, each with its own session.
     #[arg(long, default_value_t = 10)]
     vehicles: usize,
-    /// Dampers of each.
+    /// Dampers per vehicle.
     #[arg(long, default_value_t = 4)]
     dampers: usize,
-    /// How many supervisors hear them all.
+    /// Number of supervisors; each receives all messages.
     #[arg(long, default_value_t = 1)]
     supervisors: usize,
-    /// Seconds that are recorded, and played over and over.
+    /// Length of the recording that is replayed in a loop, s.
     #[arg(long, default_value_t = 3.0)]
     record_s: f64,
-    /// Seconds that are measured.
+    /// Length of the measurement, s.
     #[arg(long, default_value_t = 10.0)]
     seconds: f64,
 }
 
-/// Something that the damper said.
+/// A recorded message of the damper.
 #[derive(Debug)]
 struct Said {
     after: Duration,
-    /// The end of its key: `web/force_estimate`.
+    /// The end of its key, for example `web/force_estimate`.
     what: String,
     bytes: Vec<u8>,
 }
 
-/// Number of the message on its key, and when it was sent, ns after the process began: what goes with each.
+/// Attachment of each message: its number on the key, and when it was sent, ns after the process began.
 type Mark = [u8; 16];
 
 fn main() -> zenoh::Result<()> {
@@ -70,7 +72,7 @@ fn main() -> zenoh::Result<()> {
     let said = record(&args)?;
     let bytes: usize = said.iter().map(|said| said.bytes.len()).sum();
     eprintln!(
-        "a damper says {:.0} messages and {:.1} kB a second",
+        "one damper sends {:.0} messages and {:.1} kB per second",
         said.len() as f64 / args.record_s,
         bytes as f64 / args.record_s / 1e3
     );
@@ -88,7 +90,7 @@ fn main() -> zenoh::Result<()> {
     let (counts, done, sent) = (AtomicBool::new(false), AtomicBool::new(false), AtomicU64::new(0));
     let play = Play { args: &args, said: &said, began, counts: &counts, done: &done, sent: &sent };
     let (spent_s, late_s) = std::thread::scope(|scope| {
-        // Two threads send: more would only be in each other's way on few cores.
+        // Two threads send: on few cores, more would only block each other.
         let half = vehicles.len().div_ceil(2).max(1);
         let senders: Vec<_> = vehicles
             .chunks(half)
@@ -102,7 +104,7 @@ fn main() -> zenoh::Result<()> {
         std::thread::sleep(Duration::from_secs_f64(args.seconds));
         counts.store(false, Ordering::Release);
         let after_s = args.router_pid.map(used_s);
-        // What is on its way arrives.
+        // Wait for messages that are still on their way.
         std::thread::sleep(Duration::from_secs(1));
         done.store(true, Ordering::Release);
         let late_s = senders.into_iter().map(|sender| sender.join().expect("no panic")).fold(0.0, f64::max);
@@ -136,18 +138,18 @@ fn main() -> zenoh::Result<()> {
     Ok(())
 }
 
-/// A session that is a client of `endpoint` and of nobody else.
+/// A session that connects to `endpoint` only.
 fn client(endpoint: &str) -> zenoh::Result<Session> {
     let mut config = zenoh::Config::default();
     config.insert_json5("mode", "\"client\"")?;
     config.insert_json5("connect/endpoints", &format!("[{endpoint:?}]"))?;
-    // It may still be starting.
+    // The router may still be starting.
     config.insert_json5("connect/timeout_ms", "10000")?;
     config.insert_json5("scouting/multicast/enabled", "false")?;
     zenoh::open(config).wait()
 }
 
-/// What the real damper says meanwhile, with its times.
+/// Records the real damper's messages with their times.
 fn record(args: &Args) -> zenoh::Result<Vec<Said>> {
     let session = client(&args.damper).map_err(|error| format!("--damper {}: {error}", args.damper))?;
     let samples = session.declare_subscriber(&args.keys).wait()?;
@@ -162,14 +164,13 @@ fn record(args: &Args) -> zenoh::Result<Vec<Said>> {
         let what = key.rmatch_indices('/').nth(1).map_or(key, |(at, _)| &key[at + 1..]).to_owned();
         said.push(Said { after: began.elapsed(), what, bytes: sample.payload().to_bytes().into_owned() });
     }
-    Err(format!("{} says nothing on {} within 10 s; is something replayed to it?", args.damper, args.keys)
-        .into())
+    Err(format!("{} sent nothing on {} within 10 s; replay a run to it", args.damper, args.keys).into())
 }
 
-/// How late each message came that a supervisor has heard while it counts, us.
+/// Delay of each message that a supervisor received during the measurement, us.
 type Lateness = Vec<u32>;
 
-/// A session that hears the whole fleet.
+/// A session that receives the messages of the whole fleet.
 fn supervise(args: &Args, heard: &Arc<Mutex<Lateness>>, began: Instant) -> zenoh::Result<Session> {
     let router = args.upper.as_deref().unwrap_or(&args.router);
     let session = client(router).map_err(|error| format!("{router}: {error}"))?;
@@ -179,7 +180,7 @@ fn supervise(args: &Args, heard: &Arc<Mutex<Lateness>>, began: Instant) -> zenoh
         .callback(move |sample| {
             let mark = sample.attachment().map(|mark| mark.to_bytes().into_owned());
             let Some(Ok(mark)) = mark.map(Mark::try_from) else { return };
-            // Those that do not count have no number.
+            // Messages outside the measurement have the number 0.
             let (number, sent_ns) = halves(mark);
             if number > 0 {
                 let late = began.elapsed().saturating_sub(Duration::from_nanos(sent_ns));
@@ -204,27 +205,27 @@ fn halves(mark: Mark) -> (u64, u64) {
     (half(0), half(8))
 }
 
-/// What senders share.
+/// State that the senders share.
 #[derive(Clone, Copy)]
 struct Play<'a> {
     args: &'a Args,
     said: &'a [Said],
-    /// The moment from which times are told.
+    /// The moment from which times are measured.
     began: Instant,
-    /// Messages are numbered, and count.
+    /// True during the measurement: messages are numbered.
     counts: &'a AtomicBool,
     done: &'a AtomicBool,
-    /// How many count.
+    /// Number of messages sent during the measurement.
     sent: &'a AtomicU64,
 }
 
 impl Play<'_> {
-    /// Plays what was said as `vehicles`, of which the one numbered `first` is the first, spread over the recording, until all is done. How
-    /// late it was at most, s.
+    /// Replays the recording as `vehicles` until `done` is set. `first` is the number of the first of them; their
+    /// starts are spread over the length of the recording. Returns the sender's greatest delay, s.
     fn send(self, vehicles: &[Session], first: usize) -> f64 {
         let Self { args, said, began, counts, done, sent } = self;
         let length = Duration::from_secs_f64(args.record_s);
-        // Each vehicle's messages of one round, in the order of their times.
+        // The messages of all vehicles in one round, ordered by time.
         let mut plan: Vec<(Duration, usize, usize, usize)> = Vec::new();
         for k in 0..vehicles.len() {
             let shift = length.mul_f64((first + k) as f64 / args.vehicles as f64);
@@ -275,17 +276,17 @@ impl Play<'_> {
 
 /// Processor time that a process has used, s.
 fn used_s(process: u32) -> f64 {
-    let stat =
-        std::fs::read_to_string(format!("/proc/{process}/stat")).expect("--router-pid is of a process");
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat"))
+        .expect("--router-pid must name a running process");
     let fields: Vec<&str> = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace().collect();
-    // The system counts in hundredths of a second.
+    // Linux counts in hundredths of a second.
     fields[11..13].iter().map(|ticks| ticks.parse::<f64>().expect("ticks")).sum::<f64>() / 100.0
 }
 
 /// Resident memory of a process, MB.
 fn memory_mb(process: u32) -> f64 {
-    let status =
-        std::fs::read_to_string(format!("/proc/{process}/status")).expect("--router-pid is of a process");
+    let status = std::fs::read_to_string(format!("/proc/{process}/status"))
+        .expect("--router-pid must name a running process");
     let line = status.lines().find(|line| line.starts_with("VmRSS:")).expect("a line of /proc");
     line.split_whitespace().nth(1).and_then(|kb| kb.parse::<f64>().ok()).expect("a number") / 1e3
 }

@@ -12,14 +12,14 @@ use std::process::ExitCode;
 
 /// Force of magneto-rheological dampers: a virtual sensor on ROS 2, mirrored to Zenoh.
 ///
-/// Without a command the demo runs. Exit codes: 0 done, 1 the work failed, 2 wrong usage.
+/// Without a command, the demo runs. Exit codes: 0 done, 1 the work failed, 2 wrong usage.
 #[derive(Debug, Parser)]
 #[command(name = "mr-damper", version = crate::hardened::version(), max_term_width = 110)]
 pub struct Cli {
-    /// Log only warnings and errors, show no progress.
+    /// Log only warnings and errors, and show no progress.
     #[arg(long, short, global = true)]
     quiet: bool,
-    /// How log lines look (they go to stderr).
+    /// Format of log lines (written to stderr).
     #[arg(long, global = true, value_enum, default_value_t)]
     log_format: LogFormat,
     #[command(subcommand)]
@@ -46,7 +46,7 @@ enum Command {
 }
 
 impl Command {
-    /// What the command calls its node, for rules that are for one node alone.
+    /// Name of the command's node, for remapping rules that apply to one node only.
     const fn node_name(&self) -> &'static str {
         match self {
             Self::Replay(_) => player::NODE,
@@ -58,7 +58,7 @@ impl Command {
         }
     }
 
-    /// Refuses ROS arguments that the command would not use.
+    /// Refuses ROS arguments that the command would ignore.
     fn check_ros_args(&self, given: &RosArgs) -> Result<(), NodeError> {
         let offline = match self {
             Self::Convert(_) => "convert",
@@ -69,7 +69,7 @@ impl Command {
             Self::Close(args) if !args.live.live => "close",
             Self::Inverse(_) => "inverse",
             Self::Presets(_) => "presets",
-            // Nodes that have names, but no parameters.
+            // These commands start nodes with names but without parameters.
             Self::Replay(_) => return self.refuse_parameters("replay", given),
             Self::Record(_) => return self.refuse_parameters("record", given),
             Self::Serve(_) => return self.refuse_parameters("serve", given),
@@ -97,7 +97,7 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
     let cli = match Cli::try_parse_from(std::iter::once("mr-damper".to_owned()).chain(plain)) {
         Ok(cli) => cli,
         Err(error) => {
-            // Help and version are answers, not errors; clap knows which is which.
+            // Help and version count as success; clap sets the exit code.
             let _ = error.print();
             return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
         }
@@ -157,7 +157,7 @@ mod tests {
     use super::*;
     use clap::CommandFactory;
 
-    /// Commands whose help names a run to read, by a value or a list of them.
+    /// True for commands whose help names a run as input (a single value or a list).
     fn reads_runs(command: &clap::Command) -> bool {
         command.get_arguments().any(|argument| {
             let names = argument.get_value_names().unwrap_or_default();

@@ -1,6 +1,6 @@
-//! Clients of services and actions, with the endpoints by which the graph tells whether their server is there.
+//! Clients of services and actions, with their endpoints. The endpoints show in the graph whether the server is there.
 //!
-//! ros2-client's own way to ask for that (`wait_for_service`) needs its spinner: see `graph.rs`.
+//! ros2-client's own check (`wait_for_service`) needs its spinner, which this project does not use: see `graph.rs`.
 
 use crate::graph::Endpoints;
 use crate::ros::Part;
@@ -28,9 +28,9 @@ pub struct ActionClientOf<A: Action> {
     endpoints: Endpoints,
 }
 
-/// A client that is of use once its endpoints are matched.
+/// A client that is usable once its endpoints are matched.
 pub trait Reaching {
-    /// Those endpoints.
+    /// The endpoints that must be matched.
     fn endpoints(&self) -> &Endpoints;
 }
 
@@ -74,14 +74,14 @@ impl<A: Action> Reaching for ActionClientOf<A> {
     }
 }
 
-/// A node's endpoints, as ros2-client serialises them; it has no other way to read them.
+/// A node's endpoints, as ros2-client serialises them. The library offers no other way to read them.
 #[derive(Debug, Default, Deserialize)]
 struct OfNode {
     reader_gid_seq: BTreeSet<[u8; 16]>,
     writer_gid_seq: BTreeSet<[u8; 16]>,
 }
 
-/// The endpoints that the node called `node` has by now.
+/// The present endpoints of the node called `node`.
 pub(crate) fn endpoints_of(context: &Context, node: &str) -> Endpoints {
     let told = context.participant_entities_info();
     let own = told.nodes().iter().find(|of| of.fully_qualified_name() == node);

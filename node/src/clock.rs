@@ -1,16 +1,16 @@
-//! The time of a node: the system's, or what `/clock` says while `use_sim_time` is true.
+//! The time of a node: the system's clock, or `/clock` while `use_sim_time` is true.
 //!
-//! Any thread may read it: it is two atomics. Before the first `/clock` there is no simulated time, and what needs the
-//! time waits for it.
+//! Any thread may read it: it is two atomics. Simulated time is unknown before the first `/clock` message; code that
+//! needs the time waits.
 
 use mr_damper_model::sample::Stamp;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// No simulated time has come yet.
+/// Marks that no simulated time has arrived yet.
 const NONE: i64 = i64::MIN;
 
-/// Now, on the system's clock, as stamps have it.
+/// The present time of the system's clock, as a stamp.
 #[must_use]
 pub fn system_now() -> Stamp {
     let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -25,13 +25,13 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// A clock that follows `/clock`, or the system.
+    /// A clock that follows `/clock` if `simulated`, otherwise the system.
     #[must_use]
     pub const fn new(simulated: bool) -> Self {
         Self { simulated: AtomicBool::new(simulated), sim_ns: AtomicI64::new(NONE) }
     }
 
-    /// The time; `None` while a simulated one has not come yet.
+    /// The present time; `None` if simulated time is in use and has not arrived yet.
     #[must_use]
     pub fn now(&self) -> Option<Stamp> {
         if !self.is_simulated() {
@@ -41,33 +41,34 @@ impl Clock {
         (at != NONE).then_some(Stamp::from_nanos(at))
     }
 
-    /// How long it has been since `received`, which this clock said. Nothing under simulated time, or where the system's was set
-    /// back meanwhile.
+    /// Time since `received`, a stamp of this clock. `None` under simulated time, or if the system's clock was set back
+    /// meanwhile.
     #[must_use]
     pub fn took_since(&self, received: Stamp) -> Option<Duration> {
         let now = self.now().filter(|_| !self.is_simulated())?;
         u64::try_from(now.nanos().checked_sub(received.nanos())?).ok().map(Duration::from_nanos)
     }
 
-    /// The time for a message: the system's where there is no other.
+    /// The time for a message: the node's time, or the system's if there is none yet.
     #[must_use]
     pub fn now_or_system(&self) -> Stamp {
         self.now().unwrap_or_else(system_now)
     }
 
-    /// True while it follows `/clock`.
+    /// True while the clock follows `/clock`.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.simulated.load(Ordering::Acquire)
     }
 
-    /// Follows `/clock` from now on, or the system; true when that is a change.
+    /// Switches to `/clock` if `simulated`, otherwise to the system's clock. Returns true if that is a change.
     pub fn simulate(&self, simulated: bool) -> bool {
         self.sim_ns.store(NONE, Ordering::Release);
         self.simulated.swap(simulated, Ordering::AcqRel) != simulated
     }
 
-    /// Takes what `/clock` says. Returns by how much it went back, s, if it did; the system's time goes on unmoved.
+    /// Takes a time from `/clock`. Returns by how many seconds it went back, if it did. Does nothing while the clock
+    /// follows the system.
     pub fn hear(&self, stamp: Stamp) -> Option<f64> {
         if !self.is_simulated() {
             return None;
@@ -94,6 +95,6 @@ mod tests {
         assert_eq!(clock.hear(at(1)), None);
         assert!(clock.now().expect("the system's") > at(1_700_000_000));
         assert!(clock.simulate(true));
-        assert_eq!(clock.now(), None, "what was heard before is forgotten");
+        assert_eq!(clock.now(), None, "times heard before the switch are cleared");
     }
 }

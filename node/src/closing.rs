@@ -1,4 +1,5 @@
-//! What all closings have in common: the command, the demo and the action `close_loop`, and who asks for that (`asking.rs`).
+//! Shared parts of the diagnosis (`close`): the command, the demo and the action `close_loop` use them. `asking.rs`
+//! calls the action.
 
 pub mod asking;
 
@@ -13,26 +14,26 @@ use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};
 use mr_damper_model::sample::{DriveKind, Run};
 use std::ops::ControlFlow;
 
-/// `runs` as rows for a closing around `base`, conditioned as it is.
+/// Rows of `runs` for a diagnosis around `base`, with the base model's conditioning.
 ///
 /// # Errors
-/// When a run lacks force or is too short to have a row.
+/// When a run has no force or is too short for one row.
 pub fn rows(runs: &[Run], base: &Model) -> Result<Vec<Dataset>, Error> {
     runs.iter().map(|run| Dataset::from_run(run, &base.conditioning, &DatasetOptions::default())).collect()
 }
 
-/// What a model file says of how the model came about, besides its errors.
+/// Provenance for a model file, besides the errors.
 #[derive(Debug, Clone, Default)]
 pub struct Origin {
     /// Seed of everything random.
     pub seed: u64,
-    /// Restarts that were made to identify the base.
+    /// Number of restarts used to identify the base.
     pub restarts: u32,
-    /// The runs that took part.
+    /// The runs that were used.
     pub runs: Vec<TrainingRun>,
 }
 
-/// The runs of a closing, by role, as a model file names them. Runs in memory have no SHA-256.
+/// The runs of a diagnosis by role, as a model file lists them. Runs in memory have no SHA-256.
 #[must_use]
 pub fn training_runs(closing: &Closing, runs: &Runs) -> Vec<TrainingRun> {
     let by_role = [
@@ -54,14 +55,14 @@ pub fn training_runs(closing: &Closing, runs: &Runs) -> Vec<TrainingRun> {
         .collect()
 }
 
-/// What drives the damper of a closing: what its base says, or its runs.
+/// The drive of the damper in a diagnosis: from the base model, or from its runs.
 #[must_use]
 pub fn drive(closing: &Closing, runs: &Runs) -> Option<DriveKind> {
     closing.before.force.drive().or(runs.estimate.first().and_then(|data| data.drive))
 }
 
-/// The augmented model with what became of it: the error to expect is that on the sealed runs, or on the confirm
-/// runs where there are none, with the model's own force offset.
+/// The model file of the augmented model. The expected error is the error on the test runs (`--test`), or on the
+/// validation runs (`--confirm`) without test runs. Both use the model's own force offset.
 #[must_use]
 pub fn model_file(closing: &Closing, runs: &Runs, origin: Origin) -> ModelFile {
     let after = &closing.after;
@@ -84,7 +85,7 @@ pub fn model_file(closing: &Closing, runs: &Runs, origin: Origin) -> ModelFile {
     }
 }
 
-/// Errors of a free run over the rows that count, with the model's own offset.
+/// Errors of a simulation (free run) over the rows that count, with the model's own offset.
 fn errors(model: &Augmented, data: &Dataset) -> ErrorSum {
     let mut errors = ErrorSum::default();
     let ended = walk(model, data, |row, predicted| {
@@ -97,13 +98,13 @@ fn errors(model: &Augmented, data: &Dataset) -> ErrorSum {
     errors
 }
 
-/// The force offset that suits `data` best, N, and the errors with it.
+/// The force offset with the smallest error on `data`, N, and the errors with it.
 fn centred(model: &Model, data: &Dataset) -> (f64, ErrorSum) {
     let offset_n = model.force.force_offset_n() + errors(&model.augmented(), data).mean_error_n();
     (offset_n, errors(&model.augmented().with_force_offset_n(offset_n), data))
 }
 
-/// All of `errors` together.
+/// The sum of all `errors`.
 fn sum(errors: impl Iterator<Item = ErrorSum>) -> ErrorSum {
     errors.fold(ErrorSum::default(), |mut all, one| {
         all.merge(&one);

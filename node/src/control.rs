@@ -1,7 +1,7 @@
-//! What may change while the service runs, whoever asks for it: its state, parameters and models.
+//! Changes to the running service: its state, parameters and models.
 //!
-//! Changes are checked here, under one lock, and handed to the estimating thread through its ring of commands in the
-//! order in which they were accepted: what it is told cannot fail.
+//! Changes are checked here, under one lock. They reach the estimating thread through its command ring, in the order in
+//! which they were accepted. A command on the ring cannot fail.
 
 use crate::clock::Clock;
 use crate::config::{Change, Config, Parameter, Value, find};
@@ -21,13 +21,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How long the estimating thread may take to swap a model in before its silence is reported. It takes microseconds.
+/// Longest time for the estimating thread to obey a command before an error is returned. A swap normally takes
+/// microseconds.
 const SWAP_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The running service, for those who change it.
+/// The handle through which the running service is changed.
 pub struct Control {
     clock: Arc<Clock>,
-    /// The model wants measured velocity: its source waits for it.
+    /// True if the model needs measured velocity; the source then waits for it.
     wants_velocity: Arc<AtomicBool>,
     state: Mutex<State>,
     hot: Mutex<Option<Hot>>,
@@ -38,21 +39,21 @@ pub struct Control {
 struct State {
     config: Config,
     phase: Phase,
-    /// There are some in the states inactive and active.
+    /// Set in the states inactive and active.
     models: Option<Models>,
 }
 
-/// What a change of models did.
+/// The result of loading a model.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Loaded {
-    /// The names before.
+    /// Names of the previous models.
     pub before: ModelNames,
-    /// The names now.
+    /// Names of the present models.
     pub now: ModelNames,
 }
 
 impl Control {
-    /// Control over a service that has `config` and is not configured yet.
+    /// Control over a service with `config`, in the state unconfigured.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         Self {
@@ -65,18 +66,18 @@ impl Control {
         }
     }
 
-    /// The estimating thread runs: tell it what changes.
+    /// Connects the estimating thread; it receives all changes from now on.
     pub fn attach(&self, hot: Hot) {
         *lock(&self.hot) = Some(hot);
     }
 
-    /// The Zenoh mirror wants to know of other models.
+    /// Connects the Zenoh mirror; it is informed when the models change.
     pub fn attach_mirror(&self, mirror: Renamer) {
-        // There is one mirror a service, attached once.
+        // A service has one mirror, which is attached once.
         let _ = self.mirror.set(mirror);
     }
 
-    /// Gives the estimating thread back, to be stopped; nothing changes any more.
+    /// Returns the estimating thread so that it can be stopped. No change is possible afterwards.
     pub fn detach(&self) -> Option<Hot> {
         lock(&self.hot).take()
     }
@@ -87,13 +88,13 @@ impl Control {
         lock(&self.hot).as_ref().is_some_and(Hot::is_alive)
     }
 
-    /// Names of the models that run.
+    /// Names of the running models, shared.
     #[must_use]
     pub fn names(&self) -> SharedNames {
         Arc::clone(&self.names)
     }
 
-    /// Those names at present.
+    /// Names of the running models at present.
     #[must_use]
     pub fn models_names(&self) -> ModelNames {
         read(&self.names)
@@ -123,17 +124,17 @@ impl Control {
         Arc::clone(&self.clock)
     }
 
-    /// True while the model wants measured velocity.
+    /// True while the model needs measured velocity.
     #[must_use]
     pub fn wants_velocity(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.wants_velocity)
     }
 
-    /// Takes a transition, and returns its ends once it is done.
+    /// Makes a transition, and returns the old and the new state once it is done.
     ///
     /// # Errors
-    /// When it does not begin in the present state; when the models that the parameters name do not load, or do not go with the
-    /// settings; when the estimating thread does not answer. Then the state stays.
+    /// When the transition is not possible in the present state; when the models named by the parameters do not load or
+    /// do not fit the settings; when the estimating thread does not answer. The state then stays as it was.
     pub fn change_state(&self, transition: Transition) -> Result<(Phase, Phase), NodeError> {
         let mut state = lock(&self.state);
         let from = state.phase;
@@ -166,7 +167,7 @@ impl Control {
         Ok((from, to))
     }
 
-    /// The node's models are other ones from now on, or none.
+    /// Publishes that the node uses other models from now on, or none.
     fn runs_on(&self, models: Option<&Models>, names: ModelNames) {
         let measured = models.is_some_and(|m| m.free.conditioning.velocity == VelocitySource::Measured);
         self.wants_velocity.store(measured, Ordering::Release);
@@ -176,10 +177,10 @@ impl Control {
         }
     }
 
-    /// Forgets all history: the next sample is the first.
+    /// Clears all history: the next sample is treated as the first.
     ///
     /// # Errors
-    /// When the node is not active, or too many changes wait.
+    /// When the node is not active, or too many changes are waiting.
     pub fn reset(&self) -> Result<(), NodeError> {
         let phase = self.phase();
         if phase != Phase::Active {
@@ -191,30 +192,31 @@ impl Control {
         self.send(Command::Reset).map(|_| tracing::info!("reset"))
     }
 
-    /// `/clock` says that it is `stamp`. When that is before what it said last, history is forgotten: it is of another run.
+    /// Takes the time `stamp` from `/clock`. If it went back, the history is cleared, because it belongs to another
+    /// run.
     pub fn hear_clock(&self, stamp: Stamp) {
         if let Some(back_s) = self.clock.hear(stamp) {
-            tracing::warn!(back_s, "simulated time went back: all history is forgotten");
+            tracing::warn!(back_s, "simulated time went back: all history is cleared");
             if let Err(error) = self.reset() {
                 tracing::debug!("{error}");
             }
         }
     }
 
-    /// Loads the preset or model file `name` as the free-running model, and returns once estimates come from it. The ARX
-    /// model is chosen as at the start; where that finds none, the one that runs goes on.
+    /// Loads the preset or model file `name` as the model for simulation (free run), and returns once estimates come
+    /// from it. The ARX model is chosen as at the start of the node; if none is found, the present one stays.
     ///
     /// # Errors
-    /// When the model does not load, wants another drive than the node is fed with, or does not go with the
-    /// settings: then nothing changes. When the estimating thread does not answer.
+    /// When the model does not load, needs another drive than the node's input, or does not fit the settings: then
+    /// nothing changes. When the estimating thread does not answer.
     pub fn load_model(&self, name: &str) -> Result<Loaded, NodeError> {
         self.load(name, None)
     }
 
-    /// The same, unless another free-running model than `made_from` is in force by then.
+    /// Like [`Control::load_model`], but only if the present free-running model is still `made_from`.
     ///
     /// # Errors
-    /// Those of [`Control::load_model`]; when another model is in force.
+    /// The same as for [`Control::load_model`]; also when another model was loaded meanwhile.
     pub fn load_model_over(&self, name: &str, made_from: &Model) -> Result<Loaded, NodeError> {
         self.load(name, Some(made_from))
     }
@@ -223,7 +225,7 @@ impl Control {
         let asked = Config { model: name.to_owned(), ..self.config() };
         let (models, mut now) = models::from_config(&asked)?;
 
-        // From here to the command's place in the ring nothing else may change.
+        // From here until the command is in the ring, nothing else may change.
         let mut state = lock(&self.state);
         let Some(running) = state.models else {
             return Err(NodeError::Failed(format!(
@@ -233,7 +235,7 @@ impl Control {
         };
         if made_from.is_some_and(|model| *model != running.free) {
             return Err(NodeError::Failed(format!(
-                "another model was loaded meanwhile, and {name} is made from the one before it"
+                "another model was loaded meanwhile, but {name} was made from the previous one"
             )));
         }
         let before = read(&self.names);
@@ -253,17 +255,17 @@ impl Control {
             await_obeyed(place, &counters)?;
         }
         self.runs_on(Some(&models), now.clone());
-        tracing::info!(model = now.free, before = before.free, hash = now.hash, "another model is in force");
+        tracing::info!(model = now.free, before = before.free, hash = now.hash, "a new model is in use");
         Self::say_commands(&models.free, &settings, &commander);
         Ok(Loaded { before, now })
     }
 
-    /// Says what `commander`, which is that of the model `free`, commands, and what it cannot.
+    /// Logs how `commander`, the inverse controller for the model `free`, commands currents, and where it cannot.
     fn say_commands(free: &Model, settings: &Settings, commander: &Commander) {
         match (settings.law, commander.shape()) {
             (Law::Off, _) => tracing::info!("no current is commanded"),
             (Law::Follow, None) => {
-                // A plan does without an inverse only where a search has none: asked again, it says why.
+                // A plan lacks an inverse only if the search found none; a second try returns the reason.
                 if let Err(why) = Commander::new(free, settings.limits) {
                     tracing::info!("a force_request would be answered with the safe current: {why}");
                 }
@@ -273,7 +275,7 @@ impl Control {
         }
     }
 
-    /// Puts a command into the ring, and returns its place in it; `None` before the thread has started.
+    /// Puts a command into the ring and returns its position there; `None` before the thread has started.
     fn send(&self, command: Command) -> Result<Option<(u64, Arc<HotCounters>)>, NodeError> {
         let mut hot = lock(&self.hot);
         let Some(hot) = hot.as_mut() else { return Ok(None) };
@@ -283,10 +285,11 @@ impl Control {
         }
     }
 
-    /// Sets parameters, all or none, and returns the names of those that have another value now.
+    /// Sets all parameters or none, and returns the names of those whose value changed.
     ///
     /// # Errors
-    /// When one is unknown, out of range or not to be set in this state, or they do not go together; in words.
+    /// When a parameter is unknown, out of range or cannot be set in this state, or when the values do not fit
+    /// together. The text is the reason.
     pub fn set_parameters(&self, wanted: &[(&str, Value)]) -> Result<Vec<String>, String> {
         let mut state = lock(&self.state);
         let mut config = state.config.clone();
@@ -310,7 +313,8 @@ impl Control {
             return Ok(changed);
         }
         if let Some(models) = &state.models {
-            // The pipeline may refuse what each parameter's own range allows: an ARX with a filter behind it.
+            // The pipeline may refuse a combination that each parameter's own range allows, for example an ARX model
+            // with an output filter.
             let (settings, plan) = plan(&config, models).map_err(|e| e.to_string())?;
             let commands =
                 |name: &String| name == "law" || name.starts_with("inverse.") || name.starts_with("current.");
@@ -327,7 +331,7 @@ impl Control {
         if another_time {
             self.clock.simulate(state.config.use_sim_time);
             if state.phase == Phase::Active {
-                tracing::info!("the time is another one: all history is forgotten");
+                tracing::info!("the clock was switched: all history is cleared");
                 self.send(Command::Reset).map_err(|e| e.to_string())?;
             }
         }
@@ -335,7 +339,7 @@ impl Control {
     }
 }
 
-/// Whether `parameter` can be set in the state `phase`; if not, why, and what to do.
+/// Checks whether `parameter` can be set in the state `phase`; the error says why not and what to do.
 fn may_change(parameter: &Parameter, phase: Phase) -> Result<(), String> {
     match (parameter.change, phase) {
         (Change::Running, _) | (Change::Unconfigured, Phase::Unconfigured) => Ok(()),
@@ -352,7 +356,7 @@ fn may_change(parameter: &Parameter, phase: Phase) -> Result<(), String> {
     }
 }
 
-/// What runs by `config` and `models`.
+/// The settings and the plan for `config` and `models`.
 fn plan(config: &Config, models: &Models) -> Result<(Settings, Plan), NodeError> {
     let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
     Ok((settings, Plan::new(*models, settings)?))
@@ -372,7 +376,7 @@ fn await_obeyed(place: u64, counters: &HotCounters) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// A lock whose holder panicked still guards whole values here: they are replaced, never half changed.
+/// Locks `mutex`. A panic of the last holder does no harm: values are replaced as a whole, never half changed.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -381,19 +385,19 @@ fn read(names: &SharedNames) -> ModelNames {
     names.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
-/// Says where several currents give a force, and which one is taken.
+/// Warns that several currents give the same force, and says which one is used.
 pub(crate) fn say_fold(fold: &Fold) {
     tracing::warn!(
         displacement_m = fold.displacement_m,
         velocity_m_s = fold.velocity_m_s,
         current_a = fold.current_a,
         fall_n = fold.fall_n,
-        "the model's force does not grow with the current one way everywhere; of several currents that give a force the one \
+        "the model's force does not grow with the current one way everywhere; where several currents give the same force, the one \
          nearest the last is commanded"
     );
 }
 
-/// Says how currents for forces are found, and where there are several.
+/// Logs which method finds currents for demanded forces, and where several currents give the same force.
 fn say_inverse(settings: &Settings, fold: Option<Fold>, fit: Option<&SurrogateFit>) {
     if let Some(fold) = fold {
         say_fold(&fold);
@@ -404,7 +408,7 @@ fn say_inverse(settings: &Settings, fold: Option<Fold>, fit: Option<&SurrogateFi
             method = settings.method.name(),
             current_rms_a = format!("{:.3}", fit.current.get()),
             force_rms_share = format!("{:.3}", fit.force_share()),
-            "the inverse stands for the model's own as well as this, on motions between those it was fitted to"
+            "accuracy of the fitted inverse, on motions between those that it was fitted to"
         );
     }
 }
@@ -414,7 +418,7 @@ mod tests {
     use super::*;
     use tracing_subscriber::fmt;
 
-    /// What the log says while `name` is loaded over the thesis' best model.
+    /// Log output while `name` is loaded over the thesis' best model.
     fn said_on_load(name: &str) -> String {
         let mut config = Config::default();
         config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned())).expect("a text");
@@ -428,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_model_cannot_be_asked_for_is_said_when_it_is_loaded() {
+    fn loading_a_model_logs_the_forces_it_cannot_be_inverted_for() {
         let folds = "does not grow with the current one way";
         let said = said_on_load("thesis/sp-semi-active/rp-aprbs");
         assert!(said.contains(folds), "{said}");

@@ -1,14 +1,16 @@
-//! The threads of a DDS participant. The library keeps them to itself, and they can end without a panic: when a process is stopped
-//! and goes on (Ctrl-Z and `fg`, SIGSTOP, a debugger), the system interrupts their wait, which they take for an error
-//! (`docs/decisions/0010-what-rustdds-does-not-survive.md`). From then on nothing comes, nothing goes, and nobody is told. So they are
-//! noted when a participant is made, and looked for.
+//! Watches the threads of a DDS participant.
+//!
+//! RustDDS does not expose its threads, and they can end without a panic. When a process is stopped and continued
+//! (Ctrl-Z and `fg`, SIGSTOP, a debugger), the system interrupts their wait, and the library treats this as an error
+//! (`docs/decisions/0010-what-rustdds-does-not-survive.md`). From then on nothing is received or sent, and no error is
+//! reported. So this module notes the threads when a participant is made, and checks that they still exist.
 
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-/// Where Linux lists the threads of this process. Elsewhere they are not known, and taken to live.
+/// Where Linux lists the threads of this process. On other systems the threads are unknown and count as alive.
 const LISTED: &str = "/proc/self/task";
-/// What their names begin with; Linux keeps 15 characters.
+/// Start of the threads' names; Linux keeps 15 characters.
 const NAMED: &str = "RustDDS";
 
 /// The threads of one participant.
@@ -18,7 +20,7 @@ pub struct DdsThreads(Vec<PathBuf>);
 impl DdsThreads {
     /// Makes a participant with `make`, and notes the threads that came with it.
     pub fn of<T>(make: impl FnOnce() -> T) -> (T, Self) {
-        // One at a time, so that each has its own.
+        // One participant at a time, so that its threads can be identified.
         static MAKING: Mutex<()> = Mutex::new(());
         let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
         let before = listed();
@@ -27,7 +29,7 @@ impl DdsThreads {
         (made, Self(new.collect()))
     }
 
-    /// False once one of them has ended, by a panic or without.
+    /// False once one of the threads has ended, with or without a panic.
     #[must_use]
     pub fn are_alive(&self) -> bool {
         self.0.iter().all(|thread| thread.exists())
@@ -50,15 +52,15 @@ mod tests {
     use std::thread::Builder;
 
     #[test]
-    fn a_thread_that_ends_is_missed_and_no_other() {
+    fn only_the_participant_whose_thread_ended_is_not_alive() {
         let start = || {
             DdsThreads::of(|| {
                 let (stop, stopped) = mpsc::channel::<()>();
                 let (begun, begins) = mpsc::channel();
                 let thread =
                     Builder::new().name("RustDDS Participant 3 event loop".to_owned()).spawn(move || {
-                        begun.send(()).expect("somebody waits");
-                        // An error is the end of the other end.
+                        begun.send(()).expect("the receiver waits");
+                        // `recv` fails when the sender is dropped.
                         let _ = stopped.recv();
                     });
                 begins.recv().expect("it begins");

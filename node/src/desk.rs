@@ -1,4 +1,4 @@
-//! Where services are offered and answered: any number of them on one thread, one request of each after the other.
+//! A group of services that one thread answers. Each service handles one request at a time.
 
 use crate::config::RosArgs;
 use crate::error::NodeError;
@@ -10,35 +10,35 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long the first answer to a client waits. Its request may be here before DDS has heard of the reader of answers, and
-/// what is sent then is lost; other middlewares wait for that reader up to 100 ms.
+/// Delay before the first answer to a client. The request may arrive before DDS has discovered the client's reader of
+/// answers, and an answer sent then is lost. Other middlewares wait up to 100 ms for that reader.
 const ACQUAINTANCE: Duration = Duration::from_millis(50);
-/// Bytes of a GUID that are those of its participant.
+/// Length of the participant's part of a GUID, bytes.
 const PREFIX: usize = 12;
-/// Clients of a service that are remembered to be known.
+/// Number of clients that are remembered per service.
 const KNOWN: usize = 64;
 
-/// Services of a node, while they are put together.
+/// A group of services of a node while it is set up.
 pub struct Desk<'a> {
     ros: &'a mut Ros,
     args: &'a RosArgs,
     far: Arc<Far>,
-    /// What answers the requests of each service, for ever.
+    /// One future per service; it answers requests and never ends.
     open: Vec<BoxFuture<'static, ()>>,
 }
 
 impl<'a> Desk<'a> {
-    /// A desk without services yet.
+    /// An empty group of services.
     #[must_use]
     pub fn new(ros: &'a mut Ros, args: &'a RosArgs) -> Self {
         let far = Arc::new(ros.domain().far());
         Self { ros, args, far, open: Vec::new() }
     }
 
-    /// Offers the service that the node calls `name`, answered by `answer`.
+    /// Offers the service with the node-relative name `name`; `answer` computes the responses.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn offer<S>(
         &mut self,
         name: &str,
@@ -50,10 +50,10 @@ impl<'a> Desk<'a> {
         self.offer_with::<S>(name, None, answer)
     }
 
-    /// The same, for answers that `shorten` makes fit where they are too long over a network address.
+    /// Like [`Desk::offer`]; `shorten` shortens answers that are too long for a network address.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn offer_with<S>(
         &mut self,
         name: &str,
@@ -72,7 +72,7 @@ impl<'a> Desk<'a> {
                 let (id, Part(request)) = match server.async_receive_request().await {
                     Ok(request) => request,
                     Err(error) => {
-                        tracing::warn!(service = name, %error, "a request cannot be read");
+                        tracing::warn!(service = name, %error, "cannot read a request");
                         continue;
                     }
                 };
@@ -84,21 +84,21 @@ impl<'a> Desk<'a> {
                 let prefix = &id.writer_gid.to_bytes16()[..PREFIX];
                 let fit = far.fit(&name, prefix, answer(request), shorten);
                 if let Err(error) = server.async_send_response(id, Part(fit)).await {
-                    tracing::warn!(service = name, %error, "an answer was not sent");
+                    tracing::warn!(service = name, %error, "cannot send an answer");
                 }
             }
         }));
         Ok(())
     }
 
-    /// Starts to answer, on a thread called `name`.
+    /// Starts to answer requests, on a thread called `name`.
     ///
     /// # Errors
-    /// When the system starts no thread.
+    /// When the system cannot start the thread.
     pub fn start(self, name: &'static str) -> Result<Task, NodeError> {
         let open = self.open;
         Task::start(name, |stopped| async move {
-            // The end of the one is that of the other; it is seen between two answers.
+            // `stopped` ends the loop between two answers.
             let _ = select(stopped, join_all(open)).await;
         })
     }

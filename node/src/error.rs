@@ -1,50 +1,50 @@
-//! Errors of the service. Each says what went wrong, where, and what to do.
+//! Errors of the service. Each message says what went wrong, where, and what to do.
 
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// What can go wrong in the service.
+/// Errors of the service.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum NodeError {
-    /// A parameter's value does not fit.
+    /// A parameter has an invalid value.
     #[error("parameter {name} is {value}, but must be {expected}")]
     Parameter {
         /// The parameter.
         name: String,
-        /// The value that was given.
+        /// The given value.
         value: String,
-        /// What it takes.
+        /// The accepted values.
         expected: String,
     },
-    /// There is no such parameter.
-    #[error("there is no parameter {name}; did you mean {nearest}?")]
+    /// The parameter does not exist.
+    #[error("unknown parameter {name}; did you mean {nearest}?")]
     UnknownParameter {
-        /// What was asked for.
+        /// The given name.
         name: String,
-        /// The known one closest to it.
+        /// The closest known name.
         nearest: String,
     },
-    /// A file cannot be read, or what it says is wrong.
+    /// A file cannot be read, or its content is wrong.
     #[error("{}: {message}", path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The problem.
         message: String,
     },
-    /// An argument after `--ros-args` is not understood.
+    /// An argument after `--ros-args` is wrong.
     #[error("--ros-args: {0}")]
     RosArgs(String),
-    /// A damper of several.
+    /// One damper of several failed.
     #[error("damper {name}: {why}")]
     Damper {
-        /// Its name.
+        /// The damper's name.
         name: String,
-        /// What is wrong with it.
+        /// The error of this damper.
         why: Box<NodeError>,
     },
-    /// Arguments do not go together, in words.
+    /// Wrong combination of arguments; the text is the message.
     #[error("{0}")]
     Usage(String),
     /// A model does not load or does not fit.
@@ -53,34 +53,34 @@ pub enum NodeError {
     /// A run does not load or cannot be written.
     #[error(transparent)]
     Run(#[from] crate::run::RunError),
-    /// DDS refused something.
+    /// DDS returned an error.
     #[error("ROS 2: {what}: {why}")]
     Ros {
-        /// What was tried.
+        /// The attempted action.
         what: String,
-        /// What the middleware said, and what to do.
+        /// The middleware's message, and what to do.
         why: String,
     },
     /// The Zenoh mirror did not start.
     #[error(transparent)]
     Zenoh(#[from] crate::sink::zenoh::ZenohError),
-    /// Something of the operating system.
+    /// An error of the operating system.
     #[error("{what}: {source}{}", advice(source.kind()))]
     Io {
-        /// What was tried.
+        /// The attempted action.
         what: String,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// The work was asked to end.
+    /// The work was interrupted.
     #[error("interrupted")]
     Interrupted,
-    /// The work failed, in words.
+    /// The work failed; the text is the message.
     #[error("{0}")]
     Failed(String),
 }
 
-/// What to do about a disk that refuses, behind the system's words; empty where they say enough.
+/// Advice for disk errors, to be added to the system's message; empty for other errors.
 #[must_use]
 pub(crate) fn advice(kind: std::io::ErrorKind) -> &'static str {
     match kind {
@@ -88,14 +88,14 @@ pub(crate) fn advice(kind: std::io::ErrorKind) -> &'static str {
             "; make room on that disk, or write to another"
         }
         std::io::ErrorKind::ReadOnlyFilesystem => {
-            "; the disk is read-only (the system makes one so that has errors, and its log says so): write to another"
+            "; the disk is read-only (Linux remounts a disk with errors this way, and logs it): write to another"
         }
         _ => "",
     }
 }
 
 impl From<mr_damper_model::Error> for NodeError {
-    /// Work that was cancelled is work that was interrupted.
+    /// A cancelled computation counts as interrupted work.
     fn from(error: mr_damper_model::Error) -> Self {
         match error {
             mr_damper_model::Error::Cancelled => Self::Interrupted,

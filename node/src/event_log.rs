@@ -1,7 +1,8 @@
 //! Log lines for the events of the pipeline.
 //!
-//! The overseer writes them, and not a thread that publishes: standard error may be a pipe that nobody empties. Refused samples and
-//! changes of mode are thinned out: the first at once, then one line a second for each kind, with a count.
+//! The overseer writes them, because standard error may be a pipe that nobody reads and a publishing thread must not
+//! block. Lines about refused samples and changes of mode are limited: the first appears at once, then one line per
+//! second for each kind, with a count.
 
 use crate::diagnostics::ALARM_ADVICE;
 use crate::mode_log::{ModeLine, ModeLog};
@@ -10,7 +11,7 @@ use mr_damper_model::pipeline::{AlarmChange, Event, Refusal, Refused};
 use mr_damper_model::sample::Channel;
 use std::time::{Duration, Instant};
 
-/// Spacing of log lines on refused samples of one kind.
+/// Minimum time between log lines about refused samples of one kind.
 const LOG_EVERY: Duration = Duration::from_secs(1);
 
 /// The log of one damper.
@@ -29,7 +30,7 @@ struct RefusalKind {
 }
 
 impl EventLog {
-    /// Logs an event; `names` are the running models.
+    /// Logs an event; `names` are the names of the running models.
     pub fn take(&mut self, event: &Event, names: &ModelNames) {
         match event {
             Event::Transition(transition) => {
@@ -61,7 +62,7 @@ impl EventLog {
         }
     }
 
-    /// Logs what was held back and is due by now. Call it a few times a second.
+    /// Logs the held-back lines that are due. Call it a few times per second.
     pub fn flush(&mut self) {
         self.modes.flush(Instant::now()).iter().for_each(ModeLine::log);
         for kind in &mut self.refusals {
@@ -75,7 +76,7 @@ impl EventLog {
 }
 
 impl Drop for EventLog {
-    /// Logs the changes of mode that still wait for their line.
+    /// Logs the changes of mode that are still held back.
     fn drop(&mut self) {
         self.modes.finish().iter().for_each(ModeLine::log);
     }
@@ -88,16 +89,16 @@ fn say_alarm(alarm: &AlarmChange, model: &str) {
             model,
             stamp_ns,
             ratio = format!("{:.2}", alarm.ratio),
-            "residual alarm: the model is off by more than its noise explains; {ALARM_ADVICE}"
+            "residual alarm: the model's error is larger than its noise explains; {ALARM_ADVICE}"
         );
     } else {
-        tracing::info!(model, stamp_ns, "the residual alarm is over");
+        tracing::info!(model, stamp_ns, "the residual alarm is cleared");
     }
 }
 
 fn warn(refusal: &Refusal, count: u64) {
     let advice = match refusal.why {
-        Refused::NotFinite => "check who publishes it",
+        Refused::NotFinite => "check its publisher",
         Refused::Repeated | Refused::TimeBack => "check the publisher's stamps, and that only one publishes",
         Refused::Ahead => "synchronise the clocks of the hosts (PTP, NTP), or check the publisher's stamps",
         Refused::OutOfRange => {

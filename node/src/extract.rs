@@ -1,4 +1,4 @@
-//! One number out of a message: which ROS types may carry a quantity, and where in them the number is.
+//! Reads one number from a message: which ROS types can carry a quantity, and where the number is in them.
 //!
 //! | quantity | types |
 //! |---|---|
@@ -10,9 +10,9 @@
 //! | temperature | `sensor_msgs/msg/Temperature` |
 //! | each of them | `std_msgs/msg/Float64`, `std_msgs/msg/Float32` |
 //!
-//! A joint is one of a `sensor_msgs/msg/JointState`, by its name. Values are SI, temperatures °C.
-//! [`Extractor`] reads bytes, as bags and rmw_zenoh have them; [`Carries`] is for messages that were decoded already, as a
-//! typed subscription has them.
+//! A joint is one entry of a `sensor_msgs/msg/JointState`, selected by name. Values are SI; temperatures are in °C.
+//! [`Extractor`] reads serialised messages, as in bags and from rmw_zenoh; [`Carries`] is for decoded messages, as in a
+//! typed subscription.
 
 use mr_damper_msgs::geometry::{TwistStamped, Vector3, WrenchStamped};
 use mr_damper_msgs::standard::{Float32, Float64, JointState, Range, Temperature};
@@ -49,7 +49,7 @@ pub enum Axis {
     Z,
 }
 
-/// The axis that is taken where none is named.
+/// The axis that is used if none is named.
 pub const DEFAULT_AXIS: Axis = Axis::Z;
 
 /// One of a joint's numbers.
@@ -63,7 +63,7 @@ pub enum JointField {
     Effort,
 }
 
-/// Where in a message the number is.
+/// The place of the number in a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Part {
     /// The message holds one number.
@@ -77,13 +77,14 @@ pub enum Part {
 /// Stamp and number of a message.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Taken {
-    /// The header's stamp in nanoseconds; `None` for types without header.
+    /// The header's stamp, ns; `None` for types without header.
     pub stamp_ns: Option<i64>,
-    /// The number; `None` where the publisher left it out.
+    /// The number; `None` if the publisher left it out.
     pub value: Option<f64>,
 }
 
-/// The value of a channel from a reading in SI: the one convention for the node's inputs and for runs on disk.
+/// The value of a channel from a reading in SI: `sign * (reading - offset)`. The node's inputs and recorded runs both
+/// use it.
 #[must_use]
 pub fn calibrated(reading: f64, sign: f64, offset: f64) -> f64 {
     sign * (reading - offset)
@@ -93,27 +94,27 @@ pub fn calibrated(reading: f64, sign: f64, offset: f64) -> f64 {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Unfit {
-    /// Another type.
-    #[error("{found} holds no {of}; types that do are {}", of.accepted())]
+    /// The type does not carry the quantity.
+    #[error("{found} has no {of}; accepted types are {}", of.accepted())]
     Type {
         /// The type.
         found: String,
         /// The wanted quantity.
         of: Dimension,
     },
-    /// An inertial measurement, for a velocity.
+    /// An IMU was given for a velocity.
     #[error(
-        "sensor_msgs/msg/Imu holds an acceleration, and a velocity that is integrated from it drifts, so it is not integrated \
-         here: record the velocity of a state estimator as mr_damper_msgs/msg/Velocity or geometry_msgs/msg/TwistStamped"
+        "sensor_msgs/msg/Imu holds an acceleration, and a velocity integrated from it drifts, so this is not \
+         supported: record the velocity of a state estimator as mr_damper_msgs/msg/Velocity or geometry_msgs/msg/TwistStamped"
     )]
     Imu,
     /// No joint was named.
-    #[error("sensor_msgs/msg/JointState holds several joints: name one behind a colon, as in {topic}:JOINT")]
+    #[error("sensor_msgs/msg/JointState holds several joints: name one after a colon, as in {topic}:JOINT")]
     NoJoint {
         /// The topic.
         topic: String,
     },
-    /// A joint or axis was named for a type without them.
+    /// A joint or axis was named for a type that has neither.
     #[error("{found} has neither joints nor axes: leave out `:{part}`")]
     NoParts {
         /// The type.
@@ -121,7 +122,7 @@ pub enum Unfit {
         /// The named joint or axis.
         part: String,
     },
-    /// An axis that is none.
+    /// The named axis does not exist.
     #[error("{found} has axes x, y and z, not `{part}`")]
     Axis {
         /// The type.
@@ -131,29 +132,29 @@ pub enum Unfit {
     },
 }
 
-/// Why a message gave no number.
+/// The reason why a message gave no number.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
-    /// Its bytes are none of its type.
+    /// The bytes do not decode as this type.
     #[error(transparent)]
     Bytes(#[from] CdrError),
-    /// The joint is not in it.
+    /// The message does not contain the joint.
     #[error("joint `{joint}` is not among: {}", found.join(", "))]
     Joint {
         /// The joint.
         joint: String,
-        /// Those that are.
+        /// The joints that it contains.
         found: Vec<String>,
     },
 }
 
-/// A message that can give a number.
+/// A message that can carry a number.
 pub trait Carries: Message {
-    /// Its stamp and the number at `part`.
+    /// The message's stamp and the number at `part`.
     ///
     /// # Errors
-    /// [`Fault::Joint`] when the joint is not in it.
+    /// [`Fault::Joint`] when the message does not contain the joint.
     fn taken(&self, part: &Part) -> Result<Taken, Fault>;
 }
 
@@ -210,7 +211,7 @@ impl Carries for JointState {
         let Some(index) = self.name.iter().position(|name| name == joint) else {
             return Err(Fault::Joint { joint: joint.clone(), found: self.name.clone() });
         };
-        // Publishers leave out what they do not know: those arrays are empty.
+        // Publishers leave arrays empty that they do not know.
         let values = match field {
             JointField::Position => &self.position,
             JointField::Velocity => &self.velocity,
@@ -222,14 +223,14 @@ impl Carries for JointState {
 
 type Read = fn(&[u8], &Part) -> Result<Taken, Fault>;
 
-/// A type that may carry a quantity.
+/// A type that can carry a quantity.
 struct Accepted {
     of: Descriptor,
     read: Read,
     parts: Parts,
 }
 
-/// How a type is divided.
+/// The parts of a type from which one must be chosen.
 enum Parts {
     None,
     Axes,
@@ -244,7 +245,7 @@ fn read<M: Carries>(bytes: &[u8], part: &Part) -> Result<Taken, Fault> {
     cdr::from_slice::<M>(bytes)?.taken(part)
 }
 
-/// Before Iron, `Range` had no variance, its last field: four bytes of zeros stand for one that is not known.
+/// Reads a `Range`. Before ROS 2 Iron it lacked its last field, the variance: four zero bytes are added for it then.
 fn read_range(bytes: &[u8], part: &Part) -> Result<Taken, Fault> {
     match cdr::from_slice::<Range>(bytes) {
         Ok(range) => range.taken(part),
@@ -264,7 +265,7 @@ const fn joint(field: JointField) -> Accepted {
 }
 
 impl Dimension {
-    /// The types that may carry it, its own first.
+    /// The types that can carry the quantity; the native type comes first.
     const fn types(self) -> &'static [Accepted] {
         match self {
             Self::Length => {
@@ -310,14 +311,14 @@ impl Dimension {
         }
     }
 
-    /// The names of the types that may carry it, its own first.
+    /// The names of the types that can carry the quantity; the native type comes first.
     #[must_use]
     pub fn accepted(self) -> String {
         let names: Vec<_> = self.types().iter().map(|accepted| accepted.of.type_name).collect();
         names.join(", ")
     }
 
-    /// True for the types that may carry it.
+    /// True if `type_name` can carry the quantity.
     #[must_use]
     pub fn takes(self, type_name: &str) -> bool {
         self.types().iter().any(|accepted| accepted.of.type_name == type_name)
@@ -347,18 +348,18 @@ impl fmt::Display for Axis {
     }
 }
 
-/// Takes one number out of the bytes of messages of one type.
+/// Reads one number from serialised messages of one type.
 #[derive(Debug, Clone)]
 pub struct Extractor {
     /// The messages' type.
     pub of: Descriptor,
-    /// Where in them the number is.
+    /// The place of the number in them.
     pub part: Part,
     read: Read,
 }
 
 impl Extractor {
-    /// For a `quantity` in messages of `type_name` on `topic`, at the joint or axis `part`.
+    /// An extractor for `quantity` in messages of `type_name` on `topic`, at the joint or axis `part`.
     ///
     /// # Errors
     /// When the type cannot carry the quantity, or has no such part.
@@ -384,25 +385,25 @@ impl Extractor {
         Ok(Self { of: accepted.of, part, read: accepted.read })
     }
 
-    /// Stamp and number of a message, given as CDR with its header.
+    /// Stamp and number of a message; `cdr` includes the encapsulation header.
     ///
     /// # Errors
-    /// When the bytes are none of this type, or the joint is not in the message.
+    /// When the bytes do not decode as this type, or the message does not contain the joint.
     pub fn read(&self, cdr: &[u8]) -> Result<Taken, Fault> {
         (self.read)(cdr, &self.part)
     }
 
-    /// True where messages have no stamp, so that samples take the time of their arrival.
+    /// True if messages have no stamp; their samples are stamped on arrival.
     #[must_use]
     pub fn is_unstamped(&self) -> bool {
         matches!(self.of.type_name, Float64::TYPE | Float32::TYPE)
     }
 }
 
-/// A type that people try for velocities.
+/// An unsupported type that users often try for velocities.
 const IMU: &str = "sensor_msgs/msg/Imu";
 
-/// The axis of this name, in either case: `z`, `force.z`, `linear.z`.
+/// The axis with this name in upper or lower case, for example `z`, `force.z`, `linear.z`.
 fn axis(name: &str) -> Option<Axis> {
     let plain = name.strip_prefix("force.").or_else(|| name.strip_prefix("linear.")).unwrap_or(name);
     match plain.to_ascii_lowercase().as_str() {
@@ -490,34 +491,37 @@ mod tests {
     }
 
     #[test]
-    fn a_range_of_humble_has_no_variance() {
+    fn a_range_of_humble_without_variance_is_read() {
         let range = Range { header: header(), range: 0.375, variance: 1.0, ..Range::default() };
         let bytes = cdr::to_vec(&range).expect("it can be written");
         let extractor = Extractor::new(Dimension::Length, "/t", Range::TYPE, None).expect("it fits");
         assert_eq!(extractor.read(&bytes[..bytes.len() - 4]), stamped(0.375));
-        // Cut anywhere else it is none.
+        // Cut anywhere else, the bytes do not decode.
         for length in 0..bytes.len() - 4 {
             assert!(extractor.read(&bytes[..length]).is_err(), "{length}");
         }
     }
 
     #[test]
-    fn what_does_not_fit_is_said() {
+    fn an_unfit_type_or_part_is_an_error_with_a_reason() {
         let why = |of, type_name: &str, part: Option<&str>| {
             Extractor::new(of, "/t", type_name, part).expect_err("unfit").to_string()
         };
         let imu = why(Dimension::Velocity, IMU, None);
         assert!(imu.contains("drifts") && imu.contains("TwistStamped"), "{imu}");
-        assert!(why(Dimension::Length, IMU, None).starts_with("sensor_msgs/msg/Imu holds no length; types"));
+        assert!(
+            why(Dimension::Length, IMU, None)
+                .starts_with("sensor_msgs/msg/Imu has no length; accepted types")
+        );
         let cell = why(Dimension::Temperature, JointState::TYPE, Some("a"));
         assert!(
-            cell.contains("holds no temperature; types that do are sensor_msgs/msg/Temperature"),
+            cell.contains("has no temperature; accepted types are sensor_msgs/msg/Temperature"),
             "{cell}"
         );
         assert!(why(Dimension::Length, JointState::TYPE, None).contains("as in /t:JOINT"));
         assert!(why(Dimension::Length, Range::TYPE, Some("z")).contains("leave out `:z`"));
         assert!(why(Dimension::Force, WrenchStamped::TYPE, Some("w")).contains("axes x, y and z, not `w`"));
         assert!(why(Dimension::Force, WrenchStamped::TYPE, Some("torque.x")).contains("not `torque.x`"));
-        assert!(why(Dimension::Force, "", None).starts_with("an unknown type holds no force"));
+        assert!(why(Dimension::Force, "", None).starts_with("an unknown type has no force"));
     }
 }

@@ -1,11 +1,13 @@
-//! Long answers over a network address, which RustDDS sends and no peer can read
+//! Long answers over a network address: RustDDS sends them in a form that no peer can read
 //! (`docs/decisions/0006-answers-between-hosts.md`).
 //!
-//! An answer of a service or an action that is longer than a datagram goes as fragments with inline QoS, whose bytes are wrong. To a
-//! client that has loopback addresses only, a datagram carries 64 kB. To one with a network address it carries about 1.4 kB, also when
-//! that client is on this machine: RustDDS takes the least that any of its addresses carries. So a longer answer to such a client is
-//! shortened, where its type has room to say so; what stays too long is logged once for each client. The hardened build mends the
-//! fragments and does neither.
+//! An answer of a service or an action that is longer than a datagram is sent as fragments with inline QoS, and these
+//! fragments are malformed. A datagram to a client with loopback addresses only can hold 64 kB. A datagram to a client
+//! with a network address can hold about 1.4 kB, even if the client is on this machine: RustDDS uses the smallest limit
+//! of all its addresses.
+//!
+//! So this module shortens a longer answer to such a client, if the answer's type can say that it was shortened. An
+//! answer that stays too long is logged once per client. The hardened build sends correct fragments and needs neither.
 
 use mr_damper_msgs::action::CloseLoopResult;
 use mr_damper_msgs::type_description::{GetTypeDescriptionResponse, KeyValue};
@@ -17,42 +19,42 @@ use std::collections::VecDeque;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::{Mutex, PoisonError};
 
-/// True in the hardened build, which sends such answers as they should be.
+/// True in the hardened build, which sends long answers correctly.
 pub const IS_HARDENED: bool = option_env!("MR_DAMPER_HARDENED").is_some();
-/// Bytes of the longest answer in one datagram of an Ethernet: RustDDS 0.15 sends 1452, of which 32 and 48 go before it
+/// Longest answer that fits one Ethernet datagram, bytes: RustDDS 0.15 sends 1452, of which 32 and 48 are headers
 /// (`src/rtps/constant.rs`, `src/rtps/writer.rs`).
 pub const LONGEST: usize = 1452 - 32 - 48;
 
-/// Makes an answer of so many bytes shorter, and says so in it.
+/// Shortens an answer of the given length in bytes, and notes that in the answer.
 pub type Shorten<M> = fn(M, usize) -> M;
 
-/// How the GUIDs of all that belongs to one participant begin.
+/// The first bytes of all GUIDs of one participant.
 type Prefix = [u8; 12];
 
-/// Clients that are remembered to have been logged.
+/// Number of clients that are remembered as logged.
 const TOLD: usize = 64;
 
-/// Sends answers of one participant's services in a form that their clients can read.
+/// Fits the answers of one participant's services to what their clients can read.
 pub struct Far {
     context: Context,
     /// Clients that were logged, each with whether its answer was shortened.
     told: Mutex<VecDeque<(Prefix, bool)>>,
 }
 
-/// A client of a service: a reader of its answers.
+/// A client of a service, seen as a reader of its answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Client {
     prefix: Prefix,
-    /// The first of its addresses that is of a network.
+    /// Its first network address.
     network: Option<IpAddr>,
 }
 
 /// The fate of an answer that is too long for a network address.
 #[derive(Debug, PartialEq, Eq)]
 enum Way {
-    /// All its readers have loopback addresses only.
+    /// All its readers have only loopback addresses and get the whole answer.
     Whole,
-    /// This client does not get it whole; there is one that does, or none.
+    /// This client does not get the whole answer. `some_get_it`: another client does.
     Lost { client: Prefix, address: IpAddr, some_get_it: bool },
 }
 
@@ -63,13 +65,13 @@ impl Far {
         Self { context, told: Mutex::default() }
     }
 
-    /// The answer to the client whose GUID begins with `prefix`, as it can reach that: `answer` itself, or what `shorten` makes of it.
-    /// Logs an answer that is lost or shortened, once for each client.
+    /// The answer for the client whose GUID begins with `prefix`: `answer` itself, or the shortened answer if `answer`
+    /// would not arrive. Logs a lost or shortened answer once per client.
     pub fn fit<M: Message>(&self, service: &str, prefix: &[u8], answer: M, shorten: Option<Shorten<M>>) -> M {
         self.fit_for(service, answer, shorten, |client| client.prefix == prefix)
     }
 
-    /// The same where the client is unknown: the answer is shortened if no client would get the whole.
+    /// Like [`Far::fit`] for an unknown client: the answer is shortened if no client would get the whole answer.
     pub fn fit_all<M: Message>(&self, service: &str, answer: M, shorten: Option<Shorten<M>>) -> M {
         self.fit_for(service, answer, shorten, |_| true)
     }
@@ -90,7 +92,7 @@ impl Far {
         short.unwrap_or(answer)
     }
 
-    /// The clients of `service` in other processes, as far as discovery has seen them.
+    /// The clients of `service` in other processes that discovery has found so far.
     fn clients(&self, service: &str) -> Vec<Client> {
         let participant = self.context.domain_participant();
         let (own, topic) = (participant.guid().prefix, format!("rr{service}Reply"));
@@ -119,9 +121,9 @@ impl Far {
             tracing::info!("{service}: the answer to the client at {address} is {}", shortened(bytes));
         } else {
             tracing::warn!(
-                "{service}: the answer to the client at {address} has {bytes} bytes and does not reach it, so the client waits in vain: \
+                "{service}: the answer to the client at {address} has {bytes} bytes and does not arrive, so the client keeps waiting: \
                  this build cannot send more than {LONGEST} bytes in an answer over a network address. Ask for less (a prefix, a few \
-                 names), or use the hardened build. Said once for each client"
+                 names), or use the hardened build. Logged once per client"
             );
         }
     }
@@ -134,7 +136,7 @@ fn way(clients: &[Client]) -> Way {
     lost.map_or(Way::Whole, |(client, address)| Way::Lost { client, address, some_get_it })
 }
 
-/// The note in a shortened answer, also for the log.
+/// The note in a shortened answer; also used in the log.
 fn shortened(bytes: usize) -> String {
     format!(
         "shortened: the whole answer has {bytes} bytes, and this build cannot send more than {LONGEST} over a network address; the hardened \
@@ -142,7 +144,7 @@ fn shortened(bytes: usize) -> String {
     )
 }
 
-/// The bytes of a message that cannot be sent over a network address.
+/// The length of a message that cannot be sent over a network address; `None` if it can.
 fn too_long<M: Message>(message: &M, is_hardened: bool) -> Option<usize> {
     if is_hardened {
         return None;
@@ -152,13 +154,13 @@ fn too_long<M: Message>(message: &M, is_hardened: bool) -> Option<usize> {
     (bytes > LONGEST).then_some(bytes)
 }
 
-/// The first of these addresses that is of a network. One is enough for the least that they all carry.
+/// The first network address among `addresses`. One is enough: the smallest limit applies to all.
 fn network(addresses: impl IntoIterator<Item = IpAddr>) -> Option<IpAddr> {
     let is_of_one = |ip: &IpAddr| !ip.is_loopback() && !ip.is_multicast() && !ip.is_unspecified();
     addresses.into_iter().find(is_of_one)
 }
 
-/// A type without its texts.
+/// A type description without its source texts.
 #[must_use]
 pub fn short_type(answer: GetTypeDescriptionResponse, bytes: usize) -> GetTypeDescriptionResponse {
     let note = KeyValue { key: "shortened".to_owned(), value: shortened(bytes) };
@@ -167,11 +169,11 @@ pub fn short_type(answer: GetTypeDescriptionResponse, bytes: usize) -> GetTypeDe
     if too_long(&short, false).is_none() {
         return short;
     }
-    // A type that does not fit by itself is answered with the reason.
+    // If the type itself does not fit, the answer is the reason.
     GetTypeDescriptionResponse { successful: false, failure_reason: shortened(bytes), ..Default::default() }
 }
 
-/// A report without its tables and words: what came of it, and where the model file is.
+/// A report without tables and text: the outcome and the place of the model file.
 #[must_use]
 pub fn short_report(answer: CloseLoopResult, bytes: usize) -> CloseLoopResult {
     let Ok(Value::Object(report)) = serde_json::from_str(&answer.report) else { return answer };
@@ -210,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_is_longer_than_a_datagram_is_too_long_and_nothing_is_in_the_hardened_build() {
+    fn an_answer_longer_than_a_datagram_is_too_long_except_in_the_hardened_build() {
         let of = |length: usize| CloseLoopResult { success: true, report: "x".repeat(length) };
         assert_eq!(too_long(&of(1000), false), None);
         let bytes = too_long(&of(LONGEST), false).expect("too long");
@@ -219,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_shortened_says_so_and_fits() {
+    fn a_shortened_answer_fits_and_notes_it() {
         let report = serde_json::json!({
             "schema": "s/1", "model_file": "/tmp/m.toml", "loaded": true, "seconds": 3.0,
             "text": "long ".repeat(900), "findings": vec![1.0; 900],

@@ -1,26 +1,26 @@
-//! The limit on open files. The DDS library keeps some of them for every topic and service: about two hundred a damper, so that five
-//! dampers are more than the 1024 that a shell usually allows.
+//! The limit on open files. The DDS library keeps files open for every topic and service: about 200 per damper. Five
+//! dampers therefore exceed the usual limit of 1024.
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-/// Files of the process besides those of its dampers.
+/// Files of the process that do not belong to a damper.
 const BESIDES: u64 = 100;
 /// Files of one damper.
 const A_DAMPER: u64 = 220;
 
-/// As many as `dampers` in one process may need.
+/// Number of files that `dampers` in one process may need.
 #[must_use]
 pub const fn wanted(dampers: usize) -> u64 {
     BESIDES + A_DAMPER * dampers as u64
 }
 
-/// As many as this process may be allowed; `None`: any number.
+/// The largest limit that this process can set; `None`: no limit.
 #[must_use]
 pub fn allowed() -> Option<u64> {
     getrlimit(Resource::Nofile).maximum
 }
 
-/// Allows this process as many open files as the system lets it, and says so where that is too few for `dampers`.
+/// Raises this process's limit on open files to the maximum, and warns if that is too few for `dampers`.
 pub fn allow(dampers: usize) {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     let wanted = wanted(dampers);
@@ -28,7 +28,7 @@ pub fn allow(dampers: usize) {
     let allowed = match setrlimit(Resource::Nofile, raised) {
         Ok(()) => maximum,
         Err(error) => {
-            tracing::debug!(%error, "the limit on open files stays");
+            tracing::debug!(%error, "cannot raise the limit on open files");
             current
         }
     };
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_limit_is_raised_to_the_most_there_may_be() {
+    fn the_limit_is_raised_to_the_maximum() {
         allow(1);
         let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
         assert_eq!(current, maximum);

@@ -1,7 +1,7 @@
 //! The dampers of a process: one service each, started and ended together.
 //!
-//! They share the process's place in the ROS domain and its Zenoh session, and nothing that samples pass: each has its own
-//! topics, rings and threads, so that what one is fed with never reaches another.
+//! They share one participant in the ROS domain and one Zenoh session. They share no path for samples: each damper has
+//! its own topics, rings and threads, so that the input of one never reaches another.
 
 use crate::config::Damper;
 use crate::error::NodeError;
@@ -18,14 +18,14 @@ impl Fleet {
     /// Starts a service for each of `dampers`.
     ///
     /// # Errors
-    /// When one does not start; the message names it, and those that had started are stopped.
+    /// When one does not start. The message names it, and the services that had started are stopped.
     pub fn start(dampers: &[Damper]) -> Result<Self, NodeError> {
         let Some(first) = dampers.first() else { return Ok(Self { services: Vec::new() }) };
         files::allow(dampers.len());
         let process = Process::join(&first.config, first.args.enclave.as_deref())?;
         let mut fleet = Self { services: Vec::with_capacity(dampers.len()) };
         for damper in dampers {
-            // What its threads log is said to be its own, where there are others.
+            // With several dampers, log lines of its threads carry its name.
             let _inside = (dampers.len() > 1).then(|| rosout::span(&damper.args.full_name()).entered());
             match Service::start_in(&process, &damper.config, &damper.args, false) {
                 Ok((service, _)) => fleet.services.push((damper.name().to_owned(), service)),
@@ -49,7 +49,7 @@ impl Fleet {
         self.services.iter().map(|(name, service)| (name.as_str(), service))
     }
 
-    /// The damper and the name of a thread that has died, if one has.
+    /// A thread that has died, if any: the damper's name and the thread's name.
     #[must_use]
     pub fn dead_thread(&self) -> Option<(&str, &'static str)> {
         self.services().find_map(|(name, service)| Some((name, service.dead_thread()?)))
@@ -58,7 +58,7 @@ impl Fleet {
     /// Ends all services.
     ///
     /// # Errors
-    /// The first that had panicked.
+    /// The first error of a service that had panicked.
     pub fn stop(self) -> Result<(), NodeError> {
         let ended: Vec<_> = self.services.into_iter().map(|(_, service)| service.stop()).collect();
         ended.into_iter().collect()

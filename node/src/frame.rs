@@ -1,15 +1,16 @@
-//! The frame of a damper's outputs. It is the frame of the displacement, as the messages promise.
+//! The frame (`frame_id`) of a damper's outputs. It is the frame of the displacement, as the message definitions
+//! promise.
 //!
-//! Samples are plain numbers on their way through the rings, so the frame goes beside them: the source says what the
-//! newest displacement bears, and each sink reads it when it writes a header. Displacement without a frame (an empty
-//! one, or a `Float64`) leaves the sink's own default.
+//! The rings carry samples as plain numbers, so the frame is shared separately: the source stores the frame of the
+//! newest displacement, and each sink reads it when it writes a header. Displacement without a frame (an empty one, or
+//! a `Float64`) leaves the sink's own default.
 
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// Longest frame that is taken over, in bytes: it is copied into the header of every output.
+/// Longest frame that is accepted, bytes: it is copied into the header of every output.
 const LONGEST: usize = 255;
 
-/// The frame of one damper's outputs. Clones share what the source has heard.
+/// The frame of one damper's outputs. Clones share the received frame.
 #[derive(Debug, Clone)]
 pub struct Frame {
     default: Arc<str>,
@@ -17,7 +18,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame `default`, until displacement bears another.
+    /// The frame `default`, until a displacement has another one.
     #[must_use]
     pub fn new(default: &str) -> Self {
         Self { default: default.into(), heard: Arc::default() }
@@ -29,10 +30,10 @@ impl Frame {
         Self { default: default.into(), heard: Arc::clone(&self.heard) }
     }
 
-    /// Takes over the frame of a displacement. An empty one means the default, and so does one of more than 255 bytes.
+    /// Takes the frame of a displacement. An empty one, or one of more than 255 bytes, selects the default.
     pub fn hear(&self, frame_id: &str) {
         let new = Some(frame_id).filter(|frame| (1..=LONGEST).contains(&frame.len()));
-        // A poisoned lock only means that a thread panicked between two whole frames.
+        // A poisoned lock is harmless: frames are replaced as a whole.
         if self.heard.read().unwrap_or_else(PoisonError::into_inner).as_deref() != new {
             *self.heard.write().unwrap_or_else(PoisonError::into_inner) = new.map(Arc::from);
         }
@@ -51,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_newest_displacement_says_the_frame_and_an_empty_one_leaves_the_default() {
+    fn the_newest_displacement_sets_the_frame_and_an_empty_one_selects_the_default() {
         let frame = Frame::new("front_left");
         let of_mirror = frame.with_default("mr_damper");
         assert_eq!((&*frame.get(), &*of_mirror.get()), ("front_left", "mr_damper"));
@@ -60,6 +61,6 @@ mod tests {
         frame.hear("");
         assert_eq!((&*frame.get(), &*of_mirror.get()), ("front_left", "mr_damper"));
         frame.hear(&"a".repeat(LONGEST + 1));
-        assert_eq!(&*frame.get(), "front_left", "a header does not grow without end");
+        assert_eq!(&*frame.get(), "front_left", "an overlong frame selects the default");
     }
 }

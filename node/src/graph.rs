@@ -1,9 +1,11 @@
-//! The ROS graph as this process sees it: which endpoints of others its own are matched with, and which node a publisher belongs to.
+//! The ROS graph as this process sees it: which endpoints of other processes match its own, and which node a publisher
+//! belongs to.
 //!
-//! It replaces the `Spinner` of ros2-client 0.12.1, which always has a reader of `/clock` as
-//! `builtin_interfaces/msg/Time` (`node.rs`, `Spinner::spin`): a second type on that topic, in every process, whether there
-//! is simulated time or not. Besides, a process with several nodes has one stream of events of its participant: each spinner
-//! takes those that the others need. So there is one graph in a process, and node and topics are still ros2-client's.
+//! It replaces the `Spinner` of ros2-client 0.12.1 for two reasons. The spinner always creates a reader of `/clock`
+//! with type `builtin_interfaces/msg/Time` (`node.rs`, `Spinner::spin`). That puts a second type on the topic in every
+//! process, with or without simulated time. Also, a process with several nodes has one stream of participant events,
+//! and each spinner would take events that the others need. So a process has one graph; nodes and topics still come
+//! from ros2-client.
 
 use crate::error::NodeError;
 use crate::first_requests::FirstRequests;
@@ -22,12 +24,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The topic on which each participant says which nodes it has.
+/// The topic on which each participant publishes its nodes.
 const TOPIC: &str = "ros_discovery_info";
 const TYPE: &str = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_";
-/// Messages about nodes that may wait to be read.
+/// Messages about nodes that can wait to be read.
 const DEPTH: i32 = 64;
-/// Nodes of one participant that are remembered.
+/// Nodes that are remembered per participant.
 const NODES: usize = 256;
 
 /// `rmw_dds_common/msg/ParticipantEntitiesInfo`: the nodes of a participant.
@@ -46,14 +48,14 @@ struct Entities {
     writers: Vec<Writer>,
 }
 
-/// The endpoints of this process that a client of a service or an action is made of.
+/// The endpoints of this process that make up a client of a service or an action.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Endpoints {
     pub(crate) writers: BTreeSet<Writer>,
     pub(crate) readers: BTreeSet<Writer>,
 }
 
-/// The graph, as far as it is known. Dropping it ends its thread.
+/// The known part of the graph. Dropping it ends its thread.
 pub struct Graph {
     known: Arc<Mutex<Known>>,
     task: Option<Task>,
@@ -61,19 +63,19 @@ pub struct Graph {
 
 #[derive(Default)]
 struct Known {
-    /// Others' readers, by the writer of this process that they are matched with.
+    /// Matched remote readers, by the writer of this process.
     readers: BTreeMap<Writer, BTreeSet<Writer>>,
-    /// Others' writers, by the reader of this process that they are matched with.
+    /// Matched remote writers, by the reader of this process.
     writers: BTreeMap<Writer, BTreeSet<Writer>>,
-    /// Nodes of others: by their participant, full name and writers.
+    /// Nodes of other processes: by participant, with full name and writers.
     nodes: BTreeMap<[u8; 12], Vec<(String, Vec<Writer>)>>,
 }
 
 impl Graph {
-    /// Follows the graph as `participant` sees it, and asks for the `first` requests of new clients.
+    /// Follows the graph as `participant` sees it, and asks new clients for their `first` requests.
     ///
     /// # Errors
-    /// When the topic of nodes cannot be read, or the system starts no thread.
+    /// When the topic of nodes cannot be read, or the system cannot start the thread.
     pub(crate) fn start(
         participant: &DomainParticipant,
         first: Option<FirstRequests>,
@@ -82,7 +84,7 @@ impl Graph {
             what: format!("reading {TOPIC}"),
             why: format!("{error:?}"),
         };
-        // Here and not on the thread: with DDS-Security only one thread may create something at a time.
+        // Created here, not on the thread: with DDS-Security, only one thread may create entities at a time.
         let qos = qos();
         let topic = participant
             .create_topic(TOPIC.to_owned(), TYPE.to_owned(), &qos, TopicKind::NoKey)
@@ -109,19 +111,19 @@ impl Graph {
         self.task.as_ref().is_some_and(Task::is_alive)
     }
 
-    /// How many readers of others are matched with a writer of this process.
+    /// Number of remote readers that are matched with a writer of this process.
     #[must_use]
     pub fn readers_of(&self, writer: GUID) -> usize {
         self.known().readers.get(&writer.to_bytes()).map_or(0, BTreeSet::len)
     }
 
-    /// How many writers of others are matched with a reader of this process.
+    /// Number of remote writers that are matched with a reader of this process.
     #[must_use]
     pub fn writers_of(&self, reader: GUID) -> usize {
         self.known().writers.get(&reader.to_bytes()).map_or(0, BTreeSet::len)
     }
 
-    /// True when each of these endpoints is matched with one of others.
+    /// True when each of these endpoints is matched with a remote one.
     #[must_use]
     pub fn are_matched(&self, endpoints: &Endpoints) -> bool {
         let known = self.known();
@@ -132,7 +134,7 @@ impl Graph {
             && endpoints.readers.iter().all(|reader| is_in(&known.writers, reader))
     }
 
-    /// The full name of the node that a publisher belongs to, where that has told of itself.
+    /// The full name of the node that a publisher belongs to; `None` if its participant has not published it.
     #[must_use]
     pub fn node_of(&self, writer: &Writer) -> Option<String> {
         let known = self.known();
@@ -153,7 +155,7 @@ impl Drop for Graph {
     }
 }
 
-/// Transient local, so that a participant which was there before this one still says which nodes it has.
+/// QoS of the topic of nodes. Transient local, so that participants that started earlier are received as well.
 fn qos() -> QosPolicies {
     QosPolicyBuilder::new()
         .durability(Durability::TransientLocal)
@@ -182,7 +184,7 @@ async fn follow(
                             let of = prefix_of(&change.writer_guid().to_bytes());
                             lock(known).name(of, change.into_value());
                         }
-                        Err(error) => tracing::debug!("{TOPIC} cannot be read: {error:?}"),
+                        Err(error) => tracing::debug!("cannot read {TOPIC}: {error:?}"),
                     }
                     None
                 }
@@ -197,7 +199,7 @@ async fn follow(
     }
 }
 
-/// Asks for first requests, where that is wanted; never ends.
+/// Asks for first requests if enabled; never returns.
 async fn ask(first: &mut Option<FirstRequests>) {
     match first {
         Some(first) => first.ask().await,
@@ -231,7 +233,7 @@ impl Known {
         matched.for_each(|others| others.retain(|other| !is_lost(other)));
     }
 
-    /// Notes the nodes of a participant. By who has sent it: what it calls itself may be anything.
+    /// Notes the nodes of a participant. The key is the sender's GUID, because the name in the message can be anything.
     fn name(&mut self, participant: [u8; 12], told: Participant) {
         let full_name =
             |of: &Entities| shown(&format!("{}/{}", of.node_namespace.trim_end_matches('/'), of.node_name));
@@ -246,7 +248,7 @@ fn prefix_of(endpoint: &Writer) -> [u8; 12] {
     std::array::from_fn(|index| endpoint[index])
 }
 
-/// A thread that panicked leaves whole entries behind.
+/// Locks `known`. A panic of the last holder does no harm: entries are added as a whole.
 fn lock(known: &Mutex<Known>) -> MutexGuard<'_, Known> {
     known.lock().unwrap_or_else(PoisonError::into_inner)
 }

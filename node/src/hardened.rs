@@ -1,4 +1,4 @@
-//! Which DDS libraries this program was built with: the registry's, or those that `node/hardened/build` edits.
+//! The DDS libraries that this program was built with: the released ones, or those edited by `node/hardened/build`.
 //! `docs/decisions/0011-hardened-build.md` says why there are two builds.
 
 use mr_damper_msgs::Service;
@@ -7,8 +7,8 @@ use std::sync::LazyLock;
 /// Names of the edits, separated by commas; `None` in the default build.
 pub const EDITS: Option<&str> = option_env!("MR_DAMPER_HARDENED");
 
-/// Limits that the default build has because its DDS libraries are the registry's.
-pub const LACKS: [(&str, &str); 5] = [
+/// Limits of the default build that the edited DDS libraries remove.
+pub const LACKS: [(&str, &str); 6] = [
     (
         "long answers",
         "service answers longer than about 1.4 kB do not reach clients that have a network address",
@@ -17,12 +17,16 @@ pub const LACKS: [(&str, &str); 5] = [
     ("hostile packets", "one crafted packet ends the node"),
     ("SIGSTOP", "a node that was stopped (Ctrl-Z, a debugger) ends when it continues"),
     (
+        "joining with DDS-Security",
+        "with DDS-Security on, a permitted peer rarely gets no keys when it joins; it then receives nothing until it joins again",
+    ),
+    (
         "lagging readers with DDS-Security",
-        "with DDS-Security on, a reader that stays in the graph and never acknowledges makes the node grow until its limit of memory ends it",
+        "with DDS-Security on, a reader that stays in the graph and never acknowledges makes the node's memory grow until its memory limit ends it",
     ),
 ];
 
-/// The program's version, with the names of the edits.
+/// The program's version, with the names of the edits in a hardened build.
 #[must_use]
 pub fn version() -> &'static str {
     static VERSION: LazyLock<String> = LazyLock::new(|| match EDITS {
@@ -32,7 +36,7 @@ pub fn version() -> &'static str {
     &VERSION
 }
 
-/// One sentence on this build, for the log.
+/// One sentence about this build, for the log.
 #[must_use]
 pub fn summary() -> String {
     match EDITS {
@@ -47,8 +51,8 @@ pub fn summary() -> String {
     }
 }
 
-/// Has the participants that are made from now on announce `enclave`, and endpoints the hashes of their types. Only the hardened
-/// build can.
+/// Makes all participants created from now on announce `enclave`, and their endpoints the hashes of their types. Only
+/// the hardened build can do this; in the default build it does nothing.
 pub fn announce(enclave: &str) {
     #[cfg(mr_damper_hardened)]
     {
@@ -61,7 +65,7 @@ pub fn announce(enclave: &str) {
     let _ = enclave;
 }
 
-/// The same for a service, whose two topics bear the hash of the service, as in rmw.
+/// The same for a service. Both of its topics carry the hash of the service, as in rmw.
 pub fn announce_service<S: Service>() {
     #[cfg(mr_damper_hardened)]
     for part in ["Request", "Response"] {

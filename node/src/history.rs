@@ -1,14 +1,14 @@
-//! The last minutes of raw input, in memory: what a diagnosis of the running model works on.
+//! The last minutes of raw input, in memory, for a diagnosis of the running model.
 //!
-//! Samples are kept channel by channel as the pipeline accepted them, for `history.duration_s` of stamps and at most
-//! [`CAPACITY`] a channel, and are given back as runs, which replay to the same estimates. A gap in displacement beyond
-//! `gap_s` parts two runs, as it makes the pipeline start anew. When stamps jump back, what was there before is of
-//! another time and is forgotten.
+//! Samples are kept per channel as the pipeline accepted them, for `history.duration_s` of stamps and at most
+//! [`CAPACITY`] per channel. They are returned as runs, which replay to the same estimates. A gap in displacement
+//! longer than `gap_s` splits runs, because the pipeline restarts there. When stamps jump back, older samples are
+//! dropped, because they belong to another time.
 
 use mr_damper_model::sample::{Channel, DriveKind, Reading, Run, Sample, Stamp, Trace};
 use std::collections::VecDeque;
 
-/// Samples of one channel at most: an hour at 580 Hz, 32 MB.
+/// Maximum number of samples per channel: an hour at 580 Hz, 32 MB.
 pub const CAPACITY: usize = 1 << 21;
 
 /// One channel.
@@ -18,14 +18,15 @@ struct Ring {
 }
 
 impl Ring {
-    /// Forgets what is older than `oldest`, but for the newest of it: a slow channel holds until its next sample.
+    /// Drops samples older than `oldest`, except the newest of them: the value of a slow channel holds until its next
+    /// sample.
     fn prune(&mut self, oldest: Stamp) {
         while self.samples.get(1).is_some_and(|(stamp, _)| *stamp <= oldest) {
             self.samples.pop_front();
         }
     }
 
-    /// The samples from `from` to `to`. `held`: and the last one before them.
+    /// The samples from `from` to `to`. With `held`, also the last one before `from`.
     fn between(&self, from: Stamp, to: Stamp, held: bool) -> Trace {
         let begin = self.samples.partition_point(|(stamp, _)| *stamp < from);
         let begins_late = self.samples.get(begin).is_none_or(|(stamp, _)| *stamp > from);
@@ -43,7 +44,7 @@ pub struct History {
     capacity: usize,
     rings: [Ring; Channel::ALL.len()],
     drive: Option<DriveKind>,
-    /// Samples that had to go before their time because a channel was full.
+    /// Samples that were dropped early because a channel was full.
     dropped: u64,
 }
 
@@ -56,7 +57,7 @@ impl History {
 
     fn with_capacity(duration_s: f64, capacity: usize) -> Self {
         Self {
-            // A cast of a float saturates.
+            // A cast from float saturates.
             duration_ns: (duration_s * 1e9) as i64,
             capacity,
             rings: Default::default(),
@@ -65,18 +66,18 @@ impl History {
         }
     }
 
-    /// Keeps `duration_s` seconds from now on.
+    /// Changes the length of the history to `duration_s` seconds.
     pub fn set_duration_s(&mut self, duration_s: f64) {
         self.duration_ns = (duration_s * 1e9) as i64;
     }
 
-    /// Samples that had to go before their time: the history is shorter than asked for.
+    /// Number of samples that were dropped early; the history is then shorter than configured.
     #[must_use]
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }
 
-    /// Seconds of displacement that are there.
+    /// Length of the stored displacement, s.
     #[must_use]
     pub fn seconds(&self) -> f64 {
         let displacement = &self.ring(Channel::Displacement).samples;
@@ -86,11 +87,11 @@ impl History {
         }
     }
 
-    /// Takes a sample that the pipeline accepted.
+    /// Stores a sample that the pipeline accepted.
     pub fn push(&mut self, sample: &Sample) {
         let (stamp, channel) = (sample.stamp, sample.reading.channel());
         if self.ring(channel).samples.back().is_some_and(|(last, _)| stamp <= *last) {
-            // The pipeline accepts a stamp that does not increase only when time has jumped.
+            // The pipeline accepts a stamp that does not increase only after a jump in time.
             if channel == Channel::Displacement {
                 self.rings = Default::default();
             } else {
@@ -116,7 +117,7 @@ impl History {
         }
     }
 
-    /// The last `seconds` as runs, oldest first, parted where displacement has a gap of more than `gap_s`.
+    /// The last `seconds` as runs, oldest first. Runs are split where displacement has a gap of more than `gap_s`.
     #[must_use]
     pub fn runs(&self, seconds: f64, gap_s: f64) -> Vec<Run> {
         let displacement = &self.ring(Channel::Displacement).samples;
@@ -189,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn it_keeps_the_last_seconds_and_the_values_that_hold_at_their_begin() {
+    fn the_last_seconds_are_kept_with_the_values_that_hold_at_their_start() {
         let mut history = History::new(3.0);
         fill(&mut history, 0..10_001);
         let runs = history.runs(2.55, 0.1);
@@ -201,12 +202,12 @@ mod tests {
         assert_eq!(span_ms(run.case_temp_c.as_ref().expect("a temperature")), (3, 6000, 10_000));
         assert_eq!(run.velocity_m_s, None);
         assert!((history.seconds() - 3.0).abs() < 1e-9);
-        // More than there is: all of it.
+        // A request for more than is stored returns everything.
         assert_eq!(span_ms(&history.runs(1e9, 0.1)[0].displacement_m), (301, 7000, 10_000));
     }
 
     #[test]
-    fn gaps_part_runs() {
+    fn gaps_split_runs() {
         let mut history = History::new(60.0);
         fill(&mut history, 0..1000);
         fill(&mut history, 1080..2000);
@@ -220,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jump_back_and_another_drive_forget_what_was_before() {
+    fn a_jump_back_and_a_new_kind_of_drive_clear_older_samples() {
         let mut history = History::new(60.0);
         fill(&mut history, 5000..6000);
         fill(&mut history, 0..500);
@@ -239,9 +240,9 @@ mod tests {
         assert_eq!(span_ms(&history.runs(60.0, 0.1)[0].displacement_m), (100, 4000, 4990));
     }
 
-    /// A run that came out goes in again and comes out the same.
+    /// A returned run that is pushed again is returned unchanged.
     #[test]
-    fn what_comes_out_is_what_went_in() {
+    fn a_returned_run_can_be_pushed_again_unchanged() {
         let mut history = History::new(60.0);
         fill(&mut history, 0..3000);
         let run = history.runs(60.0, 0.1).remove(0);

@@ -1,13 +1,13 @@
 //! The estimating thread: the only caller of `Pipeline::step`.
 //!
 //! ```text
-//! source ─→ samples ring ─→ [estimating thread] ─→ one ring a sink ─→ sinks
+//! source ─→ samples ring ─→ [estimating thread] ─→ one ring per sink ─→ sinks
 //! control ─→ command ring ──┘
 //! ```
 //!
-//! It never allocates, locks, waits for anybody or logs. When there is nothing to do it parks; whoever has
-//! put something into a ring unparks it. A ring that is full drops and counts: a slow sink loses its own
-//! events and nobody else's. Old models need no freeing: plans hold no heap.
+//! The thread never allocates, locks, blocks or logs. When it has nothing to do it parks; a thread that puts something
+//! into a ring unparks it. A full ring drops and counts: a slow sink loses its own events and does not affect others.
+//! Old models need no freeing: plans do not use the heap.
 
 use crate::clock::Clock;
 use crate::latency::Latency;
@@ -20,36 +20,37 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-/// Samples that may wait for the estimating thread: one second of five channels at 3 kHz.
+/// Samples that can wait for the estimating thread: one second of five channels at 3 kHz.
 const SAMPLES: usize = 16_384;
-/// Commands that may wait.
+/// Commands that can wait.
 const COMMANDS: usize = 16;
-/// Events that may wait for a sink: about two seconds at 1 kHz with all inputs echoed.
+/// Events that can wait for a sink: about two seconds at 1 kHz with all inputs echoed.
 pub const EVENTS: usize = 8_192;
-/// How long the thread sleeps without input before it looks at the clock.
+/// Longest sleep of the thread without input; it then checks the clock.
 const TICK: Duration = Duration::from_millis(20);
 
-/// What can be asked of the running pipeline.
+/// Commands to the running pipeline.
 #[derive(Debug, Clone)]
 pub enum Command {
-    /// Begin to estimate, without a past. Not boxed: a box would be freed on the estimating thread.
+    /// Starts to estimate, without history. The plan is not boxed, because a box would be freed on the estimating
+    /// thread.
     Begin(Plan),
-    /// Fall silent: what comes from now on is nobody's.
+    /// Stops estimating; samples are discarded from now on.
     End,
-    /// Other models or settings, taken over between two samples.
+    /// Switches to other models or settings between two samples.
     Take(Plan),
-    /// Forget all history.
+    /// Clears all history.
     Reset,
 }
 
-/// Which events a sink gets.
+/// The kinds of events that a sink gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wanted {
-    /// Current commands alone: nothing else delays them.
+    /// Only current commands, so that nothing else delays them.
     Commands,
-    /// What the node publishes besides commands.
+    /// All published events except commands.
     Reports,
-    /// Everything, accepted samples as well.
+    /// All events, including accepted samples.
     All,
 }
 
@@ -64,7 +65,7 @@ impl Wanted {
     }
 }
 
-/// One sink's end of its ring, as the estimating thread holds it.
+/// The estimating thread's end of a sink's ring.
 pub struct Outlet {
     ring: Producer<Event>,
     waker: Option<Thread>,
@@ -72,11 +73,11 @@ pub struct Outlet {
     wanted: Wanted,
 }
 
-/// One sink's end of its ring, as the sink holds it.
+/// The sink's end of its ring.
 pub struct Inlet {
     /// Events, in order.
     pub events: Consumer<Event>,
-    /// Events that the ring had no room for.
+    /// Number of events lost because the ring was full.
     pub dropped: Arc<AtomicU64>,
 }
 
@@ -89,7 +90,7 @@ pub fn channel(wanted: Wanted) -> (Outlet, Inlet) {
 }
 
 impl Outlet {
-    /// The same outlet, waking `sink` whenever it has put something in.
+    /// The same outlet; it wakes `sink` whenever events were put in.
     #[must_use]
     pub fn waking(mut self, sink: Thread) -> Self {
         self.waker = Some(sink);
@@ -119,27 +120,27 @@ impl Outlet {
 /// Counters of the estimating thread.
 #[derive(Debug, Default)]
 pub struct HotCounters {
-    /// Samples taken.
+    /// Received samples.
     pub samples: AtomicU64,
-    /// Those of them that came while nothing was estimated.
+    /// Samples received while the node was not estimating.
     pub idle: AtomicU64,
-    /// Those of them that were used: neither idle nor refused.
+    /// Samples used, that is neither idle nor refused.
     pub used: AtomicU64,
-    /// Those of them that the pipeline refused.
+    /// Samples refused by the pipeline.
     pub refused: AtomicU64,
     /// Samples lost because the ring was full.
     pub overflow: AtomicU64,
-    /// Samples of two publishers of one input come mixed.
+    /// True while samples of two publishers of one input arrive mixed.
     pub mixed: AtomicBool,
-    /// Commands obeyed.
+    /// Executed commands.
     pub obeyed: AtomicU64,
-    /// How long displacements waited in the ring. Under simulated time nothing says so.
+    /// Time that displacements waited in the ring. Not measured under simulated time.
     pub waiting: Latency,
-    /// How long the step for a displacement took, with its events put into the rings.
+    /// Time of the step for a displacement, including putting its events into the rings.
     pub stepping: Latency,
 }
 
-/// Where a source puts its samples.
+/// The source's end of the samples ring.
 pub struct SampleSink {
     ring: Producer<Sample>,
     counters: Arc<HotCounters>,
@@ -147,7 +148,7 @@ pub struct SampleSink {
 }
 
 impl SampleSink {
-    /// Hands over a sample; one that finds no room is dropped and counted, and the next estimate says so.
+    /// Hands over a sample. If the ring is full, the sample is dropped and counted, and the next estimate reports it.
     #[inline]
     pub fn push(&mut self, sample: Sample) {
         if self.ring.push(sample).is_err() {
@@ -155,7 +156,8 @@ impl SampleSink {
         }
     }
 
-    /// Says whether samples of two publishers of one input come mixed; call before the samples. Every estimate says so while they do.
+    /// Sets whether samples of two publishers of one input arrive mixed; call it before the samples. Every estimate
+    /// reports this while it lasts.
     #[inline]
     pub fn note_mixed(&self, mixed: bool) {
         self.counters.mixed.store(mixed, Ordering::Relaxed);
@@ -168,7 +170,7 @@ impl SampleSink {
     }
 }
 
-/// The estimating thread, from outside.
+/// Handle of the estimating thread.
 pub struct Hot {
     commands: Producer<Command>,
     /// Commands sent.
@@ -178,10 +180,10 @@ pub struct Hot {
 }
 
 impl Hot {
-    /// Starts the thread, feeding `outlets`. It is idle until it is told to begin.
+    /// Starts the thread, which feeds `outlets`. It is idle until it gets [`Command::Begin`].
     ///
     /// # Errors
-    /// When the system starts no thread.
+    /// When the system cannot start the thread.
     pub fn start(clock: Arc<Clock>, outlets: Vec<Outlet>) -> std::io::Result<(Self, SampleSink)> {
         let (sample_ring, samples) = RingBuffer::new(SAMPLES);
         let (commands, command_ring) = RingBuffer::new(COMMANDS);
@@ -194,8 +196,8 @@ impl Hot {
         Ok((Self { commands, sent: 0, counters, worker }, sink))
     }
 
-    /// Asks for a change; `None` when too many are waiting already. It is in force once
-    /// [`HotCounters::obeyed`] has reached the number that is returned.
+    /// Sends a command; `None` when too many are waiting. The command is executed once [`HotCounters::obeyed`] has
+    /// reached the returned number.
     pub fn command(&mut self, command: Command) -> Option<u64> {
         let sent = self.commands.push(command).is_ok();
         self.worker.thread().unpark();
@@ -215,7 +217,7 @@ impl Hot {
         self.worker.is_alive()
     }
 
-    /// Lets the thread finish what is in its ring, and ends it. `Err` when it had panicked.
+    /// Lets the thread process the samples in its ring, and ends it. `Err` when it had panicked.
     ///
     /// # Errors
     /// The panic's payload.
@@ -255,7 +257,7 @@ fn run(
             if counters.mixed.load(Ordering::Relaxed) {
                 pipeline.note_interleaved();
             }
-            // Reading the clock is no system call on Linux.
+            // Reading the clock needs no system call on Linux.
             let began = (sample.reading.channel() == Channel::Displacement).then(Instant::now);
             if began.is_some() {
                 clock.took_since(sample.received).into_iter().for_each(|took| counters.waiting.add(took));
@@ -296,16 +298,16 @@ fn obey(pipeline: &mut Option<Pipeline>, command: Command, outlets: &mut [Outlet
         (Command::End, pipeline) => *pipeline = None,
         (Command::Take(plan), Some(pipeline)) => pipeline.take(plan, &mut |event| fanout.put(event)),
         (Command::Reset, Some(pipeline)) => pipeline.reset(&mut |event| fanout.put(event)),
-        // What has not begun has nothing to change: it begins with what holds by then.
+        // Without a pipeline nothing changes; `Begin` brings the plan that is valid then.
         (Command::Take(_) | Command::Reset, None) => {}
     }
     fanout.wake();
 }
 
-/// Puts events into every outlet, and wakes the sinks that got some.
+/// Puts events into every outlet, and wakes the sinks that got any.
 struct Fanout<'a> {
     outlets: &'a mut [Outlet],
-    /// One bit an outlet that was fed.
+    /// One bit per outlet that got an event.
     fed: u32,
 }
 

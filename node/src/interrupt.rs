@@ -1,11 +1,11 @@
-//! Ctrl-C and SIGTERM: one flag that every command looks at.
+//! Ctrl-C and SIGTERM: they set one flag, which every command checks.
 
 use crate::error::NodeError;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// The flag that SIGINT and SIGTERM set. A second signal ends the process at once, should the orderly end hang.
+/// The flag that SIGINT and SIGTERM set. A second signal ends the process at once, in case the normal shutdown hangs.
 #[derive(Debug, Clone)]
 pub struct Interrupt(Arc<AtomicBool>);
 
@@ -13,7 +13,7 @@ impl Interrupt {
     /// Installs the signal handlers.
     ///
     /// # Errors
-    /// When the system refuses them.
+    /// When the system rejects them.
     pub fn install() -> Result<Self, NodeError> {
         let flag = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
@@ -24,7 +24,7 @@ impl Interrupt {
         Ok(Self(flag))
     }
 
-    /// A flag without handlers, for callers that raise it themselves.
+    /// A flag without signal handlers, which the caller raises.
     #[must_use]
     pub fn manual() -> Self {
         Self(Arc::new(AtomicBool::new(false)))
@@ -35,19 +35,19 @@ impl Interrupt {
         self.0.store(true, Ordering::Release);
     }
 
-    /// True once a signal has come.
+    /// True once a signal has arrived.
     #[must_use]
     pub fn is_raised(&self) -> bool {
         self.0.load(Ordering::Acquire)
     }
 
-    /// The flag itself, for code that takes one.
+    /// The flag itself.
     #[must_use]
     pub fn flag(&self) -> &AtomicBool {
         &self.0
     }
 
-    /// Sleeps until `deadline`, in steps short enough to notice a signal. False when one came.
+    /// Sleeps until `deadline`, in steps short enough to notice a signal. Returns false if a signal arrived.
     pub fn sleep_until(&self, deadline: Instant) -> bool {
         const STEP: Duration = Duration::from_millis(50);
         loop {

@@ -1,19 +1,21 @@
-//! Readers that lag are left behind, so that no reader holds up a writer.
+//! Drops old samples for lagging readers, so that no reader blocks a writer.
 //!
-//! A reliable writer of RustDDS 0.15 keeps the samples that one reader has not acknowledged, and refuses to write once they fill its window,
-//! although its history is KEEP_LAST. So a reader that has died, is stopped, or never acknowledges would stop the topic for all others, and
-//! so would each new reader until its first acknowledgement. Here the window has no end ([`WINDOW`]), and this thread bounds what is kept.
-//! KEEP_LAST means that the oldest samples are dropped. It makes that so by submessages of the protocol itself:
+//! A reliable writer of RustDDS 0.15 keeps the samples that a reader has not acknowledged, and refuses to write once
+//! they fill its window, although its history is KEEP_LAST. So a reader that has died, is stopped, or never
+//! acknowledges would block the topic for all others, and each new reader would do so until its first acknowledgement.
+//! Here the window is unlimited ([`WINDOW`]), and this thread limits the number of kept samples.
+//!
+//! KEEP_LAST means that the oldest samples are dropped. The thread does this with submessages of the protocol itself:
 //!
 //! ```text
 //! every 0.25 s, for each writer, base = samples written - LAG:
-//!     to our own participant:   INFO_SRC reader, ACKNACK base     "the reader has all below base"
-//!     to the reader:            INFO_DST reader, GAP .. base      "nothing below base will come any more"
+//!     to our own participant:   INFO_SRC reader, ACKNACK base     "the reader has all samples below base"
+//!     to the reader:            INFO_DST reader, GAP .. base      "no sample below base will follow"
 //! ```
 //!
-//! A reader that has acknowledged more is not affected: RustDDS takes no acknowledgement back. A reader that comes back finds the last
-//! [`LAG`] samples and continues with them. Where DDS-Security is on, nobody can speak for another participant: there memory grows for as long
-//! as a reader that does not acknowledge keeps its lease.
+//! This does not affect a reader that has acknowledged more: RustDDS never takes an acknowledgement back. A reader that
+//! returns gets the last [`LAG`] samples and continues with them. With DDS-Security, no process can send messages in
+//! the name of another participant. There, memory grows as long as a reader that does not acknowledge keeps its lease.
 
 use crate::listed_peers::own_port;
 use crate::rtps::Datagram;
@@ -26,18 +28,18 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
-/// Samples that a writer keeps for a reader that has not acknowledged them: eight seconds at 1 kHz.
+/// Samples that a writer keeps for a reader that has not acknowledged them: 8 s at 1 kHz.
 pub(crate) const LAG: u64 = 8192;
 
-/// Samples that a reliable writer may have unacknowledged before it refuses to write (DDS: RESOURCE_LIMITS max_samples): no limit. RustDDS
-/// counts all samples of the writer's life as unacknowledged by a reader that has just joined.
+/// Unacknowledged samples before a reliable writer refuses to write (DDS: RESOURCE_LIMITS max_samples): unlimited.
+/// RustDDS counts all samples of the writer's life as unacknowledged by a reader that has just joined.
 pub(crate) const WINDOW: i32 = i32::MAX;
 
 const PERIOD: Duration = Duration::from_millis(250);
-/// Rounds between a base and the first sample that a GAP to it names: ten seconds. RustDDS itself announces
-/// the loss of older samples, since it cleans its history every six seconds.
+/// Number of rounds back to the first sample that a GAP names: 10 s. RustDDS announces the loss of older samples
+/// itself, because it cleans its history every 6 s.
 const REACH: usize = 40;
-/// Readers that one datagram speaks for; each takes 52 bytes.
+/// Readers per datagram; each takes 52 bytes.
 const READERS_A_DATAGRAM: usize = 20;
 
 /// A writer of this participant.
@@ -51,21 +53,21 @@ pub(crate) struct Written {
 }
 
 impl Written {
-    /// Notes that a sample was written.
+    /// Counts a written sample.
     pub(crate) fn note(&self) {
         self.samples.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-/// The writers that have not been dropped.
+/// The writers that still exist.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Writers(Arc<Mutex<Vec<Weak<Written>>>>);
 
 impl Writers {
-    /// Notes a new writer of the topic with this DDS name.
+    /// Adds a writer of the topic with this DDS name.
     pub(crate) fn add(&self, writer: GUID, topic: String) -> Arc<Written> {
         let written = Arc::new(Written { writer, topic, samples: AtomicU64::new(0) });
-        // A panic elsewhere leaves the list of pointers valid.
+        // After a panic elsewhere, the list of pointers is still valid.
         let mut writers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         writers.retain(|writer| writer.strong_count() > 0);
         writers.push(Arc::downgrade(&written));
@@ -80,7 +82,7 @@ impl Writers {
 /// The running thread.
 #[derive(Debug)]
 pub(crate) struct LaggingReaders {
-    /// There is one until the drop.
+    /// `Some` until the drop.
     worker: Option<Worker>,
 }
 
@@ -88,10 +90,10 @@ impl LaggingReaders {
     /// Starts the thread for the `writers` of `participant`.
     ///
     /// # Errors
-    /// When the system gives no socket or no thread.
+    /// When the system provides no socket or cannot start the thread.
     pub(crate) fn start(participant: DomainParticipant, writers: Writers) -> io::Result<Self> {
         let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
-        // A reader that cannot be reached is not waited for.
+        // The thread must not wait for an unreachable reader.
         socket.set_nonblocking(true)?;
         let worker = Worker::start("ros-laggards", move |stop| {
             Rounds { participant, writers, socket, bases: Vec::new(), count: 0 }.run(stop);
@@ -103,19 +105,19 @@ impl LaggingReaders {
 impl Drop for LaggingReaders {
     fn drop(&mut self) {
         if self.worker.take().is_some_and(|worker| worker.stop().is_err()) {
-            tracing::error!("the thread that leaves lagging readers behind had panicked");
+            tracing::error!("the thread that drops samples of lagging readers had panicked");
         }
     }
 }
 
-/// A reader that discovery knows.
+/// A reader found by discovery.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Reader {
     guid: GUID,
     addresses: Vec<SocketAddr>,
 }
 
-/// One datagram and where it goes.
+/// A datagram and its destinations.
 type Addressed = (Vec<SocketAddr>, Datagram);
 
 struct Rounds {
@@ -160,7 +162,7 @@ impl Rounds {
                     let addresses = locators.map(|locator| SocketAddr::from(*locator));
                     Reader {
                         guid: reader.reader_proxy.remote_reader_guid,
-                        // Locators of shared memory and the like have an IPv6 address of zeros.
+                        // Locators of shared memory and the like appear as IPv6 addresses of zeros.
                         addresses: addresses.filter(SocketAddr::is_ipv4).collect(),
                     }
                 })
@@ -169,7 +171,7 @@ impl Rounds {
             for (addresses, datagram) in datagrams(written.writer, &readers, evicted, own.into(), self.count)
             {
                 for address in addresses {
-                    // A socket that is full or a host that is away: the next round says it again.
+                    // The socket may be full or the host away: the next round repeats it.
                     let _ = self.socket.send_to(datagram.bytes(), address);
                 }
             }
@@ -185,7 +187,7 @@ impl Rounds {
     }
 }
 
-/// Samples that are given up: from `first` to below `base`.
+/// The dropped samples: from `first` to below `base`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Evicted {
     first: u64,
@@ -197,7 +199,7 @@ struct Evicted {
 struct Bases(VecDeque<u64>);
 
 impl Bases {
-    /// One round later, after `samples` were written: what is given up, if anything is.
+    /// Advances one round, with `samples` written so far. Returns the dropped samples, if any.
     fn advance(&mut self, samples: u64) -> Option<Evicted> {
         let base = (samples + 1).checked_sub(LAG).filter(|base| *base > 1)?;
         if self.0.len() == REACH {
@@ -205,7 +207,7 @@ impl Bases {
         }
         self.0.push_back(base);
         let first = if self.0.len() < REACH { 1 } else { self.0[0] };
-        // A writer that has been silent for ten seconds has told all readers.
+        // After ten seconds without samples, all readers have been informed.
         (first < base).then_some(Evicted { first, base })
     }
 }
@@ -242,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_given_up_before_the_lag_is_reached() {
+    fn no_sample_is_dropped_before_the_lag_is_reached() {
         let mut bases = Bases::default();
         assert_eq!(bases.advance(0), None);
         assert_eq!(bases.advance(LAG), None, "no sample lies below base 1");
@@ -250,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_names_what_was_given_up_in_the_last_rounds_and_silence_ends_it() {
+    fn a_gap_names_the_samples_dropped_in_the_last_rounds_and_ends_with_the_samples() {
         let mut bases = Bases::default();
         let at_250_hz = |round: u64| LAG + 250 * round;
         let last = (1..=100).filter_map(|round| bases.advance(at_250_hz(round))).last();
@@ -261,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn every_reader_is_spoken_for_and_those_with_an_address_are_told() {
+    fn samples_are_acknowledged_for_every_reader_and_gaps_go_to_those_with_an_address() {
         let address: SocketAddr = ([10, 0, 0, 1], 7411).into();
         let own: SocketAddr = ([127, 0, 0, 1], 7410).into();
         let readers: Vec<_> = (0..45)
@@ -270,12 +272,12 @@ mod tests {
         let sent = datagrams(guid(99), &readers, Evicted { first: 1, base: 9 }, own, -5);
         let to = |address| sent.iter().filter(|(addresses, _)| addresses == &[address]).count();
         assert_eq!((to(own), to(address), sent.len()), (3, 3, 6));
-        // The smallest network that IPv4 allows carries 576 bytes; Ethernet 1500.
+        // The smallest IPv4 network carries 576 bytes, Ethernet 1500.
         assert!(sent.iter().all(|(_, datagram)| datagram.bytes().len() <= 1400));
     }
 
     #[test]
-    fn writers_that_are_dropped_are_forgotten() {
+    fn dropped_writers_are_removed() {
         let writers = Writers::default();
         let first = writers.add(guid(1), "rt/a".to_owned());
         let second = writers.add(guid(2), "rt/b".to_owned());

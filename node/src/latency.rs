@@ -1,26 +1,26 @@
-//! How long samples take through the node, counted in buckets that any thread may add to.
+//! A histogram of the time that samples take through the node. Any thread can add to it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Buckets a factor of two.
+/// Buckets per factor of two.
 const PER_OCTAVE: u32 = 4;
-/// Buckets: from a nanosecond to eight seconds.
+/// Number of buckets: from 1 ns to 8 s.
 const BUCKETS: usize = 33 * PER_OCTAVE as usize;
 
-/// Counts of durations since they were last read.
+/// Counts of durations since the last read.
 #[derive(Debug)]
 pub struct Latency {
     counts: [AtomicU64; BUCKETS],
     worst_ns: AtomicU64,
 }
 
-/// What was counted.
+/// Quantiles of the counted durations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quantiles {
-    /// The median, s, up to 12 % off.
+    /// The median, s, with an error of up to 12 %.
     pub median_s: f64,
-    /// What 99 of 100 stay below, s, likewise.
+    /// The 99th percentile, s, with the same error.
     pub p99_s: f64,
     /// The longest, s.
     pub worst_s: f64,
@@ -33,21 +33,21 @@ impl Default for Latency {
 }
 
 impl Latency {
-    /// Counts `took`. Two additions and no floating point: the estimating thread does it too.
+    /// Counts `took`. It is cheap (two additions, no floating point), because the estimating thread calls it.
     #[inline]
     pub fn add(&self, took: Duration) {
         let ns = u64::try_from(took.as_nanos()).unwrap_or(u64::MAX).max(1);
-        // The leading bit says the octave, the two bits after it the bucket in it.
+        // The leading bit gives the octave, the next two bits the bucket within it.
         let octave = ns.ilog2();
         let within =
             if octave < 2 { ns << (2 - octave) } else { ns >> (octave - 2) } & u64::from(PER_OCTAVE - 1);
-        // Beyond the last bucket there is the worst one alone.
+        // Longer durations go into the last bucket; the worst is kept exactly.
         let bucket = (octave * PER_OCTAVE) as usize + within as usize;
         self.counts[bucket.min(BUCKETS - 1)].fetch_add(1, Ordering::Relaxed);
         self.worst_ns.fetch_max(ns, Ordering::Relaxed);
     }
 
-    /// What was counted since the last time, if anything was.
+    /// The quantiles since the last call; `None` if nothing was counted.
     pub fn take(&self) -> Option<Quantiles> {
         let counts: Vec<u64> = self.counts.iter().map(|count| count.swap(0, Ordering::Relaxed)).collect();
         let worst_s = self.worst_ns.swap(0, Ordering::Relaxed) as f64 * 1e-9;
@@ -59,7 +59,7 @@ impl Latency {
                 left = left.saturating_sub(*count);
                 reached
             });
-            // Middle of the bucket, which may lie above the longest there was.
+            // The middle of the bucket can exceed the longest duration.
             bucket.map(|bucket| (middle_ns(bucket) * 1e-9).min(worst_s))
         };
         if all == 0 {
@@ -81,11 +81,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_duration_is_told_to_an_eighth() {
+    fn a_duration_is_accurate_to_an_eighth() {
         let latency = Latency::default();
         for ns in (1..5000).chain((1..230).map(|k| 5000.0 * 1.07_f64.powi(k)).map(|ns| ns as u64)) {
             latency.add(Duration::from_nanos(ns));
-            // So that the middle of its bucket is not cut off at the worst.
+            // Keep the worst large, so that it does not cut off the middle of the bucket.
             latency.worst_ns.store(u64::MAX, Ordering::Relaxed);
             let told_ns = latency.take().expect("counted").median_s * 1e9;
             let off = told_ns / ns as f64 - 1.0;

@@ -1,7 +1,7 @@
 //! The MR damper force service: a ROS 2 node, its Zenoh mirror, and the tools around them.
 //!
-//! `ARCHITECTURE.md` beside this crate is the map. In one line: a source fills a wait-free ring, the estimating
-//! thread steps the pipeline of `mr-damper-model`, and one ring a sink carries what follows to ROS, Zenoh and
+//! `ARCHITECTURE.md` in this crate's directory gives the overview. In short: a source fills a wait-free ring; the
+//! estimating thread steps the pipeline of `mr-damper-model`; one ring per sink carries the events to ROS, Zenoh and
 //! the screen.
 
 pub mod actions;

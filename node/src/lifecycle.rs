@@ -1,4 +1,4 @@
-//! The states of a managed node, and how it goes from one to the other.
+//! The states of a managed node and the transitions between them.
 //!
 //! ```text
 //!                configure            activate
@@ -7,46 +7,46 @@
 //!       └────────────────       shutdown: from each of the three to finalized
 //! ```
 //!
-//! | state | the node |
+//! | state | meaning |
 //! |---|---|
-//! | unconfigured | has no model; those parameters that need a restart otherwise can be set |
-//! | inactive | has its models, checked; takes no samples, publishes no estimates and commands no current |
-//! | active | is at work |
-//! | finalized | does nothing more, and can only be ended |
+//! | unconfigured | the node has no model; parameters that otherwise need a restart can be set |
+//! | inactive | the models are loaded and checked; the node takes no samples, publishes no estimates and commands no current |
+//! | active | the node estimates |
+//! | finalized | the node does nothing more, and can only be ended |
 //!
-//! Transitions here are done when their service answers: there are no states between.
+//! A transition is complete when its service answers, without intermediate states.
 
 use mr_damper_msgs::lifecycle::{State, Transition as TransitionMsg, TransitionDescription};
 
 /// A state of the node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// No model was loaded.
+    /// No model is loaded.
     Unconfigured,
-    /// Ready, and silent.
+    /// Ready, but not working.
     Inactive,
-    /// At work.
+    /// Working.
     Active,
-    /// At its end.
+    /// Ended.
     Finalized,
 }
 
-/// A way from one state to another.
+/// A transition from one state to another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transition {
     /// Load the models.
     Configure,
-    /// Forget them.
+    /// Unload the models.
     Cleanup,
-    /// Begin to work, without a past.
+    /// Start to estimate, without history.
     Activate,
-    /// Fall silent.
+    /// Stop estimating.
     Deactivate,
-    /// Fall silent for good.
+    /// Stop estimating for good.
     Shutdown,
 }
 
-/// Each transition with its ends and its number in `lifecycle_msgs`.
+/// Each transition with its number in `lifecycle_msgs` and its two states.
 const TABLE: [(Transition, u8, Phase, Phase); 7] = [
     (Transition::Configure, 1, Phase::Unconfigured, Phase::Inactive),
     (Transition::Cleanup, 2, Phase::Inactive, Phase::Unconfigured),
@@ -58,7 +58,7 @@ const TABLE: [(Transition, u8, Phase, Phase); 7] = [
 ];
 
 impl Phase {
-    /// All of them.
+    /// All states.
     pub const ALL: [Self; 4] = [Self::Unconfigured, Self::Inactive, Self::Active, Self::Finalized];
 
     /// The name, as in `lifecycle_msgs`.
@@ -84,20 +84,20 @@ impl Phase {
         State { id, label: self.name().to_owned() }
     }
 
-    /// Where `transition` leads from here.
+    /// The state after `transition`.
     ///
     /// # Errors
-    /// When it does not begin here; the message says which do.
+    /// When the transition is not allowed in this state; the message lists those that are.
     pub fn after(self, transition: Transition) -> Result<Self, String> {
         let row = TABLE.iter().find(|(other, _, from, _)| (*other, *from) == (transition, self));
         row.map(|(_, _, _, to)| *to).ok_or_else(|| {
             let possible: Vec<_> = self.ways().map(|(transition, _)| transition.name()).collect();
             let possible = if possible.is_empty() { "none".to_owned() } else { possible.join(", ") };
-            format!("{} does not begin in the state {}; possible: {possible}", transition.name(), self.name())
+            format!("{} is not allowed in the state {}; allowed: {possible}", transition.name(), self.name())
         })
     }
 
-    /// The transitions that begin here, with their numbers.
+    /// The transitions that are allowed in this state, with their numbers.
     pub fn ways(self) -> impl Iterator<Item = (Transition, u8)> {
         TABLE
             .iter()
@@ -107,17 +107,17 @@ impl Phase {
 }
 
 impl Transition {
-    /// The transition that a request means, by label or by number; a shutdown by any of its numbers.
+    /// The requested transition, by label or by number; a shutdown by any of its numbers.
     ///
     /// # Errors
-    /// When there is no such transition.
+    /// When the transition does not exist.
     pub fn meant(request: &TransitionMsg) -> Result<Self, String> {
         let named = |(transition, id, _, _): &&(Transition, u8, Phase, Phase)| {
             if request.label.is_empty() { *id == request.id } else { transition.name() == request.label }
         };
         TABLE.iter().find(named).map(|row| row.0).ok_or_else(|| {
             format!(
-                "there is no transition {} \"{}\"; there are configure, cleanup, activate, deactivate, shutdown",
+                "unknown transition {} \"{}\"; use configure, cleanup, activate, deactivate or shutdown",
                 request.id, request.label
             )
         })
@@ -136,7 +136,7 @@ impl Transition {
     }
 }
 
-/// All transitions with their ends, or those out of `from` alone.
+/// All transitions with their two states; with `from`, only those from that state.
 #[must_use]
 pub fn graph(from: Option<Phase>) -> Vec<TransitionDescription> {
     let rows = TABLE.iter().filter(|row| from.is_none_or(|phase| phase == row.2));
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_is_meant_by_its_label_or_by_its_number() {
+    fn a_transition_is_requested_by_label_or_by_number() {
         let request = |id, label: &str| Transition::meant(&TransitionMsg { id, label: label.to_owned() });
         assert_eq!(request(3, ""), Ok(Transition::Activate));
         assert_eq!(request(0, "configure"), Ok(Transition::Configure));

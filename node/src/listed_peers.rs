@@ -1,8 +1,8 @@
-//! Discovery of hosts by a list, where the network carries no multicast.
+//! Discovery of listed hosts, for networks without multicast.
 //!
-//! The DDS library announces a participant by multicast alone, which ends at the first router. Its announcements also come back to
-//! this machine; here they are sent on, as they are, to each host of the list. A peer there that hears one answers to the addresses in
-//! it, and from then on both talk to each other without any multicast.
+//! The DDS library announces a participant only by multicast, which ends at the first router. Its announcements also
+//! arrive on loopback; this thread forwards them unchanged to each listed host. A peer there that receives one answers
+//! to the addresses in it, and from then on both communicate without multicast.
 //!
 //! ```text
 //! participant ─→ 239.255.0.1 on loopback ─→ [ros-peers] ─→ each host, the ports of its first participants
@@ -18,40 +18,40 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tracing::Span;
 
-/// Where every participant announces itself (RTPS 2.5, 9.6.1.4.1).
+/// Multicast group of announcements (RTPS 2.5, 9.6.1.4.1).
 const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
-/// Participants of a host and domain that are told.
+/// Number of participants per host and domain that are contacted.
 const PARTICIPANTS: u16 = 10;
-/// How often a name that does not resolve is tried again.
+/// Time between attempts to resolve a name.
 const AGAIN: Duration = Duration::from_secs(5);
-/// How often the thread looks whether it has to end.
+/// Longest time until the thread notices that it has to end.
 const LOOK: Duration = Duration::from_millis(100);
-/// Bytes of an RTPS header: `RTPS`, version, vendor, then the prefix of the sender's GUID.
+/// Length of an RTPS header: `RTPS`, version, vendor, then the prefix of the sender's GUID.
 const HEADER: usize = 20;
 
-/// Port of announcements in `domain`: all participants share it.
+/// Port of announcements in `domain`; all participants share it.
 pub(crate) const fn group_port(domain: u16) -> u16 {
     7400 + 250 * domain
 }
 
-/// Port on which participant `index` of a host hears of others.
+/// Port on which participant `index` of a host receives discovery data.
 pub(crate) const fn own_port(domain: u16, index: u16) -> u16 {
     7410 + 250 * domain + 2 * index
 }
 
-/// The thread that sends announcements on.
+/// The thread that forwards announcements.
 #[derive(Debug)]
 pub struct ListedPeers {
-    /// There is one until the drop.
+    /// `Some` until the drop.
     worker: Option<Worker>,
 }
 
 impl ListedPeers {
-    /// Sends the announcements of the participant whose GUID begins with `prefix` on to `hosts` (names or IPv4 addresses). A name that
-    /// does not resolve yet is tried again in the background.
+    /// Forwards the announcements of the participant whose GUID begins with `prefix` to `hosts` (names or IPv4
+    /// addresses). A name that does not resolve is retried in the background.
     ///
     /// # Errors
-    /// When a host can have no IPv4 address, or the port of announcements cannot be opened.
+    /// When a host is given by an IPv6 address, or the port of announcements cannot be opened.
     pub fn start(hosts: &[String], domain: u16, prefix: &[u8]) -> Result<Self, NodeError> {
         let mut names = Vec::new();
         let mut known = Vec::new();
@@ -65,7 +65,7 @@ impl ListedPeers {
         let heard = open(domain, Ipv4Addr::LOCALHOST).map_err(NodeError::io(opening()))?;
         let sends =
             UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).map_err(NodeError::io("opening a UDP port"))?;
-        tracing::info!(?hosts, "listed hosts are told of this node");
+        tracing::info!(?hosts, "announcing this node to the listed hosts");
         let known = Arc::new(Mutex::new(known));
         if !names.is_empty() {
             resolve_all(Names::new(names), &known)?;
@@ -73,7 +73,7 @@ impl ListedPeers {
         let prefix = prefix.to_vec();
         let worker =
             Worker::start("ros-peers", move |stop| send_on(&heard, &sends, domain, &known, &prefix, stop))
-                .map_err(NodeError::io("starting the thread that tells listed hosts"))?;
+                .map_err(NodeError::io("starting the thread that contacts listed hosts"))?;
         Ok(Self { worker: Some(worker) })
     }
 }
@@ -81,7 +81,7 @@ impl ListedPeers {
 impl Drop for ListedPeers {
     fn drop(&mut self) {
         if self.worker.take().is_some_and(|worker| worker.stop().is_err()) {
-            tracing::error!("the thread that tells listed hosts had panicked");
+            tracing::error!("the thread that contacts listed hosts had panicked");
         }
     }
 }
@@ -95,14 +95,15 @@ enum Host {
 
 impl Host {
     /// # Errors
-    /// When it is an address, and none of IPv4: the DDS library speaks no other.
+    /// When it is an IPv6 address, which the DDS library does not support.
     fn of(host: &str) -> Result<Self, NodeError> {
         match host.parse::<IpAddr>() {
             Ok(IpAddr::V4(address)) => Ok(Self::Address(address)),
             Ok(IpAddr::V6(_)) => Err(NodeError::Parameter {
                 name: "discovery_peers (or ROS_STATIC_PEERS)".to_owned(),
                 value: format!("{host:?}"),
-                expected: "IPv4 addresses or names of hosts, for the DDS library speaks IPv4 only".to_owned(),
+                expected: "IPv4 addresses or names of hosts, because the DDS library supports IPv4 only"
+                    .to_owned(),
             }),
             Err(_) => Ok(Self::Name(host.to_owned())),
         }
@@ -113,7 +114,7 @@ impl Host {
 #[derive(Debug)]
 struct Names {
     missing: Vec<String>,
-    /// Those of which the first failure was logged.
+    /// Names whose first failure was logged.
     told: BTreeSet<String>,
 }
 
@@ -122,14 +123,14 @@ impl Names {
         Self { missing, told: BTreeSet::new() }
     }
 
-    /// Tries each name once, logs a name's first failure and its success after one, and returns the new addresses.
+    /// Tries each name once and returns the new addresses. Logs the first failure of a name, and its later success.
     fn look_up(&mut self, resolve: impl Fn(&str) -> Result<Ipv4Addr, String>) -> Vec<Ipv4Addr> {
         let mut found = Vec::new();
         let told = &mut self.told;
         self.missing.retain(|host| match resolve(host) {
             Ok(address) => {
                 if told.contains(host) {
-                    tracing::info!(host, %address, "the name of a listed host resolves now; this node announces itself there");
+                    tracing::info!(host, %address, "the name of a listed host now resolves; this node announces itself there");
                 }
                 found.push(address);
                 false
@@ -149,8 +150,8 @@ impl Names {
     }
 }
 
-/// Looks the names up on a thread of its own until all are known or nobody wants them any more. The system's resolver may take half a
-/// minute and cannot be interrupted, so nothing waits for that thread.
+/// Resolves the names on a separate thread, until all are known or the receiver is dropped. The system's resolver can
+/// take half a minute and cannot be interrupted, so nothing waits for that thread.
 fn resolve_all(mut names: Names, known: &Arc<Mutex<Vec<Ipv4Addr>>>) -> Result<(), NodeError> {
     let known = Arc::downgrade(known);
     let span = Span::current();
@@ -181,10 +182,10 @@ fn resolve(host: &str) -> Result<Ipv4Addr, String> {
     found.ok_or_else(|| "it has no IPv4 address".to_owned())
 }
 
-/// The port of announcements, as they come on `interface`, beside all others who have it open.
+/// Opens the port of announcements on `interface`, shared with all other processes that have it open.
 ///
 /// # Errors
-/// When the port does not open, or the interface carries no multicast.
+/// When the port cannot be opened, or the interface does not support multicast.
 pub(crate) fn open(domain: u16, interface: Ipv4Addr) -> io::Result<UdpSocket> {
     let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
     socket.set_reuse_address(true)?;
@@ -204,7 +205,7 @@ fn send_on(
 ) {
     let mut packet = vec![0; 65_536];
     while !stop.is_raised() {
-        // An error is the time that is over.
+        // An error means that the read timed out.
         let Ok(length) = heard.recv(&mut packet) else { continue };
         if !is_of(&packet[..length], prefix) {
             continue;
@@ -213,9 +214,9 @@ fn send_on(
         for (address, index) in hosts.iter().flat_map(|address| (0..PARTICIPANTS).map(move |i| (address, i)))
         {
             let host = SocketAddrV4::new(*address, own_port(domain, index));
-            // A host that is down is told the next time.
+            // A host that is down gets the next announcement.
             if let Err(error) = sends.send_to(&packet[..length], host) {
-                tracing::debug!(%host, %error, "a listed host was not told");
+                tracing::debug!(%host, %error, "cannot send to a listed host");
             }
         }
     }
@@ -226,7 +227,7 @@ fn is_of(packet: &[u8], prefix: &[u8]) -> bool {
     prefix_of(packet) == Some(prefix)
 }
 
-/// Prefix of the GUID of the participant that an RTPS packet comes from.
+/// GUID prefix of the participant that sent an RTPS packet.
 pub(crate) fn prefix_of(packet: &[u8]) -> Option<&[u8]> {
     packet.get(..HEADER).filter(|header| header.starts_with(b"RTPS")).map(|header| &header[8..])
 }
@@ -242,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_the_participant_says_itself_is_sent_on() {
+    fn only_the_participants_own_packets_are_forwarded() {
         let prefix = [7; 12];
         let mut packet = b"RTPS\x02\x04\x01\x12".to_vec();
         packet.extend(prefix);
@@ -264,9 +265,9 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_nobody_knows_does_not_end_the_node() {
+    fn an_unknown_name_does_not_end_the_node() {
         let hosts = ["no-such-host.invalid", "127.0.0.1"].map(str::to_owned);
-        // A domain that no other test is in.
+        // A domain that no other test uses.
         ListedPeers::start(&hosts, 117, &[7; 12]).expect("it starts");
         assert!(resolve("no-such-host.invalid").is_err());
         assert_eq!(resolve("localhost"), Ok(Ipv4Addr::LOCALHOST));

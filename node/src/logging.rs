@@ -1,4 +1,4 @@
-//! Logs go to stderr; stdout belongs to results.
+//! Logging. Log lines go to stderr, because stdout is for results.
 
 use crate::live::held_log;
 use crate::rosout::ToRosout;
@@ -13,30 +13,31 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, fmt};
 
-/// How log lines look.
+/// Format of log lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum LogFormat {
-    /// For people.
+    /// Readable text.
     #[default]
     Text,
-    /// One JSON object a line.
+    /// One JSON object per line.
     Json,
 }
 
-/// Where log lines go besides stderr, and whether they go there.
+/// The enabled outputs of log lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outputs {
     /// To standard error.
     pub stderr: bool,
-    /// To the topic `/rosout`, once there is a node.
+    /// To the topic `/rosout`, once a node is running.
     pub rosout: bool,
 }
 
-/// Starts logging at `level` (`RUST_LOG` is stronger). Called once, before anything is logged.
+/// Starts logging at `level` (`RUST_LOG` overrides it). Call it once, before anything is logged.
 pub fn start(format: LogFormat, level: &str, outputs: Outputs) {
-    // The middlewares are chatty. What matters of them shows in our own counters and messages; their errors
-    // are still let through, except four that say nothing: a missing ROS_DISTRO, a publisher without readers,
-    // leaving a multicast group that loopback never joined, and /clock in the type that the client library takes for it.
+    // The middlewares log much. This project's own counters and messages report what matters; the middlewares' errors
+    // are still shown. Four errors are hidden, because they are meaningless: a missing ROS_DISTRO, a publisher without
+    // readers, leaving a multicast group that loopback never joined, and /clock with the type that the client library
+    // expects.
     let default = format!(
         "{level},rustdds=error,rustdds::network::udp_listener=off,rustdds::discovery::discovery_db=off,ros2_client=error,ros2_client::distributions=off,ros2_client::node=off,zenoh=error"
     );
@@ -50,24 +51,24 @@ pub fn start(format: LogFormat, level: &str, outputs: Outputs) {
         (true, LogFormat::Json) => Some(lines.json().with_ansi(false).boxed()),
     };
     let rosout = outputs.rosout.then_some(ToRosout);
-    // A second start (in tests) leaves the first in place.
+    // A second call (in tests) keeps the first configuration.
     let _ = tracing_subscriber::registry().with(filter).with(lines).with(rosout).try_init();
 }
 
-/// Whether log lines have colours: on a terminal, unless NO_COLOR is set (<https://no-color.org>).
+/// True if log lines are coloured: on a terminal, unless NO_COLOR is set (<https://no-color.org>).
 fn is_coloured(is_terminal: bool, no_color: Option<&OsStr>) -> bool {
     is_terminal && no_color.is_none_or(OsStr::is_empty)
 }
 
-/// One field of a log line, or its message. Others may have written the value, so its control characters are escaped: an event stays
-/// one line, and the terminal obeys no escape sequence in it.
+/// Writes one field of a log line, or its message. Control characters in the value are escaped, because the value may
+/// come from others: an event stays one line, and the terminal executes no escape sequence.
 fn field(writer: &mut Writer<'_>, field: &Field, value: &dyn text::Debug) -> text::Result {
     let is_coloured = writer.has_ansi_escapes();
     match field.name() {
         "message" => {}
-        // Where a line of the `log` crate comes from.
+        // Origin of a line of the `log` crate.
         name if name.starts_with("log.") => return Ok(()),
-        // Slanted and dimmed, as the library writes it.
+        // Italic and dimmed, as the library writes it.
         name if is_coloured => write!(writer, "\u{1b}[3m{name}\u{1b}[0m\u{1b}[2m=\u{1b}[0m")?,
         name => write!(writer, "{name}=")?,
     }
@@ -94,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_line_is_one_line_and_tells_the_terminal_nothing() {
+    fn a_log_line_is_one_line_without_escape_sequences() {
         let kept = Kept::default();
         let into = kept.clone();
         let lines = fmt::layer().with_writer(move || into.clone()).with_ansi(false).without_time();

@@ -1,4 +1,4 @@
-//! The `mr-damper` command. Without arguments it runs the demo; `mr-damper --help` lists what else it does.
+//! The `mr-damper` command. Without arguments it runs the demo; `mr-damper --help` lists all commands.
 
 fn main() -> std::process::ExitCode {
     mr_damper_node::cli::main(std::env::args().skip(1))

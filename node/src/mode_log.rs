@@ -1,9 +1,9 @@
-//! Log lines on changes of mode, at most one a second.
+//! Log lines about changes of mode, at most one per second.
 
 use mr_damper_model::pipeline::Transition;
 use std::time::{Duration, Instant};
 
-/// Least time between two lines.
+/// Minimum time between two lines.
 const EVERY: Duration = Duration::from_secs(1);
 
 /// The content of one line.
@@ -11,7 +11,7 @@ const EVERY: Duration = Duration::from_secs(1);
 pub(crate) struct ModeLine {
     /// The latest change.
     pub(crate) transition: Transition,
-    /// Changes since the last line, this one included.
+    /// Changes since the last line, including this one.
     pub(crate) count: u64,
 }
 
@@ -28,7 +28,7 @@ impl ModeLine {
     }
 }
 
-/// Changes of mode that wait for their line.
+/// Changes of mode that are not logged yet.
 #[derive(Debug, Default)]
 pub(crate) struct ModeLog {
     last_line: Option<Instant>,
@@ -36,14 +36,14 @@ pub(crate) struct ModeLog {
 }
 
 impl ModeLog {
-    /// Takes a change. Returns the line to log, if one is due: the first at once, then at most one a second.
+    /// Takes a change. Returns the line to log, if one is due: the first at once, then at most one per second.
     pub(crate) fn note(&mut self, transition: &Transition, now: Instant) -> Option<ModeLine> {
         let count = self.waiting.map_or(0, |waiting| waiting.count) + 1;
         self.waiting = Some(ModeLine { transition: *transition, count });
         self.flush(now)
     }
 
-    /// Returns the line on the changes that wait, once it is due. Call it a few times a second.
+    /// Returns the line about the waiting changes, once it is due. Call it a few times per second.
     pub(crate) fn flush(&mut self, now: Instant) -> Option<ModeLine> {
         if self.last_line.is_some_and(|last| now.saturating_duration_since(last) < EVERY) {
             return None;
@@ -53,7 +53,7 @@ impl ModeLog {
         Some(line)
     }
 
-    /// Returns the line on the changes that wait, due or not: for the end.
+    /// Returns the line about the waiting changes at the end, due or not.
     pub(crate) fn finish(&mut self) -> Option<ModeLine> {
         self.waiting.take()
     }
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mode_that_changes_all_the_time_is_one_line_a_second_and_no_change_is_uncounted() {
+    fn frequent_changes_give_one_line_per_second_with_the_count_of_all() {
         let (mut log, start) = (ModeLog::default(), Instant::now());
         let mut lines = Vec::new();
         for number in 0..2500 {
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_that_nothing_follows_is_logged_all_the_same() {
+    fn a_change_without_a_successor_is_logged_when_due() {
         let (mut log, start) = (ModeLog::default(), Instant::now());
         let after = |ms| start + Duration::from_millis(ms);
         assert_eq!(log.flush(start), None);

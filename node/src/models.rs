@@ -1,4 +1,4 @@
-//! From what a user names (preset or file) to models that run.
+//! Loads the models that a user names, as a preset or a file.
 
 use crate::config::Config;
 use crate::error::NodeError;
@@ -17,15 +17,15 @@ use std::time::{Duration, Instant};
 /// The model called `name`: a preset, or the path of a model file.
 ///
 /// # Errors
-/// When there is no such preset or file, or the file is wrong.
+/// When the preset or file does not exist, or the file is wrong.
 pub fn load(name: &str) -> Result<Model, NodeError> {
     Ok(load_whole(name)?.model)
 }
 
-/// The same with how it came about, of which a preset says nothing.
+/// The model and its provenance (empty for a preset).
 ///
 /// # Errors
-/// Those of [`load`].
+/// The same as for [`load`].
 pub fn load_whole(name: &str) -> Result<ModelFile, NodeError> {
     if name.starts_with("thesis/") && !Path::new(name).exists() {
         return Ok(ModelFile { model: preset::load(name)?, provenance: Provenance::default() });
@@ -33,12 +33,14 @@ pub fn load_whole(name: &str) -> Result<ModelFile, NodeError> {
     load_file(Path::new(name))
 }
 
-/// How long a file must not have been written to: half a model may read as a whole one, of other numbers.
+/// How long a file must be unchanged before it is read. A partly written model file may parse as a complete one with
+/// other numbers.
 const SETTLED: Duration = Duration::from_millis(100);
-/// How long that is waited for.
+/// How long the reader waits for an unchanged file.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// The text of a file that nobody is writing at the moment. One that is renamed into its place is read from the place it had.
+/// The text of a file that is not being written at the moment. If the file is replaced by a rename, the old content is
+/// read.
 fn settled_text(path: &Path) -> io::Result<String> {
     let mut file = File::open(path)?;
     let deadline = Instant::now() + PATIENCE;
@@ -46,16 +48,16 @@ fn settled_text(path: &Path) -> io::Result<String> {
         let before = file.metadata()?;
         let mut text = String::new();
         file.read_to_string(&mut text)?;
-        // A pipe is at its end when its writer is; and where there are no such times, there is nothing to go by.
+        // A pipe ends when its writer closes it. Without a modification time, the check is impossible.
         let Some(written) = before.modified().ok().filter(|_| before.is_file()) else { return Ok(text) };
         let is_same = file.metadata()?.modified()? == written && before.len() == text.len() as u64;
-        // A time that is yet to come is another clock's.
+        // A time in the future comes from another clock.
         if is_same && written.elapsed().map_or(true, |age| age >= SETTLED) {
             return Ok(text);
         }
         if Instant::now() >= deadline {
             return Err(io::Error::other(
-                "it is being written all the time; write it under another name and rename it when it is whole",
+                "the file keeps changing; write it under another name and rename it when it is complete",
             ));
         }
         std::thread::sleep(SETTLED / 4);
@@ -63,10 +65,10 @@ fn settled_text(path: &Path) -> io::Result<String> {
     }
 }
 
-/// The model file at `path`, once nobody is writing it.
+/// The model file at `path`, read once it stops changing.
 ///
 /// # Errors
-/// When it cannot be read or is wrong; the message names file, key and value.
+/// When it cannot be read or is wrong; the message names the file, the key and the value.
 pub fn load_file(path: &Path) -> Result<ModelFile, NodeError> {
     let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
     let text = settled_text(path).map_err(|e| {
@@ -75,10 +77,10 @@ pub fn load_file(path: &Path) -> Result<ModelFile, NodeError> {
     ModelFile::from_toml(&text).map_err(|e| in_file(e.to_string()))
 }
 
-/// The models that `config` asks for, with the names that messages carry.
+/// The models that `config` names, with the names for messages.
 ///
 /// # Errors
-/// When a model does not load, or the two do not go together.
+/// When a model does not load, or the two models do not fit together.
 pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
     if config.model.is_empty() {
         return Err(NodeError::Parameter {
@@ -93,10 +95,10 @@ pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
     let alone = Models::alone(load(&config.model)?);
     let seeded_name = match config.arx_model.as_str() {
         "none" => None,
-        // A thesis preset describes the thesis' damper, and so does the thesis' ARX. For another damper it
-        // would be a guess.
-        // Networks feed on force as well, but one step ahead they are no better than persistence.
-        // With effects around it, ARX runs free only.
+        // A thesis preset describes the damper of the thesis, and so does the ARX model of the thesis. For another
+        // damper, that ARX model would be a guess.
+        // Networks also use measured force, but their one-step-ahead prediction does not beat persistence.
+        // An ARX model with effects can only be used for simulation (free run).
         "auto" if matches!(alone.seeded.map(|model| model.force), Some(ForceModel::Arx(_))) => {
             Some(config.model.as_str())
         }
@@ -116,11 +118,11 @@ pub fn from_config(config: &Config) -> Result<(Models, ModelNames), NodeError> {
     Ok((models, names))
 }
 
-/// `next` as it follows `running` on a node that goes on: an ARX that runs stays where `next` has none, because the damper
-/// is the same.
+/// The models after `next` was loaded on a node that runs `running`. If `next` has no ARX model, the running one stays,
+/// because the damper is the same.
 ///
 /// # Errors
-/// When `next` wants another drive than the node is fed with.
+/// When `next` needs another drive than the node's input.
 pub fn succeeding(next: Models, running: &Models) -> Result<Models, NodeError> {
     let drive = |models: &Models| {
         models.free.force.drive().or_else(|| models.seeded.and_then(|seeded| seeded.force.drive()))
@@ -129,7 +131,7 @@ pub fn succeeding(next: Models, running: &Models) -> Result<Models, NodeError> {
         && wanted != fed
     {
         return Err(NodeError::Failed(format!(
-            "the model wants {wanted}, but the node is fed with {fed}; load a model that was identified on {fed}, or \
+            "the model needs {wanted}, but the node's input is {fed}; load a model that was identified on {fed}, or \
              start another node for this one"
         )));
     }
@@ -139,7 +141,7 @@ pub fn succeeding(next: Models, running: &Models) -> Result<Models, NodeError> {
     })
 }
 
-/// SHA-256 over both models' parameters, in hex: equal models have equal hashes whatever their file.
+/// SHA-256 of both models' parameters, in hex. Equal models have equal hashes, whatever their files.
 pub(crate) fn hash(models: &Models) -> String {
     let mut hasher = Sha256::new();
     hasher.update(format!("{models:?}"));

@@ -1,8 +1,8 @@
-//! The overseer: keeps the history of raw input, logs what the pipeline reports, puts the log on `/rosout`, and says on `/diagnostics`
-//! how node and model do, once a second.
+//! The overseer thread. It keeps the history of raw input, logs the events of the pipeline, publishes the log on
+//! `/rosout`, and publishes the state of node and model on `/diagnostics` once per second.
 //!
-//! It has a ring of its own from the estimating thread and looks into it a few times a second, unasked: nothing here
-//! is in a hurry, and being woken for each sample would cost more than the models.
+//! It has its own ring from the estimating thread and polls it a few times per second. Its work is not urgent, and
+//! waking it for each sample would cost more than the models.
 
 use crate::clock::Clock;
 use crate::config::RosArgs;
@@ -27,14 +27,14 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How often the ring is emptied. It holds two seconds at 1 kHz.
+/// Time between two reads of the ring, which holds two seconds at 1 kHz.
 const NAP: Duration = Duration::from_millis(50);
-/// How often `/diagnostics` is published.
+/// Period of `/diagnostics`.
 const PERIOD: Duration = Duration::from_secs(1);
-/// How long simulated time may keep the node waiting before that is said.
+/// How long the node waits for simulated time before it warns.
 const CLOCK_PATIENCE: Duration = Duration::from_secs(5);
 
-/// The history, as the overseer fills it and a diagnosis reads it.
+/// The history, filled by the overseer and read by a diagnosis.
 pub type SharedHistory = Arc<Mutex<History>>;
 
 /// The running overseer.
@@ -65,13 +65,13 @@ impl Overseer {
     }
 }
 
-/// What an overseer is made of, before its thread runs.
+/// The parts of an overseer, before its thread runs.
 pub struct Overseeing {
     publisher: Output<DiagnosticArray>,
     rosout: Option<Rosout>,
     /// Fully qualified name of the node.
     node: String,
-    /// Its namespace, without slashes around it.
+    /// The node's namespace, without leading and trailing slash.
     damper: String,
     domain: Domain,
     /// Full name of the topic of estimates.
@@ -82,19 +82,19 @@ pub struct Overseeing {
     health: Health,
     work: Work,
     log: EventLog,
-    /// The log has been told that the history is full before its time.
+    /// True once the log says that the history is full early.
     said_dropped: bool,
-    /// Events that the ring had no room for.
+    /// Events lost so far because the ring was full.
     lost: u64,
-    /// Publishers of the estimates in other processes, at the last look.
+    /// Publishers of the estimates in other processes, at the last check.
     twins: usize,
     inputs: Vec<InputTopic>,
-    /// Inputs that had more than one publisher, at the last look.
+    /// Inputs with more than one publisher, at the last check.
     publishers: Vec<Publishers>,
     sim_time: SimTime,
 }
 
-/// Whether simulated time, where it is asked for, keeps the node waiting.
+/// Watches whether the node waits for simulated time.
 #[derive(Debug, Default)]
 struct SimTime {
     waiting_since: Option<Instant>,
@@ -102,11 +102,12 @@ struct SimTime {
 }
 
 impl SimTime {
-    /// True when it has not come for [`CLOCK_PATIENCE`] by `now`. The log has one line for that, and one for its end.
+    /// True if simulated time has not arrived for [`CLOCK_PATIENCE`] by `now`. Logs one line when that begins and one
+    /// when it ends.
     fn is_missing(&mut self, clock: &Clock, now: Instant) -> bool {
         if clock.now().is_some() {
             if std::mem::take(self).said {
-                tracing::info!("simulated time has come, or the time is the system's again");
+                tracing::info!("simulated time has arrived, or the node uses the system's clock again");
             }
             return false;
         }
@@ -120,7 +121,7 @@ impl SimTime {
 }
 
 impl Overseeing {
-    /// Creates the publisher; `rosout`: where the log goes.
+    /// Creates the publisher. `rosout` receives the log.
     ///
     /// # Errors
     /// When the topic cannot be published.
@@ -155,7 +156,7 @@ impl Overseeing {
     /// Starts the thread.
     ///
     /// # Errors
-    /// When the system starts no thread.
+    /// When the system cannot start the thread.
     pub fn start(self, inlet: Inlet, counters: Counters) -> Result<Overseer, NodeError> {
         let history = Arc::clone(&self.history);
         let worker = Worker::start("overseer", move |stop| self.run(inlet, &counters, stop))
@@ -167,7 +168,7 @@ impl Overseeing {
         let clock = self.control.clock();
         let mut due = Instant::now() + PERIOD;
         loop {
-            // Read before draining: what was said by the time of the end is still published.
+            // Read before draining, so that events before the stop are still processed.
             let last_round = stop.is_raised();
             self.drain(&mut inlet);
             if let Some(rosout) = &mut self.rosout {
@@ -199,7 +200,7 @@ impl Overseeing {
         self.log.flush();
     }
 
-    /// Once a second: publishes, follows the parameters, says what was lost.
+    /// Runs once per second: publishes, applies changed parameters, and logs losses.
     fn look(&mut self, inlet: &Inlet, counters: &Counters, clock: &Clock) {
         let config = self.control.config();
         let (history_s, dropped) = {
@@ -211,7 +212,7 @@ impl Overseeing {
             self.said_dropped = true;
             tracing::warn!(
                 history_s,
-                "the history is full before its time: close_loop sees no more than that; lower history.duration_s or the rate"
+                "the history is full before history.duration_s: close_loop gets only this much; lower history.duration_s or the sample rate"
             );
         }
         let lost = inlet.dropped.load(Ordering::Relaxed);
@@ -243,13 +244,13 @@ impl Overseeing {
             vec![self.work.status(now, &around, phase, counters), self.health.residual_status(now, &around)];
         let message = DiagnosticArray { header: header(clock.now_or_system(), ""), status };
         if let Err(error) = self.publisher.publish(message) {
-            tracing::warn!("/diagnostics was not published: {error}");
+            tracing::warn!("cannot publish /diagnostics: {error}");
         }
     }
 }
 
 impl Overseeing {
-    /// Looks up who publishes the inputs. Every change gets a line in the log.
+    /// Looks up the publishers of the inputs, and logs every change.
     fn look_at_publishers(&mut self, counters: &Counters) {
         let found = Publishers::of(&self.inputs, &self.domain, &counters.source);
         for publishers in found.iter().filter(|publishers| !self.publishers.contains(publishers)) {
@@ -257,13 +258,13 @@ impl Overseeing {
         }
         let is_left = |before: &&Publishers| !found.iter().any(|now| now.topic == before.topic);
         for before in self.publishers.iter().filter(is_left) {
-            tracing::info!(topic = before.topic, "the input has one publisher again, or none");
+            tracing::info!(topic = before.topic, "the input has at most one publisher again");
         }
         self.publishers = found;
     }
 }
 
-/// Samples are pushed whole: what a thread that panicked left behind is a history.
+/// Locks `history`. A panic of the last holder does no harm: samples are pushed as a whole.
 fn lock(history: &Mutex<History>) -> MutexGuard<'_, History> {
     history.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -274,7 +275,7 @@ mod tests {
     use mr_damper_model::sample::Stamp;
 
     #[test]
-    fn simulated_time_that_does_not_come_is_missing_after_a_while_and_no_more_once_it_comes() {
+    fn simulated_time_is_missing_after_a_delay_until_it_arrives() {
         let (clock, begin) = (Clock::new(true), Instant::now());
         let mut sim_time = SimTime::default();
         let mut missing = |s: u64| sim_time.is_missing(&clock, begin + Duration::from_secs(s));
@@ -282,7 +283,7 @@ mod tests {
         clock.hear(Stamp::from_nanos(1));
         assert!(!missing(7));
         clock.simulate(false);
-        assert!(!missing(20), "the system's time is always there");
+        assert!(!missing(20), "the system's time is always known");
         clock.simulate(true);
         assert_eq!([21, 25, 26].map(&mut missing), [false, false, true]);
     }

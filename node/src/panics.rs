@@ -1,16 +1,16 @@
-//! Panics in threads of the middlewares. Nobody here joins those, and without them the node looks alive and hears nothing: the
-//! first is noted, so that the node ends and says which.
+//! Detects panics in threads of the middlewares. No code of this project joins these threads, and without them the node
+//! looks alive but receives nothing. The first panic is noted, so that the node ends and names the thread.
 
 use std::panic::{set_hook, take_hook};
 use std::sync::{Once, OnceLock};
 
-/// What the names of their threads begin with: RustDDS' event loop and discovery, Zenoh's runtimes.
+/// Start of the names of middleware threads: RustDDS' event loop and discovery, Zenoh's runtimes.
 const MIDDLEWARES: [&str; 6] = ["RustDDS", "app-", "acc-", "net-", "rx-", "tx-"];
 
-/// The name of the first such thread that panicked.
+/// The name of the first middleware thread that panicked.
 static FIRST: OnceLock<String> = OnceLock::new();
 
-/// From now on a panic is noted, beside whatever is done on one already. More calls than one do no more.
+/// Notes panics from now on, in addition to the present panic hook. Repeated calls have no effect.
 pub fn watch() {
     static WATCHING: Once = Once::new();
     WATCHING.call_once(|| {
@@ -19,14 +19,14 @@ pub fn watch() {
             before(panic);
             let thread = std::thread::current();
             if let Some(name) = thread.name().filter(|name| is_of_middleware(name)) {
-                // The first says what went wrong; more follow from it.
+                // Only the first is kept: it is the cause, later ones are consequences.
                 let _ = FIRST.set(name.to_owned());
             }
         }));
     });
 }
 
-/// The name of a middleware's thread that has panicked since [`watch`], if one has.
+/// The name of a middleware thread that has panicked since [`watch`], if any.
 #[must_use]
 pub fn of_middleware() -> Option<&'static str> {
     FIRST.get().map(String::as_str)
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn threads_of_middlewares_are_told_from_ours() {
+    fn middleware_threads_are_distinguished_from_the_nodes_own() {
         for name in ["RustDDS Participant 0 event loop", "RustDDS discovery thread", "rx-0", "app-12"] {
             assert!(is_of_middleware(name), "{name}");
         }

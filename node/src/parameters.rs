@@ -1,7 +1,7 @@
-//! The node's parameters for its peers: the six services of `rcl_interfaces`, and `/parameter_events`.
+//! The ROS interface to the node's parameters: the six services of `rcl_interfaces`, and `/parameter_events`.
 //!
-//! The client library has such services, but they know of no range, no description and no read-only parameter, so these are our
-//! own, over the one table of parameters. [`Control`] checks and applies what is set.
+//! The client library has such services, but without ranges, descriptions and read-only parameters. So this module
+//! implements them over the one table of parameters. [`Control`] checks and applies new values.
 
 use crate::config::{Change, Kind, Parameter, TABLE, Value, find};
 use crate::control::Control;
@@ -16,7 +16,7 @@ use mr_damper_msgs::rcl::{
 };
 use std::sync::Arc;
 
-/// What stands between the parts of a name.
+/// Separator of the parts of a name.
 const SEPARATOR: char = '.';
 
 /// The parameters of a node.
@@ -28,7 +28,7 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// Publishes events of `node` (its full name), the first of which says what there is.
+    /// Publishes parameter events of `node` (its full name). The first event lists all parameters.
     ///
     /// # Errors
     /// When the topic cannot be published.
@@ -41,7 +41,7 @@ impl Parameters {
         Ok(parameters)
     }
 
-    /// Values by name, in their order; not set where there is no such parameter.
+    /// Values in the order of `names`; type "not set" for unknown parameters.
     #[must_use]
     pub fn get(&self, names: &[String]) -> Vec<ParameterValue> {
         let config = self.control.config();
@@ -49,31 +49,31 @@ impl Parameters {
         names.iter().map(value).collect()
     }
 
-    /// Types by name, in their order.
+    /// Types in the order of `names`.
     #[must_use]
     pub fn types(&self, names: &[String]) -> Vec<u8> {
         self.get(names).into_iter().map(|value| value.r#type).collect()
     }
 
-    /// What parameters are and take, in the order of `names`; without type where there is no such parameter.
+    /// Descriptions in the order of `names`; without a type for unknown parameters.
     #[must_use]
     pub fn describe(&self, names: &[String]) -> Vec<ParameterDescriptor> {
         describe(names, &self.control.config().qos)
     }
 
-    /// Names below prefixes, as every ROS 2 node lists them: to a depth in dots, any where it is 0.
+    /// Names below `prefixes`, listed as by every ROS 2 node, down to `depth` levels (separated by dots); 0: no limit.
     #[must_use]
     pub fn list(&self, prefixes: &[String], depth: u64) -> ListParametersResult {
         list(prefixes, depth, &self.control.config().qos)
     }
 
-    /// Sets them, all or none.
+    /// Sets all parameters or none.
     #[must_use]
     pub fn set(&self, wanted: &[rcl::Parameter]) -> SetParametersResult {
         match self.try_set(wanted) {
             Ok(()) => SetParametersResult { successful: true, reason: String::new() },
             Err(reason) => {
-                tracing::warn!("a parameter was not set: {reason}");
+                tracing::warn!("cannot set a parameter: {reason}");
                 SetParametersResult { successful: false, reason }
             }
         }
@@ -93,7 +93,7 @@ impl Parameters {
         Ok(())
     }
 
-    /// Says on `/parameter_events` that parameters have another value by now.
+    /// Publishes the changed values of `names` on `/parameter_events`.
     pub fn announce(&self, names: &[String]) {
         if !names.is_empty() {
             let changed_parameters = self.present(names);
@@ -110,17 +110,17 @@ impl Parameters {
         let stamp = header(self.control.clock().now_or_system(), "").stamp;
         let event = ParameterEvent { stamp, node: self.node.clone(), ..event };
         if let Err(error) = self.events.publish(event) {
-            tracing::warn!("a change of parameters was not published: {error}");
+            tracing::warn!("cannot publish a change of parameters: {error}");
         }
     }
 }
 
-/// Names of all parameters: those of the table, and the overrides of QoS that were set.
+/// Names of all parameters: those in the table, and the QoS overrides that are set.
 fn names(qos: &Overrides) -> impl Iterator<Item = String> {
     TABLE.iter().map(|parameter| parameter.name.to_owned()).chain(qos.names().collect::<Vec<_>>())
 }
 
-/// What parameters are and take, in the order of `names`; without type where there is no such parameter.
+/// Descriptions in the order of `names`; without a type for unknown parameters.
 fn describe(names: &[String], qos: &Overrides) -> Vec<ParameterDescriptor> {
     let descriptor = |name: &String| match (find(name), qos.get(name)) {
         (_, Some(value)) => ParameterDescriptor {
@@ -140,7 +140,7 @@ fn describe(names: &[String], qos: &Overrides) -> Vec<ParameterDescriptor> {
     names.iter().map(descriptor).collect()
 }
 
-/// Names below prefixes, as every ROS 2 node lists them: to a depth in dots, any where it is 0.
+/// Names below `prefixes`, listed as by every ROS 2 node, down to `depth` levels (separated by dots); 0: no limit.
 fn list(prefixes: &[String], depth: u64, qos: &Overrides) -> ListParametersResult {
     let shallow = |rest: &str| depth == 0 || (rest.matches(SEPARATOR).count() as u64) < depth;
     let below = |name: &str, prefix: &String| {
@@ -231,11 +231,11 @@ fn from_ros(value: &ParameterValue) -> Option<Value> {
     })
 }
 
-/// Bytes of the longest text that a peer may ask with: a path's.
+/// Longest text that a peer may send, bytes: the length of a path.
 const LONGEST: usize = 4096;
 
-/// Refuses a text that is too long to be anything, by its length. In full it would stand in the log, on `/rosout` and in the answer,
-/// which has an end to its length too (`docs/decisions/0006-answers-between-hosts.md`).
+/// Refuses a text that is too long to be valid. Otherwise the whole text would appear in the log, on `/rosout` and in
+/// the answer, whose length is limited too (`docs/decisions/0006-answers-between-hosts.md`).
 ///
 /// # Errors
 /// What was too long, and how long it may be.
@@ -249,7 +249,7 @@ pub fn within_length(what: &str, text: &str) -> Result<(), String> {
 fn unfit(name: &str, value: &ParameterValue) -> String {
     match value.r#type {
         ParameterValue::NOT_SET => format!("{name}: parameters of this node cannot be undeclared"),
-        other => format!("{name}: no parameter of this node is of type {other} of rcl_interfaces"),
+        other => format!("{name}: rcl_interfaces type {other} is not used by any parameter of this node"),
     }
 }
 
@@ -275,12 +275,12 @@ mod tests {
     }
 
     #[test]
-    fn a_text_of_megabytes_is_refused_by_its_length() {
+    fn a_text_of_megabytes_is_refused() {
         let long = "x".repeat(3 << 20);
         assert_eq!(within_length("model", &long[..LONGEST]), Ok(()));
         let said = within_length("model", &long).expect_err("too long");
         assert_eq!(said, "model has 3145728 bytes; texts have at most 4096");
-        // Nor is it compared with all names, for minutes, to find the nearest, or sent back.
+        // It is not compared with all names to find the nearest (which would take minutes), nor sent back whole.
         let described = describe(&[long], &Overrides::default());
         assert_eq!((described.len(), described[0].name.len()), (1, LONGEST));
     }

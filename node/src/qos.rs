@@ -2,7 +2,7 @@
 //!
 //! ```yaml
 //! qos_overrides:
-//!   /force_estimate:            # the full name, after renamings
+//!   /force_estimate:            # the full name, after remapping
 //!     publisher:                # or subscription
 //!       reliability: best_effort
 //! ```
@@ -13,13 +13,14 @@
 //! | `durability` | `volatile`, `transient_local` |
 //! | `history` | `keep_last` |
 //! | `depth` | 1 to 65536 |
-//! | `deadline`, `liveliness_lease_duration`; of publishers also `lifespan` | nanoseconds; 9223372036854775807: none |
+//! | `deadline`, `liveliness_lease_duration`; for publishers also `lifespan` | nanoseconds; 9223372036854775807: no limit |
 //! | `liveliness` | `automatic` |
 //! | `avoid_ros_namespace_conventions` | false |
 //!
-//! `system_default` leaves the node's own value. The node refuses the values that it or the DDS library cannot provide: `keep_all` (the node's
-//! memory is bounded), `manual_by_topic` (nothing here asserts liveliness) and `best_available` (it follows the peers that are there).
-//! Overrides are set at the start; peers can read them as parameters.
+//! `system_default` keeps the node's own value. The node refuses values that it or the DDS library cannot provide:
+//! `keep_all` (the node's memory is bounded), `manual_by_topic` (the node does not assert liveliness manually) and
+//! `best_available` (it depends on the peers that are present). Overrides are set at the start; peers can read them as
+//! parameters.
 
 use crate::config::{RosArgs, Value};
 use crate::error::NodeError;
@@ -29,10 +30,10 @@ use std::time::Duration;
 
 /// The prefix of these parameters' names.
 pub const PREFIX: &str = "qos_overrides.";
-/// The deepest history.
+/// The largest depth of history.
 const DEEPEST: i64 = 65_536;
 
-/// Topics of a damper's node, as the node calls them.
+/// Topics of a damper's node, by their names in the node.
 const PUBLISHED: [&str; 8] = [
     "force_estimate",
     "force_residual",
@@ -55,7 +56,7 @@ const SUBSCRIBED: [&str; 9] = [
     "/clock",
 ];
 
-/// An end of a topic.
+/// A side of a topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum End {
     /// The node publishes.
@@ -75,12 +76,12 @@ impl End {
     }
 }
 
-/// A policy of QoS.
+/// A QoS policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Policy {
-    /// Whether what is lost is sent again.
+    /// Whether lost messages are sent again.
     Reliability,
-    /// Whether late readers get the last messages.
+    /// Whether late joiners get the last messages.
     Durability,
     /// The rule for the messages that are kept.
     History,
@@ -88,13 +89,13 @@ pub enum Policy {
     Depth,
     /// The longest time between two messages.
     Deadline,
-    /// How long a message is valid.
+    /// How long a message stays valid.
     Lifespan,
-    /// How the node shows that it is there.
+    /// How the node shows that it is alive.
     Liveliness,
-    /// How long the node may fail to show that.
+    /// How long the node may fail to show it.
     LeaseDuration,
-    /// Whether the topic has another name in DDS than ROS gives it.
+    /// Whether the topic's name in DDS differs from its ROS name.
     AvoidRosNames,
 }
 
@@ -130,27 +131,27 @@ impl Policy {
         !matches!((self, end), (Self::Lifespan, End::Subscription))
     }
 
-    /// The allowed values, in words, with the reason for those that are refused.
+    /// The allowed values, as text, with the reason for refused ones.
     #[must_use]
     pub const fn expected(self) -> &'static str {
         match self {
             Self::Reliability => {
-                "reliable, best_effort or system_default; best_available would follow the peers that are there at the start, so name one"
+                "reliable, best_effort or system_default; best_available would depend on the peers that are present at the start, so name one"
             }
             Self::Durability => {
-                "volatile, transient_local or system_default; best_available would follow the peers that are there at the start, so name one"
+                "volatile, transient_local or system_default; best_available would depend on the peers that are present at the start, so name one"
             }
             Self::History => {
-                "keep_last or system_default; keep_all would let one slow reader take all memory, so give a depth"
+                "keep_last or system_default; with keep_all, one slow reader could fill the memory, so give a depth"
             }
             Self::Depth => "a whole number from 1 to 65536",
             Self::Deadline | Self::Lifespan | Self::LeaseDuration => {
-                "a whole number of nanoseconds above 0; 9223372036854775807 is none"
+                "a whole number of nanoseconds above 0; 9223372036854775807 means no limit"
             }
             Self::Liveliness => {
-                "automatic or system_default; nothing in this node asserts liveliness by hand, so manual_by_topic would make it look dead"
+                "automatic or system_default; this node does not assert liveliness manually, so it would look dead with manual_by_topic"
             }
-            Self::AvoidRosNames => "false: this node's topics bear the names that ROS gives them",
+            Self::AvoidRosNames => "false: this node's topics use the ROS naming convention",
         }
     }
 
@@ -172,7 +173,7 @@ impl Policy {
             (Self::Reliability, Value::Text(text)) if text == "best_effort" => {
                 qos.reliability = Reliability::BestEffort;
             }
-            // Where the node is reliable by itself, it stays as it is.
+            // If the node is reliable by default, nothing changes.
             (Self::Reliability, Value::Text(text))
                 if text == "reliable" && qos.reliability == Reliability::BestEffort =>
             {
@@ -185,25 +186,25 @@ impl Policy {
                 qos.durability = Durability::TransientLocal;
             }
             (Self::Depth, Value::Integer(depth)) => {
-                // Its range was looked at.
+                // The range was checked before.
                 let depth = usize::try_from(*depth).unwrap_or(1);
                 qos.history = History::KeepLast { depth };
             }
             (Self::Deadline, Value::Integer(nanos)) => qos.deadline = duration(*nanos),
             (Self::Lifespan, Value::Integer(nanos)) => qos.lifespan = duration(*nanos),
             (Self::LeaseDuration, Value::Integer(nanos)) => qos.liveliness_lease = duration(*nanos),
-            // The only value that each of the others takes is the node's own.
+            // For the other policies, the only accepted value is the node's own.
             _ => {}
         }
     }
 }
 
-/// So many nanoseconds; the most that there are mean none.
+/// A duration of `nanos` nanoseconds; `None` (no limit) for the maximum.
 fn duration(nanos: i64) -> Option<Duration> {
     u64::try_from(nanos).ok().filter(|_| nanos < i64::MAX).map(Duration::from_nanos)
 }
 
-/// A topic's end and its policy, as a parameter names them.
+/// A topic, one of its sides and a policy, as a parameter names them.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
     topic: String,
@@ -213,7 +214,7 @@ struct Key {
 
 impl Key {
     /// # Errors
-    /// When the parameter called `name` names none.
+    /// When `name` does not name such a parameter.
     fn parse(name: &str) -> Result<Self, NodeError> {
         let refused = |expected: String| NodeError::Parameter {
             name: name.to_owned(),
@@ -244,16 +245,16 @@ impl Key {
     }
 }
 
-/// The overrides that were set.
+/// The overrides that are set.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Overrides {
     values: BTreeMap<Key, Value>,
-    /// The topics that there are, while parameters are read; empty: any.
+    /// The existing topics, used while parameters are read; if empty, any topic is accepted.
     topics: Vec<(End, String)>,
 }
 
 impl Overrides {
-    /// None yet; only such of topics of the nodes with these arguments are taken.
+    /// No overrides yet. Only overrides for topics of the nodes with these arguments are accepted.
     #[must_use]
     pub fn of_nodes<'a>(nodes: impl IntoIterator<Item = &'a RosArgs>) -> Self {
         let ends = |args: &RosArgs| {
@@ -264,7 +265,7 @@ impl Overrides {
         Self { values: BTreeMap::new(), topics: nodes.into_iter().flat_map(ends).collect() }
     }
 
-    /// True for names of such parameters.
+    /// True if `name` names such a parameter.
     #[must_use]
     pub fn are_meant(name: &str) -> bool {
         name.starts_with(PREFIX)
@@ -273,7 +274,8 @@ impl Overrides {
     /// Sets the parameter called `name`.
     ///
     /// # Errors
-    /// When it names no policy, or its value cannot be had; [`NodeError::UnknownParameter`] for another node's topic.
+    /// When it names no policy, or its value is not supported; [`NodeError::UnknownParameter`] for a topic that these
+    /// nodes do not have.
     pub fn set(&mut self, name: &str, value: &Value) -> Result<(), NodeError> {
         let key = Key::parse(name).map_err(|error| self.of_another(name).unwrap_or(error))?;
         if let Some(error) = self.of_another(name) {
@@ -290,7 +292,7 @@ impl Overrides {
         Ok(())
     }
 
-    /// The error for a topic that none of the nodes has at that end; the nearest name is in it.
+    /// The error for a topic that none of the nodes has on that side; it contains the nearest name.
     fn of_another(&self, name: &str) -> Option<NodeError> {
         let mut parts = name.strip_prefix(PREFIX)?.rsplitn(3, '.');
         let (policy, end, topic) = (parts.next()?, parts.next()?, parts.next()?);
@@ -308,12 +310,12 @@ impl Overrides {
         })
     }
 
-    /// The topics are all known: any may be named from now on, and none is kept.
+    /// Drops the list of topics: any topic is accepted from now on.
     pub fn forget_topics(&mut self) {
         self.topics.clear();
     }
 
-    /// The value of the parameter called `name`, where it is set.
+    /// The value of the parameter called `name`, if it is set.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&Value> {
         self.values.get(&Key::parse(name).ok()?)
@@ -324,14 +326,14 @@ impl Overrides {
         self.values.keys().map(Key::name)
     }
 
-    /// The allowed values of the parameter called `name`, in words, if it is set.
+    /// The allowed values of the parameter called `name`, as text, if it is set.
     #[must_use]
     pub fn expected(&self, name: &str) -> Option<&'static str> {
         let key = Key::parse(name).ok()?;
         self.values.contains_key(&key).then(|| key.policy.expected())
     }
 
-    /// `qos` of an end of `topic`, its full name, with what is set for it.
+    /// `qos` of the side `end` of `topic` (full name), with its overrides applied.
     #[must_use]
     pub fn applied(&self, qos: &QosProfile, topic: &str, end: End) -> QosProfile {
         let mut changed = qos.clone();
@@ -354,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_set_is_in_the_qos_of_that_topic_and_end() {
+    fn an_override_applies_to_its_topic_and_end() {
         let mut overrides = Overrides::of_nodes([&RosArgs::in_namespace("/front")]);
         for (name, value) in [
             ("/front/force_estimate.publisher.reliability", "best_effort"),
@@ -386,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_with_what_is_allowed() {
+    fn an_unsupported_value_is_refused_with_the_allowed_ones() {
         let mut overrides = Overrides::of_nodes([&RosArgs::default()]);
         for (name, value, says) in [
             ("/mode.publisher.reliability", "fast", "must be reliable, best_effort"),

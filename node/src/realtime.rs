@@ -1,8 +1,8 @@
-//! Real-time priority (`SCHED_FIFO`) of the threads that every sample passes: those of DDS, source, estimating thread, sink.
+//! Real-time priority (`SCHED_FIFO`) for the threads on the path of every sample: DDS, source, estimating thread, sink.
 //!
-//! Linux gives a new thread the policy of the one that starts it. So they are started by a thread that takes the priority and then ends
-//! ([`raised`]), which reaches threads that a library starts, too. Where the system refuses, the service runs all the same, and says so
-//! in its log and on `/diagnostics`.
+//! On Linux a new thread inherits the policy of the thread that starts it. So a temporary thread takes the priority,
+//! starts the others and ends ([`raised`]). This also reaches threads that a library starts. If the system refuses the
+//! priority, the service runs anyway and reports it in its log and on `/diagnostics`.
 
 use std::fmt;
 use std::panic::resume_unwind;
@@ -12,19 +12,19 @@ use thread_priority::{
 };
 use tracing::Span;
 
-/// How the threads of the path are scheduled.
+/// Scheduling of the threads on the path.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Standing {
-    /// Like those of any program.
+    /// Ordinary scheduling.
     #[default]
     Ordinary,
     /// `SCHED_FIFO` at this priority, 1 to 99.
     Fifo(u8),
-    /// Like those of any program, although a priority was asked for.
+    /// Ordinary scheduling, although a priority was requested.
     Refused {
-        /// What was asked for.
+        /// The requested priority.
         priority: u8,
-        /// What the system says.
+        /// The system's error.
         why: String,
     },
 }
@@ -39,11 +39,12 @@ impl fmt::Display for Standing {
     }
 }
 
-/// What to do where priorities are refused, as the end of a sentence.
+/// Advice for a refused priority, as the end of a sentence.
 pub const ADVICE: &str = "give it the capability CAP_SYS_NICE (setcap cap_sys_nice+ep on the binary), or a limit: LimitRTPRIO= in \
                           its systemd unit, rtprio in /etc/security/limits.conf";
 
-/// Runs `start` on a thread of `priority` (0: on this one), so that threads started in it have that too, and says how they stand.
+/// Runs `start` on a thread with `priority` (0: on this thread), so that threads started in it inherit the priority.
+/// Returns the resulting scheduling as well.
 pub fn raised<T: Send>(priority: u8, start: impl FnOnce() -> T + Send) -> (T, Standing) {
     if priority == 0 {
         return (start(), Standing::Ordinary);
@@ -60,13 +61,13 @@ pub fn raised<T: Send>(priority: u8, start: impl FnOnce() -> T + Send) -> (T, St
     std::thread::scope(|scope| scope.spawn(start_raised).join().unwrap_or_else(|panic| resume_unwind(panic)))
 }
 
-/// Gives the calling thread `priority` for good.
+/// Gives the calling thread `priority` permanently.
 fn raise(priority: u8) -> Result<(), String> {
     let value = ThreadPriorityValue::try_from(priority)?;
     let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
     set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(value), fifo).map_err(
         |error| match error {
-            // The system's own words.
+            // The system's own message.
             Error::OS(code) => std::io::Error::from_raw_os_error(code).to_string(),
             other => other.to_string(),
         },
@@ -77,24 +78,24 @@ fn raise(priority: u8) -> Result<(), String> {
 mod tests {
     use super::*;
 
-    /// Policy and real-time priority of the calling thread, as the kernel has them.
+    /// Policy and real-time priority of the calling thread, read from the kernel.
     fn scheduled() -> (u32, u32) {
         let stat = std::fs::read_to_string("/proc/thread-self/stat").expect("Linux");
-        // Fields 40 and 41; the second one, in brackets, may hold blanks.
+        // Fields 40 and 41. Field 2, in brackets, may contain spaces.
         let fields: Vec<&str> = stat.rsplit(')').next().expect("a name").split_whitespace().collect();
         let field = |number: usize| fields[number - 3].parse().expect("a number");
         (field(41), field(40))
     }
 
     #[test]
-    fn threads_started_meanwhile_have_the_priority_and_the_starter_has_its_own_again() {
+    fn started_threads_have_the_priority_and_the_caller_keeps_its_own() {
         const FIFO: u32 = 1;
         let before = scheduled();
         let (inside, standing) = raised(7, || std::thread::spawn(scheduled).join().expect("no panic"));
         assert_eq!(scheduled(), before);
         match standing {
             Standing::Fifo(7) => assert_eq!(inside, (FIFO, 7)),
-            // Nobody gave this user the right.
+            // This user does not have the permission.
             Standing::Refused { priority: 7, ref why } => {
                 assert_eq!(inside, before);
                 assert!(why.contains("not permitted"), "{why}");
@@ -105,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_priority_that_there_is_not_is_refused() {
+    fn a_priority_out_of_range_is_refused() {
         let (_, standing) = raised(100, || ());
         assert!(matches!(standing, Standing::Refused { priority: 100, .. }), "{standing}");
     }

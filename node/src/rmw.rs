@@ -1,30 +1,31 @@
-//! How nodes on rmw_zenoh show themselves on Zenoh: keys, liveliness tokens, attachments.
+//! How nodes on rmw_zenoh appear on Zenoh: keys, liveliness tokens, attachments.
 //!
-//! | what | how |
+//! | item | form |
 //! |---|---|
 //! | key of a topic | `<domain>/<topic>/<DDS type>/<type hash>` |
 //! | token of a node | `@ros2_lv/<domain>/<session>/<node id>/<node id>/NN/<enclave>/<namespace>/<node>` |
-//! | token of its publisher (`MP`) or subscription (`MS`) | the same with an id of its own, then `/<topic>/<DDS type>/<type hash>/<QoS>` |
+//! | token of its publisher (`MP`) or subscription (`MS`) | the same with its own id, then `/<topic>/<DDS type>/<type hash>/<QoS>` |
 //! | gid | XXH3-128 of the token, the low 64 bits first |
 //! | attachment of a sample | 33 bytes: number (i64, from 1), ns since 1970 (i64), `0x10`, gid; little endian |
 //! | sample | CDR with its four header bytes |
 //!
-//! In a token `/` is written `%`. Read in `rmw_zenoh_cpp/src/detail/{liveliness_utils,attachment_helpers}.cpp`, and held against
-//! pyzeros and pamoja-ros2. Two messages of one name that differ have different hashes and so different keys: who
-//! was built with another version of an interface package hears nothing.
+//! In a token, `/` is written as `%`. The formats are read from
+//! `rmw_zenoh_cpp/src/detail/{liveliness_utils,attachment_helpers}.cpp`, and checked against pyzeros and pamoja-ros2.
+//! Two different messages with the same name have different hashes and therefore different keys. A node that was built
+//! with another version of an interface package receives nothing.
 //!
-//! Names and numbers only: `sink/zenoh/rmw.rs` publishes, `source/zenoh/rmw.rs` subscribes.
+//! This module has names and numbers only: `sink/zenoh/rmw.rs` publishes, `source/zenoh/rmw.rs` subscribes.
 
 use mr_damper_msgs::Descriptor;
 
-/// Where liveliness tokens lie. A chunk with `@` is matched by no wildcard.
+/// First chunk of liveliness tokens. Wildcards do not match a chunk with `@`.
 const TOKENS: &str = "@ros2_lv";
 /// Length of an attachment, in bytes.
 const ATTACHMENT_LEN: usize = 33;
-/// Length of a gid, which stands in front of it in the attachment.
+/// Length of a gid, which precedes it in the attachment.
 const GID_LEN: u8 = 16;
 
-/// What tells one publisher or subscription from all others.
+/// Identifier of one publisher or subscription.
 pub type Gid = [u8; GID_LEN as usize];
 
 /// A node as others see it.
@@ -32,7 +33,7 @@ pub type Gid = [u8; GID_LEN as usize];
 pub struct Node {
     /// ROS domain.
     pub domain: u16,
-    /// Enclave, `/` where there is none.
+    /// Enclave; `/` for none.
     pub enclave: String,
     /// Namespace, starting with a slash; `/` alone for none.
     pub namespace: String,
@@ -42,12 +43,12 @@ pub struct Node {
     pub id: u64,
 }
 
-/// What an endpoint of a topic does.
+/// The kind of a topic's endpoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// Reliable, volatile, the last 10: as the node's outputs are on DDS.
+    /// Reliable, volatile, depth 10: like the node's outputs on DDS.
     Publisher,
-    /// Best effort, volatile, the last 10: as the node's inputs are on DDS, so that any publisher matches.
+    /// Best effort, volatile, depth 10: like the node's inputs on DDS, so that any publisher matches.
     Subscription,
 }
 
@@ -59,8 +60,8 @@ impl Role {
         }
     }
 
-    /// Reliability, durability, history and depth, deadline, lifespan, liveliness, by their numbers in `rmw/types.h`. What is as
-    /// rmw_zenoh has it by default (reliable, volatile, keep last, 42, no limits) is left out.
+    /// Reliability, durability, history and depth, deadline, lifespan, liveliness, by their numbers in `rmw/types.h`.
+    /// Values equal to rmw_zenoh's default (reliable, volatile, keep last, 42, no limits) are left out.
     const fn qos(self) -> &'static str {
         match self {
             Self::Publisher => "::,10:,:,:,,",
@@ -70,13 +71,13 @@ impl Role {
 }
 
 impl Node {
-    /// The node's token in the Zenoh session of that id.
+    /// The node's token in the Zenoh session `session`.
     #[must_use]
     pub fn token(&self, session: &str) -> String {
         self.entity(session, self.id, "NN")
     }
 
-    /// The token of the endpoint `id` of `topic`, a full name.
+    /// The token of the endpoint `id` of `topic` (full name).
     #[must_use]
     pub fn endpoint(&self, session: &str, id: u64, role: Role, topic: &str, of: &Descriptor) -> String {
         let Descriptor { dds_type_name, type_hash, .. } = of;
@@ -90,20 +91,20 @@ impl Node {
         format!("{TOKENS}/{domain}/{session}/{node}/{id}/{mark}/{enclave}/{namespace}/{name}")
     }
 
-    /// The key that samples of `topic`, a full name, have.
+    /// The key of samples of `topic` (full name).
     #[must_use]
     pub fn key(&self, topic: &str, of: &Descriptor) -> String {
         format!("{}/{}/{}/{}", self.domain, topic.trim_matches('/'), of.dds_type_name, of.type_hash)
     }
 
-    /// The tokens of all publishers of `topic`, a full name, whatever their type.
+    /// The tokens of all publishers of `topic` (full name), of any type.
     #[must_use]
     pub fn publishers(&self, topic: &str) -> String {
         format!("{TOKENS}/{}/*/*/*/MP/*/*/*/{}/*/*/*", self.domain, mangled(topic))
     }
 }
 
-/// What a publisher's token says of it.
+/// A publisher, as its token describes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Publisher<'a> {
     /// Full name of its node.
@@ -115,7 +116,7 @@ pub struct Publisher<'a> {
 }
 
 impl<'a> Publisher<'a> {
-    /// Reads a token that [`Node::publishers`] has found; `None` where it is none.
+    /// Reads a token found with [`Node::publishers`]; `None` if it is malformed.
     #[must_use]
     pub fn read(token: &'a str) -> Option<Self> {
         let mut parts = token.split('/').skip(7);
@@ -129,16 +130,16 @@ fn mangled(name: &str) -> String {
     name.replace('/', "%")
 }
 
-/// The gid of what a token stands for.
+/// The gid of the entity with this token.
 #[must_use]
 pub fn gid(token: &str) -> Gid {
     xxhash_rust::xxh3::xxh3_128(token.as_bytes()).to_le_bytes()
 }
 
-/// What goes with each sample.
+/// The attachment of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Attachment {
-    /// Its number, from 1 and without gaps for each publisher.
+    /// The sample's number, from 1 and without gaps for each publisher.
     pub seq: i64,
     /// When it was published, in ns since 1970.
     pub stamp_ns: i64,
@@ -146,21 +147,21 @@ pub struct Attachment {
     pub gid: Gid,
 }
 
-/// An attachment that is none of rmw_zenoh's.
+/// The reason why an attachment is not one of rmw_zenoh.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum AttachmentError {
     /// Another number of bytes.
     #[error(
-        "the attachment has {0} bytes, and rmw_zenoh's has 33: number, time, gid; is it sent by a ROS node?"
+        "the attachment has {0} bytes, but rmw_zenoh's has 33 (number, time, gid); check that a ROS node sends it"
     )]
     Length(usize),
     /// A gid of another length.
-    #[error("the attachment holds a gid of {0} bytes, and rmw_zenoh's has 16")]
+    #[error("the attachment has a gid of {0} bytes, but rmw_zenoh's has 16")]
     Gid(u8),
 }
 
 impl Attachment {
-    /// Its bytes.
+    /// The attachment as bytes.
     #[must_use]
     pub fn to_bytes(self) -> [u8; ATTACHMENT_LEN] {
         let mut bytes = [0; ATTACHMENT_LEN];
@@ -171,10 +172,10 @@ impl Attachment {
         bytes
     }
 
-    /// Reads one.
+    /// Reads an attachment.
     ///
     /// # Errors
-    /// When the bytes are no attachment of rmw_zenoh's.
+    /// When the bytes are not an attachment of rmw_zenoh.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, AttachmentError> {
         let wrong = || AttachmentError::Length(bytes.len());
         let (seq, rest) = bytes.split_first_chunk::<8>().ok_or_else(wrong)?;
@@ -207,11 +208,12 @@ mod tests {
             .map(|(id, role)| node.endpoint(SESSION, id, role, &topic, &OF))
     }
 
-    // Expected texts are pyzeros 0.1.0's: `token_keyexpr` of node, pub (`QosProfile.default()`) and sub (best effort, depth 10),
-    // `publisher_keyexpr`, `rmw_zenoh_gid`, `Attachment`. The key is also `entity_key`'s of pamoja-ros2 0.2.0.
+    // The expected texts come from pyzeros 0.1.0: `token_keyexpr` of node, pub (`QosProfile.default()`) and sub (best
+    // effort, depth 10), `publisher_keyexpr`, `rmw_zenoh_gid`, `Attachment`. The key also agrees with `entity_key` of
+    // pamoja-ros2 0.2.0.
 
     #[test]
-    fn names_are_those_of_independent_implementations() {
+    fn names_agree_with_independent_implementations() {
         let hash = "RIHS01_9dc78705ac5ed035bf624baa16dcbe27da337cfbb7421937be2c52883cc4de96";
         let node = node("/front_left");
         assert_eq!(
@@ -236,9 +238,10 @@ mod tests {
         }
     }
 
-    /// A gid is that of the very token. XXH3 goes another way above 240 bytes: the tokens have 208 to 256.
+    /// A gid is computed from the whole token. XXH3 uses another algorithm above 240 bytes; these tokens have 208 to
+    /// 256.
     #[test]
-    fn gids_are_those_of_an_independent_implementation() {
+    fn gids_agree_with_an_independent_implementation() {
         for (namespace, gids) in [
             ("/", ["271cdaddf88f9898de2e6d49baae6ff7", "cb665e75705f3c0b49aff322b3d0c805"]),
             ("/front_left", ["3fdf55ae6b4776a52a4d57c7f8c866aa", "0ef8110ba03bca40f3acfb0cba0124dd"]),
@@ -253,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn an_attachment_is_written_as_pyzeros_does_and_nothing_else_is_read() {
+    fn an_attachment_is_written_as_pyzeros_does_and_other_lengths_are_refused() {
         let gid = std::array::from_fn(|index| index as u8);
         let attachment = Attachment { seq: 258, stamp_ns: 1_700_000_000_123_456_789, gid };
         let bytes = attachment.to_bytes();
@@ -271,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_publisher_s_token_tells_its_node_and_type() {
+    fn a_publishers_token_contains_its_node_and_type() {
         let [token, _] = tokens("/front_left");
         let told = Publisher::read(&token).expect("a token");
         assert_eq!(

@@ -1,8 +1,10 @@
-//! The ROS 2 side of the process: participant, node, graph, and their orderly end.
+//! The ROS 2 side of the process: participant, node, graph, and their shutdown.
 //!
 //! The client library ignores `ROS_DOMAIN_ID` and the localhost settings, so the participant is built here.
-//! When the process ends, everything is dropped in the one order that tells peers at once (publishers and
-//! subscriptions, node, the graph's thread awaited, context); otherwise they list the node for half a minute.
+//!
+//! At the end of the process, the order of dropping matters: publishers and subscriptions, the node, the graph's thread
+//! (which is joined), then the context. Only in this order are peers informed at once; otherwise they list the node for
+//! another half minute.
 
 use crate::client::{Reaching, endpoints_of};
 use crate::config::{Config, RosArgs};
@@ -39,37 +41,37 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 use tracing::Span;
 
-/// Depth of every topic's history, one second at 1 kHz. It never shows to a peer. A writer drops what its middleware's
-/// thread has not sent when the history is full, and a usual depth of 10 lost samples on a busy machine; a reader
-/// keeps in it what the source thread has not taken.
+/// Depth of every topic's history: one second at 1 kHz. Peers do not see it. A writer drops the samples that the
+/// middleware's thread has not sent when the history is full; the usual depth of 10 lost samples on a busy machine. A
+/// reader keeps the samples that the source thread has not taken.
 const DEPTH: usize = 1024;
 
-/// Bytes that the system may hold for a network before it refuses more; it gives what `net.core.wmem_max` allows. One socket serves all
-/// readers. Linux holds up to 208 KiB for a host whose address it is still looking for (`unres_qlen_bytes`), which is all that a
-/// socket gets by default: a host that is away would block the others for seconds.
+/// Size of the socket's send buffer, bytes; the system limits it to `net.core.wmem_max`. One socket serves all readers.
+/// While Linux resolves the address of a host, it holds up to 208 KiB for that host (`unres_qlen_bytes`). This equals a
+/// socket's default buffer, so one absent host would block all others for seconds.
 const SEND_BUFFER: usize = 1 << 20;
 
-/// How long a program that plays a run waits for room, where its readers are slower than it is.
+/// How long a program that plays a run waits for readers that are slower.
 const PLAYER_PATIENCE: Duration = Duration::from_millis(100);
 
-/// Depth of the topics on which something is said once a second or less: what is kept of these stays in memory, and long texts
-/// kept by the thousand make the node grow for a quarter of an hour.
+/// Depth of topics with at most about one message per second. Kept messages stay in memory: thousands of long texts
+/// would make the node grow for a quarter of an hour.
 const SELDOM_DEPTH: usize = 64;
 
-/// Requests and answers that a service keeps, as everywhere in ROS 2.
+/// Requests and responses that a service keeps, as usual in ROS 2.
 const SERVICE_DEPTH: usize = 10;
 
-/// The last domain: the ports of one further are beyond the last port.
+/// The largest domain: ports of a larger one would exceed the port range.
 const LAST_DOMAIN: u16 = 232;
 
-/// Lines of the log that late readers get, fewer than the 1000 of other nodes: they stay in memory.
+/// Log lines that late joiners get. Other nodes have 1000; fewer are kept here because they stay in memory.
 const LOG_DEPTH: usize = 100;
 
-/// What is said when the DDS library's threads have ended.
-pub const DEAF: &str = "a thread of the DDS library has ended, and nothing comes or goes any more; that happens when a process is \
-     stopped and goes on (Ctrl-Z and fg, SIGSTOP, a debugger)";
+/// The message for the case that a thread of the DDS library has ended.
+pub const DEAF: &str = "a thread of the DDS library has ended, so nothing is received or sent any more; this happens when a process is \
+     stopped and continued (Ctrl-Z and fg, SIGSTOP, a debugger)";
 
-/// A part of a service, as the client library wants it.
+/// The request or the response of a service, in the form that the client library needs.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Part<M>(pub M);
@@ -85,40 +87,41 @@ pub use crate::client::{ActionClientOf, ClientOf};
 pub type ActionServerOf<A> =
     AsyncActionServer<Part<<A as Action>::Goal>, Part<<A as Action>::Result>, Part<<A as Action>::Feedback>>;
 
-/// A goal of an action that was neither accepted nor rejected.
+/// A new goal of an action, neither accepted nor rejected.
 pub type NewGoalOf<A> = NewGoalHandle<Part<<A as Action>::Goal>>;
 
-/// A goal of an action that is worked on.
+/// A goal of an action that is being executed.
 pub type ExecutingOf<A> = ExecutingGoalHandle<Part<<A as Action>::Goal>>;
 
-/// The domain as this process has joined it: one participant, whatever the number of its nodes.
+/// The ROS domain that this process has joined, with one participant for all its nodes.
 #[derive(Clone)]
 pub struct Domain {
-    /// First, so that its thread has let go of the participant when the context is dropped.
+    /// First field, so that its thread releases the participant before the context is dropped.
     _lagging: Option<Arc<LaggingReaders>>,
     writers: Writers,
-    /// Before the context, so that its reader goes before the participant does.
+    /// Before the context, so that its reader is dropped before the participant.
     graph: Arc<Graph>,
     context: Context,
     threads: Arc<DdsThreads>,
-    /// Tells listed hosts of this process, as long as it is in the domain.
+    /// Announces this process to listed hosts as long as it is in the domain.
     _listed: Option<Arc<ListedPeers>>,
 }
 
 impl Domain {
-    /// Joins the domain that `config` asks for; with DDS-Security where the environment or `enclave` ask for it.
+    /// Joins the domain given by `config`, with DDS-Security if the environment or `enclave` request it.
     ///
     /// # Errors
-    /// When the participant cannot be created (no network interface, no free ports), or security that is asked for cannot
-    /// be had.
+    /// When the participant cannot be created (no network interface, no free ports), or when security is requested but
+    /// not available.
     pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
         Self::join_raised(config, enclave, 0).map(|(domain, _)| domain)
     }
 
-    /// The same, with the threads of the DDS library at a real-time `priority` (0: none); says what came of that.
+    /// Like [`Domain::join`], with the threads of the DDS library at a real-time `priority` (0: none). Also returns the
+    /// resulting scheduling.
     ///
     /// # Errors
-    /// Those of [`Domain::join`].
+    /// The same as for [`Domain::join`].
     pub fn join_raised(
         config: &Config,
         enclave: Option<&str>,
@@ -129,7 +132,7 @@ impl Domain {
         let domain = domain_id(config)?;
         if config.discovery_range == "localhost" && !config.discovery_peers.is_empty() {
             return Err(NodeError::Usage(
-                "discovery_peers are on other hosts, and discovery_range is localhost: leave one of them out"
+                "discovery_peers names other hosts, but discovery_range is localhost: leave one of them out"
                     .to_owned(),
             ));
         }
@@ -142,7 +145,7 @@ impl Domain {
             require_loopback()?;
             builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
         }
-        let mut advice = "see that a network interface is up and UDP ports from 7400 are free".to_owned();
+        let mut advice = "check that a network interface is up and UDP ports from 7400 are free".to_owned();
         if let Some(enclave) = &enclave {
             builder = enclave.secure(builder)?;
             let directory = enclave.directory().display();
@@ -158,13 +161,14 @@ impl Domain {
             false => Some(ListedPeers::start(&asked.peers, domain, participant.guid().prefix.as_ref())?),
         };
         let writers = Writers::default();
-        // Where DDS-Security is on, nobody is believed who speaks for another one; and writers of the hardened build need no help.
+        // With DDS-Security, messages in the name of another participant are rejected. The writers of the hardened
+        // build need no help.
         let (lagging, first) = match (&enclave, hardened::EDITS) {
             (Some(_), _) | (_, Some(_)) => (None, None),
             (None, None) => (
                 Some(
                     LaggingReaders::start(participant.clone(), writers.clone())
-                        .map_err(NodeError::io("starting the thread that leaves lagging readers behind"))?,
+                        .map_err(NodeError::io("starting the thread for lagging readers"))?,
                 ),
                 Some(FirstRequests::new().map_err(NodeError::io("opening a socket for first requests"))?),
             ),
@@ -183,19 +187,19 @@ impl Domain {
         Ok((domain, standing))
     }
 
-    /// False once a thread of the DDS library has ended: then nothing comes or goes any more.
+    /// False once a thread of the DDS library has ended; then nothing is received or sent any more.
     #[must_use]
     pub fn is_alive(&self) -> bool {
         self.threads.are_alive()
     }
 
-    /// What is known of clients with network addresses.
+    /// Fits long answers to clients with network addresses.
     #[must_use]
     pub fn far(&self) -> Far {
         Far::new(self.context.clone())
     }
 
-    /// How many publishers of a topic (its full name) there are in other processes, as far as discovery has seen them.
+    /// Number of publishers of `topic` (full name) in other processes that discovery has found so far.
     #[must_use]
     pub fn other_publishers(&self, topic: &str) -> usize {
         let participant = self.context.domain_participant();
@@ -205,8 +209,8 @@ impl Domain {
         others.filter(|writer| writer.publication_topic_data.topic_name == dds_name).count()
     }
 
-    /// The publishers of messages of a type (its DDS name) on a topic (its full name) in other processes, as far as discovery
-    /// has seen them.
+    /// The publishers on `topic` (full name) with the DDS type `dds_type_name` in other processes that discovery has
+    /// found so far.
     #[must_use]
     pub fn publishers(&self, topic: &str, dds_type_name: &str) -> Vec<Writer> {
         let dds_name = format!("{TOPIC_PREFIX}{topic}");
@@ -218,27 +222,27 @@ impl Domain {
         of_topic.map(|writer| writer.writer_proxy.remote_writer_guid.to_bytes()).collect()
     }
 
-    /// The full name of the node that a publisher belongs to, where that has told of itself.
+    /// The full name of the node that a publisher belongs to; `None` if its participant has not published it.
     #[must_use]
     pub fn node_of(&self, writer: &Writer) -> Option<String> {
         self.graph.node_of(writer)
     }
 }
 
-/// What ROS 2 puts in front of a topic's name in DDS.
+/// The prefix of ROS 2 topics' names in DDS.
 const TOPIC_PREFIX: &str = "rt";
 
-/// QoS of what the node publishes. It never waits for a reader: a writer whose window is full refuses, at once.
+/// QoS of the node's outputs. It never blocks on a reader: a writer whose window is full refuses at once.
 fn output_qos(depth: usize) -> QosProfile {
     QosProfile::publisher_default()
         .reliability(Reliability::Reliable { when_full: WhenFull::Fail })
         .history(History::KeepLast { depth })
 }
 
-/// The DDS library did not take a message.
+/// The DDS library did not accept a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the DDS library took no more messages of this topic; see whether a network or a reader is overloaded"
+    "the DDS library took no more messages of this topic; check whether the network or a reader is overloaded"
 )]
 pub struct NotTaken;
 
@@ -249,10 +253,10 @@ pub struct Output<M: Message> {
 }
 
 impl<M: Message> Output<M> {
-    /// Hands a message to the DDS library.
+    /// Passes a message to the DDS library.
     ///
     /// # Errors
-    /// When that takes no more.
+    /// When the library does not accept it.
     pub fn publish(&self, message: M) -> Result<(), NotTaken> {
         self.publisher.publish(message).map_err(|_| NotTaken)?;
         self.written.note();
@@ -270,14 +274,14 @@ impl<M: Message> Output<M> {
 pub struct Ros {
     node: Arc<Node>,
     domain: Domain,
-    /// QoS of topics, where it is not our own.
+    /// QoS of topics that differs from the node's own.
     overrides: Overrides,
 }
 
-/// The domain that `config` and the environment ask for.
+/// The domain given by `config` or the environment.
 ///
 /// # Errors
-/// When the domain is no number from 0 to 232.
+/// When the domain is not a number from 0 to 232.
 pub fn domain_id(config: &Config) -> Result<u16, NodeError> {
     let refused = |name: &str, value: String| NodeError::Parameter {
         name: name.to_owned(),
@@ -298,29 +302,30 @@ pub fn domain_id(config: &Config) -> Result<u16, NodeError> {
     }
 }
 
-/// A domain as a flag names it; -1 for that of the environment.
+/// Parses the domain of a flag; -1 selects the environment's domain.
 ///
 /// # Errors
-/// What it must be.
+/// The expected values, as text.
 pub fn domain_flag(text: &str) -> Result<i64, String> {
     let id = text.parse().ok().filter(|id| (-1..=i64::from(LAST_DOMAIN)).contains(id));
     id.ok_or_else(|| format!("a ROS domain is a whole number from 0 to {LAST_DOMAIN}"))
 }
 
-/// What `config` and this process's environment ask for; loopback alone where the environment means nothing, which
-/// [`Domain::join`] refuses.
+/// The request of `config` and this process's environment. If the environment is invalid, the result is loopback only;
+/// [`Domain::join`] reports the error.
 fn asked(config: &Config) -> Asked {
     let nothing = Asked { reach: Reach::Loopback, peers: Vec::new(), remarks: Vec::new() };
     ros_environment::asked(config, &ros_environment::of_process).unwrap_or(nothing)
 }
 
-/// The hosts that are told of this process though no multicast reaches them: by parameter, or by ROS' environment.
+/// The hosts to which this process is announced by unicast, from the parameter or the environment.
 #[must_use]
 pub fn listed_peers(config: &Config) -> Vec<String> {
     asked(config).peers
 }
 
-/// True when only this machine may find the node: by parameter, by ROS' environment, and by default. Hosts that are listed may.
+/// True when only this machine can find the node, by parameter, by ROS' environment, or by default. False if hosts are
+/// listed.
 #[must_use]
 pub fn is_loopback_only(config: &Config) -> bool {
     asked(config).reach == Reach::Loopback
@@ -330,7 +335,7 @@ impl Ros {
     /// Joins the domain and creates the node called `name`.
     ///
     /// # Errors
-    /// Those of [`Domain::join`] and [`Ros::start_in`].
+    /// The same as for [`Domain::join`] and [`Ros::start_in`].
     pub fn start(
         config: &Config,
         args: &RosArgs,
@@ -343,15 +348,15 @@ impl Ros {
         Ok(ros)
     }
 
-    /// Topics that are published and subscribed to from now on have this QoS.
+    /// Sets the QoS overrides for all topics that are published and subscribed to from now on.
     pub fn override_qos(&mut self, overrides: Overrides) {
         self.overrides = overrides;
     }
 
-    /// Creates the node called `name` in a domain that was joined.
+    /// Creates the node called `name` in `domain`.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn start_in(
         domain: &Domain,
         args: &RosArgs,
@@ -367,10 +372,10 @@ impl Ros {
         Ok(Self { node: Arc::new(node), domain: domain.clone(), overrides: Overrides::default() })
     }
 
-    /// Subscribes to a topic by its full name: best effort, so that any publisher matches.
+    /// Subscribes to a topic by its full name. Best effort, so that any publisher matches.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn subscribe<M: Message>(&mut self, topic: &str) -> Result<Subscription<M>, NodeError> {
         let qos = QosProfile::subscription_default().history(History::KeepLast { depth: DEPTH });
         let qos = self.overrides.applied(&qos, topic, End::Subscription);
@@ -380,42 +385,42 @@ impl Ros {
             .map_err(|e| failed(format!("subscribing to {topic}"), &e, ""))
     }
 
-    /// Publishes on a topic by its full name: reliable, so that either kind of reader matches.
+    /// Publishes a topic by its full name. Reliable, so that both kinds of readers match.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn publish<M: Message>(&mut self, topic: &str) -> Result<Output<M>, NodeError> {
         self.publish_with(topic, &output_qos(DEPTH))
     }
 
-    /// Publishes what is said once a second or less, by the topic's full name.
+    /// Publishes a topic (full name) that has at most about one message per second.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn publish_seldom<M: Message>(&mut self, topic: &str) -> Result<Output<M>, NodeError> {
         self.publish_with(topic, &output_qos(SELDOM_DEPTH))
     }
 
-    /// Publishes what holds until the next message, by the topic's full name: late readers get the last one.
+    /// Publishes a topic (full name) whose messages describe a state: late joiners get the last one.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn publish_state<M: Message>(&mut self, topic: &str) -> Result<Output<M>, NodeError> {
         self.publish_with(topic, &output_qos(1).durability(Durability::TransientLocal))
     }
 
-    /// Publishes a log by its full name, as `/rosout` is everywhere: late readers get the last lines.
+    /// Publishes a log topic (full name) with the usual QoS of `/rosout`: late joiners get the last lines.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn publish_log(&mut self, topic: &str) -> Result<Output<Log>, NodeError> {
         self.publish_with(topic, &output_qos(LOG_DEPTH).durability(Durability::TransientLocal))
     }
 
-    /// Publishes a recorded run on a topic by its full name: waits for readers that are slower, and loses nothing before that.
+    /// Publishes a recorded run on a topic (full name). Waits for slower readers before it drops a message.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn publish_run<M: Message>(&mut self, topic: &str) -> Result<Output<M>, NodeError> {
         let waits = Reliability::Reliable { when_full: WhenFull::Wait(PLAYER_PATIENCE) };
         self.publish_with(topic, &output_qos(DEPTH).reliability(waits))
@@ -435,12 +440,12 @@ impl Ros {
     /// Offers a service by its full name.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn serve<S: Service>(&mut self, service: &str) -> Result<ServerOf<S>, NodeError> {
         let qos = service_qos();
         let name = name_of("service", service)?;
         hardened::announce_service::<S>();
-        // What ROS 2 has used with all its middleware since Foxy.
+        // The mapping that ROS 2 uses with all middlewares since Foxy.
         self.own()?
             .create_server(
                 ServiceMapping::Enhanced,
@@ -455,7 +460,7 @@ impl Ros {
     /// A client of a service by its full name.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn client<S: Service>(&mut self, service: &str) -> Result<ClientOf<S>, NodeError> {
         let qos = service_qos();
         let name = name_of("service", service)?;
@@ -477,7 +482,7 @@ impl Ros {
     /// Offers an action by its full name.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn serve_action<A: Action>(&mut self, action: &str) -> Result<ActionServerOf<A>, NodeError> {
         let [services, feedback, status] = action_qos();
         let qos = ActionServerQosPolicies {
@@ -497,7 +502,7 @@ impl Ros {
     /// A client of an action by its full name.
     ///
     /// # Errors
-    /// When the name is bad or DDS refuses.
+    /// When the name is invalid or DDS returns an error.
     pub fn action_client<A: Action>(&mut self, action: &str) -> Result<ActionClientOf<A>, NodeError> {
         let [services, feedback, status] = action_qos();
         let qos = ActionClientQosPolicies {
@@ -516,7 +521,7 @@ impl Ros {
         Ok(ActionClientOf::new(client, self.endpoints_since(&before)))
     }
 
-    /// The node's endpoints by now.
+    /// The node's endpoints at present.
     fn endpoints(&self) -> Endpoints {
         endpoints_of(&self.domain.context, &self.node.fully_qualified_name())
     }
@@ -529,11 +534,11 @@ impl Ros {
         }
     }
 
-    /// The node, for what creates something on it.
+    /// The node, to create entities on it.
     fn own(&mut self) -> Result<&mut Node, NodeError> {
         Arc::get_mut(&mut self.node).ok_or_else(|| NodeError::Ros {
             what: "creating something on the node".to_owned(),
-            why: "it is shared with a thread already; create it before that".to_owned(),
+            why: "the node is already shared with a thread; create it before that".to_owned(),
         })
     }
 
@@ -544,7 +549,8 @@ impl Ros {
             .map_err(|e| failed(format!("creating topic {topic}"), &e, ""))
     }
 
-    /// The topic of an output. The client library's own way to it knows no limits of resources, and a writer has those of its topic.
+    /// The topic of an output. It is created directly, because the client library has no resource limits and a writer
+    /// inherits its topic's.
     fn output_topic<M: Message>(&self, topic: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
         name_of("topic", topic)?;
         let limits = policy::ResourceLimits {
@@ -563,7 +569,7 @@ impl Ros {
             .map_err(|e| failed(format!("creating topic {topic}"), &e, ""))
     }
 
-    /// The topics that others publish, as far as discovery has seen them: full names with their DDS types.
+    /// The topics published by other processes that discovery has found so far: full names with DDS types.
     #[must_use]
     pub fn published(&self) -> Vec<(String, String)> {
         let writers = self.domain.context.domain_participant().discovered_writers();
@@ -572,25 +578,25 @@ impl Ros {
         topics.filter_map(|topic| Some((of_ros(&topic.topic_name)?, topic.type_name))).collect()
     }
 
-    /// Whether a server of `client` is there now, so that a request is not lost. To be asked again and again.
+    /// True if a server of `client` is present, so that a request is not lost. Poll it.
     #[must_use]
     pub fn reaches(&self, client: &impl Reaching) -> bool {
         self.domain.graph.are_matched(client.endpoints())
     }
 
-    /// How many readers of others are matched with a publisher of this process, by its GUID.
+    /// Number of remote readers that are matched with a publisher of this process.
     #[must_use]
     pub fn readers_of(&self, publisher: GUID) -> usize {
         self.domain.graph.readers_of(publisher)
     }
 
-    /// How many publishers of others are matched with a subscription of this process, by its GUID.
+    /// Number of remote publishers that are matched with a subscription of this process.
     #[must_use]
     pub fn writers_of(&self, subscription: GUID) -> usize {
         self.domain.graph.writers_of(subscription)
     }
 
-    /// The domain, for a thread that has to end before [`Ros::stop`].
+    /// The domain, for a thread that must end before [`Ros::stop`].
     #[must_use]
     pub fn domain(&self) -> Domain {
         self.domain.clone()
@@ -602,27 +608,27 @@ impl Ros {
         &self.node
     }
 
-    /// The node, for a thread that has to end before [`Ros::stop`]. Nothing can be created on it from then on.
+    /// The node, for a thread that must end before [`Ros::stop`]. Nothing can be created on it from then on.
     #[must_use]
     pub fn share(&self) -> Arc<Node> {
         Arc::clone(&self.node)
     }
 
-    /// True while the thread that follows the graph and those of the DDS library run.
+    /// True while the graph's thread and the threads of the DDS library run.
     #[must_use]
     pub fn is_alive(&self) -> bool {
         self.domain.graph.is_alive() && self.domain.is_alive()
     }
 
-    /// An error once [`Ros::is_alive`] is not.
+    /// Returns an error once [`Ros::is_alive`] is false.
     ///
     /// # Errors
-    /// [`NodeError::Failed`], with what may have been the cause.
+    /// [`NodeError::Failed`] with the likely cause.
     pub fn check(&self) -> Result<(), NodeError> {
-        if self.is_alive() { Ok(()) } else { Err(NodeError::Failed(format!("{DEAF}. Start again"))) }
+        if self.is_alive() { Ok(()) } else { Err(NodeError::Failed(format!("{DEAF}. Restart the program"))) }
     }
 
-    /// Leaves the domain. Publishers and subscriptions must be dropped by now.
+    /// Leaves the domain. Publishers and subscriptions must have been dropped before.
     pub fn stop(self) {
         let Self { node, domain, .. } = self;
         drop(node);
@@ -635,12 +641,12 @@ fn name_of(kind: &str, text: &str) -> Result<Name, NodeError> {
     Name::parse(text).map_err(|e| failed(format!("{kind} name {text}"), &e, "use letters, digits, _ and /"))
 }
 
-/// QoS of services, as everywhere in ROS 2.
+/// QoS of services, as usual in ROS 2.
 fn service_qos() -> QosProfile {
     QosProfile::publisher_default().history(History::KeepLast { depth: SERVICE_DEPTH })
 }
 
-/// QoS of an action's services, feedback and status, likewise.
+/// QoS of an action's services, feedback and status, as usual in ROS 2.
 fn action_qos() -> [QosProfile; 3] {
     let status = QosProfile::publisher_default()
         .history(History::KeepLast { depth: 1 })
@@ -648,17 +654,17 @@ fn action_qos() -> [QosProfile; 3] {
     [service_qos(), service_qos(), status]
 }
 
-/// A task on a thread of its own, which ends when it is told to.
+/// An async task on its own thread, with a stop signal.
 pub struct Task {
     stop: oneshot::Sender<()>,
     thread: JoinHandle<()>,
 }
 
 impl Task {
-    /// Starts the task that `task` makes of the word to stop, on a thread called `name`.
+    /// Starts the task on a thread called `name`. `task` gets the stop signal.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// When the system cannot start the thread.
     pub fn start<F>(
         name: &'static str,
         task: impl FnOnce(oneshot::Receiver<()>) -> F,
@@ -676,21 +682,21 @@ impl Task {
         !self.thread.is_finished()
     }
 
-    /// Tells the task to end, and waits until it has. `Err` when it had panicked.
+    /// Signals the task to end, and waits for it. `Err` when it had panicked.
     ///
     /// # Errors
     /// The panic's payload.
     pub fn stop(self) -> std::thread::Result<()> {
-        // A thread that has panicked does not listen any more.
+        // The receiver is gone if the thread has panicked.
         let _ = self.stop.send(());
         self.thread.join()
     }
 }
 
-/// Runs `task` to its end on a thread of its own called `name`.
+/// Runs `task` to its end on a new thread called `name`.
 ///
 /// # Errors
-/// When the system gives no thread.
+/// When the system cannot start the thread.
 fn run_async(
     name: &'static str,
     task: impl Future<Output = ()> + Send + 'static,
@@ -705,7 +711,7 @@ fn run_async(
         .spawn({
             let span = Span::current();
             move || {
-                // What it logs is its damper's.
+                // Log lines of the thread carry its damper's name.
                 let _inside = span.entered();
                 runtime.block_on(task);
             }
@@ -713,13 +719,13 @@ fn run_async(
         .map_err(NodeError::io(starting.as_str()))
 }
 
-/// Loopback must be up before DDS is asked to use it alone, or it would wait in silence for an interface.
+/// Checks that loopback is up. DDS would otherwise wait for the interface without a message.
 fn require_loopback() -> Result<(), NodeError> {
     std::net::UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))
         .and_then(|socket| socket.connect((Ipv4Addr::LOCALHOST, 7400)).and_then(|()| socket.send(&[])))
         .map(drop)
         .or_else(|error| match error.kind() {
-            // An ICMP answer that nobody listens there: the interface works.
+            // An ICMP reply "port unreachable": the interface works.
             std::io::ErrorKind::ConnectionRefused => Ok(()),
             _ => Err(error),
         })

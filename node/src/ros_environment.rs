@@ -1,33 +1,34 @@
-//! What ROS' environment variables ask of a participant: who may find it, and what is done in another way than they ask.
+//! Reads ROS' environment variables for a participant: which machines can find it, and remarks where the result differs
+//! from the request.
 //!
-//! | variable | done |
+//! | variable | effect |
 //! |---|---|
 //! | `ROS_AUTOMATIC_DISCOVERY_RANGE` | `SUBNET`, `LOCALHOST`; `SYSTEM_DEFAULT` is loopback; `OFF` and anything else is refused |
-//! | `ROS_LOCALHOST_ONLY` | `1`: loopback, without listed peers; `0`: the subnet, where no range is given; anything else is refused |
-//! | `ROS_STATIC_PEERS` | the node announces itself to these hosts, and leaves this machine (`listed_peers.rs`) |
-//! | `RMW_IMPLEMENTATION` | read, and answered where it asks for another middleware than DDS |
+//! | `ROS_LOCALHOST_ONLY` | `1`: loopback, without listed peers; `0`: the subnet, if no range is given; anything else is refused |
+//! | `ROS_STATIC_PEERS` | the node announces itself to these hosts, and is reachable from the network (`listed_peers.rs`) |
+//! | `RMW_IMPLEMENTATION` | only checked; a remark is logged if it names a middleware other than DDS |
 //!
-//! Loopback is the default. The network is used where a variable or a parameter asks for it.
+//! Loopback is the default. The network is used only if a variable or a parameter requests it.
 
 use crate::config::Config;
 use crate::error::NodeError;
 
-/// Reads a variable; `None` where it is not set.
+/// Reads a variable; `None` if it is not set.
 pub type Variable<'a> = &'a dyn Fn(&str) -> Option<String>;
 
-/// The machines that may find the participant.
+/// The machines that can find the participant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
-    /// This machine alone.
+    /// Only this machine.
     Loopback,
-    /// All machines that the network reaches.
+    /// All machines in the network's reach.
     Network,
 }
 
-/// Something that is done in another way than a variable asks.
+/// A difference between a variable's request and the result.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Remark {
-    /// The variable, and what is done.
+    /// The variable, and the actual behaviour.
     pub found: String,
     /// What to do.
     pub advice: String,
@@ -39,10 +40,10 @@ impl Remark {
     }
 }
 
-/// The request of the environment and the parameters together.
+/// The combined request of the environment and the parameters.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Asked {
-    /// The machines that may find the participant.
+    /// The machines that can find the participant.
     pub reach: Reach,
     /// The hosts to which the participant is announced by unicast.
     pub peers: Vec<String>,
@@ -50,7 +51,7 @@ pub struct Asked {
     pub remarks: Vec<Remark>,
 }
 
-/// A value of `ROS_AUTOMATIC_DISCOVERY_RANGE` that can be had.
+/// A supported value of `ROS_AUTOMATIC_DISCOVERY_RANGE`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Range {
     Subnet,
@@ -64,10 +65,10 @@ pub fn of_process(name: &str) -> Option<String> {
     std::env::var_os(name).map(|value| value.to_string_lossy().into_owned()).filter(|value| !value.is_empty())
 }
 
-/// What `config` and the environment ask for. A parameter is stronger than a variable, which then is not read.
+/// The request of `config` and the environment. A parameter overrides its variable, which is then not read.
 ///
 /// # Errors
-/// [`NodeError::Parameter`] for a variable whose value means nothing, or cannot be had.
+/// [`NodeError::Parameter`] for a variable with an invalid or unsupported value.
 pub fn asked(config: &Config, variable: Variable<'_>) -> Result<Asked, NodeError> {
     let mut remarks: Vec<Remark> = middleware(config, variable).into_iter().collect();
     let of_parameter = |reach, peers| (reach, peers, Vec::new());
@@ -81,14 +82,14 @@ pub fn asked(config: &Config, variable: Variable<'_>) -> Result<Asked, NodeError
     Ok(Asked { reach, peers, remarks })
 }
 
-/// The request of the variables, if no parameter makes one.
+/// The request of the variables; used if no parameter decides.
 fn of_variables(variable: Variable<'_>) -> Result<(Reach, Vec<String>, Vec<Remark>), NodeError> {
     let (range, localhost_only) = (range(variable)?, localhost_only(variable)?);
     let peers = static_peers(variable);
     Ok(match (localhost_only, range) {
         (Some(true), _) if !peers.is_empty() => {
-            let found = "ROS_LOCALHOST_ONLY is 1, so ROS_STATIC_PEERS is ignored and only this machine finds the node";
-            let advice = "unset ROS_LOCALHOST_ONLY if the node shall announce itself to the listed hosts";
+            let found = "ROS_LOCALHOST_ONLY is 1, so ROS_STATIC_PEERS is ignored and only this machine can find the node";
+            let advice = "unset ROS_LOCALHOST_ONLY to announce the node to the listed hosts";
             (Reach::Loopback, Vec::new(), vec![Remark::new(found, advice)])
         }
         (Some(true), _) => (Reach::Loopback, Vec::new(), Vec::new()),
@@ -96,12 +97,12 @@ fn of_variables(variable: Variable<'_>) -> Result<(Reach, Vec<String>, Vec<Remar
         (_, Some(Range::Subnet)) => (Reach::Network, Vec::new(), Vec::new()),
         (_, Some(Range::SystemDefault)) => {
             let found =
-                "ROS_AUTOMATIC_DISCOVERY_RANGE is SYSTEM_DEFAULT, which is this machine only for mr-damper";
-            let advice = "set it to SUBNET if other machines are to find the node";
+                "ROS_AUTOMATIC_DISCOVERY_RANGE is SYSTEM_DEFAULT, which means this machine only in mr-damper";
+            let advice = "set it to SUBNET to let other machines find the node";
             (Reach::Loopback, Vec::new(), vec![Remark::new(found, advice)])
         }
         (Some(false), None) => {
-            let found = "ROS_LOCALHOST_ONLY is 0, so other machines on the network may find the node";
+            let found = "ROS_LOCALHOST_ONLY is 0, so other machines on the network can find the node";
             let advice = "the variable is deprecated: set ROS_AUTOMATIC_DISCOVERY_RANGE to SUBNET, or to LOCALHOST for this machine only";
             (Reach::Network, Vec::new(), vec![Remark::new(found, advice)])
         }
@@ -119,7 +120,7 @@ fn range(variable: Variable<'_>) -> Result<Option<Range>, NodeError> {
         "OFF" => Err(refused(
             NAME,
             &text,
-            "SUBNET, LOCALHOST or SYSTEM_DEFAULT (the DDS library of this program cannot switch discovery off; LOCALHOST is the least)",
+            "SUBNET, LOCALHOST or SYSTEM_DEFAULT (the DDS library of this program cannot switch discovery off; LOCALHOST is the smallest range)",
         )),
         _ => Err(refused(NAME, &text, "SUBNET, LOCALHOST or SYSTEM_DEFAULT, or not set (this machine only)")),
     }
@@ -150,9 +151,9 @@ fn static_peers(variable: Variable<'_>) -> Vec<String> {
     text.split(';').map(str::trim).filter(|host| !host.is_empty()).map(str::to_owned).collect()
 }
 
-/// The answer to `RMW_IMPLEMENTATION`, where it names something that this program does not speak.
+/// The remark on `RMW_IMPLEMENTATION`, if it names a middleware that this program does not use.
 fn middleware(config: &Config, variable: Variable<'_>) -> Option<Remark> {
-    // Those that speak DDS on the wire, as this program does without loading any of them.
+    // Middlewares that use DDS on the wire, as this program does without loading any of them.
     const OF_DDS: [&str; 6] = ["fastrtps", "cyclonedds", "connextdds", "connext", "gurumdds", "opensplice"];
     let name = variable("RMW_IMPLEMENTATION")?;
     let kind = name.strip_prefix("rmw_").unwrap_or(&name);
@@ -162,15 +163,15 @@ fn middleware(config: &Config, variable: Variable<'_>) -> Option<Remark> {
     if !kind.starts_with("zenoh") {
         return Some(Remark::new(
             format!(
-                "RMW_IMPLEMENTATION is {name:?}, which mr-damper does not know and does not load: it speaks DDS by itself"
+                "RMW_IMPLEMENTATION is {name:?}, which mr-damper does not know and does not load: it has its own DDS library"
             ),
-            "unset it, or use a middleware that speaks DDS (rmw_fastrtps_cpp, rmw_cyclonedds_cpp) for the other nodes",
+            "unset it, or use a DDS middleware (rmw_fastrtps_cpp, rmw_cyclonedds_cpp) for the other nodes",
         ));
     }
-    // The node then serves them beside DDS.
+    // With other values, the node serves these nodes in addition to DDS.
     (config.zenoh.rmw == "off").then(|| {
         Remark::new(
-            format!("RMW_IMPLEMENTATION is {name:?}, but mr-damper speaks DDS by itself: nodes on rmw_zenoh do not see it"),
+            format!("RMW_IMPLEMENTATION is {name:?}, but mr-damper uses its own DDS library: nodes on rmw_zenoh do not see it"),
             "for `mr-damper node` set -p zenoh.rmw:=both and -p zenoh.connect:=tcp/127.0.0.1:7447 (the router); `mr-damper top` and \
              `serve` take --zenoh",
         )
@@ -198,7 +199,7 @@ mod tests {
     const PEERS: &str = "ROS_STATIC_PEERS";
 
     #[test]
-    fn loopback_is_the_default_and_the_network_is_used_where_it_is_asked_for() {
+    fn loopback_is_the_default_and_the_network_is_used_on_request() {
         for (variables, reach, peers, remarks) in [
             (&[][..], Loopback, 0, 0),
             (&[(RANGE, "LOCALHOST")], Loopback, 0, 0),
@@ -213,14 +214,14 @@ mod tests {
             (&[(PEERS, "a"), (RANGE, "LOCALHOST")], Network, 1, 0),
             (&[(PEERS, "a"), (ONLY, "1")], Loopback, 0, 1),
         ] {
-            let asked = with(variables, &config("system_default")).expect("can be had");
+            let asked = with(variables, &config("system_default")).expect("a supported value");
             let counted = (asked.reach, asked.peers.len(), asked.remarks.len());
             assert_eq!(counted, (reach, peers, remarks), "{variables:?}");
         }
     }
 
     #[test]
-    fn values_that_mean_nothing_are_refused_with_what_is_allowed() {
+    fn invalid_values_are_refused_with_the_allowed_ones() {
         for (name, value, allowed) in [
             (RANGE, "SUBNETS", "SUBNET, LOCALHOST or SYSTEM_DEFAULT"),
             (RANGE, "OFF", "cannot switch discovery off"),
@@ -229,13 +230,13 @@ mod tests {
             let message = with(&[(name, value)], &config("system_default")).expect_err(value);
             assert!(message.contains(&format!("{name} (environment) is {value:?}")), "{message}");
             assert!(message.contains(allowed), "{message}");
-            // A parameter is stronger: the variable is not read.
+            // A parameter overrides the variable, which is not read.
             assert!(with(&[(name, value)], &config("localhost")).is_ok());
         }
     }
 
     #[test]
-    fn middleware_that_is_not_spoken_is_answered() {
+    fn an_unsupported_middleware_gives_a_remark() {
         let told = |name: &str, config: &Config| {
             let asked = with(&[("RMW_IMPLEMENTATION", name)], config).expect("no refusal");
             asked.remarks.into_iter().map(|remark| remark.found + "; " + &remark.advice).collect::<String>()

@@ -1,11 +1,12 @@
-//! The log on `/rosout`: what is traced goes to the topic as well, under the name of the node that said it.
+//! Publishes the log on `/rosout`: traced lines also go to the topic, under the name of the node that logged them.
 //!
 //! ```text
-//! tracing ─→ ToRosout (a layer beside that of stderr) ─→ a bounded queue a node ─→ overseer ─→ /rosout
+//! tracing ─→ ToRosout (a layer beside that for stderr) ─→ one bounded queue per node ─→ overseer ─→ /rosout
 //! ```
 //!
-//! Threads of one of several dampers work inside a span called `damper` ([`span`]); a line outside of all of them goes to the first
-//! node. Only our own lines go out, at the level of the log: those of the middlewares would come about by publishing them.
+//! In a process with several dampers, the threads of each damper work inside a span called `damper` ([`span`]). A line
+//! outside of such a span goes to the first node. Only lines of this project are published, at the level of the log.
+//! Lines of the middlewares are not, because publishing them would create new ones.
 
 use crate::clock::Clock;
 use crate::error::NodeError;
@@ -23,12 +24,12 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::layer::Context;
 use tracing_subscriber::registry::LookupSpan;
 
-/// Lines that may wait for the overseer; more are dropped and counted.
+/// Lines that can wait for the overseer; further lines are dropped and counted.
 const WAITING: usize = 256;
-/// Name of the spans that say whose a line is.
+/// Name of the spans that give the node of a line.
 const SPAN: &str = "damper";
 
-/// The nodes that hear lines.
+/// The nodes that receive lines.
 static NODES: Mutex<Vec<Hearer>> = Mutex::new(Vec::new());
 
 struct Hearer {
@@ -48,18 +49,18 @@ struct Line {
     line: u32,
 }
 
-/// The span in which the threads of `node` (its full name) work, where a process has several.
+/// The span for the threads of `node` (its full name), if a process has several nodes.
 #[must_use]
 pub fn span(node: &str) -> Span {
-    // Of the highest level, so that no filter of levels takes it away.
+    // At the highest level, so that no level filter removes it.
     tracing::error_span!("damper", node)
 }
 
-/// The layer that hands lines to the nodes.
+/// The layer that passes lines to the nodes.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ToRosout;
 
-/// Whose a span is.
+/// The node of a span.
 struct Of(String);
 
 impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for ToRosout {
@@ -108,7 +109,7 @@ fn level(level: Level) -> u8 {
     }
 }
 
-/// A line as it is read off: the message, then its fields as `name=value`.
+/// A recorded line: the message, then its fields as `name=value`.
 #[derive(Default)]
 struct Text {
     message: String,
@@ -134,10 +135,10 @@ impl Visit for Text {
     }
 }
 
-/// One node's log, on its way to `/rosout`.
+/// One node's log, published on `/rosout`.
 pub struct Rosout {
     publisher: Output<Log>,
-    /// The node's full name, and the same as loggers are called.
+    /// The node's full name; `logger` is the same in the form of logger names.
     node: String,
     logger: String,
     lines: Receiver<Line>,
@@ -145,7 +146,7 @@ pub struct Rosout {
 }
 
 impl Rosout {
-    /// Publishes what `node` (its full name) says from now on, until it is dropped.
+    /// Publishes what `node` (its full name) logs from now on, until the value is dropped.
     ///
     /// # Errors
     /// When the topic cannot be published.
@@ -159,7 +160,8 @@ impl Rosout {
         Ok(Self { publisher, node: node.to_owned(), logger, lines, dropped })
     }
 
-    /// Publishes what has been said by now. A line that the middleware does not take is lost to it, not to stderr.
+    /// Publishes the lines logged so far. A line that the middleware refuses is lost on the topic but is still on
+    /// stderr.
     pub fn drain(&mut self, clock: &Clock) {
         let dropped = self.dropped.swap(0, Ordering::Relaxed);
         let missing = (dropped > 0).then(|| Line {
@@ -180,7 +182,7 @@ impl Rosout {
                 function: module.to_owned(),
                 line,
             };
-            // Said in the log, it would come back here.
+            // An error is not logged, because the log line would come back here.
             let _ = self.publisher.publish(log);
         }
     }

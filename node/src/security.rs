@@ -1,20 +1,22 @@
-//! Whether DDS-Security is asked for, and with which files: the environment and `--enclave`, as in any ROS 2 node.
+//! Reads whether DDS-Security is requested, and with which files: from the environment and `--enclave`, as in any ROS 2
+//! node.
 //!
-//! | variable | says |
+//! | variable | meaning |
 //! |---|---|
-//! | `ROS_SECURITY_ENABLE` | `true`: join the domain with security or not at all |
-//! | `ROS_SECURITY_KEYSTORE` | directory that `ros2 security create_keystore` made |
-//! | `ROS_SECURITY_ENCLAVE_OVERRIDE` | enclave, stronger than `--enclave`; neither: `/` |
-//! | `ROS_SECURITY_STRATEGY` | `Enforce` or `Permissive`: the same here |
+//! | `ROS_SECURITY_ENABLE` | `true`: join the domain with security, or fail |
+//! | `ROS_SECURITY_KEYSTORE` | directory created by `ros2 security create_keystore` |
+//! | `ROS_SECURITY_ENCLAVE_OVERRIDE` | enclave; overrides `--enclave`; without both: `/` |
+//! | `ROS_SECURITY_STRATEGY` | `Enforce` or `Permissive`: no difference here |
 //!
-//! In rcl, `Permissive` (its default) goes on without security when files are missing. Here nothing does: who asked for
-//! security and gets none would not see the difference. `docs/decisions/0004-dds-security.md` says with whom it works.
+//! In rcl, `Permissive` (its default) continues without security when files are missing. Here the node refuses to
+//! start, because a user who requests security would not notice its absence. `docs/decisions/0004-dds-security.md`
+//! lists the peers that it works with.
 
 use crate::error::NodeError;
 use rustdds::DomainParticipantBuilder;
 use std::path::{Path, PathBuf};
 
-/// What `ros2 security create_enclave` writes, and RustDDS looks for.
+/// Files written by `ros2 security create_enclave` and read by RustDDS.
 const FILES: [&str; 6] = [
     "identity_ca.cert.pem",
     "cert.pem",
@@ -24,12 +26,12 @@ const FILES: [&str; 6] = [
     "permissions.p7s",
 ];
 
-/// What is said where the feature `security` is not compiled in.
+/// The message for a program built without the feature `security`.
 const ABSENT: &str = "ROS_SECURITY_ENABLE is true, but this mr-damper was built without DDS-Security. Build one with \
                       `cargo build --release --features security` (needs libssl-dev), or set ROS_SECURITY_ENABLE=false \
-                      to go without";
+                      to run without it";
 
-/// The enclave that the environment and `--enclave` (`argument`) name, with security or without.
+/// The enclave named by the environment or `--enclave` (`argument`), with or without security.
 #[must_use]
 pub fn name_of_enclave(argument: Option<&str>) -> String {
     enclave_of(argument, |name| std::env::var(name).ok().filter(|text| !text.is_empty()))
@@ -41,17 +43,18 @@ fn enclave_of(argument: Option<&str>, variable: impl Fn(&str) -> Option<String>)
         .unwrap_or_else(|| "/".to_owned())
 }
 
-/// An enclave of a keystore that is there: who this process is, and what it may do.
+/// An existing enclave of a keystore: the identity of this process and its permissions.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Enclave {
     directory: PathBuf,
 }
 
 impl Enclave {
-    /// The enclave that the environment and `--enclave` (`argument`) ask for; `None` where they ask for no security.
+    /// The enclave requested by the environment and `--enclave` (`argument`); `None` if no security is requested.
     ///
     /// # Errors
-    /// When they ask for it and this program has none, or the enclave lacks a file; when they contradict each other.
+    /// When security is requested but not compiled in, or the enclave lacks a file; when the settings contradict each
+    /// other.
     pub fn asked_for(argument: Option<&str>) -> Result<Option<Self>, NodeError> {
         Self::asked_for_in(argument, |name| std::env::var(name).ok().filter(|text| !text.is_empty()))
     }
@@ -83,7 +86,7 @@ impl Enclave {
         let keystore = variable("ROS_SECURITY_KEYSTORE").ok_or_else(|| {
             refused(
                 "ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE is not set; name the directory that `ros2 security \
-                 create_keystore` made"
+                 create_keystore` created"
                     .to_owned(),
             )
         })?;
@@ -94,15 +97,17 @@ impl Enclave {
     fn open(keystore: &Path, name: &str) -> Result<Self, NodeError> {
         let Some(below) = name.strip_prefix('/').filter(|below| !below.split('/').any(|part| part == ".."))
         else {
-            return Err(refused(format!("\"{name}\" is no enclave; enclaves are called like /front_left")));
+            return Err(refused(format!(
+                "\"{name}\" is not a valid enclave; enclave names look like /front_left"
+            )));
         };
         let directory = keystore.join("enclaves").join(below);
         for file in FILES {
             let path = directory.join(file);
             if let Err(error) = std::fs::File::open(&path) {
                 return Err(refused(format!(
-                    "{}: {error}; `ros2 security create_enclave {} {name}` writes it. Without security this node does \
-                     not start, whatever ROS_SECURITY_STRATEGY is",
+                    "{}: {error}; create it with `ros2 security create_enclave {} {name}`. The node does not start without \
+                     security, even if ROS_SECURITY_STRATEGY is Permissive",
                     path.display(),
                     keystore.display(),
                 )));
@@ -117,13 +122,13 @@ impl Enclave {
         &self.directory
     }
 
-    /// Has the participant that `builder` makes authenticate itself and its peers by this enclave.
+    /// Makes the participant of `builder` authenticate itself and its peers with this enclave.
     ///
     /// # Errors
-    /// In a program without the feature `security`, which opens no enclave in the first place.
+    /// In a program without the feature `security`.
     #[cfg(feature = "security")]
     pub fn secure(&self, builder: DomainParticipantBuilder) -> Result<DomainParticipantBuilder, NodeError> {
-        // sros2 does not encrypt its keys.
+        // sros2 does not encrypt its private keys.
         let files = rustdds::DomainParticipantSecurityConfigFiles::with_ros_default_names(
             &self.directory,
             String::new(),
@@ -131,7 +136,7 @@ impl Enclave {
         Ok(builder.builtin_security(files))
     }
 
-    /// Refuses: this program has no DDS-Security.
+    /// Returns an error, because this program is built without DDS-Security.
     ///
     /// # Errors
     /// Always.
@@ -149,7 +154,7 @@ fn refused(why: String) -> NodeError {
 mod tests {
     use super::*;
 
-    /// What is asked for when the environment is `variables` (NAME=VALUE) and `--enclave` is `argument`.
+    /// The result when the environment is `variables` (NAME=VALUE) and `--enclave` is `argument`.
     fn asked(variables: &str, argument: Option<&str>) -> Result<Option<Enclave>, NodeError> {
         let all: Vec<(&str, &str)> = variables.split_whitespace().filter_map(|v| v.split_once('=')).collect();
         let of = |name: &str| all.iter().find(|(n, _)| *n == name).map(|(_, value)| (*value).to_owned());
@@ -161,14 +166,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_secured_unasked() {
+    fn security_is_off_unless_requested() {
         for (variables, argument) in [("", None), ("ENABLE=false", None), ("ENABLE=false", Some("/a"))] {
             assert_eq!(asked(variables, argument).expect("insecure"), None, "{variables}");
         }
     }
 
     #[test]
-    fn what_is_half_said_is_refused() {
+    fn incomplete_settings_are_refused() {
         for (variables, argument, says) in [
             ("", Some("/left"), "--enclave /left was given, but ROS_SECURITY_ENABLE is not set"),
             ("ENABLE=True", None, "\"True\"; it must be true or false"),
@@ -181,7 +186,7 @@ mod tests {
 
     #[cfg(not(feature = "security"))]
     #[test]
-    fn what_cannot_be_had_is_refused() {
+    fn security_that_is_not_compiled_in_is_refused() {
         for variables in ["ENABLE=true", "ENABLE=true STRATEGY=Permissive KEYSTORE=/tmp"] {
             let message = message(variables, None);
             assert!(message.contains("built without DDS-Security"), "{message}");
@@ -191,7 +196,7 @@ mod tests {
 
     #[cfg(feature = "security")]
     #[test]
-    fn an_enclave_has_all_its_files() {
+    fn an_enclave_must_have_all_its_files() {
         let keystore = tempfile::tempdir().expect("a temporary directory");
         let directory = keystore.path().join("enclaves/vehicle/left");
         std::fs::create_dir_all(&directory).expect("created");
@@ -207,7 +212,7 @@ mod tests {
         let renamed = format!("{enabled} ENCLAVE_OVERRIDE=/vehicle/left");
         assert_eq!(asked(&renamed, Some("/right")).expect("complete"), expected);
         for name in ["left", "/../left"] {
-            assert!(message(&enabled, Some(name)).contains("is no enclave"), "{name}");
+            assert!(message(&enabled, Some(name)).contains("is not a valid enclave"), "{name}");
         }
     }
 }

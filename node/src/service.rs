@@ -1,16 +1,16 @@
-//! The service: everything that runs for one damper, started in order and ended in order.
+//! The service: all threads of one damper, started and ended in order.
 //!
 //! ```text
 //! ROS topics ─→ source thread ─→ ring ─→ estimating thread ─→ ring ─→ thread of commands ─→ current_command
 //!                                                          ├→ ring ─→ ROS thread ─→ the other topics
 //!                                                          ├→ ring ─→ Zenoh thread ─→ keys
 //!                                                          ├→ ring ─→ overseer ─→ /diagnostics, log, history
-//!                                                          └→ ring ─→ whoever asked for one (screen, report)
+//!                                                          └→ ring ─→ an optional watcher (screen, report)
 //! rmw_zenoh topics ─→ queue ─→ source thread
 //! Zenoh commands ─→ commands thread ─→ ring ─→ source thread (forces), and control as the services below
 //! parameters, ─→ services thread ─→ control ─→ ring of commands ─→ estimating thread
 //! load_model, state
-//! close_loop ─→ actions thread ─→ diagnosing thread, on a copy of the history ─→ control, where that is allowed
+//! close_loop ─→ actions thread ─→ diagnosing thread, on a copy of the history ─→ control, if loading is allowed
 //! ```
 
 use crate::config::{Config, RosArgs};
@@ -38,7 +38,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// What [`Service::dead_thread`] calls the threads of the DDS library that ended without a panic.
+/// Name that [`Service::dead_thread`] returns for threads of the DDS library that ended without a panic.
 pub const DDS_THREAD: &str = "RustDDS";
 
 /// A running service.
@@ -55,24 +55,24 @@ pub struct Service {
     counters: Counters,
 }
 
-/// What the dampers of a process share: its place in the ROS domain, and its Zenoh session.
+/// The parts that the dampers of a process share: the participant in the ROS domain, and the Zenoh session.
 pub struct Process {
     domain: Domain,
-    /// What was asked for.
+    /// The requested real-time priority.
     priority: u8,
-    /// What came of it.
+    /// The resulting scheduling.
     standing: Standing,
     link: Option<Arc<Link>>,
 }
 
 impl Process {
-    /// Joins what `config` asks for, as the `enclave` of a keystore where DDS-Security is asked for.
+    /// Joins the domain and opens the Zenoh session given by `config`. `enclave` is used if DDS-Security is requested.
     ///
     /// # Errors
     /// When ROS or Zenoh do not start.
     pub fn join(config: &Config, enclave: Option<&str>) -> Result<Self, NodeError> {
         panics::watch();
-        // The table keeps it within 0 to 99.
+        // The parameter table limits it to 0 to 99.
         let priority = u8::try_from(config.realtime_priority).unwrap_or_default();
         let (domain, standing) = Domain::join_raised(config, enclave, priority)?;
         if let Standing::Refused { why, .. } = &standing {
@@ -92,14 +92,14 @@ pub struct Counters {
     pub source: Arc<SourceCounters>,
     /// Of the ROS sink.
     pub ros_sink: Arc<RosSinkCounters>,
-    /// Events that a ring between the estimating thread and a sink had no room for, by sink.
+    /// Events lost because the ring between the estimating thread and a sink was full, by sink.
     pub rings: Vec<(&'static str, Arc<AtomicU64>)>,
-    /// How the threads that count are scheduled.
+    /// Scheduling of the counting threads.
     pub standing: Standing,
 }
 
 impl Counters {
-    /// All that was lost on its way through the node, by name: samples, events, and messages.
+    /// Everything lost in the node, by name: samples, events, and messages.
     #[must_use]
     pub fn losses(&self) -> Vec<(String, u64)> {
         let read = |count: &AtomicU64| count.load(Ordering::Relaxed);
@@ -113,13 +113,13 @@ impl Counters {
         others.chain(rings).collect()
     }
 
-    /// How much that is together.
+    /// The sum of all losses.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.losses().iter().map(|(_, count)| count).sum()
     }
 
-    /// What was lost, as `name=count`; `none` where nothing was.
+    /// The losses as `name=count`; `none` without losses.
     #[must_use]
     pub fn losses_in_words(&self) -> String {
         let losses = self.losses().into_iter().filter(|(_, count)| *count > 0);
@@ -132,16 +132,17 @@ impl Service {
     /// Starts the service of the process's only damper; see [`Service::start_in`].
     ///
     /// # Errors
-    /// Those of [`Process::join`] and [`Service::start_in`].
+    /// The same as for [`Process::join`] and [`Service::start_in`].
     pub fn start(config: &Config, args: &RosArgs, watch: bool) -> Result<(Self, Option<Inlet>), NodeError> {
         let process = Process::join(config, args.enclave.as_deref())?;
         Self::start_in(&process, config, args, watch)
     }
 
-    /// Starts the service of one damper. `watch`: also return an inlet that gets every event, inputs included.
+    /// Starts the service of one damper. With `watch`, also returns an inlet that gets every event, including inputs.
     ///
     /// # Errors
-    /// When a model does not load, or the node or the mirror do not start; threads that had started by then end with the process.
+    /// When a model does not load, or the node or the mirror does not start. Threads that were already started end with
+    /// the process.
     pub fn start_in(
         process: &Process,
         config: &Config,
@@ -150,7 +151,7 @@ impl Service {
     ) -> Result<(Self, Option<Inlet>), NodeError> {
         let control = Arc::new(Control::new(config));
         if config.autostart {
-            // Before anything runs, so that a model that does not load ends the start at once.
+            // Before everything else, so that a model that does not load is reported at once.
             control.change_state(Transition::Configure)?;
         }
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
@@ -158,7 +159,7 @@ impl Service {
         ros.override_qos(config.qos.clone());
         let rosout = args.rosout_logs.then(|| Rosout::start(&mut ros, &args.full_name())).transpose()?;
 
-        // Commands come first wherever there is an order.
+        // Commands come first wherever the order matters.
         let (commands_outlet, commands) = hot::channel(Wanted::Commands);
         let (reports_outlet, reports) = hot::channel(Wanted::Reports);
         let mut rings =
@@ -269,20 +270,20 @@ impl Service {
         self.counters.clone()
     }
 
-    /// Names of the models that run.
+    /// Names of the running models.
     #[must_use]
     pub fn names(&self) -> SharedNames {
         self.control.names()
     }
 
-    /// The mirror, when there is one.
+    /// The mirror, if enabled.
     #[must_use]
     pub fn mirror(&self) -> Option<&Mirror> {
         self.zenoh.as_ref().map(|(_, mirror)| mirror)
     }
 
-    /// The name of a thread that has died, if one has. A panic in a middleware's thread must not go unseen: those are of all services
-    /// of the process.
+    /// The name of a thread that has died, if any. It includes the middlewares' threads, which belong to all services
+    /// of the process: their panics would otherwise stay undetected.
     #[must_use]
     pub fn dead_thread(&self) -> Option<&'static str> {
         if let Some(thread) = panics::of_middleware() {
@@ -315,14 +316,14 @@ impl Service {
         self.overseer.history()
     }
 
-    /// Who changes models and parameters of the running service.
+    /// The handle that changes models and parameters of the running service.
     #[must_use]
     pub fn control(&self) -> &Arc<Control> {
         &self.control
     }
 
-    /// Ends the service: inputs first, so that everything taken is still estimated and published; then the
-    /// sinks; then the node, so that peers see it go at once.
+    /// Ends the service. Inputs end first, so that all received samples are still estimated and published; then the
+    /// sinks; then the node, so that peers are informed at once.
     ///
     /// # Errors
     /// [`NodeError::Failed`] naming the threads that had panicked.
@@ -360,12 +361,12 @@ impl Service {
     }
 }
 
-/// What nodes on rmw_zenoh are to see; the table of parameters lets no other name pass.
+/// The exchange with nodes on rmw_zenoh. The parameter table allows only valid names.
 fn rmw(config: &Config) -> Rmw {
     Rmw::named(&config.zenoh.rmw).unwrap_or_default()
 }
 
-/// The damper's place among nodes on rmw_zenoh, where it has one.
+/// The damper's presence for nodes on rmw_zenoh, if enabled.
 fn rmw_presence(
     process: &Process,
     config: &Config,
@@ -377,11 +378,11 @@ fn rmw_presence(
     link.map(|link| Ok(RmwPresence::of(args, domain?, link.next_entity(), frame))).transpose()
 }
 
-/// The Zenoh session that `config` asks for, if it asks for one.
+/// The Zenoh session given by `config`, if any.
 pub(crate) fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
     let zenoh = &config.zenoh;
     let rmw = rmw(config);
-    // Commands and a presence without an endpoint are a mistake, which the settings' check names.
+    // Commands or rmw presence without an endpoint are an error, which the check of the settings reports.
     let asked = !(zenoh.listen.is_empty()
         && zenoh.connect.is_empty()
         && zenoh.config.is_empty()
@@ -405,10 +406,10 @@ pub(crate) fn zenoh_config(config: &Config) -> Option<ZenohConfig> {
     })
 }
 
-/// The domain and the reach of a service with `config`, for people.
+/// The domain and the reach of a service with `config`, as text.
 ///
 /// # Errors
-/// When `ROS_DOMAIN_ID` is no domain.
+/// When `ROS_DOMAIN_ID` is not a valid domain.
 pub fn reach(config: &Config) -> Result<String, NodeError> {
     let asked = ros_environment::asked(config, &ros_environment::of_process)?;
     let mut range = match asked.reach {

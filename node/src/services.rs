@@ -1,4 +1,4 @@
-//! The services that a node offers. Those of the client library know of no range, no lifecycle and no type.
+//! The services that a node offers. The client library's own services lack ranges, the lifecycle and type descriptions.
 //!
 //! | services | type from |
 //! |---|---|
@@ -7,8 +7,8 @@
 //! | `~/get_state`, `~/change_state`, `~/get_available_states`, `~/get_available_transitions`, `~/get_transition_graph` | `lifecycle_msgs` |
 //! | `~/get_type_description` | `type_description_interfaces` |
 //!
-//! One thread answers them all, one request after the other. It reads files and waits for the estimating thread, so it is none of
-//! those that samples pass.
+//! One thread answers all of them, one request after the other. It reads files and waits for the estimating thread, so
+//! it is not on the path of samples.
 
 use crate::actions::Actions;
 use crate::clock::system_now;
@@ -51,7 +51,7 @@ impl Services {
     /// Offers services and actions, and starts the threads that answer.
     ///
     /// # Errors
-    /// When a service cannot be offered or the system starts no thread.
+    /// When a service cannot be offered or the system cannot start a thread.
     pub fn start(
         ros: &mut Ros,
         args: &RosArgs,
@@ -76,21 +76,21 @@ impl Services {
         Ok(Self { answering, actions: actions.start()?, manager, changes })
     }
 
-    /// Takes a transition of the node, and tells those who listen.
+    /// Makes a transition of the node, and publishes it.
     ///
     /// # Errors
-    /// Those of [`Control::change_state`].
+    /// The same as for [`Control::change_state`].
     pub fn change_state(&self, transition: Transition) -> Result<(), NodeError> {
         self.manager.change(transition)
     }
 
-    /// What `load_model` and `set_mode` do, for those who ask another way.
+    /// The functions behind `load_model` and `set_mode`, for callers over other interfaces.
     #[must_use]
     pub fn changes(&self) -> Changes {
         self.changes.clone()
     }
 
-    /// Tells those who listen of a transition that was taken before anybody could.
+    /// Publishes a transition that was made before the publisher existed.
     pub fn announce(&self, transition: Transition, from: Phase, to: Phase) {
         self.manager.publish(transition, from, to);
     }
@@ -111,7 +111,7 @@ impl Services {
     }
 }
 
-/// Takes transitions, and says so.
+/// Makes transitions and publishes them.
 struct Manager {
     control: Arc<Control>,
     events: Output<TransitionEvent>,
@@ -133,7 +133,7 @@ impl Manager {
             goal_state: to.message(),
         };
         if let Err(error) = self.events.publish(event) {
-            tracing::warn!("a transition of the node was not published: {error}");
+            tracing::warn!("cannot publish a transition of the node: {error}");
         }
     }
 
@@ -148,7 +148,7 @@ impl Manager {
     }
 }
 
-/// The node's services, while they are offered.
+/// The node's services while they are set up.
 struct Offer<'a>(Desk<'a>);
 
 impl Offer<'_> {
@@ -220,7 +220,7 @@ impl Offer<'_> {
     }
 }
 
-/// What `load_model` and `set_mode` do, whichever way they are asked.
+/// The functions behind `load_model` and `set_mode`, for all interfaces.
 #[derive(Clone)]
 pub struct Changes {
     control: Arc<Control>,
@@ -228,17 +228,17 @@ pub struct Changes {
 }
 
 impl Changes {
-    /// Loads the model called `model`, and says which is in force now.
+    /// Loads the model called `model`, and returns a message that names the new and the previous one.
     ///
     /// # Errors
-    /// Why it is not loaded; the running one stays.
+    /// The reason why it was not loaded; the running model stays.
     pub fn load_model(&self, model: &str) -> Result<String, String> {
         parameters::within_length("the model's name", model)
             .inspect_err(|error| tracing::warn!("load_model refused: {error}"))?;
         match self.control.load_model(model) {
             Ok(Loaded { before, now }) => {
                 self.parameters.announce(&["model".to_owned()]);
-                Ok(format!("{} is in force; before it was {}", now.free, before.free))
+                Ok(format!("{} is loaded; the previous model was {}", now.free, before.free))
             }
             Err(error) => {
                 tracing::warn!(model, "load_model refused: {error}");
@@ -247,14 +247,14 @@ impl Changes {
         }
     }
 
-    /// Holds the mode called `mode` by the parameter `mode`, or none of them: `auto`.
+    /// Fixes the mode `mode` through the parameter `mode`; `auto` releases it.
     ///
     /// # Errors
-    /// When there is no such mode, or it lasts for a bounded time only.
+    /// When the mode does not exist, or it is limited in time.
     pub fn set_mode(&self, mode: &str) -> Result<(), String> {
         if [Mode::ArxCoast, Mode::Hold].map(Mode::name).contains(&mode) {
             return Err(format!(
-                "{mode} lasts for a bounded time only, so it cannot be asked for; ask for arx, model or fault"
+                "{mode} lasts for a limited time only, so it cannot be requested; request arx, model or fault"
             ));
         }
         let value = ParameterValue {
@@ -267,7 +267,7 @@ impl Changes {
     }
 
     fn answer_mode(&self, request: &SetModeRequest) -> Result<(), String> {
-        let unknown = |UnknownValue { .. }| format!("there is no mode {}", request.mode);
+        let unknown = |UnknownValue { .. }| format!("unknown mode {}", request.mode);
         let mode =
             if request.automatic { "auto" } else { Mode::try_from(request.mode).map_err(unknown)?.name() };
         self.set_mode(mode)

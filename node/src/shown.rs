@@ -1,24 +1,26 @@
-//! Text on its way to a terminal.
+//! Makes text safe for a terminal.
 //!
-//! File names, CSV headers, topic names and frame ids are written by others, and may hold control characters: with these a terminal
-//! can be made to hide text, to show other text, or to change its title. They are shown by their number instead, as `\u{1b}`.
+//! File names, CSV headers, topic names and frame ids come from others and may contain control characters. With these,
+//! a terminal can be made to hide text, to show other text, or to change its title. They are shown by their code
+//! instead, for example `\u{1b}`.
 
 use std::borrow::Cow;
 use std::fmt::{self, Write};
 
-/// `text` without control characters: it stays on one line.
+/// `text` with control characters escaped; the result stays on one line.
 #[must_use]
 pub fn line(text: &str) -> Cow<'_, str> {
     escaped(text, |c| c != '\t' && c.is_control())
 }
 
-/// `text` without control characters other than line ends, for what has several lines.
+/// `text` with control characters escaped except line ends, for text of several lines.
 #[must_use]
 pub fn lines(text: &str) -> Cow<'_, str> {
     escaped(text, |c| !matches!(c, '\t' | '\n') && c.is_control())
 }
 
-/// An error as the command line says it. Further lines are indented, so that none of them can pass for another message.
+/// An error in the form of the command line. Further lines are indented, so that they cannot be mistaken for another
+/// message.
 #[must_use]
 pub fn error(error: &impl fmt::Display) -> String {
     format!("error: {}", lines(&error.to_string()).trim_end().replace('\n', "\n  "))
@@ -35,7 +37,7 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// Passes text on to another writer as [`line()`] shows it.
+/// Passes text to another writer in the form of [`line()`].
 #[derive(Debug)]
 pub struct OneLine<W>(pub W);
 
@@ -50,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn control_characters_are_shown_by_their_number() {
+    fn control_characters_are_shown_by_their_code() {
         let text = "a\u{1b}[31mb\r\n\tc\u{9b}\u{7}é";
         assert_eq!(line(text), "a\\u{1b}[31mb\\r\\n\tc\\u{9b}\\u{7}é");
         assert_eq!(lines(text), "a\\u{1b}[31mb\\r\n\tc\\u{9b}\\u{7}é");
@@ -58,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_of_an_error_cannot_pass_for_another_error() {
+    fn a_line_of_an_error_cannot_look_like_another_error() {
         assert_eq!(error(&"a.csv\nerror: \u{1b}]0;b"), "error: a.csv\n  error: \\u{1b}]0;b");
     }
 }

@@ -1,4 +1,4 @@
-//! `~/get_type_description`: what the messages of this node look like, for peers that do not know them (REP-2016).
+//! `~/get_type_description`: describes the message types of this node, for peers that do not know them (REP-2016).
 
 use mr_damper_msgs::type_description::{
     GetTypeDescriptionRequest, GetTypeDescriptionResponse, TypeDescription, TypeSource,
@@ -32,7 +32,7 @@ fn found(request: &GetTypeDescriptionRequest) -> Result<(&'static Descriptor, Ty
     Ok((descriptor, described))
 }
 
-/// The texts of a type and of all inside it.
+/// The texts of a type and of all types inside it.
 fn sources(descriptor: &Descriptor) -> Vec<TypeSource> {
     let separator = "=".repeat(80) + "\n";
     let mut parts = descriptor.definition.split(&*separator);
@@ -43,7 +43,7 @@ fn sources(descriptor: &Descriptor) -> Vec<TypeSource> {
     };
     let own = source(descriptor.type_name.to_owned(), parts.next().unwrap_or_default());
     let inside = parts.filter_map(|part| {
-        // `MSG: package/Name`, and the text.
+        // `MSG: package/Name`, then the text.
         let (name, text) = part.strip_prefix("MSG: ")?.split_once('\n')?;
         Some(source(name.replacen('/', "/msg/", 1), text))
     });
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_type_comes_with_those_inside_and_their_texts() {
+    fn a_type_is_described_with_its_nested_types_and_their_texts() {
         for descriptor in MESSAGES {
             let request = GetTypeDescriptionRequest {
                 type_name: descriptor.type_name.to_owned(),
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_said() {
+    fn an_unknown_type_or_hash_is_reported() {
         let ask = |name: &str, hash: &str| {
             describe(&GetTypeDescriptionRequest {
                 type_name: name.to_owned(),

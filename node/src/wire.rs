@@ -1,4 +1,4 @@
-//! Between the pipeline's events and the ROS messages.
+//! Converts the pipeline's events to ROS messages.
 
 use mr_damper_model::pipeline::{Commanded, Estimate, Residual, Transition};
 use mr_damper_model::sample::Stamp;
@@ -7,19 +7,19 @@ use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
 
 pub use crate::sink::zenoh::ModelNames;
 
-/// A header with `stamp`; stamps beyond what the message can hold saturate.
+/// A header with `stamp`. Stamps beyond the message's range saturate.
 #[must_use]
 pub fn header(stamp: Stamp, frame_id: &str) -> Header {
     Header { stamp: Time::from_nanos_saturating(stamp.nanos()), frame_id: frame_id.to_owned() }
 }
 
-/// The frame of the node in `namespace`: its parts, joined by `_`.
+/// The frame id of the node in `namespace`: the namespace's parts, joined by `_`.
 #[must_use]
 pub fn frame_id(namespace: &str) -> String {
     namespace.trim_start_matches('/').replace('/', "_")
 }
 
-/// `stamp` as `ros2 topic echo` shows stamps: seconds and a fraction.
+/// `stamp` in the form of `ros2 topic echo`: seconds and a fraction.
 #[must_use]
 pub fn in_seconds(stamp: Stamp) -> String {
     let nanos = stamp.nanos();
@@ -94,7 +94,7 @@ mod tests {
     use mr_damper_model::pipeline as model;
 
     #[test]
-    fn numbers_on_the_wire_are_the_interface_package_s() {
+    fn numbers_on_the_wire_agree_with_the_interface_package() {
         for (ours, theirs) in [
             (model::Mode::Arx, mr_damper_msgs::Mode::Arx),
             (model::Mode::ArxCoast, mr_damper_msgs::Mode::ArxCoast),

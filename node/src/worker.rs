@@ -1,4 +1,5 @@
-//! A named thread that sleeps until woken and ends when told to: the three threads that every sample passes.
+//! A named thread that sleeps until it is woken and ends on request. It is used for the threads on the path of every
+//! sample.
 
 use std::io;
 use std::sync::Arc;
@@ -6,7 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, JoinHandle, Result, Thread};
 use tracing::Span;
 
-/// Raised when the thread has to end. What is there by then is still worked off: read it *before* draining a ring.
+/// Raised when the thread has to end. Check it *before* draining a ring, so that the rest of the ring is still
+/// processed.
 #[derive(Debug)]
 pub struct Stop(AtomicBool);
 
@@ -29,13 +31,13 @@ impl Worker {
     /// Runs `body` on a thread called `name`.
     ///
     /// # Errors
-    /// When the system starts no thread.
+    /// When the system cannot start the thread.
     pub fn start(name: &str, body: impl FnOnce(&Stop) + Send + 'static) -> io::Result<Self> {
         let stop = Arc::new(Stop(AtomicBool::new(false)));
         let thread = Builder::new().name(name.to_owned()).spawn({
             let (stop, span) = (Arc::clone(&stop), Span::current());
             move || {
-                // What it logs is its damper's.
+                // Log lines of the thread carry its damper's name.
                 let _inside = span.entered();
                 body(&stop);
             }
@@ -43,7 +45,7 @@ impl Worker {
         Ok(Self { stop, thread })
     }
 
-    /// The thread, for waking.
+    /// The thread's handle, for waking it.
     #[must_use]
     pub fn thread(&self) -> Thread {
         self.thread.thread().clone()
@@ -55,10 +57,10 @@ impl Worker {
         !self.thread.is_finished()
     }
 
-    /// Tells the thread to end, wakes it, and waits for its end.
+    /// Tells the thread to end, wakes it, and waits for it.
     ///
     /// # Errors
-    /// The panic's payload, when it had panicked.
+    /// The panic's payload, if the thread had panicked.
     pub fn stop(self) -> Result<()> {
         self.stop.0.store(true, Ordering::Release);
         self.thread.thread().unpark();

@@ -1,4 +1,5 @@
-//! Bad input from a shell's point of view: exit code, a message that says what, where and what to do, no panic.
+//! Bad input on the command line: the exit code is right, the message says what, where and what to do, and
+//! nothing panics.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -47,7 +48,7 @@ fn a_broken_row_is_named_and_can_be_skipped() {
 }
 
 #[test]
-fn a_model_file_with_a_wrong_unit_is_refused_with_the_right_one() {
+fn a_model_file_with_a_wrong_unit_is_refused_and_the_right_unit_is_named() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let preset = mr_damper(&["presets", "thesis/fuzzy-tanh/rp3-cs"]);
     let text = String::from_utf8_lossy(&preset.stdout).replace("yield_force_n", "yield_force_lbf");
@@ -65,7 +66,7 @@ fn a_run_with_the_wrong_drive_is_refused() {
 }
 
 #[test]
-fn a_truncated_bag_is_read_as_far_as_it_goes_and_says_so() {
+fn a_truncated_bag_is_read_to_its_end_with_a_warning() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let mut csv = "time_s,displacement_m,force_n,current_a\n".to_owned();
     for k in 0..20_000 {
@@ -133,20 +134,20 @@ fn a_zenoh_port_in_use_is_named() {
     );
 }
 
-/// A network namespace of one's own has a loopback interface that is down.
+/// In a new network namespace the loopback interface is down.
 #[test]
-fn no_network_interface_is_said_at_once() {
+fn a_missing_network_interface_is_reported_at_once() {
     let binary = env!("CARGO_BIN_EXE_mr-damper");
     let output = Command::new("unshare")
         .args(["-r", "-n", binary, "node", "--model", "thesis/fuzzy-tanh/rp3-cs"])
         .output();
     let Ok(output) = output else {
-        eprintln!("SKIPPED no_network_interface_is_said_at_once: there is no unshare here");
+        eprintln!("SKIPPED a_missing_network_interface_is_reported_at_once: unshare is not installed");
         return;
     };
     let stderr = String::from_utf8_lossy(&output.stderr);
     if stderr.contains("unshare:") {
-        eprintln!("SKIPPED no_network_interface_is_said_at_once: {stderr}");
+        eprintln!("SKIPPED a_missing_network_interface_is_reported_at_once: {stderr}");
         return;
     }
     assert_eq!(output.status.code(), Some(1), "{stderr}");

@@ -1,4 +1,5 @@
-//! `close` from a shell: what it refuses before any work, what it finds and writes, and that it ends at once when told to.
+//! `close` on the command line: it refuses unsuitable input before any work, finds an effect and writes the model, and
+//! stops at once on Ctrl-C.
 
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::{DriveKind, Run};
@@ -10,7 +11,7 @@ use std::time::{Duration, Instant};
 
 const PRESET: &str = "thesis/fuzzy-tanh/rp3-cs";
 
-/// A few seconds of the rig.
+/// A simulated run of the virtual rig, a few seconds long.
 fn rig(seed: u64) -> Run {
     let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(4.0);
     record(&experiment, &Plant::default(), &Channels::default(), seed)
@@ -20,7 +21,8 @@ fn write(dir: &Path, name: &str, run: &Run) {
     save(run, &dir.join(name), &SaveOptions::default()).expect("room in the temporary directory");
 }
 
-/// A folder with the runs a.csv to e.csv, a copy of a.csv, one with a voltage, one without a drive, and a model of a.csv.
+/// A folder with the runs a.csv to e.csv, a copy of a.csv, a run driven by a voltage, a run without a drive, and a model
+/// identified from a.csv.
 fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().expect("a temporary directory");
     for (seed, name) in (1..).zip(["a.csv", "b.csv", "c.csv", "d.csv", "e.csv"]) {
@@ -49,7 +51,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn what_cannot_prove_anything_is_refused_before_any_work() {
+fn unsuitable_input_is_refused_before_any_work() {
     let dir = folder();
     let refused = |line: &str, code: i32, words: &[&str]| {
         let arguments: Vec<&str> =
@@ -65,23 +67,23 @@ fn what_cannot_prove_anything_is_refused_before_any_work() {
     let preset = |line: &str| format!("--base {PRESET} {line}");
     let three = preset("--estimate a.csv --confirm b.csv --test c.csv");
 
-    // The same run twice, by content: whatever its name, and within one role too.
+    // The same run twice: it is recognised by content under any name, also within one role.
     let twice =
         ["copy-of-a.csv: given with --test", "a.csv, given with --estimate", "SHA-256", "another run"];
     refused(&preset("--estimate a.csv --confirm b.csv --test copy-of-a.csv"), 1, &twice);
     refused(
         &preset("--estimate a.csv copy-of-a.csv --confirm b.csv"),
         1,
-        &["may serve twice", "copy-of-a.csv"],
+        &["a run that is used twice", "copy-of-a.csv"],
     );
     refused(&format!("{three} --replicates d.csv copy-of-a.csv"), 1, &["given with --replicates"]);
 
-    // A sealed run that the base knows.
+    // A test run (`--test`, "sealed") that the base was trained on.
     let known = ["copy-of-a.csv: given with --test", "a.toml was made with this very run", "another base"];
     refused("--base a.toml --estimate b.csv --confirm c.csv --test copy-of-a.csv", 1, &known);
 
     // Too few runs, or too many.
-    refused(&preset("--estimate a.csv"), 2, &["no confirm run", "--confirm"]);
+    refused(&preset("--estimate a.csv"), 2, &["no validation run", "--confirm"]);
     refused(&preset("--confirm a.csv"), 2, &["--estimate"]);
     refused(
         &format!("{three} --reference d.csv e.csv"),
@@ -130,11 +132,11 @@ fn what_cannot_prove_anything_is_refused_before_any_work() {
 }
 
 #[test]
-fn the_help_teaches_what_each_set_of_runs_is_for() {
+fn the_help_explains_each_set_of_runs() {
     let help = text(&mr_damper(Path::new("."), &["close", "--help"]).stdout);
     for word in [
-        "no file may serve twice",
-        "sealed: read once",
+        "no file may be used twice",
+        "test runs: read once",
         "--replicates",
         "Examples:",
         "mr-damper close --base",
@@ -145,7 +147,7 @@ fn the_help_teaches_what_each_set_of_runs_is_for() {
 }
 
 #[test]
-fn the_rigs_lag_is_found_proved_and_written_and_its_sealed_run_is_sealed_no_more() {
+fn the_rigs_coil_lag_is_found_and_written_and_its_test_run_cannot_be_used_again() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(20.0);
     for (seed, name) in (1..).zip(["a.csv", "b.csv", "c.csv", "d.csv"]) {
@@ -163,14 +165,14 @@ fn the_rigs_lag_is_found_proved_and_written_and_its_sealed_run_is_sealed_no_more
     let effects = json["effects"].as_array().expect("effects");
     let lag =
         effects.iter().find(|effect| effect["id"] == "coil_lag").expect("the rig's coil has a lag of 12 ms");
-    // The larger of two, where the data ask for one of each.
+    // The lag has one time constant, or one each for rising and falling current; one of them must be near 12 ms.
     let taus = ["tau_s", "tau_rise_s"].map(|name| lag["parameters"][name].as_f64());
     assert!(taus.iter().flatten().any(|tau_s| (0.008..0.016).contains(tau_s)), "{lag:#}");
     assert!(json["test"]["ratio_ci95"][1].as_f64().is_some_and(|high| high < 0.6), "{:#}", json["test"]);
     let roles: Vec<&Value> = json["runs"].as_array().expect("runs").iter().map(|run| &run["role"]).collect();
     assert_eq!(roles, ["estimate", "estimate", "confirm", "test"]);
 
-    // What was not to be looked for is not named, and not called absent.
+    // An effect that `--effects` excludes is neither named nor reported as absent.
     let other = close("close --base fuzzy-tanh --restarts 2 --out other.toml --effects gas_spring,friction");
     let other: Value = serde_json::from_slice(&other.stdout).expect("JSON alone on stdout");
     let ids = |list: &str| -> Vec<&str> {
@@ -179,13 +181,13 @@ fn the_rigs_lag_is_found_proved_and_written_and_its_sealed_run_is_sealed_no_more
     assert!(!ids("effects").contains(&"coil_lag"), "{other:#}");
     assert!(ids("untestable").contains(&"coil_lag") && !ids("untestable").contains(&"friction"), "{other:#}");
 
-    // The model file holds what was found: the same error again, from the file.
+    // The model file contains the effect: evaluating the file gives the same error.
     let evaluated = mr_damper(dir.path(), &["evaluate", "new.toml", "d.csv", "--json"]);
     let evaluated: Value = serde_json::from_slice(&evaluated.stdout).expect("JSON");
     let esr = |value: &Value| value["esr"].as_f64().expect("a figure");
     let (sealed, again) =
         (esr(&json["test"]["after"]), esr(&evaluated["runs"][0]["free_run_without_offset"]));
-    assert!((again / sealed - 1.0).abs() < 0.1, "{again} {sealed}: rows differ a little at the ends");
+    assert!((again / sealed - 1.0).abs() < 0.1, "{again} {sealed}: only a few rows at the ends differ");
     let page = std::fs::read_to_string(dir.path().join("new.html")).expect("a report");
     assert!(
         page.contains("coil_lag")
@@ -194,7 +196,7 @@ fn the_rigs_lag_is_found_proved_and_written_and_its_sealed_run_is_sealed_no_more
             && !page.contains("http")
     );
 
-    // It has been read once: whoever goes on from here needs another.
+    // The test run has been read once: the next diagnosis needs another one.
     let output = close("close --base new.toml --out newer.toml");
     assert_eq!(output.status.code(), Some(1));
     assert!(
@@ -203,7 +205,7 @@ fn the_rigs_lag_is_found_proved_and_written_and_its_sealed_run_is_sealed_no_more
 }
 
 #[test]
-fn a_running_node_is_asked_for_nothing_that_only_runs_on_disk_have() {
+fn options_for_recorded_runs_are_refused_with_live() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     for (line, word) in [
         ("close --live --base damper.toml", "--base"),
@@ -237,19 +239,19 @@ fn ctrl_c_ends_it_at_once_and_nothing_is_written() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
     command.args(arguments.split(' ')).args(["--restarts", "100000"]).current_dir(dir.path());
     let mut child = command.stderr(Stdio::piped()).spawn().expect("it runs");
-    // Without a terminal the stages go to the log: two lines, the warning that nothing is sealed and the base.
+    // Without a terminal the stages are logged. The first two lines are the warning about missing test runs, and the base.
     let mut log = std::io::BufReader::new(child.stderr.take().expect("a pipe"));
     let mut said = String::new();
     while !said.contains("identifying the base") {
         assert!(std::io::BufRead::read_line(&mut log, &mut said).expect("a pipe") > 0, "{said}");
     }
-    assert!(said.contains("no sealed runs") && said.contains("--test"), "{said}");
+    assert!(said.contains("no test runs") && said.contains("--test"), "{said}");
     std::thread::sleep(Duration::from_millis(300));
     let killed = Instant::now();
     let pid = child.id().to_string();
     assert!(Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
     let status = child.wait().expect("it ends");
-    // A second on an idle machine; tests run on busy ones.
+    // Takes a second on an idle machine; the limit allows for a busy one.
     assert!(killed.elapsed() < Duration::from_secs(5), "{:?}", killed.elapsed());
     assert_eq!(status.code(), Some(1));
     assert!(!dir.path().join("new.toml").exists() && !dir.path().join("r.json").exists());

@@ -1,4 +1,4 @@
-//! `compare` from a shell: tables, JSON as contracted, going on after an interrupt, bad input.
+//! `compare` on the command line: tables, JSON as in the contract, resuming after an interrupt, bad input.
 
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_node::run::{SaveOptions, save};
@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
-/// Two experiments of the rig with two replicates each.
+/// Two experiments of the virtual rig with two replicates each.
 fn runs(dir: &Path) {
     for (name, stem) in [("RP-ICPS", "rp-icps"), ("RP1-CS", "rp1-cs")] {
         for replicate in 1..=2 {
@@ -37,7 +37,7 @@ fn temporary() -> tempfile::TempDir {
 }
 
 #[test]
-fn the_json_is_as_contracted_and_the_tables_hold_its_figures() {
+fn the_json_follows_the_contract_and_the_tables_show_its_values() {
     let dir = temporary();
     let more = ["--models", "arx,fuzzy-tanh", "--json", "r.json", "--report", "r.html"];
     let output = compare(dir.path(), &more);
@@ -47,10 +47,11 @@ fn the_json_is_as_contracted_and_the_tables_hold_its_figures() {
     assert_eq!(json["schema"], "mr-damper/compare/1");
 
     let rows = |key: &str| json[key].as_array().unwrap_or_else(|| panic!("{key} is a list")).clone();
-    // ARX in two forms with two predictors, fuzzy-tanh in two with one; on two experiments.
+    // ARX has two forms with two predictors each, fuzzy-tanh two forms with one predictor; all on two
+    // experiments.
     assert_eq!(rows("identification").len(), 12);
     for row in rows("identification") {
-        // Seven levels do not say where seven sets stand: there is a reason in place of figures.
+        // With seven current levels, seven fuzzy sets cannot be placed: the row has a note instead of values.
         if row["form"] == "free_fuzzy" && row["experiment"] == "RP1-CS" {
             assert!(row["note"].as_str().is_some_and(|note| note.contains("cannot be placed")), "{row:#}");
             continue;
@@ -61,7 +62,7 @@ fn the_json_is_as_contracted_and_the_tables_hold_its_figures() {
         assert!(row["parameters"].as_u64().is_some() && row["restarts"] == 2);
         assert!(["RP-ICPS", "RP1-CS"].contains(&row["experiment"].as_str().expect("a name")));
     }
-    // Each of eleven models with figures is tested on the three other runs.
+    // Each of the eleven models with values is tested on the three other runs.
     assert_eq!(rows("cross_validation").len(), 33);
     for row in rows("cross_validation") {
         assert!(["passive", "semi_active", "free_fuzzy"].contains(&row["form"].as_str().expect("a form")));
@@ -88,11 +89,14 @@ fn the_json_is_as_contracted_and_the_tables_hold_its_figures() {
     for word in ["http", "src=", "NaN", "inf "] {
         assert!(!page.contains(word), "{word} in the report");
     }
-    assert!(!dir.path().join("compare.partial.jsonl").exists(), "all is done: nothing to go on with");
+    assert!(
+        !dir.path().join("compare.partial.jsonl").exists(),
+        "the work is complete, so no state file is left"
+    );
 }
 
 #[test]
-fn the_same_command_goes_on_and_a_changed_option_does_not() {
+fn the_same_command_resumes_and_a_changed_option_starts_over() {
     let dir = temporary();
     let state = dir.path().join("state.jsonl");
     let lines = || std::fs::read_to_string(&state).expect("the state").lines().count();
@@ -100,12 +104,12 @@ fn the_same_command_goes_on_and_a_changed_option_does_not() {
     let figures = |output: &Output| -> Value {
         assert!(output.status.success(), "{}", text(&output.stderr));
         let json: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
-        // Seconds and all: what is not done again has taken no other time.
+        // The seconds are compared as well: a cell that is not computed again keeps its time.
         json["identification"].clone()
     };
     let first = figures(&compare(dir.path(), &more));
     assert_eq!(lines(), 2);
-    // As an interrupt leaves it: one cell done.
+    // The state file after an interrupt: one cell is done.
     let kept = std::fs::read_to_string(&state).expect("the state");
     let half: String = kept.lines().take(1).map(|line| format!("{line}\n")).collect();
     std::fs::write(&state, half).expect("room");
@@ -114,17 +118,17 @@ fn the_same_command_goes_on_and_a_changed_option_does_not() {
     let seconds = |rows: &Value| {
         rows.as_array().expect("rows").iter().filter(|r| first.as_array().expect("rows").contains(r)).count()
     };
-    assert_eq!(seconds(&second), 2, "the two figures of the kept cell are the same with their seconds");
+    assert_eq!(seconds(&second), 2, "the two rows of the kept cell are unchanged, including their seconds");
 
     let mut changed = more.to_vec();
     changed.extend(["-", "--cutoff", "25"]);
     figures(&compare(dir.path(), &changed));
-    assert_eq!(lines(), 4, "another corner of the filter is other work");
+    assert_eq!(lines(), 4, "another filter cutoff is computed separately");
 }
 
 #[cfg(unix)]
 #[test]
-fn ctrl_c_ends_it_at_once_and_says_how_to_go_on() {
+fn ctrl_c_ends_it_at_once_and_it_says_how_to_resume() {
     let dir = temporary();
     let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
     command.arg("compare").arg(dir.path().join("runs")).args(["--quiet", "--restarts", "100000"]);
@@ -136,24 +140,24 @@ fn ctrl_c_ends_it_at_once_and_says_how_to_go_on() {
         .expect("it runs");
     let state = dir.path().join("compare.partial.jsonl");
     let deadline = Instant::now() + Duration::from_secs(60);
-    // The first cell alone: what comes after it may share the pool of threads with a hundred thousand restarts.
+    // Waits for the first cell only: later cells may share the thread pool with a hundred thousand restarts.
     while std::fs::read_to_string(&state).map_or(true, |text| text.lines().count() < 1) {
-        assert!(Instant::now() < deadline, "a cell of ARX takes no time");
+        assert!(Instant::now() < deadline, "the first ARX cell is done within 60 s");
         std::thread::sleep(Duration::from_millis(50));
     }
     let killed = Instant::now();
     let pid = child.id().to_string();
     assert!(Command::new("kill").args(["-INT", &pid]).status().expect("kill").success());
     let output = child.wait_with_output().expect("it ends");
-    // A second on an idle machine; tests run on busy ones.
+    // Takes a second on an idle machine; the limit allows for a busy one.
     assert!(killed.elapsed() < Duration::from_secs(5), "{:?}", killed.elapsed());
     assert_eq!(output.status.code(), Some(1));
-    assert!(text(&output.stderr).contains("the same command goes on"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("the same command continues"), "{}", text(&output.stderr));
     assert!(state.exists() && !dir.path().join("r.json").exists());
 }
 
 #[test]
-fn bad_input_is_said_plainly() {
+fn bad_input_is_refused_with_a_plain_message() {
     let dir = temporary();
     let fails = |more: &[&str], code: i32, wanted: &str| {
         let output = compare(dir.path(), more);
@@ -189,7 +193,7 @@ fn named_runs_train_together_and_are_tested_one_by_one() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     let json: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
     let rows = |key: &str| json[key].as_array().unwrap_or_else(|| panic!("{key} is a list")).clone();
-    // Two models in two forms each; the relation that cannot run has figures of its own kind.
+    // Two models in two forms each. Model `p` cannot be simulated, so it has a predictor of its own.
     assert_eq!(rows("identification").len(), 4);
     assert!(rows("identification").iter().all(|row| row["experiment"] == "training"));
     for (row, tested) in rows("cross_validation").iter().zip(["rp-icps-02", "rp1-cs-02"].iter().cycle()) {

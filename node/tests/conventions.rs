@@ -1,11 +1,11 @@
-//! Conventions of ROS 2 and of the command line: domains, environment variables, shared parameter files, and text of others on a terminal.
+//! Conventions of ROS 2 and of the command line: domains, environment variables, shared parameter files, and untrusted text on a terminal.
 
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// The command, in a directory of its own and without variables of ROS.
+/// Runs the command in `dir` with `variables` as its only ROS environment variables.
 fn damper(dir: &Path, arguments: &[&str], variables: &[(&str, &str)]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
     for name in [
@@ -26,7 +26,7 @@ fn said(output: &Output) -> String {
 }
 
 #[test]
-fn a_domain_beyond_the_last_one_is_refused_everywhere() {
+fn a_domain_above_232_is_refused_by_every_command() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     fs::write(dir.path().join("run.csv"), "time_s,displacement_m,current_a\n0,0,0\n0.002,0.001,0\n")
         .expect("written");
@@ -62,11 +62,11 @@ fn a_domain_beyond_the_last_one_is_refused_everywhere() {
             "{told}"
         );
     }
-    assert!(!dir.path().join("bag").exists(), "nothing is left of what was refused");
+    assert!(!dir.path().join("bag").exists(), "a refused command leaves no files");
 }
 
 #[test]
-fn what_the_environment_asks_for_is_done_or_answered() {
+fn environment_variables_are_applied_or_refused() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let record = ["record", "--out", "bag", "--duration", "0.1", "--domain-id", "87"];
     for (name, value, allowed) in [
@@ -82,7 +82,7 @@ fn what_the_environment_asks_for_is_done_or_answered() {
     let zenoh = damper(dir.path(), &record, &[("RMW_IMPLEMENTATION", "rmw_zenoh_cpp")]);
     assert!(said(&zenoh).contains("nodes on rmw_zenoh do not see it"), "{}", said(&zenoh));
 
-    // The doctor says the same. It opens the network for the second of them, in a domain of its own.
+    // The doctor reports the same. With ROS_LOCALHOST_ONLY=0 it opens the network, so it runs in its own domain.
     let doctor = |variables: &[(&str, &str)]| {
         let arguments = ["--quiet", "doctor", "--json", "--domain-id", "88"];
         let report: Value =
@@ -98,13 +98,13 @@ fn what_the_environment_asks_for_is_done_or_answered() {
     assert!(level == "warning" && found.contains("rmw_zenoh_cpp"), "{level}: {found}");
     let (level, found, domain) = doctor(&[("ROS_LOCALHOST_ONLY", "0")]);
     assert!(level == "warning" && found.contains("ROS_LOCALHOST_ONLY is 0"), "{level}: {found}");
-    assert!(domain.contains("whoever the network reaches"), "{domain}");
+    assert!(domain.contains("all hosts that the network reaches"), "{domain}");
     let (level, found, _) = doctor(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNETS")]);
     assert!(level == "failure" && found.contains("SUBNETS"), "{level}: {found}");
 }
 
 #[test]
-fn names_of_files_and_headers_tell_the_terminal_nothing() {
+fn control_characters_in_file_names_and_headers_never_reach_the_terminal() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let name = "\u{1b}[31mred\nerror: forged\u{1b}]0;title\u{7}.csv";
     let header = "time_s,displacement_m,current_a,force_n";

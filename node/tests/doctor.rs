@@ -1,4 +1,4 @@
-//! `mr-damper doctor`: says what would keep the service from working, and that nothing would.
+//! `mr-damper doctor` reports what would stop the service from working, or that nothing would.
 
 use serde_json::Value;
 use std::net::TcpListener;
@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 const DOMAIN: &str = "84";
 const MODEL: &str = "model:=thesis/fuzzy-tanh/rp3-cs";
 
-/// Exit code and findings, each by what was tried: level and text.
+/// The exit code, and for each finding: what was checked, its level and its text.
 fn findings(output: &Output) -> (Option<i32>, Vec<(String, String, String)>) {
     let report: Value = serde_json::from_slice(&output.stdout)
         .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&output.stderr)));
@@ -25,12 +25,12 @@ fn findings(output: &Output) -> (Option<i32>, Vec<(String, String, String)>) {
 
 fn found<'a>(findings: &'a [(String, String, String)], what: &str) -> (&'a str, &'a str) {
     let found = findings.iter().find(|(of, ..)| of.starts_with(what));
-    let (_, level, text) = found.unwrap_or_else(|| panic!("nothing on {what}: {findings:?}"));
+    let (_, level, text) = found.unwrap_or_else(|| panic!("no finding on {what}: {findings:?}"));
     (level, text)
 }
 
 #[test]
-fn a_sound_machine_passes_and_a_port_that_is_taken_does_not() {
+fn a_sound_machine_passes_and_a_taken_port_fails() {
     let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
     let listen = format!("zenoh.listen:=['tcp/{}']", taken.local_addr().expect("an address"));
     let doctor = |more: &[&str]| {
@@ -66,14 +66,14 @@ fn a_sound_machine_passes_and_a_port_that_is_taken_does_not() {
 }
 
 #[test]
-fn a_machine_without_loopback_and_a_model_that_is_not_there_are_named() {
+fn a_missing_loopback_and_a_missing_model_are_named() {
     let isolated = |arguments: &[&str]| {
         let mut command = Command::new("unshare");
         command.args(["--net", "--user", "--map-root-user", "--"]).args(arguments);
-        command.env("ROS_DOMAIN_ID", DOMAIN).output().expect("unshare is of util-linux")
+        command.env("ROS_DOMAIN_ID", DOMAIN).output().expect("unshare (util-linux) starts")
     };
     if !isolated(&["true"]).status.success() {
-        eprintln!("SKIPPED: whoever runs this test may make no network namespace");
+        eprintln!("SKIPPED: this user may not create network namespaces");
         return;
     }
     let program = env!("CARGO_BIN_EXE_mr-damper");

@@ -1,4 +1,4 @@
-//! `inverse` from a shell: what it says, writes and refuses.
+//! `inverse` on the command line: its output, its files and its error messages.
 
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
@@ -18,7 +18,8 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// A folder with demand.csv, whose force the rig had, and motion.csv, which has none.
+/// A folder with demand.csv, which has the rig's force as the demanded force, and motion.csv, which has no
+/// force.
 fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(4.0);
@@ -32,7 +33,7 @@ fn folder() -> tempfile::TempDir {
 }
 
 #[test]
-fn a_demand_is_followed_in_three_places_and_told_in_three_forms() {
+fn a_demanded_force_is_tracked_in_three_setups_and_reported_in_three_formats() {
     let dir = folder();
     let output = mr_damper(
         dir.path(),
@@ -40,7 +41,7 @@ fn a_demand_is_followed_in_three_places_and_told_in_three_forms() {
     );
     assert!(output.status.success(), "{}", text(&output.stderr));
     let said = text(&output.stdout);
-    for words in ["on the model itself", "on the rig, fed forward", "on the rig, with force feedback"] {
+    for words in ["on the model itself", "on the rig, feedforward", "on the rig, with force feedback"] {
         assert!(said.contains(words), "{said}");
     }
     let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).expect("it was written");
@@ -50,7 +51,8 @@ fn a_demand_is_followed_in_three_places_and_told_in_three_forms() {
     assert_eq!(json["schema"], "mr-damper/inverse/1");
     assert_eq!(json["monotone"], true);
     let number = |value: &Value| value.as_f64().expect("a number");
-    // The preset was identified on another damper than the rig's: what it can meet on itself it meets there.
+    // The preset was identified on another damper than the rig's, so accurate tracking is checked on the
+    // model itself only.
     let on_model = &json["tracking"];
     assert!(number(&on_model["esr_achievable"]) < 0.05 && number(&on_model["rsse_n"]) > 0.0, "{json}");
     assert!((0.01..0.9).contains(&number(&json["infeasible_share"])), "{json}");
@@ -72,7 +74,7 @@ fn json_alone_goes_to_stdout_and_the_rig_may_be_left_out() {
 }
 
 #[test]
-fn other_inverses_stand_in_and_say_how_well() {
+fn other_inverse_methods_work_and_report_their_error() {
     let dir = folder();
     for method in ["polynomial", "fuzzy"] {
         let line =
@@ -80,7 +82,7 @@ fn other_inverses_stand_in_and_say_how_well() {
         let output = mr_damper(dir.path(), &line);
         assert!(output.status.success(), "{}", text(&output.stderr));
         let said = text(&output.stdout);
-        assert!(said.contains(&format!("by the {method} inverse, off by")), "{said}");
+        assert!(said.contains(&format!("by the {method} inverse; its error")), "{said}");
         let json = std::fs::read_to_string(dir.path().join("figures.json")).expect("it was written");
         let json: Value = serde_json::from_str(&json).expect("JSON");
         assert_eq!((&json["method"], &json["dissipative_violations"]), (&method.into(), &0.into()));
@@ -89,10 +91,10 @@ fn other_inverses_stand_in_and_say_how_well() {
 }
 
 #[test]
-fn what_has_no_answer_is_refused_with_what_to_do() {
+fn impossible_requests_are_refused_with_advice() {
     let dir = folder();
     for (line, code, words) in [
-        ("inverse thesis/sp-passive/rp-icps --force demand.csv", 1, "knows no current"),
+        ("inverse thesis/sp-passive/rp-icps --force demand.csv", 1, "has no current input"),
         (&format!("inverse {PRESET} --force motion.csv"), 1, "force_n"),
         (&format!("inverse {PRESET} --force none.csv"), 1, "none.csv"),
         (&format!("inverse {PRESET} --force demand.csv --current-max -2"), 1, "current.max_a is -2"),

@@ -1,4 +1,4 @@
-//! The real service over real DDS on loopback: what subscribers get is what a replay of the run computes.
+//! The real service over real DDS on loopback: live results are bit-identical to an offline evaluation of the run.
 
 use mr_damper_model::evaluate::{Evaluator, evaluate};
 use mr_damper_model::pipeline::{Event, Models, Settings};
@@ -13,7 +13,7 @@ use mr_damper_node::run::{LoadOptions, Map, Mapping, SaveOptions, load, save};
 use mr_damper_node::service::Service;
 use std::time::{Duration, Instant};
 
-/// A domain of this test binary's own, so that nobody else on the machine hears it.
+/// A DDS domain that only this test binary uses, so that nothing else on the machine receives its data.
 const DOMAIN: i64 = 92;
 
 fn run() -> Run {
@@ -22,7 +22,8 @@ fn run() -> Run {
 }
 
 fn config(model: &str) -> Config {
-    // A busy machine may stop a thread for longer than the usual wait, and one sample out of order is another result.
+    // A busy machine may stop a thread for longer than the default wait, and one sample out of order changes the
+    // result.
     let mut config = Config { domain_id: DOMAIN, align_wait_s: 0.5, ..Config::default() };
     config.set("model", &Value::Text(model.to_owned())).expect("a text");
     config
@@ -63,7 +64,7 @@ fn live_over_dds_equals_evaluate() {
     let run = run();
     for (name, args) in [
         ("thesis/fuzzy-tanh/rp3-cs", RosArgs::default()),
-        // A namespace, and a model that feeds on force.
+        // A namespace, and a model that uses measured force.
         ("thesis/arx-semi-active/rp-icps", RosArgs::in_namespace("/corner")),
     ] {
         let mut config = config(name);
@@ -78,15 +79,15 @@ fn live_over_dds_equals_evaluate() {
             evaluator.take(&event, |_| true);
         }
         let live = evaluator.finish();
-        assert_eq!(live.free_run, offline.free_run, "{name}: to the bit, and no sample lost");
+        assert_eq!(live.free_run, offline.free_run, "{name}: bit-identical, and no sample lost");
         assert_eq!(live.one_step, offline.one_step, "{name}");
         assert_eq!(Models::alone(model).seeded.is_some(), live.one_step.is_some());
     }
 }
 
 #[test]
-fn a_map_s_sign_and_offset_are_those_of_the_node_s_inputs() {
-    // In a namespace of its own: tests run side by side.
+fn sign_and_offset_of_a_map_act_like_those_of_the_nodes_inputs() {
+    // This test has its own namespace, because tests run in parallel.
     let run = run();
     let dir = tempfile::tempdir().expect("a temporary directory");
     let path = dir.path().join("raw.csv");

@@ -1,4 +1,4 @@
-//! Bad input over real DDS: the node refuses it one by one, says so, and loses nothing of what is good.
+//! Bad input over real DDS: the node refuses each bad sample, reports it, and loses no good sample.
 
 use mr_damper_model::pipeline::{Event, Mode, Reasons, Refused, Validity};
 use mr_damper_model::sample::{Channel, Stamp};
@@ -55,7 +55,7 @@ impl Bench {
         self.events_of(count, count, send)
     }
 
-    /// The same once `wanted` estimates have come.
+    /// Like [`Self::events`], but returns once `wanted` estimates have come.
     fn events_of(self, count: usize, wanted: usize, send: impl Fn(&Self, usize, Stamp)) -> Vec<Event> {
         let (service, inlet) =
             Service::start(&self.config, &RosArgs::default(), true).expect("the service starts");
@@ -103,7 +103,7 @@ fn each_bad_sample_is_refused_and_flagged_and_no_good_one_is_lost() {
             150 => bench.send_current(stamp.shifted(1_000_000), f64::INFINITY),
             200 => bench.send_force(stamp.shifted(1_000_000), f64::NAN),
             250 => bench.send_displacement(stamp.shifted(-10_000_000_000), 0.0),
-            // Far back: a few milliseconds would be put in order, if the batch they come in holds as much.
+            // Ten seconds back: a force only a few milliseconds back may be sorted into order within its batch.
             300 => bench.send_force(stamp.shifted(-10_000_000_000), 0.0),
             _ => {}
         }
@@ -131,15 +131,21 @@ fn each_bad_sample_is_refused_and_flagged_and_no_good_one_is_lost() {
         .collect();
     assert_eq!(estimates.len(), 1000, "one for each good displacement");
     let (first, others) = estimates.split_first().expect("there are some");
-    assert!(first.reasons.has(Reasons::SETTLING), "velocity wants two displacements: {first:?}");
-    assert!(others.iter().all(|estimate| estimate.force.get().abs() < 5000.0), "and a force in each");
+    assert!(first.reasons.has(Reasons::SETTLING), "the velocity needs two displacements: {first:?}");
+    assert!(
+        others.iter().all(|estimate| estimate.force.get().abs() < 5000.0),
+        "every other estimate has a force"
+    );
     let flagged = estimates.iter().filter(|estimate| estimate.reasons.has(Reasons::INPUT_REFUSED));
-    assert_eq!(flagged.count(), refused.len(), "the estimate after a refusal says so");
+    assert_eq!(flagged.count(), refused.len(), "the estimate after a refusal is flagged");
     let modes: Vec<_> = events
         .iter()
         .filter_map(|event| if let Event::Transition(t) = event { Some(t.to) } else { None })
         .collect();
-    assert!(modes.ends_with(&[Mode::Arx, Mode::ArxCoast, Mode::Model]), "force that stops: {modes:?}");
+    assert!(
+        modes.ends_with(&[Mode::Arx, Mode::ArxCoast, Mode::Model]),
+        "modes after the force stops: {modes:?}"
+    );
 }
 
 #[test]
@@ -152,16 +158,16 @@ fn without_any_current_every_estimate_is_invalid_and_says_why() {
         .collect();
     assert_eq!(estimates.len(), 200);
     for estimate in estimates {
-        assert!(estimate.force.get().is_nan(), "no plausible number");
+        assert!(estimate.force.get().is_nan(), "the force is NaN and not a plausible number");
         assert_eq!((estimate.validity, estimate.mode), (Validity::Invalid, Mode::Fault));
         assert!(estimate.reasons.has(Reasons::DRIVE_MISSING));
     }
 }
 
 #[test]
-fn a_sender_s_clock_that_jumps_by_hours_is_flagged_and_costs_two_samples_each_way() {
+fn a_clock_jump_of_hours_is_flagged_and_costs_two_samples_each_way() {
     const HOURS_NS: i64 = 2 * 3_600 * 1_000_000_000;
-    // Right, two hours ahead, two hours behind, right again.
+    // Correct, two hours ahead, two hours behind, correct again.
     let jumped = |k: usize| [0, HOURS_NS, -HOURS_NS, 0][k / 300];
     let events = Bench::new(90).events_of(1200, 1196, |bench, k, stamp| {
         let (t, stamp) = (k as f64 * PERIOD.as_secs_f64(), stamp.shifted(jumped(k)));
@@ -175,7 +181,11 @@ fn a_sender_s_clock_that_jumps_by_hours_is_flagged_and_costs_two_samples_each_wa
     });
     let refused: Vec<_> = refused.filter(|(channel, _)| *channel == Channel::Displacement).collect();
     let expected = [Refused::Ahead, Refused::Ahead, Refused::TimeBack, Refused::TimeBack];
-    assert_eq!(refused, expected.map(|why| (Channel::Displacement, why)), "the third is believed");
+    assert_eq!(
+        refused,
+        expected.map(|why| (Channel::Displacement, why)),
+        "the third sample after each jump is accepted"
+    );
     let now = system_now();
     let (mut live, mut late) = (0, 0);
     for event in &events {
@@ -190,11 +200,11 @@ fn a_sender_s_clock_that_jumps_by_hours_is_flagged_and_costs_two_samples_each_wa
         late += usize::from(behind_s > 3600.0);
         assert!(
             behind_s < 3600.0 || estimate.reasons.has(Reasons::LATE),
-            "hours old, and said so: {estimate:?}"
+            "an estimate hours behind is flagged LATE: {estimate:?}"
         );
     }
     assert_eq!((live, late), (1196, 298));
     let last =
         events.iter().rev().find_map(|e| if let Event::Estimate(last) = e { Some(last) } else { None });
-    assert!(last.is_some_and(|last| last.force.get().is_finite()), "it goes on: {last:?}");
+    assert!(last.is_some_and(|last| last.force.get().is_finite()), "estimates continue: {last:?}");
 }

@@ -1,5 +1,5 @@
-//! The action `close_loop` on the real service, over real DDS, by a client of its own and by `mr-damper close --live`: it names
-//! what the running model lacks, can be cancelled, and swaps nothing in unasked.
+//! The action `close_loop` on the real service, over real DDS, called by a test client and by `mr-damper close --live`. It names
+//! the effect that the running model lacks, can be cancelled, and loads the new model only if that is allowed.
 
 mod live_support;
 
@@ -21,10 +21,10 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 87;
-/// More history than there is: all of it.
+/// Longer than the stored history, so that all of it is used.
 const ALL_S: f64 = 120.0;
 
-/// The service with a minute of the lagging damper behind it, and a client of its action.
+/// The service with one minute of history of a damper with coil lag, and a client of its action.
 struct Stage {
     service: Service,
     peer: Ros,
@@ -36,7 +36,7 @@ impl Stage {
         Self::within("/", domain_id, dir, auto_load)
     }
 
-    /// The same in a namespace.
+    /// Like [`Self::set`], in a namespace.
     fn within(namespace: &str, domain_id: i64, dir: &Path, auto_load: bool) -> Self {
         let path = dir.join("base.toml");
         write(&path, base());
@@ -59,7 +59,7 @@ impl Stage {
         Self { service, peer, client }
     }
 
-    /// Sends a goal; `None` when it is rejected.
+    /// Sends a goal; `None` if it is rejected.
     fn send(&self, history: f64) -> Option<GoalId> {
         let goal = Part(CloseLoopGoal { history });
         let (id, answer) =
@@ -79,12 +79,12 @@ impl Stage {
         self.service.control().load_model(&path.display().to_string()).expect("a model that fits");
     }
 
-    /// The model that is in force.
+    /// The loaded model.
     fn model(&self) -> String {
         self.service.control().config().model
     }
 
-    /// Asks for `id` to be cancelled, and returns how many goals are.
+    /// Asks to cancel `id`, and returns the number of goals that are being cancelled.
     fn cancel(&self, id: GoalId) -> usize {
         let zero = ros2_client::builtin_interfaces::Time::ZERO;
         let answer =
@@ -101,7 +101,7 @@ impl Stage {
 }
 
 #[test]
-fn it_names_the_lag_and_swaps_nothing_in_unasked() {
+fn close_loop_names_the_lag_and_loads_nothing_by_default() {
     let dir = tempfile::tempdir().expect("a directory");
     let stage = Stage::set(DOMAIN, dir.path(), false);
     let before = stage.model();
@@ -136,7 +136,7 @@ fn it_names_the_lag_and_swaps_nothing_in_unasked() {
 }
 
 #[test]
-fn it_swaps_the_model_in_when_it_may_unless_another_one_runs_by_then() {
+fn auto_load_loads_the_model_unless_another_one_was_loaded_meanwhile() {
     let dir = tempfile::tempdir().expect("a directory");
     let stage = Stage::set(DOMAIN + 1, dir.path(), true);
     let (base, other) = (dir.path().join("base.toml"), dir.path().join("other.toml"));
@@ -158,31 +158,31 @@ fn it_swaps_the_model_in_when_it_may_unless_another_one_runs_by_then() {
     let (_, _, report) = stage.result(id);
     assert_eq!((&report["loaded"], &report["load_error"]), (&true.into(), &Value::Null), "{report}");
     assert_eq!(report["model_file"], stage.model().as_str());
-    assert_ne!(report["model_file"], first, "no file is written over");
+    assert_ne!(report["model_file"], first, "no file is overwritten");
     stage.end();
 }
 
 #[test]
-fn it_can_be_cancelled_and_says_what_it_lacks() {
+fn a_goal_can_be_cancelled_and_a_failed_goal_says_why() {
     let dir = tempfile::tempdir().expect("a directory");
     let stage = Stage::set(DOMAIN + 2, dir.path(), true);
     let before = stage.service.control().models();
     for history in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(stage.send(history), None, "{history} s of history is nothing to work on");
+        assert_eq!(stage.send(history), None, "{history} s of history must be rejected");
     }
 
     let id = stage.send(ALL_S).expect("a good goal is accepted");
     std::thread::sleep(Duration::from_millis(300));
-    assert_eq!(stage.cancel(GoalId::new_random()), 0, "of another goal");
+    assert_eq!(stage.cancel(GoalId::new_random()), 0, "an unknown goal cancels nothing");
     let started = Instant::now();
     assert_eq!(stage.cancel(id), 1);
     let (status, success, report) = stage.result(id);
     assert_eq!((status, success), (GoalStatusEnum::Canceled, false), "{report}");
     assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
     assert_eq!(report["error"], "interrupted");
-    assert_eq!(stage.cancel(id), 0, "it is over");
+    assert_eq!(stage.cancel(id), 0, "the goal has ended");
 
-    // The next goals are worked on, whether somebody asks for their results or not; three seconds are too few.
+    // The node works on the next goals whether or not a client asks for their results. Three seconds of history are too few.
     let unasked = stage.send(3.0).expect("a good goal is accepted");
     let failed = |history: f64| {
         let deadline = Instant::now() + Duration::from_secs(10);
@@ -190,7 +190,7 @@ fn it_can_be_cancelled_and_says_what_it_lacks() {
             match stage.send(history) {
                 Some(id) => break id,
                 None if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(100)),
-                None => panic!("the goal before this one is over"),
+                None => panic!("the previous goal did not end within 10 s"),
             }
         };
         let (status, success, report) = stage.result(id);
@@ -199,17 +199,17 @@ fn it_can_be_cancelled_and_says_what_it_lacks() {
     };
     let error = failed(3.0);
     assert!(error.contains("on 3.0 s of history") && error.contains("18 s of motion"), "{error}");
-    assert_eq!(stage.cancel(unasked), 0, "its result is gone");
-    assert_eq!(stage.service.control().models(), before, "nothing is swapped in");
+    assert_eq!(stage.cancel(unasked), 0, "the goal whose result nobody asked for has ended");
+    assert_eq!(stage.service.control().models(), before, "no model was loaded");
 
-    // ARX is no base.
+    // An ARX model cannot be the base.
     stage.load(Path::new(mr_damper_model::preset::BEST_ARX));
     let error = failed(ALL_S);
     assert!(error.contains("cannot start from the arx model") && error.contains("load_model"), "{error}");
-    assert_eq!(std::fs::read_dir(dir.path()).expect("readable").count(), 1, "the base alone");
+    assert_eq!(std::fs::read_dir(dir.path()).expect("readable").count(), 1, "only the base file exists");
     stage.load(&dir.path().join("base.toml"));
 
-    // Who waits for a result when the node ends is told so.
+    // A client that waits for a result while the node stops gets an answer.
     let id = stage.send(ALL_S).expect("a good goal is accepted");
     let Stage { service, peer, client } = stage;
     std::thread::scope(|scope| {
@@ -238,7 +238,7 @@ fn close_live(domain_id: i64, arguments: &[&str]) -> Command {
 const FRONT_LEFT: [&str; 3] = ["--ros-args", "-r", "__ns:=/front_left"];
 
 #[test]
-fn the_command_has_a_running_node_do_it_and_says_how_to_go_on() {
+fn close_live_diagnoses_on_the_node_and_prints_the_load_command() {
     let dir = tempfile::tempdir().expect("a directory");
     let stage = Stage::within("/front_left", DOMAIN - 1, dir.path(), false);
     let started = Instant::now();
@@ -248,7 +248,7 @@ fn the_command_has_a_running_node_do_it_and_says_how_to_go_on() {
     assert!(output.status.success(), "{log}");
     assert!(log.contains("effect 1: scores of the library"), "stages on stderr: {log}");
     assert!(out.contains("\nNamed\n") && out.contains("parts of one recording"), "{out}");
-    // The line to paste names what was written, and `load_model` takes it.
+    // The printed command names the written model file, and `load_model` accepts that file.
     let line = out.lines().find(|line| line.contains("ros2 service call")).expect("a line to paste");
     let (before, path) = line.split_once(" mr_damper_msgs/srv/LoadModel ").expect("the type");
     assert_eq!(
@@ -259,7 +259,7 @@ fn the_command_has_a_running_node_do_it_and_says_how_to_go_on() {
     assert!(path.contains("mr-damper-close-front_left-"), "{path}");
     stage.load(Path::new(path));
 
-    // What is lacking is there now.
+    // The loaded model now has the missing effect.
     let arguments = [&["--json", "-", "-q", "--history", "1000"], &FRONT_LEFT[..]].concat();
     let output = close_live(DOMAIN - 1, &arguments).output().expect("it runs");
     let log = String::from_utf8_lossy(&output.stderr);
@@ -267,15 +267,14 @@ fn the_command_has_a_running_node_do_it_and_says_how_to_go_on() {
     let report: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
     assert_eq!((&report["verdict"], &report["model_file"]), (&"nothing_to_explain".into(), &Value::Null));
 
-    // One goal at a time; and a goal that comes to nothing is a failure that says why. With the lag to be found the first one works
-    // for long enough.
+    // Only one goal runs at a time, and a failed goal says why. The base lacks the lag, so the first goal runs for long enough.
     stage.load(&dir.path().join("base.toml"));
     let id = stage.send(ALL_S).expect("a good goal is accepted");
     let output = close_live(DOMAIN - 1, &FRONT_LEFT).output().expect("it runs");
     let log = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{log}");
     assert!(log.contains("/front_left/close_loop rejects the goal"), "{log}");
-    assert_eq!(stage.cancel(id), 1, "the other one goes on");
+    assert_eq!(stage.cancel(id), 1, "the first goal was still running");
     let _ = stage.result(id);
     let arguments = [&["--history", "3"], &FRONT_LEFT[..]].concat();
     let output = close_live(DOMAIN - 1, &arguments).output().expect("it runs");
@@ -319,16 +318,16 @@ fn ctrl_c_ends_the_command_and_cancels_its_goal() {
     while log.read_line(&mut said).expect("a pipe") > 0 {}
     let output = child.wait_with_output().expect("it ends");
     println!("ended {:.2?} after Ctrl-C", killed.elapsed());
-    // A second on an idle machine; tests run on busy ones.
+    // Takes a second on an idle machine; the limit allows for a busy one.
     assert!(killed.elapsed() < Duration::from_secs(5), "{:?}", killed.elapsed());
     assert_eq!(output.status.code(), Some(1));
     assert!(output.stdout.is_empty() && said.contains("the goal is cancelled"), "{said}");
-    // The node takes the next goal long before the one that was cancelled would have been done.
+    // The node accepts the next goal long before the cancelled one would have finished.
     let deadline = Instant::now() + Duration::from_secs(2);
     while stage.send(3.0).is_none() {
-        assert!(Instant::now() < deadline, "the goal was cancelled");
+        assert!(Instant::now() < deadline, "the cancelled goal ends within 2 s");
         std::thread::sleep(Duration::from_millis(50));
     }
-    assert_eq!(std::fs::read_dir(dir.path()).expect("readable").count(), 1, "the base alone");
+    assert_eq!(std::fs::read_dir(dir.path()).expect("readable").count(), 1, "only the base file exists");
     stage.end();
 }

@@ -1,4 +1,5 @@
-//! Current commands of the real service, over real DDS: a supervisor asks for forces, and gets currents, also when it falls silent.
+//! Current commands of the real service, over real DDS: a supervisor requests forces and gets currents, also after it stops
+//! sending.
 
 mod live_support;
 
@@ -18,10 +19,10 @@ use ros2_client::{NodeOptions, Subscription};
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 86;
-/// A new request every so many samples.
+/// Number of samples between two requests.
 const EVERY: usize = 64;
 
-/// A run of the rig in which four fifths of the measured force are asked for, eight times a second.
+/// A run of the virtual rig that requests 80 % of the measured force, eight times a second.
 fn run() -> Run {
     let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(4.0);
     let run = record(&experiment, &Plant::default(), &Channels::default(), 7);
@@ -58,7 +59,7 @@ fn drain<M: Message>(subscription: &Subscription<M>, into: &mut Vec<M>) {
 }
 
 #[test]
-fn a_supervisor_asks_for_forces_and_falls_silent() {
+fn requested_forces_give_currents_and_silence_gives_the_safe_current() {
     let (config, args, run) = (config(DOMAIN), RosArgs::default(), run());
     let (service, _) = Service::start(&config, &args, false).expect("the service starts");
     let mut ros = Ros::start(&config, &args, NodeOptions::new(), "supervisor").expect("a peer starts");
@@ -72,7 +73,7 @@ fn a_supervisor_asks_for_forces_and_falls_silent() {
     std::thread::scope(|scope| {
         let playing = scope
             .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));
-        // And a second of silence after it.
+        // Listens for one more second after the run, without requests.
         let mut end: Option<Instant> = None;
         while end.is_none_or(|end| Instant::now() < end) {
             drain(&commands, &mut heard);
@@ -87,7 +88,7 @@ fn a_supervisor_asks_for_forces_and_falls_silent() {
     let samples = run.displacement_m.len();
     assert_eq!(expected.len(), samples, "the first request comes with the first displacement");
     let (live, silent) = heard.split_at(samples.min(heard.len()));
-    assert_eq!(live.len(), samples, "one command a displacement");
+    assert_eq!(live.len(), samples, "one command per displacement");
     let first = live[0].header.stamp.as_nanos();
     let shift = |stamp: Stamp| stamp.nanos() - expected[0].stamp.nanos() + first;
     let (mut same, mut asked_later) = (0, 0);
@@ -103,20 +104,22 @@ fn a_supervisor_asks_for_forces_and_falls_silent() {
             assert_eq!(message.limited_by, command.limited_by as u8);
             assert_eq!(message.achievable_max.to_bits(), command.achievable[1].get().to_bits());
         } else {
-            // Displacement does not wait for a request, which may have been sent after it.
+            // The node does not delay a displacement until a request arrives, so a request may come after its displacement.
             asked_later += 1;
         }
     }
-    println!("{samples} commands: {same} as without ROS to the bit, {asked_later} with another request");
+    println!(
+        "{samples} commands: {same} bit-identical to the offline ones, {asked_later} with another request"
+    );
     assert!(same > samples * 9 / 10, "{same} of {samples}");
     assert!(live.iter().filter(|m| m.limited_by == u8::from(OnWire::None)).count() > samples / 4);
 
-    // Silence: the current has gone to the safe one by now.
+    // Without requests, the current has reached the safe current by now.
     assert!(silent.len() > 10, "{} commands in a second of silence", silent.len());
     assert!(silent.iter().all(|m| m.limited_by == LimitedBy::Safe as u8));
     assert_eq!(silent.last().map(|m| m.current), Some(0.25));
 
-    // Estimates have their band, which says that nobody has calibrated it.
+    // Estimates have an uncertainty band, which is marked as not calibrated.
     let sound: Vec<_> = estimated.iter().filter(|e| e.force.is_finite() && e.std_dev.is_finite()).collect();
     assert!(sound.len() > samples * 9 / 10);
     assert!(sound.iter().all(|e| e.band_low < e.force && e.force < e.band_high && !e.band_calibrated));
@@ -126,7 +129,7 @@ fn a_supervisor_asks_for_forces_and_falls_silent() {
     service.stop().expect("no thread panicked");
 }
 
-/// Requests of no sense, and at odds with everything: each has its answer, and the estimate goes on.
+/// Invalid and impossible requests: each is answered, and estimates continue.
 #[test]
 fn bad_requests_are_answered_and_harm_nothing() {
     let (config, args) = (config(DOMAIN + 1), RosArgs::default());
@@ -137,7 +140,7 @@ fn bad_requests_are_answered_and_harm_nothing() {
     let interrupt = Interrupt::manual();
     let player = Player::start(&config, &args, false).expect("the player starts");
     assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
-    // Motion without requests: they come from the supervisor.
+    // The run holds no requests: the supervisor sends them.
     let run = Run { force_request_n: None, ..run() };
     let asked = [
         ("NaN", f64::NAN),
@@ -163,7 +166,7 @@ fn bad_requests_are_answered_and_harm_nothing() {
         })
     });
     for (what, heard) in &answers {
-        // The first third may still hold what was asked for before.
+        // The first third may still answer the previous request.
         let settled = &heard[heard.len() / 3..];
         let mut why: Vec<u8> = settled.iter().map(|m| m.limited_by).collect();
         why.sort_unstable();
@@ -172,7 +175,7 @@ fn bad_requests_are_answered_and_harm_nothing() {
         assert!(settled.iter().all(|m| (0.0..=2.5).contains(&m.current)));
         match *what {
             "NaN" | "beyond any load cell" => {
-                // Nothing was asked for yet when the first NaN came; later it is no request.
+                // Neither value counts as a request, and no earlier request is valid any more: the safe current is commanded.
                 assert!(why.iter().all(|by| *by == u8::from(OnWire::Safe)), "{why:?}");
             }
             _ => {

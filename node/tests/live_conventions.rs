@@ -1,4 +1,4 @@
-//! Conventions of ROS 2 over real DDS: overrides of QoS, and how long new clients wait.
+//! Conventions of ROS 2 over real DDS: QoS overrides, and how long new clients wait.
 
 mod live_support;
 
@@ -20,14 +20,15 @@ fn set(config: &mut Config, name: &str, value: &str) {
 }
 
 #[test]
-fn the_qos_of_a_topic_is_that_of_qos_overrides_which_peers_can_read_and_not_set() {
+fn qos_overrides_apply_and_peers_can_read_but_not_set_them() {
     let name = "qos_overrides./force_estimate.publisher.reliability".to_owned();
     let mut own = config(93);
     set(&mut own, "model", "thesis/fuzzy-tanh/rp3-cs");
     set(&mut own, &name, "best_effort");
     let (service, _) = Service::start(&own, &RosArgs::default(), false).expect("it starts");
 
-    // Reliable readers match a reliable publisher and none of best effort. Only the first of these is one.
+    // A reliable reader does not match a best-effort publisher. Only the publisher of the first topic is
+    // best-effort.
     let mut reading = config(93);
     for topic in ["/force_estimate", "/force_residual"] {
         set(&mut reading, &format!("qos_overrides.{topic}.subscription.reliability"), "reliable");
@@ -61,9 +62,9 @@ fn the_qos_of_a_topic_is_that_of_qos_overrides_which_peers_can_read_and_not_set(
     service.stop().expect("an orderly end");
 }
 
-/// `MR_DAMPER_CLIENTS=200` measures more of them.
+/// `MR_DAMPER_CLIENTS=200` measures more clients; the default is 40.
 #[test]
-fn a_new_client_of_ours_in_a_running_participant_does_not_wait_for_a_heartbeat() {
+fn a_new_client_in_a_running_participant_does_not_wait_for_a_heartbeat() {
     let clients = std::env::var("MR_DAMPER_CLIENTS").ok().and_then(|text| text.parse().ok()).unwrap_or(40);
     let mut own = config(94);
     set(&mut own, "model", "thesis/fuzzy-tanh/rp3-cs");
@@ -74,14 +75,14 @@ fn a_new_client_of_ours_in_a_running_participant_does_not_wait_for_a_heartbeat()
         let _ = peer.call::<GetState>(NODE, "get_state", Default::default());
         began.elapsed()
     };
-    // The participants come to know each other.
+    // The first call lets the participants discover each other.
     ask();
     let mut waits: Vec<Duration> = (0..clients).map(|_| ask()).collect();
     waits.sort_unstable();
     let late = waits.iter().filter(|wait| **wait > Duration::from_millis(200)).count();
     let (median, longest) = (waits[clients / 2], waits[clients - 1]);
     println!("{clients} clients: median {median:?}, longest {longest:?}, {late} above 0.2 s");
-    // A heartbeat that is waited for takes a second from RustDDS, and three from Fast DDS.
+    // Waiting for a heartbeat would take one second with RustDDS, and three with Fast DDS.
     assert!(longest < Duration::from_secs(1), "{waits:?}");
     peer.stop();
     service.stop().expect("an orderly end");

@@ -1,4 +1,5 @@
-//! Two dampers in one process: one is fed with rubbish, and the other's estimates are those of a run without it, to the bit.
+//! Two dampers in one process: one gets invalid data, and the other's estimates are bit-identical to a run without that
+//! data.
 
 mod live_support;
 
@@ -43,7 +44,7 @@ fn estimated(event: Event) -> Option<u64> {
 }
 
 #[test]
-fn one_damper_s_rubbish_never_touches_the_other() {
+fn invalid_data_of_one_damper_never_affects_the_other() {
     let dir = tempfile::tempdir().expect("a directory");
     let all = dampers(Some(&vehicle(dir.path(), 84)), &RosArgs::default(), &[]).expect("a good file");
     let [left, right] = all.as_slice() else { panic!("two dampers") };
@@ -73,7 +74,7 @@ fn one_damper_s_rubbish_never_touches_the_other() {
             let rubbish = [f64::NAN, 1e300, -1e300, f64::INFINITY, 0.0, 0.01, -0.01, 5.0];
             let mut k = 0_usize;
             while !done.load(Ordering::Relaxed) {
-                // Stamps that stand still and jump to and fro.
+                // The stamps jump 20 s back and 3 s ahead.
                 let stamp = system_now().shifted([0, -20_000_000_000, 3_000_000_000][k % 3]);
                 let value = rubbish[(k * 5 + k / 7) % rubbish.len()];
                 let sent = displacement
@@ -114,13 +115,14 @@ fn one_damper_s_rubbish_never_touches_the_other() {
     let said: Vec<u64> = heard.iter().map(|message| message.force.to_bits()).collect();
     assert!(
         said.starts_with(&expected),
-        "{} estimates, {} expected, alike but for some",
+        "{} estimates, {} expected: some of them differ",
         said.len(),
         expected.len()
     );
     assert!(heard.iter().all(|message| message.model == "thesis/fuzzy-tanh/rp3-cs" || message.mode < 2));
-    assert!(right_said > 100, "the other one answers all the same: {right_said}");
-    // Each has its own parameters; the first command has no time to go anywhere in.
+    assert!(right_said > 100, "the damper with invalid data still answers: {right_said}");
+    // Each damper has its own parameters. The first command has no time step in which the current could change, so the last
+    // one is checked.
     assert_eq!(told.map(|told| told.last().copied()), [Some(0.5), Some(1.5)]);
     assert_ne!(left.config.model, right.config.model);
     assert_eq!(fleet.dead_thread(), None);
@@ -131,7 +133,7 @@ fn one_damper_s_rubbish_never_touches_the_other() {
 }
 
 #[test]
-fn a_damper_that_cannot_start_is_named_and_the_others_end() {
+fn a_damper_that_cannot_start_is_named_and_the_others_stop() {
     let dir = tempfile::tempdir().expect("a directory");
     let mut all = dampers(Some(&vehicle(dir.path(), 85)), &RosArgs::default(), &[]).expect("a good file");
     all[1].config.model = "thesis/fuzzy-tanh/rp9-cs".to_owned();

@@ -1,4 +1,4 @@
-//! Inputs without a stamp of their own, over real DDS: every sample gives an estimate, at any rate and under load.
+//! Inputs without a stamp, over real DDS: every sample at 1 kHz gives an estimate, also under load.
 
 mod live_support;
 
@@ -19,7 +19,7 @@ const SAMPLES: u32 = 5000;
 const PERIOD: Duration = Duration::from_millis(1);
 const AMPLITUDE_M: f64 = 0.01;
 const RATE_RAD_S: f64 = 6.0;
-/// One test at a time: the load of each is its own.
+/// Tests run one at a time, so that their loads do not add up.
 static ALONE: Mutex<()> = Mutex::new(());
 
 fn of_type(domain: i64, of: &str, joint: &str) -> Config {
@@ -32,7 +32,7 @@ fn of_type(domain: i64, of: &str, joint: &str) -> Config {
     config
 }
 
-/// The node's estimates, and why it refused samples.
+/// The node's estimates, and its reasons for refusing samples.
 #[derive(Default)]
 struct Came {
     estimates: Vec<Estimate>,
@@ -51,7 +51,7 @@ impl Came {
     }
 }
 
-/// Feeds a node with [`SAMPLES`] of displacement and current, one [`PERIOD`] apart, by what `publish` makes of a time and two numbers.
+/// Feeds a node with [`SAMPLES`] samples of displacement and current, one [`PERIOD`] apart, through `publishers`.
 fn feed(config: &Config, load: bool, publishers: impl FnOnce(&mut Ros) -> Publishers) -> Came {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let (service, inlet) = Service::start(config, &RosArgs::default(), true).expect("the service starts");
@@ -75,7 +75,7 @@ fn feed(config: &Config, load: bool, publishers: impl FnOnce(&mut Ros) -> Publis
         for _ in 0..2 {
             scope.spawn(|| {
                 while !ended.load(Ordering::Acquire) {
-                    // Half a second of load, and half of rest.
+                    // Half a second of load alternates with half a second of rest.
                     if !(load && busy.load(Ordering::Acquire)) {
                         std::thread::sleep(Duration::from_millis(1));
                     }
@@ -144,29 +144,32 @@ fn assert_none_is_lost(what: &str, came: &Came) {
     for pair in came.estimates.windows(2) {
         let [before, estimate] = pair else { unreachable!("pairs") };
         assert!(estimate.stamp > before.stamp, "{what}: stamps increase");
-        assert!(now.since(estimate.stamp).get() < 60.0, "{what}: stamps are of this minute");
+        assert!(now.since(estimate.stamp).get() < 60.0, "{what}: stamps are less than a minute old");
         assert!(!estimate.reasons.any(Reasons::LATE), "{what}: {estimate:?}");
     }
-    // The stamps have the spacing of the sending, so the speeds are right, and with them the forces.
+    // The stamps keep the spacing of the samples, so the velocities are right, and so are the forces.
     let beyond =
         came.estimates[10..].iter().filter(|estimate| estimate.reasons.has(Reasons::OUTSIDE_ENVELOPE));
-    assert!(beyond.count() * 100 < SAMPLES as usize, "{what}: forces of speeds that the rod never had");
+    assert!(
+        beyond.count() * 100 < SAMPLES as usize,
+        "{what}: the rod never had velocities outside the envelope"
+    );
 }
 
 #[test]
-fn a_number_without_a_stamp_is_never_refused_for_one() {
+fn a_float64_is_never_refused() {
     let came = feed(&of_type(75, "std_msgs/msg/Float64", ""), false, Publishers::float);
     assert_none_is_lost("Float64 at 1 kHz", &came);
 }
 
 #[test]
-fn nor_is_it_under_load() {
+fn a_float64_is_never_refused_under_load() {
     let came = feed(&of_type(76, "std_msgs/msg/Float64", ""), true, Publishers::float);
     assert_none_is_lost("Float64 at 1 kHz under load", &came);
 }
 
 #[test]
-fn nor_is_a_joint_state_whose_stamp_is_zero() {
+fn a_joint_state_with_a_zero_stamp_is_never_refused_under_load() {
     let came = feed(&of_type(77, "sensor_msgs/msg/JointState", "rod"), true, Publishers::joint);
     assert_none_is_lost("JointState at 1 kHz under load", &came);
 }

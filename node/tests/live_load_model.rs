@@ -1,4 +1,4 @@
-//! `load_model` on the real service, over real DDS: the model is swapped between two samples and nothing is lost.
+//! `load_model` on the real service, over real DDS: the model is replaced between two samples and no sample is lost.
 
 mod live_support;
 
@@ -40,7 +40,7 @@ fn config() -> Config {
     config
 }
 
-/// Another node on the domain, which asks for models and hears diagnostics.
+/// Another node on the domain, which requests models and receives diagnostics.
 struct Peer {
     ros: Ros,
     client: ClientOf<LoadModel>,
@@ -60,20 +60,20 @@ impl Peer {
         wait_until("the service", || self.ros.reaches(&self.client));
     }
 
-    /// The answer to a request for `model`. A first call may take three seconds (see ros2.md).
+    /// The answer to a request for `model`. A first call may take three seconds.
     fn load(&self, model: &str) -> LoadModelResponse {
         let request = LoadModelRequest { model: model.to_owned() };
         answer::<LoadModel>(&self.client, request)
     }
 
-    /// The statuses of the next diagnostics, within 5 s.
+    /// The residual's status in the next diagnostics message, within 5 s.
     fn next_status(&self) -> DiagnosticStatus {
         while self.diagnostics.take().expect("readable").is_some() {}
         let deadline = Instant::now() + Duration::from_secs(5);
         loop {
             if let Some((array, _)) = self.diagnostics.take().expect("readable") {
                 let mut status = array.status;
-                assert_eq!(status.len(), 2, "of the node, and of the residual");
+                assert_eq!(status.len(), 2, "one status of the node and one of the residual");
                 return status.remove(1);
             }
             assert!(Instant::now() < deadline, "diagnostics come once a second");
@@ -88,7 +88,7 @@ impl Peer {
     }
 }
 
-/// What came out of the pipeline.
+/// Events from the pipeline.
 #[derive(Default)]
 struct Events {
     estimates: Vec<Estimate>,
@@ -119,7 +119,7 @@ fn expected_n(name: &str) -> f64 {
 }
 
 #[test]
-fn a_model_is_swapped_in_without_losing_an_estimate() {
+fn a_model_is_loaded_without_losing_an_estimate() {
     let (config, args, run) = (config(), RosArgs::default(), run(8.0));
     let (service, inlet) = Service::start(&config, &args, true).expect("the service starts");
     let mut inlet = inlet.expect("an inlet was asked for");
@@ -145,28 +145,33 @@ fn a_model_is_swapped_in_without_losing_an_estimate() {
     assert!(answer.success, "{answer:?}");
     assert!(answer.message.contains(AFTER) && answer.message.contains(BEFORE), "{answer:?}");
 
-    assert_eq!(estimates.len(), samples, "one estimate a displacement");
+    assert_eq!(estimates.len(), samples, "one estimate per displacement");
     assert!(estimates.windows(2).all(|pair| pair[0].stamp < pair[1].stamp), "in order");
-    assert!(estimates.iter().skip(2).all(|e| e.force.get().is_finite()), "and a force in each");
+    assert!(
+        estimates.iter().skip(2).all(|e| e.force.get().is_finite()),
+        "every estimate but the first two has a force"
+    );
 
-    // In the stream itself: first the one model's residuals, then the other's, and both a good share.
+    // The stream holds first the residuals of the old model, then the residuals of the new one, and over 500 of each.
     let (before_n, after_n) = (expected_n(BEFORE), expected_n(AFTER));
     assert_ne!(before_n, after_n);
-    let swapped =
-        residuals.iter().position(|r| r.expected_rsse.get() == after_n).expect("the other model speaks");
-    println!("{} residuals, the other model's from {swapped} on; {}", residuals.len(), answer.message);
-    assert!(swapped > 500 && swapped < residuals.len() - 500, "in the midst: {swapped}");
+    let swapped = residuals
+        .iter()
+        .position(|r| r.expected_rsse.get() == after_n)
+        .expect("the new model gives residuals");
+    println!("{} residuals, the new model's from {swapped} on; {}", residuals.len(), answer.message);
+    assert!(swapped > 500 && swapped < residuals.len() - 500, "far from both ends: {swapped}");
     assert!(residuals[..swapped].iter().all(|r| r.expected_rsse.get() == before_n));
     assert!(residuals[swapped..].iter().all(|r| r.expected_rsse.get() == after_n));
 
-    // All say so: names, parameter, diagnostics, history.
+    // Names, parameter, diagnostics and history all report the new model.
     assert_eq!(service.names().read().expect("no panic").free, AFTER);
     assert_eq!(service.control().config().model, AFTER);
     let of = |key: &str| status.values.iter().find(|v| v.key == key).map(|v| v.value.clone());
     assert_eq!(of("model").as_deref(), Some(AFTER), "{status:?}");
     assert_eq!(of("expected_rsse_n"), Some(format!("{after_n:.4}")), "{status:?}");
     assert_eq!(status.level, DiagnosticStatus::OK, "{status:?}");
-    // The overseer looks into its ring a few times a second.
+    // The overseer reads its ring buffer a few times a second.
     let (history, deadline) = (service.history(), Instant::now() + Duration::from_secs(2));
     let held = || history.lock().expect("no panic").runs(120.0, 0.1);
     while held().first().is_none_or(|run| run.displacement_m.len() < samples) && Instant::now() < deadline {
@@ -174,7 +179,7 @@ fn a_model_is_swapped_in_without_losing_an_estimate() {
     }
     let runs = held();
     assert_eq!(runs.len(), 1, "no gap");
-    assert!(runs[0].displacement_m.values == run.displacement_m.values, "it holds what was played");
+    assert!(runs[0].displacement_m.values == run.displacement_m.values, "the history equals the played run");
     assert_eq!(runs[0].force_n.as_ref().map(|f| f.len()), run.force_n.as_ref().map(|f| f.len()));
 
     player.stop();
@@ -182,9 +187,9 @@ fn a_model_is_swapped_in_without_losing_an_estimate() {
     service.stop().expect("no thread panicked");
 }
 
-/// The measured force is three times what the model says: the alarm rises on all outputs, and another model ends it.
+/// The measured force is three times the predicted force: the alarm is raised on all outputs, and another model clears it.
 #[test]
-fn a_model_that_is_off_is_said_so_until_another_is_loaded() {
+fn an_alarm_reports_a_wrong_model_until_another_is_loaded() {
     let mut config = config();
     config.domain_id = DOMAIN + 2;
     let (args, mut run) = (RosArgs::default(), run(8.0));
@@ -201,14 +206,14 @@ fn a_model_that_is_off_is_said_so_until_another_is_loaded() {
         let events = scope.spawn(|| collect(&mut inlet, run.displacement_m.len() - 1));
         let asked = scope.spawn(|| {
             std::thread::sleep(Duration::from_secs(5));
-            // Seconds of residuals have piled up by now; the newest that are kept are those of the last two.
+            // Several seconds of residuals are queued by now; only the newest two seconds are kept.
             let said =
                 std::iter::from_fn(|| residuals.take().expect("readable")).filter(|(r, _)| r.alarm).count();
             (peer.next_status(), peer.load(AFTER), said)
         });
         player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
         let (status, answer, said) = asked.join().expect("no panic");
-        assert!(said > 500, "force_residual says so: {said}");
+        assert!(said > 500, "residuals with alarm on force_residual: {said}");
         (status, answer, events.join().expect("no panic"))
     });
     assert!(answer.success, "{answer:?}");
@@ -217,7 +222,7 @@ fn a_model_that_is_off_is_said_so_until_another_is_loaded() {
     assert!(status.message.contains("load_model"), "it says what to do: {status:?}");
 
     let changes: Vec<_> = events.alarms.iter().map(|change| (change.raised, change.ratio.is_nan())).collect();
-    // Raised; ended by the swap, which has no ratio; and the other model is off as well, if there was time.
+    // Raised, then cleared by the new model, without a ratio. If there was time, the new model, which is also wrong, raises it again.
     assert!(changes.starts_with(&[(true, false), (false, true)]), "{changes:?}");
     player.stop();
     drop(residuals);
@@ -226,7 +231,7 @@ fn a_model_that_is_off_is_said_so_until_another_is_loaded() {
 }
 
 #[test]
-fn what_cannot_run_is_refused_with_the_reason_and_changes_nothing() {
+fn a_model_that_cannot_run_is_refused_with_the_reason_and_changes_nothing() {
     let mut config = config();
     config.domain_id = DOMAIN + 1;
     let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("the service starts");
@@ -255,12 +260,12 @@ fn what_cannot_run_is_refused_with_the_reason_and_changes_nothing() {
     assert_eq!(service.names().read().expect("no panic").free, BEFORE);
     assert_eq!(service.control().models(), Some(models::from_config(&config).expect("it loads").0));
     let status = peer.next_status();
-    assert_eq!(status.level, DiagnosticStatus::STALE, "nothing is played: {status:?}");
+    assert_eq!(status.level, DiagnosticStatus::STALE, "no input arrives: {status:?}");
     peer.stop();
     service.stop().expect("no thread panicked");
 }
 
-/// The file of `model`, as if it had been identified on a command voltage.
+/// The model file of `model`, rewritten as if it had been identified with a command voltage.
 fn driven_by_voltage(model: Model) -> String {
     let file = ModelFile { model, provenance: Provenance::default() };
     let text = file.to_toml().expect("writable").replace("current_a", "command_v");
@@ -268,12 +273,12 @@ fn driven_by_voltage(model: Model) -> String {
         .replace("membership_sigma_a", "membership_sigma_v")
 }
 
-/// Writes both files in turn to `path` until told to end: by renaming, and in place in two halves with a pause in between.
+/// Writes both texts in turn to `path` until `done` is set: by renaming, and in place in two halves with a pause in between.
 fn replace(path: &Path, texts: &[String; 2], done: &AtomicBool) -> [u32; 2] {
     let mut times = [0; 2];
     for turn in 0.. {
         let text = &texts[turn % 2];
-        // Some times by renaming, then some in place.
+        // Eight times by renaming, then four times in place.
         if turn % 12 < 8 {
             let part = path.with_extension("part");
             std::fs::write(&part, text).expect("written");
@@ -296,7 +301,7 @@ fn replace(path: &Path, texts: &[String; 2], done: &AtomicBool) -> [u32; 2] {
 }
 
 #[test]
-fn a_model_file_that_is_replaced_while_it_is_loaded_is_one_of_both_or_refused() {
+fn a_model_file_replaced_while_it_is_loaded_gives_one_of_both_models_or_a_refusal() {
     let mut config = config();
     config.domain_id = 90;
     let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("the service starts");
@@ -320,7 +325,7 @@ fn a_model_file_that_is_replaced_while_it_is_loaded_is_one_of_both_or_refused() 
             let now = service.control().models().expect("it is active").free;
             match models.iter().position(|model| *model == now) {
                 Some(which) if answer.success => answers[which] += 1,
-                None => panic!("neither of both: {answer:?} {now:?}"),
+                None => panic!("neither of the two models is loaded: {answer:?} {now:?}"),
                 Some(_) => {
                     assert_eq!(now, before, "a refusal changes nothing: {answer:?}");
                     assert!(answer.message.contains("model.toml"), "{answer:?}");

@@ -62,13 +62,13 @@ fn play(config: &Config, args: &RosArgs, run: &Run, clock: bool) {
 }
 
 #[test]
-fn it_is_configured_activated_and_silenced_by_its_peers() {
-    // The log goes to /rosout as well.
+fn peers_configure_activate_and_deactivate_the_node() {
+    // The log is also published on /rosout.
     logging::start(LogFormat::Text, "info", Outputs { stderr: true, rosout: true });
     let mut config = config(71);
     set(&mut config, "autostart", Value::Bool(false));
     let args = RosArgs::in_namespace("/managed");
-    // Other nodes of this process have a log as well.
+    // Other nodes of this process also log.
     let inside = rosout::span(&args.full_name()).entered();
     let (service, _) = Service::start(&config, &args, false).expect("it starts without a model");
     drop(inside);
@@ -81,14 +81,14 @@ fn it_is_configured_activated_and_silenced_by_its_peers() {
     let log = peer.ros.subscribe::<Log>("/rosout").expect("a topic");
     assert_eq!(state(&mut peer), "unconfigured");
 
-    // No model yet: the transition fails, says why in the log, and nothing changes.
+    // Without a model the transition fails, the log gives the reason, and nothing changes.
     let change = |peer: &mut Caller, label: &str| {
         peer.call::<ChangeState>(MANAGED, "change_state", transition(label)).success
     };
     assert!(!change(&mut peer, "configure") && !change(&mut peer, "activate"));
     assert_eq!(state(&mut peer), "unconfigured");
 
-    // What a running node takes from load_model alone can be set here.
+    // Before it runs, the model can be set as a parameter; a running node takes it only from load_model.
     let parameters = vec![text("model", "thesis/fuzzy-tanh/rp3-cs")];
     let results =
         peer.call::<SetParameters>(MANAGED, "set_parameters", SetParametersRequest { parameters }).results;
@@ -99,7 +99,7 @@ fn it_is_configured_activated_and_silenced_by_its_peers() {
     let ways: Vec<_> = ways.available_transitions.iter().map(|way| way.transition.label.as_str()).collect();
     assert_eq!(ways, ["cleanup", "activate", "shutdown"]);
 
-    // Inactive: what comes is nobody's.
+    // While inactive, the node ignores its inputs.
     let run = run(0.5);
     let estimates = || service.counters().ros_sink.estimates.load(Ordering::Relaxed);
     play(&config, &args, &run, false);
@@ -142,7 +142,7 @@ fn it_is_configured_activated_and_silenced_by_its_peers() {
 }
 
 #[test]
-fn parameters_are_described_and_set_all_or_none() {
+fn parameters_are_described_and_set_atomically() {
     let mut config = config(72);
     set(&mut config, "model", Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned()));
     let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("it starts");
@@ -164,7 +164,7 @@ fn parameters_are_described_and_set_all_or_none() {
         let request = SetParametersAtomicallyRequest { parameters };
         peer.call::<SetParametersAtomically>(NODE, "set_parameters_atomically", request).result
     };
-    // The second is out of range, so the first is not set either.
+    // The second value is out of range, so the first one is not set either.
     let refused = atomically(&mut peer, vec![double("coast_s", 0.7), double("hold_s", -1.0)]);
     assert!(!refused.successful && refused.reason.contains("hold_s is -1"), "{}", refused.reason);
     assert_eq!(coast_s(&mut peer), 0.2);
@@ -201,7 +201,7 @@ fn parameters_are_described_and_set_all_or_none() {
 }
 
 #[test]
-fn the_mode_is_held_and_simulated_time_that_goes_back_forgets_the_past() {
+fn set_mode_holds_the_mode_and_simulated_time_going_back_resets_the_node() {
     let mut config = config(73);
     set(&mut config, "model", Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned()));
     set(&mut config, "use_sim_time", Value::Bool(true));
@@ -226,8 +226,8 @@ fn the_mode_is_held_and_simulated_time_that_goes_back_forgets_the_past() {
         modes
     };
     let asked = "the mode was asked for";
-    assert_eq!(modes(&run), [("model", asked)], "measured force is there, and is not used");
-    // The same run again: its stamps are those of before.
+    assert_eq!(modes(&run), [("model", asked)], "measured force arrives but is not used");
+    // The same run again, with the same stamps: simulated time goes back.
     let again = modes(&run);
     assert_eq!(again.first(), Some(&("fault", "reset")), "{again:?}");
     assert_eq!(again.last(), Some(&("model", asked)), "{again:?}");
@@ -236,12 +236,13 @@ fn the_mode_is_held_and_simulated_time_that_goes_back_forgets_the_past() {
     let auto = modes(&run);
     assert_eq!(auto.last().map(|change| change.0), Some("arx"), "{auto:?}");
     assert!(peer.call::<Reset>("", "reset", Default::default()).success);
-    // Nobody says in which order /clock and the first samples of a run come: those that are there before time goes back are of the past.
+    // The order in which /clock and the first samples of a run arrive is undefined: samples that arrive before the time goes back belong
+    // to the past.
     let refused = service.counters().hot.refused.load(Ordering::Relaxed);
-    assert!(refused <= 2 * 2 * 3, "{refused} samples refused, of two runs that came again");
-    let clock = service.control().clock().now().expect("it was heard");
+    assert!(refused <= 2 * 2 * 3, "{refused} samples refused in two repeated runs");
+    let clock = service.control().clock().now().expect("/clock was received");
     let last = run.displacement_m.stamps.last().expect("a run");
-    assert!((last.since(clock).get()).abs() < 0.01, "the time is that of the run");
+    assert!((last.since(clock).get()).abs() < 0.01, "the node's time is the run's time");
     peer.stop();
     service.stop().expect("it ends");
 }

@@ -1,4 +1,5 @@
-//! Two publishers of one input, over real DDS: the node names them, and does not trust what it makes of their mixed samples.
+//! Two publishers of one input, over real DDS: the node names them, and marks estimates from their mixed samples as
+//! degraded.
 
 mod live_support;
 
@@ -25,7 +26,7 @@ fn with_model(domain: i64) -> Config {
     config
 }
 
-/// A node that publishes displacement, in a process of its own as far as DDS is concerned.
+/// A node that publishes displacement; for DDS it is a separate process.
 struct Sensor {
     ros: Ros,
     displacement: Output<Displacement>,
@@ -51,7 +52,7 @@ impl Sensor {
     }
 }
 
-/// The node under test, with a current that is always there, and somebody who reads `/diagnostics`.
+/// The node under test, with a steady current, and a peer that reads `/diagnostics`.
 struct Bench {
     service: Service,
     inlet: Inlet,
@@ -91,7 +92,7 @@ impl Bench {
         estimates
     }
 
-    /// Has the sensors send for `duration`, and returns the estimates.
+    /// Sends displacement from the sensors for `duration`, and returns the estimates.
     fn feed(&mut self, duration: Duration, sensors: &[(&Sensor, f64)]) -> Vec<Estimate> {
         drop(self.estimates());
         let start = Instant::now();
@@ -140,7 +141,7 @@ fn two_publishers_of_displacement_are_named_and_their_estimates_are_degraded() {
             assert!(said.contains(part), "{what}: {part} in {said}");
         }
     }
-    // One of them ends: the other is believed again, and nothing is said any more.
+    // One of them stops: the node accepts the other again, and the status no longer mentions publishers.
     right.stop();
     bench.feed(Duration::from_secs(1), &[(&left, 0.0)]);
     let estimates = bench.feed(Duration::from_secs(2), &[(&left, 0.0)]);
@@ -151,7 +152,7 @@ fn two_publishers_of_displacement_are_named_and_their_estimates_are_degraded() {
 }
 
 #[test]
-fn a_publisher_that_is_restarted_is_not_taken_for_two() {
+fn a_restarted_publisher_does_not_count_as_two() {
     let config = with_model(66);
     let mut bench = Bench::new(&config);
     let before = Sensor::new(&config, "sensor");
@@ -165,7 +166,7 @@ fn a_publisher_that_is_restarted_is_not_taken_for_two() {
     assert!(!estimates.iter().any(is_mixed));
     assert!(!bench.listen().contains("publishers"), "{}", bench.said);
     let (of_first, _) = published.take().expect("readable").expect("an estimate");
-    assert_eq!(of_first.header.frame_id, FRAME, "estimates bear the frame of their displacement");
+    assert_eq!(of_first.header.frame_id, FRAME, "estimates carry the frame of their displacement");
     drop(published);
     after.stop();
     bench.stop();

@@ -1,4 +1,5 @@
-//! Priority and deadline of the running node: which threads have it, and what is said when it is refused or missed.
+//! Priority and deadline of the running node: which threads get the priority, and what the status says if it is
+//! refused or a deadline is missed.
 
 mod live_support;
 mod vehicle_support;
@@ -18,21 +19,21 @@ fn program() -> &'static Path {
     Path::new(env!("CARGO_BIN_EXE_mr-damper"))
 }
 
-/// Names of the threads of a process (15 letters at most), with policy and real-time priority.
+/// Names of the threads of a process (at most 15 characters), with scheduling policy and real-time priority.
 fn threads(process: u32) -> Vec<(String, u32, u32)> {
     let tasks = std::fs::read_dir(format!("/proc/{process}/task")).expect("it runs");
     let thread = |task: std::io::Result<std::fs::DirEntry>| {
-        // One that ends meanwhile is none.
+        // A thread that has just ended is left out.
         let stat = std::fs::read_to_string(task.ok()?.path().join("stat")).ok()?;
         let (name, rest) = (stat.split_once('(')?.1).rsplit_once(')')?;
-        // Fields 40 and 41 of the line, of which two are gone.
+        // Fields 40 and 41 of the line; the first two fields are already removed.
         let fields: Vec<&str> = rest.split_whitespace().collect();
         Some((name.to_owned(), fields[38].parse().ok()?, fields[37].parse().ok()?))
     };
     tasks.filter_map(thread).collect()
 }
 
-/// Feeds the damper until the status of its work says what `wanted` wants.
+/// Feeds the damper until the node's status meets `wanted`.
 fn status_that(domain: i64, wanted: impl Fn(&DiagnosticStatus) -> bool) -> DiagnosticStatus {
     let Peer { mut ros, corners } = Peer::start(&["corner"], domain);
     let diagnostics = ros.subscribe::<DiagnosticArray>("/diagnostics").expect("a topic");
@@ -58,10 +59,10 @@ fn value<'a>(status: &'a DiagnosticStatus, key: &str) -> &'a str {
 }
 
 #[test]
-fn the_threads_that_count_get_the_priority_and_what_is_late_is_counted() {
+fn time_critical_threads_get_the_priority_and_missed_deadlines_are_counted() {
     let parameters = [format!("realtime_priority:={PRIORITY}"), "deadline_s:=1e-9".to_owned()];
     let node = start(program(), &["corner"], DOMAIN, &parameters);
-    // Nothing is published within a nanosecond.
+    // No estimate is published within a nanosecond.
     let status = status_that(DOMAIN, |status| value(status, "missed_deadlines") != "0");
     assert_eq!(status.level, DiagnosticStatus::WARN, "{status:?}");
     assert!(status.message.contains("missed their deadline"), "{status:?}");
@@ -75,19 +76,19 @@ fn the_threads_that_count_get_the_priority_and_what_is_late_is_counted() {
             || name.starts_with("RustDDS")
     };
     let (path, others): (Vec<_>, Vec<_>) = threads.iter().partition(|(name, ..)| counts(name));
-    assert!(path.len() >= 5, "four of ours, and DDS's: {threads:?}");
+    assert!(path.len() >= 5, "four threads of the node, and the threads of DDS: {threads:?}");
     assert!(others.iter().all(|(_, policy, _)| *policy == 0), "{threads:?}");
     if path.iter().all(|(_, policy, priority)| (*policy, *priority) == (FIFO, PRIORITY)) {
         assert_eq!(value(&status, "realtime_priority"), format!("SCHED_FIFO {PRIORITY}"));
     } else {
-        eprintln!("SKIPPED: whoever runs this test may not give threads a priority");
+        eprintln!("SKIPPED: this user may not give threads a real-time priority");
         assert!(value(&status, "realtime_priority").contains("refused"), "{status:?}");
         assert!(path.iter().all(|(_, policy, _)| *policy == 0), "{threads:?}");
     }
 }
 
 #[test]
-fn a_node_that_gets_no_priority_runs_and_says_so() {
+fn a_node_without_priority_runs_and_reports_it() {
     let priority = ["-p".to_owned(), format!("realtime_priority:={PRIORITY}")];
     let node = Command::new("setpriv")
         .args(["--bounding-set", "-sys_nice", "--inh-caps", "-sys_nice", "--"])
@@ -106,10 +107,10 @@ fn a_node_that_gets_no_priority_runs_and_says_so() {
         .stdin(Stdio::null())
         .stderr(Stdio::piped())
         .spawn();
-    let mut node = Node(node.expect("setpriv is of util-linux"));
+    let mut node = Node(node.expect("setpriv (util-linux) starts"));
     let status = status_that(UNPRIVILEGED_DOMAIN, |status| value(status, "estimates") != "0");
     assert_eq!(status.level, DiagnosticStatus::WARN, "{status:?}");
-    assert!(status.message.contains("CAP_SYS_NICE"), "what to do: {status:?}");
+    assert!(status.message.contains("CAP_SYS_NICE"), "the status says what to do: {status:?}");
     assert!(value(&status, "realtime_priority").contains("not permitted"), "{status:?}");
     assert!(threads(node.0.id()).iter().all(|(_, policy, _)| *policy == 0));
 

@@ -1,4 +1,5 @@
-//! `mr-damper record` over real DDS, as a process that is killed: what had come before the age of a chunk is there.
+//! `mr-damper record` over real DDS, as a process that is killed: everything older than the maximum age of a chunk is
+//! kept.
 
 mod run_support;
 
@@ -17,11 +18,11 @@ const DOMAIN: i64 = 80;
 /// The domain of the test with several dampers.
 const OTHERS: i64 = 123;
 const CHUNK_AGE: Duration = Duration::from_millis(200);
-/// On the way to the recorder, and through it, on a busy machine.
+/// Time to reach the recorder and pass through it on a busy machine.
 const SLACK: Duration = Duration::from_millis(400);
 const SPACING: Duration = Duration::from_millis(5);
 
-/// A process that ends with the test, whatever becomes of that.
+/// A process that is killed at the end of the test, even if the test fails.
 struct Recorder(Child);
 
 impl Drop for Recorder {
@@ -44,13 +45,13 @@ fn publish(publisher: &Output<Displacement>, sent: &mut Vec<(i64, Instant)>, tim
 }
 
 #[test]
-fn a_recording_that_is_killed_keeps_what_is_older_than_a_chunk() {
+fn a_killed_recording_keeps_everything_older_than_a_chunk() {
     let dir = temporary();
     let config = Config { domain_id: DOMAIN, ..Config::default() };
     let mut ros =
         Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
     let publisher: Output<Displacement> = ros.publish("/displacement").expect("a topic");
-    // Both storages at once, each killed at a time of its own.
+    // Both storages record at the same time and are killed at different times.
     let mut recorders = ["mcap", "sqlite3"].map(|storage| {
         let path = dir.path().join(storage);
         let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
@@ -76,12 +77,17 @@ fn a_recording_that_is_killed_keeps_what_is_older_than_a_chunk() {
         assert!(loaded.notes.contains(&Note::NoMetadata { path: path.clone() }), "{:?}", loaded.notes);
         let (name, stamps) = (path.display(), loaded.run.displacement_m.stamps);
         let (first, last) = (stamps[0].nanos(), stamps[stamps.len() - 1].nanos());
-        assert_eq!(stamps.len() as i64, last - first + 1, "{name}: no hole");
-        // The first ones may go before both ends know of each other.
-        assert!(first < sent[sent.len() / 2].0, "{name}: it began at {first}");
-        let old = sent.iter().rev().find(|(_, at)| killed - *at > CHUNK_AGE + SLACK).expect("old ones").0;
-        assert!(last >= old, "{name}: the last one is {last}, {old} was old");
-        assert!(files_of(path).len() > 1, "{name}: it was split meanwhile");
+        assert_eq!(stamps.len() as i64, last - first + 1, "{name}: no sample is missing");
+        // The first samples may be sent before both ends have discovered each other.
+        assert!(first < sent[sent.len() / 2].0, "{name}: the recording begins at sample {first}");
+        let old = sent
+            .iter()
+            .rev()
+            .find(|(_, at)| killed - *at > CHUNK_AGE + SLACK)
+            .expect("some samples are old enough")
+            .0;
+        assert!(last >= old, "{name}: the last sample is {last}, but sample {old} was old enough");
+        assert!(files_of(path).len() > 1, "{name}: the bag was split before the kill");
     }
     drop(publisher);
     ros.stop();
@@ -114,7 +120,7 @@ fn a_recording_of_renamed_topics_is_read_back_without_a_map() {
     ros.stop();
 }
 
-/// A recorder of two seconds in `OTHERS`, with more arguments of ROS: what it said, its exit code and its bag's topics.
+/// Records three seconds in the domain `OTHERS` with more ROS arguments; returns the output and the bag's metadata.
 fn recorded(path: &std::path::Path, ros_args: &[&str]) -> (std::process::Output, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
     command.args(["--quiet", "record", "--duration", "3", "--domain-id", &(OTHERS).to_string(), "--out"]);
@@ -125,7 +131,7 @@ fn recorded(path: &std::path::Path, ros_args: &[&str]) -> (std::process::Output,
 }
 
 #[test]
-fn a_recording_finds_dampers_in_namespaces_and_says_when_nothing_came() {
+fn a_recording_finds_dampers_in_namespaces_and_reports_when_nothing_came() {
     let dir = temporary();
     let config = Config { domain_id: OTHERS, ..Config::default() };
     let mut ros =
@@ -150,7 +156,7 @@ fn a_recording_finds_dampers_in_namespaces_and_says_when_nothing_came() {
         });
         let (output, metadata) = recorded(&dir.path().join("all"), &[]);
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        // Of another namespace nothing comes but what all nodes share.
+        // With another namespace, only topics shared by all nodes are recorded.
         let (other, shared) = recorded(&dir.path().join("other"), &["-r", "__ns:=/bike"]);
         stop.store(true, std::sync::atomic::Ordering::Relaxed);
         assert!(output.status.success(), "{told}");

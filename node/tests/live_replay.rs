@@ -1,4 +1,5 @@
-//! The player over real DDS: its services, as a client of `ros2 bag play` would call them, and `/clock`.
+//! The player over real DDS: its services, called as a client of `ros2 bag play` calls them, and
+//! `/clock`.
 
 mod live_support;
 
@@ -23,19 +24,19 @@ const EPOCH: i64 = 1_700_000_000_000_000_000;
 const SPACING: i64 = 10_000_000;
 const SAMPLES: i64 = 600;
 
-/// Displacement number `k` is `k`, 10 ms after the one before.
+/// Displacement number `k` is `k` m; samples are 10 ms apart.
 fn run() -> Run {
     let stamps: Vec<Stamp> = (0..SAMPLES).map(|k| Stamp::from_nanos(EPOCH + k * SPACING)).collect();
     let values = (0..SAMPLES).map(|k| k as f64).collect();
     Run { name: "counted".into(), displacement_m: Trace { stamps, values }, ..Run::default() }
 }
 
-/// Another node on the domain, which tells the player what to do and hears what it plays.
+/// Another node on the domain, which controls the player and receives what it plays.
 struct Peer {
     ros: Ros,
     displacement: Subscription<Displacement>,
     clock: Subscription<Clock>,
-    /// Without them the player would wait for a node.
+    /// Without these subscriptions the player would wait for a node.
     _others: (Subscription<Force>, Subscription<CoilCurrent>),
     pause: ClientOf<Pause>,
     resume: ClientOf<Resume>,
@@ -75,7 +76,7 @@ impl Peer {
         }
     }
 
-    /// Waits for all services: a first call may be lost before both ends know of each other.
+    /// Waits for all services: a first call may be lost before both ends have discovered each other.
     fn wait_for_services(&self) {
         let ros = &self.ros;
         wait_until("all services", || {
@@ -121,7 +122,7 @@ impl Peer {
         self.call::<Seek>(&self.seek, SeekRequest { time }).success
     }
 
-    /// The displacements that have come, once none has for 200 ms.
+    /// The received displacements, once none has arrived for 200 ms.
     fn heard(&self) -> Vec<f64> {
         let mut all = Vec::new();
         let mut last = Instant::now();
@@ -130,7 +131,7 @@ impl Peer {
                 assert_eq!(
                     message.header.stamp.as_nanos(),
                     EPOCH + message.displacement as i64 * SPACING,
-                    "with a clock, stamps are those of the bag"
+                    "with a clock, stamps come from the bag"
                 );
                 all.push(message.displacement);
                 last = Instant::now();
@@ -140,7 +141,7 @@ impl Peer {
         all
     }
 
-    /// The times that have come on /clock, in samples.
+    /// The received times on /clock, in samples.
     fn times(&self) -> Vec<f64> {
         let mut all = Vec::new();
         while let Some((message, _)) = self.clock.take().expect("readable") {
@@ -160,7 +161,7 @@ fn numbers(from: i64, to: i64) -> Vec<f64> {
 }
 
 #[test]
-fn the_services_of_ros2_bag_play_do_what_they_say() {
+fn the_services_of_ros2_bag_play_work() {
     let config = Config { domain_id: DOMAIN, ..Config::default() };
     let rule = "displacement:=/lvdt/x".to_owned();
     let args =
@@ -181,7 +182,7 @@ fn the_services_of_ros2_bag_play_do_what_they_say() {
         });
         peer.wait_for_services();
         while peer.burst(1) == 0 {
-            // It does not play yet.
+            // The player does not play yet.
             std::thread::sleep(Duration::from_millis(20));
         }
         assert_eq!(peer.heard(), [0.0], "one message");
@@ -189,17 +190,20 @@ fn the_services_of_ros2_bag_play_do_what_they_say() {
 
         assert!(peer.play_next());
         assert_eq!(peer.burst(5), 5);
-        assert_eq!(peer.heard(), numbers(1, 6), "paused, it plays what is asked for and no more");
+        assert_eq!(peer.heard(), numbers(1, 6), "while paused, the player plays only what is requested");
 
         peer.times();
         std::thread::sleep(Duration::from_millis(300));
         let times = peer.times();
         assert!((15..=45).contains(&times.len()), "{} times in 300 ms at 100 Hz", times.len());
-        assert!(times.iter().all(|&time| time == 6.0), "paused, time stands still: {times:?}");
+        assert!(times.iter().all(|&time| time == 6.0), "while paused, /clock does not advance: {times:?}");
 
-        assert!(!peer.seek(EPOCH - 1) && !peer.seek(EPOCH + SAMPLES * SPACING), "beyond the bag");
+        assert!(
+            !peer.seek(EPOCH - 1) && !peer.seek(EPOCH + SAMPLES * SPACING),
+            "a seek outside the bag is refused"
+        );
         assert!(peer.seek(EPOCH + 200 * SPACING - 1), "between two samples");
-        assert!(peer.play_next() && peer.heard() == [200.0], "from the first one behind");
+        assert!(peer.play_next() && peer.heard() == [200.0], "playback continues at the next sample");
         assert!(peer.seek(EPOCH + 100 * SPACING), "back");
         assert!(peer.play_next() && peer.heard() == [100.0]);
 
@@ -211,14 +215,14 @@ fn the_services_of_ros2_bag_play_do_what_they_say() {
         assert_eq!(peer.rate(), 0.5);
         peer.times();
         peer.call::<Resume>(&peer.resume, ResumeRequest::default());
-        assert!(!peer.play_next() && peer.burst(3) == 0, "only while paused");
+        assert!(!peer.play_next() && peer.burst(3) == 0, "play_next and burst work only while paused");
         let start = Instant::now();
         std::thread::sleep(Duration::from_millis(1000));
         peer.call::<Pause>(&peer.pause, PauseRequest::default());
         let most = start.elapsed().as_secs_f64() * 50.0 + 15.0;
         let heard = peer.heard();
         assert_eq!(heard, numbers(101, 100 + heard.len() as i64), "in order, without a gap");
-        assert!(heard.len() >= 45 && heard.len() as f64 <= most, "{} at 50 a second", heard.len());
+        assert!(heard.len() >= 45 && heard.len() as f64 <= most, "{} samples at 50 per second", heard.len());
         let times = peer.times();
         assert!(times.is_sorted() && times.len() >= 60, "{times:?}");
 
@@ -229,12 +233,12 @@ fn the_services_of_ros2_bag_play_do_what_they_say() {
         let before = peer.heard();
         let next = before.last().map_or(101 + heard.len() as i64, |last| *last as i64 + 1);
 
-        // All that is left, and then the run is over.
+        // Plays all remaining samples, which ends the run.
         let left = (SAMPLES - next) as u64;
         assert_eq!(peer.burst(0), left);
         assert_eq!(peer.heard(), numbers(next, SAMPLES - 1));
         let played = playing.join().expect("no panic");
-        assert!(!peer.seek(EPOCH) && !peer.play_next(), "nothing plays any more");
+        assert!(!peer.seek(EPOCH) && !peer.play_next(), "after the run, seek and play_next are refused");
         played
     });
     assert_eq!(played.failed, 0);
@@ -243,7 +247,7 @@ fn the_services_of_ros2_bag_play_do_what_they_say() {
 }
 
 #[test]
-fn without_a_clock_stamps_are_of_now_and_keep_their_spacing() {
+fn without_a_clock_stamps_are_current_and_keep_their_spacing() {
     let config = Config { domain_id: DOMAIN + 1, ..Config::default() };
     let peer = Peer::new(&config);
     let rule = "displacement:=/lvdt/x".to_owned();
@@ -255,7 +259,7 @@ fn without_a_clock_stamps_are_of_now_and_keep_their_spacing() {
     let mut run = run();
     let trace = |value| Trace { stamps: vec![Stamp::from_nanos(EPOCH)], values: vec![value] };
     run.drive = Some((DriveKind::CoilCurrent, trace(1.0)));
-    // Two rounds, as `--loop` plays them, from 5.5 s on.
+    // Two rounds from 5.5 s on, as with `--loop`.
     let plan = Plan { start: 5.5, ..Plan::default() };
     let mut played = Played::default();
     let before = mr_damper_node::clock::system_now().nanos();
@@ -273,11 +277,11 @@ fn without_a_clock_stamps_are_of_now_and_keep_their_spacing() {
     assert_eq!((played.samples, played.failed), (100, 0));
     let values: Vec<f64> = stamps.iter().map(|(_, value)| *value).collect();
     assert_eq!(values, [numbers(550, 599), numbers(550, 599)].concat());
-    assert!(stamps[0].0 >= before, "the first sample is now");
+    assert!(stamps[0].0 >= before, "the first stamp is the current time");
     for (round, stamps) in stamps.chunks(50).enumerate() {
         assert!(stamps.windows(2).all(|pair| pair[1].0 - pair[0].0 == SPACING), "round {round}");
     }
-    assert!(stamps[50].0 > stamps[49].0, "time does not go back from round to round");
+    assert!(stamps[50].0 > stamps[49].0, "the second round has later stamps than the first");
     player.stop();
     peer.stop();
 }

@@ -1,5 +1,6 @@
-//! The real service among nodes on rmw_zenoh, played by a plain Zenoh session with keys written by hand: what it shows, says and
-//! takes, and what it refuses. `tests/interop_zenoh` has the same with an implementation that nobody here wrote.
+//! The real service and a peer that behaves like nodes on rmw_zenoh: a plain Zenoh session with hand-written keys. The tests
+//! check what the node shows, publishes, accepts and refuses. `tests/interop_zenoh` tests the same with an independent
+//! implementation.
 
 mod live_support;
 mod zenoh_support;
@@ -26,7 +27,7 @@ use zenoh::{Session, Wait};
 use zenoh_support::keys::{Keys, with_password};
 use zenoh_support::sessions::{endpoint, router, session};
 
-/// Domains of this test binary's own.
+/// DDS domains that only this test binary uses.
 const DOMAINS: [i64; 5] = [70, 71, 72, 73, 74];
 const FORCE_ESTIMATE: &str = "mr_damper_msgs::msg::dds_::ForceEstimate_/\
                               RIHS01_9dc78705ac5ed035bf624baa16dcbe27da337cfbb7421937be2c52883cc4de96";
@@ -34,7 +35,7 @@ const DISPLACEMENT: &str = "mr_damper_msgs::msg::dds_::Displacement_/\
                             RIHS01_a396173d439a26bd2d68f5f701d40519e45d54b57f26fac73387b1979dcb2964";
 
 fn config(domain: i64, endpoint: &str, rmw: &str) -> Config {
-    // A busy machine may stop a thread for longer than the usual wait, and one sample out of order is another result.
+    // A busy machine may stop a thread for longer than the default wait, and one sample out of order changes the result.
     let mut config = Config { domain_id: domain, align_wait_s: 0.5, ..Config::default() };
     for (name, value) in [
         ("model", Value::Text("thesis/fuzzy-tanh/rp3-cs".into())),
@@ -46,7 +47,7 @@ fn config(domain: i64, endpoint: &str, rmw: &str) -> Config {
     config
 }
 
-/// What has come on `key`, in order.
+/// Collects the samples that arrive on `key`, in order.
 fn inbox(session: &Session, key: &str) -> (Arc<Mutex<Vec<ZenohSample>>>, Subscriber<()>) {
     let came: Arc<Mutex<Vec<ZenohSample>>> = Arc::default();
     let filled = Arc::clone(&came);
@@ -55,7 +56,7 @@ fn inbox(session: &Session, key: &str) -> (Arc<Mutex<Vec<ZenohSample>>>, Subscri
     (came, subscriber)
 }
 
-/// The tokens of a domain that are there, sorted, without that of the session.
+/// The liveliness tokens of a domain, sorted, without the session's own token.
 fn tokens(session: &Session, domain: i64) -> Vec<String> {
     let replies = session.liveliness().get(format!("@ros2_lv/{domain}/**")).wait().expect("a key");
     let tokens = replies.into_iter().filter_map(|reply| reply.into_result().ok());
@@ -69,7 +70,7 @@ fn attachment(seq: i64) -> Vec<u8> {
     [&seq.to_le_bytes()[..], &stamp_ns.to_le_bytes(), &[16], &[7; 16]].concat()
 }
 
-/// Another node's publisher of an input. It waits where Zenoh is busy: what is lost on the way is not what is tested.
+/// Another node's publisher of an input. It blocks when Zenoh is congested, because losses on the way are not under test.
 fn publisher<M: Message>(session: &Session, domain: i64, topic: &str) -> Publisher<'static> {
     let key = format!("{domain}/corner/{topic}/{}/{}", M::DDS_TYPE, M::TYPE_HASH);
     let blocking = zenoh::qos::CongestionControl::Block;
@@ -93,14 +94,14 @@ fn estimates(came: &Mutex<Vec<ZenohSample>>) -> Vec<ForceEstimate> {
     came.lock().expect("no panic").iter().map(read).collect()
 }
 
-/// The sample as one of a time that is so much later, received at once.
+/// The sample moved later by `shift_ns`, received at its stamp.
 fn shifted(sample: &Sample, shift_ns: i64) -> Sample {
     let stamp = sample.stamp.shifted(shift_ns);
     Sample { stamp, received: stamp, ..*sample }
 }
 
 #[test]
-fn inputs_by_rmw_zenoh_give_the_estimates_of_a_replay_to_the_bit() {
+fn inputs_by_rmw_zenoh_give_estimates_bit_identical_to_a_replay() {
     let [domain, ..] = DOMAINS;
     let (endpoint, args) = (endpoint(), RosArgs::in_namespace("/corner"));
     let config = config(domain, &endpoint, "both");
@@ -173,7 +174,7 @@ fn inputs_by_rmw_zenoh_give_the_estimates_of_a_replay_to_the_bit() {
     let counted = (told.taken, told.lost, told.refused, told.mismatched);
     assert_eq!(counted, (samples.len() as u64, 0, 0, 0), "{told:?}");
 
-    // All of it is gone at once.
+    // When the node stops, all its tokens disappear at once.
     let (gone, _watching) = {
         let gone: Arc<Mutex<usize>> = Arc::default();
         let count = Arc::clone(&gone);
@@ -189,7 +190,7 @@ fn inputs_by_rmw_zenoh_give_the_estimates_of_a_replay_to_the_bit() {
 }
 
 #[test]
-fn what_is_no_message_is_refused_and_counted_and_harms_nothing() {
+fn malformed_messages_are_refused_and_counted_and_do_no_harm() {
     let [_, domain, ..] = DOMAINS;
     let (endpoint, args) = (endpoint(), RosArgs::in_namespace("/corner"));
     let (service, _) =
@@ -211,7 +212,7 @@ fn what_is_no_message_is_refused_and_counted_and_harms_nothing() {
         let told = stats(&service).last_refusal.expect("it is kept");
         assert!(told.starts_with("displacement: ") && told.contains(why), "{why}: {told}");
     };
-    // Cut off anywhere, the encoding, a text without end, a text that is none.
+    // Messages cut at every length, a wrong encoding, a text with a huge length, and a text that is not UTF-8.
     for length in 0..good().len() {
         put(&displacement, good()[..length].to_vec(), 1);
         refuse("mr_damper_msgs/msg/Displacement");
@@ -242,7 +243,7 @@ fn what_is_no_message_is_refused_and_counted_and_harms_nothing() {
     peer.put(around.clone(), good()).attachment(attachment(1)).wait().expect("it is sent");
     refuse(&format!("it was sent to {around}"));
 
-    // Another hash is another key: not heard, but its publisher is seen.
+    // Another type hash gives another key: the node does not receive it, but sees its publisher.
     let wrong = key.replace("RIHS01_a3", "RIHS01_a4");
     let token = |dds_type: &str| {
         let (begin, end) = (format!("@ros2_lv/{domain}/{}/0/1/MP/%/%/sensor", peer.zid()), "::,10:,:,:,,");
@@ -256,7 +257,7 @@ fn what_is_no_message_is_refused_and_counted_and_harms_nothing() {
     wait_until("the publisher is seen", || stats(&service).mismatched == 1);
     let _right = token(DISPLACEMENT);
 
-    // What is right goes through as if nothing had been.
+    // Correct messages still pass as before.
     let current = publisher::<CoilCurrent>(&peer, domain, "coil_current");
     let drive = CoilCurrent { header: now(), current: 1.0, variance: 0.0 };
     put(&current, cdr::to_vec(&drive).expect("CDR"), 1);
@@ -266,14 +267,14 @@ fn what_is_no_message_is_refused_and_counted_and_harms_nothing() {
     }
     wait_until("an estimate", || estimates(&came).iter().any(|estimate| estimate.force.is_finite()));
     put(&displacement, good(), 25);
-    wait_until("four that were lost on the way", || stats(&service).lost == 4);
+    wait_until("four samples counted as lost", || stats(&service).lost == 4);
     let told = stats(&service);
     assert_eq!((told.taken, told.refused, told.mismatched), (22, refused, 1), "{told:?}");
     service.stop().expect("no thread panicked");
 }
 
 #[test]
-fn nothing_is_seen_unasked_and_nothing_taken_without_leave() {
+fn the_node_is_seen_only_if_enabled_and_takes_inputs_only_with_both() {
     let [_, _, domain, ..] = DOMAINS;
     for (rmw, seen) in [("off", 0), ("publish", 5)] {
         let (endpoint, args) = (endpoint(), RosArgs::in_namespace("/corner"));
@@ -289,7 +290,7 @@ fn nothing_is_seen_unasked_and_nothing_taken_without_leave() {
         for seq in 0..20 {
             put(&displacement, cdr::to_vec(&Displacement::default()).expect("CDR"), seq);
         }
-        assert!(status().is_ok(), "what was sent before has arrived by then");
+        assert!(status().is_ok(), "earlier samples have arrived by now");
         assert_eq!(
             service.mirror().expect("there is one").stats().rmw.map(|told| told.taken),
             (seen > 0).then_some(0)
@@ -316,7 +317,7 @@ fn several_dampers_are_several_nodes_in_one_session() {
     let zid = peer.info().peers_zid().wait().next().expect("the node's session").to_string();
     assert!(tokens.iter().all(|token| token[2] == zid), "{zid}: {tokens:?}");
     let ids: HashSet<_> = tokens.iter().map(|token| &token[4]).collect();
-    assert_eq!(ids.len(), tokens.len(), "no number twice: {tokens:?}");
+    assert_eq!(ids.len(), tokens.len(), "no entity id occurs twice: {tokens:?}");
     for namespace in ["%left", "%right"] {
         let of: Vec<_> = tokens.iter().filter(|token| token[7] == namespace).collect();
         let nodes: HashSet<_> = of.iter().map(|token| &token[3]).collect();
@@ -328,7 +329,7 @@ fn several_dampers_are_several_nodes_in_one_session() {
 }
 
 #[test]
-fn the_router_may_come_late_and_go_away() {
+fn the_router_may_start_late_and_stop() {
     let [.., domain] = DOMAINS;
     let (endpoint, args) = (endpoint(), RosArgs::in_namespace("/corner"));
     let mut config = config(domain, &endpoint, "both");
@@ -341,7 +342,7 @@ fn the_router_may_come_late_and_go_away() {
         let peer = session(&endpoint, &[]);
         wait_until("the node is seen", || tokens(&peer, domain).len() == 13);
         let displacement = publisher::<Displacement>(&peer, domain, "displacement");
-        wait_until("the node hears", || {
+        wait_until("the node receives a sample", || {
             put(&displacement, cdr::to_vec(&Displacement::default()).expect("CDR"), 0);
             stats(&service).taken > taken
         });
@@ -353,7 +354,7 @@ fn the_router_may_come_late_and_go_away() {
 }
 
 #[test]
-fn with_rules_everybody_who_is_let_in_sees_and_one_feeds() {
+fn with_access_rules_all_users_see_outputs_and_only_one_feeds_inputs() {
     let [_, _, _, domain, _] = DOMAINS;
     let (keys, endpoint, args) = (Keys::new(), endpoint(), RosArgs::in_namespace("/corner"));
     let mut config = config(domain, &endpoint, "both");
@@ -383,15 +384,15 @@ fn with_rules_everybody_who_is_let_in_sees_and_one_feeds() {
         std::thread::sleep(Duration::from_millis(5));
     }
     let told = stats(&service);
-    assert_eq!((told.taken, told.refused), (0, 0), "nothing of those who may not: {told:?}");
+    assert_eq!((told.taken, told.refused), (0, 0), "nothing is taken from users without the right: {told:?}");
     let mut seq = 0;
-    wait_until("what the supervisor sends", || {
+    wait_until("the supervisor's samples", || {
         feed(&supervisor, seq);
         seq += 1;
         std::thread::sleep(Duration::from_millis(5));
         stats(&service).taken > 10
     });
-    wait_until("both hear", || outputs.iter().all(|(came, _)| estimates(came).len() > 10));
+    wait_until("estimates at both users", || outputs.iter().all(|(came, _)| estimates(came).len() > 10));
     assert!(tokens(&nobody, domain).is_empty());
     service.stop().expect("no thread panicked");
 }

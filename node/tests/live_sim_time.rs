@@ -1,4 +1,5 @@
-//! Simulated time, over real DDS: one type on `/clock`, a clock that does not come is said, and samples without a stamp get its time.
+//! Simulated time, over real DDS: one type on `/clock`, a diagnostic while no clock arrives, and clock time for samples without a
+//! stamp.
 
 mod live_support;
 
@@ -22,7 +23,7 @@ fn simulated(domain: i64) -> Config {
 }
 
 #[test]
-fn nobody_sees_another_type_on_clock_than_its_own() {
+fn clock_has_only_its_own_type() {
     let of_others = rustdds::DomainParticipantBuilder::new(79)
         .with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)])
         .build()
@@ -43,13 +44,13 @@ fn nobody_sees_another_type_on_clock_than_its_own() {
     };
     wait_until("reader and writer of /clock", || types().len() >= 2);
     std::thread::sleep(Duration::from_secs(3));
-    assert_eq!(types(), [Clock::DDS_TYPE; 2], "the node reads it, the player publishes it");
+    assert_eq!(types(), [Clock::DDS_TYPE; 2], "one reader (the node) and one writer (the player)");
     player.stop();
     service.stop().expect("no thread panicked");
 }
 
 #[test]
-fn a_clock_that_does_not_come_is_said_until_it_does() {
+fn a_missing_clock_is_reported_until_it_arrives() {
     let config = simulated(64);
     let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("it starts");
     let mut peer =
@@ -64,9 +65,9 @@ fn a_clock_that_does_not_come_is_said_until_it_does() {
         }
         said.clone()
     };
-    wait_until("what is missing", || listen().contains("/clock"));
+    wait_until("a status that mentions /clock", || listen().contains("/clock"));
     assert!(listen().contains("use_sim_time") && !listen().starts_with('0'), "{}", listen());
-    wait_until("a status without it", || {
+    wait_until("a status without /clock", || {
         clock.publish(Clock { clock: Time { sec: 5, nanosec: 0 } }).expect("sent");
         !listen().contains("/clock")
     });
@@ -76,7 +77,7 @@ fn a_clock_that_does_not_come_is_said_until_it_does() {
 }
 
 #[test]
-fn samples_without_a_stamp_between_two_ticks_of_the_clock_are_spread_and_none_is_lost() {
+fn samples_without_a_stamp_are_spread_between_clock_ticks_and_none_is_lost() {
     const SAMPLES: u32 = 2000;
     let mut config = simulated(67);
     for input in ["displacement", "coil_current"] {
@@ -94,7 +95,7 @@ fn samples_without_a_stamp_between_two_ticks_of_the_clock_are_spread_and_none_is
         let time = Time { sec: (ms / 1000) as i32, nanosec: ms % 1000 * 1_000_000 };
         clock.publish(Clock { clock: time }).expect("sent");
     };
-    // Half as fast as the system's time, in steps of 10 ms, with ten samples in each.
+    // Simulated time runs at half the speed of system time, in steps of 10 ms with ten samples in each step.
     tick(1000);
     std::thread::sleep(Duration::from_millis(50));
     let start = Instant::now();
@@ -121,10 +122,10 @@ fn samples_without_a_stamp_between_two_ticks_of_the_clock_are_spread_and_none_is
         estimates.windows(2).map(|pair| pair[1].stamp.since(pair[0].stamp).get() * 1e3).collect();
     steps_ms.sort_by(f64::total_cmp);
     let quantile = |share: f64| steps_ms[(share * steps_ms.len() as f64) as usize];
-    assert!((0.7..1.3).contains(&quantile(0.5)), "the median step is {} ms, of 1", quantile(0.5));
-    assert!(quantile(0.1) > 0.05, "one in ten is {} ms after the one before, or less", quantile(0.1));
+    assert!((0.7..1.3).contains(&quantile(0.5)), "the median step is {} ms instead of 1 ms", quantile(0.5));
+    assert!(quantile(0.1) > 0.05, "one step in ten is {} ms or shorter", quantile(0.1));
     let beyond = estimates[100..].iter().filter(|e| e.reasons.has(Reasons::OUTSIDE_ENVELOPE));
-    assert!(beyond.count() * 20 < SAMPLES as usize, "forces of speeds that the rod never had");
+    assert!(beyond.count() * 20 < SAMPLES as usize, "the rod never had velocities outside the envelope");
     drop((clock, displacement, current));
     peer.stop();
     service.stop().expect("no thread panicked");

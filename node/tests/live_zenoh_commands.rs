@@ -1,4 +1,4 @@
-//! Commands from Zenoh to the real service: obeyed from whom may, once, in time, and in no other way.
+//! Commands from Zenoh to the real service: obeyed once, in time, and only from authorised users.
 
 mod zenoh_support;
 
@@ -35,7 +35,7 @@ fn config(keys: &Keys, endpoint: &str) -> Config {
     config
 }
 
-/// A command with `seq` that is good for two seconds.
+/// A command with `seq` whose deadline is two seconds from now.
 fn command(seq: u64, field: &str, value: impl Into<Json>) -> Vec<u8> {
     let deadline_ns = system_now().nanos() + 2_000_000_000;
     let mut command = json!({ "seq": seq, "deadline_ns": deadline_ns });
@@ -43,7 +43,7 @@ fn command(seq: u64, field: &str, value: impl Into<Json>) -> Vec<u8> {
     serde_json::to_vec(&command).expect("JSON")
 }
 
-/// What the node says to a command: a message, an error, or nothing.
+/// Sends a command; returns the node's answer (message or error), or `None` without an answer.
 fn tell(session: &Session, name: &str, payload: &[u8]) -> Option<Result<String, String>> {
     let key = format!("mr_damper/mr_damper/cmd/{name}");
     let replies =
@@ -77,13 +77,13 @@ fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
         if let Some(found) = found() {
             return found;
         }
-        assert!(Instant::now() < end, "in vain: {what}");
+        assert!(Instant::now() < end, "timed out waiting for {what}");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
 
 #[test]
-fn the_supervisor_commands_and_nobody_else() {
+fn only_the_supervisor_commands() {
     let (keys, endpoint) = (Keys::new(), endpoint());
     let (config, args) = (config(&keys, &endpoint), RosArgs::default());
     let (service, _) = Service::start(&config, &args, false).expect("the service starts");
@@ -96,14 +96,15 @@ fn the_supervisor_commands_and_nobody_else() {
     assert_eq!(said.as_deref(), Ok("the mode is auto"));
     assert_eq!(commands(&reader)["obeyed"], 1);
 
-    // Spoofed: by one who may only read, by one who is not let in, and by ways around the key.
+    // Spoofed commands: from a user who may only read, from a peer without a password, and through
+    // wildcard keys.
     let spoof = command(1000, "mode", "fault");
     for (who, session) in [("reader", &reader), ("nobody", &nobody)] {
         assert_eq!(tell(session, "set_mode", &spoof), None, "{who}");
         session.put("mr_damper/mr_damper/cmd/set_mode", spoof.clone()).wait().expect("it is sent");
         session.put("mr_damper/**", spoof.clone()).wait().expect("it is sent");
     }
-    assert_eq!(tell(&supervisor, "*", &spoof), None, "a wildcard is no key, whoever uses it");
+    assert_eq!(tell(&supervisor, "*", &spoof), None, "wildcard keys are refused for every user");
     let counted = until("the wildcard is counted", || {
         let counted = commands(&reader);
         (counted["refused"].as_u64() > Some(0)).then_some(counted)
@@ -113,12 +114,12 @@ fn the_supervisor_commands_and_nobody_else() {
     assert!(why.contains("it was sent to mr_damper/mr_damper/cmd/*"), "{why}");
     assert_eq!(service.control().config().settings.only_mode, None);
 
-    // What the supervisor sends can be wrong as well.
+    // The supervisor's own commands are checked as well.
     let overheard = command(2, "mode", "model");
     assert_eq!(tell(&supervisor, "set_mode", &overheard), Some(Ok("the mode is model".to_owned())));
     for (name, payload, word) in [
         ("set_mode", overheard, "must be above 2"),
-        ("set_mode", command(3, "mode", "hold"), "bounded time"),
+        ("set_mode", command(3, "mode", "hold"), "limited time"),
         ("set_mode", command(4, "mode", "turbo"), "auto, arx, model, fault"),
         ("load_model", command(1, "model", "/etc/passwd"), "zenoh.model_dir"),
         ("load_model", command(2, "model", "thesis/none"), "thesis/none"),
@@ -131,7 +132,7 @@ fn the_supervisor_commands_and_nobody_else() {
     let loaded = tell(&supervisor, "load_model", &command(3, "model", "thesis/fuzzy-tanh/rp2-cs"));
     assert!(matches!(&loaded, Some(Ok(said)) if said.contains("rp2-cs")), "{loaded:?}");
 
-    // A force, as by the ROS topic: put, and obeyed with the next displacement.
+    // A force request is put as on the ROS topic, and takes effect with the next displacement.
     let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(3.0);
     let run = record(&experiment, &Plant::default(), &Channels::default(), 7);
     let interrupt = Interrupt::manual();
@@ -155,11 +156,11 @@ fn the_supervisor_commands_and_nobody_else() {
     player.stop();
     drop(currents);
     ros.stop();
-    service.stop().expect("no thread had panicked");
+    service.stop().expect("no thread panicked");
 }
 
 #[test]
-fn commands_beyond_this_machine_need_access_control() {
+fn commands_from_other_machines_need_access_control() {
     let mut config = Config { domain_id: DOMAIN, ..Config::default() };
     for (name, value) in [
         ("model", Value::Text("thesis/fuzzy-tanh/rp3-cs".into())),

@@ -1,7 +1,7 @@
-//! A panic in a thread of the DDS library, over real UDP: the node says which thread, and ends with 1.
+//! A panic in a thread of the DDS library, over real UDP: the node names the thread, and exits with code 1.
 //!
-//! The panic is an addition that overflows, in `NumberSetIter::next` (rustdds 0.15.1, `src/structure/sequence_number.rs`), and so one
-//! of debug builds alone: `docs/decisions/0010-what-rustdds-does-not-survive.md`.
+//! The panic is an addition that overflows, in `NumberSetIter::next` (rustdds 0.15.1, `src/structure/sequence_number.rs`). It occurs
+//! only in debug builds: `docs/decisions/0010-what-rustdds-does-not-survive.md`.
 
 use std::io::Read;
 use std::net::{Ipv4Addr, UdpSocket};
@@ -14,29 +14,29 @@ const DATA: u8 = 0x15;
 const GAP: u8 = 0x08;
 const STRANGER: [u8; 12] = *b"\xBA\xD0stranger!!";
 
-/// A process that ends with the test, whatever becomes of that.
+/// A process that is killed at the end of the test, even if the test fails.
 struct Node(Child);
 
 impl Drop for Node {
     fn drop(&mut self) {
-        // It has ended by itself when all is well.
+        // If the test passed, the process has already ended by itself.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// An RTPS header of the stranger, and one submessage.
+/// An RTPS header from the unknown participant, and one submessage.
 fn packet(kind: u8, body: &[u8]) -> Vec<u8> {
     let length = u16::try_from(body.len()).expect("a short one").to_le_bytes();
     [b"RTPS\x02\x04\x01\x12".as_slice(), &STRANGER, &[kind, if kind == DATA { 5 } else { 1 }], &length, body]
         .concat()
 }
 
-/// What a participant says of itself, so that its writers of discovery are known (RTPS 2.5, 8.5.3).
+/// A participant's announcement, so that the node knows its discovery writers (RTPS 2.5, 8.5.3).
 fn announcement(to_port: u16) -> Vec<u8> {
     let locator =
         [&1_u32.to_le_bytes()[..], &u32::from(to_port).to_le_bytes(), &[0; 12], &[127, 0, 0, 1]].concat();
-    // To and from the participants' reader and writer, number 1, as a list of parameters.
+    // From the participant's built-in writer to the built-in reader, sequence number 1, as a parameter list.
     let mut body = vec![0, 0, 16, 0, 0, 1, 0, 0xC7, 0, 1, 0, 0xC2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 3, 0, 0];
     for (id, value) in [
         (0x15_u16, [2, 4, 0, 0].to_vec()),
@@ -55,20 +55,20 @@ fn announcement(to_port: u16) -> Vec<u8> {
     packet(DATA, &body)
 }
 
-/// A gap of one number below the largest there is, with a set of numbers beyond that.
+/// A gap that ends one number below the largest sequence number, with a number set beyond it.
 fn gap_beyond_all_numbers() -> Vec<u8> {
-    // From the stranger's writer of publications to the reader of them.
+    // From the participant's publications writer to the publications reader.
     let mut body = vec![0, 0, 3, 0xC7, 0, 0, 3, 0xC2];
     body.extend([0, 0, 0, 0, 1, 0, 0, 0]); // from number 1
     body.extend([0xFF, 0xFF, 0xFF, 0x7F, 0xFE, 0xFF, 0xFF, 0xFF]); // to 2^63 - 2
-    body.extend([32, 0, 0, 0, 0xFF, 0xFF, 0xFF, 0xFF]); // and all of the 32 from there on
+    body.extend([32, 0, 0, 0, 0xFF, 0xFF, 0xFF, 0xFF]); // and all 32 numbers from there on
     packet(GAP, &body)
 }
 
 #[test]
-fn a_panic_of_the_dds_library_is_said_and_ends_the_node() {
+fn a_panic_in_the_dds_library_is_reported_and_ends_the_node() {
     if !cfg!(debug_assertions) || mr_damper_node::hardened::EDITS.is_some() {
-        eprintln!("SKIPPED: the overflow that panics in a default debug build does not in this one");
+        eprintln!("SKIPPED: the overflow panics only in a default debug build, and this is another build");
         return;
     }
     let domain = format!("domain_id:={DOMAIN}");
@@ -77,15 +77,15 @@ fn a_panic_of_the_dds_library_is_said_and_ends_the_node() {
     let mut node = Node(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("started"));
 
     let to = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
-    // Whichever number its participant has on this machine.
+    // The participant's index on this machine is unknown, so all ports are tried.
     let ports = (0..10).map(|index| 7410 + 250 * DOMAIN + 2 * index);
     let send = |packet: &[u8]| {
         ports.clone().for_each(|port| {
-            // Nobody listens on most of them.
+            // Most of these ports have no listener.
             let _ = to.send_to(packet, (Ipv4Addr::LOCALHOST, port));
         });
     };
-    // Until the node is up, and has discovered the stranger.
+    // Waits until the node runs, then until it has discovered the participant.
     std::thread::sleep(Duration::from_secs(2));
     send(&announcement(7410 + 250 * DOMAIN + 18));
     std::thread::sleep(Duration::from_secs(1));

@@ -1,6 +1,7 @@
-//! `mr-damper record` on a disk that is full, or becomes read-only: it says so, ends with 1, and what it had written reads.
+//! `mr-damper record` on a disk that is full or becomes read-only: it reports the error, exits with code 1, and the written part
+//! can be read.
 //!
-//! The disk is a small tmpfs in a mount namespace of its own, which takes root; without it the tests say that they are skipped.
+//! The disk is a small tmpfs in its own mount namespace. Mounting needs root; without it the tests are skipped with a message.
 
 mod run_support;
 
@@ -18,17 +19,17 @@ use tempfile::TempDir;
 
 const DOMAIN: i64 = 90;
 const CHUNK_AGE: Duration = Duration::from_millis(200);
-/// On the way to the recorder, and through it, on a busy machine.
+/// Time to reach the recorder and pass through it on a busy machine.
 const SLACK: Duration = Duration::from_millis(600);
 const SPACING: Duration = Duration::from_millis(5);
-/// Bytes of a frame's name, which no compression makes small: a megabyte is full within a second.
+/// Length of the random frame name in bytes, which compression cannot shrink: a megabyte is full within a second.
 const FRAME: usize = 16_384;
 
-/// The domain is for one test at a time.
+/// Only one test at a time may use the domain.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Runs the recorder on a disk of so many MiB that is mounted on `disk`, and brings the bag out to `disk/../out` when it has ended.
-/// `meanwhile` is shell that runs beside it.
+/// Runs the recorder on a disk of `mib` MiB mounted on `disk`, and copies the bag to `disk/../out` when it has ended. The shell
+/// code `meanwhile` runs at the same time.
 fn recorder(disk: &Path, mib: u32, storage: &str, meanwhile: &str) -> Command {
     let script = format!(
         "mount -t tmpfs -o size={mib}m none \"$1\" || exit 77
@@ -43,17 +44,17 @@ fn recorder(disk: &Path, mib: u32, storage: &str, meanwhile: &str) -> Command {
     command
 }
 
-/// True where a disk can be mounted; else it says that the test is skipped.
+/// True if a disk can be mounted; otherwise prints that the test is skipped.
 fn can_mount() -> bool {
     let tried = Command::new("unshare").args(["--mount", "mount", "-t", "tmpfs", "none", "/mnt"]).output();
     let can = tried.is_ok_and(|tried| tried.status.success());
     if !can {
-        eprintln!("SKIPPED: no disk can be mounted in a namespace of its own; that takes root");
+        eprintln!("SKIPPED: cannot mount a disk in a mount namespace; run this test as root");
     }
     can
 }
 
-/// Plays to a recorder until it ends; its output, and when each stamp was sent.
+/// Plays to a recorder until it ends; returns its output, when each stamp was sent, and when it ended.
 fn play_to(mut command: Command) -> (Output, HashMap<i64, Instant>, Instant) {
     let config = Config { domain_id: DOMAIN, ..Config::default() };
     let mut ros =
@@ -84,7 +85,7 @@ fn play_to(mut command: Command) -> (Output, HashMap<i64, Instant>, Instant) {
     (child.wait_with_output().expect("its output"), sent, ended)
 }
 
-/// The recorder ended with 1 and said these words; the bag reads, without a hole, up to its last chunk.
+/// Checks that the recorder exited with code 1 and these words, and that the bag is complete up to its last chunk.
 fn holds(dir: &Path, output: &Output, sent: &HashMap<i64, Instant>, ended: Instant, says: &[&str]) {
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
@@ -95,13 +96,18 @@ fn holds(dir: &Path, output: &Output, sent: &HashMap<i64, Instant>, ended: Insta
     let run = read(&dir.join("out")).run;
     let stamps: Vec<i64> = run.displacement_m.stamps.iter().map(|stamp| stamp.nanos()).collect();
     let (first, last) = (stamps[0], stamps[stamps.len() - 1]);
-    assert_eq!(stamps.len() as i64, last - first + 1, "no hole: {} from {first} to {last}", stamps.len());
+    assert_eq!(
+        stamps.len() as i64,
+        last - first + 1,
+        "no sample is missing: {} from {first} to {last}",
+        stamps.len()
+    );
     let behind = ended - sent[&last];
     println!("{error}\n{} messages read, the last sent {behind:?} before the end", stamps.len());
-    assert!(behind < CHUNK_AGE + SLACK, "the last one is of {behind:?} before the end");
+    assert!(behind < CHUNK_AGE + SLACK, "the last sample is {behind:?} older than the end");
 }
 
-/// A directory, and the one in it where a small disk is to be mounted; none where nothing can be mounted.
+/// A directory, and the directory in it on which a small disk is mounted; `None` if nothing can be mounted.
 fn place_of_a_disk() -> Option<(TempDir, PathBuf)> {
     can_mount().then(|| {
         let dir = temporary();
@@ -121,21 +127,21 @@ fn full(storage: &str) {
 }
 
 #[test]
-fn a_full_disk_ends_a_recording_of_mcap_and_what_was_written_reads() {
+fn a_full_disk_ends_an_mcap_recording_and_the_written_part_is_readable() {
     full("mcap");
 }
 
 #[test]
-fn a_full_disk_ends_a_recording_of_sqlite3_and_what_was_written_reads() {
+fn a_full_disk_ends_an_sqlite3_recording_and_the_written_part_is_readable() {
     full("sqlite3");
 }
 
 #[test]
-fn a_disk_that_becomes_read_only_ends_a_recording_and_what_was_written_reads() {
+fn a_disk_that_becomes_read_only_ends_a_recording_and_the_written_part_is_readable() {
     let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let Some((dir, disk)) = place_of_a_disk() else { return };
-    // The system remounts no disk on which a file is open for writing, so the same disk is laid over it, read-only: what is open
-    // stays so, and the next file of the bag cannot be made.
+    // A disk with a file open for writing cannot be remounted read-only, so the same disk is bind-mounted over itself, read-only:
+    // open files stay writable, and the next file of the bag cannot be created.
     let meanwhile = "until [ -s \"$1\"/bag/bag_bag_1.mcap ]; do sleep 0.05; done
         mount --bind \"$1\" \"$1\" && mount -o remount,bind,ro \"$1\"";
     let (output, sent, ended) = play_to(recorder(&disk, 64, "mcap", meanwhile));
@@ -147,5 +153,8 @@ fn a_disk_that_becomes_read_only_ends_a_recording_and_what_was_written_reads() {
         ended,
         &[bag.to_str().expect("UTF-8"), "read-only", "write to another"],
     );
-    assert!(files_of(&dir.path().join("out")).len() >= 2, "it was split before");
+    assert!(
+        files_of(&dir.path().join("out")).len() >= 2,
+        "the bag was split before the disk became read-only"
+    );
 }

@@ -1,4 +1,4 @@
-//! Runs as rosbag2 bags: lossless both ways, what other recorders write, and reading what is broken.
+//! Runs as rosbag2 bags: lossless conversion both ways, bags of other recorders, and broken bags.
 
 mod run_support;
 
@@ -29,7 +29,7 @@ fn csv_to_bag_and_back_is_byte_identical() {
             assert_eq!(std::fs::read(&csv).expect("read"), std::fs::read(&back).expect("read"), "{name}");
             std::fs::remove_file(&back).expect("removed");
         }
-        // Reading for use asks which drive is meant, as for CSV.
+        // As with CSV, a load must say which of two drives to use.
         assert_eq!(
             refusal(&bag, &plain()),
             format!(
@@ -44,7 +44,7 @@ fn csv_to_bag_and_back_is_byte_identical() {
 }
 
 #[test]
-fn parts_of_a_run_make_the_whole() {
+fn parts_of_a_run_add_up_to_the_run() {
     let dir = temporary();
     let path = |name: &str| dir.path().join(name);
     std::fs::write(path("in.csv"), canonical(500)).expect("written");
@@ -56,7 +56,11 @@ fn parts_of_a_run_make_the_whole() {
     };
     let (first, second) = (part("a.csv", 0.0, Some(0.246_913_4)), part("b.csv", 0.246_913_4, None));
     let (first, second) = (first.expect("the first part"), second.expect("the second part"));
-    assert_eq!((first.lines().count(), second.lines().count()), (201, 301), "with a header each");
+    assert_eq!(
+        (first.lines().count(), second.lines().count()),
+        (201, 301),
+        "rows and one header in each part"
+    );
     let rows: Vec<&str> = first.lines().chain(second.lines().skip(1)).collect();
     assert_eq!(rows, canonical(500).lines().collect::<Vec<_>>());
     for (start_s, name) in [(0.7, "beyond.csv"), (-1.0, "before.csv"), (f64::NAN, "nowhere.csv")] {
@@ -66,7 +70,7 @@ fn parts_of_a_run_make_the_whole() {
 }
 
 #[test]
-fn existing_targets_are_left_alone_and_failures_leave_nothing() {
+fn existing_targets_are_kept_and_failures_leave_no_files() {
     let dir = temporary();
     let run = |text: &str| {
         let path = dir.path().join("in.csv");
@@ -90,7 +94,7 @@ fn existing_targets_are_left_alone_and_failures_leave_nothing() {
 }
 
 #[test]
-fn several_dampers_leave_a_choice() {
+fn with_several_dampers_one_must_be_chosen() {
     let dir = temporary();
     let path = dir.path().join("two");
     bag(&path, BagOptions::default(), |writer| {
@@ -121,7 +125,7 @@ fn several_dampers_leave_a_choice() {
 }
 
 #[test]
-fn other_types_may_stand_for_a_channel() {
+fn a_channel_may_have_other_types() {
     let dir = temporary();
     let path = dir.path().join("floats");
     bag(&path, BagOptions::default(), |writer| {
@@ -140,7 +144,7 @@ fn other_types_may_stand_for_a_channel() {
         }
         Ok(())
     });
-    // A number alone is stamped by its log time; a joint is ignored until it is named.
+    // A plain number gets its log time as stamp; joint states are ignored until a joint is named.
     let run = read(&path).run;
     assert_eq!(run.displacement_m.values, [1.0, 2.0, 3.0]);
     assert_eq!(run.displacement_m.stamps[2].nanos(), 30);
@@ -163,7 +167,7 @@ fn other_types_may_stand_for_a_channel() {
 }
 
 #[test]
-fn a_column_that_is_called_as_a_topic_is_carried_through_a_bag() {
+fn a_column_named_like_a_topic_survives_a_bag() {
     let dir = temporary();
     let (csv, bag, back) =
         (dir.path().join("in.csv"), dir.path().join("b.mcap"), dir.path().join("back.csv"));
@@ -176,7 +180,7 @@ fn a_column_that_is_called_as_a_topic_is_carried_through_a_bag() {
 }
 
 #[test]
-fn topics_of_others_become_no_known_quantity_by_their_name() {
+fn foreign_topics_do_not_become_known_quantities_by_their_names() {
     let dir = temporary();
     let path = dir.path().join("bag");
     bag(&path, BagOptions::default(), |writer| {
@@ -256,7 +260,7 @@ fn unusable_messages_are_dropped_and_counted() {
         for (nanos, value) in [(10, 1.0), (20, 2.0), (20, 3.0), (15, 4.0), (30, f64::NAN), (40, 5.0)] {
             writer.write_message("/displacement", &displacement(nanos, value), nanos, nanos)?;
         }
-        // An unset stamp takes the log time.
+        // A message without a stamp gets its log time.
         writer.write_message("/displacement", &displacement(0, 6.0), 50, 50)?;
         let topic = writer.topic(&Topic::of::<Displacement>("/displacement"))?;
         let mut cdr = cdr::to_vec(&displacement(60, 7.0)).expect("encoded");
@@ -281,7 +285,7 @@ fn unusable_messages_are_dropped_and_counted() {
 }
 
 #[test]
-fn metadata_decides_about_the_files() {
+fn metadata_determines_the_files() {
     let dir = temporary();
     let path = dir.path().join("bag");
     bag(&path, BagOptions::default(), |writer| {
@@ -297,7 +301,7 @@ fn metadata_decides_about_the_files() {
     let yaml = std::fs::read_to_string(&metadata).expect("read");
     let name = first.file_name().expect("name").to_string_lossy().into_owned();
 
-    // Split files follow the order of the metadata, old bags name their directory too.
+    // Split files follow the order in the metadata; old bags prefix the names with their directory.
     let split = yaml.replace(
         &format!("relative_file_paths:\n    - {name}"),
         &format!("relative_file_paths:\n    - {name}\n    - bag/a_second_1.mcap"),
@@ -310,7 +314,7 @@ fn metadata_decides_about_the_files() {
         std::fs::write(&metadata, text).expect("written");
         refusal(&path, &plain())
     };
-    let advice = "`ros2 bag reindex` writes it anew, or name the .mcap or .db3 file itself";
+    let advice = "`ros2 bag reindex` rewrites it, or name the .mcap or .db3 file itself";
     assert_eq!(
         refused(&split.replace("bag/a_second_1.mcap", "../../etc/gone.mcap")),
         format!("bag/metadata.yaml: it names `../../etc/gone.mcap`, which is not there; {advice}")
@@ -328,7 +332,7 @@ fn metadata_decides_about_the_files() {
         assert!(text.starts_with(&format!("bag: compressed with `{name}`, which is not read")), "{text}");
     }
 
-    // Without metadata, names decide, and a note says so.
+    // Without metadata the file names determine the order, and a note says so.
     std::fs::remove_file(&metadata).expect("removed");
     let loaded = read(&path);
     assert_eq!(loaded.run.displacement_m.values, [2.0]);
@@ -336,7 +340,7 @@ fn metadata_decides_about_the_files() {
 }
 
 #[test]
-fn every_chunk_can_be_forced_to_the_disk() {
+fn every_chunk_can_be_synced_to_disk() {
     let dir = temporary();
     let path = dir.path().join("bag");
     bag(&path, BagOptions { sync: Sync::EveryChunk, ..small_chunks(true) }, |writer| {
@@ -346,7 +350,7 @@ fn every_chunk_can_be_forced_to_the_disk() {
 }
 
 #[test]
-fn the_summary_counts() {
+fn the_summary_counts_messages_and_bytes() {
     let dir = temporary();
     let mut writer = BagWriter::create(&dir.path().join("bag"), BagOptions::default()).expect("created");
     writer.write_message("/b", &Float64 { data: 0.0 }, 1, 1).expect("written");

@@ -1,4 +1,5 @@
-//! Runs as CSV: what is read, what is refused and in which words, and that nothing is lost on the way.
+//! Runs as CSV: which files are read, which are refused and with which message, and lossless round
+//! trips.
 
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use mr_damper_node::run::{LoadOptions, Loaded, Note, RunError, SaveOptions, load, save};
@@ -191,7 +192,7 @@ fn headers_that_cannot_be_used_are_explained() {
 }
 
 #[test]
-fn bad_rows_are_skipped_and_counted_when_asked() {
+fn bad_rows_are_skipped_and_counted_on_request() {
     let text = "time_s,displacement_m\n0,0\n1,nan\n2,2\n1.5,9\n3\n3,3\n4,x\n5,5\n6,6\n7,7\n";
     let loaded = read(text, &skipping()).expect("loads");
     assert_eq!(loaded.run.displacement_m.values, [0.0, 2.0, 3.0, 5.0, 6.0, 7.0]);
@@ -202,7 +203,7 @@ fn bad_rows_are_skipped_and_counted_when_asked() {
     assert!(first[1].ends_with("line 5, column `time_s`: 1.5 s does not come after 2 s of the row before"));
     let note = loaded.notes[0].to_string();
     assert!(note.starts_with("4 bad rows skipped; the first: "), "{note}");
-    // A file that is wrong altogether is not repaired by leaving it out.
+    // Skipping rows does not repair a file that is mostly wrong.
     let mostly = refusal("time_s,displacement_m\n0,0\n1,a\n2,b\n", &skipping());
     assert_eq!(
         mostly,
@@ -212,7 +213,7 @@ fn bad_rows_are_skipped_and_counted_when_asked() {
 }
 
 #[test]
-fn two_drives_leave_a_choice() {
+fn with_two_drives_one_must_be_chosen() {
     let text = "time_s,displacement_m,current_a,command_v\n0,0,1,5\n";
     assert_eq!(
         refusal(text, &LoadOptions::default()),
@@ -227,7 +228,7 @@ fn two_drives_leave_a_choice() {
         assert_eq!(run.drive.map(|(kind, trace)| (kind, trace.values)), Some((kind, vec![value])));
         assert_eq!(run.other[0].0, other);
     }
-    // One alone needs no choice, and cannot be mistaken for the other.
+    // A single drive needs no choice, and is not mistaken for the other kind.
     let run = read(
         "time_s,displacement_m,command_v\n0,0,5\n",
         &LoadOptions { drive: Some(DriveKind::CommandVoltage), ..LoadOptions::default() },
@@ -252,7 +253,7 @@ fn holes_and_look_alikes_are_noted() {
 }
 
 #[test]
-fn paths_that_are_no_run_are_refused() {
+fn paths_without_a_run_are_refused() {
     let (dir, path) = file("run.xlsx", "PK");
     let text = |path: &Path| {
         let error = load(path, &LoadOptions::default()).expect_err("refused").to_string();
@@ -293,12 +294,12 @@ fn written_files_are_canonical_and_not_overwritten() {
         error.to_string().contains("name a .csv, .mcap or .db3 file, or a directory without extension"),
         "{error}"
     );
-    // Nothing half-done is left.
+    // No partial file is left.
     assert_eq!(std::fs::read_dir(out.parent().expect("parent")).expect("listed").count(), 1);
 }
 
 #[test]
-fn the_hash_is_that_of_the_file() {
+fn the_hash_is_computed_over_the_file() {
     let loaded = good("time_s,displacement_m\n0,0\n");
     // printf 'time_s,displacement_m\n0,0\n' | sha256sum
     assert_eq!(loaded.sha256_hex(), "9a2efd4238c890512bfbc0c1ff019fea34af5c7ed69db5665a7af5044ba8085f");
@@ -320,7 +321,7 @@ fn measured_runs_load() {
                 let loaded = load(&path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"));
                 assert!(loaded.notes.is_empty(), "{}: {:?}", path.display(), loaded.notes);
                 assert!(loaded.run.force_n.is_some(), "{}", path.display());
-                // Folders of other machines than MR dampers have no drive.
+                // Runs of machines other than MR dampers have no drive.
                 let is_mr = folder.file_name().to_string_lossy().ends_with("-mr");
                 assert!(!is_mr || loaded.run.drive.is_some(), "{}", path.display());
                 count += 1;
@@ -331,7 +332,7 @@ fn measured_runs_load() {
     assert!(count > 0);
 }
 
-/// Any run that a CSV file can hold: channels with stamps of their own, and any finite value.
+/// Any run that a CSV file can hold: each channel has its own stamps and any finite values.
 fn any_run() -> impl Strategy<Value = Run> {
     fn trace(least: usize) -> impl Strategy<Value = Trace> {
         let finite = any::<u64>().prop_map(f64::from_bits).prop_filter("finite", |value| value.is_finite());
@@ -361,7 +362,7 @@ proptest! {
         let path = dir.path().join("run.csv");
         save(&run, &path, &SaveOptions::default()).expect("saved");
         let back = load(&path, &LoadOptions::default()).expect("loaded").run;
-        // Debug text tells -0.0 from 0.0, which equality does not.
+        // Debug text distinguishes -0.0 from 0.0; equality does not.
         let expected = Run { name: back.name.clone(), ..run };
         prop_assert_eq!(format!("{back:?}"), format!("{expected:?}"));
     }

@@ -1,4 +1,4 @@
-//! Bags that are cut off, damaged or hostile: what can be read is read, and nothing panics.
+//! Bags that are truncated, damaged or hostile: the readable part is read, and nothing panics.
 
 mod run_support;
 
@@ -15,7 +15,7 @@ fn two_topics(dir: &Path, compress: bool) -> PathBuf {
 }
 
 #[test]
-fn a_truncated_file_yields_what_came_before() {
+fn a_truncated_file_yields_the_part_before_the_cut() {
     let dir = temporary();
     for compress in [false, true] {
         let file = two_topics(dir.path(), compress);
@@ -32,7 +32,7 @@ fn a_truncated_file_yields_what_came_before() {
 }
 
 #[test]
-fn a_cut_plain_chunk_gives_its_whole_messages() {
+fn a_cut_uncompressed_chunk_gives_its_complete_messages() {
     let dir = temporary();
     let file = two_topics(dir.path(), false);
     let whole = std::fs::read(&file).expect("read");
@@ -46,7 +46,7 @@ fn a_cut_plain_chunk_gives_its_whole_messages() {
 }
 
 #[test]
-fn a_damaged_chunk_costs_only_itself() {
+fn a_damaged_chunk_loses_only_itself() {
     let dir = temporary();
     for compress in [false, true] {
         let file = two_topics(dir.path(), compress);
@@ -66,7 +66,7 @@ fn a_damaged_chunk_costs_only_itself() {
 }
 
 #[test]
-fn files_that_are_no_mcap_are_refused() {
+fn files_that_are_not_mcap_are_refused() {
     let dir = temporary();
     let file = dir.path().join("x.mcap");
     for (bytes, text) in [
@@ -79,7 +79,7 @@ fn files_that_are_no_mcap_are_refused() {
     }
     std::fs::write(&file, b"SQLite format 3\0").expect("written");
     assert_eq!(refusal(&file, &plain()), "x.mcap: not a sqlite3 database: it has 16 bytes");
-    // Compression that is not built in: the name in the chunk's header is all that counts.
+    // An unsupported compression: only the name in the chunk's header matters.
     let bytes = std::fs::read(two_topics(dir.path(), true)).expect("read");
     let at = bytes.windows(4).position(|window| window == b"zstd").expect("a chunk's header");
     let mut bytes = bytes;

@@ -1,6 +1,6 @@
-//! Recorders that are killed: whatever is older than the age of a chunk is in the bag, of either storage.
+//! Recorders that are killed: the bag holds everything older than the maximum age of a chunk, with either storage.
 //!
-//! Three times each, at instants by a seed; fifty times with `MR_DAMPER_LONG=1`.
+//! Each test kills three recorders, at instants chosen by a seed; fifty with `MR_DAMPER_LONG=1`.
 
 mod run_support;
 
@@ -12,10 +12,11 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 const CHUNK_AGE: Duration = Duration::from_millis(100);
-/// Beyond the age of a chunk: the writer is called a millisecond later, and a write takes its time on a busy machine.
+/// Allowance beyond the maximum age of a chunk: the writer is called a millisecond later, and a write takes time on a
+/// busy machine.
 const SLACK: Duration = Duration::from_millis(250);
 
-/// Runs in a child of the tests below: writes until it is killed, and says so after each message.
+/// Runs in a child process of the tests below: writes until it is killed, and prints a line after each message.
 #[test]
 fn recorder_to_be_killed() {
     let Some(path) = std::env::var_os("RUN_KILL_BAG") else { return };
@@ -38,7 +39,7 @@ fn recorder_to_be_killed() {
     }
 }
 
-/// Kills a recorder after it has written for `life`, and holds its bag against what it said.
+/// Kills a recorder after it has written for `life`, and compares its bag with the lines it printed.
 fn kill(storage: Storage, life: Duration) {
     let dir = temporary();
     let path = dir.path().join("bag");
@@ -57,7 +58,7 @@ fn kill(storage: Storage, life: Duration) {
         written.push(nanos);
         let began = *began.get_or_insert_with(Instant::now);
         if began.elapsed() >= life {
-            // SIGKILL on Unix. Lines that are in the pipe by now are still read.
+            // SIGKILL on Unix. Lines that are already in the pipe are still read.
             child.kill().expect("killed");
         }
     }
@@ -69,19 +70,20 @@ fn kill(storage: Storage, life: Duration) {
     let last = *written.last().expect("it wrote");
     let old = written.iter().filter(|&&nanos| nanos + (CHUNK_AGE + SLACK).as_nanos() as i64 <= last).count();
     assert!(run.displacement_m.len() >= old, "{} of {old} old samples", run.displacement_m.len());
-    assert!(old > 100, "{old} old samples are enough to say something");
-    // What is there is what was written, without a hole.
+    assert!(old > 100, "only {old} old samples, too few for a test");
+    // The bag holds what was written, without a missing sample.
     let stamps: Vec<i64> = run.displacement_m.stamps.iter().map(|stamp| stamp.nanos()).collect();
-    assert!(written.starts_with(&stamps[..stamps.len().min(written.len())]), "a hole");
+    assert!(written.starts_with(&stamps[..stamps.len().min(written.len())]), "a sample is missing");
     assert!(loaded.notes.contains(&Note::NoMetadata { path }), "{:?}", loaded.notes);
 }
 
-/// Kills recorders at instants by a seed, as soon as there are old samples.
+/// Kills recorders at instants chosen by a seed, once there are old samples.
 fn kill_often(storage: Storage, seed: u64) {
     let times = if std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1") { 50 } else { 3 };
     let mut state = seed;
     for _ in 0..times {
-        // The upper bits of a linear congruence: any instant of the life of two or three files will do.
+        // The upper bits of a linear congruential generator: any instant within the life of two or three files will
+        // do.
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         kill(storage, Duration::from_micros(550_000 + (state >> 44) % 700_000));
     }

@@ -1,4 +1,5 @@
-//! Runs whose topics and columns have names of their own: read by a map, the same bits as under our names.
+//! Runs whose topics and columns have their own names: read through a map, they are bit-identical to runs
+//! under our names.
 
 mod run_support;
 
@@ -33,7 +34,7 @@ fn bits(trace: &Trace) -> Vec<(i64, u64)> {
     trace.stamps.iter().map(|stamp| stamp.nanos()).zip(values).collect()
 }
 
-/// The channels of a run that the bag below has, by bits.
+/// The channels of a run that the bags below have, as bit patterns.
 fn channels(run: &Run) -> Vec<(String, Vec<(i64, u64)>)> {
     let drive = run.drive.as_ref().map(|(_, trace)| trace);
     let known = [
@@ -51,7 +52,7 @@ fn channels(run: &Run) -> Vec<(String, Vec<(i64, u64)>)> {
 
 const STEPS: i64 = 50;
 
-/// Raw readings of a step, as a foreign vehicle has them: (mm, m/s, kN, mA, °F, m).
+/// Raw readings of a step in the units of a foreign vehicle: (mm, m/s, kN, mA, °F, m).
 fn raw(step: i64) -> [f64; 6] {
     let x = step as f64 * 0.1;
     [
@@ -64,7 +65,7 @@ fn raw(step: i64) -> [f64; 6] {
     ]
 }
 
-/// A bag whose topics have names and types of their own.
+/// A bag whose topics have their own names and types.
 fn foreign(dir: &Path, options: BagOptions) {
     bag(dir, options, |writer| {
         for step in 1..=STEPS {
@@ -104,7 +105,7 @@ fn foreign(dir: &Path, options: BagOptions) {
     });
 }
 
-/// The same readings as a CSV file with columns of its own, in milliseconds.
+/// The same readings as a CSV file with its own column names, in milliseconds.
 fn foreign_csv(path: &Path) {
     let mut text = "clock,Stroke [mm],v,\"Load, left_kN\",amps,oil_degF,ray\n".to_owned();
     for step in 1..=STEPS {
@@ -119,7 +120,7 @@ fn foreign_csv(path: &Path) {
     std::fs::write(path, text).expect("written");
 }
 
-/// The same readings under our names, converted here.
+/// The same readings under our names, for conversion by `load`.
 fn ours_csv(path: &Path) {
     let mut text =
         "time_s,displacement_mm,velocity_m_s,force_kn,current_ma,case_temp_f,setpoint_m\n".to_owned();
@@ -151,7 +152,7 @@ const OF_CSV: [&str; 7] = [
 ];
 
 #[test]
-fn foreign_bags_and_columns_give_the_run_that_our_names_give_bit_for_bit() {
+fn foreign_bags_and_columns_give_runs_bit_identical_to_our_names() {
     let dir = temporary();
     let path = |name: &str| dir.path().join(name);
     ours_csv(&path("ours.csv"));
@@ -160,7 +161,7 @@ fn foreign_bags_and_columns_give_the_run_that_our_names_give_bit_for_bit() {
     let csv = load(&path("foreign.csv"), &mapped(&OF_CSV)).expect("loads");
     assert_eq!(channels(&csv.run), ours);
     let by_name: Vec<_> = csv.notes.iter().map(ToString::to_string).collect();
-    assert_eq!(by_name.len(), 3, "a unit that stands in the name is said: {by_name:?}");
+    assert_eq!(by_name.len(), 3, "notes mention units that come from names: {by_name:?}");
     assert!(by_name[0].starts_with("column `Stroke [mm]` is read in mm, by its name"), "{by_name:?}");
     for (name, options) in [("mcap", small_chunks(true)), ("db3", sqlite())] {
         foreign(&path(name), options);
@@ -174,7 +175,7 @@ fn foreign_bags_and_columns_give_the_run_that_our_names_give_bit_for_bit() {
                  messages), /joint_states (sensor_msgs/msg/JointState, {STEPS} messages)"
             )]
         );
-        // Converted, it has our names, and needs no map any more.
+        // After conversion the bag has our names and needs no map.
         let canonical = path(&format!("{name}-canonical"));
         convert(&path(name), &canonical, &mapped(&OF_BAG), &SaveOptions::default()).expect("converted");
         assert_eq!(channels(&read(&canonical).run), ours, "{name}");
@@ -201,7 +202,7 @@ fn sign_and_offset_are_applied_as_the_node_applies_them() {
     for step in 1..=STEPS {
         let [pos, _, force, ..] = raw(step);
         let at = step as usize - 1;
-        // sign * (raw in SI - offset), the offset in SI.
+        // sign * (raw in SI - offset), with the offset in SI units.
         let displacement = -(pos / 1000.0 - 0.01);
         for run in [&bag, &csv] {
             assert_eq!(run.displacement_m.values[at].to_bits(), displacement.to_bits());
@@ -209,7 +210,7 @@ fn sign_and_offset_are_applied_as_the_node_applies_them() {
         }
     }
     assert_eq!(bits(&bag.displacement_m), bits(&csv.displacement_m));
-    // Channels of our own names take them too, and lose nothing beside them.
+    // A map can also apply to channels under our names; other channels are still read.
     std::fs::write(path("own.csv"), "time_s,displacement_mm,force_n,x\n0,10,5,1\n1,20,6,2\n")
         .expect("written");
     let run = load(&path("own.csv"), &mapped(&["displacement=displacement_mm,sign=-1"])).expect("loads").run;
@@ -218,7 +219,7 @@ fn sign_and_offset_are_applied_as_the_node_applies_them() {
 }
 
 #[test]
-fn what_is_not_mapped_is_read_by_its_name_and_said() {
+fn unmapped_channels_are_read_by_name_and_noted() {
     let dir = temporary();
     let path = dir.path().join("bag");
     bag(&path, BagOptions::default(), |writer| {
@@ -239,11 +240,11 @@ fn what_is_not_mapped_is_read_by_its_name_and_said() {
     assert_eq!(
         notes,
         [
-            "taken by name beside the map: /fl/measured_force as measured_force",
+            "read by name, without a map: /fl/measured_force as measured_force",
             "not part of the run: /fl/displacement (mr_damper_msgs/msg/Displacement, 3 messages)"
         ]
     );
-    // Which of several namespaces completes a map is asked.
+    // If several namespaces could complete the map, the user must choose one.
     let two = dir.path().join("two");
     bag(&two, BagOptions::default(), |writer| {
         writer.write_message("/susp/pos", &displacement(1, 1.0), 1, 1)?;
@@ -254,7 +255,7 @@ fn what_is_not_mapped_is_read_by_its_name_and_said() {
     });
     assert_eq!(
         refusal(&two, &mapped(&["displacement=/susp/pos"])),
-        "two: several namespaces have channels that the map leaves open: /fl, /fr; choose one with --bag-namespace"
+        "two: several namespaces have channels that are not mapped: /fl, /fr; choose one with --bag-namespace"
     );
     let one = LoadOptions { namespace: Some("/fr".into()), ..mapped(&["displacement=/susp/pos"]) };
     assert!(load(&two, &one).expect("loads").run.drive.is_some());
@@ -262,7 +263,7 @@ fn what_is_not_mapped_is_read_by_its_name_and_said() {
 }
 
 #[test]
-fn without_a_map_a_message_lists_topics_and_joints_and_the_line_to_type() {
+fn without_a_map_the_message_lists_topics_and_joints_and_a_map_to_use() {
     let dir = temporary();
     let path = dir.path().join("bag");
     foreign(&path, BagOptions::default());
@@ -280,15 +281,15 @@ fn without_a_map_a_message_lists_topics_and_joints_and_the_line_to_type() {
          /imu  sensor_msgs/msg/Imu, 1 messages\n    \
          /fl/silent  std_msgs/msg/Float64, 0 messages"
     );
-    // The line works, and says what else is missing.
+    // The suggested map works, and a note says what else is missing.
     let loaded = load(&path, &mapped(&["displacement=/joint_states:fl_damper"])).expect("loads");
     let could =
-        "what is missing may be read with --map measured_force=/fl/load_cell:z --map coil_current=/fl/amps";
+        "missing channels may be read with --map measured_force=/fl/load_cell:z --map coil_current=/fl/amps";
     assert!(loaded.notes.iter().any(|note| note.to_string() == could), "{:?}", loaded.notes);
 }
 
 #[test]
-fn a_map_that_cannot_be_read_is_refused_with_what_could() {
+fn a_map_that_cannot_be_read_is_refused_with_alternatives() {
     let dir = temporary();
     let path = dir.path().join("bag");
     foreign(&path, BagOptions::default());
@@ -312,15 +313,13 @@ fn a_map_that_cannot_be_read_is_refused_with_what_could() {
         "joint `fl_dampr` is not in the messages; did you mean fl_damper?; joints are wheel, fl_damper"
     );
     assert!(matches!(fault(&path, "velocity=/joint_states:fl_damper"), MapFault::NoValue { .. }));
-    assert!(
-        said("displacement=/joint_states").contains("name one behind a colon, as in /joint_states:JOINT")
-    );
+    assert!(said("displacement=/joint_states").contains("name one after a colon, as in /joint_states:JOINT"));
     let imu = said("body_velocity=/imu");
-    assert!(imu.contains("drifts, so it is not integrated here: record the velocity"), "{imu}");
+    assert!(imu.contains("drifts, so this is not supported: record the velocity"), "{imu}");
     assert!(imu.ends_with("; this bag has --map body_velocity=/fl/twist:z"), "{imu}");
     let wrong = said("measured_force=/fl/oil");
     assert!(wrong.starts_with(
-        "sensor_msgs/msg/Temperature holds no force; types that do are mr_damper_msgs/msg/Force,"
+        "sensor_msgs/msg/Temperature has no force; accepted types are mr_damper_msgs/msg/Force,"
     ));
     assert!(said("measured_force=/fl/load_cell:w").contains("not `w`"));
     assert!(said("displacement=/fl/ray:z").contains("leave out `:z`"));
@@ -328,7 +327,7 @@ fn a_map_that_cannot_be_read_is_refused_with_what_could() {
         load(&path, &mapped(&["displacement=/fl/ray", "measured_force=/fl/load_cell"])).expect("loads");
     let axis = Note::AxisTaken { topic: "/fl/load_cell".into(), axis: "z".into() };
     assert!(loaded.notes.contains(&axis), "{:?}", loaded.notes);
-    // An infinite range is none.
+    // An infinite range is not a value.
     let none = dir.path().join("none");
     bag(&none, BagOptions::default(), |writer| {
         writer.write_message("/x", &Float32 { data: f32::INFINITY }, 1, 1)?;
@@ -340,7 +339,7 @@ fn a_map_that_cannot_be_read_is_refused_with_what_could() {
 }
 
 #[test]
-fn a_column_that_cannot_be_read_is_refused_with_those_that_are() {
+fn a_column_that_cannot_be_read_is_refused_with_the_known_columns() {
     let dir = temporary();
     let path = dir.path().join("run.csv");
     std::fs::write(&path, "Time,Stroke,force_n,displacement_m\n0,1,2,3\n1,2,3,4\n").expect("written");
@@ -371,8 +370,8 @@ fn a_column_that_cannot_be_read_is_refused_with_those_that_are() {
     assert_eq!(
         notes,
         [
-            "column `Time` is read in s, as its name has no unit; say unit=... where that is wrong",
-            "column `Stroke` is read in m, as its name has no unit; say unit=... where that is wrong",
+            "column `Time` is read in s, as its name has no unit; give unit=... if that is wrong",
+            "column `Stroke` is read in m, as its name has no unit; give unit=... if that is wrong",
             "column `displacement_m` is left out, because displacement is mapped to another one",
         ]
     );
@@ -386,7 +385,7 @@ fn a_column_that_cannot_be_read_is_refused_with_those_that_are() {
 }
 
 #[test]
-fn a_renamed_topic_is_known_by_what_its_recorder_noted() {
+fn a_renamed_topic_is_recognised_by_the_recorders_note() {
     let dir = temporary();
     for (name, options) in [
         ("mcap", BagOptions { max_file_bytes: Some(400), ..small_chunks(true) }),
@@ -395,7 +394,8 @@ fn a_renamed_topic_is_known_by_what_its_recorder_noted() {
         let path = dir.path().join(name);
         let mut writer = BagWriter::create(&path, options).expect("created");
         writer.note_renamed("/susp/pos", "/fl/displacement");
-        // Only channels of ours may be noted: a bag of others cannot rename what has another name.
+        // Notes count only for our own channels: a foreign bag cannot turn other topics into known
+        // quantities.
         writer.note_renamed("/fl/other/a", "/fl/other/force_n");
         writer.note_renamed("/fl/velocity", "/nowhere/at/all");
         for nanos in 1..500 {
@@ -406,12 +406,12 @@ fn a_renamed_topic_is_known_by_what_its_recorder_noted() {
             writer.write_message("/fl/velocity", &Float64 { data: 4.0 }, nanos, nanos).expect("written");
         }
         let summary = writer.finish().expect("finished");
-        assert!(summary.files > 1, "{name}: every file has the note");
+        assert!(summary.files > 1, "{name}: several files, each with the note");
         let run = read(&path).run;
         assert_eq!((run.displacement_m.len(), run.force_n.expect("force").len()), (499, 499), "{name}");
         assert_eq!(run.velocity_m_s.expect("velocity").len(), 499, "{name}");
         assert_eq!(run.other.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["a"], "{name}");
-        // A map finds it by the name that it has.
+        // A map finds the topic by its recorded name.
         assert!(load(&path, &mapped(&["displacement=/susp/pos,sign=-1"])).is_ok());
     }
 }
@@ -450,7 +450,7 @@ fn commands_read_foreign_bags_by_flags_and_by_a_file() {
     let ours = evaluated("ours.csv", &["-"]);
     assert_eq!(evaluated("bag", &[&["-"], &flags[..]].concat()), ours);
     assert_eq!(evaluated("bag", &["-", "--map-file", &path("map.toml")]), ours);
-    // A flag comes before the file.
+    // A flag takes precedence over the file.
     let turned = ["-", "--map-file", &path("map.toml"), "--map", "displacement=/fl/susp/pos,unit=mm,sign=-1"];
     assert_ne!(evaluated("bag", &turned), ours);
 
@@ -468,7 +468,7 @@ fn commands_read_foreign_bags_by_flags_and_by_a_file() {
         assert!(found == code && text.contains(says), "{arguments:?}: {found} {text}");
     }
     assert!(!Path::new(&path("out.csv")).exists());
-    // Commands with a node refuse what would rename nothing, before anything is made or played.
+    // Commands with a node refuse a rule that renames nothing, before they create or play anything.
     for command in [&["replay", &path("bag")][..], &["record", "--out", &path("recorded")]] {
         let (code, text) = failed(&[command, &["--ros-args", "-r", "displacment:=/x"]].concat());
         assert!(code == 2 && text.contains("-r displacment:=/x renames nothing"), "{code} {text}");

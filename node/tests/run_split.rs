@@ -1,4 +1,5 @@
-//! Bags of several files, packed and not: what is written is read, and `metadata.yaml` says what is there.
+//! Bags of several files, compressed or not: written bags can be read, and `metadata.yaml` matches the
+//! files.
 
 mod run_support;
 
@@ -16,7 +17,7 @@ fn metadata(bag: &Path) -> Value {
     all["rosbag2_bagfile_information"].clone()
 }
 
-/// Holds the metadata of a bag of [`thousand`] against its files, and returns how many there are.
+/// Compares the metadata of a bag of [`thousand`] with its files, and returns the number of files.
 fn checked(bag: &Path, storage: Storage, packed: bool) -> usize {
     let told = metadata(bag);
     let names: Vec<&str> =
@@ -28,7 +29,7 @@ fn checked(bag: &Path, storage: Storage, packed: bool) -> usize {
         .collect();
     let mut sorted: Vec<&str> = names.clone();
     sorted.sort_unstable();
-    assert_eq!(sorted, on_disk, "the files that are named are those that are there");
+    assert_eq!(sorted, on_disk, "the metadata names exactly the existing files");
     assert_eq!(told["storage_identifier"], storage.identifier());
     let (format, mode) = if packed { ("zstd", "FILE") } else { ("", "") };
     assert_eq!((&told["compression_format"], &told["compression_mode"]), (&format.into(), &mode.into()));
@@ -38,7 +39,7 @@ fn checked(bag: &Path, storage: Storage, packed: bool) -> usize {
     for topic in told["topics_with_message_count"].as_array().expect("topics") {
         assert_eq!(topic["message_count"], 1000);
     }
-    // Each file alone holds what is said of it, and knows its topics by itself.
+    // Each file by itself matches its metadata entry and defines its own topics.
     let (mut messages, mut stamps) = (0, Vec::new());
     for (name, file) in names.iter().zip(told["files"].as_array().expect("files")) {
         assert_eq!(file["path"], *name);
@@ -107,7 +108,7 @@ fn bags_are_split_by_size() {
 }
 
 #[test]
-fn every_form_of_a_bag_keeps_every_bit() {
+fn every_form_of_a_bag_is_lossless() {
     let dir = temporary();
     let csv = dir.path().join("in.csv");
     std::fs::write(&csv, canonical(500)).expect("written");
@@ -135,7 +136,7 @@ fn every_form_of_a_bag_keeps_every_bit() {
     ];
     let mut last = csv.clone();
     for (name, options) in forms {
-        // From CSV, and from the form before, so that storages follow each other both ways.
+        // From CSV and from the previous form, so that both storages are converted to each other.
         let bag = to(&csv, name, options.clone());
         let again = to(&last, &format!("again-{name}"), options);
         for (source, back) in [(&bag, "a.csv"), (&again, "b.csv")] {
@@ -161,11 +162,11 @@ fn every_form_of_a_bag_keeps_every_bit() {
 }
 
 #[test]
-fn packed_files_are_read_as_far_as_they_go() {
+fn truncated_compressed_files_are_read_up_to_the_cut() {
     let dir = temporary();
     for storage in BOTH {
         let path = dir.path().join(storage.identifier());
-        // Enough for many blocks of zstd, of which only whole ones come out.
+        // Enough data for many zstd blocks, because only complete blocks can be decompressed.
         samples(&path, BagOptions { compress: false, ..BagOptions::default().stored(storage) }, 10_000);
         let extension = if storage == Storage::Mcap { "mcap" } else { "db3" };
         let plain_file = file_of(&path, extension);
@@ -177,7 +178,7 @@ fn packed_files_are_read_as_far_as_they_go() {
         let metadata = path.join("metadata.yaml");
         let yaml = std::fs::read_to_string(&metadata).expect("read");
         let old = plain_file.file_name().expect("name").to_string_lossy().into_owned();
-        // As rosbag2 (capitals) and rosbags (small letters) write it.
+        // As rosbag2 (capitals) and rosbags (lower case) write it.
         for mode in ["FILE", "file"] {
             let yaml = yaml
                 .replace(&old, &name)
@@ -196,7 +197,7 @@ fn packed_files_are_read_as_far_as_they_go() {
             let count = loaded.run.displacement_m.len();
             assert!(
                 is_prefix(&loaded.run, &all) && (1000 * (part - 2)..10_000).contains(&count),
-                "{count} of {part} tenths"
+                "{count} samples from {part} tenths of the file"
             );
             assert!(matches!(loaded.notes.last(), Some(Note::PackedCutShort { .. })), "{:?}", loaded.notes);
         }
@@ -206,7 +207,8 @@ fn packed_files_are_read_as_far_as_they_go() {
             text.ends_with("zstd: not a packed bag: nothing can be unpacked: incomplete frame"),
             "{text}"
         );
-        // A whole plain file beside half a packed one: its packer was killed.
+        // A complete uncompressed file next to a truncated compressed one: the recorder was killed while
+        // compressing.
         let whole = zstd::decode_all(&*bytes).expect("unpacked");
         std::fs::write(&plain_file, whole).expect("written");
         assert_eq!(read(&path).run, mr_damper_model::sample::Run { name: path.display().to_string(), ..all });
@@ -214,7 +216,7 @@ fn packed_files_are_read_as_far_as_they_go() {
 }
 
 #[test]
-fn messages_packed_one_by_one_are_read_with_and_without_metadata() {
+fn messages_compressed_one_by_one_are_read_with_and_without_metadata() {
     let dir = temporary();
     for storage in BOTH {
         let path = dir.path().join(storage.identifier());
@@ -252,7 +254,7 @@ fn messages_packed_one_by_one_are_read_with_and_without_metadata() {
 }
 
 #[test]
-fn a_file_that_was_only_begun_does_not_cost_the_others() {
+fn an_empty_file_does_not_affect_the_other_files() {
     let dir = temporary();
     for (storage, extension) in [(Storage::Mcap, "mcap"), (Storage::Sqlite3, "db3")] {
         let path = dir.path().join(storage.identifier());
@@ -262,7 +264,7 @@ fn a_file_that_was_only_begun_does_not_cost_the_others() {
         };
         thousand(&path, options);
         std::fs::remove_file(path.join("metadata.yaml")).expect("removed");
-        // What a recorder leaves that is killed as it splits.
+        // A recorder that is killed while it splits leaves such a file.
         let begun = path.join(format!("bag_{}_4.{extension}", storage.identifier()));
         std::fs::write(&begun, "").expect("written");
         let loaded = read(&path);
@@ -270,7 +272,7 @@ fn a_file_that_was_only_begun_does_not_cost_the_others() {
         let notes: Vec<String> = loaded.notes.iter().map(ToString::to_string).collect();
         let left = |note: &String| note.starts_with("left out: ") && note.ends_with("it is empty");
         assert!(notes.len() == 2 && notes.iter().any(left), "{notes:?}");
-        // Nothing but such files is no bag.
+        // A bag that has only empty files is refused.
         for file in files_of(&path) {
             std::fs::write(&file, "").expect("written");
         }

@@ -1,4 +1,5 @@
-//! sqlite3 bags of others: every schema of rosbag2, what killed recorders leave, and what is damaged or hostile.
+//! sqlite3 bags of other recorders: every schema of rosbag2, files left by killed recorders, and damaged or
+//! hostile files.
 
 mod run_support;
 
@@ -11,7 +12,7 @@ use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-/// Topics as Foxy knows them, as Humble does, and as a release to come might.
+/// Topics as in Foxy, as in Humble, and as a future release might define them.
 const FOXY: &str = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, \
      serialization_format TEXT NOT NULL);";
 const HUMBLE: &str = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, \
@@ -33,7 +34,7 @@ fn open(path: &Path) -> Connection {
 /// A database with a topic `/d/displacement`, of `rows` messages 1 ms apart.
 fn database(path: &Path, schema: &str, rows: i64) -> Connection {
     let connection = open(path);
-    // Nobody pulls the plug here, and waiting for the disk takes most of the time.
+    // No power failure is tested here, and waiting for the disk would take most of the time.
     connection.execute_batch(&format!("PRAGMA synchronous=OFF; {schema}")).expect("made");
     let topic = "INSERT INTO topics (id, name, type, serialization_format) VALUES (7, '/d/displacement', \
                  'mr_damper_msgs/msg/Displacement', 'cdr')";
@@ -60,7 +61,7 @@ fn every_schema_is_read() {
     for (name, topics, messages) in
         [("foxy", FOXY, MESSAGES), ("humble", HUMBLE, MESSAGES), ("to come", TO_COME, MESSAGES_TO_COME)]
     {
-        // Names that mean something in an address.
+        // Names with characters that have a meaning in URIs.
         let path = dir.path().join(format!("{name} 100%#?.db3"));
         drop(database(&path, &format!("{topics}{messages}"), 20));
         let loaded = read(&path);
@@ -69,29 +70,29 @@ fn every_schema_is_read() {
         assert_eq!(loaded.run.displacement_m.values, expected, "{name}");
         assert_eq!(loaded.run.displacement_m.stamps[19].nanos(), 20_000_000);
     }
-    // Iron and Jazzy: what we write.
+    // Iron and Jazzy use the schema that we write.
     thousand(&dir.path().join("jazzy"), sqlite());
     assert_eq!(count(&file_of(&dir.path().join("jazzy"), "db3")), 1000);
 }
 
 #[test]
-fn nothing_is_written_beside_the_file() {
+fn nothing_is_written_next_to_the_file() {
     let dir = temporary();
     let path = dir.path().join("x.db3");
     let connection = database(&path, &format!("PRAGMA journal_mode=WAL; {HUMBLE}{MESSAGES}"), 20);
-    // A database that says it has a log, and has none: one that was copied off a robot.
+    // A database marked as having a write-ahead log but without one, for example copied from a robot.
     connection.execute_batch("PRAGMA wal_checkpoint(TRUNCATE)").expect("merged");
     drop(connection);
-    assert_eq!(std::fs::read(&path).expect("read")[18], 2, "it says it has a log");
+    assert_eq!(std::fs::read(&path).expect("read")[18], 2, "the database is marked as having a log");
     let before = contents(dir.path());
-    assert_eq!(before.len(), 1, "and has none");
+    assert_eq!(before.len(), 1, "there is no log file");
     std::fs::set_permissions(dir.path(), Permissions::from_mode(0o500)).expect("set");
     assert_eq!(count(&path), 20);
     std::fs::set_permissions(dir.path(), Permissions::from_mode(0o700)).expect("set");
     assert_eq!(contents(dir.path()), before);
 }
 
-/// What lies on the disk at this moment, as it would after a kill.
+/// Copies the files as they are on disk at this moment, as after a kill.
 fn as_killed(database: &Path, dir: &Path) -> PathBuf {
     for path in files_of(database.parent().expect("a directory")) {
         std::fs::copy(&path, dir.join(path.file_name().expect("name"))).expect("copied");
@@ -100,7 +101,7 @@ fn as_killed(database: &Path, dir: &Path) -> PathBuf {
 }
 
 #[test]
-fn a_log_that_was_not_merged_is_read() {
+fn an_unmerged_log_is_read() {
     let (dir, killed) = (temporary(), temporary());
     let path = dir.path().join("x.db3");
     let schema = format!("PRAGMA journal_mode=WAL; PRAGMA wal_autocheckpoint=0; {HUMBLE}{MESSAGES}");
@@ -113,8 +114,8 @@ fn a_log_that_was_not_merged_is_read() {
     assert_eq!(loaded.run.displacement_m.len(), 300);
     assert_eq!(loaded.notes, [Note::Journal { path: found.clone(), journal: "-wal" }]);
     assert!(loaded.notes[0].to_string().contains("x.db3-wal (recording cut off"), "{}", loaded.notes[0]);
-    assert_eq!(contents(killed.path()), before, "the user's files are as they were");
-    // The log cut off in the middle of a transaction: what was complete before.
+    assert_eq!(contents(killed.path()), before, "the user's files are unchanged");
+    // With the log cut in the middle of a transaction, the complete transactions are read.
     let log = killed.path().join("x.db3-wal");
     let bytes = std::fs::read(&log).expect("read");
     std::fs::write(&log, &bytes[..bytes.len() / 2]).expect("written");
@@ -123,11 +124,11 @@ fn a_log_that_was_not_merged_is_read() {
 }
 
 #[test]
-fn a_transaction_that_was_not_done_is_rolled_back() {
+fn an_unfinished_transaction_is_rolled_back() {
     let (dir, killed) = (temporary(), temporary());
     let path = dir.path().join("x.db3");
     let connection = database(&path, &format!("{HUMBLE}{MESSAGES}"), 300);
-    // With so little memory the transaction reaches the file before it is done.
+    // With so little cache the transaction reaches the file before it is committed.
     connection.execute_batch("PRAGMA cache_size=2; BEGIN;").expect("begun");
     insert(&connection, 301..=2000);
     let found = as_killed(&path, killed.path());
@@ -139,11 +140,11 @@ fn a_transaction_that_was_not_done_is_rolled_back() {
     let loaded = read(&found);
     assert_eq!(loaded.run.displacement_m.len(), 300);
     assert_eq!(loaded.notes, [Note::Journal { path: found, journal: "-journal" }]);
-    assert_eq!(contents(killed.path()), before, "the user's files are as they were");
+    assert_eq!(contents(killed.path()), before, "the user's files are unchanged");
 }
 
 #[test]
-fn a_truncated_database_yields_what_came_before() {
+fn a_truncated_database_yields_the_part_before_the_cut() {
     let dir = temporary();
     thousand(&dir.path().join("bag"), sqlite());
     let file = file_of(&dir.path().join("bag"), "db3");
@@ -157,12 +158,12 @@ fn a_truncated_database_yields_what_came_before() {
 }
 
 #[test]
-fn a_damaged_page_costs_only_itself() {
+fn a_damaged_page_loses_only_itself() {
     let dir = temporary();
     thousand(&dir.path().join("bag"), sqlite());
     let file = file_of(&dir.path().join("bag"), "db3");
     let mut bytes = std::fs::read(&file).expect("read");
-    // The first leaf of a table beyond the middle of the file; leaves of an index begin with 10.
+    // The first leaf page of a table in the second half of the file; leaf pages of an index begin with 10.
     let leaves: Vec<usize> =
         (bytes.len() / 2 / 4096..bytes.len() / 4096).filter(|n| bytes[n * 4096] == 13).collect();
     let page = leaves[0] * 4096;
@@ -180,7 +181,7 @@ fn a_damaged_page_costs_only_itself() {
 }
 
 #[test]
-fn what_is_no_bag_is_refused() {
+fn files_that_are_not_bags_are_refused() {
     let dir = temporary();
     let file = dir.path().join("x.db3");
     for (bytes, text) in [
@@ -200,7 +201,7 @@ fn what_is_no_bag_is_refused() {
     };
     assert_eq!(refused("CREATE TABLE x(y)"), "x.db3: not a rosbag2 database: it has no table `topics`");
     assert_eq!(refused(FOXY), "x.db3: not a rosbag2 database: it has no table `messages`");
-    // A query without end in place of a table.
+    // An endless query instead of a table.
     let endless = "CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n) \
                    SELECT id, 7 AS topic_id, id AS timestamp, x'00' AS data FROM n;";
     assert_eq!(

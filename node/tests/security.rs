@@ -1,4 +1,5 @@
-//! Who asks for DDS-Security gets it, or no node at all. With a peer: `tests/tests/interop_deploy/security.rs`.
+//! A node with DDS-Security requested either has it or does not start. Tests with a peer:
+//! `tests/tests/interop_deploy/security.rs`.
 
 use std::process::{Command, Output};
 
@@ -12,7 +13,7 @@ fn node(variables: &[(&str, &str)], ros_args: &[&str]) -> Output {
 }
 
 #[test]
-fn a_node_that_is_asked_for_security_does_not_start_without() {
+fn a_node_with_security_requested_does_not_start_without_it() {
     let (on, keystore) = (("ROS_SECURITY_ENABLE", "true"), ("ROS_SECURITY_KEYSTORE", "/no/such/keystore"));
     let lacks = if cfg!(feature = "security") {
         "/no/such/keystore/enclaves/front_left/identity_ca.cert.pem: No such file"

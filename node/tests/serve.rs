@@ -1,5 +1,5 @@
-//! `mr-damper serve` as a process, over real DDS and plain TCP: the page's figures are those on the topics, and nobody who stalls, strays
-//! or pushes in does the others any harm.
+//! `mr-damper serve` as a process, over real DDS and plain TCP: the page shows the values of the topics, and stalled readers, wrong
+//! requests and excess connections do not affect other clients.
 
 mod serve_support;
 mod zenoh_support;
@@ -21,10 +21,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 60;
-/// Long enough for a stalled reader's buffers to fill.
+/// Long enough to fill a stalled reader's buffers.
 const RUN_S: f64 = 12.0;
 
-/// A node in the namespace `/left`, its player, and a peer that hears it.
+/// A node in the namespace `/left`, its player, and a peer that subscribes to its outputs.
 struct Stage {
     service: Service,
     player: Player,
@@ -65,7 +65,7 @@ fn play(player: &Player) {
     player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
 }
 
-/// Messages by their stamps.
+/// Messages indexed by their stamps.
 type Heard<M> = BTreeMap<i64, M>;
 
 fn drain<M: Message>(subscription: &Subscription<M>, into: &mut Heard<M>, stamp: fn(&M) -> i64) {
@@ -74,7 +74,7 @@ fn drain<M: Message>(subscription: &Subscription<M>, into: &mut Heard<M>, stamp:
     }
 }
 
-/// JSON holds all digits, but serde_json reads the last of seventeen by one off at times.
+/// JSON has all digits, but serde_json sometimes reads the last of seventeen digits off by one.
 fn is_shown_as(value: f64, shown: &Json) -> bool {
     match shown.as_f64() {
         Some(shown) => (shown - value).abs() <= 4.0 * f64::EPSILON * value.abs(),
@@ -82,7 +82,7 @@ fn is_shown_as(value: f64, shown: &Json) -> bool {
     }
 }
 
-/// The figures `shown` are those of the message with their stamp. A message that one of the two readers missed proves nothing.
+/// Compares the values in `shown` with the message of the same stamp. Returns false if the peer missed that message.
 fn is_that_of_the_topic(shown: &Json, heard: &Heard<ForceEstimate>) -> bool {
     let Some(message) = heard.get(&shown["stamp_ns"].as_i64().expect("a stamp")) else { return false };
     for (figure, value) in [
@@ -102,27 +102,27 @@ fn is_that_of_the_topic(shown: &Json, heard: &Heard<ForceEstimate>) -> bool {
     true
 }
 
-/// What a reader that keeps up has had, from the first batch on.
+/// Checks the events of a reader that keeps up, from the first batch on.
 fn keeps_up(news: &[News], heard: &Heard<ForceEstimate>, residuals: &Heard<ForceResidual>) {
     let batches: Vec<(&Json, Instant)> =
         news.iter().filter_map(|news| (news.event == "batch").then_some((&news.data, news.at))).collect();
     assert_eq!((news[0].event.as_str(), &news[0].data["schema"]), ("start", &"mr-damper/serve/1".into()));
-    assert!(news.iter().all(|news| news.event != "skipped"), "it keeps up");
+    assert!(news.iter().all(|news| news.event != "skipped"), "no batch is skipped");
     let mut next = news[0].data["batch"].as_u64().expect("a number");
     for (batch, _) in &batches {
         next += 1;
-        assert_eq!(batch["batch"], next, "none is missing, none comes twice");
+        assert_eq!(batch["batch"], next, "no batch is missing or repeated");
     }
     let seconds = (batches[batches.len() - 1].1 - batches[0].1).as_secs_f64();
     let rate = batches.len() as f64 / seconds;
     println!("{} batches in {seconds:.1} s: {rate:.1} a second", batches.len());
-    // Fifty, on a machine that has nothing else to do.
+    // Fifty per second on an idle machine.
     assert!((10.0..55.0).contains(&rate), "{rate:.1} batches a second");
 
     let states = || batches.iter().filter_map(|(batch, _)| batch["dampers"].get(0));
     let shown = states().filter(|state| !state["estimate"].is_null());
     let same = shown.clone().filter(|state| is_that_of_the_topic(&state["estimate"], heard)).count();
-    assert!(same > 30 && same * 10 > shown.count() * 8, "{same} figures were those of the topic");
+    assert!(same > 30 && same * 10 > shown.count() * 8, "{same} estimates equal the topic's");
     let mut same = 0;
     for residual in states().map(|state| &state["residual"]).filter(|residual| !residual.is_null()) {
         if let Some(message) = residuals.get(&residual["stamp_ns"].as_i64().expect("a stamp")) {
@@ -131,9 +131,9 @@ fn keeps_up(news: &[News], heard: &Heard<ForceEstimate>, residuals: &Heard<Force
             same += 1;
         }
     }
-    assert!(same > 30, "{same} residuals were those of the topic");
+    assert!(same > 30, "{same} residuals equal the topic's");
 
-    // Points are thinned, but each is one of the topic's.
+    // Points are thinned, but each is a point of the topic.
     let forces: Vec<u32> = heard.values().map(|message| (message.force as f32).to_bits()).collect();
     let points = batches.iter().filter_map(|(batch, _)| batch["points"].get(0)?["estimate"].as_array());
     let points: Vec<&Json> = points.flatten().collect();
@@ -142,18 +142,18 @@ fn keeps_up(news: &[News], heard: &Heard<ForceEstimate>, residuals: &Heard<Force
     let known = points.iter().filter(of_topic).count();
     let per_s = points.len() as f64 / RUN_S;
     assert!(per_s > 50.0 && per_s < 260.0, "{per_s:.0} points a second");
-    assert!(known * 100 > points.len() * 95, "{known} of {} points are the topic's", points.len());
+    assert!(known * 100 > points.len() * 95, "{known} of {} points are points of the topic", points.len());
 }
 
 #[test]
-fn figures_are_those_of_the_topics_and_a_reader_that_stalls_costs_the_others_nothing() {
+fn values_equal_the_topics_and_a_stalled_reader_does_not_affect_the_others() {
     let page = Page::start(&["--domain-id", &DOMAIN.to_string()]);
     let empty = page.snapshot();
     assert_eq!(
         (&empty["schema"], empty["dampers"].as_array().map(Vec::len)),
         (&"mr-damper/serve/1".into(), Some(0))
     );
-    // It comes later than the page, and is found.
+    // The damper starts later than the page, and the page finds it.
     let stage = Stage::set();
     let deadline = Instant::now() + Duration::from_secs(20);
     while page.snapshot()["dampers"][0]["name"] != "left" {
@@ -182,7 +182,7 @@ fn figures_are_those_of_the_topics_and_a_reader_that_stalls_costs_the_others_not
     });
     keeps_up(&news, &heard, &residuals);
 
-    // The other one has had the oldest batches, then hears how many it has missed, and goes on with new ones.
+    // The stalled reader gets the oldest batches, then the number of batches it missed, then new ones.
     stalled.widen();
     let late = stalled.read_until_event("skipped");
     let skipped: u64 = late[late.len() - 1].data.to_string().parse().expect("a count");
@@ -203,7 +203,7 @@ fn figures_are_those_of_the_topics_and_a_reader_that_stalls_costs_the_others_not
 }
 
 #[test]
-fn who_strays_or_pushes_in_is_refused_and_ctrl_c_ends_open_streams() {
+fn wrong_requests_and_excess_streams_are_refused_and_ctrl_c_ends_open_streams() {
     let mut page = Page::start(&["--domain-id", &(DOMAIN + 1).to_string(), "--dampers", "left,rear/right"]);
     let names = |json: &Json| {
         let all = json["dampers"].as_array().expect("a list").iter();
@@ -212,7 +212,7 @@ fn who_strays_or_pushes_in_is_refused_and_ctrl_c_ends_open_streams() {
     assert_eq!(
         names(&page.snapshot()),
         ["left", "rear/right"],
-        "those that are named are there before they speak"
+        "dampers named by --dampers are shown before they publish"
     );
     let own = page.host();
     let port = own.rsplit(':').next().expect("a port");
@@ -245,7 +245,7 @@ fn who_strays_or_pushes_in_is_refused_and_ctrl_c_ends_open_streams() {
         let answer = page.ask(&format!("GET {path} "), &own, &format!("Sec-Fetch-Site: {site}\r\n"));
         assert_eq!(answer.status, status, "{path} from {site}");
     }
-    // A page that was named may read the figures, and nothing else.
+    // A page of an allowed origin may read the values, and nothing else.
     let friend =
         Page::start(&["--domain-id", &(DOMAIN + 1).to_string(), "--allow-origin", "http://localhost:8000"]);
     let from = |site: &str| format!("Origin: {site}\r\nSec-Fetch-Site: cross-site\r\n");
@@ -262,7 +262,7 @@ fn who_strays_or_pushes_in_is_refused_and_ctrl_c_ends_open_streams() {
         assert_eq!(allows, status == 200, "{request} from {site}: {}", answer.head);
     }
     assert_eq!(friend.ask("GET /snapshot ", "evil.example", &from("http://localhost:8000")).status, 421);
-    // The page fetches nothing from elsewhere: there is no address in it.
+    // The page fetches nothing from elsewhere: it contains no address.
     for part in ["/", "/page.css", "/page.js", "/charts.js"] {
         let body = page.ask(&format!("GET {part} "), &own, "").body;
         assert!(body.len() > 1000 && !body.contains("http:") && !body.contains("https:"), "{part}");
@@ -274,7 +274,7 @@ fn who_strays_or_pushes_in_is_refused_and_ctrl_c_ends_open_streams() {
     drop(open.pop());
     let deadline = Instant::now() + Duration::from_secs(5);
     while page.ask("HEAD /events ", &own, "").status != 200 {
-        assert!(Instant::now() < deadline, "the place of one that has gone is free again");
+        assert!(Instant::now() < deadline, "the place of a closed stream is free again");
         std::thread::sleep(Duration::from_millis(50));
     }
 
@@ -283,16 +283,16 @@ fn who_strays_or_pushes_in_is_refused_and_ctrl_c_ends_open_streams() {
     kill_process(pid, Signal::INT).expect("it runs");
     let status = page.child.wait().expect("it ends");
     println!("ended {:.2?} after Ctrl-C", asked.elapsed());
-    // Under one, on a machine that has nothing else to do.
+    // Below one second on an idle machine.
     assert!(asked.elapsed() < Duration::from_secs(3), "it took {:?}", asked.elapsed());
     assert_eq!(status.code(), Some(0));
 }
 
 #[test]
-fn the_mirror_on_zenoh_is_shown_as_well() {
+fn the_mirror_on_zenoh_is_shown() {
     let mut rig = zenoh_support::Rig::start();
     let page = Page::start(&["--zenoh", &rig.endpoint]);
-    // A terminal's view beside it, without a terminal.
+    // `mr-damper top` runs at the same time, without a terminal.
     let top = Command::new(env!("CARGO_BIN_EXE_mr-damper"))
         .args(["top", "--zenoh", &rig.endpoint])
         .stdout(std::process::Stdio::piped())
@@ -300,9 +300,13 @@ fn the_mirror_on_zenoh_is_shown_as_well() {
         .expect("it starts");
     let began = Instant::now();
     let (mut k, mut shown) = (0, Json::Null);
-    // Once it has come through, a second more of it.
+    // Waits for the first estimate, then continues for a second.
     while shown.is_null() || began.elapsed() < Duration::from_secs(2) {
-        assert!(began.elapsed() < zenoh_support::PATIENCE, "the mirror is heard: {}", page.snapshot());
+        assert!(
+            began.elapsed() < zenoh_support::PATIENCE,
+            "an estimate from the mirror: {}",
+            page.snapshot()
+        );
         for _ in 0..20 {
             k += 1;
             rig.feeder.push(zenoh_support::displacement(k * 1_000_000));
@@ -316,7 +320,7 @@ fn the_mirror_on_zenoh_is_shown_as_well() {
     assert_eq!((&snapshot["source"], &damper["name"]), (&"zenoh".into(), &zenoh_support::DAMPER.into()));
     let estimate = &damper["estimate"];
     let stamp_ns = estimate["stamp_ns"].as_i64().expect("a stamp");
-    assert_eq!(estimate["force_n"].as_f64(), Some(stamp_ns as f64 / 1e6), "the force of that stamp");
+    assert_eq!(estimate["force_n"].as_f64(), Some(stamp_ns as f64 / 1e6), "force and stamp belong together");
     assert_eq!(
         (&estimate["mode"], &estimate["validity"]),
         (&"model".into(), &"EXTRAPOLATING".into()),
@@ -325,7 +329,7 @@ fn the_mirror_on_zenoh_is_shown_as_well() {
     assert_eq!(estimate["reasons"], serde_json::json!(["OUTSIDE_ENVELOPE"]));
     let hz = damper["rates_hz"]["force_estimate"].as_f64();
     assert!(hz > Some(10.0) && hz < Some(60.0), "thinned by the mirror: {damper}");
-    // It is dead, and the page says so.
+    // The mirror has stopped, and the page says so.
     rig.mirror.stop();
     std::thread::sleep(Duration::from_millis(2200));
     assert_eq!(page.snapshot()["dampers"][0]["level"], "silent");
@@ -341,17 +345,17 @@ fn the_mirror_on_zenoh_is_shown_as_well() {
 }
 
 #[test]
-fn what_cannot_be_served_is_said() {
+fn unusable_options_are_refused_with_a_message() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let taken = taken.local_addr().expect("an address").to_string();
     let domain = (DOMAIN + 2).to_string();
     for (arguments, code, says) in [
         (["--listen", "127.0.0.1:99999"], 2, "127.0.0.1:99999"),
         (["--listen", "0.0.0.0:8330"], 2, "--listen 0.0.0.0:8330 is not on loopback"),
-        (["--dampers", "front-left"], 2, "\"front-left\" is no namespace"),
+        (["--dampers", "front-left"], 2, "\"front-left\" is not a namespace"),
         (["--lisen", "127.0.0.1:1"], 2, "--listen"),
         (["--allow-origin", "http://a/b"], 2, "no path"),
-        (["--zenoh-config", "x.json5"], 2, "goes with --zenoh endpoint"),
+        (["--zenoh-config", "x.json5"], 2, "needs --zenoh endpoint"),
         (["--zenoh", "tcp/127.0.0.1:1"], 2, "cannot be used with"),
         (["--listen", taken.as_str()], 1, "choose another port"),
     ] {

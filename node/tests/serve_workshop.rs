@@ -1,5 +1,5 @@
-//! `mr-damper serve --workshop` as a process, over real DDS and plain TCP: closings, uploads and replays do what they say, and whoever
-//! may not ask for them gets nothing started.
+//! `mr-damper serve --workshop` as a process, over real DDS and plain TCP: diagnoses, uploads and replays work, and requests without
+//! permission start nothing.
 
 mod live_support;
 mod serve_support;
@@ -24,7 +24,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 const DOMAIN: i64 = 63;
-/// Long enough for a closing on a busy machine.
+/// Long enough for a diagnosis on a busy machine.
 const LONG: Duration = Duration::from_secs(90);
 const MODEL: &str = "thesis/fuzzy-tanh/rp3-cs";
 
@@ -34,7 +34,7 @@ fn open(domain: i64, dir: &Path, arguments: &[&str]) -> Page {
     Page::start(&[&own[..], arguments].concat())
 }
 
-/// A node in the namespace `/front_left` with a minute of the lagging damper behind it.
+/// A node in the namespace `/front_left` with one minute of history of a damper with coil lag.
 fn lagging_node(domain: i64, dir: &Path) -> Service {
     let path = dir.join("base.toml");
     write(&path, base());
@@ -49,7 +49,7 @@ fn lagging_node(domain: i64, dir: &Path) -> Service {
     service
 }
 
-/// Starts a closing as soon as the damper is known.
+/// Starts a diagnosis as soon as the damper is known.
 fn start_closing(page: &Page, damper: &str) {
     let body = json!({ "damper": damper }).to_string();
     wait_until("the damper is known", || page.post("/closing", body.as_bytes()).status == 200);
@@ -65,7 +65,7 @@ fn files(dir: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_closing_names_what_a_damper_lacks_and_its_report_is_kept_and_can_be_cancelled() {
+fn a_diagnosis_names_the_missing_effect_keeps_its_report_and_can_be_cancelled() {
     let (dir, models) =
         (tempfile::tempdir().expect("a directory"), tempfile::tempdir().expect("a directory"));
     let service = lagging_node(DOMAIN, models.path());
@@ -92,9 +92,9 @@ fn a_closing_names_what_a_damper_lacks_and_its_report_is_kept_and_can_be_cancell
     let service_name = format!("ROS_DOMAIN_ID={DOMAIN} ros2 service call /front_left/load_model ");
     assert!(line.starts_with(&service_name), "{line}");
     assert!(line.contains(found["model_file"].as_str().expect("a path")), "{line}");
-    assert_eq!(service.control().config().model, before, "nothing is swapped in");
+    assert_eq!(service.control().config().model, before, "the new model is not loaded");
 
-    // The page and the JSON of the report are on the disk, and are served with a policy under which nothing in them can run.
+    // Page and JSON of the report are on disk, and are served with a policy that lets nothing in them run.
     let name = closing["report"].as_str().expect("a name");
     assert_eq!(shown["reports"], json!([name]));
     let answer = page.ask(&format!("GET /reports/{name} "), &page.host(), "");
@@ -110,7 +110,7 @@ fn a_closing_names_what_a_damper_lacks_and_its_report_is_kept_and_can_be_cancell
     let tau_s = report["effects"][0]["parameters"]["tau_s"].as_f64().expect("a figure");
     assert!((tau_s - LAG_S).abs() < 0.1 * LAG_S, "{tau_s}");
 
-    // Another one is given up, and the node is free again.
+    // A second diagnosis is cancelled, and the node is free again.
     start_closing(&page, "front_left");
     page.workshop_once("work", LONG, |shop| {
         shop["closings"]["front_left"]["says"].as_str().is_some_and(|says| says != "asking the node")
@@ -121,12 +121,12 @@ fn a_closing_names_what_a_damper_lacks_and_its_report_is_kept_and_can_be_cancell
     });
     assert_eq!(shown["closings"]["front_left"]["state"], "cancelled", "{shown}");
     assert_eq!(page.post("/closing/cancel", br#"{"damper": "front_left"}"#).status, 404);
-    assert_eq!(files(&dir.path().join("reports")).len(), 2, "no report of what was cancelled");
+    assert_eq!(files(&dir.path().join("reports")).len(), 2, "a cancelled diagnosis leaves no report");
     service.stop().expect("no thread panicked");
 }
 
 #[test]
-fn runs_are_taken_and_replayed_apart_from_all_others_and_their_figures_are_those_of_evaluate() {
+fn uploaded_runs_are_replayed_on_their_own_topics_with_the_metrics_of_evaluate() {
     let (dir, other) = (tempfile::tempdir().expect("a directory"), tempfile::tempdir().expect("a directory"));
     let page = open(DOMAIN + 1, dir.path(), &[]);
     let recorded = run(20.0, 0.0, 7);
@@ -141,7 +141,11 @@ fn runs_are_taken_and_replayed_apart_from_all_others_and_their_figures_are_those
         assert_eq!(about["samples"], recorded.displacement_m.len());
         let length_s = about["length_s"].as_f64().expect("a figure");
         assert!((length_s - recorded.duration().get()).abs() < 1e-9, "{length_s}");
-        assert_eq!(fs::read(dir.path().join("runs").join(name)).expect("kept"), sent, "to the byte");
+        assert_eq!(
+            fs::read(dir.path().join("runs").join(name)).expect("kept"),
+            sent,
+            "the kept file is identical"
+        );
     }
     let listed: Json = serde_json::from_str(&page.ask("GET /runs ", &page.host(), "").body).expect("JSON");
     assert_eq!((&listed[0]["name"], &listed[1]["name"]), (&"run.csv".into(), &"run.mcap".into()));
@@ -153,20 +157,20 @@ fn runs_are_taken_and_replayed_apart_from_all_others_and_their_figures_are_those
 
     let peer =
         Ros::start(&config(DOMAIN + 1), &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer");
-    // ARX feeds on force: the one model with figures of both kinds.
+    // ARX uses measured force: it is the only one of the two models with metrics of both kinds.
     for (name, model) in [("run.csv", MODEL), ("run.mcap", preset::BEST_ARX)] {
         let body = json!({ "run": name, "model": model, "rate": 4.0 }).to_string();
         let answer = page.post("/replay", body.as_bytes());
         assert_eq!(answer.status, 200, "{}", answer.body);
         let refused = page.post("/replay", body.as_bytes());
         assert_eq!(
-            (refused.status, refused.body.contains("one replay at a time")),
+            (refused.status, refused.body.contains("only one replay at a time")),
             (409, true),
             "{}",
             refused.body
         );
         wait_until("samples", || page.workshop()["replay"]["at_s"].as_f64() > Some(0.5));
-        // Rates are those of the last second: they take some of it to grow.
+        // Rates cover the last second, so they take up to a second to rise.
         wait_until("its rate", || {
             page.snapshot()["dampers"][0]["rates_hz"]["force_estimate"].as_f64() > Some(50.0)
         });
@@ -176,13 +180,13 @@ fn runs_are_taken_and_replayed_apart_from_all_others_and_their_figures_are_those
         assert_eq!(
             snapshot["dampers"].as_array().map(Vec::len),
             Some(1),
-            "it is not found twice: {snapshot}"
+            "the damper is listed once: {snapshot}"
         );
         assert!(
             damper["estimate"]["model"].as_str().is_some_and(|running| running.starts_with("thesis/")),
             "{damper}"
         );
-        // Nothing is played onto anything but its own topics.
+        // The replay publishes only on its own topics.
         let own = format!("/workshop_{}/displacement", page.child.id());
         wait_until("its topic", || peer.published().iter().any(|(topic, _)| *topic == own));
         let others = peer
@@ -203,7 +207,7 @@ fn runs_are_taken_and_replayed_apart_from_all_others_and_their_figures_are_those
         std::thread::sleep(Duration::from_millis(500));
         let at_s = page.workshop()["replay"]["at_s"].clone();
         std::thread::sleep(Duration::from_millis(700));
-        assert_eq!(page.workshop()["replay"]["at_s"], at_s, "it stands");
+        assert_eq!(page.workshop()["replay"]["at_s"], at_s, "the replay is paused");
         assert_eq!(
             (turn(json!({ "turn": "rate", "rate": 5.0 })), turn(json!({ "turn": "rate", "rate": 50.0 }))),
             (200, 400)
@@ -216,7 +220,7 @@ fn runs_are_taken_and_replayed_apart_from_all_others_and_their_figures_are_those
         let figures = &shown["replay"]["figures"];
         let truth =
             evaluate(preset::load(model).expect("a preset"), &recorded, Settings::default(), |_| true)
-                .expect("they go together");
+                .expect("the model fits the run");
         for (figure, fit) in
             [("free_run", truth.free_run), ("one_step", truth.one_step), ("persistence", truth.persistence)]
         {
@@ -231,7 +235,7 @@ fn runs_are_taken_and_replayed_apart_from_all_others_and_their_figures_are_those
         assert_eq!(turn(json!({ "turn": "stop" })), 200);
         wait_until("its card is gone", || page.snapshot()["dampers"] == json!([]));
     }
-    // A run that is deleted is gone, with what was known of it.
+    // A deleted run is removed together with its metadata.
     assert_eq!(page.post("/runs/delete", br#"{"run": "run.mcap"}"#).status, 200);
     assert_eq!(page.post("/runs/delete", br#"{"run": "run.mcap"}"#).status, 404);
     assert_eq!(files(&dir.path().join("runs")), ["run.csv", "run.csv.about.json"]);
@@ -239,12 +243,12 @@ fn runs_are_taken_and_replayed_apart_from_all_others_and_their_figures_are_those
 }
 
 #[test]
-fn a_closing_on_the_workshop_s_own_damper_works_on_the_run_that_was_replayed() {
+fn a_diagnosis_of_the_replayed_damper_uses_the_replayed_run() {
     let (dir, other) = (tempfile::tempdir().expect("a directory"), tempfile::tempdir().expect("a directory"));
-    // A model that was put into the directory is found there.
+    // A model file put into the directory is found.
     fs::create_dir_all(dir.path().join("models")).expect("room");
     write(&dir.path().join("models/base.toml"), base());
-    // So is a run, a bag's directory too; one that cannot be used says why.
+    // So is a run, also as a bag directory; a run that cannot be used says why.
     let runs = dir.path().join("runs");
     save(&run(2.0, 0.0, 1), &runs.join("bag"), &SaveOptions::default()).expect("room");
     fs::write(runs.join("broken.csv"), "rubbish").expect("room");
@@ -274,7 +278,7 @@ fn a_closing_on_the_workshop_s_own_damper_works_on_the_run_that_was_replayed() {
         state == Some("done")
     });
     assert_eq!(shown["closings"][damper]["found"]["effects"][0]["id"], "coil_lag", "{shown:#}");
-    // Its model can be replayed with at once.
+    // The new model is available for replay at once.
     let models: Vec<&str> =
         shown["models"].as_array().expect("a list").iter().filter_map(Json::as_str).collect();
     let made: Vec<_> =
@@ -283,7 +287,7 @@ fn a_closing_on_the_workshop_s_own_damper_works_on_the_run_that_was_replayed() {
 }
 
 #[test]
-fn what_cannot_be_used_leaves_nothing_and_strangers_start_nothing() {
+fn unusable_uploads_leave_no_files_and_unauthorised_requests_start_nothing() {
     let dir = tempfile::tempdir().expect("a directory");
     let page = open(DOMAIN + 3, dir.path(), &["--upload-limit-mb", "1"]);
     let good = b"time_s,displacement_m,force_n\n0,0,1\n0.5,0.001,2\n1,0.002,3\n";
@@ -295,7 +299,7 @@ fn what_cannot_be_used_leaves_nothing_and_strangers_start_nothing() {
         ("x.mcap", b"rubbish", 400, "x.mcap: not an MCAP file"),
         ("x.db3", b"rubbish", 400, "x.db3"),
         ("x.mcap.zstd", b"rubbish", 400, "x.mcap.zstd"),
-        ("x.exe", good, 400, "is not called as a run is"),
+        ("x.exe", good, 400, "does not have the extension of a run"),
         ("../../x.csv", good, 400, "names a path"),
         ("..%2F..%2Fx.csv", good, 400, "names a path"),
         ("%00.csv", good, 400, "names a path"),
@@ -310,12 +314,12 @@ fn what_cannot_be_used_leaves_nothing_and_strangers_start_nothing() {
         assert!(answer.body.contains(says), "{name}: \"{says}\" is missing in: {}", answer.body);
         assert!(!answer.body.contains(&dir.path().display().to_string()), "{}", answer.body);
     }
-    // Larger than it was said to be: chunks announce nothing.
+    // An upload larger than allowed whose length is not announced, because it is chunked.
     let own = format!("Origin: http://{}\r\nX-Mr-Damper-Token: {}\r\n", page.host(), page.token());
     let chunked = [b"100001\r\n".as_slice(), &big, b"\r\n0\r\n\r\n"].concat();
     let answer = page.post_chunked("/runs?name=x.csv", &own, &chunked);
     assert_eq!(answer.status, 413, "{}", answer.body);
-    // Cut off in the middle.
+    // An upload that is cut off in the middle.
     let mut cut = page.begin_post("/runs?name=x.csv", &own, good.len());
     cut.write_all(&good[..20]).expect("sent");
     page.workshop_once("the upload", Duration::from_secs(10), |shop| shop["uploads"][0]["name"] == "x.csv");
@@ -330,12 +334,12 @@ fn what_cannot_be_used_leaves_nothing_and_strangers_start_nothing() {
         0
     );
 
-    assert_eq!(page.post("/runs?name=a%20b.csv", good).status, 200, "a good one is taken still");
+    assert_eq!(page.post("/runs?name=a%20b.csv", good).status, 200, "a good upload is still accepted");
     assert_eq!(page.post("/runs?name=a_b.csv", good).status, 200);
     assert_eq!(
         files(&dir.path().join("runs")),
         ["a_b-2.csv", "a_b-2.csv.about.json", "a_b.csv", "a_b.csv.about.json"],
-        "nothing is written over"
+        "no file is overwritten"
     );
     let (host, token) = (page.host(), page.token());
     let replay = format!("{{\"run\": \"a_b.csv\", \"model\": \"{MODEL}\"}}");
@@ -359,7 +363,7 @@ fn what_cannot_be_used_leaves_nothing_and_strangers_start_nothing() {
         ] {
             let answer = page.post_with(path, &headers, body);
             assert_eq!(answer.status, 403, "{path} with {headers}: {}", answer.body);
-            assert!(answer.body.len() > 20, "in words: {}", answer.body);
+            assert!(answer.body.len() > 20, "the answer explains the refusal: {}", answer.body);
         }
         for method in ["GET", "PUT", "DELETE", "OPTIONS"] {
             let status = page.ask(&format!("{method} {path} "), &host, "").status;
@@ -385,7 +389,7 @@ fn what_cannot_be_used_leaves_nothing_and_strangers_start_nothing() {
 }
 
 #[test]
-fn without_the_flag_there_is_no_workshop_and_beyond_loopback_never() {
+fn the_workshop_needs_its_flag_and_a_loopback_address() {
     let dir = tempfile::tempdir().expect("a directory");
     let domain = (DOMAIN + 3).to_string();
     let page = Page::start(&["--domain-id", &domain]);
@@ -430,8 +434,8 @@ fn without_the_flag_there_is_no_workshop_and_beyond_loopback_never() {
         let stderr = String::from_utf8_lossy(&output.stderr);
         assert_eq!((output.status.code(), stderr.contains("not on loopback")), (Some(2), true), "{stderr}");
     }
-    assert!(!Path::new(&shop).exists(), "nothing was made");
-    // Through the mirror on Zenoh there are no actions, and that is said.
+    assert!(!Path::new(&shop).exists(), "no directory was created");
+    // The Zenoh mirror carries no actions, and the answer says so.
     let held = Page::start(&["--zenoh", "tcp/127.0.0.1:1", "--workshop", &shop]);
     let refused = held.post("/closing", br#"{"damper": "left"}"#);
     assert_eq!(
@@ -452,7 +456,7 @@ fn without_the_flag_there_is_no_workshop_and_beyond_loopback_never() {
 }
 
 #[test]
-fn ctrl_c_ends_an_upload_a_replay_and_a_closing_and_leaves_no_half_file() {
+fn ctrl_c_ends_an_upload_a_replay_and_a_diagnosis_and_leaves_no_partial_file() {
     let (dir, models) =
         (tempfile::tempdir().expect("a directory"), tempfile::tempdir().expect("a directory"));
     let service = lagging_node(DOMAIN + 3, models.path());
@@ -477,7 +481,7 @@ fn ctrl_c_ends_an_upload_a_replay_and_a_closing_and_leaves_no_half_file() {
     kill_process(Pid::from_child(&page.child), Signal::INT).expect("it runs");
     let status = page.child.wait().expect("it ends");
     println!("ended {:.2?} after Ctrl-C", asked.elapsed());
-    // Under one, on a machine that has nothing else to do.
+    // Below one second on an idle machine.
     assert!(asked.elapsed() < Duration::from_secs(3), "it took {:?}", asked.elapsed());
     assert_eq!(status.code(), Some(0));
     assert_eq!(files(&dir.path().join("incoming")), [""; 0]);

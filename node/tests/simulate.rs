@@ -1,4 +1,4 @@
-//! `simulate` from a shell: files, manifest, repeatability, refusals, Ctrl-C.
+//! `simulate` on the command line: files, manifest, repeatability, refusals, Ctrl-C.
 
 use mr_damper_model::sample::Run;
 use mr_damper_node::run::{LoadOptions, load};
@@ -21,7 +21,7 @@ fn done(arguments: &[&str], dir: &Path) {
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// Checks exit code and message of a run that is refused.
+/// Checks the exit code and message of a refused command.
 fn refused(arguments: &[&str], dir: &Path, code: i32, word: &str) {
     let output = simulate(arguments, dir);
     let stderr = String::from_utf8_lossy(&output.stderr);
@@ -42,7 +42,7 @@ fn manifest(dir: &Path) -> toml::Table {
     std::fs::read_to_string(dir.join("simulate.toml")).expect("a manifest").parse().expect("TOML")
 }
 
-/// Names of what is in the directory, hidden files too.
+/// Names of all files in the directory, including hidden ones.
 fn files(dir: &Path) -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir(dir)
         .expect("a directory")
@@ -53,7 +53,7 @@ fn files(dir: &Path) -> Vec<String> {
 }
 
 #[test]
-fn runs_are_files_of_the_contract_and_the_manifest_says_what_they_are() {
+fn runs_follow_the_run_format_and_the_manifest_describes_them() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let out = dir.path().join("runs");
     let arguments =
@@ -101,7 +101,7 @@ fn a_seed_gives_the_same_bytes_and_a_shared_pattern_the_same_set_point() {
 }
 
 #[test]
-fn a_bag_holds_what_the_csv_file_holds() {
+fn a_bag_holds_the_same_data_as_the_csv_file() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let arguments =
         ["--experiment", "chirp", "--duration", "3", "--to-frequency", "6", "--amplitude", "0.004"];
@@ -135,7 +135,7 @@ fn runs_are_overwritten_only_by_force_and_other_runs_stay_in_the_manifest() {
 }
 
 #[test]
-fn what_cannot_be_done_is_refused_with_what_to_do() {
+fn impossible_requests_are_refused_with_advice() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let out = dir.path().join("runs");
     refused(&["--experiment", "RP-IPCS"], &out, 2, "RP-ICPS");
@@ -161,14 +161,14 @@ fn the_list_names_every_experiment_and_effect() {
 }
 
 #[test]
-fn ctrl_c_keeps_whole_files_only() {
+fn ctrl_c_keeps_only_complete_files() {
     let dir = tempfile::tempdir().expect("a temporary directory");
     let mut child = command(&["--experiment", "all", "--replicates", "20"], dir.path())
         .stderr(Stdio::null())
         .spawn()
         .expect("it runs");
     let start = Instant::now();
-    // Until a short run has been written; long ones come first.
+    // Waits until a short run has been written; long runs come first.
     while !files(dir.path()).iter().any(|name| name.ends_with("-l-01.csv") && !name.starts_with('.')) {
         assert!(start.elapsed() < Duration::from_secs(120), "no run in two minutes");
         std::thread::sleep(Duration::from_millis(20));

@@ -1,8 +1,8 @@
-//! Four dampers in one process for a while: nothing is lost between the node and a peer, its counters add up, and memory does not
-//! grow.
+//! Four dampers in one process for a while: nothing is lost between the node and a peer, the node's counters add up, and its
+//! memory does not grow.
 //!
-//! A few seconds at 250 Hz by default. `MR_DAMPER_LONG=1` makes it half an hour at 1 kHz (or `MR_DAMPER_SOAK_S`), for which the
-//! binary has to be the release build and the machine idle:
+//! The test takes a few seconds at 250 Hz by default. `MR_DAMPER_LONG=1` makes it half an hour at 1 kHz (or `MR_DAMPER_SOAK_S`
+//! seconds); this needs the release build and an idle machine:
 //!
 //! ```text
 //! MR_DAMPER_LONG=1 cargo test --release --workspace --test soak -- --nocapture
@@ -22,12 +22,12 @@ use std::time::{Duration, Instant};
 use vehicle_support::{CORNERS, Peer, drive, hear, start};
 
 const DOMAIN: i64 = 68;
-/// How much the resident memory of the node may grow after its first third, of what it is then.
+/// Largest growth of the node's resident memory after the first third of the test, relative to its size then.
 const GROWTH: f64 = 0.02;
-/// The end of the process after a signal.
+/// Longest time from the signal to the end of the process.
 const LEAVE: Duration = Duration::from_secs(2);
 
-/// What the system says of a process: resident memory, kB; threads; open files.
+/// Resources of a process: resident memory in kB, number of threads, number of open files.
 fn used(process: u32) -> [u64; 3] {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).expect("it runs");
     let field = |name: &str| {
@@ -46,7 +46,7 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
     let mut node = start(Path::new(env!("CARGO_BIN_EXE_mr-damper")), &CORNERS, DOMAIN, &[]);
     let Peer { mut ros, corners } = Peer::start(&CORNERS, DOMAIN);
     let diagnostics = ros.subscribe::<DiagnosticArray>("/diagnostics").expect("a topic");
-    // What arrives while endpoints are still matched counts for nothing.
+    // Samples that arrive while endpoints are still being matched do not count.
     let done = AtomicBool::new(false);
     let (mut stamps, mut latest) = (Vec::new(), Duration::ZERO);
     let mut memory = Vec::new();
@@ -74,14 +74,14 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
     let (third, last) = (memory[memory.len() / 3], *memory.last().expect("it was looked at"));
     eprintln!("of the node after a third, at the end: [memory kB, threads, files] {third:?}, {last:?}");
     assert_eq!(all_lost, 0, "displacements without an estimate");
-    assert_eq!(third[1..], last[1..], "threads and files stay");
-    // In a few seconds the history of raw input still fills.
+    assert_eq!(third[1..], last[1..], "threads and open files do not change");
+    // In a few seconds the history of raw input is still filling up.
     if long {
         let grown = last[0] as f64 / third[0] as f64 - 1.0;
         assert!(grown < GROWTH, "resident memory grew by {:.1} % after the first third", 100.0 * grown);
     }
 
-    // Displacement and current of each stamp.
+    // Displacement and current for each stamp.
     let sent = 2 * stamps.len() as u64;
     wait_until("counters that add up", || {
         let counts = counts(&diagnostics);
@@ -104,10 +104,10 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
     ros.stop();
 }
 
-/// What becomes of a message: the first is the sum of the others.
+/// Counters of messages: the first one is the sum of the others.
 const COUNTS: [&str; 6] = ["received", "used", "refused", "unreadable", "dropped", "idle"];
 
-/// Those of each damper, as the next second's statuses have them.
+/// The counters of each damper, from the next status messages.
 fn counts(diagnostics: &Subscription<DiagnosticArray>) -> BTreeMap<String, [u64; COUNTS.len()]> {
     while diagnostics.take().expect("readable").is_some() {}
     std::thread::sleep(Duration::from_millis(1500));

@@ -1,4 +1,4 @@
-//! The layouts for PlotJuggler and Foxglove: every line that they draw is a field of a message on a topic of the node.
+//! The layouts for PlotJuggler and Foxglove: every plotted line is a field of a message on a topic of the node.
 
 use mr_damper_msgs::MESSAGES;
 use mr_damper_node::sink::zenoh::Topic;
@@ -11,12 +11,12 @@ fn layout(name: &str) -> String {
     std::fs::read_to_string(path).expect("it is in the repository")
 }
 
-/// True when the message on `/topic` has a number or truth value called `field`.
+/// True if the message on `/topic` has a numeric or Boolean field called `field`.
 fn is_there(topic: &str, field: &str) -> bool {
-    let wanted = topic.strip_prefix('/').expect("topics stand by their full names");
+    let wanted = topic.strip_prefix('/').expect("topics have their full names");
     let of_node = Topic::ALL.into_iter().find(|topic| topic.name() == wanted).and_then(Topic::ros_type);
     let message = MESSAGES.iter().find(|message| Some(message.type_name) == of_node);
-    // Of a definition, what stands before the types inside.
+    // The message's own definition is the part before the nested types.
     let own = message.map_or("", |message| message.definition).split("\n===").next().unwrap_or_default();
     own.lines().any(|line| {
         let mut words = line.split_whitespace();
@@ -26,12 +26,12 @@ fn is_there(topic: &str, field: &str) -> bool {
 }
 
 #[test]
-fn plotjuggler_draws_what_there_is() {
+fn plotjuggler_plots_only_existing_fields() {
     let text = layout("plotjuggler.xml");
     let mut drawn = BTreeSet::new();
     for attribute in ["<curve name=\"", " curve_x=\"", " curve_y=\""] {
         let values = text.split(attribute).skip(1).filter_map(|rest| rest.split('"').next());
-        // The curve of two others has a name of its own.
+        // An XY curve, made of two others, has a name without a slash.
         drawn.extend(values.filter(|value| value.starts_with('/')));
     }
     assert!(drawn.len() > 12, "{drawn:?}");
@@ -42,7 +42,7 @@ fn plotjuggler_draws_what_there_is() {
 }
 
 #[test]
-fn foxglove_draws_what_there_is_in_panels_that_there_are() {
+fn foxglove_plots_only_existing_fields_in_existing_panels() {
     let layout: Value = serde_json::from_str(&layout("foxglove.json")).expect("JSON");
     let panels = layout["configById"].as_object().expect("panels by their names");
     let mut drawn = BTreeSet::new();
@@ -60,9 +60,9 @@ fn foxglove_draws_what_there_is_in_panels_that_there_are() {
     let mut rest = vec![&layout["layout"]];
     while let Some(place) = rest.pop() {
         match place.as_str() {
-            Some(panel) => assert!(placed.insert(panel.to_owned()), "{panel} stands in two places"),
+            Some(panel) => assert!(placed.insert(panel.to_owned()), "{panel} is placed twice"),
             None => rest.extend([&place["first"], &place["second"]]),
         }
     }
-    assert_eq!(placed, panels.keys().cloned().collect(), "every panel has its place");
+    assert_eq!(placed, panels.keys().cloned().collect(), "every panel is placed");
 }

@@ -1,4 +1,5 @@
-//! Who is let in, and what is let out: the ready configurations of `launch-configs/zenoh`, each really started.
+//! Access with the ready configurations of `launch-configs/zenoh`, each used to start a mirror: who may connect
+//! and read.
 
 mod serve_support;
 mod zenoh_support;
@@ -13,7 +14,7 @@ use zenoh::{Session, Wait};
 use zenoh_support::keys::{Keys, connected, with_password};
 use zenoh_support::*;
 
-/// Domain of the nodes that are routers; nobody speaks ROS to them.
+/// Domain of the nodes that act as routers; nothing else uses it.
 const DOMAIN: &str = "117";
 const MODEL: &str = "model:=thesis/fuzzy-tanh/rp3-cs";
 
@@ -25,14 +26,14 @@ fn rig(keys: &Keys, name: &str, scheme: &str) -> Rig {
     Rig { mirror, link, feeder, endpoint }
 }
 
-/// True when `session` gets an answer to `tail`, asked once.
+/// True if `session` gets an answer to one query of `tail`.
 fn answered(session: &Session, tail: &str) -> bool {
     let selector = format!("mr_damper/{DAMPER}/{tail}");
     let replies = session.get(selector).timeout(Duration::from_secs(2)).wait().expect("a selector");
     replies.recv().is_ok_and(|reply| reply.result().is_ok())
 }
 
-/// What somebody who was let in gets: an answer, and every sample.
+/// Checks that an admitted session gets every sample.
 fn assert_reads(session: &Session, rig: &mut Rig) {
     let inbox = subscribe(session, &format!("mr_damper/{DAMPER}/state/*"));
     rig.feeder.run(100, 500.0, |k| vec![estimate(i64::from(k) + 1, 7.0)]);
@@ -40,7 +41,7 @@ fn assert_reads(session: &Session, rig: &mut Rig) {
 }
 
 #[test]
-fn with_mutual_tls_those_of_the_authority_read_and_nobody_else() {
+fn with_mutual_tls_only_certificates_of_the_authority_may_read() {
     let keys = Keys::new();
     let mut rig = rig(&keys, "mutual-tls.json5", "tls");
     let reader = keys.tls(&rig.endpoint, Some("reader"), "ca");
@@ -49,17 +50,17 @@ fn with_mutual_tls_those_of_the_authority_read_and_nobody_else() {
     let stranger = keys.tls(&rig.endpoint, Some("stranger"), "ca");
     let nameless = keys.tls(&rig.endpoint, None, "ca");
     let plain = session(&rig.endpoint.replace("tls/", "tcp/"), &[]);
-    // One that would be let in, but does not trust the node.
+    // This one has a valid certificate, but does not trust the node.
     let wary = keys.tls(&rig.endpoint, Some("reader"), "other-ca");
     for (who, session) in [("stranger", stranger), ("nameless", nameless), ("plain", plain), ("wary", wary)] {
         assert_eq!(connected(&session), 0, "{who}");
         assert!(!answered(&session, "status"), "{who}");
     }
-    assert!(answered(&reader, "status"), "those who were kept out have not kept out who may");
+    assert!(answered(&reader, "status"), "refused sessions do not block an admitted one");
 }
 
 #[test]
-fn with_tls_alone_the_node_shows_who_it_is() {
+fn with_tls_clients_verify_the_node() {
     let keys = Keys::new();
     let mut rig = rig(&keys, "tls.json5", "tls");
     assert_reads(&keys.tls(&rig.endpoint, None, "ca"), &mut rig);
@@ -69,7 +70,7 @@ fn with_tls_alone_the_node_shows_who_it_is() {
 }
 
 #[test]
-fn a_wrong_password_a_wrong_name_and_none_hear_nothing() {
+fn sessions_with_wrong_or_missing_credentials_receive_nothing() {
     let keys = Keys::new();
     let mut rig = rig(&keys, "password.json5", "tcp");
     let reader = with_password(&rig.endpoint, "reader", "of the news");
@@ -84,12 +85,12 @@ fn a_wrong_password_a_wrong_name_and_none_hear_nothing() {
         assert!(!answered(&session, "status"), "{who}");
     }
     assert!(answered(&reader, "status"));
-    // A reader asks for what it may read, not for what it may not.
+    // A reader may query only the keys that it may read.
     assert!(!answered(&reader, "cmd/*") && !answered(&reader, "secret"));
 }
 
 #[test]
-fn the_page_of_somebody_with_a_password_is_let_in_and_without_it_shows_nothing() {
+fn a_page_shows_dampers_only_with_the_right_password() {
     let keys = Keys::new();
     let mut rig = rig(&keys, "password.json5", "tcp");
     let file = |name: &str, password: &str| {
@@ -106,7 +107,7 @@ fn the_page_of_somebody_with_a_password_is_let_in_and_without_it_shows_nothing()
         [with(&[]), with(&["--zenoh-config", &bad]), with(&["--zenoh-config", &good])];
     let (mut k, began) = (0, Instant::now());
     while reader.snapshot()["dampers"][0]["estimate"].is_null() {
-        assert!(began.elapsed() < PATIENCE, "the mirror is heard: {}", reader.snapshot());
+        assert!(began.elapsed() < PATIENCE, "an estimate from the mirror: {}", reader.snapshot());
         k += 1;
         rig.feeder.push(estimate(k * 1_000_000, k as f64));
         std::thread::sleep(Duration::from_millis(5));
@@ -115,7 +116,7 @@ fn the_page_of_somebody_with_a_password_is_let_in_and_without_it_shows_nothing()
     for page in [nobody, wrong] {
         assert_eq!(page.snapshot()["dampers"], serde_json::json!([]));
     }
-    // A file that is not there is said, and not passed over.
+    // A missing configuration file is an error and is not ignored.
     let mut command = Command::new(env!("CARGO_BIN_EXE_mr-damper"));
     let output = command
         .args(["top", "--zenoh", &rig.endpoint, "--zenoh-config", "nowhere.json5"])
@@ -126,7 +127,7 @@ fn the_page_of_somebody_with_a_password_is_let_in_and_without_it_shows_nothing()
 }
 
 #[test]
-fn a_thin_link_gets_estimates_at_its_rate_and_what_is_denied_not_at_all() {
+fn a_thin_link_gets_estimates_at_its_rate_and_no_denied_topics() {
     let keys = Keys::new();
     let mut rig = rig(&keys, "thin.json5", "tcp");
     let session = session(&rig.endpoint, &[]);
@@ -148,12 +149,12 @@ fn a_thin_link_gets_estimates_at_its_rate_and_what_is_denied_not_at_all() {
     assert_eq!(
         of("state/displacement").expect("a route")["sent"],
         count,
-        "the gap in seq shows what was held back"
+        "the gap in seq shows the withheld samples"
     );
 }
 
 #[test]
-fn an_embedded_router_passes_on_between_others() {
+fn an_embedded_router_forwards_between_other_sessions() {
     let keys = Keys::new();
     let mut rig = rig(&keys, "router.json5", "tcp");
     let client = |_| session(&rig.endpoint, &[("mode", "\"client\"".to_owned())]);
@@ -165,18 +166,18 @@ fn an_embedded_router_passes_on_between_others() {
         .background()
         .wait()
         .expect("a key");
-    wait_until("what the other says", || {
+    wait_until("a sample from the other session", || {
         other.put("dashboard/note", "hello").wait().expect("a session");
         inbox.len() > 0
     });
     assert_reads(&one, &mut rig);
 }
 
-/// A node that is a router, in a process of its own; killed when dropped.
+/// A node that is a router, in its own process; killed when dropped.
 struct RouterProcess(Child);
 
 impl RouterProcess {
-    /// Starts one, and waits until it listens at `endpoint`.
+    /// Starts a router node, and waits until it listens at `endpoint`.
     fn start(endpoint: &str) -> Self {
         let config = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../launch-configs/zenoh/router.json5")
@@ -199,14 +200,14 @@ impl RouterProcess {
 
 impl Drop for RouterProcess {
     fn drop(&mut self) {
-        // SIGKILL: nobody is told.
+        // SIGKILL: no peer is notified.
         self.0.kill().expect("it runs");
         self.0.wait().expect("it was killed");
     }
 }
 
 #[test]
-fn a_client_has_its_router_back_soon_after_it_was_killed() {
+fn a_client_reconnects_soon_after_its_router_was_killed() {
     let keys = Keys::new();
     let at = endpoint();
     let config =
@@ -216,24 +217,24 @@ fn a_client_has_its_router_back_soon_after_it_was_killed() {
     wait_until("the router", || link.connected() == 1);
     drop(first);
     wait_until("that it is gone", || link.connected() == 0);
-    // Long enough for tries to be as far apart as they get.
+    // Long enough for retries to reach their largest spacing.
     std::thread::sleep(Duration::from_secs(4));
     let _second = RouterProcess::start(&at);
     let back = Instant::now();
     wait_until("the router again", || link.connected() == 1);
     let took = back.elapsed();
     eprintln!("a router that came back was found {took:?} after it listened");
-    // Tries are a second apart at most. On a machine that is busy with other tests they may be late.
+    // Retries are at most a second apart. On a busy machine they may be late.
     assert!(took < Duration::from_secs(3), "{took:?}");
 }
 
 #[test]
-fn who_comes_late_gets_the_last_value_of_each_key() {
+fn late_joiners_get_the_last_value_of_each_key() {
     let mut rig = Rig::start();
     rig.feeder
         .run(3, 100.0, |k| vec![displacement(i64::from(k) + 1), estimate(i64::from(k) + 1, f64::from(k))]);
     let late = session(&rig.endpoint, &[]);
-    wait_until("that the third one counts", || {
+    wait_until("the third sample is counted", || {
         ask(&late, "status")["routes"]
             .as_array()
             .is_some_and(|routes| routes.iter().any(|route| route["sent"] == 3))
@@ -253,6 +254,6 @@ fn who_comes_late_gets_the_last_value_of_each_key() {
         keys,
         ["mr_damper/front_left/state/displacement", "mr_damper/front_left/state/force_estimate"]
     );
-    wait_until("the web's", || last("**/web/force_estimate").iter().any(|s| json(s)["force_n"] == 2.0));
-    assert!(last(&format!("{DAMPER}/state/measured_force")).is_empty(), "there was none");
+    wait_until("web value", || last("**/web/force_estimate").iter().any(|s| json(s)["force_n"] == 2.0));
+    assert!(last(&format!("{DAMPER}/state/measured_force")).is_empty(), "no force was measured");
 }

@@ -1,4 +1,5 @@
-//! The Zenoh mirror when something is wrong: ports, endpoints, absent routers, consumers that do not read, peers that talk rubbish.
+//! The Zenoh mirror under faults: taken ports, wrong endpoints, absent routers, consumers that do not read, peers that send invalid
+//! bytes.
 
 mod zenoh_support;
 
@@ -25,15 +26,15 @@ fn a_taken_port_is_named_with_what_to_do() {
 }
 
 #[test]
-fn other_machines_are_kept_out_unless_allowed() {
-    let error = Link::open(&listening("tcp/0.0.0.0:0")).expect_err("this is open to all");
+fn non_loopback_endpoints_are_refused_unless_allowed() {
+    let error = Link::open(&listening("tcp/0.0.0.0:0")).expect_err("this endpoint is open to all");
     assert!(error.to_string().contains("allow_non_loopback"), "{error}");
     let allowed = ZenohConfig { allow_non_loopback: true, ..listening("tcp/0.0.0.0:0") };
     Link::open(&allowed).expect("this was allowed").close();
 }
 
 #[test]
-fn names_that_are_no_keys_are_refused() {
+fn names_that_are_not_valid_keys_are_refused() {
     let link = Link::open(&listening(&endpoint())).expect("the port is free");
     for name in ["", "/", "a//b", "a*", "front left", "a/$*"] {
         let (_, events) = rtrb::RingBuffer::new(1);
@@ -43,13 +44,13 @@ fn names_that_are_no_keys_are_refused() {
 }
 
 #[test]
-fn an_absent_router_does_not_hold_up_the_start_and_is_found_later() {
+fn an_absent_router_does_not_delay_the_start_and_is_found_later() {
     for as_client in [false, true] {
         let endpoint = endpoint();
         let absent = ZenohConfig { connect: vec![endpoint.clone()], ..ZenohConfig::default() };
         let config = if as_client { client(&endpoint) } else { absent };
         let start = Instant::now();
-        let link = Link::open(&config).expect("nobody need be there");
+        let link = Link::open(&config).expect("it opens without a router");
         let (mirror, mut feeder) = mirror(&link, DAMPER);
         assert!(start.elapsed() < Duration::from_secs(3), "client {as_client}: {:?}", start.elapsed());
         feeder.push(estimate(1, 1.0));
@@ -68,7 +69,7 @@ fn an_absent_router_does_not_hold_up_the_start_and_is_found_later() {
 
 #[test]
 fn a_client_without_its_router_stops_at_once() {
-    let link = Link::open(&client(&endpoint())).expect("nobody need be there");
+    let link = Link::open(&client(&endpoint())).expect("it opens without a router");
     let (mirror, _feeder) = mirror(&link, DAMPER);
     thread::sleep(Duration::from_millis(100));
     let start = Instant::now();
@@ -78,7 +79,7 @@ fn a_client_without_its_router_stops_at_once() {
 }
 
 #[test]
-fn a_closed_session_shows_and_the_ring_is_drained_on() {
+fn a_closed_session_is_reported_and_the_ring_is_still_drained() {
     let mut rig = Rig::start();
     wait_until("the mirror runs", || rig.mirror.stats().state == MirrorState::Running);
     rig.link.close();
@@ -98,7 +99,7 @@ fn a_closed_session_shows_and_the_ring_is_drained_on() {
 }
 
 #[test]
-fn stopping_publishes_what_is_there_and_is_quick() {
+fn stopping_publishes_pending_samples_and_is_quick() {
     let mut rig = Rig::start();
     let session = session(&rig.endpoint, &[]);
     let inbox = subscribe(&session, "mr_damper/front_left/*/force_estimate");
@@ -116,7 +117,7 @@ fn stopping_publishes_what_is_there_and_is_quick() {
 }
 
 #[test]
-fn a_consumer_that_does_not_read_holds_up_nobody() {
+fn a_consumer_that_does_not_read_delays_nobody() {
     let mut rig = Rig::start();
     let stall = Arc::new(AtomicBool::new(false));
     let slow = session(&proxy::proxy(&rig.endpoint, &stall), &[]);
@@ -125,7 +126,7 @@ fn a_consumer_that_does_not_read_holds_up_nobody() {
     let inbox = subscribe(&healthy, "mr_damper/front_left/state/force_estimate");
     stall.store(true, Ordering::Release);
 
-    // Much more than the sockets and queues in between hold, which is a few megabytes.
+    // Far more than the sockets and queues in between can hold (a few megabytes).
     const COUNT: u32 = 40_000;
     let start = Instant::now();
     let mut worst = 0;
@@ -135,11 +136,11 @@ fn a_consumer_that_does_not_read_holds_up_nobody() {
         worst = worst.max(stats.ring_dropped);
         stats.events + stats.ring_dropped == u64::from(COUNT) * 2
     });
-    // Blocking puts would take seconds each, and overflow the ring within the first.
+    // Blocking puts would take seconds each, and overflow the ring within the first one.
     assert_eq!(worst, 0, "the ring overflowed");
     assert!(start.elapsed() < PATIENCE, "{:?}", start.elapsed());
     assert!(slow_inbox.of("state/displacement").len() < COUNT as usize, "the consumer did not stall");
-    // A query whose answer blocks holds up neither samples nor, for long, the others' answers.
+    // A query whose answer blocks delays neither samples nor, for long, the answers to others.
     let _pending = slow.get("mr_damper/front_left/history").wait().expect("the selector is valid");
     assert_eq!(ask(&healthy, "status")["ring_dropped"], 0);
     let before = inbox.len();
@@ -152,7 +153,7 @@ fn a_consumer_that_does_not_read_holds_up_nobody() {
     assert!(stopping.elapsed() < Duration::from_secs(1), "{:?}", stopping.elapsed());
 }
 
-/// What a session says to `endpoint` while it opens and subscribes, as it goes over the wire.
+/// The bytes that a session sends to `endpoint` while it opens and subscribes.
 fn said_by_a_session(endpoint: &str) -> Vec<u8> {
     let listener = TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");
     let relay = format!("tcp/{}", listener.local_addr().expect("a bound socket has an address"));
@@ -160,7 +161,7 @@ fn said_by_a_session(endpoint: &str) -> Vec<u8> {
     let relaying = thread::spawn(move || {
         let (from, _) = listener.accept().expect("the session connects");
         let [mut back_to, mut back_from] = [&from, &to].map(|end| end.try_clone().expect("a handle"));
-        // Ends when one of the two does.
+        // Ends when one of the two sockets closes.
         thread::spawn(move || std::io::copy(&mut back_from, &mut back_to));
         let (mut said, mut part) = (Vec::new(), [0; 4096]);
         let (mut from, mut to) = (from, to);
@@ -180,7 +181,7 @@ fn said_by_a_session(endpoint: &str) -> Vec<u8> {
 }
 
 #[test]
-fn peers_that_die_in_the_middle_of_a_frame_or_talk_rubbish_harm_nobody() {
+fn peers_that_send_partial_frames_or_invalid_bytes_harm_nobody() {
     const TIMES: u64 = 300;
     mr_damper_node::panics::watch();
     let mut rig = Rig::start();
@@ -197,29 +198,29 @@ fn peers_that_die_in_the_middle_of_a_frame_or_talk_rubbish_harm_nobody() {
     for turn in 0..TIMES {
         let mut bytes = said[..1 + random(said.len())].to_vec();
         match turn % 4 {
-            // Half of what was to be said.
+            // Truncated bytes.
             0 => {}
             1 => (0..1 + random(4)).for_each(|_| {
                 let at = random(bytes.len());
                 bytes[at] = random(256) as u8;
             }),
-            // A frame that is longer than what comes.
+            // A frame length larger than the data that follows.
             2 => bytes[..1].iter_mut().for_each(|byte| *byte = 0xFF),
             _ => bytes.iter_mut().for_each(|byte| *byte = random(256) as u8),
         }
         let mut peer =
             TcpStream::connect(rig.endpoint.trim_start_matches("tcp/")).expect("the mirror listens");
-        // It may have hung up by then.
+        // The mirror may have closed the connection by then.
         refused += u64::from(peer.write_all(&bytes).is_err());
         rig.feeder.push(estimate(turn as i64, 1.0));
     }
-    wait_until("the healthy consumer has all", || inbox.len() as u64 == TIMES);
+    wait_until("all samples at the healthy consumer", || inbox.len() as u64 == TIMES);
     assert!(rig.mirror.is_alive());
     assert_eq!(mr_damper_node::panics::of_middleware(), None);
-    // Who comes next is served.
+    // The next client is served.
     let next = session(&rig.endpoint, &[]);
     assert_eq!(ask(&next, "status")["ring_dropped"], 0);
-    println!("{TIMES} broken peers in {:?}, {refused} of them cut off while they spoke", start.elapsed());
+    println!("{TIMES} broken peers in {:?}, {refused} of them disconnected while they sent", start.elapsed());
     rig.mirror.stop();
     rig.link.close();
 }

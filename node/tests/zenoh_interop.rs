@@ -1,4 +1,4 @@
-//! The Zenoh mirror read by Python, with the wheel of eclipse-zenoh and nothing of ours.
+//! The Zenoh mirror read from Python, with the eclipse-zenoh wheel and none of our code.
 //!
 //! `python3 -m venv V && V/bin/pip install eclipse-zenoh cbor2`, then
 //! `ZENOH_PYTHON=V/bin/python cargo test -p mr-damper-node --test zenoh_interop -- --ignored`.

@@ -1,8 +1,8 @@
-//! Four dampers at full rate through Zenoh: every sample of every topic arrives, what the bridge costs is said, and a subscriber
-//! that stops reading is left behind.
+//! Four dampers at full rate through Zenoh: every sample of every topic arrives, the processor time of the bridge is printed,
+//! and a subscriber that stops reading does not slow down the others.
 //!
-//! A few seconds at 250 Hz by default; `MR_DAMPER_LONG=1` makes it a minute at 1 kHz, for which the binary has to be the release
-//! build and the machine idle:
+//! The test takes a few seconds at 250 Hz by default; `MR_DAMPER_LONG=1` makes it a minute at 1 kHz, which needs the release
+//! build and an idle machine:
 //!
 //! ```text
 //! MR_DAMPER_LONG=1 cargo test --release --workspace --test zenoh_load -- --nocapture --test-threads=1
@@ -25,12 +25,12 @@ use zenoh_support::sessions::{endpoint, session};
 
 const DOMAIN: i64 = 69;
 const STALL_DOMAIN: i64 = 88;
-/// How long a subscriber does not read, s.
+/// Time for which a subscriber does not read, s.
 const STALL_S: f64 = 5.0;
-/// By which the system counts processor time: `USER_HZ`, the same on every Linux.
+/// Unit of the processor time in /proc: `USER_HZ`, the same on every Linux.
 const TICKS_A_SECOND: f64 = 100.0;
 
-/// What came on one key.
+/// Messages received on one key.
 #[derive(Default)]
 struct Route {
     count: u64,
@@ -40,11 +40,11 @@ struct Route {
     stamps: HashSet<i64>,
 }
 
-/// Clock ticks that each kind of thread of a process has used, by the system's count.
+/// Clock ticks used by each kind of thread of a process, from /proc.
 fn used(process: u32) -> BTreeMap<String, u64> {
     let mut ticks = BTreeMap::new();
     for task in std::fs::read_dir(format!("/proc/{process}/task")).expect("it runs").flatten() {
-        // A thread may have ended since.
+        // A thread may have ended in the meantime.
         let Ok(stat) = std::fs::read_to_string(task.path().join("stat")) else { continue };
         let (name, rest) =
             stat.split_once('(').and_then(|(_, rest)| rest.rsplit_once(')')).expect("a name in brackets");
@@ -55,13 +55,13 @@ fn used(process: u32) -> BTreeMap<String, u64> {
     ticks
 }
 
-/// True for the bridge's own threads, and for those of the Zenoh library.
+/// True for the bridge's own threads and the threads of the Zenoh library.
 fn is_zenoh(thread: &str) -> bool {
     ["zenoh", "app-", "acc-", "rx-", "tx-", "net-"].iter().any(|prefix| thread.starts_with(prefix))
 }
 
 #[test]
-fn four_dampers_arrive_whole() {
+fn every_sample_of_four_dampers_arrives() {
     let (rate_hz, seconds) = if long() { (1000.0, 60.0) } else { (250.0, 4.0) };
     let endpoint = endpoint();
     let node = start(
@@ -74,7 +74,7 @@ fn four_dampers_arrive_whole() {
     let routes: Arc<Mutex<BTreeMap<String, Route>>> = Arc::default();
     let _session = listen(&endpoint, &routes);
 
-    // What is sent while endpoints are still matched counts for nothing.
+    // Samples sent while endpoints are still being matched do not count.
     drive(&corners, rate_hz, 1.0);
     let (before, begin) = (used(node.0.id()), Instant::now());
     let (stamps, latest) = drive(&corners, rate_hz, seconds);
@@ -97,25 +97,25 @@ fn four_dampers_arrive_whole() {
     };
     let (bridge, all) = (spent(is_zenoh), spent(|_| true));
     eprintln!(
-        "the bridge and Zenoh's threads: {:.0} % of the node's processor time, which was {:.2} of a core; the peer was late by \
+        "the bridge and Zenoh's threads use {:.0} % of the node's processor time, which is {:.2} of a core; the peer was late by \
          {latest:?} at most",
         100.0 * bridge / all,
         all / TICKS_A_SECOND / took.as_secs_f64(),
     );
-    assert!(bridge > 0.0 && bridge < all, "threads are told apart by their names: {:?}", after.keys());
+    assert!(bridge > 0.0 && bridge < all, "threads are distinguished by their names: {:?}", after.keys());
     for corner in CORNERS {
         let missing = missing(corner);
         eprintln!("{corner}: {missing} of {} displacements without an estimate", stamps.len());
         assert_eq!(missing, 0, "{corner}");
     }
     for (key, route) in routes.lock().expect("no panic").iter() {
-        assert_eq!(route.last - route.first + 1, route.count, "{key}: numbers without a gap");
+        assert_eq!(route.last - route.first + 1, route.count, "{key}: sequence numbers without a gap");
     }
     drop(corners);
     ros.stop();
 }
 
-/// What the node says on `/diagnostics` of the way from sample to estimate, at the worst of any damper: ms.
+/// The latency from sample to estimate in the latest `/diagnostics`, ms: the worst of all dampers.
 fn worst_ms(diagnostics: &Subscription<DiagnosticArray>) -> f64 {
     let mut worst_ms = 0.0_f64;
     while let Some((array, _)) = diagnostics.take().expect("readable") {
@@ -127,10 +127,10 @@ fn worst_ms(diagnostics: &Subscription<DiagnosticArray>) -> f64 {
     worst_ms
 }
 
-/// A subscriber of everything that stops reading for five seconds beside one that goes on: neither the node nor the other one
-/// notices, and the one that stopped can count what it missed.
+/// One subscriber of all keys stops reading for five seconds while another one continues: the node and the other one are not
+/// affected, and the stalled one can count its missed messages.
 #[test]
-fn a_subscriber_that_stalls_is_left_behind() {
+fn a_stalled_subscriber_affects_nobody_else() {
     let rate_hz = if long() { 1000.0 } else { 250.0 };
     let endpoint = endpoint();
     let node = start(
@@ -160,7 +160,7 @@ fn a_subscriber_that_stalls_is_left_behind() {
         let heard = routes.get(&format!("mr_damper/{corner}/state/force_estimate"));
         heard.map_or(stamps.len(), |route| stamps.iter().filter(|at| !route.stamps.contains(at)).count())
     };
-    // The slow one takes what the system has kept for it, and what came last.
+    // The slow subscriber receives what the system buffered for it, and the latest samples.
     let last = |routes: &Arc<Mutex<BTreeMap<String, Route>>>| -> Vec<u64> {
         routes.lock().expect("no panic").values().map(|route| route.last).collect()
     };
@@ -172,35 +172,42 @@ fn a_subscriber_that_stalls_is_left_behind() {
     }
     let lost: u64 = slow.lock().expect("no panic").values().map(|r| r.last - r.first + 1 - r.count).sum();
     eprintln!(
-        "from sample to estimate at the worst: {before_ms:.3} ms before, {during_ms:.3} ms while it stalled; it missed {lost} messages, \
-         and knows by their numbers"
+        "worst latency from sample to estimate: {before_ms:.3} ms before, {during_ms:.3} ms during the stall; the subscriber missed {lost} messages, \
+         as their sequence numbers show"
     );
     for corner in CORNERS {
-        assert_eq!(missing(&healthy, corner), 0, "{corner}: the other one heard all");
-        // What its numbers do not show it has. They count what it missed when it read again, too.
+        assert_eq!(missing(&healthy, corner), 0, "{corner}: the other subscriber received all samples");
+        // All messages missing at the stalled subscriber show as gaps in its sequence numbers. The gaps also count messages
+        // missed after it resumed reading.
         let routes = slow.lock().expect("no panic");
         let route = &routes[&format!("mr_damper/{corner}/state/force_estimate")];
         let by_numbers = route.last - route.first + 1 - route.count;
         drop(routes);
         let missing = missing(&slow, corner) as u64;
-        assert!(missing <= by_numbers, "{corner}: {missing} are missing, and {by_numbers} by the numbers");
+        assert!(
+            missing <= by_numbers,
+            "{corner}: {missing} are missing, but the sequence numbers show {by_numbers}"
+        );
     }
-    assert!(before_ms > 0.0 && during_ms > 0.0, "the node tells its latency");
+    assert!(before_ms > 0.0 && during_ms > 0.0, "the node reports its latency");
     if long() {
-        // Otherwise the system's buffers hold what five seconds bring.
+        // In the short form the system's buffers hold five seconds of data.
         assert!(lost > 0, "it did not stall");
-        assert!(during_ms < 2.0 * before_ms + 1.0, "the node noticed: {during_ms} ms, {before_ms} ms before");
+        assert!(
+            during_ms < 2.0 * before_ms + 1.0,
+            "the stall slowed down the node: {during_ms} ms, {before_ms} ms before"
+        );
     }
     drop((corners, diagnostics, node));
     ros.stop();
 }
 
-/// True when the long forms are asked for.
+/// True if the long form of the tests is requested.
 fn long() -> bool {
     std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1")
 }
 
-/// Hears everything that the node at `endpoint` says.
+/// Subscribes to all state keys of the node at `endpoint`.
 fn listen(endpoint: &str, routes: &Arc<Mutex<BTreeMap<String, Route>>>) -> zenoh::Session {
     let session = session(endpoint, &[]);
     let to = Arc::clone(routes);
@@ -225,15 +232,15 @@ fn listen(endpoint: &str, routes: &Arc<Mutex<BTreeMap<String, Route>>>) -> zenoh
     session
 }
 
-/// Number and stamp of a payload, ns. They stand first in the CBOR map; to decode the rest would cost more than all that is
-/// measured here.
+/// Sequence number and stamp (ns) of a payload. They are the first entries of the CBOR map; decoding the rest would cost more
+/// than everything that is measured here.
 fn head_of(payload: &[u8]) -> (u64, i64) {
-    let (seq, rest) = uint(payload[1..].strip_prefix(b"\x63seq").expect("seq stands first"));
-    let (stamp, _) = uint(rest.strip_prefix(b"\x68stamp_ns").expect("stamp_ns stands second"));
+    let (seq, rest) = uint(payload[1..].strip_prefix(b"\x63seq").expect("seq is the first entry"));
+    let (stamp, _) = uint(rest.strip_prefix(b"\x68stamp_ns").expect("stamp_ns is the second entry"));
     (seq, i64::try_from(stamp).expect("before 2262"))
 }
 
-/// A whole number of CBOR, and what follows it.
+/// An unsigned integer in CBOR, and the bytes after it.
 fn uint(bytes: &[u8]) -> (u64, &[u8]) {
     let (head, rest) = bytes.split_first().expect("a head");
     if *head < 24 {

@@ -1,4 +1,5 @@
-//! The Zenoh mirror as a consumer sees it: keys, encodings, numbers, rates, liveliness, queries.
+//! The Zenoh mirror as a consumer sees it: keys, encodings, sequence numbers, rates, liveliness,
+//! queries.
 
 mod zenoh_support;
 
@@ -26,7 +27,7 @@ fn every_topic_is_published_as_cbor_and_for_the_web_as_json() {
         assert_eq!(state[0].key_expr().as_str(), format!("mr_damper/front_left/state/{name}"));
         assert_eq!(state[0].encoding().to_string(), "application/cbor");
         assert_eq!(web[0].encoding().to_string(), "application/json");
-        // The same content, and the same numbering, as each is the first of its key.
+        // Content and sequence number are equal, because each sample is the first of its key.
         assert_eq!(cbor(&state[0]), json(&web[0]), "{name}");
         assert_eq!(json(&web[0])["seq"], 1);
         assert!(json(&web[0])["stamp_ns"].is_i64() && json(&web[0])["validity"].is_string(), "{name}");
@@ -63,7 +64,7 @@ fn no_sample_is_missing_at_1000_hz_and_the_web_gets_its_rate() {
         vec![displacement(nanos), estimate(nanos, f64::from(k)), residual(nanos, 1.0)]
     });
     let fed_s = feeding.elapsed().as_secs_f64();
-    // The last one always reaches the web, at most a period late.
+    // The last sample always reaches the web, at most one period late.
     let last = |inbox: &Inbox| inbox.of("web/force_estimate").last().map(|s| json(s)["force_n"].clone());
     wait_until("all samples", || {
         inbox.of("state/force_residual").len() >= 2000 && last(&inbox) == Some(1999.0.into())
@@ -83,7 +84,7 @@ fn no_sample_is_missing_at_1000_hz_and_the_web_gets_its_rate() {
         assert_eq!(web, (1..=web.len() as u64).collect::<Vec<u64>>(), "{topic}");
         let most = (25.0 * fed_s) as usize + 3;
         assert!(web.len() <= most, "{topic}: {} on the web in {fed_s} s, {most} at most", web.len());
-        // A loaded machine delivers late and so less, but never a trickle.
+        // A loaded machine delivers fewer samples, but always some.
         assert!(web.len() >= 20, "{topic}: {} on the web", web.len());
     }
     let stats = rig.mirror.stats();
@@ -91,7 +92,7 @@ fn no_sample_is_missing_at_1000_hz_and_the_web_gets_its_rate() {
 }
 
 #[test]
-fn cdr_is_the_ros_message_with_the_rest_attached() {
+fn cdr_is_the_ros_message_with_an_attachment() {
     let mut rig = Rig::with(|config| config.encoding = Encoding::Cdr);
     let session = session(&rig.endpoint, &[]);
     let inbox = subscribe(&session, "mr_damper/front_left/state/*");
@@ -105,7 +106,7 @@ fn cdr_is_the_ros_message_with_the_rest_attached() {
     assert_eq!((message.header.frame_id.as_str(), message.header.stamp.as_nanos()), (DAMPER, 7));
     let attachment = sample.attachment().expect("CDR has one").to_bytes().into_owned();
     assert_eq!(attachment, [1, 0, 0, 0, 0, 0, 0, 0, 7, 0, 0, 0, 0, 0, 0, 0, 2]);
-    // There is no ROS message for it.
+    // Refusals have no ROS message.
     assert_eq!(inbox.of("state/refused")[0].encoding().to_string(), "application/cbor");
 }
 
@@ -122,7 +123,7 @@ fn json_is_available_at_full_rate() {
 }
 
 #[test]
-fn the_token_comes_and_goes_with_the_mirror() {
+fn the_token_appears_and_disappears_with_the_mirror() {
     let rig = Rig::start();
     let session = session(&rig.endpoint, &[]);
     let inbox = Inbox::default();
@@ -144,7 +145,7 @@ fn the_token_comes_and_goes_with_the_mirror() {
 }
 
 #[test]
-fn dampers_share_a_session_and_not_their_keys() {
+fn dampers_share_a_session_but_not_their_keys() {
     let mut rig = Rig::start();
     let (other, mut other_feeder) = mirror(&rig.link, "/axle/rear");
     let session = session(&rig.endpoint, &[]);
@@ -161,11 +162,11 @@ fn dampers_share_a_session_and_not_their_keys() {
     );
     rig.mirror.stop();
     other_feeder.push(estimate(2, 2.0));
-    wait_until("the other goes on", || inbox.len() == 3);
+    wait_until("a sample of the other damper", || inbox.len() == 3);
 }
 
 #[test]
-fn meta_says_how_to_read_each_topic() {
+fn meta_describes_each_topic() {
     let rig = Rig::start();
     let session = session(&rig.endpoint, &[]);
     let meta = ask(&session, "meta");
@@ -192,7 +193,7 @@ fn history_answers_ranges_and_explains_wrong_ones() {
         rig.feeder.push(estimate(k, k as f64));
         rig.feeder.push(residual(k, 0.5));
     }
-    wait_until("the mirror took all", || rig.mirror.stats().events == 100);
+    wait_until("the mirror takes all events", || rig.mirror.stats().events == 100);
     let list = |question: &str, topic: &str| {
         ask(&session, question)[topic]
             .as_array()
@@ -222,12 +223,12 @@ fn history_answers_ranges_and_explains_wrong_ones() {
 }
 
 #[test]
-fn status_shows_what_flowed_and_what_was_lost() {
+fn status_counts_sent_and_lost_samples() {
     let mut rig = Rig::start();
     let session = session(&rig.endpoint, &[]);
     one_of_each().into_iter().for_each(|event| rig.feeder.push(event));
     rig.feeder.dropped.fetch_add(3, std::sync::atomic::Ordering::Relaxed);
-    wait_until("the mirror took all", || rig.mirror.stats().events == Topic::ALL.len() as u64);
+    wait_until("the mirror takes all events", || rig.mirror.stats().events == Topic::ALL.len() as u64);
     wait_until("the consumer is counted", || rig.mirror.stats().connected == 1);
     let status = ask(&session, "status");
     assert_eq!(status["schema"], "mr-damper/zenoh-status/1");
@@ -247,7 +248,7 @@ fn status_shows_what_flowed_and_what_was_lost() {
 }
 
 #[test]
-fn the_example_in_rust_prints_what_it_hears() {
+fn the_rust_example_prints_what_it_receives() {
     let mut rig = Rig::start();
     let tests = std::env::current_exe().expect("it runs");
     let example = tests.ancestors().nth(2).expect("target/PROFILE").join("examples/zenoh_estimates");
@@ -258,7 +259,7 @@ fn the_example_in_rust_prints_what_it_hears() {
     let patience = Instant::now() + PATIENCE;
     let mut k = 0;
     while heard.try_wait().expect("it is ours").is_none() {
-        assert!(Instant::now() < patience, "it hears nothing");
+        assert!(Instant::now() < patience, "the example received nothing");
         k += 1;
         rig.feeder.push(estimate(k, 119.5));
         thread::sleep(Duration::from_millis(20));

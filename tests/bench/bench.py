@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
-"""Measures what the service costs, beside its peers, and writes node/docs/BENCHMARKS.md.
+"""Measures the cost of the service in comparison with its peers, and writes node/docs/BENCHMARKS.md.
 
-    tests/bench/bench.py                      # all that takes minutes: half an hour on two cores; the machine has to be idle
-    tests/bench/bench.py step round_trip      # these again; the rest stays as it was measured
-    tests/bench/bench.py soak                 # and so what takes longer: fuzz, coverage, soak, mutants
+    tests/bench/bench.py                      # all sections that take minutes: half an hour on two cores; needs an idle machine
+    tests/bench/bench.py step round_trip      # measures these sections again; the others keep their results
+    tests/bench/bench.py soak                 # sections that take longer are run by name only: fuzz, coverage, soak, mutants
     tests/bench/bench.py --list
-    tests/bench/bench.py --document           # measures nothing, writes the document from what was measured last
+    tests/bench/bench.py --document           # measures nothing, writes the document from the latest results
 
-Needs cargo, valgrind (instructions), idlc and CycloneDDS for C (Debian: cyclonedds-dev cyclonedds-tools) and what
-`tests/interop/setup.sh jazzy` sets up (round_trip). What is not there is said, and its section left as it was. Servers run in
-a network namespace of their own. Figures lie in $MR_DAMPER_BENCH_DIR (default /var/tmp/mr-damper-bench), one JSON file a section.
+Needs cargo, valgrind (instructions), idlc and CycloneDDS for C (Debian: cyclonedds-dev cyclonedds-tools) and the peers that
+`tests/interop/setup.sh jazzy` installs (round_trip). If something is missing, it is reported and the section keeps its results.
+Servers run in their own network namespace. Results are in $MR_DAMPER_BENCH_DIR (default /var/tmp/mr-damper-bench), one JSON file
+per section.
 """
 
 import argparse
@@ -27,13 +28,13 @@ from common import FOLDER, ROOT, Missing, say
 
 def parse_arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("section", nargs="*", help="what to measure; by default all that takes minutes")
-    parser.add_argument("--list", action="store_true", help="say which sections there are, with about how long they take")
+    parser.add_argument("section", nargs="*", help="section to measure; default: all that take minutes")
+    parser.add_argument("--list", action="store_true", help="list the sections with their approximate times")
     parser.add_argument("--document", action="store_true", help="only write the document")
     arguments = parser.parse_args()
     unknown = [name for name in arguments.section if name not in sections.ALL]
     if unknown:
-        parser.error(f"there is no section {unknown[0]}; there are {', '.join(sections.ALL)}")
+        parser.error(f"unknown section {unknown[0]}; sections are {', '.join(sections.ALL)}")
     return arguments
 
 
@@ -100,5 +101,5 @@ if __name__ == "__main__":
     try:
         sys.exit(main())
     except KeyboardInterrupt:
-        say("interrupted; sections that were measured are kept, and --document writes them")
+        say("interrupted; results of finished sections are kept, and --document writes them")
         sys.exit(130)

@@ -1,4 +1,4 @@
-"""What the benches share: where things lie, how programs are run, what is missing."""
+"""Shared by the benchmarks: paths, running programs, missing requirements."""
 
 import json
 import os
@@ -16,7 +16,7 @@ INTEROP = ROOT / "tests" / "interop"
 
 
 class Missing(Exception):
-    """Something that a section needs is not on this machine; the text says what, and how to get it."""
+    """A requirement of a section is missing on this machine; the text says which, and how to install it."""
 
 
 def say(text):
@@ -29,7 +29,7 @@ def need(program, package):
 
 
 def run(*command, cwd=ROOT, env=None):
-    """Runs a program to its end and gives what it wrote to standard output; ends the bench with its errors when it fails."""
+    """Runs a program and returns its standard output; if it fails, prints its errors and ends the benchmark."""
     ended = subprocess.run(
         [str(part) for part in command], cwd=cwd, env={**os.environ, **(env or {})}, capture_output=True, text=True
     )
@@ -45,7 +45,7 @@ def last_json(text):
 
 
 def used(*command, cwd=ROOT):
-    """Runs a program; seconds it took, processor time it used, and its largest resident memory in MB."""
+    """Runs a program; returns its run time in s, processor time in s and largest resident memory in MB."""
     with open(FOLDER / "log", "w") as log:
         began = time.monotonic()
         child = subprocess.Popen([str(part) for part in command], cwd=cwd, stdout=log, stderr=log)
@@ -61,7 +61,7 @@ def used(*command, cwd=ROOT):
 
 
 def build():
-    """Release binaries and examples, built before anything is timed."""
+    """Builds release binaries and examples, before anything is timed."""
     run("cargo", "build", "--release", "--workspace", "--bins", "--examples")
 
 

@@ -1,19 +1,20 @@
-"""node/docs/BENCHMARKS.md out of what was measured."""
+"""Writes node/docs/BENCHMARKS.md from the results."""
 
 from common import ROOT
 
 PATH = ROOT / "node" / "docs" / "BENCHMARKS.md"
 
-HEAD = """# What it costs
+HEAD = """# Benchmarks
 
-Made by `tests/bench/bench.py`, which measures all of it anew in about half an hour; `tests/bench/bench.py NAME` one section. Times are
-of the machine that each section names; ratios are of one run, its sides in turns, and travel further. Instructions are counted by
-valgrind's callgrind, as the difference of two lengths, and depend on compiler and libraries alone.
+`tests/bench/bench.py` writes this page; it measures all sections in about half an hour, and `tests/bench/bench.py NAME` measures one
+section. Times belong to the machine that the section names. Ratios compare programs that ran in turns on one machine, so they apply
+to other machines as well. Instructions are counted by valgrind's callgrind as the difference of two run lengths; they depend only on
+compiler and libraries.
 """
 
 
 def table(head, rows):
-    # Names to the left, figures to the right.
+    # Names are left-aligned, numbers right-aligned.
     lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
     return "\n".join(lines + ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]) + "\n"
 
@@ -31,10 +32,10 @@ def step(figures):
         ("ANFIS, 27 rules", "thesis/anfis/rp1-cs", ns["thesis"], 200),
         ("tanh (S-P)", "thesis/sp-semi-active/rp3-cs", ns["thesis"], None),
         ("pipeline, fuzzy-tanh alone", "fuzzy-tanh", ns["pipeline"], 300),
-        ("pipeline, ARX seeded beside it", "fuzzy-tanh + arx", ns["pipeline"], 300),
-        ("the same with a coil lag", "fuzzy-tanh with coil lag + arx", ns["pipeline"], 300),
-        ("or with a spring in series", "fuzzy-tanh with spring in series + arx", ns["pipeline"], 300),
-        ("the same without either, commanding a current", "fuzzy-tanh + arx + command", ns["pipeline"], None),
+        ("pipeline, with seeded ARX", "fuzzy-tanh + arx", ns["pipeline"], 300),
+        ("the same, with a coil lag effect", "fuzzy-tanh with coil lag + arx", ns["pipeline"], 300),
+        ("the same, with a series spring effect", "fuzzy-tanh with spring in series + arx", ns["pipeline"], 300),
+        ("the same, without effects, with inverse controller", "fuzzy-tanh + arx + command", ns["pipeline"], None),
     ]
     rows = []
     for what, name, of, goal in goals:
@@ -46,24 +47,25 @@ def step(figures):
     head = ["one sample", "ns", "goal", "instructions", "single: median / worst, ns"]
     others = sorted([*ns["identified"].items(), *ns.get("p", {}).items()], key=lambda row: row[1])
     each = ", ".join(f"{name} {took:.0f}" for name, took in others)
-    return f"""## A step
+    return f"""## One step
 
-Free run of a model, and the whole of what the estimating thread does with a sample: gates, conditioning, both models, supervisor,
-residual, doubt, flags. Means over 15 360 samples of the peers' problem, and over 2 048 instants of displacement, current and force.
+Time of one sample in simulation of a model, and in the whole pipeline of the estimating thread: gates, conditioning, both models,
+supervisor, residual, uncertainty, flags. The times are means over 15 360 samples of the peers' problem (models), and over 2 048
+instants of displacement, current and force (pipeline).
 
 {table(head, rows)}
-"Single" times each of a million steps by itself (with about {single["nothing"][0]} ns that the clock takes, and the motion, which is worked out
-in it); each is the least of five passes, so the worst is a step that is long and not one that the system broke into. Nothing in a step
-allocates (`model/tests/no_alloc.rs`), locks or calls the system. What the estimating thread itself asks of the system is to park and to
-wake a sink that has parked.
+"Single" times each of a million steps by itself. It includes about {single["nothing"][0]} ns for reading the clock, and computing the motion. Each
+value is the smallest of five passes, so the worst case is a long step, not one that was preempted. A step does not allocate
+(`model/tests/no_alloc.rs`), lock or make system calls. The only system calls of the estimating thread are parking, and waking a sink
+that has parked.
 
-What one effect adds to the whole of a sample, goal 1.2: coil lag {lag:.2f}, {verdict(lag, 1.2)}; a spring in series, which is solved for and costs the
-most of them, {spring:.2f}, {verdict(spring, 1.2)} (`cargo bench -p mr-damper-model --bench effects` has all of them).
+Time of a whole sample with one effect relative to none, goal 1.2: coil lag {lag:.2f}, {verdict(lag, 1.2)}; series spring, which is solved
+for and is the most expensive effect, {spring:.2f}, {verdict(spring, 1.2)} (`cargo bench -p mr-damper-model --bench effects` has all effects).
 
-Every model that can be identified, following the current, ns: {each}.
+Time of each model that can be identified, following the current, in ns: {each}.
 
-The exponentials and tanh functions of the step are shared or our own (`model/src/force/tanh.rs`); the plain ones of the standard
-library are the tests' oracle, to 1e-12.
+The exponentials and tanh functions of the step are shared or our own (`model/src/force/tanh.rs`); tests compare them with the
+standard library's, to 1e-12.
 """
 
 
@@ -83,25 +85,25 @@ def round_trip(figures):
         "median over the rclpy node": (node["p50_us"] / rclpy["p50_us"], 0.6),
     }
     goals = ". ".join(f"{what} {ratio:.2f}, goal {goal}: {verdict(ratio, goal)}" for what, (ratio, goal) in of.items())
-    head = ["at the other end", "median, us", "90 %", "99 %", "lost", "median / echo", "99 % / echo"]
+    head = ["program under test", "median, us", "90 %", "99 %", "lost", "median / echo", "99 % / echo"]
     return f"""## Round trip
 
-An rclpy peer (Jazzy, Fast DDS) sends displacement, current and force at 1 kHz and waits for the estimate of each displacement. Its own cost is
-in every row alike. Three turns of 10 s each, in turns; the middle one of each figure.
+An rclpy peer (Jazzy, Fast DDS) sends displacement, current and force at 1 kHz and waits for the estimate of each displacement. Its own
+cost is included in every row. Each program runs three times for 10 s, in turns; the table shows the median of the three runs.
 
 {table(head, rows)}
-{goals}. The rclpy node has the same model and nothing else: no gates, no supervisor, no residual. Both echoes do nothing at all;
-that of CycloneDDS says what a DDS in C would save.
+{goals}. The rclpy node has the same model and nothing else: no gates, no supervisor, no residual. Both echoes only return a message;
+the echo with CycloneDDS shows what a DDS library in C would save.
 """
 
 
 def stages(told):
     rows = []
     for name, what in [
-        ("waiting", "in the ring before the step"),
-        ("stepping", "step, with its events put into rings"),
-        ("publishing", "message made and handed to DDS"),
-        ("latency", "all of it: taken from DDS, to published"),
+        ("waiting", "waiting in the ring before the step"),
+        ("stepping", "step, including writing its events to the rings"),
+        ("publishing", "building the message and passing it to DDS"),
+        ("latency", "total: from taking the sample from DDS to publishing"),
     ]:
         said = [told["said"].get(f"{name}_{q}_ms") for q in ("median", "p99", "worst")]
         rows.append([what, *("-" if ms is None else f"{1e3 * ms:.1f}" for ms in said)])
@@ -128,18 +130,19 @@ def scale(figures):
     one = next(told for told in figures if told["dampers"] == 1)
     return f"""## Many dampers
 
-One process, a namespace, a pipeline and five rings a damper; displacement and current in, estimates out, all over DDS. Ten seconds each. The driver
-is a ros2-client program on the same two cores: where both together want more than there is, it is late, and what it lost on the way
-counts as lost here too. Medians and 99th percentiles are of a second, the worst damper's.
+One process with a namespace, a pipeline and five rings per damper; displacement and current in, estimates out, all over DDS. Each row
+is a run of ten seconds. The driver is a ros2-client program on the same two cores: if both together need more than the machine has,
+the driver is late, and samples lost on the way count as lost here too. Medians and 99th percentiles cover one second, for the worst
+damper.
 
 {table(head, rows)}
-Half a machine is one core here. Goals, without loss and under half of the machine: {goal(16, 512)}; {goal(4, 1000)}. The most without loss: {max(clean):.0f} samples a second.
+Half of this machine is one core. Goals, without loss and with less than half of the machine: {goal(16, 512)}; {goal(4, 1000)}. Highest rate without loss: {max(clean):.0f} samples per second.
 
-Where the time goes, one damper at 1 kHz:
+Time of the stages, one damper at 1 kHz:
 
 {stages(one)}
-What is left between the stages and the whole is the sink's thread being woken. Outside of the node are DDS's own threads, the kernel and the
-peer.
+The difference between the stages and the total is the time to wake the sink's thread. The threads of DDS, the kernel and the peer
+are outside the node and not included.
 """
 
 
@@ -148,16 +151,17 @@ def realtime(figures):
     for told in figures:
         said = told["said"]
         us = [f"{1e3 * said.get(key, 0):.0f}" for key in ("stepping_worst_ms", "waiting_worst_ms", "latency_p99_ms", "latency_worst_ms")]
-        load = f"{told['busy']} threads that only compute" if told["busy"] else "idle but for the driver"
+        load = f"{told['busy']} threads that only compute" if told["busy"] else "idle except for the driver"
         priority = f"SCHED_FIFO {told['priority']}" if told["priority"] else "none"
         rows.append([load, priority, *us, f"{said.get('missed_deadlines', 0):.0f}", told["lost"]])
     head = ["machine", "`realtime_priority`", "worst step, us", "worst wait for it, us", "99 % latency, us", "worst latency, us",
-            "missed 2 ms (all told)", "lost"]  # fmt: skip
-    return f"""## In time
+            "missed 2 ms (total)", "lost"]  # fmt: skip
+    return f"""## Real time
 
-One damper at 1 kHz for 30 s on two cores, `deadline_s` 2 ms. A step is the pipeline's work with its events put into rings, as the thread sees it: with
-whatever broke into it. The driver has no priority, and is late on a busy machine whatever the node does. Missed deadlines are counted from the
-start of the process, with some 50 while endpoints are matched; the other figures leave that out.
+One damper at 1 kHz for 30 s on two cores, `deadline_s` 2 ms. A step is the work of the pipeline including writing its events to the
+rings, as the thread sees it: with all interruptions. The driver has no priority, and is late on a busy machine whatever the node does.
+Missed deadlines are counted from the start of the process, with about 50 while endpoints are being matched; the other values leave
+that time out.
 
 {table(head, rows)}
 """
@@ -180,17 +184,19 @@ def offline(figures):
     head = ["`evaluate`, end to end", "s", "million instants/s", "million readings/s", "largest memory, MB"]
     return f"""## Offline
 
-`evaluate` of fuzzy-tanh: file read and hashed (SHA-256), unpacked, decoded, run through the pipeline, scored. An instant has a displacement and so an estimate; a reading is
-one value of one channel ({figures["messages"] / samples:.0f} of them an instant here: set point and temperatures are read, too).
+`evaluate` of fuzzy-tanh: the file is read and hashed (SHA-256), decompressed, decoded, run through the pipeline and scored. An instant has
+a displacement and so an estimate; a reading is one value of one channel ({figures["messages"] / samples:.0f} readings per instant here: set point and
+temperatures are read, too).
 
 {table(head, rows)}
-Goal: 2 million samples a second: {readings / 1e6:.1f} million readings, but {samples / figures["bag"]["seconds"] / 1e6:.1f} million instants, so met by the one and missed by the other. Goal: a bag of 2 GB
-in bounded memory: missed. A run is kept whole, {per:.0f} bytes a reading (16 are its stamp and value), since its figures need its mean before its
-errors; a bag that is all one damper's takes about its own size.
+Goal: 2 million samples per second. The result is {readings / 1e6:.1f} million readings, but {samples / figures["bag"]["seconds"] / 1e6:.1f} million instants, so the goal is met
+counting readings and missed counting instants. Goal: a bag of 2 GB in bounded memory: missed. A run is kept in memory, {per:.0f} bytes per
+reading (16 of them for stamp and value), because its metrics need its mean before its errors; a bag with only one damper takes about
+its own size.
 
-Played through the node over DDS at `--rate max`, a minute of 512 Hz takes {played["seconds"]:.1f} s with start and discovery:
-{played["samples"] / played["seconds"]:.0f} instants a second. That is what the player allows itself, 4000 messages a second, since DDS drops some of a longer
-burst without a word; the pipeline alone is `evaluate`, above.
+Replayed through the node over DDS at `--rate max`, one minute at 512 Hz takes {played["seconds"]:.1f} s including start and discovery:
+{played["samples"] / played["seconds"]:.0f} instants per second. The player limits itself to 4000 messages per second, because DDS silently drops part of
+longer bursts; the speed of the pipeline alone is `evaluate`, above.
 """
 
 
@@ -202,13 +208,13 @@ def identification(figures):
     rows = [[name(row), f"{row['seconds']:.2f}", f"{row['processor_s']:.2f}", f"{row['memory_mb']:.0f}"] for row in figures["growth"]]
     return f"""## Identification
 
-On one problem, beside what Python has (`tests/peers/run.sh`, which fails where a goal is missed):
+The same problem solved by this project and by tools available in Python (`tests/peers/run.sh`, which fails if a goal is missed):
 
 ```text
 {figures["table"].strip()}
 ```
 
-The command as a whole, on runs of 30 s at 512 Hz of the virtual rig:
+The whole command, on runs of the virtual rig of 30 s at 512 Hz:
 
 {table(["`identify`", "s", "processor, s", "MB"], rows)}"""
 
@@ -223,30 +229,31 @@ def closing(figures):
         for row in figures
     ]
     thirty = next(row for row in figures if row["run_s"] == 30 and not row["effects"])
-    return f"""## Closing the loop
+    return f"""## Diagnosis
 
-`close` on three runs at 512 Hz of the virtual rig (estimate, confirm, sealed), whose coil lags: effects scored, the best of them refitted with the base,
-confirmed. Goal for three runs of 30 s: 10 s, {verdict(thirty["seconds"], 10)}. A candidate costs a free run or some, and a refit
-where its score promises anything; the whole library costs most when a second effect passes. None of the peers names an effect, so there is nobody to compare with.
+`close` on three runs of the virtual rig at 512 Hz (training, validation and test run) whose coil lags: effects are scored, the best of
+them are refitted with the base and confirmed. Goal for three runs of 30 s: 10 s, {verdict(thirty["seconds"], 10)}. A candidate effect
+costs one or more simulations, and a refit if its score is promising; the whole library costs most when a second effect passes. None of
+the peers names an effect, so there is nothing to compare with.
 
-{table(["runs", "effects looked for (`--effects`)", "s", "processor, s", "MB"], rows)}"""
+{table(["runs", "candidate effects (`--effects`)", "s", "processor, s", "MB"], rows)}"""
 
 
 def fuzz(figures):
     rows = [[one["target"], one["runs"], one["per_s"], one["features"], one["found"]] for one in figures]
     return f"""## Fuzzing
 
-Every reader of what comes from outside, a minute each, from committed corpora (`tests/fuzz/README.md`; `tests/fuzz/run.sh --hour` takes an hour each).
+Every reader of outside data, for one minute each, from committed corpora (`tests/fuzz/README.md`; `tests/fuzz/run.sh --hour` takes an hour each).
 
-{table(["target", "inputs", "a second", "features", "found"], rows)}"""
+{table(["target", "inputs", "per second", "features", "found"], rows)}"""
 
 
 def coverage(figures):
     share = 1 - figures["missed"] / figures["lines"]
     least = ", ".join(f"`{name}` {100 * of:.0f}" for of, name in figures["least"])
-    return f"""## Lines that tests run
+    return f"""## Test coverage
 
-`model/`, by its own tests (`.ci/coverage`): {100 * share:.1f} % of {figures["lines"]} lines, those of tests within them. The least, %: {least}.
+`model/`, by its own tests (`.ci/coverage`): {100 * share:.1f} % of {figures["lines"]} lines, including lines of tests. Lowest, %: {least}.
 """
 
 
@@ -254,32 +261,32 @@ def soak(figures):
     third, last = figures["third"], figures["last"]
     grown = 100 * (last[0] / third[0] - 1)
     share = 100 * figures["lost"] / figures["displacements"]
-    ahead = f"; node and driver ran ahead of all else, at nice {figures['nice']}" if figures["nice"] < 0 else ""
-    return f"""## An hour
+    ahead = f"; node and driver had precedence over other processes, at nice {figures['nice']}" if figures["nice"] < 0 else ""
+    return f"""## One hour
 
 {figures["dampers"]} dampers at {figures["rate_hz"]} Hz: {figures["displacements"]} displacements, {figures["lost"]} ({share:.3f} %) without an estimate; the driver was late by {figures["late_s"]:.2f} s at most,
-with a load average of {figures["load"]:.1f} on the machine (1 or less when it is idle but for this){ahead}.
-The node after twenty minutes, and at the end: {third[0] / 1024:.1f} and {last[0] / 1024:.1f} MiB ({grown:+.1f} %), {third[1]} and {last[1]} threads, {third[2]} and {last[2]} open files.
+with a load average of {figures["load"]:.1f} on the machine (1 or less if it is otherwise idle){ahead}.
+The node after twenty minutes and at the end: {third[0] / 1024:.1f} and {last[0] / 1024:.1f} MiB ({grown:+.1f} %), {third[1]} and {last[1]} threads, {third[2]} and {last[2]} open files.
 """
 
 
 def mutants(figures):
     goal = "met" if figures["percent"] >= 85 else "missed"
-    # Put into the section's file by hand, by whoever wrote a test, put the change back and saw it fail.
+    # Added to the section's file by hand, after a new test was seen to fail with the change.
     since = figures.get("noticed_since", [])
     missed = "".join(f"- `{change}`{' *' if change in since else ''}\n" for change in figures["missed"])
-    return f"""## Wrong changes that tests notice
+    return f"""## Mutation testing
 
-`model/`, changed in one place at a time by cargo-mutants (`.ci/mutants`), every n-th of some twelve thousand changes: {figures["caught"]} of {figures["of"]} noticed, {figures["percent"]} % (95 %: {figures["low"]} to {figures["high"]});
+`model/`, changed in one place at a time by cargo-mutants (`.ci/mutants`), every n-th of about twelve thousand changes: {figures["caught"]} of {figures["of"]} noticed, {figures["percent"]} % (95 %: {figures["low"]} to {figures["high"]});
 {figures["unviable"]} more did not compile. Goal 85 %: {goal}.
 
-Not noticed (line of the commit below{"; what is marked * is noticed by tests that were written since" if since else ""}):
+Not noticed (line of the commit below{"; changes marked * are noticed by tests written since" if since else ""}):
 
 {missed}"""
 
 
 def write(results, order):
-    """Writes the document of all sections that were measured."""
+    """Writes the document with all sections that have results."""
     parts = [HEAD]
     for name in order:
         if name not in results:

@@ -1,4 +1,4 @@
-"""The measurements, a function each: the first line of its text says what it measures, what it returns is kept as JSON."""
+"""The measurements, one function each: the first line of its docstring says what it measures, and its result is stored as JSON."""
 
 import os
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 from common import BINARY, FOLDER, INTEROP, TARGET, Missing, build, last_json, middle, need, run, say, used
 
 MODEL = "thesis/fuzzy-tanh/rp3-cs"
-# Effects by id, the one that the rig has first.
+# Effects by id; the first one is the effect of the rig.
 CANDIDATES = ["coil_lag", "friction", "gas_spring", "inertia", "asymmetry", "sensor_delay", "remanence", "load_cell_drift"]
 
 
@@ -19,7 +19,7 @@ def step():
     told = run("cargo", "bench", "--workspace", "--bench", "step")
     group, name, ns = "", "", {}
     for line in told.splitlines():
-        # ├─ identified; │  ├─ anfis   1.6 ms ...; │  │   9.4 Mitem/s ...
+        # Lines look like this: ├─ identified; │  ├─ anfis   1.6 ms ...; │  │   9.4 Mitem/s ...
         if label := re.match(r"[│ ]*[├╰]─ ([^│]*?)(?:  .*)?$", line):
             text = label.group(1).strip()
             group, name = (text, "") if re.match(r"[├╰]", line) else (group, text)
@@ -43,7 +43,7 @@ def round_trip():
     """Displacement out, force_estimate back: the node, a bare echo, an rclpy node, CycloneDDS in C."""
     need("idlc", "cyclonedds-dev cyclonedds-tools")
     if not list(Path(os.environ.get("MR_DAMPER_INTEROP_DIR", "/var/tmp/mr-damper-interop")).glob("jazzy/venv")):
-        raise Missing("there is no ROS 2 to ask with: tests/interop/setup.sh jazzy")
+        raise Missing("the rclpy peer needs ROS 2: run tests/interop/setup.sh jazzy")
     build()
     with tempfile.TemporaryDirectory() as folder:
         run("idlc", "-l", "c", INTEROP / "mr_damper.idl", cwd=folder)
@@ -58,7 +58,7 @@ def round_trip():
             "rclpy node with the model": [INTEROP / "ros-python.sh", "jazzy", INTEROP / "rclpy_node.py"],
         }
         trips = {name: [] for name in others}
-        # In turns, so that a machine that gets busier weighs on all of them.
+        # In turns, so that a machine that becomes busier affects all of them.
         for turn in range(3):
             for name, command in others.items():
                 trips[name].append(trip(command))
@@ -68,7 +68,7 @@ def round_trip():
 
 
 def trip(command, seconds=10):
-    """A round trip at 1 kHz against `command`, both in a namespace of their own."""
+    """Measures the round trip at 1 kHz with `command`, in a separate network namespace."""
     interface = "<NetworkInterface name='lo' multicast='true'/>"
     uri = f"<CycloneDDS><Domain><General><Interfaces>{interface}</Interfaces></General></Domain></CycloneDDS>"
     script = """
@@ -81,7 +81,7 @@ def trip(command, seconds=10):
 
 
 def scale_of(parameters=(), **options):
-    """What the example `scale` tells of a node with `parameters`, in a namespace of its own."""
+    """Runs the example `scale` with a node with `parameters` in a separate network namespace, and returns its result."""
     arguments = [part for name, value in options.items() for part in (f"--{name.replace('_', '-')}", value)]
     arguments += [part for text in parameters for part in ("--parameter", text)]
     example = TARGET / "release" / "examples" / "scale"
@@ -89,7 +89,7 @@ def scale_of(parameters=(), **options):
 
 
 def scale():
-    """Dampers times rate in one process, with what is lost and what it takes."""
+    """Number of dampers times rate in one process: losses and cost."""
     build()
     sizes = [(1, 1000), (4, 250), (4, 512), (4, 1000), (8, 512), (8, 1000), (16, 256), (16, 512), (16, 1000), (32, 256), (32, 512)]
     found = []
@@ -125,7 +125,7 @@ def offline():
     evaluate = [BINARY, "--quiet", "evaluate", MODEL]
     found = {"samples": samples, "messages": messages(bag), "bag_mb": megabytes(bag), "csv_mb": megabytes(csv)}
     for name, path in {"bag": bag, "csv": csv}.items():
-        # The first one brings the file into the system's cache.
+        # The first pass loads the file into the system's cache.
         found[name] = min((used(*evaluate, path) for _ in range(4)), key=lambda one: one["seconds"])
     say("   a bag of 2 GB")
     big = FOLDER / "big"
@@ -153,7 +153,7 @@ def megabytes(path):
 
 
 def replay(folder):
-    """A minute of a run through the node over DDS, as fast as it goes."""
+    """Replays one minute of a run through the node over DDS, as fast as possible."""
     minute = folder / "minute"
     if not minute.exists():
         simulate(minute, 60)
@@ -169,7 +169,7 @@ def replay(folder):
 
 
 def identification():
-    """Identification beside Python's tools on one problem, and how its cost grows."""
+    """Identification compared with Python tools on one problem, and how its cost grows."""
     table = run("tests/peers/run.sh")
     build()
     folder = FOLDER / "train"
@@ -189,7 +189,7 @@ def identification():
 
 
 def closing():
-    """Closing the loop: how its cost grows with the length of the runs, and with the effects that are looked for."""
+    """Diagnosis: how its cost grows with the length of the runs and with the number of candidate effects."""
     build()
     found = []
     candidates = [[], ["friction"], ["coil_lag"], CANDIDATES[:4], CANDIDATES]
@@ -211,7 +211,7 @@ def closing():
 
 
 def soak():
-    """An hour of four dampers at 1 kHz: what is lost, and what grows."""
+    """One hour of four dampers at 1 kHz: losses, and growth of memory, threads and files."""
     env = {"MR_DAMPER_LONG": "1", "MR_DAMPER_SOAK_S": "3600"}
     command = ["cargo", "test", "--release", "--workspace", "--test", "soak", "--", "--nocapture"]
     told = run(INTEROP / "netns.sh", "run", *command, env=env)
@@ -235,7 +235,7 @@ def soaked(told):
 
 
 def fuzz():
-    """What a minute of each fuzz target finds."""
+    """Each fuzz target for one minute: inputs, rate and findings."""
     return fuzzed(run("tests/fuzz/run.sh", "--seed", "1"))
 
 
@@ -248,7 +248,7 @@ def fuzzed(told):
 
 
 def coverage():
-    """Lines of model/ that its own tests run."""
+    """Lines of model/ that its own tests execute."""
     return covered(run(".ci/coverage"))
 
 
@@ -261,7 +261,7 @@ def covered(told):
 
 
 def mutants():
-    """Share of wrong changes to model/ that its tests notice: every n-th, about a hundred in all."""
+    """Mutation testing: share of faults in model/ that its tests notice, about a hundred faults in all."""
     return caught(run("bash", "-c", ".ci/mutants 100 1 || true"))
 
 
@@ -272,7 +272,7 @@ def caught(told):
     return {**dict(zip(names, map(int, found.groups()), strict=True)), "missed": [f"{at}: {what}" for at, what in missed]}
 
 
-# Each section by name, with about how long it takes, s.
+# Section: function and approximate time in s.
 ALL = {
     "step": (step, 240),
     "round_trip": (round_trip, 220),
@@ -286,5 +286,5 @@ ALL = {
     "soak": (soak, 3700),
     "mutants": (mutants, 7200),
 }
-# Those that are measured only when they are asked for by name.
+# Sections that are measured only if they are named.
 LONG = ("fuzz", "coverage", "soak", "mutants")

@@ -1,17 +1,17 @@
 #!/usr/bin/env bash
-# Builds the fuzz targets and runs them: a minute each, or an hour. README.md says what they are and what to do with what they find.
+# Builds the fuzz targets and runs them, a minute or an hour each. README.md describes the targets and what to do if one fails.
 #
 # usage: tests/fuzz/run.sh [--seconds N | --hour] [--jobs N] [--seed N] [TARGET...]      all targets, 60 s each, 2 at a time
 #
-# Begins from the committed corpora and from what earlier runs have found, which is kept below the target directory
-# (tests/fuzz/target, or $CARGO_TARGET_DIR/fuzz), as are logs and inputs that fail. The tree stays as it is.
-# Exit codes: 0 nothing found; 1 something found, or no build; 2 wrong usage; 130 interrupted.
+# Starts from the committed corpora and the inputs found by earlier runs. Those are kept below the target directory
+# (tests/fuzz/target, or $CARGO_TARGET_DIR/fuzz), as are logs and failing inputs. The source tree is not changed.
+# Exit codes: 0 nothing found; 1 a target failed or did not build; 2 wrong usage; 130 interrupted.
 set -euo pipefail
 shopt -s inherit_errexit nullglob
 
-# Bytes that a target may have in memory, as the system counts; src/lib.rs has the tighter limit on single requests.
+# Largest resident memory of a target in MB; src/lib.rs has the tighter limit on single allocations.
 rss_limit_mb=512
-# How long one input may take; they are some kB.
+# Longest time for one input in s; inputs have a few kB.
 timeout_s=5
 
 usage() {
@@ -19,7 +19,7 @@ usage() {
   exit 2
 }
 
-# 0: another seed each time.
+# Seed 0: a different seed each time.
 seconds=60 jobs=2 seed=0 targets=()
 while [ $# -gt 0 ]; do
   case $1 in
@@ -42,13 +42,13 @@ known=("${known[@]##*/}") known=("${known[@]%.rs}")
 [ ${#targets[@]} -gt 0 ] || targets=("${known[@]}")
 for target in "${targets[@]}"; do
   [ -f "fuzz_targets/$target.rs" ] || {
-    echo "there is no target '$target'; targets are ${known[*]}" >&2
+    echo "unknown target '$target'; targets are ${known[*]}" >&2
     exit 2
   }
 done
 
-# What `cargo fuzz --sanitizer none` gives the compiler: coverage for libFuzzer, all checks. Our crates have no unsafe code that a
-# sanitizer could watch. Naming the host as target keeps these flags from build scripts and macros.
+# Compiler flags of `cargo fuzz --sanitizer none`: coverage for libFuzzer, all checks. Our crates have no unsafe code for a
+# sanitizer to check. Naming the host as target keeps these flags out of build scripts and macros.
 coverage=(-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4
   -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table
   -Cllvm-args=-sanitizer-coverage-trace-compares --cfg fuzzing -Cdebug-assertions)
@@ -57,7 +57,7 @@ env -u CARGO_ENCODED_RUSTFLAGS RUSTFLAGS="${coverage[*]}" \
   cargo build --release --locked --target "$host" --target-dir "$out" --bins
 programs=$out/$host/release
 
-# Targets read files: in memory where that is possible.
+# Targets read files: in memory if possible.
 scratch=$(mktemp -d -p "$([ -w /dev/shm ] && echo /dev/shm || echo "${TMPDIR:-/tmp}")" mr-damper-fuzz.XXXXXX)
 declare -A running=() # process: target
 interrupted=''
@@ -68,7 +68,7 @@ begin() {
   local target=$1 work=$out/work/$1 dictionary=()
   mkdir -p "$work/corpus" "$work/found" "$scratch/$target" "corpus/$target"
   [ -f "dict/$target.dict" ] && dictionary=(-dict="dict/$target.dict")
-  # Its own process group: Ctrl-C reaches this script alone, which then ends them in order.
+  # Its own process group: Ctrl-C reaches only this script, which then ends the targets in order.
   TMPDIR=$scratch/$target setsid "$programs/$target" "$work/corpus" "corpus/$target" "${dictionary[@]}" \
     -seed="$seed" -max_total_time="$seconds" -rss_limit_mb=$rss_limit_mb -timeout=$timeout_s -artifact_prefix="$work/found/" \
     -print_final_stats=1 </dev/null >"$work/log" 2>&1 &
@@ -81,7 +81,7 @@ failed=()
 end() {
   local target=$1 code=$2 what='nothing found' artifact
   artifact=$(last "$target" '.*Test unit written to \(.*\)')
-  # libFuzzer ends with 72 when it is interrupted.
+  # libFuzzer exits with 72 if it is interrupted.
   if [ "$code" != 0 ] && ! { [ "$code" = 72 ] && [ -n "$interrupted" ]; }; then
     what="FAILED (exit code $code)" && failed+=("$target")
   fi
@@ -89,8 +89,8 @@ end() {
     "$(last "$target" '^stat::number_of_executed_units: *\([0-9]*\)')" "$(last "$target" '^stat::average_exec_per_sec: *\([0-9]*\)')" \
     "$(last "$target" '^#.* ft: \([0-9]*\) .*')" "$what"
   if [ "$what" != 'nothing found' ]; then
-    echo "  its log is $out/work/$target/log"
-    [ -z "$artifact" ] || echo "  the input: $artifact; play it again: $programs/$target $artifact"
+    echo "  its log: $out/work/$target/log"
+    [ -z "$artifact" ] || echo "  the input: $artifact; replay it with: $programs/$target $artifact"
   fi
 }
 
@@ -106,7 +106,7 @@ while [ ${#running[@]} -gt 0 ] || [ ${#waiting[@]} -gt 0 ]; do
     waiting=()
     for process in "${!running[@]}"; do kill -INT "$process" 2>/dev/null || true; done
   fi
-  # Ends early on a signal, which is then looked at above.
+  # Ends early on a signal, which is handled above.
   sleep 1 || true
   for process in "${!running[@]}"; do
     kill -0 "$process" 2>/dev/null && continue
@@ -123,7 +123,7 @@ while [ ${#running[@]} -gt 0 ] || [ ${#waiting[@]} -gt 0 ]; do
 done
 
 [ ${#failed[@]} = 0 ] || {
-  echo "something was found in: ${failed[*]}; README.md says what to do with it" >&2
+  echo "failed targets: ${failed[*]}; README.md says what to do" >&2
   exit 1
 }
 [ -z "$interrupted" ] || exit 130

@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
-"""Sends malformed RTPS to the DDS ports of the first participant on this host, by a seed, and tells what it sent. Root only.
+"""Sends malformed RTPS to the DDS ports of the first participant on this host, from a seed, and reports what it sent. Root only.
 
-It first listens for real packets on loopback. Then, for --seconds, it sends packets of three kinds to the ports of participant 0:
-real ones that were changed in some places (mutated), ones that are put together to lie (crafted), and noise.
+It first captures real packets on loopback. Then, for --seconds, it sends packets of three kinds to the ports of participant 0:
+real packets that were changed in some places (mutated), packets with deliberately wrong content (crafted), and random bytes (noise).
 
-    --as stranger    real packets bear the GUID prefix of one of sixteen strangers instead of their sender's
-    --as peer        they keep it: what they say is said in a peer's name
-    --lethal KIND    one packet that takes the node's DDS library all memory there is, as a stranger whom it has discovered:
-                     heartbeat, gap or datafrag (node/docs/decisions/0010-what-rustdds-does-not-survive.md); or nackfrag,
-                     which ends its event loop by a panic
+    --as stranger    real packets get the GUID prefix of one of sixteen unknown participants instead of their sender's
+    --as peer        real packets keep their GUID prefix, so they are sent in a peer's name
+    --lethal KIND    sends one packet that exhausts the memory of the node's DDS library, as an unknown participant that the node
+                     has discovered: heartbeat, gap or datafrag (node/docs/decisions/0010-what-rustdds-does-not-survive.md); or
+                     nackfrag, which ends its event loop by a panic
 
-Of the storm's packets those are held back that are lethal in this way, and counted: they are tried one by one.
-Prints one line of JSON: how many packets of which kind.
+Packets of the storm that are lethal in this way are counted but not sent: they are tested one by one.
+Prints one line of JSON: the number of packets of each kind.
 """
 
 import argparse
@@ -27,7 +27,7 @@ SPDP_WRITER, SPDP_READER = bytes.fromhex("000100c2"), bytes.fromhex("000100c7")
 SEDP_WRITER, SEDP_READER = bytes.fromhex("000003c2"), bytes.fromhex("000003c7")
 BUILTIN = [SPDP_READER, SEDP_READER, bytes.fromhex("000004c7"), bytes.fromhex("000200c7"), bytes(4)]
 INFO_DST, HEARTBEAT, GAP, DATA, DATA_FRAG, NACK_FRAG = 0x0E, 0x07, 0x08, 0x15, 0x16, 0x12
-# More numbers in one range, or bytes in one sample, than any peer of these tests has.
+# More sequence numbers in one range, or bytes in one sample, than any peer of these tests has.
 RANGE, SAMPLE = 1 << 16, 1 << 20
 ODD = [0, 1, 2, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF]
 
@@ -38,11 +38,11 @@ def fail(message):
 
 
 def listen(seconds, least):
-    """Real RTPS packets on loopback, each once."""
+    """Captures real RTPS packets on loopback, each once."""
     try:
         tap = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(0x0800))
     except PermissionError:
-        fail("packets cannot be listened to; that takes root")
+        fail("cannot capture packets; run this as root")
     tap.bind(("lo", 0))
     tap.settimeout(0.2)
     packets, until = {}, time.monotonic() + seconds
@@ -60,7 +60,7 @@ def listen(seconds, least):
 
 
 def submessages(packet):
-    """(kind, little endian, body) of each, as a receiver reads them."""
+    """(kind, little endian, body) of each submessage, as a receiver reads them."""
     at = 20
     while at + 4 <= len(packet):
         kind, flags = packet[at], packet[at + 1]
@@ -77,7 +77,7 @@ def number(body, at, little):
 
 
 def is_lethal(packet):
-    """True for what is known to take all memory, whatever else is in the packet."""
+    """True for packets that are known to exhaust the memory, whatever else they contain."""
     for kind, little, body in submessages(packet):
         if kind == HEARTBEAT and len(body) >= 24:
             first, last = number(body, 8, little), number(body, 16, little)
@@ -125,7 +125,7 @@ def nack_frag(n, base, bits, words, count=1, reader=SEDP_READER, writer=SEDP_WRI
 
 
 class Liar:
-    """Makes packets, by a seed."""
+    """Makes packets from a seed."""
 
     def __init__(self, seed, real, as_peer):
         self.random = random.Random(seed)
@@ -177,13 +177,13 @@ class Liar:
         return header(self.prefix()) + self.random.choice(self.makers)()
 
     def lengths(self):
-        """A length that is not the body's."""
+        """A length that differs from the body's length."""
         body = self.random.randbytes(self.random.choice([0, 3, 4, 20, 200]))
         kind = self.random.choice([1, 6, 7, 8, 9, 12, 13, 14, 15, 18, 19, 21, 22, 0x30, 0x33])
         return submessage(kind, self.random.randrange(256), body, self.random.choice(ODD) & 0xFFFF)
 
     def sets(self):
-        """Sets of numbers whose numbers of bits are wrong."""
+        """Number sets with wrong numbers of bits."""
         bits = self.random.choice([0, 1, 31, 255, 256, 257, 0xFFFF, 0xFFFFFFFF])
         words = self.random.randbytes(4 * self.random.choice([0, 1, 8, 9]))
         start = self.random.choice([-1, 0, 1, 5])
@@ -191,7 +191,7 @@ class Liar:
         return gap(start, start + 3, bits, words) + submessage(6, 1, ack) + submessage(18, 1, ack)
 
     def fragments(self):
-        """Fragments that are none of what they say."""
+        """Fragments with wrong numbers and sizes."""
         first, count = self.random.choice([0, 1, 2, 0xFFFFFFFF]), self.random.choice([0, 1, 2, 0xFFFF])
         size, sample = self.random.choice([0, 1, 1024, 0xFFFF]), self.random.choice([0, 1, 1025, SAMPLE, 0xFFFFFFFF])
         payload = self.random.randbytes(self.random.choice([0, 1, 1024]))
@@ -199,7 +199,7 @@ class Liar:
         return data_frag(n, first, count, size, sample, payload, self.random.choice(BUILTIN), flags=flags)
 
     def parameters(self):
-        """Parameter lists without an end, with lengths that lie, and texts longer than the packet, as discovery data."""
+        """Discovery data with parameter lists without an end, wrong lengths, and strings longer than the packet."""
         body = b""
         for _ in range(self.random.randint(1, 40)):
             pid = self.random.choice([0x05, 0x07, 0x15, 0x16, 0x31, 0x32, 0x50, 0x52, 0x58, 0x5A, 0x62, 0x70, 0x7FFF])
@@ -213,23 +213,23 @@ class Liar:
         return submessage(DATA, self.random.choice([5, 7, 9, 13]), data)
 
     def replies(self):
-        """Lists of addresses without end."""
+        """Lists of addresses with a wrong length."""
         many = struct.pack("<I", self.random.choice(ODD)) + self.random.randbytes(24)
         return submessage(15, self.random.choice([1, 3]), many) + heartbeat(1, 3, self.random.randint(1, 99))
 
     def offsets(self):
-        """Data whose beginning lies beyond its end."""
+        """Data that starts beyond its end."""
         offset = self.random.choice([0, 4, 15, 16, 17, 0x7FFF, 0xFFFF])
         body = struct.pack("<HH", 0, offset) + self.random.choice(BUILTIN) + SPDP_WRITER + sequence(1)
         return submessage(DATA, 7, body + self.random.randbytes(self.random.choice([0, 8, 64])))
 
     def ranges(self):
-        """Heartbeats and gaps backwards."""
+        """Heartbeats and gaps with reversed ranges."""
         first, last = self.random.choice([(5, 1), (0, 0), (-4, -9), (100, 99), (1, 900)])
         return heartbeat(first, last, self.random.choice([0, 1, -1, 0x7FFFFFFF])) + gap(last + 2, first, 0, b"")
 
     def kinds(self):
-        """Submessages that there are none of, and many of them."""
+        """Many submessages of random, also undefined kinds."""
         many = (self.random.randrange(256) for _ in range(self.random.randint(1, 200)))
         return b"".join(submessage(kind, self.random.randrange(2), self.random.randbytes(4)) for kind in many)
 
@@ -258,7 +258,7 @@ def storm(args, ports, to):
 
 
 def lethal(args, ports, to):
-    """The node discovers a stranger, and the stranger sends the packet."""
+    """Lets the node discover an unknown participant, which then sends the packet."""
     stranger = bytes.fromhex("bad0bad0bad0bad0bad0bad0")
     deadline = time.monotonic() + 20.0
     announced = None
@@ -285,7 +285,7 @@ def main():
     parser.add_argument("--as", dest="play", choices=["stranger", "peer"], default="stranger")
     parser.add_argument("--lethal", choices=["heartbeat", "gap", "datafrag", "nackfrag"])
     parser.add_argument("--seconds", type=float, default=5.0)
-    parser.add_argument("--rate", type=float, default=1000.0, help="packets a second")
+    parser.add_argument("--rate", type=float, default=1000.0, help="packets per second")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     base = 7400 + 250 * int(os.environ.get("ROS_DOMAIN_ID", "0"))

@@ -1,21 +1,21 @@
 #!/usr/bin/env python3
-"""A cable between two held network namespaces (netns.sh) that loses, delays, reorders, repeats and cuts, by a seed.
+"""A simulated cable between two held network namespaces (netns.sh), with seeded loss, delay, reordering, duplication and cuts.
 
 usage: bad_wire.py PID PID [--seed N]          root only
 
 Each namespace gets a TAP device (`near` 10.77.0.1, `far` 10.77.0.2, with the multicast route), and this program carries Ethernet
-frames between the two. Faults meet IPv4/UDP alone, fragments of datagrams included: ARP has to get through, or one lost answer
-would be a cut of a second. Commands are JSON lines on standard input; each says all of what is wrong from then on:
+frames between the two. Faults apply only to IPv4/UDP, including fragments of datagrams: ARP always gets through, because one lost
+reply would act like a cut of a second. Commands are JSON lines on standard input; each replaces all current faults:
 
     {"name": "rain", "loss": 0.2, "delay_ms": 5, "jitter_ms": 8, "duplicate": 0.1, "burst_every_s": 0.5, "burst_ms": 80, "cut": false}
 
-    loss, duplicate    probability, of each frame by itself
-    delay_ms           that every frame takes; jitter_ms: up to so much more, each by itself, so that frames overtake each other
-    burst_every_s      mean time between bursts, in each of which all is lost for burst_ms
-    cut                nothing gets through
+    loss, duplicate    probability for each frame, independently
+    delay_ms           delay of every frame; jitter_ms: largest additional delay, drawn for each frame, so that frames overtake each other
+    burst_every_s      mean time between bursts; in each burst all frames are lost for burst_ms
+    cut                all frames are lost
 
-Each command is answered with a line {"event": "set", "name": ...}. When standard input closes, one line tells what was done,
-by name: frames carried, lost, repeated, overtaken.
+Each command is answered with a line {"event": "set", "name": ...}. When standard input closes, one line reports the numbers of
+frames carried, lost, repeated and overtaken, by name.
 """
 
 import argparse
@@ -53,15 +53,15 @@ def fail(message):
 
 
 def enter(path):
-    """Brings this thread, and what it starts, into a network namespace."""
+    """Moves this thread, and the programs it starts, into a network namespace."""
     libc = ctypes.CDLL(None, use_errno=True)
     with open(path, "rb") as space:
         if libc.setns(space.fileno(), CLONE_NEWNET) != 0:
-            fail(f"{path}: {os.strerror(ctypes.get_errno())}; this takes root")
+            fail(f"{path}: {os.strerror(ctypes.get_errno())}; run this as root")
 
 
 def tap(pid, name, address):
-    """The device in the namespace that `pid` holds. What was opened there stays open elsewhere."""
+    """Opens the device in the namespace that `pid` holds. It stays open when this thread enters another namespace."""
     enter(f"/proc/{pid}/ns/net")
     device = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
     fcntl.ioctl(device, TUNSETIFF, struct.pack("16sH22x", name.encode(), IFF_TAP | IFF_NO_PI))
@@ -75,7 +75,7 @@ def tap(pid, name, address):
 
 
 class Wire:
-    """What is wrong now, what is on its way, and what was done."""
+    """The current faults, the frames on their way, and the counts."""
 
     def __init__(self, seed):
         self.random = random.Random(seed)
@@ -90,7 +90,7 @@ class Wire:
     def obey(self, command, now):
         unknown = set(command) - set(CLEAN)
         if unknown:
-            fail(f"{sorted(unknown)} in {command}: known are {sorted(CLEAN)}")
+            fail(f"unknown {sorted(unknown)} in {command}; use {sorted(CLEAN)}")
         self.set = {**CLEAN, **command}
         self.burst_until = 0.0
         self.next_burst = now + self.until_burst()
@@ -106,7 +106,7 @@ class Wire:
         return self.set["cut"] or now < self.burst_until or self.random.random() < self.set["loss"]
 
     def take(self, frame, to, now):
-        """Takes a frame off one end."""
+        """Takes a frame from one end."""
         counts = self.done.setdefault(
             self.set["name"], {"carried": 0, "lost": 0, "repeated": 0, "overtaken": 0}
         )
@@ -137,7 +137,7 @@ class Wire:
             try:
                 os.write(to, frame)
             except OSError as error:
-                fail(f"a frame of {len(frame)} bytes was not taken: {error}")
+                fail(f"cannot send a frame of {len(frame)} bytes: {error}")
 
     def wait(self, now):
         return max(0.0, self.on_the_way[0][0] - now) if self.on_the_way else None
@@ -152,7 +152,7 @@ def main():
         near = tap(args.pids[0], "near", "10.77.0.1")
         far = tap(args.pids[1], "far", "10.77.0.2")
     except OSError as error:
-        # Told apart from a fault of this program, so that a test can say that it was skipped.
+        # Reported differently from a fault of this program, so that the test can be skipped.
         print(json.dumps({"event": "absent", "why": str(error)}), flush=True)
         return
     print(json.dumps({"event": "up"}), flush=True)

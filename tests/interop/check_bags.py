@@ -1,28 +1,28 @@
 #!/usr/bin/env python3
-"""Holds our rosbag2 bags against two independent implementations, `rosbags` and `mcap` + `mcap-ros2-support`.
+"""Checks our rosbag2 bags with two independent implementations, `rosbags` and `mcap` + `mcap-ros2-support`.
 
     python3 -m venv /tmp/bag-venv
     /tmp/bag-venv/bin/pip install rosbags mcap mcap-ros2-support
 
-Check that they open a bag we wrote (a directory, or one of its files alone) and find in it exactly the columns of a
-CSV file, every value to the bit and every stamp to the nanosecond, and that `metadata.yaml` says of each file what is
-in it. `mcap` reads MCAP alone, `rosbags` sqlite3 too:
+To check that both open a bag written by us (a directory, or one of its files) and find exactly the columns of a CSV file, with
+bit-identical values and stamps equal to the nanosecond, and that `metadata.yaml` describes each file correctly. `mcap` reads only
+MCAP, `rosbags` also sqlite3:
 
     mr-damper convert RUN.csv BAG --storage sqlite3 --max-bag-duration 1
     /tmp/bag-venv/bin/python tests/interop/check_bags.py BAG RUN.csv
 
-Write bags with `rosbags` from a CSV file, for us to read: OUT/v8 and OUT/v9 in MCAP, OUT/sqlite, and packed ones of
-both storages, by file and by message. OUT/humble is OUT/sqlite in the schema of Humble, without definitions and hashes:
+To write bags with `rosbags` from a CSV file, for us to read: OUT/v8 and OUT/v9 in MCAP, OUT/sqlite, and compressed bags of both
+storages, by file and by message. OUT/humble is OUT/sqlite in the schema of Humble, without definitions and hashes:
 
     /tmp/bag-venv/bin/python tests/interop/check_bags.py --write OUT RUN.csv
     mr-damper convert OUT/v8 BACK.csv        # must equal RUN.csv in its canonical form
 
-Write bags with `rosbags` whose topics have names and types of their own, in the messages of two distributions:
-OUT/foreign-humble and OUT/foreign-jazzy. They are read with a map, which FOREIGN says:
+To write bags with `rosbags` whose topics have their own names and types, with the messages of two distributions:
+OUT/foreign-humble and OUT/foreign-jazzy. They are read with the map given at FOREIGN:
 
     /tmp/bag-venv/bin/python tests/interop/check_bags.py --write-foreign OUT RUN.csv
 
-The CSV file must be in SI columns, as `mr-damper convert` writes them. Exit code 0 means that all is equal;
+The CSV file must be in SI columns, as `mr-damper convert` writes them. Exit code 0 means that everything is equal;
 differences go to stderr with exit code 1.
 """
 
@@ -63,7 +63,7 @@ def topic_of(column: str) -> tuple[str, str, str]:
 
 
 def read_csv(path: Path) -> dict[str, list[tuple[int, float]]]:
-    """The columns of a CSV file, as (nanoseconds, value); times are exact, never passing through a float."""
+    """The columns of a CSV file, as (nanoseconds, value); times are exact, without conversion to float."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = csv.reader(file)
         _, *names = next(rows)
@@ -84,7 +84,7 @@ def stamp_of(message: object, log_time: int) -> int:
 
 
 def by_rosbags(bag: Path) -> dict[str, list[tuple[int, float]]]:
-    """What `rosbags` finds, by topic, with the definitions in the bag itself."""
+    """Samples by topic as `rosbags` reads them, with the definitions in the bag itself."""
     found: dict[str, list[tuple[int, float]]] = {}
     with AnyReader([bag]) as reader:
         fields = {c.topic: last_field(c.msgtype) for c in reader.connections}
@@ -93,17 +93,17 @@ def by_rosbags(bag: Path) -> dict[str, list[tuple[int, float]]]:
             pair = stamp_of(message, log_time), getattr(message, fields[connection.topic])
             found.setdefault(connection.topic, []).append(pair)
         for connection in reader.connections:
-            # The hashes in the bag are those that rosbags computes from the definitions.
+            # The hashes in the bag must equal the hashes that rosbags computes from the definitions.
             expected = reader.typestore.hash_rihs01(connection.msgtype)
-            # Of a bare MCAP file, rosbags does not look for them.
+            # In a bare MCAP file, rosbags does not look for them.
             if connection.digest != expected and (connection.digest or bag.suffix != ".mcap"):
-                message = f"type hash {connection.digest}, rosbags says {expected}"
+                message = f"type hash {connection.digest}, rosbags computes {expected}"
                 raise SystemExit(f"{connection.topic}: {message}")
     return found
 
 
 def by_mcap(bag: Path) -> dict[str, list[tuple[int, float]]]:
-    """What `mcap` and `mcap-ros2-support` find, by topic."""
+    """Samples by topic as `mcap` and `mcap-ros2-support` read them."""
     found: dict[str, list[tuple[int, float]]] = {}
     for path in [bag] if bag.is_file() else sorted(bag.glob("*.mcap")):
         with path.open("rb") as file:
@@ -120,7 +120,7 @@ def last_field(type_name: str) -> str:
 
 
 def bits(value: float) -> str:
-    """A text that tells -0.0 from 0.0 and one bit from the next."""
+    """An exact text of a number, which also distinguishes -0.0 from 0.0."""
     return float(value).hex()
 
 
@@ -151,7 +151,7 @@ def check(bag: Path, source: Path) -> int:
 
 
 def check_metadata(bag: Path) -> int:
-    """Holds what metadata.yaml says of the whole and of each file against the files; returns the differences."""
+    """Compares metadata.yaml, for the bag and for each file, with the files; returns the number of differences."""
     told = YAML(typ="safe").load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     names = [file["path"] for file in told["files"]]
     unlike = [("file names", told["relative_file_paths"], names)]
@@ -171,12 +171,12 @@ def check_metadata(bag: Path) -> int:
             unlike.append((file["path"], said, [reader.message_count, reader.start_time, reader.end_time]))
     unlike = [(what, said, found) for what, said, found in unlike if said != found]
     for what, said, found in unlike:
-        print(f"metadata.yaml: {what}: it says {said}, there is {found}", file=sys.stderr)
+        print(f"metadata.yaml: {what}: it says {said}, the bag has {found}", file=sys.stderr)
     print(f"metadata.yaml: {len(names)} files")
     return len(unlike)
 
 
-# Name of a bag: rosbag2's version, storage, and where it is packed.
+# Name of a bag: rosbag2's version, storage, and compression mode.
 FORMS = {
     "v8": (8, StoragePlugin.MCAP, CompressionMode.NONE),
     "v9": (9, StoragePlugin.MCAP, CompressionMode.NONE),
@@ -190,7 +190,7 @@ FORMS = {
 
 
 def make_humble(bag: Path, out: Path) -> None:
-    """A sqlite3 bag in the form that Humble gives it."""
+    """Writes a sqlite3 bag in the form of Humble."""
     shutil.copytree(bag, out)
     (database,) = out.glob("*.db3")
     with sqlite3.connect(database) as connection:
@@ -211,7 +211,7 @@ def make_humble(bag: Path, out: Path) -> None:
 
 
 def write(out: Path, source: Path) -> None:
-    """Writes the columns of a CSV file as bags of all forms."""
+    """Writes the columns of a CSV file as bags in all forms."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted((Path(__file__).parents[2] / "msgs" / "msg").glob("*.msg")):
         store.register(get_types_from_msg(path.read_text(), f"mr_damper_msgs/msg/{path.stem}"))
@@ -243,7 +243,7 @@ def write(out: Path, source: Path) -> None:
     make_humble(out / "sqlite", out / "humble")
 
 
-# Column: (topic, type, the message's fields for a value). `mr-damper` reads them with --map
+# Column: (topic, type). `mr-damper` reads these topics with --map
 # displacement=/joint_states:fl_damper,sign=-1 measured_force=/load_cell:z coil_current=/amps setpoint=/ray.
 FOREIGN = {
     "displacement_m": ("/joint_states", "sensor_msgs/msg/JointState"),
@@ -254,7 +254,7 @@ FOREIGN = {
 
 
 def foreign_message(store: object, kind: str, nanos: int, value: float) -> object:
-    """A message of a foreign topic; displacement has the other sign there."""
+    """A message of a foreign topic; displacement has the opposite sign there."""
     types = store.types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(nanos, 1_000_000_000))
     header = types["std_msgs/msg/Header"](stamp, "damper")
@@ -266,14 +266,14 @@ def foreign_message(store: object, kind: str, nanos: int, value: float) -> objec
     if kind == "geometry_msgs/msg/WrenchStamped":
         vector, wrench = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Wrench"]
         return types[kind](header, wrench(vector(9.0, 9.0, value), vector(0.0, 0.0, 0.0)))
-    # Before Iron, Range had no variance.
+    # Range had no variance before Iron.
     variance = {"variance": 0.0} if "variance" in dict(store.fielddefs[kind][1]) else {}
     limits = {"field_of_view": 0.5, "min_range": 0.0, "max_range": 4.0}
     return types[kind](header=header, radiation_type=1, range=value, **limits, **variance)
 
 
 def write_foreign(out: Path, source: Path) -> None:
-    """Writes the columns of a CSV file on topics that have names and types of their own."""
+    """Writes the columns of a CSV file to topics with their own names and types."""
     columns = read_csv(source)
     for name, stores, storage in [
         ("foreign-humble", Stores.ROS2_HUMBLE, StoragePlugin.SQLITE3),

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""An rclpy user of the action close_loop: sends goals, hears feedback, cancels one, has one refused, and loads what is offered.
+"""An rclpy client of the action close_loop: sends goals, receives feedback, has a goal refused and one cancelled, and loads the new model.
 
-Prints one JSON line, for tests/interop.rs to judge. Run it through ros-python.sh, beside a node that remembers a minute.
+Prints one JSON line, which tests/interop.rs checks. Run it through ros-python.sh, with a node that has a minute of history.
 """
 
 import argparse
@@ -35,7 +35,7 @@ class Peer:
         self.action = ActionClient(self.node, CloseLoop, "close_loop")
         self.load_model = self.node.create_client(LoadModel, "load_model")
         if not self.action.wait_for_server(ANSWER) or not self.load_model.wait_for_service(ANSWER):
-            fail(f"within {ANSWER:g} s no node offers close_loop and load_model in {namespace}")
+            fail(f"no node offers close_loop and load_model in {namespace} within {ANSWER:g} s")
 
     def wait(self, what, future, seconds=ANSWER):
         self.executor.spin_until_future_complete(future, timeout_sec=seconds)

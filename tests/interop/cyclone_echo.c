@@ -1,5 +1,5 @@
-/* The yardstick in C: CycloneDDS takes displacement and publishes a force_estimate with the same stamp, and does nothing else. Like
- * tests/src/bin/echo_peer.rs it takes coil_current and measured_force too, and forgets them.
+/* The reference for the round trip in C: CycloneDDS receives displacement and publishes a force_estimate with the same stamp, and does
+ * nothing else. Like tests/src/bin/echo_peer.rs it also receives coil_current and measured_force, and discards them.
  *
  * usage: cyclone_echo        with ROS_DOMAIN_ID and CYCLONEDDS_URI; ends on SIGINT and SIGTERM
  */
@@ -21,7 +21,7 @@ static void end(int signal) {
   dds_set_guardcondition(guard, true);
 }
 
-/* An entity, or the end of the program with what could not be made. */
+/* Returns the entity, or ends the program with a message that names what could not be created. */
 static dds_entity_t must(dds_entity_t entity, const char *what) {
   if (entity < 0) {
     fprintf(stderr, "cyclone_echo: %s: %s\n", what, dds_strretcode(-entity));
@@ -39,7 +39,7 @@ static dds_entity_t reader(dds_entity_t participant, const dds_topic_descriptor_
   return made;
 }
 
-/* Takes what there is; `each` is called for what holds data. */
+/* Takes all available samples; calls `each` for samples with data. */
 static void take(dds_entity_t from, dds_entity_t answer, void (*each)(const void *, dds_entity_t)) {
   void *samples[BATCH] = {NULL};
   dds_sample_info_t infos[BATCH];

@@ -1,10 +1,9 @@
 #!/usr/bin/env python3
-"""A second vendor's DDS at the other end: CycloneDDS, without anything of ROS.
+"""A peer on another vendor's DDS: CycloneDDS, without ROS.
 
-The types below are written out by hand from msgs/msg, and not generated, so that a mistake in our definitions
-does not repeat itself here. Sends displacement, coil_current and measured_force as a ROS 2 node would put them on
-the wire, receives force_estimate, force_residual and mode, and looks up the type names that the other side
-announces. Prints one JSON line.
+The types below are written by hand from msgs/msg and not generated, so that a mistake in our definitions is not repeated here.
+Sends displacement, coil_current and measured_force like a ROS 2 node, receives force_estimate, force_residual and mode, and collects
+the type names that the other side announces. Prints one JSON line.
 """
 
 import argparse
@@ -13,7 +12,7 @@ import sys
 import time
 from dataclasses import dataclass
 
-# Loopback only, multicast on it: the namespaces of the tests have nothing else.
+# Only loopback, with multicast on it: the namespaces of the tests have nothing else.
 INTERFACE = sys.argv[sys.argv.index("--interface") + 1] if "--interface" in sys.argv else "lo"
 os.environ.setdefault(
     "CYCLONEDDS_URI",
@@ -126,7 +125,7 @@ QOS = Qos(
     Policy.Reliability.Reliable(duration(seconds=1)),
     Policy.Durability.Volatile,
     Policy.History.KeepLast(1000),
-    Policy.DataRepresentation(use_cdrv0_representation=True),  # plain CDR, which is what ROS 2 speaks
+    Policy.DataRepresentation(use_cdrv0_representation=True),  # plain CDR, as in ROS 2
 )
 
 
@@ -162,11 +161,11 @@ class Peer:
         self.writers[name].write(TYPES[name](header, value, 0.0))
 
     def look_around(self):
-        """Type names that other participants announce for our topics."""
+        """Collects the type names that other participants announce for our topics."""
         own = self.participant.guid
         for reader in self.builtin:
             for entity in reader.take(N=1000):
-                # `key` is all that is left of an entity that has gone
+                # an entity that has gone is reported with its `key` only
                 if getattr(entity, "type_name", None) and entity.participant_key != own:
                     self.announced[entity.topic_name] = entity.type_name
 
@@ -185,7 +184,8 @@ class Peer:
                     f"(announced by others: {self.announced}); is the node running, in this ROS_DOMAIN_ID?"
                 )
             time.sleep(0.02)
-        # A volatile writer on the other side may not know our reader yet: knock until the first answer.
+        # A volatile writer of the node may not know our reader yet: send until the first answer
+        # arrives.
         for _ in range(200):
             ns = time.time_ns()
             for name in ("coil_current", "displacement"):
@@ -196,7 +196,7 @@ class Peer:
             if self.received["force_estimate"]:
                 break
         else:
-            fail("200 displacements in 10 s, and no force_estimate came back")
+            fail("no force_estimate came back for 200 displacements in 10 s")
         time.sleep(0.3)
         self.take()
         for messages in self.received.values():
@@ -227,10 +227,10 @@ class Peer:
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--interface", default="lo", help="network interface, read before CycloneDDS starts")
-    parser.add_argument("--namespace", default="", help="of the node, such as /front_left")
+    parser.add_argument("--namespace", default="", help="namespace of the node, such as /front_left")
     parser.add_argument("--against", choices=["node", "echo"], default="node")
     parser.add_argument("--csv", help="run to send; default: a sine")
-    parser.add_argument("--rate", type=float, default=512.0, help="samples a second")
+    parser.add_argument("--rate", type=float, default=512.0, help="samples per second")
     parser.add_argument("--seconds", type=float, default=6.0)
     args = parser.parse_args()
 

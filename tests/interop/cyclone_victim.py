@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""A reliable CycloneDDS reader of the estimates and commands of some dampers, which a test kills or stops.
+"""A reliable CycloneDDS reader of estimates and commands of several dampers, which a test kills or stops.
 
-It never looks at what it gets, so its types are names alone. Prints {"event": "ready"}; ends with standard input.
+It never reads the content, so its types have only names. Prints {"event": "ready"}; ends when standard input closes.
 """
 
 import os
 import sys
 
-# Loopback only, multicast on it: the namespaces of the tests have nothing else.
+# Only loopback, with multicast on it: the namespaces of the tests have nothing else.
 os.environ.setdefault(
     "CYCLONEDDS_URI",
     "<CycloneDDS><Domain><General><Interfaces>"

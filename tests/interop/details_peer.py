@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Asks a node for everything in one call each, and reads what discovery says of it: what only the hardened build gives between hosts.
+"""Requests all parameters of a node in single calls, and reads its discovery data: only the hardened build provides these between hosts.
 
-Prints one JSON line: how many parameters were listed, described and got; by topic the type hash that the node announces and the one
-that rclpy announces for the same type; the node's enclave. Run it through ros-python.sh.
+Prints one JSON line: the numbers of parameters that were listed, described and read; by topic the type hash that the node announces
+and the hash that rclpy announces for the same type; the node's enclave. Run it through ros-python.sh.
 """
 
 import argparse
@@ -20,7 +20,7 @@ ANSWER = 10.0
 
 
 def shown(info):
-    """A type hash as `ros2 topic info -v` writes it; version 0 and no value is INVALID."""
+    """A type hash as `ros2 topic info -v` writes it; version 0 without a value is INVALID."""
     value = bytes(info.topic_type_hash.value)
     return f"RIHS{info.topic_type_hash.version:02}_{value.hex()}" if any(value) else "INVALID"
 
@@ -35,7 +35,7 @@ class Asker:
         self.executor, self.seconds = executor, {}
         self.client = AsyncParameterClient(node, name)
         if not self.client.wait_for_services(ANSWER):
-            fail(f"within {ANSWER:g} s {name} offers no parameter services")
+            fail(f"{name} offers no parameter services within {ANSWER:g} s")
 
     def ask(self, what, future):
         began = time.monotonic()

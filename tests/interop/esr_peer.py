@@ -1,13 +1,12 @@
 #!/usr/bin/env python3
-"""A subscriber that works out by itself how good the node's force is, to be held against `mr-damper evaluate`.
+"""A subscriber that computes the error of the node's force independently, for comparison with `mr-damper evaluate`.
 
-Takes force_residual and force_estimate as raw bytes, so that Python keeps up with runs of some
-kilohertz, and reads them at the end. ESR is the sum of squared errors over the sum of squares of measured force
-about its mean. Two figures come out:
-  residual    measured minus predicted, as force_residual carries them: the free-run model
-  estimate    force_estimate in the modes asked for (--modes), against the measured force of the same stamp
+Receives force_residual and force_estimate as raw bytes, so that Python keeps up with runs of several kilohertz, and decodes them at
+the end. ESR (NMSE) is the sum of squared errors divided by the sum of squares of measured force about its mean. Two results:
+  residual    measured minus predicted, from force_residual: the model in simulation (free run)
+  estimate    force_estimate in the modes of --modes, compared with the measured force of the same stamp
 
-Prints {"event": "ready"} when the node's topics are there, then one JSON line with the figures.
+Prints {"event": "ready"} when the node's topics are discovered, then one JSON line with the results.
 """
 
 import argparse
@@ -27,7 +26,7 @@ TOPICS = ("force_residual", "force_estimate")
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--expect", type=int, default=0, help="residuals to wait for; 0: until nothing comes")
+    parser.add_argument("--expect", type=int, default=0, help="number of residuals to wait for; 0: until no more arrive")
     parser.add_argument("--idle", type=float, default=3.0, help="seconds without a message that end the run")
     parser.add_argument("--seconds", type=float, default=300.0, help="longest wait for the end of the run")
     parser.add_argument("--modes", default="arx", help="modes of force_estimate to score, comma-separated")
@@ -36,7 +35,7 @@ def arguments():
 
 
 def score(pairs):
-    """Samples, ESR and RSSE (a root mean square, in newtons) of (measured, predicted) pairs."""
+    """Number of samples, ESR (NMSE) and RSSE (RMSE, in newtons) of (measured, predicted) pairs."""
     pairs = [(m, p) for m, p in pairs if math.isfinite(m) and math.isfinite(p)]
     if not pairs:
         return {"samples": 0, "esr": math.nan, "rsse_n": math.nan}
@@ -63,7 +62,7 @@ def collect(args):
         15.0,
         "force_residual and force_estimate have no publisher",
     )
-    # We know of the node's writers now; give it the time to know of our readers.
+    # The node's writers are discovered; now the node needs time to discover our readers.
     end = time.monotonic() + 1.0
     while time.monotonic() < end:
         executor.spin_once(timeout_sec=0.05)
@@ -72,7 +71,8 @@ def collect(args):
     seen = 0
     while True:
         executor.spin_once(timeout_sec=0.1)
-        # Estimates go on after the run: the node says that it holds, and then that it has none.
+        # Estimates continue after the run: the node holds its last estimate, and then reports that
+        # it has none.
         count = len(raw["force_residual"])
         now = time.monotonic()
         if count != seen:
@@ -82,7 +82,7 @@ def collect(args):
         if count and now - last > args.idle:
             break
         if now - started > args.seconds:
-            fail(f"after {args.seconds:g} s only {count} residuals came")
+            fail(f"only {count} residuals arrived within {args.seconds:g} s")
     executor.shutdown()
     node.destroy_node()
     return {t: [deserialize_message(bytes(b), TYPES[t]) for b in raw[t]] for t in TOPICS}

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""An rclpy client on another host, or on this one, that asks the node for answers longer than a datagram of a network.
+"""An rclpy client, on another host or on this one, that requests responses longer than a network datagram.
 
-Asks for a type with its sources, and for all parameters. Prints one JSON line: what arrived, and whether it was whole. Run it through
-ros-python.sh.
+Requests a type with its sources, and the list of all parameters. Prints one JSON line that reports which responses arrived and whether
+they were complete. Run it through ros-python.sh.
 """
 
 import argparse
@@ -31,7 +31,7 @@ def main():
     def ask(kind, name, request):
         client = node.create_client(kind, f"{args.node}/{name}")
         if not client.wait_for_service(FIND):
-            fail(f"{name} is not there after {FIND:g} s; is the node running, in this ROS_DOMAIN_ID?")
+            fail(f"{name} was not found within {FIND:g} s; is the node running in this ROS_DOMAIN_ID?")
         answer = client.call_async(request)
         executor.spin_until_future_complete(answer, timeout_sec=ANSWER)
         return answer.result() if answer.done() else None

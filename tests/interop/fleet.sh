@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# What a fleet of dampers costs a Zenoh router: `zenoh_fleet` in many sizes, in a network namespace of its own, with one real damper to
-# record. Prints a line of JSON for each size. node/docs/fleet.md is of it.
+# Measures the cost of a fleet of dampers for a Zenoh router: runs `zenoh_fleet` in several sizes in its own network namespace, with
+# one real damper to record. Prints a line of JSON for each size. node/docs/fleet.md reports the results.
 #
 # usage: fleet.sh [VEHICLES[:SUPERVISORS[:KEYS[:upper]]]...]      default: 10 50 100 250
 #
-# With `upper` the supervisors are clients of a second router, to which the first one is connected.
+# With `upper`, the supervisors are clients of a second router, to which the first router connects.
 #
 # Needs: tests/interop/setup.sh router; cargo build --release --workspace --bins --example zenoh_fleet
 set -euo pipefail
@@ -16,7 +16,7 @@ router=${MR_DAMPER_INTEROP_DIR:-/var/tmp/mr-damper-interop}/router/fleet-router
 
 for program in "$built/mr-damper" "$built/examples/zenoh_fleet" "$router"; do
   [ -x "$program" ] || {
-    echo "fleet.sh: $program is missing; see what it needs at the head of this file" >&2
+    echo "fleet.sh: $program is missing; the top of this file lists the requirements" >&2
     exit 2
   }
 done
@@ -43,14 +43,14 @@ started+=($!)
 started+=($!)
 for size in "$@"; do
   IFS=: read -r vehicles supervisors keys upper <<<"$size"
-  # Each size has a router of its own, so that its memory is that of this size.
+  # Each size has its own router, so that the router's memory is the memory for this size.
   sed 's|127.0.0.1:7447|127.0.0.1:7448|' "$root/launch-configs/zenoh/storage.json5" >"$folder/router.json5"
   routers=() further=()
   if [ -n "${upper:-}" ]; then
     sed 's|127.0.0.1:7447|127.0.0.1:7449|' "$root/launch-configs/zenoh/storage.json5" >"$folder/upper.json5"
     "$router" "$folder/upper.json5" 2>"$folder/upper.log" &
     routers+=($!) further=(--upper tcp/127.0.0.1:7449)
-    # This one keeps nothing and is connected.
+    # This router stores nothing and connects to the upper one.
     echo '{mode: "router", listen: {endpoints: ["tcp/127.0.0.1:7448"]}, connect: {endpoints: ["tcp/127.0.0.1:7449"]},
       scouting: {multicast: {enabled: false}}}' >"$folder/router.json5"
   fi

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Watches one node in the graph: tells when it is there, and when it has gone.
+"""Watches one node in the graph: reports when it appears and when it disappears.
 
-Prints {"event": "ready"} once the node is seen, then {"event": "gone", "unix_ns": ...} when the graph no longer
-lists it. Times are CLOCK_REALTIME, to compare with the moment at which the caller sent a signal. With --absent S it looks for S
-seconds, and prints only whether the node was ever there: {"found": false}.
+Prints {"event": "ready"} once the node is seen, then {"event": "gone", "unix_ns": ...} when the graph no longer lists it. Times are
+CLOCK_REALTIME, for comparison with the moment at which the caller sent a signal. With --absent S it watches for S seconds, and prints
+only whether the node was seen: {"found": false}.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from ros_common import full_names, wait_until
 
 
 def look(args, watcher):
-    """Prints whether the node is in the graph at any time of the next seconds."""
+    """Prints whether the node appears in the graph within the next seconds."""
     deadline, found = time.monotonic() + args.absent, False
     while time.monotonic() < deadline and not found:
         found = args.node in full_names(watcher)
@@ -31,8 +31,8 @@ def look(args, watcher):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--node", default="/mr_damper", help="fully qualified name of the node")
-    parser.add_argument("--seconds", type=float, default=60.0, help="longest wait for it to go")
-    parser.add_argument("--absent", type=float, help="only look whether it is there, for so many seconds")
+    parser.add_argument("--seconds", type=float, default=60.0, help="longest wait for it to disappear")
+    parser.add_argument("--absent", type=float, help="only check whether it appears within this many seconds")
     args = parser.parse_args()
     rclpy.init()
     watcher = Node("graph_peer")

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Installs the ROS package mr_damper as colcon would: by CMake, against the ament of an environment that setup.sh made.
+# Installs the ROS package mr_damper like colcon: with CMake and the ament of an environment made by setup.sh.
 # usage: install-package.sh jazzy|kilted BUILD PREFIX BINARY
 set -euo pipefail
 [ $# = 4 ] || {

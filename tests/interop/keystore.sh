@@ -1,17 +1,17 @@
 #!/usr/bin/env bash
-# Makes keystores as `ros2 security create_keystore` and `create_enclave` lay them out, with openssl alone.
+# Makes keystores in the layout of `ros2 security create_keystore` and `create_enclave`, with openssl only.
 #
 # usage: keystore.sh DIRECTORY
 #
-# DIRECTORY/ours holds enclaves that trust each other, DIRECTORY/strangers one of another authority. Governance is that of
-# sros2: all is authenticated, checked and encrypted.
-#   /node    may do all that a node of ours does
-#   /narrow  may do that except publish force_estimate
+# DIRECTORY/ours has enclaves that trust each other, DIRECTORY/strangers has one of another authority. The governance is the default of
+# sros2: everything is authenticated, access-controlled and encrypted.
+#   /node    has all permissions of the node
+#   /narrow  has the same permissions, except publishing force_estimate
 #   /sensor  may publish displacement and coil_current, and subscribe to force_estimate
-#   /axle    may do the same; its GUID is lower than that of /node, so it begins the handshake with it
-#   /tools   may do all that /node may
-#   /deaf    may publish what /sensor may, and no more
-#   /mute    may subscribe to force_estimate, and no more
+#   /axle    has the same permissions; its GUID is lower than /node's, so it begins the handshake with /node
+#   /tools   has all permissions of /node
+#   /deaf    may only publish what /sensor may publish
+#   /mute    may only subscribe to force_estimate
 set -euo pipefail
 [ $# = 1 ] || {
   echo "usage: keystore.sh DIRECTORY" >&2
@@ -58,7 +58,7 @@ governance() {
 XML
 }
 
-# The topics of one kind of rule.
+# Prints the topics of one kind of rule.
 topics() {
   echo "        <$1><topics>"
   for topic in ros_discovery_info $2; do echo "          <topic>$topic</topic>"; done

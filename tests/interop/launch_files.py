@@ -1,14 +1,14 @@
-"""Reads a launch file of mr_damper and starts what it says, as `ros2 launch` would.
+"""Reads a launch file of mr_damper and starts its processes, like `ros2 launch`.
 
-No wheel carries ROS' `launch` and `launch_ros`, so this stands in for them: for what our files use of their API and of
-their XML, and no more. What it does not know it refuses. Commands are put together as launch_ros of Humble and later does
-(launch_ros/actions/node.py): package and executable by the ament index, which is the real one; parameters in the order
-given, each a file; a dictionary becomes a file for the node where name and namespace are known, and for all where not.
+No wheel contains ROS' `launch` and `launch_ros`, so this script replaces them. It implements only the part of their API and XML that
+our files use, and refuses everything else. Commands are built like in launch_ros of Humble and later (launch_ros/actions/node.py):
+package and executable from the real ament index; parameters in the given order, each as a file. A dictionary becomes a file for the
+node if name and namespace are known, otherwise for all nodes.
 
 usage: launch_files.py PREFIX [--print] FILE [argument:=value...]
 
-PREFIX is where the package is installed. --print tells the commands in one line of JSON. Without it the processes are started; a line tells their process ids, SIGINT
-is handed on to them, and a last line tells how they ended.
+PREFIX is the directory where the package is installed. --print prints the commands in one line of JSON. Without it the processes are
+started; one line gives their process ids, SIGINT is forwarded to them, and a last line gives their exit codes.
 """
 
 import importlib.util
@@ -36,7 +36,7 @@ class Context:
         self.given, self.folder, self.values, self.declared = given, folder, {}, []
 
     def text(self, item):
-        """What substitutions, or a list of them, stand for."""
+        """The text of a substitution, or of a list of them."""
         if isinstance(item, (list, tuple)):
             return "".join(self.text(part) for part in item)
         return item if isinstance(item, str) else item.text(self)
@@ -89,7 +89,7 @@ class ParameterValue:
             return text
         value = yaml.safe_load(text)
         if type(value) is not self.value_type:
-            sys.exit(f"'{text}' is no {self.value_type.__name__}")
+            sys.exit(f"'{text}' is not a {self.value_type.__name__}")
         return value
 
 
@@ -155,7 +155,7 @@ def module(name, **contents):
 
 
 def read_python(path):
-    """Runs a Python launch file against the classes above."""
+    """Runs a Python launch file with the classes above."""
     module("launch", LaunchDescription=LaunchDescription)
     module("launch.actions", DeclareLaunchArgument=DeclareLaunchArgument)
     module("launch.conditions", IfCondition=lambda text: Condition(text, True),
@@ -191,7 +191,7 @@ def read_xml(path):
 
 
 def taken(element, *wanted, optional=()):
-    """The attributes of an element; it has those that are wanted, maybe those that are optional, and no others."""
+    """The attributes of an element, which must have all of `wanted`, may have `optional`, and no others."""
     missing, more = set(wanted) - set(element.attrib), set(element.attrib) - {*wanted, *optional}
     if missing or more:
         sys.exit(f"<{element.tag}>: missing {sorted(missing)}, unexpected {sorted(more)}")
@@ -234,14 +234,14 @@ def commands(path, given, folder):
     made = [command for entity in entities for command in entity.visit(context)]
     unknown = set(given) - set(context.declared)
     if unknown:
-        sys.exit(f"{path}: there is no argument {sorted(unknown)}; there are {context.declared}")
+        sys.exit(f"{path}: unknown argument {sorted(unknown)}; arguments are {context.declared}")
     return made
 
 
 def run(made):
-    """Starts the commands, hands SIGINT on, and tells how they ended."""
+    """Starts the commands, forwards SIGINT, and prints their exit codes."""
     processes = [subprocess.Popen(command, stdout=sys.stderr) for command in made]
-    # In a session of their own or not: the signal goes to this process alone, and from here to each of them once.
+    # SIGINT goes only to this process, in a session of its own or not, and is forwarded once to each child.
     signal.signal(signal.SIGINT, lambda *_: [process.send_signal(signal.SIGINT) for process in processes])
     print(json.dumps({"event": "started", "pids": [process.pid for process in processes]}), flush=True)
     codes = [process.wait() for process in processes]
@@ -258,7 +258,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         made = commands(pathlib.Path(path), given, folder)
         if only_print:
-            # Files of parameters by what they hold, so that two launch files can be compared.
+            # Parameter files are shown by their content, so that two launch files can be compared.
             shown = [[yaml.safe_load(pathlib.Path(word).read_text()) if word.startswith(folder) else word
                       for word in command] for command in made]
             print(json.dumps({"commands": shown}))

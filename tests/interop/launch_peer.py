@@ -1,4 +1,4 @@
-"""Watches the nodes of a launch file: prints the parameters of each once it is there, and later that all have gone.
+"""Watches the nodes of a launch file: prints the parameters of each once it appears, and reports when all have disappeared.
 
 usage: launch_peer.py PARAMETER[,PARAMETER...] NODE...
 """
@@ -33,7 +33,7 @@ def main():
         answer = client.get_parameters(parameters)
         executor.spin_until_future_complete(answer, timeout_sec=SECONDS)
         if not answer.done():
-            fail(f"{node} does not tell {parameters}")
+            fail(f"{node} does not return the parameters {parameters}")
         told[node] = dict(zip(parameters, map(parameter_value_to_python, answer.result().values)))
     emit({"nodes": told})
     deadline = time.monotonic() + 60.0

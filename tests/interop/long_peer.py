@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""An rclpy user that asks for models by names of megabytes, one after the other, until it is killed in the middle of one.
+"""An rclpy client that requests models with names of a megabyte, one after another, until it is killed in the middle of one.
 
-Prints one JSON line when it begins. Run it through ros-python.sh.
+Prints one JSON line when it starts to send. Run it through ros-python.sh.
 """
 
 import time
@@ -20,7 +20,7 @@ def main():
     node = Node("long_peer")
     client = node.create_client(LoadModel, "load_model")
     if not client.wait_for_service(20.0):
-        fail("nobody offers load_model; is the node running, in this ROS_DOMAIN_ID?")
+        fail("no node offers load_model; is the node running in this ROS_DOMAIN_ID?")
     emit({"event": "sending"})
     until = time.monotonic() + 60.0
     while time.monotonic() < until:

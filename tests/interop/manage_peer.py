@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""An rclpy manager of the node: takes it through its states, describes and sets its parameters, holds its mode, makes it forget,
-asks for a type, hears its log, gives it the time, has it identify a model.
+"""An rclpy manager of the node: takes it through its states, describes and sets its parameters, holds its mode, resets it, requests a
+type, reads its log, provides the time, and lets it identify a model.
 
-The node is expected as `corner/damper`, not started by itself, with `displacement` renamed to `/lvdt/x` and `reset` to `forget`.
-Prints one JSON line, for tests/interop.rs to judge. Run it through ros-python.sh.
+The node must run as `corner/damper`, without autostart, with `displacement` renamed to `/lvdt/x` and `reset` to `forget`.
+Prints one JSON line, which tests/interop.rs checks. Run it through ros-python.sh.
 """
 
 import argparse
@@ -77,7 +77,7 @@ class Peer:
         if name not in self.clients:
             self.clients[name] = self.node.create_client(kind, name)
             if not self.clients[name].wait_for_service(ANSWER):
-                fail(f"within {ANSWER:g} s nobody offers {name}; services: {self.node.get_service_names_and_types()}")
+                fail(f"no node offers {name} within {ANSWER:g} s; services: {self.node.get_service_names_and_types()}")
         return self.wait(name, self.clients[name].call_async(request or kind.Request()))
 
     def state(self):
@@ -94,7 +94,7 @@ class Peer:
         ]
 
     def set(self, **values):
-        """Sets parameters, all or none; `__` stands for a dot."""
+        """Sets parameters atomically; `__` in a name stands for a dot."""
         parameters = [
             Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()
         ]
@@ -107,7 +107,7 @@ class Peer:
         return answer.values[0]
 
     def move(self, seconds, from_ns=None, clock=False):
-        """Sends motion, and tells how many estimates bear its stamps and in which modes they are."""
+        """Sends motion, and returns the number of estimates with its stamps and their modes."""
         self.heard["estimates"].clear()
         sent, pace = set(), Pace(RATE)
         for displacement, current, force in samples(None, RATE, seconds):
@@ -148,7 +148,7 @@ def described(peer):
 def identify(peer, model, history, cancel=False):
     action = ActionClient(peer.node, Identify, "identify")
     if not action.wait_for_server(ANSWER):
-        fail("nobody offers the action identify")
+        fail("no node offers the action identify")
     stages = []
     goal = peer.wait(
         "send_goal",
@@ -232,7 +232,7 @@ def main():
         loaded = peer.call(LoadModel, "load_model", LoadModel.Request(model=file))
         result["loaded"] = {"success": loaded.success, "message": loaded.message}
 
-    # A simulation that began in 1970, and begins again.
+    # A simulation that starts in 1970, and then starts again.
     peer.set(use_sim_time=True)
     result["simulated"] = peer.move(2.5, from_ns=1_000_000_000, clock=True)
     peer.heard["diagnostics"].clear()

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""A reliable reader that never acknowledges, and renews its lease for ever. Root only: it listens for one real announcement.
+"""A reliable reader that never acknowledges but keeps renewing its lease. Root only: it captures one real announcement.
 
-It announces a participant and a reader of each topic named on the command line (topic=type, as DDS has them) to the first participants
-on this host, and then says nothing but that it is alive. Prints {"event": "ready"}; ends with standard input.
+It announces a participant and a reader of each topic on the command line (topic=type, with DDS names) to the first participants on
+this host, and then sends only signs of life. Prints {"event": "ready"}; ends when standard input closes.
 """
 
 import os
@@ -18,9 +18,9 @@ from peer_common import emit, fail
 STRANGER = bytes.fromhex("01124d555445000000000001")
 SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER = bytes.fromhex("000004c2"), bytes.fromhex("000004c7")
 PERIOD = 1.0
-# A participant of RustDDS announces itself every ten seconds or so.
+# A RustDDS participant announces itself about every ten seconds.
 PATIENCE = 60.0
-# The node is one of these.
+# The node is one of the first participants.
 PARTICIPANTS = 4
 
 
@@ -34,7 +34,7 @@ def text(value):
 
 
 def announced_reader(number, topic, of, port):
-    """The DATA submessage that tells of a reliable reader of `topic`."""
+    """The DATA submessage that announces a reliable reader of `topic`."""
     locator = struct.pack("<II", 1, port) + bytes(12) + socket.inet_aton("127.0.0.1")
     parameters = (
         parameter(0x5A, STRANGER + bytes([0, 0, number, 4]))  # endpoint GUID
@@ -49,7 +49,7 @@ def announced_reader(number, topic, of, port):
 
 
 def is_announcement(packet):
-    """True for a participant's announcement of itself to everybody."""
+    """True for a participant's own announcement to everybody."""
     kinds = [(kind, body) for kind, _, body in submessages(packet)]
     to_all = all(kind != INFO_DST for kind, _ in kinds)
     return to_all and any(kind == DATA and body[8:12] == SPDP_WRITER and len(body) > 100 for kind, body in kinds)

@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
-# A network namespace of its own with nothing but loopback, multicast included.
+# Runs programs in a separate network namespace with only loopback, including multicast.
 #
 # usage: netns.sh run COMMAND...        runs COMMAND in a new namespace and ends with its exit code
-#        netns.sh hold                  makes one, prints its "pid", keeps it until standard input closes
-#        netns.sh wire PID PID          a cable between two held ones, 10.77.0.1 to 10.77.0.2: two hosts (root only)
-#        netns.sh route PID PID PID     the outer two on either side of the middle one, a router that carries no multicast:
+#        netns.sh hold                  makes a namespace, prints its "pid", keeps it until standard input closes
+#        netns.sh wire PID PID          connects two held namespaces, 10.77.0.1 and 10.77.0.2, like two hosts (root only)
+#        netns.sh route PID PID PID     connects the outer two namespaces to the middle one, a router that carries no multicast:
 #                                       10.77.1.2 and 10.77.2.2 (root only)
 #        netns.sh enter PID COMMAND...  becomes COMMAND (same process id) in the namespace that PID holds
 #
-# COMMAND under enter dies with the process that started it (SIGKILL), so nothing is left behind when a test
-# is killed. Root makes plain namespaces; anybody else gets them inside a user namespace.
+# COMMAND under enter is killed (SIGKILL) with the process that started it, so nothing is left behind when a test is
+# killed. Root makes plain namespaces; other users get them inside a user namespace.
 set -euo pipefail
 
 die() {
@@ -17,7 +17,7 @@ die() {
   exit 1
 }
 
-# Run inside the fresh namespace.
+# Commands that run inside the new namespace.
 up='ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo'
 
 spaces=(--net)

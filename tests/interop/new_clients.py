@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""New clients in a running participant: how long each waits for its first answer.
+"""New clients in a running participant: measures how long each waits for its first response.
 
-Makes `--clients` clients of the node's service `get_state`, one after the other, calls each once and drops it. Prints one JSON line.
-Run it through ros-python.sh, in a namespace of its own:
+Creates `--clients` clients of the node's service `get_state`, one after another, calls each once and destroys it. Prints one JSON line.
+Run it through ros-python.sh, in its own network namespace:
 
   tests/interop/netns.sh run bash -c 'mr-damper node --model thesis/fuzzy-tanh/rp3-cs & sleep 3;
     tests/interop/ros-python.sh jazzy tests/interop/new_clients.py; kill $!'
@@ -22,11 +22,11 @@ LATE = 0.2  # s
 
 
 def wait_of(node, executor, service, limit):
-    """Seconds from making a client to its answer; the time spent in waiting for the service is in it."""
+    """Seconds from creating a client to its response, including the wait for the service."""
     began = time.monotonic()
     client = node.create_client(GetState, service)
     if not client.wait_for_service(timeout_sec=limit):
-        fail(f"{service} is not there after {limit:g} s")
+        fail(f"{service} was not found within {limit:g} s")
     answer = client.call_async(GetState.Request())
     executor.spin_until_future_complete(answer, timeout_sec=limit)
     seconds = time.monotonic() - began
@@ -44,7 +44,7 @@ def main():
     node = Node("interop_new_clients")
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    wait_of(node, executor, args.service, args.limit)  # the participants come to know each other
+    wait_of(node, executor, args.service, args.limit)  # the participants discover each other
     waits = [wait_of(node, executor, args.service, args.limit) for _ in range(args.clients)]
     answered = sorted(wait for wait in waits if wait is not None)
     emit(

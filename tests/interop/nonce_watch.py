@@ -3,11 +3,11 @@
 
 usage: nonce_watch.py
 
-AES-GCM must never use one vector twice with one key. The session keys follow from keys that this program does not have, so it looks
-at session and vector alone, of all senders: two messages of different content that share both are counted as `reused`. Prints
-{"event": "ready"}, and at the end a line of JSON: `reused`, and per sender (GUID prefix) the protected `messages` (whole messages
-and submessages), the `sessions`, and the `span` from the lowest to the highest vector. Vectors inside encrypted submessages are not
-seen. Needs CAP_NET_RAW, which root has in a network namespace of its own.
+AES-GCM must never use one vector twice with one key. The session keys are derived from keys that this program does not have, so it
+looks at session and vector of all senders: two messages with different content that share both are counted as `reused`. Prints
+{"event": "ready"}, and at the end a line of JSON: `reused`, and for each sender (GUID prefix) the number of protected `messages`
+(whole messages and submessages), the `sessions`, and the `span` from the lowest to the highest vector. Vectors inside encrypted
+submessages are not visible. Needs CAP_NET_RAW, which root has in its own network namespace.
 """
 
 import hashlib
@@ -42,7 +42,7 @@ class Watch:
                 prefix = None
 
     def protected(self, sender, header, content):
-        """A crypto header is kind, key, session (4 bytes each) and vector (8 bytes)."""
+        """A crypto header has kind, key, session (4 bytes each) and vector (8 bytes)."""
         session, vector = header[8:12].hex(), struct.unpack(">Q", header[12:20])[0]
         digest = hashlib.sha256(content).digest()
         known = self.contents.setdefault((session, vector), digest)
@@ -80,7 +80,7 @@ def submessages(data):
 
 
 def udp_payload(frame):
-    """The payload of a UDP datagram over IPv4, or nothing."""
+    """The payload of a UDP datagram over IPv4; empty for other frames."""
     packet = frame[ETHERNET:]
     if len(packet) < 20 or packet[0] >> 4 != 4 or packet[9] != socket.IPPROTO_UDP:
         return b""
@@ -96,7 +96,8 @@ def main():
         while True:
             ready, _, _ = select.select([link, sys.stdin], [], [])
             if link in ready:
-                # A socket of one protocol gets packets on their way in, so each of the loopback interface once.
+                # A socket of one protocol gets only incoming packets, so each packet of the loopback interface
+                # once.
                 watch.datagram(udp_payload(link.recv(1 << 17)))
             elif not sys.stdin.readline():
                 break

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Opens the live page in Chromium, without a screen, and tells what stands there: one line of JSON.
+"""Opens the live page in headless Chromium, and prints its content in one line of JSON.
 
-The browser is told what to do over two pipes (DevTools protocol), so nothing listens and nothing has to be installed beside it.
+The browser is controlled over two pipes (DevTools protocol), so no port is opened and no other package is needed.
 
 usage: page_peer.py BROWSER URL PROFILE [--seconds S] [--size WxH] [--dark] [--keys KEYS] [--file RUN] [--step JS]...
                     [--picture FILE] [--whole]
@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 
-# The figures by their paths, exact and as they are shown, and what else tests look at.
+# The table's values by their paths, exact and as displayed, and everything else that the tests check.
 LOOK = """(() => {
   const card = document.querySelector('.card.selected') ?? document.querySelector('.card');
   const of = (selector) => card?.querySelector(selector)?.textContent ?? '';
@@ -39,14 +39,15 @@ LOOK = """(() => {
 
 
 class Browser:
-    """A browser on two pipes."""
+    """A browser controlled over two pipes."""
 
     def __init__(self, program, profile):
         theirs_in, self.out = os.pipe()
         self.inlet, theirs_out = os.pipe()
 
         def pipes():
-            # What the protocol reads and writes are numbers 3 and 4; kept aside first, as they may be among these already.
+            # The protocol uses file descriptors 3 and 4. The pipes are duplicated first, because they may have these
+            # numbers already.
             ends = [os.dup(theirs_in), os.dup(theirs_out)]
             safe = [os.dup2(end, 20 + k, inheritable=True) for k, end in enumerate(ends)]
             os.dup2(safe[0], 3, inheritable=True)
@@ -92,13 +93,13 @@ class Browser:
     def close(self):
         self.session = None
         self.ask("Browser.close")
-        # Nobody reads any more what it may still have to say, on which it could wait.
+        # Nobody reads its output any more, and it might block on writing.
         os.close(self.inlet)
         os.close(self.out)
         try:
             self.process.wait(timeout=10)
         except subprocess.TimeoutExpired:
-            # It has shown what it was to show; how it leaves is its own affair.
+            # The result has been read, so it does not matter how the browser ends.
             self.process.kill()
             self.process.wait()
 
@@ -112,10 +113,10 @@ def main():
     parser.add_argument("--size", default="1280x900")
     parser.add_argument("--dark", action="store_true")
     parser.add_argument("--keys", default="", help="keys to press, one after the other")
-    parser.add_argument("--file", help="a run to be chosen in the workshop")
-    parser.add_argument("--step", action="append", default=[], help="to be evaluated again and again until it is true; one after the other")
+    parser.add_argument("--file", help="a run to upload on the page of serve --workshop")
+    parser.add_argument("--step", action="append", default=[], help="JavaScript to evaluate until it is true; several are done in order")
     parser.add_argument("--picture")
-    parser.add_argument("--whole", action="store_true", help="the picture is of the whole page")
+    parser.add_argument("--whole", action="store_true", help="take the picture of the whole page")
     args = parser.parse_args()
     browser = Browser(args.browser, args.profile)
     target = browser.ask("Target.createTarget", url="about:blank")["targetId"]
@@ -128,7 +129,7 @@ def main():
         browser.ask(f"{domain}.enable")
     browser.ask("Page.navigate", url=args.url)
     deadline = time.monotonic() + 20
-    # A page of somebody else has no cards to wait for.
+    # Other sites' pages have no cards to wait for.
     while not browser.evaluate("document.readyState === 'complete' && document.querySelector('.card, #workshop, body:not(:has(#card))') !== null"):
         if time.monotonic() > deadline:
             break
@@ -142,7 +143,7 @@ def main():
         deadline = time.monotonic() + 60
         while not browser.evaluate(step):
             if time.monotonic() > deadline:
-                sys.exit(f"not so within a minute: {step}; the page: {browser.evaluate('document.body.innerText')}")
+                sys.exit(f"not true within a minute: {step}; the page: {browser.evaluate('document.body.innerText')}")
             time.sleep(0.1)
     for key in args.keys.split():
         code = {"space": " "}.get(key, key)

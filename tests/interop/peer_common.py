@@ -1,4 +1,4 @@
-"""What the Python peers share: one result line, stamps, a synthetic run, and pacing."""
+"""Shared by the Python peers: the result line, stamps, a synthetic run, and pacing."""
 
 import csv
 import json
@@ -9,11 +9,11 @@ import time
 MODES = ["arx", "arx_coast", "model", "hold", "fault"]
 INPUTS = ("displacement", "coil_current", "measured_force")
 OUTPUTS = ("force_estimate", "force_residual", "mode")
-WARM_UP = 0.5  # seconds of every run that are sent and not counted: the node's inputs arrive in any order at first
+WARM_UP = 0.5  # seconds at the start of every run that are not counted: the node's inputs arrive in any order at first
 
 
 def emit(result):
-    """Prints one JSON line; what is not finite becomes null."""
+    """Prints one JSON line; numbers that are not finite become null."""
     print(json.dumps(_finite(result), allow_nan=False), flush=True)
 
 
@@ -28,15 +28,15 @@ def _finite(value):
 
 
 def fail(message):
-    """Ends the peer with a message that says what, where and what to do."""
+    """Ends the peer with a message that says what failed, where and what to do."""
     print(f"{sys.argv[0]}: {message}", file=sys.stderr, flush=True)
     sys.exit(1)
 
 
 def samples(path, rate, seconds):
-    """Yields (displacement in m, current in A, force in N): rows of a run, or a sine with a steplike current.
+    """Yields (displacement in m, current in A, force in N): rows of a run, or a sine with a stepped current.
 
-    The synthetic force is no damper's; it only has the size and sign of one.
+    The synthetic force is not from a damper; it only has a damper's magnitude and sign.
     """
     count = int(rate * seconds)
     if path:
@@ -58,10 +58,10 @@ def samples(path, rate, seconds):
 
 
 class Pace:
-    """Due times on a fixed grid: a late sample does not shift those after it.
+    """Due times on a fixed grid: a late sample does not shift later samples.
 
-    Stamps lie on the grid too, as those of a sampling card do: they tell when a sample was due, not when Python
-    got round to it.
+    Stamps are on the grid too, as from a sampling card: they are the times at which samples were due, not the times at which Python
+    sent them.
     """
 
     def __init__(self, rate):
@@ -76,7 +76,7 @@ class Pace:
         return self.first_ns + round(self.count * self.period * 1e9)
 
     def remaining(self):
-        """Seconds until the next sample is due; zero or negative: now."""
+        """Seconds until the next sample is due; zero or negative if it is due now."""
         return self.next - time.perf_counter()
 
     def advance(self):
@@ -87,10 +87,10 @@ class Pace:
 
 
 def answers(sent, messages, to_ns):
-    """Whether each displacement got exactly one estimate, with its stamp; and what the estimates say.
+    """Checks that each displacement got exactly one estimate with its stamp, and summarises the estimates.
 
-    When displacement falls silent the node holds its last estimate and then gives none: those carry the last
-    stamp again, are told by their mode, and are counted apart.
+    When displacement stops, the node holds its last estimate and then reports that it has none. These estimates repeat the last stamp;
+    they are recognised by their mode and counted separately.
     """
     silent = (MODES.index("hold"), MODES.index("fault"))
     live = [m for m in messages if m.mode not in silent]
@@ -112,7 +112,7 @@ def answers(sent, messages, to_ns):
 
 
 def residuals(sent, messages, to_ns):
-    """Whether each measured force got its residual, and whether that is what it says."""
+    """Checks that each measured force got its residual, and that residuals are measured minus predicted."""
     stamps = {to_ns(m.header.stamp) for m in messages}
     return {
         "count": len(messages),
@@ -125,7 +125,7 @@ def residuals(sent, messages, to_ns):
 
 
 def since(ns, messages, to_ns):
-    """The messages whose stamp is not before `ns`."""
+    """The messages with stamps at or after `ns`."""
     return [m for m in messages if to_ns(m.header.stamp) >= ns]
 
 
@@ -134,7 +134,7 @@ def mode_changes(messages):
 
 
 def percentile(values, share):
-    """The nearest-rank percentile of unsorted values; NaN when there are none."""
+    """The nearest-rank percentile of unsorted values; NaN without values."""
     if not values:
         return math.nan
     ordered = sorted(values)

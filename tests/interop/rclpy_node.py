@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What somebody would write with rclpy in an afternoon: the same model, no gates, no supervisor, no residual.
+"""A minimal rclpy node for comparison: the same model, without gates, supervisor and residual.
 
-Takes displacement, coil_current and measured_force, and publishes force_estimate: fuzzy sets over the current with a tanh
-function under each, on a low-passed difference of displacement. The coefficients are of no damper; what is measured is the time.
+Receives displacement, coil_current and measured_force, and publishes force_estimate: fuzzy sets over the current with a tanh function
+under each, on a low-passed difference of displacement. The coefficients are not from a damper; only the time is measured.
 """
 
 import math

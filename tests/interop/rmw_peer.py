@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""A node of pyzeros, which speaks rmw_zenoh without anything of ROS or of ours, at the other end of a router like rmw_zenohd.
+"""A node of pyzeros, an independent implementation of rmw_zenoh without ROS, behind a router like rmw_zenohd.
 
     rmw_peer.py ENDPOINT SECONDS        # tcp/127.0.0.1:7447 3; the domain is ROS_DOMAIN_ID
 
-The types below are written out by hand from msgs/msg, so their hashes are pyzeros' own. Starts the router, looks at the tokens of the
-damper's node, sends displacement, coil_current and measured_force, and takes every output with its attachment. pyzeros 0.1.0
-has no graph of its own to ask: tokens are fetched with plain Zenoh and compared with those that pyzeros would declare.
+The types below are written by hand from msgs/msg, so their hashes are computed by pyzeros. The script starts the router, reads the
+tokens of the damper's node, sends displacement, coil_current and measured_force, and receives every output with its attachment.
+pyzeros 0.1.0 has no graph to query: tokens are fetched with plain Zenoh and compared with the tokens that pyzeros would declare.
 
-Prints one JSON line. Numbers that are compared to the bit are given as the bits of a double.
+Prints one JSON line. Numbers that must be bit-identical are given as the bits of a double.
 """
 
 import asyncio
@@ -18,7 +18,7 @@ import sys
 import time
 from dataclasses import dataclass, field
 
-# pyzeros compiles a codec when it is first used, which takes 15 s; setup.sh has done that.
+# pyzeros compiles a codec at its first use, which takes 15 s; setup.sh has done that.
 os.environ.setdefault("CYDR_CACHE_DIR", os.path.join(sys.prefix, "cydr_cache"))
 
 import pyzeros
@@ -127,7 +127,7 @@ class CurrentCommand(idl.IdlStruct, typename=OURS + "CurrentCommand"):
 
 @dataclass
 class OtherDisplacement(idl.IdlStruct, typename=OURS + "Displacement"):
-    """The same name, another definition: another hash."""
+    """The same name with another definition, and so another hash."""
 
     header: Header = field(default_factory=Header)
     displacement: idl.types.float32 = 0.0
@@ -168,7 +168,7 @@ def config(settings):
 
 
 def router(endpoint):
-    """As DEFAULT_RMW_ZENOH_ROUTER_CONFIG.json5 of rmw_zenoh_cpp has it, where it says anything else than Zenoh."""
+    """The settings of DEFAULT_RMW_ZENOH_ROUTER_CONFIG.json5 of rmw_zenoh_cpp that differ from Zenoh's defaults."""
     return config(
         {
             "mode": '"router"',
@@ -182,7 +182,7 @@ def router(endpoint):
 
 
 def session(endpoint):
-    """As DEFAULT_RMW_ZENOH_SESSION_CONFIG.json5 of rmw_zenoh_cpp has it, likewise."""
+    """The settings of DEFAULT_RMW_ZENOH_SESSION_CONFIG.json5 of rmw_zenoh_cpp that differ from Zenoh's defaults."""
     return config(
         {
             "mode": '"peer"',
@@ -197,14 +197,14 @@ def session(endpoint):
 
 
 def tokens(opened, domain):
-    """The tokens of the damper's node, split."""
+    """The tokens of the damper's node, sorted."""
     replies = opened.liveliness().get(f"@ros2_lv/{domain}/**", timeout=5.0)
     found = [str(reply.ok.key_expr) for reply in replies if reply.ok]
     return sorted(token for token in found if token.split("/")[8:9] == [NAME])
 
 
 def compared(opened, found, domain):
-    """Whether each token is the very text that pyzeros would declare in its place."""
+    """Each token, and the token that pyzeros would declare for the same entity."""
     expected = []
     for token in found:
         _, _, zid, nid, eid, kind, *_ = token.split("/")
@@ -224,7 +224,7 @@ def compared(opened, found, domain):
 
 
 class Heard:
-    """What came on one output, with its attachments read by pyzeros."""
+    """The messages received on one output, with attachments decoded by pyzeros."""
 
     def __init__(self, of):
         self.of = of
@@ -274,7 +274,7 @@ async def run(opened, endpoint, seconds, domain):
         for topic in ("displacement", "coil_current", "measured_force", "force_request")
     )
     other = pyzeros.Pub(OtherDisplacement, "displacement", session=node)
-    # Subscriptions travel over the router, and nothing tells when they have arrived.
+    # Subscriptions are declared through the router, and nothing reports when they have arrived.
     await asyncio.sleep(1.0)
 
     other.publish(OtherDisplacement(header=header(time.time_ns()), displacement=1.0))

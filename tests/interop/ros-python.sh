@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs Python with a real ROS 2 and mr_damper_msgs from the environments that setup.sh made.
+# Runs Python with a real ROS 2 and mr_damper_msgs from the environments made by setup.sh.
 # usage: ros-python.sh jazzy|kilted ARGUMENTS OF PYTHON...
 set -euo pipefail
 [ $# -ge 2 ] || {
@@ -14,8 +14,8 @@ root=${MR_DAMPER_INTEROP_DIR:-/var/tmp/mr-damper-interop}/$distro
   exit 1
 }
 packages=$(echo "$root"/msgs/lib/python3.*/site-packages)
-# The wheels restart Python once to set up the loader and mark that in the environment; a mark inherited from
-# another environment would keep them from doing so.
+# The wheels restart Python once to set up the loader, and record that in an environment variable. A value
+# inherited from another environment would prevent the restart.
 unset _ROS_WHEELS_BOOTSTRAP_COMPLETE
 export ROS_DISTRO=$distro RMW_IMPLEMENTATION=rmw_fastrtps_cpp PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
 export AMENT_PREFIX_PATH=$root/msgs:$root/venv PYTHONPATH=$packages LD_LIBRARY_PATH=$root/msgs/lib:$root/venv/lib

@@ -1,4 +1,4 @@
-"""What the rclpy peers share: messages, QoS, waiting for the graph."""
+"""Shared by the rclpy peers: messages, QoS, waiting for the graph."""
 
 import time
 
@@ -46,7 +46,7 @@ def to_stamp(ns):
 
 
 def message(topic, ns, value):
-    """An input message with its stamp and its one figure."""
+    """An input message with its stamp and its value."""
     result = TYPES[topic]()
     result.header.stamp = to_stamp(ns)
     field = {"displacement": "displacement", "coil_current": "current"}
@@ -55,11 +55,11 @@ def message(topic, ns, value):
 
 
 def wait_until(condition, executor, seconds, what):
-    """Spins until `condition()` holds; ends the peer when it does not within `seconds`."""
+    """Spins until `condition()` is true; ends the peer if that takes longer than `seconds`."""
     deadline = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > deadline:
-            fail(f"after {seconds:g} s {what}; is the node running, in this ROS_DOMAIN_ID and namespace?")
+            fail(f"after {seconds:g} s {what}; is the node running in this ROS_DOMAIN_ID and namespace?")
         executor.spin_once(timeout_sec=0.02)
 
 

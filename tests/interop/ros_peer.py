@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""An rclpy user of the node: sends its inputs, receives its outputs, looks at the graph, changes a parameter.
+"""An rclpy user of the node: sends its inputs, receives its outputs, reads the graph, changes a parameter.
 
-Prints one JSON line. Every figure is what this peer saw; judging is the caller's business (tests/interop.rs).
+Prints one JSON line. It only reports what this peer saw; tests/interop.rs checks the values.
 Run it through ros-python.sh. `--against echo` is for the bare echo, which has neither residual nor parameters.
 """
 
@@ -42,17 +42,17 @@ def arguments():
     parser.add_argument("--node", default="/mr_damper", help="fully qualified name of the node")
     parser.add_argument("--against", choices=["node", "echo"], default="node")
     parser.add_argument("--csv", help="run to send; default: a sine")
-    parser.add_argument("--rate", type=float, default=512.0, help="samples a second")
+    parser.add_argument("--rate", type=float, default=512.0, help="samples per second")
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument(
         "--force-seconds", type=float, default=math.inf, help="measured force stops after this long"
     )
-    parser.add_argument("--list-below", help="list the parameters below this alone, and describe fewer of them")
+    parser.add_argument("--list-below", help="list only the parameters below this prefix")
     return parser.parse_args()
 
 
 class Peer:
-    """Publishers, subscriptions and what came in."""
+    """Publishers, subscriptions and received messages."""
 
     def __init__(self, args):
         self.args = args
@@ -88,13 +88,13 @@ class Peer:
             self.sent[topic].append(ns)
 
     def send(self):
-        """Sends the run, current and force ahead of the displacement that makes the node step."""
-        # The peer sees the node's reader a moment before the node sees this writer; volatile writers drop
-        # what is sent in between. So knock until the first answer.
+        """Sends the run: current and force before the displacement that triggers the node's step."""
+        # The peer discovers the node's reader shortly before the node discovers this writer; volatile
+        # writers drop samples sent in between. So displacements are sent until the first answer arrives.
         knocks = 0
         while not self.received["force_estimate"]:
             if knocks == 200:
-                fail("200 displacements in 10 s, and no force_estimate came back")
+                fail("no force_estimate came back for 200 displacements in 10 s")
             ns = time.time_ns()
             for topic in ("coil_current", "displacement"):
                 if topic in self.inputs:
@@ -141,9 +141,10 @@ class Peer:
         }
 
     def parameters(self):
-        """Lists, describes, sets one, has two refused, and reads back."""
+        """Lists, describes and sets parameters, tries invalid values, and reads back."""
         client = AsyncParameterClient(self.node, self.args.node)
-        # rclpy's wait_for_services also wants services that ros2-client does not offer, so wait for calls.
+        # rclpy's wait_for_services also waits for services that ros2-client does not offer, so wait for
+        # the calls instead.
         result = {}
         below = [self.args.list_below] if self.args.list_below else None
         listed = self.call("list_parameters", client.list_parameters(below))
@@ -167,7 +168,7 @@ class Peer:
         return {"successful": answer.successful, "reason": answer.reason}
 
     def models(self, known, unknown):
-        """Has one model loaded and one refused."""
+        """Loads one model, and requests one that must be refused."""
         client = self.node.create_client(LoadModel, "load_model")
         if not client.wait_for_service(SERVICE_TIMEOUT):
             fail(f"{self.args.node} does not offer load_model")

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Round trip of one damper's samples: displacement out, force_estimate with the same stamp back.
+"""Round trip of one damper's samples: from displacement to the force_estimate with the same stamp.
 
-Publishes coil_current, measured_force and displacement at a fixed rate from one thread, which also takes the
-answers, so the figures hold what rclpy itself costs. They are for comparing what stands at the other end:
-the node, or the bare echo. Prints one JSON line; times are in microseconds.
+Publishes coil_current, measured_force and displacement at a fixed rate from one thread, which also receives the answers, so the times
+include the cost of rclpy itself. They serve to compare different programs at the other end: the node, or the bare echo. Prints one
+JSON line; times are in microseconds.
 """
 
 import argparse
@@ -20,9 +20,9 @@ from ros_common import TYPES, message, qos, to_ns, wait_until
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rate", type=float, default=1000.0, help="samples a second")
+    parser.add_argument("--rate", type=float, default=1000.0, help="samples per second")
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--warm-up", type=float, default=1.0, help="seconds that are sent and not counted")
+    parser.add_argument("--warm-up", type=float, default=1.0, help="seconds at the start that are not counted")
     parser.add_argument("--drain", type=float, default=2.0, help="longest wait for the last answers, seconds")
     return parser.parse_args()
 
@@ -61,21 +61,21 @@ class RoundTrip:
             and self.node.count_publishers("force_estimate") > 0,
             self.executor,
             15.0,
-            "nobody takes displacement and gives force_estimate",
+            "no program subscribes to displacement and publishes force_estimate",
         )
         for _ in range(200):
             displacement.publish(message("displacement", time.time_ns(), 0.0))
             self.executor.spin_once(timeout_sec=0.05)
             if self.answers:
                 return
-        fail("200 displacements in 10 s, and no force_estimate came back")
+        fail("no force_estimate came back for 200 displacements in 10 s")
 
     def send(self, rate, seconds, counted):
         pace = Pace(rate)
         count = 0
         for displacement, current, force in samples(None, rate, seconds):
-            # Take answers while there is time. The last half millisecond is for spinning without waiting:
-            # a timed wait oversleeps.
+            # Receives answers while there is time. In the last 0.2 ms it spins without waiting, because a
+            # timed wait oversleeps.
             while (remaining := pace.remaining()) > 0:
                 self.executor.spin_once(timeout_sec=max(0.0, remaining - 0.0002))
             ns = pace.stamp_ns()

@@ -1,10 +1,10 @@
-/* A sensor in a DDS domain with security, on CycloneDDS: sends displacements and a coil current, hears force estimates.
+/* A sensor in a DDS domain with security, on CycloneDDS: sends displacements and a coil current, receives force estimates.
  *
  * usage: secure_cyclone ENCLAVE READERS WRITERS SECONDS      with ROS_DOMAIN_ID
  *
- * ENCLAVE is a directory of a keystore. Waits until so many READERS and WRITERS of others are matched, for a minute at most, then
- * continues for SECONDS. Prints one line of JSON. Debian's CycloneDDS has security; the CycloneDDS of the wheels has not.
- * Its own middleware keeps it to its permissions (see secure_peer.cpp for a peer that exceeds them).
+ * ENCLAVE is a directory of a keystore. Waits until this many READERS and WRITERS of others are matched, at most a minute, then
+ * continues for SECONDS. Prints one line of JSON. Debian's CycloneDDS supports security; the CycloneDDS of the wheels does not.
+ * Its own middleware enforces its permissions (see secure_peer.cpp for a peer that exceeds them).
  */
 #include <dds/dds.h>
 #include <math.h>
@@ -23,7 +23,7 @@ static dds_time_t sent[MOST];
 static int count_sent, heard, known;
 static double largest;
 
-/* An entity, or the end of the program with what could not be made. */
+/* Returns the entity, or ends the program with a message that names what could not be created. */
 static dds_entity_t must(dds_entity_t entity, const char *what) {
   if (entity < 0) {
     fprintf(stderr, "secure_cyclone: %s: %s\n", what, dds_strretcode(-entity));

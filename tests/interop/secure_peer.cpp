@@ -1,11 +1,11 @@
-// A sensor in a DDS domain with security, on Fast DDS: sends displacements and a coil current, hears force estimates.
+// A sensor in a DDS domain with security, on Fast DDS: sends displacements and a coil current, receives force estimates.
 //
 // usage: secure_peer ENCLAVE|none READERS WRITERS SECONDS
 //
-// ENCLAVE is a directory of a keystore. Waits until so many READERS and WRITERS of others are matched, for a minute at
-// most (a handshake takes some seconds, on a busy machine more), then goes on for SECONDS. Prints one line of JSON. Debian's Fast DDS has security; that of the wheels has
-// not. The types are ours by hand, in XCDR1, as on any ROS 2 topic. It tries what its permissions do not give: the
-// other side has to refuse it.
+// ENCLAVE is a directory of a keystore. Waits until this many READERS and WRITERS of others are matched, at most a
+// minute (a handshake takes some seconds, longer on a busy machine), then continues for SECONDS. Prints one line of
+// JSON. Debian's Fast DDS supports security; the Fast DDS of the wheels does not. The types are written by hand, in
+// XCDR1, as on any ROS 2 topic. This peer tries to exceed its permissions: the other side must refuse that.
 
 #define HAVE_SECURITY 1
 #include <chrono>
@@ -37,7 +37,7 @@ using namespace eprosima::fastrtps::rtps;
 
 int checks_left_out = 0;
 
-// In place of Fast DDS' own checks of what this participant may create: a peer that means harm would not ask them.
+// Replaces Fast DDS' own checks of what this participant may create, because a hostile peer would not run them.
 extern "C" bool _ZN8eprosima8fastrtps4rtps8security11Permissions23check_create_datawriterERKNS2_6HandleEjRKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEERKSt6vectorISC_SaISC_EERNS2_17SecurityExceptionE(
     void*, const void*, uint32_t, const void*, const void*, void*) {
   checks_left_out++;
@@ -49,7 +49,7 @@ extern "C" bool _ZN8eprosima8fastrtps4rtps8security11Permissions23check_create_d
   return true;
 }
 
-// Stamp and one figure: what matters of Displacement, CoilCurrent and ForceEstimate.
+// Stamp and one value: the parts of Displacement, CoilCurrent and ForceEstimate that are used here.
 struct Sample {
   int64_t nanoseconds = 0;
   double figure = 0.0;
@@ -165,7 +165,7 @@ int main(int count, char** words) {
   auto* driver = publisher->create_datawriter(current, DATAWRITER_QOS_DEFAULT);
   auto* reader = participant->create_subscriber(SUBSCRIBER_QOS_DEFAULT)->create_datareader(estimate, reading);
   if (std::string(words[1]) != "none" && checks_left_out != 3) {
-    std::cerr << "secure_peer: Fast DDS made its own checks (" << checks_left_out << " of 3 left out); it is written for 2.9\n";
+    std::cerr << "secure_peer: Fast DDS ran its own checks (" << checks_left_out << " of 3 replaced); this program is written for 2.9\n";
     return 1;
   }
   if (!writer || !driver || !reader) {

@@ -1,20 +1,20 @@
 #!/usr/bin/env bash
-# Prepares the foreign peers of the interop tests: two real ROS 2 distributions with our messages compiled in,
-# and one environment with CycloneDDS, Zenoh and the bag readers.
+# Prepares the peers of the interop tests: two real ROS 2 distributions with our messages compiled in, and one environment with
+# CycloneDDS, Zenoh and the bag readers.
 #
-# usage: setup.sh [jazzy] [kilted] [peers] [secure] [cyclone] [router]      (nothing named: the first three)
+# usage: setup.sh [jazzy] [kilted] [peers] [secure] [cyclone] [router]      (default: the first three)
 #
-# Everything lands under $MR_DAMPER_INTEROP_DIR (default /var/tmp/mr-damper-interop):
-#   jazzy/venv   jazzy/msgs     rclpy and friends from wheels; mr_damper_msgs built against them
+# Everything is installed under $MR_DAMPER_INTEROP_DIR (default /var/tmp/mr-damper-interop):
+#   jazzy/venv   jazzy/msgs     rclpy and its dependencies from wheels; mr_damper_msgs built against them
 #   kilted/venv  kilted/msgs
 #   peers/venv                  cyclonedds, eclipse-zenoh, pyzeros, rosbags, mcap, mcap-ros2-support
 #   secure/secure_peer          a peer on Debian's Fast DDS, which has DDS-Security; needs libfastrtps-dev and openssl
 #   cyclone/secure_cyclone      a peer on Debian's CycloneDDS with DDS-Security; needs cyclonedds-dev, cyclonedds-tools and openssl
-#   router/fleet-router         a Zenoh router with a storage; needs Rust, and some minutes to build
-# A part is skipped when its stamp still names these requirements, these interface files, this script and
-# this Python. Delete the directory to start over.
+#   router/fleet-router         a Zenoh router with a storage; needs Rust, and takes a few minutes to build
+# A part is skipped if its stamp matches these requirements, the interface files, this script and this Python. Delete the directory
+# to start over.
 #
-# Needs: python3 with venv and headers, a C and a C++ compiler. Nothing of ROS.
+# Needs: python3 with venv and headers, a C and a C++ compiler. ROS is not needed.
 set -euo pipefail
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -30,16 +30,16 @@ die() {
 
 check_tools() {
   "$python" -c 'import sys; sys.exit(sys.version_info[:2] < (3, 11))' 2>/dev/null ||
-    die "$python is not Python 3.11 or newer; install python3 or name another one in MR_DAMPER_PYTHON"
+    die "$python is not Python 3.11 or newer; install python3 or set MR_DAMPER_PYTHON to another one"
   "$python" -c 'import venv, ensurepip' 2>/dev/null ||
     die "$python cannot make virtual environments; on Debian: apt-get install python3-venv"
   "$python" -c 'import os, sysconfig, sys
 sys.exit(not os.path.exists(os.path.join(sysconfig.get_paths()["include"], "Python.h")))' ||
     die "Python.h of $python is missing; on Debian: apt-get install python3-dev"
-  command -v c++ >/dev/null || die "there is no C++ compiler; on Debian: apt-get install build-essential"
+  command -v c++ >/dev/null || die "the C++ compiler (c++) is missing; on Debian: apt-get install build-essential"
 }
 
-# What a part depends on, as one line.
+# A hash of everything that a part depends on.
 fingerprint() {
   local part=$1
   case $part in
@@ -72,7 +72,7 @@ install_requirements() {
     die "pip could not install requirements/$part.txt; its message above says which package"
 }
 
-# CMake files inside the wheels name the Python of the machine that built them. Point them at ours, or CMake
+# CMake files inside the wheels name the Python of the machine that built them. They are changed to name our Python, because CMake
 # stops at include directories that do not exist.
 relocate_wheels() {
   "$1/bin/python" - "$1/share" <<'PYTHON'
@@ -128,20 +128,20 @@ build_router() {
   cargo build --release --locked --quiet --manifest-path "$here/router/Cargo.toml" --target-dir "$target" ||
     die "the router did not build; the compiler's message is above"
   cp "$target/release/fleet-router" "$base/router/"
-  # A gigabyte that is of no more use.
+  # The build directory takes a gigabyte and is no longer needed.
   rm -rf "$target"
 }
 
-# The part works when its own Python can import what the peers import.
+# Checks that the part's Python can import what the peers import.
 verify() {
   local part=$1
   if [ "$part" = peers ]; then
     "$base/peers/venv/bin/python" -c 'import cyclonedds.domain, zenoh, rosbags, mcap, mcap_ros2' ||
       die "the peers environment does not import; delete $base/peers and run this again"
-    # pyzeros compiles a codec when it is first used; where rmw_peer.py looks for it.
+    # pyzeros compiles a codec at its first use; rmw_peer.py looks for it in this directory.
     CYDR_CACHE_DIR=$base/peers/venv/cydr_cache "$base/peers/venv/bin/python" -c '
 from pyzeros.builtin_msgs import Attachment
-Attachment().serialize()' || die "pyzeros does not work in $base/peers; its message above says why"
+Attachment().serialize()' || die "pyzeros does not work in $base/peers; its message above gives the cause"
   else
     "$here/ros-python.sh" "$part" -c 'import rclpy; from mr_damper_msgs.msg import ForceEstimate' ||
       die "rclpy with mr_damper_msgs does not import in $part; delete $base/$part and run this again"
@@ -184,7 +184,7 @@ for part in "$@"; do
   case $part in
     jazzy | kilted | peers | secure | cyclone | router) (prepare "$part") ;;
     *)
-      say "there is no part '$part'; parts are jazzy, kilted, peers, secure, cyclone, router"
+      say "unknown part '$part'; parts are jazzy, kilted, peers, secure, cyclone, router"
       exit 2
       ;;
   esac

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""An rclpy user that sends the node's inputs at 100 Hz, or hears its estimates (--hear), and may be stopped meanwhile.
+"""An rclpy peer that sends the node's inputs at 100 Hz, or receives its estimates (--hear); a test may stop it in between.
 
-Says {"event": "ready"} once the node is there; ends with standard input. Run it through ros-python.sh.
+Prints {"event": "ready"} once the node is discovered; ends when standard input closes. Run it through ros-python.sh.
 """
 
 import argparse
@@ -23,7 +23,7 @@ INPUTS = ("coil_current", "measured_force", "displacement")
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--hear", action="store_true", help="hear estimates, and send nothing")
+    parser.add_argument("--hear", action="store_true", help="receive estimates, and send nothing")
     args = parser.parse_args()
     rclpy.init()
     node = Node("steady_peer")

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""An rclpy supervisor: asks the node for forces, of sense and of none, and falls silent.
+"""An rclpy supervisor: requests valid and invalid forces from the node, and then stops sending.
 
-Prints one JSON line: for each phase what was commanded and why, what was said of the estimates, and their bands. Judging is
-the caller's business (tests/interop.rs). Run it through ros-python.sh.
+Prints one JSON line: for each phase the commands and their limits, the reasons of the estimates, and their intervals. tests/interop.rs
+checks the values. Run it through ros-python.sh.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from peer_common import Pace, emit, fail, samples
 from ros_common import TYPES, message, qos, wait_until
 
 RATE = 256.0
-PHASE = 2.0  # seconds; the first third of each is the one before it dying away
+PHASE = 2.0  # seconds; the first third of each phase is ignored, because it still shows the previous phase
 INPUTS = ("displacement", "coil_current", "measured_force", "force_request")
 OUTPUTS = ("current_command", "force_estimate")
 
@@ -34,7 +34,7 @@ def named(message_type, prefix):
 LIMITED_BY = named(CurrentCommand, "LIMITED_BY_")
 REASONS = named(ForceEstimate, "REASON_")
 
-# What is asked for in each phase, given the measured force; None: nothing.
+# The requested force of each phase, given the measured force; None: no request.
 PHASES = {
     "follow": lambda force: 0.7 * force,
     "not_a_number": lambda force: math.nan,
@@ -61,12 +61,12 @@ class Peer:
             and all(self.node.count_publishers(topic) > 0 for topic in OUTPUTS),
             self.executor,
             15.0,
-            f"{self.node_name} does not listen to {INPUTS} and publish {OUTPUTS}",
+            f"{self.node_name} does not subscribe to {INPUTS} and publish {OUTPUTS}",
         )
         deadline = time.monotonic() + 10.0
         while not self.received["force_estimate"]:
             if time.monotonic() > deadline:
-                fail("displacements for 10 s, and no force_estimate came back")
+                fail("no force_estimate came back for displacements sent for 10 s")
             ns = time.time_ns()
             for topic in ("coil_current", "displacement"):
                 self.publishers[topic].publish(message(topic, ns, 0.0))
@@ -78,7 +78,7 @@ class Peer:
             self.executor.spin_once(timeout_sec=left)
 
     def act(self, phase, ask):
-        """Sends motion for a phase, asking for what `ask` says, and tells what came in its last two thirds."""
+        """Sends motion for a phase with the requests of `ask`, and summarises the messages of its last two thirds."""
         pace, begun = Pace(RATE), time.monotonic()
         for displacement, current, force in samples(None, RATE, PHASE):
             while (remaining := pace.remaining()) > 0:

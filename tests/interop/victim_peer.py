@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""An rclpy subscriber with default QoS on the estimates and commands of some dampers, which a test kills, stops or unplugs.
+"""An rclpy subscriber with default QoS to estimates and commands of several dampers, which a test kills, stops or unplugs.
 
-Prints {"event": "ready"} once it hears all dampers; ends with standard input. Run it through ros-python.sh.
+Prints {"event": "ready"} once it has received messages of all dampers; ends when standard input closes. Run it through ros-python.sh.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from ros_common import TYPES, wait_until
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--dampers", type=int, default=1)
-    parser.add_argument("--slow", type=float, default=0.0, metavar="S", help="work on each message for so long")
+    parser.add_argument("--slow", type=float, default=0.0, metavar="S", help="time spent on each message")
     args = parser.parse_args()
     rclpy.init()
     node = Node("victim_peer")

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Reads the Zenoh mirror of a damper with nothing of ours, and says what came.
+"""Reads the Zenoh mirror of a damper without our code, and reports what it received.
 
     pip install eclipse-zenoh cbor2
     zenoh_reader.py ENDPOINT DAMPER SECONDS        # tcp/127.0.0.1:7447 front_left 3
 
-Prints one JSON object on stdout. Exit code 1 when no sample came, 2 on wrong usage.
+Prints one JSON object on stdout. Exit code 1 if no sample arrived, 2 on wrong usage.
 """
 
 import argparse
@@ -17,13 +17,13 @@ import time
 import cbor2
 import zenoh
 
-# What goes with a CDR message: seq, stamp_ns, index in VALIDITIES.
+# Attachment of a CDR message: seq, stamp_ns, index in VALIDITIES.
 ATTACHMENT = struct.Struct("<qqB")
 VALIDITIES = ["VALID", "DEGRADED", "EXTRAPOLATING", "STALE", "INVALID"]
 
 
 def first_double(cdr: bytes) -> float:
-    """The first float64 behind the std_msgs/Header of a little endian CDR message."""
+    """The first float64 after the std_msgs/Header of a little-endian CDR message."""
     assert cdr[:2] == b"\x00\x01", "not little endian CDR"
     body = cdr[4:]
     (length,) = struct.unpack_from("<I", body, 8)
@@ -47,7 +47,7 @@ def decode(sample: zenoh.Sample) -> dict:
 
 
 class Route:
-    """What came on one key."""
+    """Samples received on one key."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -80,7 +80,7 @@ class Route:
 
 
 def ask(session: zenoh.Session, selector: str) -> dict | None:
-    """The JSON answer of a queryable; None when there is none."""
+    """The JSON answer of a queryable; None without an answer."""
     for reply in session.get(selector, timeout=5.0):
         if reply.ok:
             return json.loads(reply.ok.payload.to_bytes())
@@ -125,7 +125,7 @@ def main() -> int:
         session.declare_subscriber(f"{root}/state/*", on_sample)
         session.declare_subscriber(f"{root}/web/*", on_sample)
         session.liveliness().declare_subscriber(f"{root}/alive", on_token, history=True)
-        # Half of the time before the questions, so that there is a history to ask for.
+        # Waits half of the time before the queries, so that there is history to query.
         time.sleep(args.seconds / 2)
         with lock:
             present = "PUT" in liveliness

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Hears a damper through a router until its vehicle has gone, then asks the router's storage for what it said last.
+"""Receives a damper's values through a router until its vehicle is gone, then queries the router's storage for the last values.
 
     pip install eclipse-zenoh
     zenoh_storage.py ENDPOINT DAMPER         # tcp/127.0.0.1:7447 truck/front_left
 
-Prints {"event": "ready"} when it listens, {"event": "given up"} when the damper first says that it has no force any more, and at
-the end one JSON object: last payload heard and stored of each key.
+Prints {"event": "ready"} when it is subscribed, {"event": "given up"} when the damper first reports that it has no force any more, and
+at the end one JSON object: the last payload received and the payload stored for each key.
 """
 
 import json
@@ -49,7 +49,7 @@ def main() -> int:
         if given_up.wait(60):
             print(json.dumps({"event": "given up"}), flush=True)
         left = gone.wait(60)
-        time.sleep(0.5)  # what is on its way to the storage arrives
+        time.sleep(0.5)  # values on their way to the storage arrive
         replies = session.get("mr_damper/**/web/*", timeout=3.0)
         stored = {str(reply.ok.key_expr): json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok}
         alive.undeclare()

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Commands a damper by Zenoh with nothing of ours, as a user of Zenoh, and tries what it may not.
+"""Commands a damper by Zenoh without our code, as a Zenoh user, and tries commands that must be refused.
 
     pip install eclipse-zenoh
     zenoh_supervisor.py ENDPOINT DAMPER USER PASSWORD
 
-Prints one JSON object on stdout: what came of each command.
+Prints one JSON object on stdout: the answer to each command.
 """
 
 import json
@@ -30,7 +30,7 @@ def command(**fields) -> str:
 
 
 def told(opened: zenoh.Session, key: str, payload: str | None = None) -> dict | None:
-    """The answer to a command or a question; None when there is none."""
+    """The answer to a command or query; None without an answer."""
     for reply in opened.get(key, payload=payload, timeout=2.0):
         return json.loads((reply.ok or reply.err).payload.to_bytes())
     return None
@@ -45,7 +45,8 @@ def main() -> int:
     saw = {}
     with session(endpoint, user, password) as opened:
         end = time.monotonic() + 20
-        # Commands are the last that a node opens itself to: until then nobody hears one.
+        # The command keys are the last ones that a node declares: before that, no command is
+        # answered.
         saw["set_mode"] = None
         while saw["set_mode"] is None and time.monotonic() < end:
             time.sleep(0.1)

@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# What a closing of the loop finds on measured runs of three real dampers: the table of README.md ("Closing the loop"). Prints
-# the verdict, what was named and the sealed error of each, and leaves text, JSON and report in OUT.
+# Runs the diagnosis on measured runs of three real dampers: the table of node/docs/guide/08-diagnosis.md. Prints for each
+# damper the verdict, the named effects and the error on the test run (`--test`, "sealed"), and leaves text, JSON and report
+# in OUT.
 #
 # usage: tests/measured/close.sh [OUT]      OUT: a new folder, by default one under /tmp
 #
-# Needs cargo, python3, and the runs as run.sh does. Takes a quarter of a minute on two cores, once all is built.
+# Needs cargo, python3, and the same runs as run.sh. Takes 15 s on two cores once everything is built.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/prepare.sh" "$@"
 
@@ -18,7 +19,7 @@ close_loop() {
     >"$out/$name.txt"
 }
 
-# One run of 24.6 s in three parts: blocks of 0.8 s in place of 3 s, or there were too few.
+# One run of 24.6 s in three parts: blocks of 0.8 s instead of 3 s, because there would be too few blocks.
 nees=$data/nees-mr/ranran-50.csv
 rm -f "$out"/nees-{estimate,confirm,test}.csv
 "$mr_damper" --quiet convert "$nees" "$out/nees-estimate.csv" --duration 12.3
@@ -31,7 +32,7 @@ utfsm=$data/utfsm-mr
 close_loop utfsm --estimate "$utfsm"/sine-{10mm,25mm}*.csv --confirm "$utfsm"/sine-5mm3hz*.csv \
   --test "$utfsm"/sine-{5mm4hz,2mm5hz}*.csv --rate 200
 
-# 0, 1.98 and 3.21 V, excitations apart.
+# Levels 0, 1.98 and 3.21 V; training, validation and test runs have different excitations.
 utfpr=$data/utfpr-mr
 close_loop utfpr --estimate "$utfpr"/ensaio-{A-{1,2,3,4,5},B-{1,3,5,6}}.csv "$utfpr"/ensaio{1,{1,2,3,4,5,6}-1}.csv \
   --confirm "$utfpr"/ensaio-{A-{6,7},B-{7,8}}.csv "$utfpr"/ensaio{7,8}-1.csv \
@@ -44,7 +45,7 @@ for name in "nees", "utfsm", "utfpr":
     closing = json.loads((pathlib.Path(sys.argv[1]) / f"{name}.json").read_text())
     test = closing["test"]
     low, high = test["ratio_ci95"]
-    print(f"{name}: {closing['verdict']}, sealed ESR {test['before']['esr']:.4f} -> {test['after']['esr']:.4f}, "
+    print(f"{name}: {closing['verdict']}, test-run ESR {test['before']['esr']:.4f} -> {test['after']['esr']:.4f}, "
           f"squared error left {100 * test['ratio']:.1f} % ({100 * low:.1f} to {100 * high:.1f}), {closing['seconds']:.0f} s")
     for effect in closing["effects"]:
         print("   ", effect["id"], effect.get("class", ""), effect["parameters"])

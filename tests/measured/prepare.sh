@@ -1,9 +1,9 @@
-# What the scripts of this folder begin with; they source it with their own arguments. Sets `data`, `out` and `mr_damper`.
+# Common start of the scripts in this folder; they source it with their own arguments. Sets `data`, `out` and `mr_damper`.
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
 data=${MR_DAMPER_DATA:-../shared/data}
 if [ ! -d "$data/utfsm-mr" ]; then
-  echo "there are no runs in $data: set MR_DAMPER_DATA to the folder that holds utfsm-mr, utfpr-mr and nees-mr" >&2
+  echo "no runs in $data: set MR_DAMPER_DATA to the folder that contains utfsm-mr, utfpr-mr and nees-mr" >&2
   exit 2
 fi
 out=${1:-$(mktemp -d "/tmp/mr-damper-$(basename "$0" .sh).XXXXXX")}

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Every model on measured runs of three real dampers, whole runs held out; prints the table that README.md has a
-# selection of ("How good they are"), and leaves each comparison's JSON and report in OUT.
+# Compares every model on measured runs of three real dampers, with whole excitations held out. Prints the table from
+# which node/docs/guide/04-evaluate-and-compare.md has a selection, and leaves JSON and report of each comparison in OUT.
 #
 # usage: tests/measured/run.sh [OUT]      OUT: a new folder, by default one under /tmp
 #
-# Needs cargo, python3, and the runs: MR_DAMPER_DATA, by default ../shared/data beside the checkout. They belong to others
-# and are not in this repository; README.md beside this script says where they come from. Takes half an hour on two cores.
+# Needs cargo, python3, and the runs: MR_DAMPER_DATA, by default ../shared/data next to the checkout. They belong to
+# others and are not in this repository; README.md in this folder gives their sources. Takes half an hour on two cores.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/prepare.sh" "$@"
 

@@ -1,4 +1,5 @@
-"""The table of README.md from the comparisons that tests/measured/run.sh made: free run on what was held out.
+"""Prints the table of node/docs/guide/04-evaluate-and-compare.md from the comparisons of tests/measured/run.sh: errors in simulation
+(free run) on held-out runs.
 
 usage: table.py OUT
 """
@@ -12,7 +13,7 @@ FORMS = {"semi_active": "", "fuzzy": " (fuzzy)", "free_fuzzy": " (free sets)"}
 
 
 def mean_esr(report, predictor):
-    """Mean ESR of each model over all held-out runs; none for one that failed on any."""
+    """Mean ESR of each model over all held-out runs; models that failed on any run are left out."""
     rows = {}
     for row in report["cross_validation"]:
         if row["predictor"] == predictor:
@@ -28,7 +29,8 @@ def main(out):
     models = sorted({model for column in free for model in column})
 
     def place(model):
-        # Geometric mean of what it is worse than the best by, over the sets that it has figures for.
+        # Geometric mean of the ratio to the best ESR, over the columns in which the model has a
+        # value.
         ratios = [column[model] / least for column, least in zip(free, best) if model in column]
         missing = len(free) - len(ratios)
         product = 1.0

@@ -1,10 +1,10 @@
-"""Times of Python's own tools on one identification problem, which it also writes down for ours.
+"""Times Python tools on one identification problem, and writes the problem to files for our program.
 
 usage: peers.py OUT_DIR EPOCHS
 
-Writes OUT_DIR/train.csv and OUT_DIR/test.csv (30 s at 512 Hz each: a random road, a random current that is held for
-an eighth of a second, a tanh damper with a coil that lags, 2 N of noise; all low-passed alike), and OUT_DIR/peers.toml
-with seconds and errors of each peer. Errors are on test.csv, running free but for ARX, which is one step ahead.
+Writes OUT_DIR/train.csv and OUT_DIR/test.csv (30 s at 512 Hz each: a random road, a random current that is held for an eighth of a
+second, a tanh damper with a coil lag, 2 lbf of noise; displacement and force pass the same low-pass filter), and OUT_DIR/peers.toml
+with time and error of each peer. Errors are on test.csv, in simulation (free run), except for ARX, which predicts one step ahead.
 """
 
 import sys
@@ -70,7 +70,7 @@ def arx(train, test):
 
 
 def sp_force(p, run):
-    """The thesis' semi-phenomenological model: five quadratics in the current, 15 coefficients."""
+    """The semi-phenomenological model of the thesis: five quadratics in the current, 15 coefficients."""
     _, x, v, current, _ = run
     a1, a2, a3, v0, x0 = (p[3 * j] + p[3 * j + 1] * current + p[3 * j + 2] * current**2 for j in range(5))
     u = v + v0 / x0 * x

@@ -1,5 +1,5 @@
-//! The edits of the hardened build and the script that applies them: each edit applies to the sources that Cargo.lock names, and the
-//! script says what is wrong with one that does not.
+//! The edits of the hardened build and its script: each edit applies to the source versions that Cargo.lock names, and the script
+//! explains why an edit does not apply.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -23,18 +23,18 @@ fn said(output: &Output) -> String {
 }
 
 #[test]
-fn every_edit_applies_and_the_lock_of_the_repository_stays() {
+fn every_edit_applies_and_the_repositorys_lock_is_unchanged() {
     let target = tempfile::tempdir().expect("a temporary directory");
     let lock = || std::fs::read(repository().join("Cargo.lock")).expect("Cargo.lock");
     let before = lock();
     let applied = apply(target.path(), None);
     assert!(
         applied.status.success(),
-        "an edit of node/hardened/edits does not apply any more:\n{}",
+        "an edit of node/hardened/edits no longer applies:\n{}",
         said(&applied)
     );
     assert_eq!(lock(), before);
-    // Applied again, nothing is written, so that cargo builds nothing again.
+    // A second run writes nothing, so that cargo rebuilds nothing.
     let fragment = target.path().join("hardened/src/rustdds-0.15.1/src/rtps/fragment_assembler.rs");
     let written = || fragment.metadata().and_then(|file| file.modified()).expect("an edited file");
     let first = written();
@@ -43,7 +43,7 @@ fn every_edit_applies_and_the_lock_of_the_repository_stays() {
 }
 
 #[test]
-fn an_edit_that_does_not_apply_is_named_with_its_place_and_what_to_do() {
+fn an_edit_that_does_not_apply_is_named_with_its_place_and_advice() {
     let edit = |version: &str, edits: &str| {
         format!(
             "crate = \"rustdds\"\nversion = \"{version}\"\nwhy = \"\"\ndecision = \"0011\"\nupstream = \"\"\n{edits}"

@@ -1,7 +1,7 @@
-//! The service against programs that nobody here wrote: rclpy of two ROS 2 distributions, CycloneDDS, Zenoh.
+//! Tests of the service with independent programs: rclpy of two ROS 2 distributions, CycloneDDS, Zenoh.
 //!
-//! Each test makes a network namespace with nothing but loopback, starts the release build of `mr-damper` in it,
-//! and judges what a peer of `tests/interop/` saw. They run one at a time, and only with `MR_DAMPER_INTEROP=1`:
+//! Each test creates a network namespace with only loopback, starts the release build of `mr-damper` in it, and
+//! checks what a peer of `tests/interop/` saw. The tests run one at a time, and only with `MR_DAMPER_INTEROP=1`:
 //!
 //! ```text
 //! tests/interop/setup.sh
@@ -9,8 +9,8 @@
 //! MR_DAMPER_INTEROP=1 cargo test --workspace --test interop
 //! ```
 //!
-//! `MR_DAMPER_LONG=1` makes the round trip a bench: it lasts a minute and is held to its limit, for which the machine
-//! must be idle. Measured runs are looked for in `MR_DAMPER_DATA`.
+//! With `MR_DAMPER_LONG=1` the round trip is a benchmark: it takes a minute and must meet its limit, which needs an
+//! idle machine. Measured runs are read from `MR_DAMPER_DATA`.
 
 mod interop_deploy;
 mod interop_faults;
@@ -29,11 +29,11 @@ use mr_damper_node::run::{SaveOptions, save};
 use serde_json::Value;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// For a peer that sends for some seconds: imports, discovery, slow first calls, a loaded machine.
+/// Longest time for a peer that sends for some seconds: imports, discovery, slow first calls, a loaded machine.
 const PEER: Duration = Duration::from_secs(90);
-/// From signal to gone from a peer's graph, and to the end of the process.
+/// Longest time from a signal until the node is gone from a peer's graph, and until the process ends.
 const SHUTDOWN: Duration = Duration::from_secs(1);
-/// Median round trip over that of the bare echo, at most.
+/// Largest ratio of the median round trip to the bare echo's median.
 const ROUND_TRIP_RATIO: f64 = 1.3;
 
 const INPUTS: [(&str, &str); 5] = [
@@ -101,16 +101,21 @@ fn rclpy(lab: &Lab, distro: Distro) -> Outcome {
     ))
 }
 
-/// `load_model` loads what it can, says why not what it cannot, and the parameter tells what runs.
+/// `load_model` loads a valid model and explains why it refuses an invalid one; the parameter names the running
+/// model.
 fn models_were_loaded(saw: &Value) {
     let models = found(saw, "/models");
     assert!(truth(models, "/loaded/success"), "{models:#}");
     assert!(!truth(models, "/refused/success"), "{models:#}");
     assert!(text(models, "/refused/message").contains("/no/such/model.toml"), "{models:#}");
-    assert_eq!(text(models, "/parameter"), "thesis/fuzzy-tanh/rp1-cs", "the parameter says what runs");
+    assert_eq!(
+        text(models, "/parameter"),
+        "thesis/fuzzy-tanh/rp1-cs",
+        "the parameter names the running model"
+    );
 }
 
-/// Once a second, a status of the node and one of the residual, with figures once there are some.
+/// Once per second there is a status of the node and one of the residual, with values once there are some.
 fn diagnostics_arrived(saw: &Value) {
     let diagnostics = found(saw, "/diagnostics").as_array().expect("a list of statuses");
     assert!(diagnostics.len() >= 3, "{diagnostics:#?}");
@@ -127,29 +132,36 @@ fn names_of<'a>(saw: &'a Value, direction: &str, topic: &str) -> Vec<&'a str> {
     texts(saw, &format!("/graph/{direction}/{}", topic.replace('/', "~1")))
 }
 
-/// Every displacement that was sent has one estimate, with its stamp, in order, and a force in it.
+/// Every displacement sent has one estimate with its stamp, in order, with a force.
 fn estimates_arrived(saw: &Value) {
     let sent = count(saw, "/sent/displacement");
-    assert!(sent >= 1000, "a peer that sends, sends: {saw:#}");
+    assert!(sent >= 1000, "the peer sent its samples: {saw:#}");
     let estimates = found(saw, "/force_estimate");
     assert_eq!(count(estimates, "/lost"), 0, "displacements without an estimate: {estimates:#}");
-    assert_eq!(count(estimates, "/count"), sent, "one estimate a displacement: {estimates:#}");
-    assert_eq!(count(estimates, "/unknown_stamps"), 0, "stamps are those of displacements: {estimates:#}");
+    assert_eq!(count(estimates, "/count"), sent, "one estimate per displacement: {estimates:#}");
+    assert_eq!(
+        count(estimates, "/unknown_stamps"),
+        0,
+        "every stamp is a displacement's stamp: {estimates:#}"
+    );
     assert!(truth(estimates, "/in_order"), "estimates come in order: {estimates:#}");
-    assert_eq!(count(estimates, "/finite"), sent, "every estimate holds a force: {estimates:#}");
+    assert_eq!(count(estimates, "/finite"), sent, "every estimate has a force: {estimates:#}");
     let largest = number(estimates, "/largest_force");
-    assert!((10.0..20_000.0).contains(&largest), "a damper's force, in newtons: {largest}");
+    assert!(
+        (10.0..20_000.0).contains(&largest),
+        "the force is plausible for a damper, in newtons: {largest}"
+    );
     assert!(texts(estimates, "/models").iter().all(|name| !name.is_empty()), "estimates name their model");
 }
 
-/// Every measured force that was sent has a residual, and the residual is what it says.
+/// Every measured force sent has a residual, and residuals are measured minus predicted.
 fn residuals_arrived(saw: &Value) {
     let residuals = found(saw, "/force_residual");
     assert!(count(residuals, "/count") > 0, "residuals arrive: {residuals:#}");
     assert_eq!(count(residuals, "/lost"), 0, "measured forces without a residual: {residuals:#}");
     assert!(truth(residuals, "/consistent"), "residual is measured minus predicted: {residuals:#}");
     let changes = found(saw, "/mode").as_array().expect("a list of mode changes");
-    assert!(!changes.is_empty(), "measured force came, so the mode changed, and a change is published");
+    assert!(!changes.is_empty(), "measured force arrived, so the mode changed, and the change was published");
     assert!(
         changes.iter().all(|change| !text(change, "/reason").is_empty()),
         "each has a reason: {changes:#?}"
@@ -157,16 +169,16 @@ fn residuals_arrived(saw: &Value) {
 }
 
 #[test]
-fn rclpy_jazzy_asks_for_forces() {
+fn rclpy_jazzy_requests_forces() {
     interop("supervisor with rclpy jazzy", |lab| supervisor(lab, Distro::Jazzy));
 }
 
 #[test]
-fn rclpy_kilted_asks_for_forces() {
+fn rclpy_kilted_requests_forces() {
     interop("supervisor with rclpy kilted", |lab| supervisor(lab, Distro::Kilted));
 }
 
-/// A supervisor in rclpy asks for forces, of sense and of none, and falls silent; Zenoh hears the same commands.
+/// An rclpy supervisor requests valid and invalid forces and then stops sending; Zenoh mirrors the same commands.
 fn supervisor(lab: &Lab, distro: Distro) -> Outcome {
     let listen = format!("zenoh.listen:=['{ZENOH_ENDPOINT}']");
     let limits =
@@ -176,7 +188,7 @@ fn supervisor(lab: &Lab, distro: Distro) -> Outcome {
     let heard = lab.peer("zenoh_reader.py", &[ZENOH_ENDPOINT, NODE.trim_start_matches('/'), "8"]).json(PEER);
     let saw = peer.json(PEER);
     assert_eq!(text(&saw, "/distro"), distro.name());
-    assert_eq!(count(&saw, "/before_anything_was_asked"), 0, "nothing is commanded unasked");
+    assert_eq!(count(&saw, "/before_anything_was_asked"), 0, "nothing is commanded without a request");
 
     let limited = |phase: &str, by: &str| {
         found(&saw, &format!("/{phase}/limited_by")).get(by).and_then(Value::as_u64).unwrap_or(0)
@@ -191,7 +203,10 @@ fn supervisor(lab: &Lab, distro: Distro) -> Outcome {
         assert!(truth(told, "/interval_holds"), "{phase}: {told:#}");
     }
     let follow = found(&saw, "/follow");
-    assert!(limited("follow", "NONE") * 3 > count(follow, "/commands"), "what can be met is met: {follow:#}");
+    assert!(
+        limited("follow", "NONE") * 3 > count(follow, "/commands"),
+        "achievable requests are met: {follow:#}"
+    );
     assert!(count(follow, "/with_interval") > 100, "the achievable interval arrives: {follow:#}");
     assert!(limited("too_large", "CURRENT_MAX") > 0 && limited("too_large", "PASSIVITY") > 0, "{saw:#}");
     assert_eq!(limited("too_large", "NONE"), 0, "{saw:#}");
@@ -220,7 +235,7 @@ fn supervisor(lab: &Lab, distro: Distro) -> Outcome {
     let _ = found(estimate, "/reasons");
     assert!(count(&heard, "/routes/state~1force_request/count") > 200, "requests are mirrored: {heard:#}");
     Outcome::Passed(format!(
-        "{} commands to a demand, {} of them met; Zenoh heard {}",
+        "{} commands for a demanded force, {} of them met; Zenoh received {}",
         count(follow, "/commands"),
         limited("follow", "NONE"),
         count(command, "/count")
@@ -228,16 +243,16 @@ fn supervisor(lab: &Lab, distro: Distro) -> Outcome {
 }
 
 #[test]
-fn rclpy_jazzy_closes_the_loop() {
+fn rclpy_jazzy_runs_a_diagnosis() {
     interop("close_loop with rclpy jazzy", |lab| close_loop(lab, Distro::Jazzy));
 }
 
 #[test]
-fn rclpy_kilted_closes_the_loop() {
+fn rclpy_kilted_runs_a_diagnosis() {
     interop("close_loop with rclpy kilted", |lab| close_loop(lab, Distro::Kilted));
 }
 
-/// A damper whose coil has got a lag since its model was identified: rclpy has the node name it and swap it in.
+/// A damper whose coil lags although its model has no lag: rclpy lets the node name the lag, and loads the new model.
 fn close_loop(lab: &Lab, distro: Distro) -> Outcome {
     const HISTORY_S: &str = "60";
     const LAG_S: f64 = 0.012;
@@ -269,7 +284,7 @@ fn close_loop(lab: &Lab, distro: Distro) -> Outcome {
     let lag = lag.unwrap_or_else(|| panic!("the coil has a lag: {closed:#}"));
     let tau_s = number(lag, "/parameters/tau_s");
     assert!((tau_s / LAG_S - 1.0).abs() < 0.1, "{tau_s} s");
-    assert!(!truth(closed, "/report/loaded"), "nothing is swapped in unasked: {closed:#}");
+    assert!(!truth(closed, "/report/loaded"), "the new model is not loaded by default: {closed:#}");
     let stages = found(&saw, "/feedback").as_array().expect("a list of stages");
     assert!(stages.len() >= 3 && stages.iter().all(|stage| !text(stage, "/0").is_empty()), "{stages:#?}");
 
@@ -279,7 +294,7 @@ fn close_loop(lab: &Lab, distro: Distro) -> Outcome {
     assert!(truth(&saw, "/loaded/success"), "{:#}", found(&saw, "/loaded"));
     assert!(text(&saw, "/loaded/message").contains("mr-damper-close-front_left"), "{saw:#}");
     Outcome::Passed(format!(
-        "a lag of {:.1} ms named in {:.1} s, {} stages heard, one goal cancelled, the model loaded",
+        "a lag of {:.1} ms named in {:.1} s, {} stages received, one goal cancelled, the model loaded",
         1e3 * tau_s,
         number(closed, "/report/seconds"),
         stages.len()
@@ -327,7 +342,7 @@ fn zenoh_reads_the_mirror() {
             let _ = found(state, &format!("/last/{field}"));
             let _ = found(web, &format!("/last/{field}"));
         }
-        assert!(texts(&saw, "/liveliness").contains(&"PUT"), "the liveliness token is there: {saw:#}");
+        assert!(texts(&saw, "/liveliness").contains(&"PUT"), "the liveliness token exists: {saw:#}");
         assert!(!found(&saw, "/answers/meta").is_null(), "meta answers: {saw:#}");
         Outcome::Passed(format!(
             "{} state, {} web, none missing",
@@ -338,9 +353,9 @@ fn zenoh_reads_the_mirror() {
 }
 
 #[test]
-fn nothing_is_lost_at_a_kilohertz_and_the_round_trip_is_near_the_bare_echo() {
+fn nothing_is_lost_at_1_khz_and_the_round_trip_is_close_to_the_bare_echo() {
     interop("round trip at 1000 Hz", |lab| {
-        // In turns, so that a machine that gets busier meanwhile weighs on both; the middle one of each counts.
+        // In turns, so that a machine that becomes busier affects both; the median of the turns counts.
         let turns: &[u64] = if long() { &[60, 20, 20] } else { &[10] };
         say("round trip rclpy jazzy at 1000 Hz, us:      p50      p90      p99      max   sent  lost");
         let (mut echoes, mut nodes) = (vec![echo_round_trip(lab, turns[0].min(20))], Vec::new());
@@ -356,12 +371,12 @@ fn nothing_is_lost_at_a_kilohertz_and_the_round_trip_is_near_the_bare_echo() {
             echoes.push(echo_round_trip(lab, (*seconds).min(20)));
         }
         let ratio = middle_p50_us(&nodes) / middle_p50_us(&echoes);
-        // A bench: on a machine that is busy with other things a speed is no verdict. What was lost always is.
+        // Speed is a verdict only in the long form, on an idle machine. Losses always are.
         assert!(
             !long() || ratio <= ROUND_TRIP_RATIO,
-            "median round trip is {ratio:.2} times that of the bare echo; at most {ROUND_TRIP_RATIO} is allowed"
+            "the median round trip is {ratio:.2} times the bare echo's; at most {ROUND_TRIP_RATIO} is allowed"
         );
-        Outcome::Passed(format!("median is {ratio:.2} times that of the bare echo, nothing lost"))
+        Outcome::Passed(format!("the median is {ratio:.2} times the bare echo's, nothing lost"))
     });
 }
 
@@ -395,14 +410,14 @@ fn round_trip(name: &str, lab: &Lab, seconds: u64) -> Value {
 }
 
 #[test]
-fn sigint_and_sigterm_end_the_node_and_peers_see_it_go() {
+fn sigint_and_sigterm_end_the_node_and_peers_see_it_leave() {
     interop("shutdown", |lab| {
         let mut figures = Vec::new();
         for (signal, distro) in [("INT", Distro::Jazzy), ("TERM", Distro::Kilted)] {
             let mut node = lab.node(PRESET, &[]);
             let mut watcher = lab.ros(distro, "graph_peer.py", &["--node", NODE]);
             assert_eq!(text(&watcher.json_line(PEER), "/event"), "ready");
-            std::thread::sleep(Duration::from_millis(500)); // discovery of all its topics is over
+            std::thread::sleep(Duration::from_millis(500)); // discovery of all its topics is complete
             let sent = SystemTime::now();
             node.signal(signal);
             let status = node.wait(SHUTDOWN);

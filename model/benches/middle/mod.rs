@@ -1,11 +1,12 @@
-//! Laws and effects in the middle of where they may be, on a damper of 1 kN, 15 mm, 0.2 m/s, 2 m/s².
+//! Force laws and effects in the middle of their parameter ranges, for a damper of 1 kN, 15 mm, 0.2 m/s and 2
+//! m/s².
 
-#![allow(dead_code, reason = "benches and tests are crates of their own, and each uses its part")]
+#![allow(dead_code, reason = "each bench and test is a separate crate and uses only a part")]
 
 use mr_damper_model::effect::{Effect, EffectModel};
 use mr_damper_model::force::Law;
 
-/// Parameters in the middle of where a fit would start.
+/// Parameters in the middle of the range of starting values of a fit.
 pub(crate) fn parameters(law: Law) -> Vec<f64> {
     let value = |p: &mr_damper_model::force::law::Parameter| {
         let scale = 1e3_f64.powi(p.scale.force)

@@ -1,12 +1,12 @@
-//! The motion that models are timed on.
+//! The motion for timing models.
 
 use mr_damper_model::force::Inputs;
 
-/// Samples of it.
+/// Number of samples.
 pub(crate) const SAMPLES: usize = 512;
 const RATE_HZ: f64 = 512.0;
 
-/// One second of a sine of 15 mm at 2 Hz, the current going up and down.
+/// One second of a sine of 15 mm at 2 Hz, with a current that rises and falls.
 pub(crate) fn motion() -> Vec<Inputs> {
     let omega = std::f64::consts::TAU * 2.0;
     let at = |k: usize| {

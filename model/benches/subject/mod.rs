@@ -1,6 +1,6 @@
-//! What is timed and counted: models of the thesis, and the whole pipeline.
+//! Models and pipelines for timing and instruction counts: models of the thesis, and the whole pipeline.
 
-#![allow(dead_code, reason = "bench and example are crates of their own, and each uses its part")]
+#![allow(dead_code, reason = "each bench and example is a separate crate and uses only a part")]
 
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::model::Model;
@@ -10,10 +10,10 @@ use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Metre, Newton};
 
 const RATE_HZ: f64 = 512.0;
-/// Instants of the motion that the pipeline is fed with.
+/// Number of instants of the motion for the pipeline.
 const INSTANTS: u64 = 2048;
 
-/// Models of the thesis that follow the current.
+/// Models of the thesis that depend on the current.
 pub(crate) const PRESETS: [&str; 4] = [
     "thesis/arx-semi-active/rp-icps-l",
     "thesis/fuzzy-tanh/rp3-cs",
@@ -21,7 +21,7 @@ pub(crate) const PRESETS: [&str; 4] = [
     "thesis/anfis/rp1-cs",
 ];
 
-/// The pipeline bare, with its supervisor, and with what else may be asked of it.
+/// The pipeline alone, with its supervisor, and with further options.
 pub(crate) const PIPELINES: [&str; 5] = [
     "fuzzy-tanh",
     "fuzzy-tanh + arx",
@@ -30,7 +30,7 @@ pub(crate) const PIPELINES: [&str; 5] = [
     "fuzzy-tanh + arx + command",
 ];
 
-/// The pipeline called `name`.
+/// The pipeline `name`.
 pub(crate) fn pipeline(name: &str) -> Pipeline {
     let known = [("coil lag", Effect::CoilLag, 0.01), ("spring in series", Effect::SeriesSpring, 2e-7)];
     let there = known.into_iter().filter(|(words, ..)| name.contains(words));
@@ -38,26 +38,27 @@ pub(crate) fn pipeline(name: &str) -> Pipeline {
     service(&there.map(present).collect::<Vec<_>>(), name.contains("arx"))
 }
 
-/// A service that estimates with fuzzy-tanh and `effects` around it; and one step ahead with ARX, as `thesis/fuzzy-tanh` runs by
-/// default, where it is `seeded`.
+/// A service that estimates with fuzzy-tanh and `effects`. If `seeded`, it also predicts one step ahead with
+/// ARX, as `thesis/fuzzy-tanh` does by default.
 pub(crate) fn service(effects: &[EffectModel], seeded: bool) -> Pipeline {
     let effects = Effects::new(effects).expect("few enough");
     let free = Model { effects, ..preset::load(preset::BEST_FUZZY_TANH).expect("a preset") };
     let mut models = Models::alone(free);
     if seeded {
-        models =
-            models.with_seeded(preset::load(preset::BEST_ARX).expect("a preset")).expect("it feeds on force");
+        models = models
+            .with_seeded(preset::load(preset::BEST_ARX).expect("a preset"))
+            .expect("a model with force as input");
     }
     Pipeline::new(models, Settings::default()).expect("presets run")
 }
 
-/// Readings an instant.
+/// Readings per instant.
 pub(crate) fn readings(name: &str) -> usize {
     if name.contains("command") { 4 } else { 3 }
 }
 
-/// What the pipeline called `name` is fed with at instant `k`: a road of three sines, a current that goes up and down, and a demand
-/// that is sometimes beyond what the damper has.
+/// Input of the pipeline `name` at instant `k`: a road of three sines, a current that rises and falls, and a
+/// demanded force that sometimes exceeds the damper's range.
 pub(crate) fn instant(name: &str, k: u64) -> impl Iterator<Item = Sample> {
     let t = k as f64 / RATE_HZ;
     let [a, b, c] = [9.0, 31.0, 57.0].map(|omega: f64| omega * t);
@@ -75,7 +76,7 @@ pub(crate) fn instant(name: &str, k: u64) -> impl Iterator<Item = Sample> {
     demand.into_iter().chain(given).map(move |reading| Sample { stamp, received: stamp, reading })
 }
 
-/// Four seconds of it.
+/// Four seconds of input.
 pub(crate) fn samples(name: &str) -> Vec<Sample> {
     (0..INSTANTS).flat_map(|k| instant(name, k)).collect()
 }

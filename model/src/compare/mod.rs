@@ -1,22 +1,28 @@
-//! Comparison of models: each identified on an experiment's training runs, and tested on all others.
+//! Comparison of models: each model is identified on an experiment's training runs and tested on all other
+//! runs.
 //!
 //! ```text
-//! experiment = replicates 1, 2, ...          one conditioning for all: rows are made once and shared by all models
-//! cell       = one model on one experiment:  identify on its training runs (mostly the first replicate alone),
+//! experiment = replicates 1, 2, ...          one conditioning for all: rows are computed once and shared by all models
+//! cell       = one model on one experiment:  identify on its training runs (usually the first replicate alone),
 //!                                            score on every other replicate of every experiment (cross-validation)
 //! ```
 //!
-//! Cells do not know of each other: they can run in any order, on any number of threads, now or after a restart of
-//! the program, and give the same figures. A model that cannot be identified on an experiment gives a cell with
-//! the reason, and no error: the others go on.
+//! Cells are independent: they can run in any order, on any number of threads, and before or after a restart
+//! of the program, with the same result. If a model cannot be identified on an experiment, its cell holds the
+//! reason, and the other cells still run.
 //!
-//! **Which rows count**: those of [`Dataset`] that do (force known, filters settled, damper moving). **Offset**: a
-//! session's force offset (gas preload, zero of the load cell) is identified with the model, and the model keeps it
-//! in every test, so a drift of the zero between sessions counts as an error. The thesis has no offset at all.
-//! **Divergence**: a free run that leaves the finite numbers, or goes beyond a hundred times the largest measured
-//! force, is reported as diverged and never as a figure. **Predictors** never mix: a model that feeds on force has a
-//! figure running free and another one step ahead, and the latter means something only beside persistence. The
-//! phase-transition relation, which cannot run, has figures of a third kind: it is given the force that it explains.
+//! **Rows**: the counted rows of each [`Dataset`] (force known, filters settled, damper moving).
+//!
+//! **Offset**: the force offset of a session (gas preload, zero of the load cell) is identified with the
+//! model, and the model keeps it in every test. A drift of the zero between sessions therefore counts as an
+//! error. The thesis has no offset.
+//!
+//! **Divergence**: a simulation (free run) with non-finite numbers, or beyond a hundred times the largest
+//! measured force, is reported as diverged and has no error figure.
+//!
+//! **Predictors** are never mixed: a model whose input includes force has one figure for its simulation and
+//! another for the one-step-ahead prediction, which must be compared with persistence. The phase-transition
+//! relation cannot run and has figures of a third kind, because its input is the force that it explains.
 
 mod rank;
 mod summary;
@@ -31,27 +37,27 @@ use crate::model::Model;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Runs that belong together: replicates of one excitation, or runs that train a model together.
+/// Runs that belong together: replicates of one excitation, or runs that train one model together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment {
-    /// Its name.
+    /// Name of the experiment.
     pub name: String,
     /// Its replicates, at least one.
     pub replicates: Vec<Replicate>,
-    /// How many of them, from the first, a model is identified on; none for an experiment that is a test alone.
+    /// Number of training runs, counted from the first replicate; 0 for an experiment that is only tested on.
     pub training: usize,
 }
 
 /// One run of an experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replicate {
-    /// Its number, as it is reported.
+    /// Number of the replicate in reports.
     pub number: u32,
-    /// Its rows.
+    /// Its conditioned rows.
     pub data: Dataset,
 }
 
-/// One piece of work: a model on an experiment.
+/// One unit of work: one model on one experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Cell {
     /// The model.
@@ -60,80 +66,83 @@ pub struct Cell {
     pub experiment: usize,
 }
 
-/// What a model is given to predict a sample.
+/// The data that a model uses to predict a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Predictor {
-    /// Displacement and drive alone.
+    /// Simulation: displacement and drive alone.
     FreeRun,
-    /// The measured force up to the sample before as well.
+    /// One-step-ahead prediction: also the measured force up to the previous sample.
     OneStep,
-    /// The measured force of the sample itself and its derivatives: how well a relation holds, and no prediction.
+    /// The measured force of the same sample and its derivatives. This measures how well a relation holds; it
+    /// is not a prediction.
     SameInstant,
 }
 
-/// One figure, or why there is none.
+/// One error figure, or the reason why it is missing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Figure {
     /// How the model was used.
     pub predictor: Predictor,
-    /// Root mean squared error, N; `None` without a figure.
+    /// Root mean squared error (RMSE), N; `None` without a figure.
     pub rsse_n: Option<f64>,
-    /// Error power over force variance; `None` without a figure, or when the force never varied.
+    /// Normalised mean squared error (NMSE): error power over force variance; `None` without a figure, or if
+    /// the force is constant.
     pub esr: Option<f64>,
-    /// Why there is no figure: `diverged`, or the reason in words.
+    /// Why the figure is missing: `diverged`, or the reason in words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
 }
 
-/// The figures of one test.
+/// Error figures of one test.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Test {
     /// Name of the experiment.
     pub tested_on: String,
-    /// Number of its replicate.
+    /// Number of the replicate.
     pub replicate: u32,
-    /// One figure for each way in which the model can be used.
+    /// One figure for each predictor of the model.
     pub figures: Vec<Figure>,
 }
 
-/// A cell that is done.
+/// Result of a cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finished {
     /// Name of the model.
     pub model: String,
-    /// How the drive enters it: `passive`, `semi_active`, `fuzzy`.
+    /// How the drive enters the model: `passive`, `semi_active`, `fuzzy`.
     pub form: String,
     /// Name of the experiment.
     pub trained_on: String,
-    /// Numbers that were identified; `None` without a model.
+    /// Number of identified parameters; `None` without a model.
     pub parameters: Option<usize>,
-    /// Figures on the training run; empty without a model.
+    /// Figures on the training runs; empty without a model.
     pub identification: Vec<Figure>,
     /// Figures on all other runs; empty without a model.
     pub cross_validation: Vec<Test>,
-    /// What is to be said of the identification.
+    /// Warnings of the identification.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
-    /// Why there is no model.
+    /// Why the identification failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
 }
 
-/// Persistence on one run.
+/// Error of persistence on one run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Persistence {
     /// Name of the experiment.
     pub experiment: String,
-    /// Number of its replicate.
+    /// Number of the replicate.
     pub replicate: u32,
     /// Root mean squared error, N.
     pub rsse_n: Option<f64>,
-    /// Error power over force variance.
+    /// NMSE: error power over force variance.
     pub esr: Option<f64>,
 }
 
-/// All cells of `specs` on those of `experiments` that train, experiment by experiment.
+/// One cell for each of `specs` and each of `experiments` that has training runs, in the order of the
+/// experiments.
 #[must_use]
 pub fn cells(specs: &[ModelSpec], experiments: &[Experiment]) -> Vec<Cell> {
     let training = experiments.iter().enumerate().filter(|(_, experiment)| experiment.training > 0);
@@ -143,14 +152,14 @@ pub fn cells(specs: &[ModelSpec], experiments: &[Experiment]) -> Vec<Cell> {
         .collect()
 }
 
-/// Does one cell: identifies on the experiment's training runs, and tests on every other run. The model comes
-/// along, where there is one.
+/// Runs one cell: identifies the model on the experiment's training runs and tests it on every other run.
+/// Also returns the model, if there is one.
 ///
 /// # Errors
-/// [`Error::Cancelled`] alone; what else goes wrong stands in the cell.
+/// [`Error::Cancelled`] only; any other failure is recorded in the cell.
 ///
 /// # Panics
-/// When the cell's experiment is none of `experiments`.
+/// If the cell's experiment is not an index of `experiments`.
 pub fn run(
     cell: Cell,
     experiments: &[Experiment],
@@ -210,7 +219,7 @@ pub fn run(
 }
 
 impl Experiment {
-    /// The training runs, beside each other as a fit takes them.
+    /// The training runs as a slice, as the fit needs them.
     fn training_runs(&self) -> Cow<'_, [Dataset]> {
         let runs = &self.replicates[..self.training.min(self.replicates.len())];
         match runs {
@@ -220,7 +229,7 @@ impl Experiment {
     }
 }
 
-/// All runs that the cell's model is not identified on, with their experiments.
+/// All runs that the cell's model is not identified on, and their experiments.
 fn tests(cell: Cell, experiments: &[Experiment]) -> impl Iterator<Item = (&Experiment, &Replicate)> {
     experiments.iter().enumerate().flat_map(move |(index, experiment)| {
         let skipped = if index == cell.experiment { experiment.training } else { 0 };
@@ -228,7 +237,8 @@ fn tests(cell: Cell, experiments: &[Experiment]) -> impl Iterator<Item = (&Exper
     })
 }
 
-/// Does a cell of the phase-transition relation, which makes no model: its figures say how well it holds.
+/// Runs a cell of the phase-transition relation. It yields no model; its figures say how well the relation
+/// holds.
 fn phase_cell(
     cell: Cell,
     experiments: &[Experiment],
@@ -274,7 +284,7 @@ fn phase_cell(
         }
         let figure = match identify::score_phase(&found.phase, &replicate.data, &settings) {
             Ok(Some(fit)) => figure(Some(fit), None),
-            Ok(None) => figure(None, Some("no force to either side of any row that counts".to_owned())),
+            Ok(None) => figure(None, Some("no counted row has force readings on both sides".to_owned())),
             Err(error) => figure(None, Some(error.to_string())),
         };
         finished.cross_validation.push(Test {
@@ -286,7 +296,7 @@ fn phase_cell(
     Ok(())
 }
 
-/// Persistence on every run.
+/// Errors of persistence on every run.
 #[must_use]
 pub fn persistence(experiments: &[Experiment]) -> Vec<Persistence> {
     let one = |experiment: &Experiment, replicate: &Replicate| {
@@ -301,7 +311,7 @@ pub fn persistence(experiments: &[Experiment]) -> Vec<Persistence> {
     experiments.iter().flat_map(|e| e.replicates.iter().map(move |r| one(e, r))).collect()
 }
 
-/// Figures from the scores of `model`, for each way in which it can be used.
+/// Figures from the scores of `model`, one for each predictor.
 fn figures(model: &Model, scored: Result<Scores, Error>) -> Vec<Figure> {
     let feeds_on_force = model.force.force_fed_period().is_some();
     let figure = |predictor, pick: fn(&Scores) -> Option<Fit>| match &scored {
@@ -309,8 +319,8 @@ fn figures(model: &Model, scored: Result<Scores, Error>) -> Vec<Figure> {
             let fit = pick(scores);
             let note = match (fit, predictor) {
                 (None, Predictor::FreeRun) if scores.diverged => Some("diverged".to_owned()),
-                (None, _) => Some("the model gave no force on a row that counts".to_owned()),
-                (Some(fit), _) if !fit.esr.is_finite() => Some("the measured force never varies".to_owned()),
+                (None, _) => Some("the model has no force at any counted row".to_owned()),
+                (Some(fit), _) if !fit.esr.is_finite() => Some("the measured force is constant".to_owned()),
                 (Some(_), _) => None,
             };
             let esr = fit.map(|fit| fit.esr).filter(|esr| esr.is_finite());

@@ -1,34 +1,37 @@
-//! Statistics of errors over many tests: the five numbers of a box plot, and how alike two orders are.
+//! Statistics of errors over many tests: the five numbers of a box plot, and the rank correlation of two
+//! orders.
 //!
 //! ```text
 //! quantile q of n sorted values   x[h] + (h - floor h) (x[floor h + 1] - x[floor h]),   h = q (n - 1)
 //! whisker                         the last value within 1.5 (Q3 - Q1) of the box
 //! tau-b                           (P - Q) / sqrt((P + Q + Ta)(P + Q + Tb))
 //! ```
-//! P and Q count the pairs that two rankings order alike and the other way round, Ta and Tb those tied in one of them
-//! alone.
+//! P and Q are the numbers of pairs that the two rankings order the same and the opposite way; Ta and Tb are
+//! the numbers of pairs that are tied in only one of them.
+//!
+//! Source: `[kendall]` in the bibliography (node/docs/guide/bibliography.md).
 
 use std::cmp::Ordering;
 
 /// The numbers of a box plot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoxPlot {
-    /// The smallest value within one and a half box lengths below the box.
+    /// The smallest value within 1.5 box lengths below the box.
     pub lower_whisker: f64,
-    /// A quarter of the values lie below.
+    /// First quartile: a quarter of the values are smaller.
     pub lower_quartile: f64,
-    /// Half of the values lie below.
+    /// Median: half of the values are smaller.
     pub median: f64,
-    /// Three quarters of the values lie below.
+    /// Third quartile: three quarters of the values are smaller.
     pub upper_quartile: f64,
-    /// The largest value within one and a half box lengths above the box.
+    /// The largest value within 1.5 box lengths above the box.
     pub upper_whisker: f64,
-    /// Values beyond the whiskers, increasing.
+    /// Values outside the whiskers, in increasing order.
     pub outliers: Vec<f64>,
 }
 
 impl BoxPlot {
-    /// The box plot of the finite ones of `values`; `None` when there are none.
+    /// The box plot of the finite `values`; `None` if there are none.
     #[must_use]
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
         let mut sorted: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
@@ -48,7 +51,7 @@ impl BoxPlot {
     }
 }
 
-/// Quantile `q` of sorted values, interpolated; `None` without values.
+/// Quantile `q` of sorted values, with linear interpolation; `None` without values.
 fn quantile(sorted: &[f64], q: f64) -> Option<f64> {
     let place = q * sorted.len().checked_sub(1)? as f64;
     let (below, share) = (place.floor() as usize, place.fract());
@@ -56,8 +59,8 @@ fn quantile(sorted: &[f64], q: f64) -> Option<f64> {
     Some(low + share * (high - low))
 }
 
-/// Rank correlation (Kendall's tau-b) of paired values: 1 for the same order, -1 for the reverse; `None` when
-/// one of them has no order at all.
+/// Rank correlation (Kendall's tau-b) of paired values: 1 for the same order, -1 for the reverse order.
+/// `None` if all values of one side are equal.
 #[must_use]
 pub fn kendall_tau(pairs: &[(f64, f64)]) -> Option<f64> {
     let (mut alike, mut against, mut tied_first, mut tied_second) = (0.0, 0.0, 0.0, 0.0);
@@ -81,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_box_of_known_numbers() {
+    fn box_plot_of_known_values() {
         // numpy.quantile([1..9, 40], [.25, .5, .75]) = 3.25, 5.5, 7.75; fences at -3.5 and 14.5.
         let found = BoxPlot::of([5.0, 40.0, 1.0, f64::NAN, 9.0, 2.0, 8.0, 3.0, 7.0, 4.0, 6.0]);
         let wanted = BoxPlot {
@@ -94,18 +97,18 @@ mod tests {
         };
         assert_eq!(found, Some(wanted));
         assert_eq!(BoxPlot::of([f64::NAN]), None);
-        let one = BoxPlot::of([2.0]).expect("one value is a box");
+        let one = BoxPlot::of([2.0]).expect("one value has a box plot");
         assert_eq!((one.lower_whisker, one.median, one.upper_whisker), (2.0, 2.0, 2.0));
     }
 
     #[test]
-    fn tau_of_known_orders() {
+    fn kendall_tau_of_known_orders() {
         let tau = |second: [f64; 4]| {
             kendall_tau(&[0, 1, 2, 3].map(|k| (k as f64, second[k]))).expect("an order on both sides")
         };
         assert_eq!(tau([1.0, 2.0, 3.0, 4.0]), 1.0);
         assert_eq!(tau([4.0, 3.0, 2.0, 1.0]), -1.0);
-        // One of six pairs is turned round.
+        // One of six pairs is reversed.
         assert!((tau([1.0, 3.0, 2.0, 4.0]) - 4.0 / 6.0).abs() < 1e-15);
         // scipy.stats.kendalltau([0, 1, 2, 3], [1, 1, 2, 3]) = 5 / sqrt(30).
         assert!((tau([1.0, 1.0, 2.0, 3.0]) - 5.0 / 30.0_f64.sqrt()).abs() < 1e-15);

@@ -1,15 +1,15 @@
-//! What many cells say together: means over tests, the best training experiment, and the order of the models.
+//! Summary over many cells: means over tests, the best training experiment, and the order of the models.
 
 use super::{BoxPlot, Finished, Predictor};
 
-/// A model used in one way: figures of different predictors are never put in one order.
+/// A model and its predictor: figures of different predictors are never ranked together.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Class {
-    /// How the model is used.
+    /// The predictor.
     pub predictor: Predictor,
     /// Name of the model.
     pub model: String,
-    /// How the drive enters it.
+    /// How the drive enters the model.
     pub form: String,
 }
 
@@ -18,13 +18,14 @@ pub struct Class {
 pub struct Row {
     /// Name of the experiment.
     pub trained_on: String,
-    /// Mean RSSE over all tests, N; `None` when a test has no figure, since a mean over the others would flatter.
+    /// Mean RMSE over all tests, N; `None` if any test has no figure, since a mean of the others would be too
+    /// low.
     pub mean_rsse_n: Option<f64>,
-    /// Mean ESR over all tests; `None` as above.
+    /// Mean NMSE over all tests; `None` as above.
     pub mean_esr: Option<f64>,
     /// Number of tests.
     pub tests: usize,
-    /// Tests without a figure: diverged, or the run does not suit the model.
+    /// Number of tests without a figure: the model diverged, or the run does not suit it.
     pub without: usize,
 }
 
@@ -33,21 +34,21 @@ pub struct Row {
 pub struct Summary {
     /// The model.
     pub class: Class,
-    /// Numbers that were identified (in the last cell that has a model).
+    /// Number of identified parameters (in the last cell that has a model).
     pub parameters: usize,
-    /// One row for each training experiment that gave a model.
+    /// One row for each training experiment that yielded a model.
     pub rows: Vec<Row>,
-    /// ESR of every test that has one.
+    /// NMSE of every test that has one.
     pub esr: Vec<f64>,
-    /// Tests without a figure.
+    /// Number of tests without a figure.
     pub without: usize,
-    /// Training experiments that gave no model, with the reason.
+    /// Training experiments without a model, and the reason.
     pub failures: Vec<(String, String)>,
 }
 
 impl Summary {
-    /// Summaries of all models: first the predictors apart, then by the best training experiment's mean ESR, best
-    /// first; those without any such mean at the end.
+    /// Summaries of all models, grouped by predictor and then sorted by the mean NMSE of the best training
+    /// experiment, lowest first. Models without such a mean are last.
     #[must_use]
     pub fn of(cells: &[Finished]) -> Vec<Self> {
         let mut all: Vec<Self> = Vec::new();
@@ -79,20 +80,21 @@ impl Summary {
         all
     }
 
-    /// The row of the training experiment with the least mean ESR; `None` when no row has one.
+    /// The row of the training experiment with the lowest mean NMSE; `None` if no row has one.
     #[must_use]
     pub fn best(&self) -> Option<&Row> {
         let with = self.rows.iter().filter(|row| row.mean_esr.is_some());
         with.min_by(|a, b| a.mean_esr.unwrap_or(f64::NAN).total_cmp(&b.mean_esr.unwrap_or(f64::NAN)))
     }
 
-    /// Box plot of the ESR of all tests that have one.
+    /// Box plot of the NMSE of all tests that have one.
     #[must_use]
     pub fn spread(&self) -> Option<BoxPlot> {
         BoxPlot::of(self.esr.iter().copied())
     }
 
-    /// Median ESR with tests that have no figure counted as worse than all others; `None` when it is one of those.
+    /// Median NMSE, where tests without a figure count as worse than all others; `None` if the median falls
+    /// on one of those.
     #[must_use]
     pub fn median_esr(&self) -> Option<f64> {
         let mut all = self.esr.clone();
@@ -123,13 +125,13 @@ impl Row {
     }
 }
 
-/// RSSE and ESR of the cell's tests.
+/// RMSE and NMSE of the cell's tests.
 fn figures(cell: &Finished, predictor: Predictor) -> impl Iterator<Item = (Option<f64>, Option<f64>)> {
     let all = cell.cross_validation.iter().flat_map(|test| &test.figures);
     all.filter(move |figure| figure.predictor == predictor).map(|figure| (figure.rsse_n, figure.esr))
 }
 
-/// The summary of the cell's model, new where there is none yet.
+/// The summary of the cell's model, created if it is missing.
 fn entry<'a>(all: &'a mut Vec<Summary>, cell: &Finished, predictor: Predictor) -> &'a mut Summary {
     let class = Class { predictor, model: cell.model.clone(), form: cell.form.clone() };
     let index = all.iter().position(|summary| summary.class == class).unwrap_or_else(|| {

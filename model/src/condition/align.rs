@@ -1,22 +1,23 @@
-//! Streams of different rates and clocks, brought to the displacement stamps.
+//! Aligns channels of different rates and clocks to the displacement stamps.
 //!
-//! The drive (and a measured velocity, a temperature) is held: at stamp t counts the newest reading not
-//! newer than t. Measured force is interpolated: its value at t is known once a force reading at t or
-//! after it has come, so a prediction waits in a bounded queue until its measurement does. Neither depends on
-//! the order in which channels arrive, as long as a reading is there by the time it is needed.
+//! The drive (and measured velocity and temperature) is held: its value at stamp t is the newest reading not
+//! newer than t. Measured force is interpolated: its value at t is known once a force reading at or after t
+//! has arrived, so a prediction waits in a bounded queue until then. Neither depends on the order in which
+//! channels arrive, as long as a reading arrives before it is needed.
 
 use crate::sample::Stamp;
 
-/// Predictions that can wait for their measured force: a quarter of a second at 1 kHz.
+/// Number of predictions that can wait for their measured force: a quarter of a second at 1 kHz.
 pub const PENDING: usize = 256;
 
-/// Readings that a [`Hold`] remembers, so that one that came early does not hide the one that counts.
+/// Number of readings that a [`Hold`] keeps. Older ones are needed when newer readings arrive before the
+/// displacement that they follow.
 const HELD: usize = 64;
 
 /// A reading and its stamp.
 type Stamped = (Stamp, f64);
 
-/// The last readings of a channel that is held between its stamps.
+/// The last readings of a channel whose value is held between stamps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hold {
     len: usize,
@@ -32,7 +33,7 @@ impl Default for Hold {
 }
 
 impl Hold {
-    /// Takes in a reading. Stamps must increase: the caller refuses the others.
+    /// Adds a reading. Stamps must increase; the caller refuses other readings.
     #[inline]
     pub fn push(&mut self, stamp: Stamp, value: f64) {
         self.stamps[self.next] = stamp;
@@ -41,14 +42,14 @@ impl Hold {
         self.len = (self.len + 1).min(HELD);
     }
 
-    /// The newest reading not newer than `at`, with its stamp.
+    /// The newest reading not newer than `at`, and its stamp.
     #[inline]
     #[must_use]
     pub fn at(&self, at: Stamp) -> Option<(Stamp, f64)> {
         self.around(at).map(|(before, _)| before)
     }
 
-    /// The newest reading not newer than `at`, and the one that follows it.
+    /// The newest reading not newer than `at`, and the next one after it.
     #[inline]
     fn around(&self, at: Stamp) -> Option<(Stamped, Option<Stamped>)> {
         let mut after = None;
@@ -63,13 +64,13 @@ impl Hold {
         None
     }
 
-    /// Forgets all readings.
+    /// Removes all readings.
     pub fn clear(&mut self) {
         self.len = 0;
     }
 }
 
-/// Measured force, and what waits for it. `T` is what the caller wants back with the force.
+/// Measured force, and the predictions that wait for it. `T` is the data that is returned with the force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceAligner<T> {
     readings: Hold,
@@ -94,21 +95,21 @@ impl<T: Copy> Default for ForceAligner<T> {
 }
 
 impl<T: Copy> ForceAligner<T> {
-    /// Takes in a force reading. Stamps must increase: the caller refuses the others.
+    /// Adds a force reading. Stamps must increase; the caller refuses other readings.
     #[inline]
     pub fn push_force(&mut self, stamp: Stamp, force_n: f64) {
         self.readings.push(stamp, force_n);
         self.last = Some(stamp);
     }
 
-    /// The newest force not newer than `at`, with its stamp.
+    /// The newest force not newer than `at`, and its stamp.
     #[inline]
     #[must_use]
     pub fn newest(&self, at: Stamp) -> Option<(Stamp, f64)> {
         self.readings.at(at)
     }
 
-    /// Lets `what` wait for the force at `stamp`; the oldest one is given up when the queue is full.
+    /// Queues `what` until the force at `stamp` is known. If the queue is full, the oldest entry is dropped.
     #[inline]
     pub fn wait(&mut self, stamp: Stamp, what: T) {
         if self.len == PENDING {
@@ -121,8 +122,8 @@ impl<T: Copy> ForceAligner<T> {
         self.len += 1;
     }
 
-    /// The next one whose force is known, with that force, in order of stamps. Readings further apart than
-    /// `max_span_s` are not interpolated: what lies between them is given up.
+    /// The next entry whose force is known, and that force, in the order of the queue. Entries between
+    /// readings that are more than `max_span_s` apart are dropped.
     #[inline]
     pub fn next_known(&mut self, max_span_s: f64) -> Option<(Stamp, f64, T)> {
         let last = self.last?;
@@ -141,7 +142,8 @@ impl<T: Copy> ForceAligner<T> {
         None
     }
 
-    /// Force at `stamp` on the line through the readings around it, which are no further apart than `max_span_s`.
+    /// Force at `stamp`, interpolated linearly between its neighbouring readings; `None` if they are more
+    /// than `max_span_s` apart.
     #[must_use]
     pub fn measured(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
         let ((t0, f0), after) = self.readings.around(stamp)?;
@@ -153,8 +155,8 @@ impl<T: Copy> ForceAligner<T> {
         (span <= max_span_s).then(|| f0 + (f1 - f0) * (stamp.since(t0).get() / span))
     }
 
-    /// The same on the parabola through these and the reading before them, if that is at least half as far away as they are from each
-    /// other.
+    /// As [`measured`](Self::measured), but on the parabola through the two readings and the one before them.
+    /// The third reading must be at least half as far from the second as the first two are from each other.
     #[must_use]
     pub fn measured_on_curve(&self, stamp: Stamp, max_span_s: f64) -> Option<f64> {
         let line_n = self.measured(stamp, max_span_s)?;
@@ -172,7 +174,7 @@ impl<T: Copy> ForceAligner<T> {
         Some(line_n + curvature * stamp.since(t0).get() * stamp.since(t1).get())
     }
 
-    /// Forgets all readings and whatever waits.
+    /// Removes all readings and all entries of the queue.
     pub fn clear(&mut self) {
         self.readings.clear();
         self.last = None;
@@ -189,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hold_looks_past_readings_that_came_early() {
+    fn hold_skips_readings_newer_than_the_requested_stamp() {
         let mut hold = Hold::default();
         assert_eq!(hold.at(at(5)), None);
         for (ms, value) in [(0, 1.0), (10, 2.0), (20, 3.0)] {
@@ -201,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_prediction_waits_for_its_force_and_gets_it_interpolated() {
+    fn a_prediction_waits_for_its_interpolated_force() {
         let mut aligner = ForceAligner::default();
         aligner.push_force(at(0), 10.0);
         for (ms, what) in [(0, 'a'), (1, 'b'), (3, 'c'), (4, 'd'), (5, 'e')] {
@@ -215,11 +217,11 @@ mod tests {
         assert_eq!(aligner.next_known(0.1), Some((at(4), 50.0, 'd')));
         assert_eq!(aligner.next_known(0.1), None);
         aligner.push_force(at(900), 0.0);
-        assert_eq!(aligner.next_known(0.1), None, "no line is drawn across a gap");
+        assert_eq!(aligner.next_known(0.1), None, "no interpolation across a gap");
     }
 
     #[test]
-    fn the_curve_goes_through_three_readings_and_is_a_line_where_there_are_two() {
+    fn three_readings_give_a_parabola_and_two_give_a_line() {
         let mut aligner = ForceAligner::<()>::default();
         for ms in [0_i64, 4, 10] {
             aligner.push_force(at(ms), (ms * ms) as f64);
@@ -227,13 +229,13 @@ mod tests {
         let close = |a: Option<f64>, b: f64| (a.expect("known") - b).abs() < 1e-9;
         assert!(close(aligner.measured_on_curve(at(7), 0.1), 49.0));
         assert!(close(aligner.measured_on_curve(at(10), 0.1), 100.0));
-        assert!(close(aligner.measured_on_curve(at(2), 0.1), 8.0), "nothing is older: the line");
-        assert_eq!(aligner.measured_on_curve(at(7), 0.005), None, "they are too far apart");
+        assert!(close(aligner.measured_on_curve(at(2), 0.1), 8.0), "no older reading: linear");
+        assert_eq!(aligner.measured_on_curve(at(7), 0.005), None, "the readings are too far apart");
         assert_eq!(aligner.measured_on_curve(at(11), 0.1), None);
     }
 
     #[test]
-    fn force_that_came_long_before_its_displacement_is_still_there() {
+    fn force_readings_are_kept_until_a_late_displacement_needs_them() {
         let mut aligner = ForceAligner::default();
         for ms in 0..20 {
             aligner.push_force(at(ms), ms as f64);
@@ -245,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_queue_gives_up_the_oldest() {
+    fn a_full_queue_drops_the_oldest_entry() {
         let mut aligner = ForceAligner::default();
         for k in 0..=PENDING {
             aligner.wait(at(k as i64), k);

@@ -1,4 +1,4 @@
-//! Discrete derivatives of displacement, causal and for any sequence of steps.
+//! Discrete derivatives of displacement: causal, and valid for any sequence of steps.
 //!
 //! ```text
 //! backward:  v_k = (x_k - x_{k-1}) / dt_k                                  (thesis, chapter 3)
@@ -6,21 +6,24 @@
 //! slope:     v_k = sum (t_j - mean t)(x_j - mean x) / sum (t_j - mean t)^2   over the window's samples
 //! ```
 //!
-//! The backward difference has half a sample of delay; the slope has half a window of it, and its noise falls with the
-//! window's length to the power 3/2. The parabola through three points has none, to first order, and 1.8 times the noise
-//! of the backward difference: for finding what a model lacks, where a delay would look like an effect, with a filter
-//! behind the model.
+//! The backward difference has a delay of half a sample. The slope has a delay of half a window, and its
+//! noise falls with the window's length to the power 3/2. The parabola through three points has no delay to
+//! first order, and 1.8 times the noise of the backward difference. It is meant for diagnosis, where a delay
+//! would look like an effect, and needs a filter after the model.
+//!
+//! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), chapter 3 of the thesis, for the backward difference.
 
-/// Samples that the slope's window can hold. At higher rates the window is shorter than asked for: at
-/// 3 kHz, 21 ms.
+/// Most samples in the slope's window. At high rates this makes the window shorter than requested: at 3 kHz,
+/// 21 ms.
 const WINDOW: usize = 64;
 
-/// A derivative. Immutable; `State` holds the memory.
+/// A derivative. Immutable; its memory is in `State`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Derivative {
     /// Difference of the last two samples.
     Backward,
-    /// Slope at the last of three samples of the parabola through them; the backward difference while there are two.
+    /// Slope of the parabola through the last three samples, at the last one; the backward difference while
+    /// there are only two.
     ThreePoint,
     /// Least-squares slope over a trailing window of the given length, s.
     Slope {
@@ -29,7 +32,7 @@ pub enum Derivative {
     },
 }
 
-/// Memory of one derivative: the last values and their times since the last reset.
+/// State of one derivative: the last values, and their times since the last reset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
     time_s: f64,
@@ -46,8 +49,8 @@ impl Default for State {
 }
 
 impl Derivative {
-    /// Takes one value, `dt_s` seconds after the one before (`None` forgets all before), and returns the
-    /// derivative, or `None` while there is only one value.
+    /// Processes one value, `dt_s` seconds after the previous one (`None` discards all previous values).
+    /// Returns the derivative, or `None` while there is only one value.
     #[inline]
     pub fn step(&self, state: &mut State, dt_s: Option<f64>, value: f64) -> Option<f64> {
         match (self, dt_s) {
@@ -93,7 +96,7 @@ impl State {
         self.len = (self.len + 1).min(WINDOW);
     }
 
-    /// Slope over the samples not older than `window_s`, but over the last two at least.
+    /// Slope over the samples not older than `window_s`, at least over the last two.
     fn slope(&self, window_s: f64) -> f64 {
         let at = |age: usize| (self.next + WINDOW - 1 - age) % WINDOW;
         let newest = at(0);
@@ -101,7 +104,7 @@ impl State {
         let (mut n, mut st, mut sx, mut stt, mut stx) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for age in 0..self.len {
             let (t, x) = (self.times_s[at(age)] - t0, self.values[at(age)] - x0);
-            // A hair of slack: a window of 10 ms at 1 kHz holds 11 samples on every machine.
+            // A small tolerance: a window of 10 ms at 1 kHz holds 11 samples on every machine.
             if age > 1 && -t > window_s + 1e-9 {
                 break;
             }
@@ -122,7 +125,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_line_has_its_slope(
+        fn derivative_of_a_line_is_its_slope(
             slope in -3.0..3.0f64,
             start in -0.1..0.1f64,
             steps in prop::collection::vec(1e-4..5e-3f64, 2..200),
@@ -142,13 +145,14 @@ mod tests {
     }
 
     #[test]
-    fn three_points_are_not_late() {
-        // A parabola has a slope that runs on: the backward difference is half a step behind, three points are not.
+    fn three_point_derivative_has_no_delay() {
+        // On a parabola the slope changes steadily: the backward difference lags by half a step, three points
+        // do not.
         let mut state = State::default();
         let (mut t, mut steps) = (0.0, [1e-3, 2e-3, 5e-4, 1.5e-3].iter().cycle());
         Derivative::ThreePoint.step(&mut state, None, 1.0);
         for k in 0..50 {
-            let dt = *steps.next().expect("a cycle has no end");
+            let dt = *steps.next().expect("an endless cycle");
             t += dt;
             let v = Derivative::ThreePoint
                 .step(&mut state, Some(dt), 1.0 + 0.3 * t + 4.0 * t * t)
@@ -158,8 +162,8 @@ mod tests {
     }
 
     #[test]
-    fn the_slope_is_quieter_than_the_difference() {
-        // A deterministic "noise" of one quantisation step, alternating.
+    fn slope_has_less_noise_than_backward_difference() {
+        // Deterministic "noise" of one quantisation step with alternating sign.
         let noise = |k: usize| if k.is_multiple_of(2) { 1e-6 } else { -1e-6 };
         let worst = |derivative: Derivative| {
             let mut state = State::default();

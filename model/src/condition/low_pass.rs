@@ -4,23 +4,25 @@
 //! H(s) = 1 / (tau s + 1)^2,   tau = 1 / (2 pi f_c)
 //! ```
 //!
-//! At the corner f_c (20 Hz in the thesis) the gain is -6.02 dB; -3.01 dB is reached at .644 f_c; the delay
-//! at low frequency is 2 tau. Each pole is discretised so that the response to a piecewise linear input is
-//! exact for any step dt, which is what a sampled displacement is, nearly:
+//! At the corner frequency f_c (20 Hz in the thesis) the gain is -6.02 dB; it is -3.01 dB at .644 f_c. The
+//! delay at low frequency is 2 tau. Each pole is discretised so that its response to a piecewise linear input
+//! is exact for any step dt, since sampled displacement is nearly piecewise linear:
 //!
 //! ```text
 //! y_k = p y_{k-1} + (1 - q) u_k + (q - p) u_{k-1},   p = exp(-dt/tau),  q = (1 - p) tau / dt
 //! ```
+//!
+//! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equation 3.5 of the thesis.
 
 use crate::units::Hertz;
 
-/// The filter. Immutable; [`State`] holds the memory.
+/// The filter. Immutable; its memory is in [`State`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LowPass {
     tau_s: f64,
 }
 
-/// Memory of one filter: input and output of both poles, and the coefficients of the last step.
+/// State of one filter: input, outputs of both poles, and the coefficients of the last step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct State {
     input: f64,
@@ -44,7 +46,8 @@ impl LowPass {
         self.tau_s
     }
 
-    /// Filters one value, `dt_s` seconds after the one before. `None` starts anew, at rest at `value`.
+    /// Filters one value, `dt_s` seconds after the previous one. `None` restarts the filter at rest at
+    /// `value`.
     #[inline]
     pub fn step(&self, state: &mut State, dt_s: Option<f64>, value: f64) -> f64 {
         let Some(dt_s) = dt_s else {
@@ -52,7 +55,7 @@ impl LowPass {
             return value;
         };
         if dt_s != state.dt_s {
-            // Streams keep their rate as a rule: the exponential is worth remembering.
+            // The rate is usually constant, so the exponential of the last step is kept.
             let ratio = dt_s / self.tau_s;
             state.dt_s = dt_s;
             state.pole = (-ratio).exp();
@@ -77,7 +80,7 @@ mod tests {
         let mut state = State::default();
         let dt = 1.0 / rate_hz;
         let (mut sine, mut cosine, mut periods) = (0.0, 0.0, 0.0);
-        // 100 s after 2 s of settling: a whole number of periods of every frequency asked for.
+        // 100 s after 2 s of settling: a whole number of periods of each tested frequency.
         for k in 0..(102.0 * rate_hz) as usize {
             let phase = std::f64::consts::TAU * frequency_hz * k as f64 * dt;
             let y = filter.step(&mut state, (k > 0).then_some(dt), phase.sin());
@@ -91,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn gain_is_the_published_one() {
+    fn gain_matches_the_published_values() {
         let filter = LowPass::new(Hertz(20.0));
         assert!((filter.tau_s() - 0.008).abs() < 1e-4, "the thesis prints 0.008 s");
         assert!((gain_db_at(&filter, 20.0, 2048.0) + 6.02).abs() < 0.02);
@@ -100,9 +103,9 @@ mod tests {
     }
 
     proptest! {
-        // The discretisation is exact for a ramp, whatever the steps: y = r (t - 2 tau + (t + 2 tau) e^(-t/tau)).
+        // The discretisation is exact for a ramp and any steps: y = r (t - 2 tau + (t + 2 tau) e^(-t/tau)).
         #[test]
-        fn a_ramp_is_answered_exactly(steps in prop::collection::vec(1e-4..0.02f64, 1..60), slope in -5.0..5.0f64) {
+        fn response_to_a_ramp_is_exact(steps in prop::collection::vec(1e-4..0.02f64, 1..60), slope in -5.0..5.0f64) {
             let filter = LowPass::new(Hertz(20.0));
             let tau = filter.tau_s();
             let mut state = State::default();
@@ -110,7 +113,8 @@ mod tests {
             filter.step(&mut state, None, 0.0);
             for dt in steps {
                 t += dt;
-                // Only the first pole sees a piecewise linear input; its exact answer is r (t - tau (1 - e^(-t/tau))).
+                // Only the first pole has a piecewise linear input; its exact response is r (t - tau (1 -
+                // e^(-t/tau))).
                 filter.step(&mut state, Some(dt), slope * t);
                 let exact = slope * (t - tau * (1.0 - (-t / tau).exp()));
                 prop_assert!((state.first - exact).abs() < 1e-12 * (1.0 + exact.abs()));

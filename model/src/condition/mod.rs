@@ -1,16 +1,16 @@
-//! Causal conditioning: from stamped readings to the displacement and velocity that a model takes.
+//! Causal conditioning: turns stamped readings into the displacement and velocity that a model needs.
 //!
 //! The thesis low-passes displacement (two equal poles at 20 Hz) and differentiates it. Both are settings
-//! here, and so is where the filter sits:
+//! here, and so is the position of the filter:
 //!
-//! - `inputs`: the model is driven by low-passed displacement. The measured force is left as it is. The
-//!   thesis' coefficients hold for this.
-//! - `output`: the model is driven by raw displacement, and its force is low-passed; a measured force passes
-//!   the same filter before it is compared. Filtering inputs is not filtering output: through a nonlinear
-//!   model the two differ, by an ESR near 0.009 on this damper.
-//! - `none`.
+//! - `inputs`: the model gets low-passed displacement; the measured force is not filtered. The thesis'
+//!   coefficients are valid for this setting.
+//! - `output`: the model gets raw displacement, and its force is low-passed; the measured force passes the
+//!   same filter before the comparison. The two settings are not equivalent, because the model is nonlinear:
+//!   they differ by an NMSE of about 0.009 on this damper.
+//! - `none`: no filter.
 //!
-//! Everything works on the stamps' differences, so a jittering or changing rate is no special case.
+//! All computations use differences of stamps, so jitter or a changing rate needs no special treatment.
 
 mod align;
 mod derivative;
@@ -24,7 +24,7 @@ use crate::error::Error;
 use crate::units::{Hertz, Second};
 use serde::{Deserialize, Serialize};
 
-/// Where the low-pass sits.
+/// Position of the low-pass filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ApplyTo {
@@ -32,40 +32,40 @@ pub enum ApplyTo {
     Inputs,
     /// On the model's force, and on the measured force that it is compared with.
     Output,
-    /// Nowhere.
+    /// No filter.
     #[default]
     None,
 }
 
-/// Where velocity comes from.
+/// Source of the velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VelocitySource {
     /// Backward difference of the (conditioned) displacement, as in the thesis.
     #[default]
     Backward,
-    /// Slope at its end of the parabola through the last three (conditioned) displacements: no delay to first order, more
-    /// noise.
+    /// Slope, at the last point, of the parabola through the last three (conditioned) displacements: no delay
+    /// to first order, more noise.
     #[serde(rename = "three_point")]
     ThreePoint,
-    /// Slope of the least-squares line through the displacements of a trailing window: less noise, a delay
-    /// of half the window.
+    /// Slope of the least-squares line through the displacements of a trailing window: less noise, a delay of
+    /// half the window.
     Slope,
-    /// The run's or topic's own velocity.
+    /// Measured velocity from the run or topic.
     Measured,
 }
 
-/// How displacement becomes a model's inputs. Part of every model file.
+/// How a model's inputs are computed from displacement. Part of every model file.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditioning {
-    /// Where the low-pass sits.
+    /// Position of the low-pass filter.
     pub apply_to: ApplyTo,
-    /// Corner of each of the low-pass' two poles, Hz.
+    /// Corner frequency of each of the two poles, Hz.
     pub cutoff_hz: f64,
-    /// Where velocity comes from.
+    /// Source of the velocity.
     pub velocity: VelocitySource,
-    /// Length of the window when `velocity` is `slope`, s.
+    /// Length of the window if `velocity` is `slope`, s.
     #[serde(default = "default_window_s")]
     pub slope_window_s: f64,
 }
@@ -87,7 +87,7 @@ impl Default for Conditioning {
 }
 
 impl Conditioning {
-    /// The thesis' own: displacement through two poles at 20 Hz, backward difference.
+    /// The thesis' conditioning: displacement through two poles at 20 Hz, backward difference.
     pub const THESIS: Self = Self {
         apply_to: ApplyTo::Inputs,
         cutoff_hz: 20.0,
@@ -95,10 +95,10 @@ impl Conditioning {
         slope_window_s: default_window_s(),
     };
 
-    /// Checks the numbers.
+    /// Checks that the numbers are in range.
     ///
     /// # Errors
-    /// Names the field that is out of range.
+    /// [`Error::OutOfRange`], which names the field.
     pub fn validate(&self) -> Result<(), Error> {
         Error::check("conditioning.cutoff_hz", self.cutoff_hz, "between 0.1 and 10000 Hz", |f| {
             (0.1..=10_000.0).contains(&f)
@@ -109,13 +109,13 @@ impl Conditioning {
         Ok(())
     }
 
-    /// The low-pass of this conditioning.
+    /// The low-pass filter of this conditioning.
     #[must_use]
     pub fn low_pass(&self) -> LowPass {
         LowPass::new(Hertz(self.cutoff_hz))
     }
 
-    /// Time after a reset until the transients of filter and derivative have died down to 1 %.
+    /// Time after a reset until the transients of filter and derivative have decayed to 1 %.
     #[must_use]
     pub fn settling_time(&self) -> Second {
         let filter = if self.apply_to == ApplyTo::None { 0.0 } else { 6.64 * self.low_pass().tau_s() };
@@ -131,11 +131,11 @@ pub struct Motion {
     pub displacement_m: f64,
     /// Velocity, m/s.
     pub velocity_m_s: f64,
-    /// Acceleration, m/s²: the backward difference of velocity; NaN while there is only one velocity.
+    /// Acceleration, m/s²: the backward difference of velocity; NaN until there are two velocities.
     pub acceleration_m_s2: f64,
 }
 
-/// Memory of the displacement path: filter, then derivatives.
+/// State of the displacement path: filter, then derivatives.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MotionState {
     filter: low_pass::State,
@@ -144,9 +144,9 @@ pub struct MotionState {
 }
 
 impl Conditioning {
-    /// Takes one displacement, `dt_s` seconds after the one before (`None` for the first, or after a gap that
-    /// makes history meaningless), and the measured velocity if there is one. Returns what a model takes, or
-    /// `None` while velocity is not known yet.
+    /// Processes one displacement, `dt_s` seconds after the previous one, and the measured velocity if there
+    /// is one. `dt_s` is `None` for the first displacement, or after a gap that makes the history useless.
+    /// Returns the motion, or `None` while velocity is unknown.
     #[inline]
     pub fn step(
         &self,

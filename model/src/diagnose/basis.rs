@@ -1,15 +1,15 @@
-//! An orthonormal basis that grows, for taking out of a series what others already hold.
+//! An orthonormal basis, built column by column, for projecting a series off the span of others.
 //!
 //! ```text
-//! q = (v - Q Q'v) normalised, twice over        Q the columns before: QR by Gram and Schmidt
+//! q = v - Q Q'v, twice, then normalised        Q: the columns before (QR by Gram-Schmidt)
 //! ```
 //!
-//! Twice, because once loses digits where a column is nearly within the others; what is then left under
-//! [`DEPENDENT`] of its length is rounding, and is left out.
+//! The projection is done twice, because one pass loses digits if a column is nearly within the span of the others. A column of
+//! which less than [`DEPENDENT`] of its length is left is within the span, up to rounding, and is not added.
 
 use super::rows::dot;
 
-/// Share of a column below which it holds nothing of its own.
+/// Share of its length below which a column counts as dependent on the others.
 const DEPENDENT: f64 = 1e-7;
 
 /// Orthonormal columns.
@@ -28,7 +28,7 @@ impl Basis {
         basis
     }
 
-    /// Adds what `column` has of its own, if anything.
+    /// Adds the part of `column` that is orthogonal to the basis, unless the column is dependent.
     fn push(&mut self, mut column: Vec<f64>) {
         let length = dot(&column, &column).sqrt();
         self.take_out(&mut column);
@@ -39,7 +39,7 @@ impl Basis {
         }
     }
 
-    /// Takes out of `series` what the basis holds of it, and returns the share of its length that is left.
+    /// Projects `series` off the basis, and returns the share of its length that is left.
     pub(super) fn take_out(&self, series: &mut [f64]) -> f64 {
         let length = dot(series, series).sqrt();
         for _ in 0..2 {
@@ -60,7 +60,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_left_is_orthogonal_and_what_is_held_is_gone(
+        fn the_rest_is_orthogonal_and_a_series_in_the_span_vanishes(
             columns in prop::collection::vec(prop::collection::vec(-1.0..1.0_f64, 12), 5),
             weights in prop::collection::vec(-1.0..1.0_f64, 5),
             mut series in prop::collection::vec(-1.0..1.0_f64, 12),
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_column_given_twice_counts_once() {
+    fn a_dependent_column_is_not_added() {
         let basis = Basis::of([vec![1.0, 2.0, 3.0], vec![2.0, 4.0, 6.0 + 1e-12]]);
         assert_eq!(basis.columns.len(), 1);
         assert_eq!(Basis::default().take_out(&mut [0.0, 0.0]), 0.0);

@@ -1,37 +1,39 @@
-//! Blocks of rows: what of a series counts as independent evidence.
+//! Significance tests on block sums.
 //!
 //! ```text
 //! S_b = sum over block b of g r      block length max(least, 5 correlation times of g r)
 //! B >= 20:  t = mean S / (sd S / sqrt B), p from Student's t with B - 1 degrees of freedom
 //! B <  20:  p = share of the sign flips of the S_b that reach |sum S_b|
-//! several tests, the least p first:  of t's Holm's correction;  of sign flips Westfall and Young's: the share of
-//!           flips under which any of the tests that are left has a p this small (their min P, step down)
+//! several tests, the least p first:  t tests: Holm's correction;  sign flips: Westfall and Young's, the share of
+//!           flips under which any of the remaining tests has a p this small (their step-down min P)
 //! ```
 //!
-//! Samples of a residual are not independent, and tests that take them for it find effects in coloured noise every time.
-//! Sums over blocks that are long against the correlation nearly are. With few blocks their distribution cannot be relied on
-//! either, but under the hypothesis each sum could as well have had the other sign. Westfall and Young (1993), Resampling-Based
-//! Multiple Testing, section 2.6: since all tests are flipped together, those that say the same count once.
+//! Samples of a residual are not independent; a test that assumes so finds effects in coloured noise every time. Sums over blocks
+//! much longer than the correlation time are nearly independent. With few blocks their distribution is not reliable either; but
+//! under the null hypothesis each sum could equally have the other sign. All tests are flipped together, so correlated tests
+//! are not counted several times: Westfall and Young (1993), Resampling-Based Multiple Testing, section 2.6.
+//!
+//! Source: `[student]`, `[holm]` and `[westfall1993]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::rows::Rows;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Correlation times in a block.
+/// Least length of a block, in correlation times.
 const CORRELATION_TIMES: f64 = 5.0;
-/// Blocks from which Student's distribution is good enough.
+/// Number of blocks from which Student's t distribution is used.
 const MANY: usize = 20;
-/// Up to so many blocks all sign flips are tried, 2^(B - 1) of them.
+/// Largest number of blocks for which all 2^(B - 1) sign flips are tried.
 const EXACT: usize = 14;
-/// Sign flips drawn where there are more.
+/// Number of sign flips drawn at random for more blocks.
 const DRAWN: u32 = 16_384;
-/// Step of the series that the correlation time is taken from, s.
+/// Step of the series that the correlation time is computed from, s.
 const COARSE_S: f64 = 0.02;
-/// Longest correlation time that is looked for, as a share of a run.
+/// Longest lag of the autocorrelation, as a share of a run.
 const LONGEST_SHARE: f64 = 0.5;
 
-/// Rows in blocks.
+/// Assignment of rows to blocks.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Blocks {
     /// Block of each row.
@@ -40,7 +42,7 @@ pub(super) struct Blocks {
 }
 
 impl Blocks {
-    /// Blocks of about `length_s` within the runs of `rows`; a run shorter than half of that goes with its neighbour.
+    /// Blocks of about `length_s` within the runs of `rows`. A run shorter than half of that is joined to a neighbouring block.
     pub(super) fn new(rows: &Rows, length_s: f64) -> Self {
         let mut of_row = Vec::with_capacity(rows.len());
         let mut count: usize = 0;
@@ -62,7 +64,7 @@ impl Blocks {
         Self { of_row, count }
     }
 
-    /// Blocks of `least_s` at least that are long against the correlation of `series`.
+    /// Blocks of at least `least_s` and at least 5 correlation times of `series`.
     pub(super) fn against(rows: &Rows, series: &[f64], least_s: f64) -> Self {
         Self::new(rows, least_s.max(CORRELATION_TIMES * correlation_time_s(rows, series)))
     }
@@ -82,8 +84,7 @@ impl Blocks {
     }
 }
 
-/// Integrated autocorrelation time of `series`, the longest of all runs', s: one over the rate at which independent values
-/// come.
+/// Integrated autocorrelation time of `series`, the longest over all runs, s. Its reciprocal is the rate of independent values.
 fn correlation_time_s(rows: &Rows, series: &[f64]) -> f64 {
     let mut longest_s = 0.0_f64;
     for run in rows.runs() {
@@ -95,7 +96,7 @@ fn correlation_time_s(rows: &Rows, series: &[f64]) -> f64 {
         let mut sum = 0.5;
         for lag in 1..lags {
             let correlation = super::rows::dot(&deviation[lag..], &deviation) / power;
-            // From here on it is noise about zero.
+            // The rest of the autocorrelation is noise about zero.
             if correlation.is_nan() || correlation <= 0.0 {
                 break;
             }
@@ -127,7 +128,7 @@ fn coarse(times_s: &[f64], values: &[f64]) -> Vec<f64> {
     means
 }
 
-/// Sign flips of so many blocks: all of them, each with its mirror image as one, or as many as are worth drawing.
+/// Sign flips of the sums of `blocks` blocks: all of them, with a flip and its mirror image counted as one, or [`DRAWN`] at random.
 struct Flips {
     blocks: usize,
     drawn: Vec<u64>,
@@ -136,31 +137,31 @@ struct Flips {
 impl Flips {
     fn new(blocks: usize, seed: u64) -> Self {
         if blocks <= EXACT {
-            // The sign of the first is fixed: a flip of all changes nothing.
+            // The sign of the first sum is fixed, because flipping all signs does not change |T|.
             return Self {
                 blocks,
                 drawn: (0..1_u64 << blocks.saturating_sub(1)).map(|flips| flips << 1).collect(),
             };
         }
         let mut random = Pcg64Mcg::seed_from_u64(seed);
-        // None at all is one of them.
+        // The first flip changes no sign.
         let drawn = std::iter::once(0).chain((1..DRAWN).map(|_| random.random())).collect();
         Self { blocks, drawn }
     }
 
-    /// T of `sums` under each flip; the first is T as it is.
+    /// |sum| of `sums` over their root sum of squares, under each flip; the first value is without a flip.
     fn statistics(&self, sums: &[f64]) -> Vec<f64> {
         let size = sums.iter().map(|s| s * s).sum::<f64>().sqrt();
         let flipped = |flips: &u64| {
             let signed = (0..self.blocks).map(|b| if flips >> b & 1 == 1 { -sums[b] } else { sums[b] });
-            // Rounding must not part a flip from its mirror image.
+            // A flip and its mirror image must give the same value in spite of rounding.
             (signed.sum::<f64>().abs() / size * 1e12).round() / 1e12
         };
         if size > 0.0 { self.drawn.iter().map(flipped).collect() } else { vec![0.0; self.drawn.len()] }
     }
 }
 
-/// Probability that block sums this far from zero in the mean come about by chance; 1 for fewer than two blocks.
+/// Probability that the mean of block sums is this far from zero by chance; 1 for fewer than two blocks.
 pub(super) fn p_of(sums: &[f64], seed: u64) -> f64 {
     let blocks = sums.len();
     if blocks < 2 || !sums.iter().all(|s| s.is_finite()) || sums.iter().all(|s| *s == 0.0) {
@@ -177,11 +178,11 @@ pub(super) fn p_of(sums: &[f64], seed: u64) -> f64 {
     statistics.iter().filter(|t| **t >= statistics[0]).count() as f64 / statistics.len() as f64
 }
 
-/// The p of several tests, each of its block sums, so that the chance that any is below a bound where all hypotheses hold is at
-/// most that bound.
+/// Adjusted p of several tests, each given by its block sums: if all null hypotheses hold, the probability that any adjusted p is below
+/// a bound is at most that bound.
 ///
-/// Each test is a member of the family of its number of blocks, whose sums can be flipped together. What families add to the chance
-/// is summed; one whose blocks are too few to reach such a p adds nothing.
+/// Tests with the same number of blocks form a family, whose sums are flipped together. The probabilities of the families are added; a
+/// family with too few blocks to reach such a p adds nothing.
 pub(super) fn adjusted(tests: &[&[f64]], seed: u64) -> Vec<f64> {
     let p: Vec<f64> = tests.iter().map(|sums| p_of(sums, seed)).collect();
     let mut counts: Vec<usize> =
@@ -203,9 +204,9 @@ pub(super) fn adjusted(tests: &[&[f64]], seed: u64) -> Vec<f64> {
     adjusted
 }
 
-/// Tests whose sums are over the same few blocks.
+/// Tests with the same number of blocks, fewer than [`MANY`].
 struct Family {
-    /// Index of each, with its p under every flip.
+    /// Index of each test, with its p under every flip.
     members: Vec<(usize, Vec<f64>)>,
     flips: usize,
 }
@@ -219,14 +220,14 @@ impl Family {
         Self { members, flips: flips.drawn.len() }
     }
 
-    /// Share of the flips under which any of the members that are left has a p of `p` or less.
+    /// Share of the flips under which any of the remaining members has a p of `p` or less.
     fn reaches(&self, p: f64, left: &[bool]) -> f64 {
         let any = |flip: &usize| self.members.iter().any(|(k, own)| left[*k] && own[*flip] <= p);
         (0..self.flips).filter(any).count() as f64 / self.flips as f64
     }
 }
 
-/// Of each value the share of all that are no smaller.
+/// For each value, the share of all values that are at least as large.
 fn shares(values: &[f64]) -> Vec<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(|a, b| b.total_cmp(a));
@@ -234,7 +235,7 @@ fn shares(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| no_smaller(value) as f64 / values.len() as f64).collect()
 }
 
-/// The least p that so many blocks can give.
+/// The least p that this number of blocks can give.
 pub(super) fn least_p(blocks: usize) -> f64 {
     match blocks {
         0 | 1 => 1.0,
@@ -244,7 +245,7 @@ pub(super) fn least_p(blocks: usize) -> f64 {
     }
 }
 
-/// Half the width of the 95 % interval of a mean, in its standard errors, from so many blocks.
+/// Half the width of the 95 % interval of a mean over `blocks` blocks, in standard errors.
 pub(super) fn t95(blocks: usize) -> f64 {
     let degrees = blocks.saturating_sub(1).max(1) as f64;
     StudentsT::new(0.0, 1.0, degrees).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975))
@@ -256,8 +257,8 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
 
     #[test]
-    fn many_blocks_are_corrected_as_holm_did() {
-        // Three tests of 30 blocks: the least p counts three times, the next twice, and none less than the one before.
+    fn tests_of_many_blocks_get_holms_correction() {
+        // Three tests of 30 blocks: the least p is multiplied by 3, the next by 2, and an adjusted p is never below the one before it.
         let sums =
             |mean: f64| -> Vec<f64> { (0..30).map(|k| mean + if k % 2 == 0 { 1.0 } else { -1.0 }).collect() };
         let tests = [sums(0.4), sums(0.6), sums(0.41)];
@@ -271,8 +272,8 @@ mod tests {
     }
 
     #[test]
-    fn coarse_steps_are_means_of_the_rows_in_them() {
-        // Four rows a step, none in the third, and a step that ends early.
+    fn coarse_averages_the_rows_of_each_step() {
+        // Four rows in each step, none in the third step, and a last step that ends early.
         let row = |k: usize| COARSE_S * (k as f64 + 0.5) / 4.0;
         let times: Vec<f64> = (0..8).chain(12..14).map(row).collect();
         let values: Vec<f64> = (0..10).map(|k| (k * k) as f64).collect();
@@ -281,8 +282,8 @@ mod tests {
     }
 
     #[test]
-    fn p_is_what_it_says_it_is() {
-        // Sums about zero: p is uniform, whatever the number of blocks.
+    fn p_is_uniform_under_the_null_hypothesis() {
+        // Sums with mean zero: p is uniform for any number of blocks.
         let mut random = Pcg64Mcg::seed_from_u64(7);
         for blocks in [8, 12, 17, 40] {
             let below = (0..1000).filter(|draw| {
@@ -290,15 +291,15 @@ mod tests {
                     (0..blocks).map(|_| (0..6).map(|_| random.random_range(-1.0..1.0)).sum()).collect();
                 p_of(&sums, *draw) <= 0.05
             });
-            // Within three standard deviations; the exact test is discrete and may fall short.
+            // Within three standard deviations of 0.05; the exact test is discrete and may be below it.
             let share = below.count() as f64 / 1000.0;
             assert!((0.025..0.071).contains(&share), "{blocks} blocks: {share}");
         }
     }
 
     #[test]
-    fn of_many_tests_on_nothing_one_in_twenty_families_errs() {
-        // Six tests at once, some of them nearly one: the chance of any false alarm in a family stays at its bound.
+    fn family_wise_error_rate_stays_at_its_bound() {
+        // Six tests at once, three of them strongly correlated: the probability of any false alarm stays at the bound of 5 %.
         let mut random = Pcg64Mcg::seed_from_u64(11);
         for blocks in [10, 30] {
             let families = (0..600).filter(|family| {
@@ -318,12 +319,12 @@ mod tests {
     }
 
     #[test]
-    fn tests_that_say_the_same_count_once_and_those_that_cannot_speak_not_at_all() {
+    fn correlated_tests_count_once_and_tests_without_power_not_at_all() {
         let (plain, noisy) = ([1.0; 10], [1.0, -1.0, 1.0, -1.0, 0.5, -0.7, 1.0, -1.0, 0.2, -0.1]);
         let first = |others: &[&[f64]]| adjusted(&[&[&plain[..]], others].concat(), 0)[0] * 512.0;
         assert_eq!(first(&[&noisy, &noisy]), 2.0);
         assert_eq!(first(&[&[0.0; 10], &[0.0; 10]]), 1.0);
-        // Eight blocks reach no p of 1/512 under any flip; those of a t count as they are.
+        // Eight blocks cannot reach a p of 1/512 under any flip. A t test is counted by Holm's correction.
         assert_eq!(first(&[&noisy[..8], &noisy[..8]]), 1.0);
         let dull: Vec<f64> = (0..30).map(|k| if k % 2 == 0 { 1.0 } else { -0.9 }).collect();
         assert_eq!(first(&[&dull, &noisy]), 3.0);
@@ -332,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn few_blocks_cannot_say_much() {
+    fn p_is_bounded_from_below_for_few_blocks() {
         assert_eq!(p_of(&[1.0; 10], 0), least_p(10));
         assert_eq!(least_p(10), 1.0 / 512.0);
         assert_eq!(p_of(&[1.0], 0), 1.0);

@@ -1,4 +1,4 @@
-//! What is refused before any work.
+//! Checks of settings and runs before any work.
 
 use super::{Runs, Settings};
 use crate::effect::MAX_EFFECTS;
@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::identify::{Dataset, check_runs};
 use crate::model::Model;
 
-/// Refuses settings that mean nothing, and runs that cannot give an honest answer.
+/// Rejects settings out of range, and runs that cannot give a valid result.
 pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<(), Error> {
     Error::check("significance", settings.significance, "between 0 and 0.5", |s| s > 0.0 && s <= 0.5)?;
     Error::check("block_s", settings.block_s, "between 0.1 and 60 s", |s| (0.1..=60.0).contains(&s))?;
@@ -15,13 +15,13 @@ pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<()
     })?;
     if runs.estimate.is_empty() {
         return Err(Error::Data {
-            message: "there are no estimate runs: give the runs to find effects on".to_owned(),
+            message: "no training runs (--estimate) were given: give the runs to find effects on".to_owned(),
         });
     }
     if runs.confirm.is_empty() {
         return Err(Error::Data {
-            message: "there is no confirm run: an effect that was not seen to help on another run is a guess; give one at least, \
-                      recorded apart from the estimate runs"
+            message: "no validation run (--confirm) was given: an effect is accepted only if it helps on another run; give at least one \
+                      that was recorded separately from the training runs"
                 .to_owned(),
         });
     }
@@ -37,7 +37,8 @@ pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<()
         if let Some((before, twin)) = all[..index].iter().find(|(_, other)| same_content(run, other)) {
             return Err(Error::Data {
                 message: format!(
-                    "{role} run {} holds the same data as {before} run {}: a run can serve once only; leave one of them out",
+                    "the {role} run {} and the {before} run {} contain the same data, but a run may serve one purpose only: remove one \
+                     of them",
                     run.name, twin.name
                 ),
             });
@@ -46,7 +47,7 @@ pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<()
         if run.conditioning != base.conditioning {
             return Err(Error::Data {
                 message: format!(
-                    "run {}: is conditioned unlike the base model; condition it as the model is",
+                    "run {}: it is not conditioned as the base model is; use the model's conditioning",
                     run.name
                 ),
             });
@@ -54,7 +55,7 @@ pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<()
         if run.counted() == 0 {
             return Err(Error::Data {
                 message: format!(
-                    "{role} run {}: no sample counts: the damper never moves, or there is no force",
+                    "{role} run {}: no sample can be used, because the damper never moves or no force was recorded; give another run",
                     run.name
                 ),
             });
@@ -63,7 +64,7 @@ pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<()
     Ok(())
 }
 
-/// True when the measured numbers are the same, whatever the runs are called and whenever they begin.
+/// True if the measured numbers are the same. The names and start times of the runs do not matter.
 fn same_content(a: &Dataset, b: &Dataset) -> bool {
     let same = |x: f64, y: f64| x == y || (x.is_nan() && y.is_nan());
     a.rows.len() == b.rows.len()

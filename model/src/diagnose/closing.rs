@@ -1,4 +1,4 @@
-//! The closing itself: rounds until nothing more is found, then backwards, then the sealed runs.
+//! The sequence of a diagnosis: rounds until no further effect is found, then pruning, then the test runs.
 
 use super::finding::{Closing, FloorSource, LeftOver, Mode, Named, NoiseFloor, Refused, Verdict};
 use super::joint::{Fitted, Joint};
@@ -13,21 +13,22 @@ use crate::model::Model;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Lack of fit up to which there is nothing to explain.
+/// Lack of fit below which there is nothing to explain.
 const NOTHING: f64 = 0.1;
-/// Share of the explainable error up to which what is left is little.
+/// Largest share of the reducible error that may remain for the verdict "explained".
 const LITTLE: f64 = 0.2;
-/// Lack of fit above which the base may be at fault.
+/// Lack of fit above which the base may be inadequate.
 const INADEQUATE: f64 = 0.5;
-/// Share of the explainable error that another base takes away where the given one, with nothing to name, is at fault.
+/// If no effect was named, the base is inadequate when the alternative structure removes more than this share of its reducible error.
 const HALF: f64 = 0.5;
-/// Share of the explainable error of the base alone that an effect must remove at least, and under which no further one is sought:
-/// what a base leaves of itself around a large effect is of this size.
+/// Least share of the base's reducible error that an effect must remove. If less than this remains, no further effect is searched
+/// for: the base's own misfit around a large effect is of this size.
 const NEXT_TO_NOTHING: f64 = 0.001;
-/// Share of squared error by which a refinement of an effect must help, on the estimate runs and on the confirm runs.
+/// Least drop for a refinement of an effect, as a share: of the reducible error on the training runs, and of the squared error on the
+/// validation runs.
 const REFINED: f64 = 0.02;
 
-/// Everything that a closing has before it.
+/// The inputs of a diagnosis: base, settings, and the rows of its runs.
 pub(super) struct Desk<'a> {
     base: &'a Model,
     settings: &'a Settings,
@@ -39,7 +40,8 @@ pub(super) struct Desk<'a> {
     runs: &'a Runs<'a>,
 }
 
-/// The base alone and with what was found: fitted on the estimate runs, and as they are on the confirm runs.
+/// The base alone and the base with the effects found: fitted on the training runs, and evaluated without refitting on the validation
+/// runs.
 struct Pair {
     base: Fitted,
     found: Fitted,
@@ -47,31 +49,31 @@ struct Pair {
     found_confirm: Fitted,
 }
 
-/// What the rounds left behind.
+/// The results of the rounds.
 #[derive(Default)]
 struct Ledger {
     /// p and class of each effect that was named, by its id.
     named: HashMap<&'static str, (f64, Vec<&'static str>)>,
-    /// Why the base is at fault.
+    /// Why the base is inadequate; `None` if it is adequate.
     base_fault: Option<String>,
     candidates: Vec<super::Candidate>,
     refused: Vec<Refused>,
     untestable: Vec<Refused>,
-    /// What was fitted to the end so far, each with other effects.
+    /// All complete fits so far, each with a different list of effects.
     fits: Vec<Fitted>,
-    /// The model that stands without each of its effects, where there are several.
+    /// The current model without each of its effects in turn, if it has several.
     without: Vec<Option<Fitted>>,
 }
 
 impl Pair {
-    /// The base alone, in both places.
+    /// The pair with all effects withdrawn: the base alone takes the place of the augmented model.
     fn base_alone(self) -> Self {
         let Self { base, base_confirm, .. } = self;
         Self { found: base.clone(), found_confirm: base_confirm.clone(), base, base_confirm }
     }
 }
 
-/// The rows of `datasets`, with what there is to explain on them.
+/// The rows of `datasets` with the force to explain: the measured force, or in paired mode [`paired::rows`].
 fn rows<'a>(
     base: &Model,
     runs: &Runs,
@@ -85,7 +87,7 @@ fn rows<'a>(
 }
 
 impl<'a> Desk<'a> {
-    /// Lays out the rows.
+    /// Prepares the rows and checks that the training runs are long enough.
     pub(super) fn new(
         base: &'a Model,
         runs: &'a Runs<'a>,
@@ -99,12 +101,12 @@ impl<'a> Desk<'a> {
         Ok(Self { base, settings, watch, mode, scales: Scales::of(runs.estimate)?, estimate, confirm, runs })
     }
 
-    /// True for an effect that the base brought along: it stays, and is none of the findings.
+    /// True if the base already has `effect`: it is kept and not reported as found.
     fn brought(&self, effect: Effect) -> bool {
         self.base.effects.as_slice().iter().any(|own| own.effect() == effect)
     }
 
-    /// The effects of `model` that the base did not bring along.
+    /// The effects of `model` that the base does not have.
     fn findings(&self, model: &Augmented) -> impl Iterator<Item = EffectModel> {
         let effects = model.effects().as_slice().to_vec();
         effects.into_iter().filter(|effect| !self.brought(effect.effect()))
@@ -126,13 +128,13 @@ impl<'a> Desk<'a> {
         }
     }
 
-    /// Goes through with it.
+    /// Runs the diagnosis.
     pub(super) fn close(&self, stage: &dyn Fn(Stage)) -> Result<Closing, Error> {
         stage(Stage::Base);
         let Some(base) = self.joint().refit(&self.base.augmented(), FINAL)? else {
             return Err(Error::Data {
                 message:
-                    "the base model does not stay finite on the estimate runs: identify it on them first"
+                    "the simulation of the base model does not stay finite on the training runs: identify it on them first"
                         .to_owned(),
             });
         };
@@ -148,7 +150,7 @@ impl<'a> Desk<'a> {
             found = self.prune(found, noise, &mut ledger)?;
         }
         let mut pair = self.pair(base, found)?;
-        // Noise of the inputs comes out as the model that stands makes it.
+        // The model maps input noise to force noise, so the floor is computed again for the augmented model.
         let mut floor = match ledger.named.is_empty() {
             true => base_floor,
             false => self.noise_floor(&pair.found)?,
@@ -173,13 +175,13 @@ impl<'a> Desk<'a> {
 
     fn noise_floor(&self, fitted: &Fitted) -> Result<NoiseFloor, Error> {
         let floor = floor::noise_floor(&self.estimate, &fitted.model, self.runs.replicates, self.settings)?;
-        // A difference of two runs has the noise of both.
+        // The difference of two runs contains the noise of both.
         let doubles = self.mode == Mode::Paired && floor.source != FloorSource::Declared;
         let factor = if doubles { 2.0_f64 } else { 1.0 };
         Ok(NoiseFloor { rsse_n: floor.rsse_n * factor.sqrt(), esr: floor.esr * factor, ..floor })
     }
 
-    /// Adds effects as long as one passes.
+    /// Adds effects, one a round, until no candidate passes.
     fn name(
         &self,
         mut current: Fitted,
@@ -214,7 +216,7 @@ impl<'a> Desk<'a> {
         Ok(current)
     }
 
-    /// Why the base is at fault; `None` when it is not.
+    /// Why the base is inadequate; `None` if it is adequate.
     fn inadequate(&self, pair: &Pair, noise_n: f64, fits: &[Fitted]) -> Result<Option<String>, Error> {
         if self.mode == Mode::Paired || rival::is_one(self.base) {
             return Ok(None);
@@ -234,8 +236,8 @@ impl<'a> Desk<'a> {
         let bound = if named { after.max(one) } else { before - HALF * (before - noise).max(0.0) };
         Ok((rival.squares < bound).then(|| {
             format!(
-                "the base is at fault: on the confirm runs {} without any effect leaves {:.1} % of the squared error that {own} \
-                 leaves, {own} with one effect {:.1} % and with all that was found {:.1} %; take {} as base",
+                "the base is inadequate: on the validation runs, {} without any effect has {:.1} % of the squared error of {own}; \
+                 {own} with one effect has {:.1} %, with all effects found {:.1} %; use {} as base",
                 rival.name,
                 100.0 * rival.squares / before,
                 100.0 * one / before,
@@ -245,8 +247,8 @@ impl<'a> Desk<'a> {
         }))
     }
 
-    /// Squared error that the base with a single one of its effects leaves on the confirm rows, the best of them; `None` when none
-    /// was found. With one effect base and rival are most alike: more of them mend whatever base it is.
+    /// Least squared error of the base with one of the effects found, on the validation rows; `None` if none was found. The comparison
+    /// with the alternative structure is fairest with one effect: several effects improve any base.
     fn with_one(&self, pair: &Pair, fits: &[Fitted]) -> Result<Option<f64>, Error> {
         let effects: Vec<EffectModel> = self.findings(&pair.found.model).collect();
         if effects.len() < 2 {
@@ -261,7 +263,7 @@ impl<'a> Desk<'a> {
         Ok(squares.into_iter().reduce(f64::min))
     }
 
-    /// Tries the coil's lag with a time constant each way, where one was named.
+    /// If a coil lag was named, tries it with separate time constants for rise and fall.
     fn refine(&self, current: Fitted, noise: f64) -> Result<Fitted, Error> {
         let effects = current.model.effects().as_slice();
         let Some(index) = effects.iter().position(|e| e.effect() == Effect::CoilLag) else {
@@ -277,9 +279,9 @@ impl<'a> Desk<'a> {
         Ok(if better { refined } else { current })
     }
 
-    /// Takes out what the others do as well.
+    /// Removes effects whose part the other effects can take over.
     fn prune(&self, mut current: Fitted, noise: f64, ledger: &mut Ledger) -> Result<Fitted, Error> {
-        // A single one has proved itself against the base alone.
+        // A single effect was already tested against the base alone.
         while ledger.named.len() > 1 {
             ledger.without = self.without_each(&current, &ledger.fits)?;
             let needless = |without: &Option<Fitted>| {
@@ -291,7 +293,7 @@ impl<'a> Desk<'a> {
             let effect = current.model.effects().as_slice()[index].effect();
             ledger.refused.push(Refused {
                 effect,
-                why: "what was named after it does the same: not needed".to_owned(),
+                why: "not needed: effects named after it explain the same error".to_owned(),
             });
             ledger.named.remove(effect.id());
             current = without;
@@ -299,14 +301,14 @@ impl<'a> Desk<'a> {
         Ok(current)
     }
 
-    /// The base with the effects of `start`, fitted: as it was before, or from `start` on.
+    /// The base with the effects of `start`, fitted: taken from `fits` if it is there, otherwise fitted from `start`.
     fn fitted(&self, fits: &[Fitted], start: &Augmented) -> Result<Option<Fitted>, Error> {
         let before = fits.iter().find(|fit| fit.model.effects().same_kinds(start.effects()));
         before.map_or_else(|| self.joint().refit(start, FINAL), |fit| Ok(Some(fit.clone())))
     }
 
-    /// `current` without each of its effects, fitted anew; `None` for one that the base brought along, or that it does not run
-    /// without.
+    /// `current` without each of its effects in turn, refitted. `None` for an effect that the base already has, or if the model does not
+    /// run without the effect.
     fn without_each(&self, current: &Fitted, fits: &[Fitted]) -> Result<Vec<Option<Fitted>>, Error> {
         let without = |(index, effect): (usize, &EffectModel)| {
             if self.brought(effect.effect()) {
@@ -317,14 +319,14 @@ impl<'a> Desk<'a> {
         current.model.effects().as_slice().par_iter().enumerate().map(without).collect()
     }
 
-    /// True when `current` does better than `without` by as much as an effect must.
+    /// True if `current` is better than `without` by the least share required of an effect.
     fn needed(&self, current: &Fitted, without: &Fitted, noise: f64) -> bool {
         let share = (without.squares - current.squares) / (without.squares - noise);
         let confirmed = self.round(noise, 0).confirmed(&without.model, &current.model);
         share >= LEAST_SHARE && confirmed.is_ok_and(|share| share >= LEAST_CONFIRMED)
     }
 
-    /// Reads the sealed runs and says what it all comes to.
+    /// Reads the test runs and puts the result together.
     fn conclude(
         &self,
         pair: &Pair,
@@ -361,14 +363,14 @@ impl<'a> Desk<'a> {
         })
     }
 
-    /// The effects that were named and stayed, each with what the model loses without it.
+    /// The effects that were named and not pruned, each with the error that the model gains without it.
     fn named(&self, pair: &Pair, noise: f64, ledger: &mut Ledger) -> Result<Vec<Named>, Error> {
         let round = self.round(noise, 0);
         let (found, all) = (&pair.found, (pair.base.squares - noise).max(f64::MIN_POSITIVE));
         let alone = ledger.named.len() == 1;
         let mut effects = Vec::new();
         for (index, effect) in found.model.effects().as_slice().iter().enumerate() {
-            // What no round named the base brought along.
+            // An effect that no round named was already in the base.
             let Some((p_adjusted, class)) = ledger.named.remove(effect.effect().id()) else { continue };
             let without = if alone { Some(&pair.base) } else { ledger.without[index].as_ref() };
             let share = |without: &Fitted| (without.squares - found.squares) / all;
@@ -385,7 +387,7 @@ impl<'a> Desk<'a> {
         Ok(effects)
     }
 
-    /// What is left on the confirm runs, which no coefficient was fitted to.
+    /// The remaining error on the validation runs, to which no coefficient was fitted.
     fn left_over(&self, pair: &Pair, noise_n: f64) -> LeftOver {
         let (before, after) = (&pair.base_confirm, &pair.found_confirm);
         let noise = noise_n * noise_n * self.confirm.len() as f64;
@@ -398,7 +400,8 @@ impl<'a> Desk<'a> {
         }
     }
 
-    /// `fitted` as a model that can run live: with the mean offset of the estimate runs, and the error of the confirm runs.
+    /// `fitted` as a model that can run live: with the mean force offset of the training runs, and the RMSE of the validation runs as its
+    /// expected error.
     fn model(&self, fitted: &Fitted, confirm: &[super::Change], rsse_n: fn(&super::Change) -> f64) -> Model {
         let offset_n = match self.mode {
             Mode::Paired => 0.0,

@@ -1,20 +1,20 @@
-//! What a closing of the loop found, in numbers and in words' order: nothing here computes.
+//! The types of a diagnosis result.
 
 use crate::effect::{Effect, EffectModel};
 use crate::metrics::Fit;
 use crate::model::Model;
 
-/// How the residual was made.
+/// How the residual was computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// Measured force minus the base model's free run; the base is refitted beside each effect.
+    /// Measured force minus the simulation (free run) of the base; the base is refitted together with each effect.
     Absolute,
-    /// Force minus that of a healthy reference run with the same excitation; the base stays as it is.
+    /// Measured force minus the force of a healthy reference run with the same excitation; the base is not refitted.
     Paired,
 }
 
 impl Mode {
-    /// As in JSON.
+    /// Name in JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -24,23 +24,23 @@ impl Mode {
     }
 }
 
-/// What a closing comes to.
+/// Verdict of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// The residual is no more than noise.
+    /// The residual is not above the noise floor.
     NothingToExplain,
-    /// Effects were named, and leave little.
+    /// Effects were named; at most a fifth of the reducible error is left.
     Explained,
-    /// Effects were named, and over a fifth of the explainable error is left.
+    /// Effects were named; more than a fifth of the reducible error is left.
     PartlyExplained,
-    /// There is something, and no effect of the library accounts for it.
+    /// There is reducible error, but no effect of the library was accepted, or the test runs do not support those found.
     Unexplained,
-    /// The base model misses so much that a name would mean nothing.
+    /// The structure of the base does not fit, so a named effect would mean nothing.
     BaseInadequate,
 }
 
 impl Verdict {
-    /// As in JSON.
+    /// Name in JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -53,19 +53,19 @@ impl Verdict {
     }
 }
 
-/// Where the noise floor comes from.
+/// Source of the noise floor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FloorSource {
     /// Runs of one pattern: half their mean squared difference.
     Replicates,
-    /// Said by the user.
+    /// Declared by the user.
     Declared,
-    /// From differences of third order of the measured force: white noise alone, so a lower bound.
+    /// From third differences of the measured force: sees white noise only, so it is a lower bound.
     Estimated,
 }
 
 impl FloorSource {
-    /// As in JSON.
+    /// Name in JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -76,156 +76,156 @@ impl FloorSource {
     }
 }
 
-/// The error that no model could mend.
+/// The error that no model can remove.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseFloor {
-    /// Where it comes from.
+    /// Its source.
     pub source: FloorSource,
-    /// Root mean square, N.
+    /// RMSE (the thesis calls it RSSE), N.
     pub rsse_n: f64,
-    /// Its square over the variance of the measured force.
+    /// NMSE (the thesis calls it ESR): `rsse_n` squared over the variance of the measured force.
     pub esr: f64,
 }
 
 /// A parameter of an effect, as found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Found {
-    /// Name with its unit.
+    /// Name, which ends in the unit.
     pub name: &'static str,
     /// The value, in that unit.
     pub value: f64,
-    /// Interval of 95 %, from block sums of the scores.
+    /// 95 % interval, from block sums of the scores.
     pub ci95: [f64; 2],
-    /// The physical range on these data.
+    /// The physical range, with the scales of these data.
     pub range: [f64; 2],
 }
 
 /// An effect that was named.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Named {
-    /// The effect, as it stands in the model.
+    /// The effect with its parameters in the model.
     pub effect: EffectModel,
-    /// Ids of all effects that the data cannot tell from it, itself first.
+    /// Ids of all effects that the data cannot tell from it; its own id first.
     pub class: Vec<&'static str>,
     /// Its parameters.
     pub parameters: Vec<Found>,
-    /// p of the score, corrected for all effects that were tried, in the round in which it was named.
+    /// p of the score in the round in which it was named, corrected for all effects tested.
     pub p_adjusted: f64,
-    /// Share of the explainable squared error (over the noise floor, of the base alone) that it takes away on the estimate
-    /// runs; as the last one in, with the others there.
+    /// Share of the base's reducible error (squared error above the noise floor) that it removes on the training runs when it is added
+    /// last, to a model that has the other effects.
     pub share_removed: f64,
-    /// Share of squared error that it takes away on the confirm runs, as the last one in.
+    /// Share of the squared error that it removes on the validation runs when it is added last.
     pub confirmed: f64,
 }
 
-/// Why an effect was not named.
+/// An effect that was not named, with the reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refused {
     /// The effect.
     pub effect: Effect,
-    /// The reason, a clause that can follow a colon.
+    /// The reason, as a clause that can follow a colon.
     pub why: String,
 }
 
-/// What the score of one effect said in one round.
+/// The score of one effect in one round.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
     /// The effect.
     pub effect: Effect,
-    /// Round, from 1: how many effects were in the model, and one.
+    /// Number of the round, from 1.
     pub round: usize,
-    /// Share of the score that the base and the effects before do not have as well: how identifiable the effect is on this
-    /// excitation against this base.
+    /// Share of the score that remains after projecting off the base and the effects already in the model: how identifiable the effect
+    /// is on this excitation against this base.
     pub identifiable: f64,
-    /// p of the block sums, before and after correction for all effects that were tried.
+    /// p of the block sums.
     pub p: f64,
-    /// See [`Candidate::p`].
+    /// p corrected for all effects tested in the round.
     pub p_adjusted: f64,
-    /// Share of the explainable error that the score, taken as straight, promises to take away.
+    /// Share of the reducible error that the score predicts to remove, by a linear model.
     pub promises: f64,
-    /// The same after a joint refit; `None` where the promise was not worth one.
+    /// Share of the reducible error that a joint refit removes; `None` if the candidate was not refitted.
     pub removes: Option<f64>,
 }
 
-/// Two error figures of the same rows.
+/// Error of one run before and after augmentation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
     /// Name of the run.
     pub run: String,
-    /// The base alone, refitted, each run's mean error taken out; running free.
+    /// Simulation error of the refitted base alone, with the run's mean error removed.
     pub before: Fit,
-    /// The base with the effects, likewise.
+    /// Simulation error of the base with the effects, likewise.
     pub after: Fit,
 }
 
-/// What the sealed runs said.
+/// Result on the test runs (sealed runs).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sealed {
-    /// Over all sealed runs.
+    /// Error of the base alone, over all test runs.
     pub before: Fit,
-    /// See [`Sealed::before`].
+    /// Error of the base with the effects, over all test runs.
     pub after: Fit,
-    /// Squared error after over before.
+    /// Squared error after, divided by squared error before.
     pub ratio: f64,
-    /// Interval of 95 % of the ratio, by block bootstrap.
+    /// 95 % interval of the ratio, by block bootstrap.
     pub ratio_ci95: [f64; 2],
-    /// Share of the explainable error that is gone; `None` when there was none.
+    /// Share of the reducible error that the effects remove; `None` if there was no reducible error.
     pub removed: Option<f64>,
     /// Run by run.
     pub runs: Vec<Change>,
 }
 
-/// A signal that the remaining residual goes with.
+/// A signal that the remaining residual correlates with.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Correlation {
     /// The signal: `displacement`, `velocity`, `drive rate`, ...
     pub with: &'static str,
-    /// Coefficient, -1 to 1.
+    /// Correlation coefficient, -1 to 1.
     pub coefficient: f64,
 }
 
-/// What is left over on the confirm runs.
+/// The remaining error on the validation runs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOver {
-    /// Lack of fit: 1 minus noise over squared residual.
+    /// Lack of fit: 1 minus the squared error of the noise over the squared residual.
     pub lof: f64,
-    /// The same of the base alone.
+    /// Lack of fit of the base alone.
     pub lof_before: f64,
-    /// Share of the explainable error of the base alone that is left.
+    /// Share of the base's reducible error that is left.
     pub share: f64,
-    /// Signals that it goes with, strongest first; those whose correlation no sign-flip of blocks reaches by chance.
+    /// Signals that the residual correlates with significantly, by a test on block sums; strongest first.
     pub correlates_with: Vec<Correlation>,
 }
 
-/// The result of a closing.
+/// The result of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Closing {
-    /// How the residual was made.
+    /// How the residual was computed.
     pub mode: Mode,
     /// The verdict.
     pub verdict: Verdict,
-    /// Why the base is at fault, with the verdict [`Verdict::BaseInadequate`].
+    /// Why the base is inadequate; `Some` only with the verdict [`Verdict::BaseInadequate`].
     pub base_fault: Option<String>,
-    /// The error that no model could mend.
+    /// The error that no model can remove.
     pub noise_floor: NoiseFloor,
     /// Effects that were named, in order of application.
     pub effects: Vec<Named>,
-    /// Effects that looked like it and were refused, each with the reason.
+    /// Effects that were significant but rejected, each with the reason.
     pub refused: Vec<Refused>,
-    /// Effects that these runs cannot show or deny, each with the reason and what would.
+    /// Effects that these runs can neither show nor exclude, each with the reason and where possible the excitation that is needed.
     pub untestable: Vec<Refused>,
     /// All scores, round by round.
     pub candidates: Vec<Candidate>,
-    /// Blocks that sums were taken over on the estimate runs.
+    /// Number of blocks of the training runs, at the least block length.
     pub blocks: usize,
-    /// The confirm runs, before and after.
+    /// The validation runs, before and after.
     pub confirm: Vec<Change>,
-    /// The sealed runs; `None` when none were given: then nothing here is proved.
+    /// The test runs; `None` if none were given, and then the result is not tested on independent data.
     pub test: Option<Sealed>,
-    /// What is left on the estimate runs.
+    /// The remaining error on the validation runs.
     pub left_over: LeftOver,
-    /// The base, refitted on the estimate runs (in paired mode as given).
+    /// The base, refitted on the training runs (in paired mode as given).
     pub before: Model,
-    /// The base with the effects; the same as `before` when none was named.
+    /// The base with the effects; the same as `before` if no effect was named.
     pub after: Model,
 }

@@ -1,17 +1,17 @@
-//! The noise floor: the error that no model could mend.
+//! The noise floor: the error that no model can remove.
 //!
 //! ```text
-//! replicates   s^2 = mean over rows of the variance between runs of one pattern, each run's mean taken out
-//! estimated    s   = median |third difference of the force| / (.6745 sqrt 20), times the gain of the output's filter
-//! inputs       q^2 = mean over rows of (M(x + e, i + u) - M(x, i))^2,   e, u drawn with the channels' own white noise
-//! floor        s^2 + q^2;  declared: as declared                 LOF = 1 - N floor / sum r^2
+//! replicates   s^2 = mean over rows of the variance between runs of one pattern, each run's mean removed
+//! estimated    s   = median |third difference of the force| / (.6745 sqrt 20), times the gain of the output filter
+//! inputs       q^2 = mean over rows of (M(x + e, i + u) - M(x, i))^2,   e, u drawn with the white noise of the channels
+//! floor        s^2 + q^2, or the declared value                  LOF = 1 - N floor / sum r^2
 //! ```
 //!
-//! Noise of displacement becomes noise of velocity, and through the model one of force that no better model would be rid of: it
-//! is drawn, sent through conditioning and model, and counted.
+//! Displacement noise becomes velocity noise, and through the model force noise, which a better model would not remove either.
+//! It is therefore drawn, passed through conditioning and model, and added to the floor.
 //!
-//! A third difference takes out what is smooth from sample to sample and leaves white noise times sqrt 20; the median keeps
-//! the few rows on which the force jumps from counting. It sees white noise alone and so is a lower bound.
+//! A third difference removes the part that is smooth from sample to sample and leaves white noise times sqrt 20. The median
+//! ignores the few rows on which the force jumps. The estimate sees white noise only, so it is a lower bound.
 
 use super::Settings;
 use super::finding::{FloorSource, NoiseFloor};
@@ -24,14 +24,17 @@ use crate::sample::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Standard deviation of a normal variable over the median of its size.
+/// Standard deviation of a normal variable over the median of its absolute value.
 const OF_MEDIAN: f64 = 1.0 / 0.674_489_750_196_081_7;
 /// Sum of the squared binomial coefficients 1, 3, 3, 1.
 const THIRD_DIFFERENCE: f64 = 20.0;
-/// Samples of a filter's response that its gain is taken from.
+/// Samples of a filter's impulse response that its noise gain is computed from.
 const RESPONSE: usize = 4096;
 
-/// The floor of the rows of a closing for `model`.
+/// The noise floor of `rows` for `model`. Replicates take precedence over a declared value, and that over an estimate.
+///
+/// # Errors
+/// [`Error::Data`] for replicates that do not match; [`Error::OutOfRange`] for a declared value that is not positive.
 pub(super) fn noise_floor(
     rows: &Rows,
     model: &Augmented,
@@ -57,13 +60,13 @@ pub(super) fn noise_floor(
     Ok(floor(FloorSource::Estimated, with_inputs((squares.sum::<f64>() / rows.len().max(1) as f64).sqrt())))
 }
 
-/// Root mean variance between runs of one pattern, N.
+/// Square root of the mean variance between runs of one pattern, N.
 fn of_replicates(replicates: &[Dataset]) -> Result<f64, Error> {
     let [first, others @ ..] = replicates else { return Ok(0.0) };
     if others.is_empty() {
         return Err(Error::Data {
             message: format!(
-                "run {}: one run has no replicate; give two at least of one pattern",
+                "run {}: one run alone is not a set of replicates; give at least two runs of one pattern",
                 first.name
             ),
         });
@@ -80,7 +83,7 @@ fn of_replicates(replicates: &[Dataset]) -> Result<f64, Error> {
         (0..first.rows.len()).filter(|&k| first.rows[k].counts).filter_map(forces).collect();
     if common.is_empty() {
         return Err(Error::Data {
-            message: format!("run {}: no row in common with its replicates", first.name),
+            message: format!("run {}: it has no row in common with its replicates", first.name),
         });
     }
     let (rows, runs) = (common.len() as f64, replicates.len() as f64);
@@ -94,10 +97,10 @@ fn of_replicates(replicates: &[Dataset]) -> Result<f64, Error> {
     Ok((common.iter().map(variance).sum::<f64>() / rows).sqrt())
 }
 
-/// Force of `other` at the rows of `like`, by time since the first row; `None` where it has none.
+/// Force of `other` at the rows of `like`, matched by time since the first row; `None` where `other` has no force.
 ///
 /// # Errors
-/// [`Error::Data`] when the two do not move alike.
+/// [`Error::Data`] if the displacements of the two runs differ.
 pub(super) fn forces_at(like: &Dataset, other: &Dataset) -> Result<Vec<Option<f64>>, Error> {
     let start = |d: &Dataset| d.rows.first().map_or(Stamp::default(), |row| row.stamp);
     let (ours, theirs) = (start(like), start(other));
@@ -121,8 +124,8 @@ pub(super) fn forces_at(like: &Dataset, other: &Dataset) -> Result<Vec<Option<f6
     if rows == 0 || apart > ALIKE * ALIKE * spread {
         return Err(Error::Data {
             message: format!(
-                "runs {} and {} do not move alike: runs of one pattern are needed here, the same excitation from the first \
-                 sample on",
+                "the displacements of runs {} and {} differ by more than 10 %: give runs of one pattern, with the same excitation \
+                 from the first sample on",
                 like.name, other.name
             ),
         });
@@ -130,10 +133,10 @@ pub(super) fn forces_at(like: &Dataset, other: &Dataset) -> Result<Vec<Option<f6
     Ok(forces)
 }
 
-/// Share of the displacement by which runs of one pattern may differ, root mean square.
+/// Largest difference between the displacements of runs of one pattern, root mean square, as a share of the displacement.
 const ALIKE: f64 = 0.1;
 
-/// Mean squared change of the free run of `model` when its inputs are as noisy once more, N².
+/// Mean squared change of the simulation of `model` when noise of the size that the inputs already have is added to them, N².
 fn of_inputs(rows: &Rows, model: &Augmented, seed: u64) -> f64 {
     let noisy: Vec<Dataset> = rows
         .runs()
@@ -153,14 +156,14 @@ fn of_inputs(rows: &Rows, model: &Augmented, seed: u64) -> f64 {
     squares.sum::<f64>() / rows.len().max(1) as f64
 }
 
-/// The run with white noise of its own size on displacement and drive.
+/// The run with white noise added to displacement and drive, of the size that each already has.
 fn with_noise(dataset: &Dataset, mut random: Pcg64Mcg) -> Dataset {
     let (motion_m, drive) =
         (white_noise(dataset, |row| row.displacement_m), white_noise(dataset, |row| row.drive));
-    // A sum of twelve is normal enough for a variance.
+    // The sum of twelve uniform numbers has variance 1 and is close enough to normal.
     let mut normal = || (0..12).map(|_| random.random_range(-0.5..0.5)).sum::<f64>();
     let (filter, mut state) = (dataset.conditioning.low_pass(), MotionState::default());
-    // The rows are behind a filter on the inputs already; what is measured of their noise is too.
+    // If the inputs are filtered, the rows and the noise measured from them are behind the filter already.
     let conditioning = match dataset.conditioning.apply_to {
         ApplyTo::Inputs => Conditioning { apply_to: ApplyTo::None, ..dataset.conditioning },
         ApplyTo::Output | ApplyTo::None => dataset.conditioning,
@@ -168,7 +171,7 @@ fn with_noise(dataset: &Dataset, mut random: Pcg64Mcg) -> Dataset {
     let mut noisy = dataset.clone();
     for row in &mut noisy.rows {
         let error_m = motion_m * normal();
-        // Conditioning is linear: the error passes it alone. A segment's first row has no velocity of its own.
+        // Conditioning is linear, so the error can be conditioned by itself. The error of a segment's first row has no velocity.
         if let Some(error) = conditioning.step(&filter, &mut state, row.dt_s, error_m, Some(0.0)) {
             row.velocity_m_s += error.velocity_m_s;
             let acceleration = error.acceleration_m_s2;
@@ -180,7 +183,7 @@ fn with_noise(dataset: &Dataset, mut random: Pcg64Mcg) -> Dataset {
     noisy
 }
 
-/// White noise of a channel of a run, root mean square.
+/// White noise of a channel of a run, root mean square, in the channel's unit.
 fn white_noise(dataset: &Dataset, channel: impl Fn(&Row) -> f64) -> f64 {
     let rows = &dataset.rows;
     let third = |k: usize| {
@@ -197,7 +200,7 @@ fn white_noise(dataset: &Dataset, channel: impl Fn(&Row) -> f64) -> f64 {
     *median * OF_MEDIAN / THIRD_DIFFERENCE.sqrt()
 }
 
-/// What of white noise the output's filter lets through, root mean square; 1 without one.
+/// Share of white noise that the output filter lets through, root mean square; 1 without a filter.
 fn gain(conditioning: &Conditioning, rate_hz: f64) -> f64 {
     if conditioning.apply_to != ApplyTo::Output || rate_hz <= 0.0 {
         return 1.0;

@@ -1,14 +1,18 @@
-//! Joint fit of a base and its effects, running free.
+//! Joint fit of a base and its effects to measured force, in simulation (free run).
 //!
 //! ```text
-//! minimise  sum r^2,   r = M(p) - F, each run's mean taken out;     dr/dp by differences of the whole simulator
+//! minimise  sum r^2,   r = M(p) - F, each run's mean removed;     dr/dp by finite differences of the whole simulator
 //! ```
 //!
-//! Broyden, C. G. (1965), Math. Comp. 19, 577: derivatives are carried on by what the last step missed, and taken afresh now and
-//! then, since each costs as many free runs as there are numbers; a first fit of an effect begins with those that its score was
-//! taken with. Levenberg and Marquardt from where the base stands: a closing starts from a base that was searched for from many
-//! points, and an effect moves its coefficients only a little; but for yields that it had to lay flat without the effect, which get a
-//! second start ([`Space::upright`]).
+//! The solver is Levenberg-Marquardt, started at the current coefficients: the base was identified from many starts already, and an
+//! effect changes its coefficients only a little. The exception are tanh functions that the fit without the effect had flattened;
+//! they get a second start ([`Space::upright`]).
+//!
+//! One full set of derivatives costs as many simulations as there are numbers. Between full sets, derivatives are therefore updated
+//! by the error of the last step (Broyden, C. G. (1965), Math. Comp. 19, 577). The first fit of an effect starts with the derivatives
+//! that its score was computed with.
+//!
+//! Source: `[broyden1965]` and `[levenberg-marquardt]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::rows::{Rows, dot};
 use super::space::Space;
@@ -20,26 +24,26 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// Relative change below which a fit has converged: far finer than what any check looks at.
+/// Relative change below which a fit has converged; far smaller than the threshold of any check.
 const CONVERGED: f64 = 1e-5;
 
-/// Broyden's updates between derivatives that are taken afresh, each of which costs a free run a number.
+/// Broyden updates between two full sets of derivatives.
 const UPDATES: usize = 3;
 
 /// A model with its residual on some rows.
 #[derive(Debug, Clone)]
 pub(super) struct Fitted {
     pub(super) model: Augmented,
-    /// Its free run at each row, N.
+    /// Simulated force at each row, N.
     pub(super) predicted_n: Vec<f64>,
-    /// Measured minus predicted, each run's mean taken out, N.
+    /// Measured minus simulated force, each run's mean removed, N.
     pub(super) residual_n: Vec<f64>,
-    /// Sum of its squares, N².
+    /// Sum of the squared residuals, N².
     pub(super) squares: f64,
 }
 
 impl Fitted {
-    /// `model` as it is; `None` where its free run is not finite.
+    /// `model` without fitting; `None` if its simulation is not finite.
     pub(super) fn as_is(model: Augmented, rows: &Rows) -> Option<Self> {
         let predicted_n = rows.predict(&model)?;
         let residual_n = rows.residual(&predicted_n);
@@ -48,26 +52,26 @@ impl Fitted {
     }
 }
 
-/// Derivatives at a point nearby, one a number; `None` for a number that has none, and nothing at all where none is known.
+/// Derivatives known from a nearby point, one for each number; `None` where a derivative is not known. Empty if none is known.
 pub(super) type Nearby = Vec<Option<Vec<f64>>>;
 
-/// What a joint fit works on.
+/// The inputs of a joint fit.
 #[derive(Clone, Copy)]
 pub(super) struct Joint<'a> {
     pub(super) rows: &'a Rows<'a>,
     pub(super) scales: Scales,
-    /// False in paired mode.
+    /// True if the coefficients of the base are fitted too; false in paired mode.
     pub(super) base_moves: bool,
     pub(super) watch: &'a Watch<'a>,
 }
 
 impl Joint<'_> {
-    /// The best fit near `start`, within so many evaluations. `None` where `start` does not run.
+    /// The best fit near `start`, with at most `evaluations`. `None` if the simulation of the result is not finite.
     pub(super) fn refit(&self, start: &Augmented, evaluations: usize) -> Result<Option<Fitted>, Error> {
         self.refit_from(start, Nearby::new(), evaluations)
     }
 
-    /// The same from derivatives that are known nearby, in place of fresh ones at `start`: of each number, where it is known.
+    /// As [`Joint::refit`], with the derivatives in `nearby` used at `start` instead of computing them.
     pub(super) fn refit_from(
         &self,
         start: &Augmented,
@@ -97,8 +101,8 @@ impl Joint<'_> {
         Ok(space.model(&found.parameters).and_then(|model| Fitted::as_is(model, self.rows)))
     }
 
-    /// Derivatives of the free run of `fitted` by all its numbers, each run's mean taken out; those of the base first, and how
-    /// many these are.
+    /// Derivatives of the simulation of `fitted` by all its numbers, each run's mean removed: first those by the coefficients of the base.
+    /// Also returns how many belong to the base.
     pub(super) fn jacobian(&self, fitted: &Fitted) -> Result<(Vec<Vec<f64>>, usize), Error> {
         let space = Space::new(&fitted.model, self.scales, self.base_moves)?;
         let columns = self
@@ -107,8 +111,8 @@ impl Joint<'_> {
         Ok((columns, space.of_base()))
     }
 
-    /// The derivatives at `at`, where the free run is `predicted_n`. A number that the free run does not survive a step in
-    /// has no derivative: zeros. Those that are `known` are taken as they are. `None` when the work was cancelled.
+    /// The derivatives at `at`, where the simulated force is `predicted_n`. If the simulation is not finite after a step in a number, the
+    /// derivative by it is zeros. Derivatives in `known` are used as they are. `None` if the work was cancelled.
     fn columns(
         &self,
         space: &Space,
@@ -127,7 +131,7 @@ impl Joint<'_> {
             }
             let mut moved = at.to_vec();
             moved[j] += step;
-            // What the number became, not what was added.
+            // The step as it was rounded, not as it was requested.
             let step = moved[j] - at[j];
             let there = space.model(&moved).and_then(|model| self.rows.predict(&model));
             Some(there.map_or_else(
@@ -150,9 +154,9 @@ impl Joint<'_> {
 struct Simulated<'a, 'b> {
     joint: &'a Joint<'b>,
     space: &'a Space,
-    /// The best point so far, with its derivatives. The solver asks for one point after the other.
+    /// The best point so far, with its derivatives. The solver evaluates one point at a time.
     best: Mutex<Option<Point>>,
-    /// What the first derivatives are made of; taken by the first point.
+    /// Derivatives known in advance; used up by the first point.
     nearby: Mutex<Nearby>,
 }
 
@@ -162,12 +166,13 @@ struct Point {
     predicted_n: Vec<f64>,
     squares: f64,
     columns: Vec<Vec<f64>>,
-    /// Updates since the derivatives were taken.
+    /// Updates since the last full set of derivatives.
     updates: usize,
 }
 
 impl Simulated<'_, '_> {
-    /// Derivatives at `parameters`: those at the best point with Broyden's update, or after a few of those fresh ones.
+    /// Derivatives at `parameters`, and the number of updates that they contain: those at the best point with Broyden's update, or a full
+    /// set after [`UPDATES`].
     fn columns(
         &self,
         best: Option<Point>,
@@ -175,11 +180,11 @@ impl Simulated<'_, '_> {
         fitted: &Fitted,
     ) -> Option<(Vec<Vec<f64>>, usize)> {
         let Some(mut best) = best.filter(|best| best.updates < UPDATES) else {
-            // No thread panics while it holds it.
+            // A poisoned lock is harmless: no thread panics while it holds the lock.
             let nearby = std::mem::take(&mut *self.nearby.lock().unwrap_or_else(PoisonError::into_inner));
             return Some((self.joint.columns(self.space, parameters, &fitted.predicted_n, nearby)?, 0));
         };
-        // Numbers of unlike units, each by the step that its derivative is taken with.
+        // The numbers have different units; each is scaled by the step of its derivative.
         let steps = self.space.steps(parameters);
         let moved: Vec<f64> = parameters
             .iter()
@@ -211,13 +216,14 @@ impl Problem for Simulated<'_, '_> {
         }
         let n = parameters.len();
         let fitted = self.space.model(parameters).and_then(|model| Fitted::as_is(model, self.joint.rows));
-        // No thread panics while it holds it.
+        // A poisoned lock is harmless: no thread panics while it holds the lock.
         let mut best = self.best.lock().unwrap_or_else(PoisonError::into_inner);
         let bound = best.as_ref().map_or(f64::INFINITY, |best| best.squares);
-        // What does not run is worse than anything. What is worse the solver does not go to, and needs no derivatives of.
+        // A model whose simulation is not finite is worse than any other. The solver does not move to a worse point, so that needs no
+        // derivatives.
         let Some(fitted) = fitted.filter(|fitted| fitted.squares < bound) else {
             if let Some(best) = best.as_mut() {
-                // A step that failed may have been the derivatives' fault.
+                // The step may have failed because the derivatives are outdated: the next point computes a full set.
                 best.updates = UPDATES;
             }
             let (square, gradient) = (DMatrix::zeros(n, n), DVector::zeros(n));
@@ -231,7 +237,7 @@ impl Problem for Simulated<'_, '_> {
         let normal = Normal {
             cost: fitted.squares,
             square: DMatrix::from_fn(n, n, |a, b| lower[a.max(b)][a.min(b)]),
-            // The residual here is measured minus model.
+            // The sign follows from the residual, which is measured minus simulated.
             gradient: DVector::from_iterator(n, columns.iter().map(|c| -dot(c, &fitted.residual_n))),
         };
         *best = Some(Point {

@@ -1,9 +1,10 @@
-//! What a model can do by its own numbers: what a score must not be counted for, and what makes room for an effect.
+//! The span of a model's derivatives by its own coefficients: scores are projected off it, and it gives the change of the base that
+//! makes room for an effect.
 //!
 //! ```text
-//! J = dM/dp                              p the coefficients of the base and the parameters of the effects that are there
-//! own  = g - J (J'J)^-1 J'g              what is an effect's own
-//! room = - amount (J'J)^-1 J'g           how the base moves when so much of the effect comes in
+//! J = dM/dp                              p: coefficients of the base and parameters of the effects already in the model
+//! own  = g - J (J'J)^-1 J'g              the part of a score that no coefficient can produce
+//! room = - amount (J'J)^-1 J'g           change of the coefficients when this amount of the effect is added
 //! ```
 
 use super::basis::Basis;
@@ -14,21 +15,21 @@ use crate::effect::{Augmented, Effect};
 use crate::error::Error;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// Added to a unit diagonal, so that columns that are nearly one can be told apart.
+/// Added to the unit diagonal of the normal matrix, so that it can be factorised if columns are nearly collinear.
 const RIDGE: f64 = 1e-9;
 
 /// The span of a model's derivatives.
 pub(super) struct Known {
     basis: Basis,
     columns: Vec<Vec<f64>>,
-    /// Of the columns, each over its length; `None` where there are none.
+    /// Factorised normal matrix of the columns, each divided by its length; `None` without columns.
     square: Option<Cholesky<f64, Dyn>>,
     lengths: Vec<f64>,
     of_base: usize,
 }
 
 impl Known {
-    /// What `fitted` can do.
+    /// The span of the derivatives of `fitted`.
     pub(super) fn new(joint: &Joint, fitted: &Fitted) -> Result<Self, Error> {
         let (columns, of_base) = joint.jacobian(fitted)?;
         let lengths: Vec<f64> =
@@ -41,13 +42,13 @@ impl Known {
         Ok(Self { basis: Basis::of(columns.clone()), columns, square, lengths, of_base })
     }
 
-    /// Takes out of `score` what it knows, and returns the share of its length that is left.
+    /// Projects `score` off the span, and returns the share of its length that is left.
     pub(super) fn take_out(&self, score: &mut [f64]) -> f64 {
         self.basis.take_out(score)
     }
 
-    /// The derivatives of `with`, which has `effect` beside what is known, as they are here: that by the first parameter of
-    /// `effect` is its `score`, and by others there is none.
+    /// The known derivatives for `with`, which has `effect` in addition to the model here. The derivative by the first parameter of
+    /// `effect` is its `score`; its other parameters have none.
     pub(super) fn nearby(&self, with: &Augmented, effect: Effect, score: &[f64]) -> Nearby {
         let mut nearby: Nearby = self.columns.iter().cloned().map(Some).collect();
         let before = with.effects().as_slice().iter().take_while(|other| other.effect() != effect);
@@ -57,8 +58,8 @@ impl Known {
         nearby
     }
 
-    /// `with`, its other numbers moved so that they make up for what they have in common with `amount` of an effect whose score
-    /// is `score`. `None` where they make no model.
+    /// `with`, its base coefficients changed to compensate for the part of the effect that they could produce too: `amount` of an effect
+    /// whose score is `score`. `None` if the changed numbers are not a valid model.
     pub(super) fn makes_room(
         &self,
         joint: &Joint,
@@ -73,7 +74,7 @@ impl Known {
         let moves = self.square.as_ref()?.solve(&shared);
         let space = Space::new(with, joint.scales, joint.base_moves).ok()?;
         let mut values = space.values();
-        // Of several effects only the base makes room: where theirs stand in the list depends on the new one.
+        // Only the coefficients of the base are changed: the position of the effects' parameters depends on the new effect.
         for ((value, bounds), (step, length)) in
             values.iter_mut().zip(space.bounds()).zip(moves.iter().zip(&self.lengths)).take(self.of_base)
         {

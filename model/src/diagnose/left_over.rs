@@ -1,4 +1,4 @@
-//! What is left, and what it goes with, so that a person can go on.
+//! The signals that the remaining residual correlates with, as a pointer for further work by hand.
 
 use super::Settings;
 use super::blocks::{Blocks, p_of};
@@ -6,12 +6,12 @@ use super::finding::Correlation;
 use super::rows::{Rows, dot};
 use crate::identify::Row;
 
-/// Chance at which any of the correlations may be listed where there are none.
+/// Largest probability of listing any correlation by chance when there is none.
 const SIGNIFICANCE: f64 = 0.05;
-/// Correlations smaller than this are not worth a line.
+/// Least size of a correlation that is listed.
 const LEAST: f64 = 0.05;
 
-/// A signal of a row, given the row before.
+/// Name of a signal, and its value at a row, given the row before.
 type Signal = (&'static str, fn(&Row, Option<&Row>) -> f64);
 
 const SIGNALS: [Signal; 11] = [
@@ -35,7 +35,7 @@ fn drive_rate(row: &Row, before: Option<&Row>) -> f64 {
     }
 }
 
-/// The signals that `residual` goes with, strongest first.
+/// The signals that `residual` correlates with, strongest first.
 pub(super) fn correlates_with(rows: &Rows, residual: &[f64], settings: &Settings) -> Vec<Correlation> {
     let mut found: Vec<Correlation> =
         SIGNALS.iter().filter_map(|signal| correlation(rows, residual, signal, settings)).collect();

@@ -1,22 +1,27 @@
-//! Closing the loop: names the physical effect that a model lacks, adds it, and says what it mends.
+//! Diagnosis and model augmentation: names the physical effect that a model lacks, adds it to the model, and reports
+//! the error before and after. The command is `mr-damper close`.
 //!
 //! ```text
-//! estimate runs ─→ base refitted, free run ─→ residual r over the noise floor?         no → nothing to explain
-//!                   │                         scores g = dM/d(effect), projected off dM/d(base)
-//!                   │                         block sums of g r, corrected for many tests → significant
-//!                   │                         joint refit of the best → the largest drop of squared error
-//! confirm runs  ─→ helps on every one? in its physical range? interval without "absent"? specific? → named
-//!                   └── up to three times, then backwards: what is not needed goes
-//! another base  ─→ does it do better without any effect?                               then the base is at fault, no name
-//! sealed runs   ─→ read once: error before and after
+//! training runs   ─→ refit the base, simulate ─→ residual r above the noise floor?       no → nothing to explain
+//!                    │                           scores g = dM/d(effect), projected off dM/d(base)
+//!                    │                           block sums of g r, corrected for multiple tests → significant
+//!                    │                           joint refit of the best → the largest drop of squared error
+//! validation runs ─→ no run worse, better in total? in the physical range? interval excludes zero? → named
+//!                    └── up to three effects, then backward: effects that are not needed are removed
+//! other structure ─→ does it fit better without any effect?                         yes → base inadequate, no name
+//! test runs       ─→ read once: error before and after
 //! ```
 //!
-//! The residual is always that of the model **running free**: one step ahead of measured force every effect is in the
-//! model's input already. Scores go through the whole simulator, filters and all. What the base could absorb by other
-//! coefficients is no evidence, hence the projection; samples are no independent evidence, hence the blocks; a name
-//! that does not help on runs it was not found on is none. Effects that the data cannot tell apart come as a class.
+//! The residual is always measured force minus **simulated** (free-run) force. A one-step-ahead prediction is fed with measured
+//! force, which already contains the effect. Scores are computed through the whole simulator, filters included. They are projected
+//! because the base could absorb part of the change by other coefficients, and that part is not evidence. They are summed over blocks
+//! because neighbouring samples are not independent. An effect is accepted only if it helps on runs that it was not found on. Effects
+//! that the data cannot tell apart are reported as one class.
 //!
-//! Everything is deterministic for a seed, on any number of threads.
+//! The user gives the training, validation and test runs by the flags `--estimate`, `--confirm` and `--test`; fields and
+//! types here use those names, and `sealed` for the test runs.
+//!
+//! The result is deterministic for a given seed, on any number of threads.
 
 mod basis;
 mod blocks;
@@ -47,38 +52,38 @@ use crate::error::Error;
 use crate::identify::{Dataset, Watch};
 use crate::model::Model;
 
-/// The runs of a closing, by what they are for. Each is conditioned as the base is. No run may serve twice.
+/// The runs of a diagnosis, by purpose. Each must be conditioned as the base model is. A run may serve one purpose only.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Runs<'a> {
-    /// What effects are found on.
+    /// Training runs: effects are found on these.
     pub estimate: &'a [Dataset],
-    /// What decides whether a finding holds; at least one.
+    /// Validation runs: these decide whether an effect is accepted. At least one.
     pub confirm: &'a [Dataset],
-    /// Read once, at the end; may be empty, and then nothing is proved.
+    /// Test runs: read once, at the end. May be empty; the result is then not tested on independent data.
     pub test: &'a [Dataset],
-    /// Healthy runs for paired mode, in the order of `estimate`, `confirm`, `test`: the run of the same excitation for each.
+    /// Runs of the healthy damper for paired mode: for each run of `estimate`, `confirm` and `test`, one with the same excitation.
     pub reference: &'a [Dataset],
     /// Runs of one pattern, for the noise floor.
     pub replicates: &'a [Dataset],
 }
 
-/// Settings of a closing.
+/// Settings of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Noise floor that the user knows, N root mean square.
+    /// Noise floor declared by the user, root mean square, N.
     pub noise_floor_n: Option<f64>,
-    /// Probability, at most, that any effect is named by chance where none is.
+    /// Largest probability of naming any effect by chance when there is none.
     pub significance: f64,
-    /// Most effects to name, 1 to 3.
+    /// Largest number of effects to name, 1 to 3.
     pub most_effects: usize,
     /// Effects that may be named.
     pub sought: Sought,
-    /// Least length of a block, s. At the default of 3 s a null of coloured noise was named in none of a hundred trials, with
-    /// blocks of a quarter of a second in one of six: shorten it only where the data are too few for anything else, and say so.
+    /// Least length of a block, s. On 100 trials with coloured noise and no effect, blocks of 3 s (the default) named no effect, and
+    /// blocks of 0.25 s named one in one trial of six. Use shorter blocks only if the data are too short for 3 s, and report it.
     pub block_s: f64,
-    /// Most rows that sums are taken over; of longer runs every n-th.
+    /// Largest number of rows in the sums; with more rows only every n-th is used.
     pub most_rows: usize,
-    /// Seed of sign flips and bootstrap.
+    /// Seed of the sign flips and the bootstrap.
     pub seed: u64,
 }
 
@@ -96,31 +101,33 @@ impl Default for Settings {
     }
 }
 
-/// Stages of a closing, for who watches.
+/// Stages of a diagnosis, reported to the caller as progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
-    /// The base is refitted on the estimate runs.
+    /// The base is refitted on the training runs.
     Base,
-    /// Scores of round so many are taken.
+    /// The scores of this round are computed.
     Scores(usize),
-    /// Candidates of round so many are refitted together with the base.
+    /// The candidates of this round are refitted together with the base.
     Refits(usize),
-    /// Effects that are not needed are sought.
+    /// Effects that are not needed are searched for and removed.
     Pruning,
-    /// Another base is tried, to see whether the given one is at fault.
+    /// An alternative structure is identified, to check whether the given base is adequate.
     Rival,
-    /// The sealed runs are read.
+    /// The test runs are read.
     Sealed,
 }
 
-/// Closes the loop around `base`.
+/// Diagnoses `base` on `runs`: names the effects that it lacks and adds them.
 ///
-/// `stage` is called as the work goes on.
+/// `stage` is called at the start of each stage.
 ///
 /// # Errors
-/// [`Error::Data`] when runs are too few, too short for the blocks, given twice, conditioned unlike the base, or without their
-/// reference in paired mode; and for a base that has no parameters to project off (in absolute mode).
-/// [`Error::MissingChannel`], [`Error::WrongDrive`] for runs that the base cannot run on; [`Error::Cancelled`].
+/// - [`Error::Data`] if runs are missing, too short for the blocks, given twice, or conditioned unlike the base;
+///   in paired mode if a run has no reference; in absolute mode if the base has no parameters to project off.
+/// - [`Error::MissingChannel`] or [`Error::WrongDrive`] if the base cannot be simulated on a run.
+/// - [`Error::OutOfRange`] for a setting out of range.
+/// - [`Error::Cancelled`] if `watch` cancels the work.
 pub fn close(
     base: &Model,
     runs: &Runs,

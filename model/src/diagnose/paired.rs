@@ -4,8 +4,8 @@
 //! force to explain = M(theta) + F_run - F_reference        M the base, which is not refitted
 //! ```
 //!
-//! The base's own faults are in run and reference alike and cancel in the difference; written so, everything else goes on as
-//! in absolute mode, with nothing to project off. What noise there is counts twice.
+//! The base's own errors are the same in run and reference and cancel in the difference. In this form all further steps are
+//! the same as in absolute mode, with no base coefficients to project off. The noise counts twice, once for each run.
 
 use super::floor::forces_at;
 use super::rows::Rows;
@@ -13,15 +13,18 @@ use crate::effect::Augmented;
 use crate::error::Error;
 use crate::identify::Dataset;
 
-/// Force of the first of `references` that moves like `run`, at each row of `run`, N; `None` where it has none. `None` at all when
-/// none of them moves like it: their displacements differ by more than 10 %, root mean square, by time since the first row.
+/// Force of the matching reference at each row of `run`, N; `None` at rows where it has no force. The match is the first of
+/// `references` whose displacement differs by at most 10 %, root mean square, compared by time since the first row. Returns `None` if no
+/// reference matches.
 #[must_use]
 pub fn reference_force_n(run: &Dataset, references: &[Dataset]) -> Option<Vec<Option<f64>>> {
     references.iter().find_map(|reference| forces_at(run, reference).ok())
 }
 
-/// The rows of `datasets` with the difference to their references as the force to explain. Each run's reference is the first of
-/// `references` that moves like it.
+/// The rows of `datasets` with the force to explain of paired mode. Each run's reference is the one that [`reference_force_n`] finds.
+///
+/// # Errors
+/// [`Error::Data`] if the simulation of `base` is not finite, or if a run has no matching reference.
 pub(super) fn rows<'a>(
     datasets: &'a [Dataset],
     references: &[Dataset],
@@ -30,21 +33,23 @@ pub(super) fn rows<'a>(
 ) -> Result<Rows<'a>, Error> {
     let rows = Rows::new(datasets, most);
     let Some(predicted_n) = rows.predict(base) else {
-        return Err(Error::Data { message: "the base model does not stay finite on these runs".to_owned() });
+        return Err(Error::Data {
+            message: "the simulation of the base model does not stay finite on these runs".to_owned(),
+        });
     };
     let mut force_n = Vec::with_capacity(rows.len());
     for run in rows.runs() {
         let Some(reference) = reference_force_n(run.dataset, references) else {
             return Err(Error::Data {
                 message: format!(
-                    "run {}: none of the reference runs has its excitation (displacement within 10 %, from the first sample on); \
-                     give a healthy run with the same motion and current for each run, or leave --reference out",
+                    "run {}: no reference run has the same excitation (displacement within 10 %, from the first sample on); \
+                     give a healthy run with the same motion and current for each run, or omit --reference",
                     run.dataset.name
                 ),
             });
         };
         for (&k, at) in run.indices.iter().zip(run.range.clone()) {
-            // A row that the reference lacks says nothing: no difference.
+            // A row without a reference force carries no information: its difference is zero.
             let difference_n = reference[k].map_or(0.0, |healthy_n| run.dataset.rows[k].force_n - healthy_n);
             force_n.push(predicted_n[at] + difference_n);
         }

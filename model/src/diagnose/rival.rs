@@ -1,10 +1,11 @@
-//! Whether another base would do better without any effect.
+//! Check of an alternative structure: whether another base fits better without any effect.
 //!
-//! A base of the wrong structure invites a wrong name: what a damper's elasticity before it yields does to the force looks to
-//! a base without hysteresis like a lag, or a spring in series, of quite a physical size. So where much is left to explain, a
-//! base with hysteresis of its own, Bouc and Wen's, is identified on the same runs. The base is at fault, and no effect is named,
-//! where that rival, without any effect, leaves less of the confirm runs than the base with the best single one of its effects, or
-//! than with all of them; or less than half of what the base leaves when there is none to name.
+//! A base of the wrong structure leads to a wrong name. The elasticity of a damper before it yields, for example, looks to a base
+//! without hysteresis like a lag, or a spring in series, of a physically plausible size. If the lack of fit stays above 0.5, the
+//! Bouc-Wen model, which has hysteresis, is therefore identified on the same runs. The base is inadequate, and no effect is named,
+//! if on the validation runs the alternative without any effect has less squared error than the base with its best single effect or
+//! than the base with all its effects. If no effect was found, the base is inadequate if the alternative removes more than half of
+//! its reducible error.
 
 use super::rows::Rows;
 use super::sealed;
@@ -13,24 +14,24 @@ use crate::force::{ForceModel, Law};
 use crate::identify::{Dataset, Form, ModelSpec, Options, Structure, Watch, identify_datasets};
 use crate::model::Model;
 
-/// Restarts of the rival's search.
+/// Restarts of the search for the alternative's coefficients.
 const RESTARTS: u32 = 4;
-/// Degree of its polynomials over the drive, where the levels determine it: with less it is the drive that it cannot follow.
+/// Degree of its polynomials over the drive, if the drive levels determine it. With a lower degree it could not follow the drive.
 const DEGREE: usize = 4;
 
-/// A base that was tried beside the given one.
+/// An alternative to the given base.
 pub(super) struct Rival {
     pub(super) name: &'static str,
-    /// Squared error on the confirm rows, N².
+    /// Squared error on the validation rows, N².
     pub(super) squares: f64,
 }
 
-/// True when `base` has such hysteresis itself.
+/// True if `base` already has the alternative structure.
 pub(super) fn is_one(base: &Model) -> bool {
     matches!(&base.force, ForceModel::Law(law) if law.law() == Law::BoucWen)
 }
 
-/// The rival of `base`; `None` when none can be identified on these runs.
+/// The alternative to `base`; `None` if it cannot be identified on these runs.
 pub(super) fn rival(
     base: &Model,
     estimate: &[Dataset],
@@ -50,7 +51,7 @@ pub(super) fn rival(
     };
     match identify_datasets(spec, estimate, &options, watch) {
         Err(Error::Cancelled) => Err(Error::Cancelled),
-        // A rival that cannot be found says nothing against the base.
+        // A failed identification of the alternative is not evidence against the base.
         Err(_) => Ok(None),
         Ok(found) => Ok(sealed::fitted(confirm, &found.model.augmented())
             .ok()

@@ -1,7 +1,7 @@
-//! One round: from scores to an effect that is named, or none.
+//! One round: from the scores to at most one named effect.
 //!
-//! Among the significant the choice goes by the drop of squared error after a joint refit, never by the largest t. The first that
-//! passes every check is named; each that does not is listed with the reason.
+//! Significant candidates are ranked by the drop of squared error after a joint refit, never by the largest t. The first that passes
+//! every check is named; each one rejected before it is listed with the reason.
 
 use super::Settings;
 use super::basis::Basis;
@@ -14,27 +14,29 @@ use crate::effect::{Effect, EffectModel};
 use crate::error::Error;
 use rayon::prelude::*;
 
-/// Share of the explainable error that a score must promise to be worth a refit. A lag is far from straight and may keep
-/// several times its promise.
+/// Least share of the reducible error that a score must predict to remove before the candidate is refitted. The threshold is low
+/// because a lag is far from linear: it may remove several times what its score predicts.
 const WORTH_A_REFIT: f64 = 0.03;
-/// Most refits a round.
+/// Largest number of candidates that are refitted in a round.
 const MOST_REFITS: usize = 6;
-/// Evaluations of a refit that ranks, and of one that stands.
+/// Evaluations of a refit that ranks the candidates.
 const RANKING: usize = 8;
+/// Evaluations of a complete refit.
 pub(super) const FINAL: usize = 60;
-/// Share of the error that is left to explain which an effect must remove.
+/// Least share of the reducible error that an effect must remove.
 pub(super) const LEAST_SHARE: f64 = 0.1;
-/// Share that a ranking refit must reach for a final one to be worth the time.
+/// Least share after the ranking refit; below it the complete refit is not worth the time.
 const HOPELESS: f64 = 0.07;
-/// Share of squared error that it must take off the confirm runs.
+/// Least share of the squared error on the validation runs that an effect must remove.
 pub(super) const LEAST_CONFIRMED: f64 = 0.02;
-/// A confirm run gets worse when its squared error grows by more than this share of it, and by more than this share of what is
-/// saved on all of them: a refit of the base moves the small error of runs in which the effect plays no part either way.
+/// A validation run counts as worse if its squared error grows by more than this share of itself and by more than [`MATTERS`]. Both
+/// are needed because a refit of the base changes the small error of runs in which the effect plays no part, up or down.
 const WORSE: f64 = 0.05;
+/// Growth of one run's squared error that matters, as a share of what is saved on all validation runs.
 const MATTERS: f64 = 0.05;
-/// A rival that removes this share of what the best removes is as good.
+/// A candidate that removes at least this share of what the best one removes is in the same class.
 const RIVAL: f64 = 0.9;
-/// Scores that go together by this much are one to the data.
+/// The data cannot separate effects whose scores are correlated by at least this much.
 const ALIKE: f64 = 0.95;
 
 /// An effect that passed.
@@ -45,7 +47,7 @@ pub(super) struct Passed {
     pub(super) p_adjusted: f64,
 }
 
-/// What a round came to.
+/// The result of a round.
 pub(super) struct Outcome {
     pub(super) passed: Option<Passed>,
     pub(super) candidates: Vec<Candidate>,
@@ -60,21 +62,21 @@ struct Refitted<'a> {
     drop: f64,
 }
 
-/// What a round stands on.
+/// The inputs of a round.
 pub(super) struct Round<'a> {
     pub(super) joint: Joint<'a>,
     pub(super) confirm: &'a Rows<'a>,
     pub(super) settings: &'a Settings,
-    /// Squared error of noise on the estimate rows, N².
+    /// Squared error of the noise on the training rows, N².
     pub(super) noise: f64,
-    /// Squared error that an effect must remove at least, whatever is left, N².
+    /// Least squared error that an effect must remove, however little is left, N².
     pub(super) least: f64,
     /// Number of the round, from 1.
     pub(super) number: usize,
 }
 
 impl Round<'_> {
-    /// Chooses among the effects that `current` lacks.
+    /// Selects at most one of the effects that `current` does not have.
     pub(super) fn run(&self, current: &Fitted, all: &Scores) -> Result<Outcome, Error> {
         let scores = &all.able;
         let tests: Vec<&[f64]> = scores.iter().map(|score| score.sums.as_slice()).collect();
@@ -115,15 +117,17 @@ impl Round<'_> {
                     let class = self.class(current, best, &refits, scores)?;
                     let (effect, p_adjusted) = (best.score.effect, best.p_adjusted);
                     let rivals = &refits[rank + 1..];
-                    refused.extend(rivals.iter().filter(|r| !class.contains(&r.score.effect.id())).map(|r| Refused {
-                        effect: r.score.effect,
-                        why: format!(
-                            "removes {:.0} % of the error that is left to explain, where {} removes {:.0} %",
-                            100.0 * r.drop / explainable,
-                            effect.title(),
-                            100.0 * best.drop / explainable
-                        ),
-                    }));
+                    refused.extend(rivals.iter().filter(|r| !class.contains(&r.score.effect.id())).map(
+                        |r| Refused {
+                            effect: r.score.effect,
+                            why: format!(
+                                "removes {:.0} % of the reducible error, where {} removes {:.0} %",
+                                100.0 * r.drop / explainable,
+                                effect.title(),
+                                100.0 * best.drop / explainable
+                            ),
+                        },
+                    ));
                     passed = Some(Passed { effect, fitted, class, p_adjusted });
                     break;
                 }
@@ -133,35 +137,35 @@ impl Round<'_> {
         Ok(Outcome { passed, candidates, refused })
     }
 
-    /// Fits `candidate` to the end and checks it: the model that stands, or why it does not.
+    /// Fits `candidate` completely and checks it: the fitted model, or why it is rejected.
     fn judge(&self, current: &Fitted, candidate: &Refitted) -> Result<Result<Fitted, String>, Error> {
         let ranked = candidate.drop / (current.squares - self.noise);
         if ranked.is_nan() || ranked < HOPELESS {
             return Ok(Err(format!(
-                "removes {:.1} % of the error that is left to explain; under 10 % says little",
+                "removes {:.1} % of the reducible error; at least 10 % are required",
                 100.0 * ranked
             )));
         }
         let Some(fitted) = self.joint.refit(&candidate.fitted.model, FINAL)? else {
-            return Ok(Err("the model does not run with it".to_owned()));
+            return Ok(Err("the simulation with it is not finite".to_owned()));
         };
         let share = (current.squares - fitted.squares) / (current.squares - self.noise);
         if share.is_nan() || share < LEAST_SHARE {
             return Ok(Err(format!(
-                "removes {:.1} % of the error that is left to explain; under 10 % says little",
+                "removes {:.1} % of the reducible error; at least 10 % are required",
                 100.0 * share
             )));
         }
         if current.squares - fitted.squares < self.least {
             return Ok(Err(format!(
-                "removes {:.0} % of the error that is left to explain, but that is next to nothing of what the base alone left: \
-                 its own misfit is of that size",
+                "removes {:.0} % of the reducible error, but under 0.1 % of the reducible error of the base alone: the base's own \
+                 misfit is of that size",
                 100.0 * share
             )));
         }
         let effects = fitted.model.effects().as_slice();
         let Some(index) = effects.iter().position(|e| e.effect() == candidate.score.effect) else {
-            return Ok(Err("the model does not run with it".to_owned()));
+            return Ok(Err("the simulation with it is not finite".to_owned()));
         };
         for found in self.intervals(&fitted, index)? {
             if let Some(why) = implausible(&effects[index], &found, &self.joint) {
@@ -174,7 +178,8 @@ impl Round<'_> {
         })
     }
 
-    /// Share of squared error that goes on the confirm runs from `before` to `after`; the error says which run got worse.
+    /// Share of the squared error on the validation runs that `after` removes from `before`. The error says why `after` is rejected, for
+    /// example which run got worse.
     pub(super) fn confirmed(
         &self,
         before: &crate::effect::Augmented,
@@ -183,7 +188,7 @@ impl Round<'_> {
         let (Some(before), Some(after)) =
             (Fitted::as_is(*before, self.confirm), Fitted::as_is(*after, self.confirm))
         else {
-            return Err("a confirm run diverges with it".to_owned());
+            return Err("the simulation of a validation run diverges with it".to_owned());
         };
         let saved = before.squares - after.squares;
         for run in self.confirm.runs() {
@@ -194,7 +199,7 @@ impl Round<'_> {
             let (was, is) = (squares(&before), squares(&after));
             if is > (1.0 + WORSE) * was && is - was > MATTERS * saved {
                 return Err(format!(
-                    "confirm run {} gets worse with it ({:+.1} % squared error)",
+                    "validation run {} gets worse with it ({:+.1} % squared error)",
                     run.dataset.name,
                     100.0 * (is / was - 1.0)
                 ));
@@ -203,14 +208,14 @@ impl Round<'_> {
         let share = saved / before.squares;
         if share.is_nan() || share < LEAST_CONFIRMED {
             return Err(format!(
-                "takes {:.1} % off the squared error of the confirm runs, where 2 % are asked for",
+                "removes {:.1} % of the squared error on the validation runs; at least 2 % are required",
                 100.0 * share
             ));
         }
         Ok(share)
     }
 
-    /// Ids that the data cannot tell from `best`, itself first.
+    /// Ids of the effects that the data cannot tell from `best`; its own id first.
     fn class(
         &self,
         current: &Fitted,
@@ -230,7 +235,7 @@ impl Round<'_> {
             let found = self.intervals(&rival.fitted, index)?;
             let implausible =
                 found.iter().any(|found| implausible(&effects[index], found, &self.joint).is_some());
-            // What fails the checks on its own is no rival.
+            // A candidate that fails the checks by itself does not join the class.
             if !implausible && self.confirmed(&current.model, &rival.fitted.model).is_ok() {
                 join(rival.score.effect);
             }
@@ -242,8 +247,8 @@ impl Round<'_> {
         Ok(class)
     }
 
-    /// The parameters of effect number `index` with their intervals: of each the scatter, over blocks, of what the residual says
-    /// about it alone.
+    /// The parameters of effect number `index` with their 95 % intervals. Each score is projected off all other numbers of the model; the
+    /// width comes from the scatter, over blocks, of its products with the residual.
     pub(super) fn intervals(&self, fitted: &Fitted, index: usize) -> Result<Vec<Found>, Error> {
         let (columns, of_base) = self.joint.jacobian(fitted)?;
         let effects = fitted.model.effects().as_slice();
@@ -274,29 +279,26 @@ impl Round<'_> {
     }
 }
 
-/// Why a parameter cannot be what it was found to be; `None` when it can.
+/// Why the value found for a parameter is not plausible; `None` if it is.
 fn implausible(effect: &EffectModel, found: &Found, joint: &Joint) -> Option<String> {
     let parameter = effect.effect().parameters().iter().find(|p| p.name == found.name)?;
     let [low, high] = found.range;
     let margin = 1e-3 * (high - low);
-    // An end of the range that is also where the effect is absent, or merely where a shape ends, is judged by the interval.
+    // If an end of the range is the neutral value, the interval decides. A shape parameter may lie at an end.
     let neutral = parameter.neutral * joint.scales.size(parameter.scale);
     let ends = |end: f64| {
         !parameter.is_shape() && (end - neutral).abs() > margin && (found.value - end).abs() <= margin
     };
     if ends(low) || ends(high) || found.value < low - margin || found.value > high + margin {
         return Some(format!(
-            "asks for {} of {:.4e} or beyond, where {low:.4e} to {high:.4e} is physical",
+            "{} is {:.4e}, at or beyond the end of its physical range of {low:.4e} to {high:.4e}",
             found.name, found.value
         ));
     }
     let [from, to] = found.ci95;
     let is_there = from > neutral || to < neutral;
     if !parameter.is_shape() && !is_there {
-        return Some(format!(
-            "the 95 % interval of {}, {from:.4e} to {to:.4e}, holds its absence",
-            found.name
-        ));
+        return Some(format!("the 95 % interval of {}, {from:.4e} to {to:.4e}, includes zero", found.name));
     }
     None
 }

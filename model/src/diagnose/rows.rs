@@ -1,27 +1,27 @@
-//! The rows that a closing's sums are taken over.
+//! The rows that the sums of a diagnosis are computed over.
 //!
-//! A model is always stepped over **all** rows of a run, since it, its effects and filters remember. What enters sums
-//! are the rows that count ([`crate::identify::Row::counts`]), of long runs every n-th. Every series is concatenated run by
-//! run, and each run's mean is taken out: sessions differ in their force offset, and no effect is one.
+//! A model is always stepped over **all** rows of a run, because model, effects and filters have internal states. The sums contain
+//! the rows that count ([`crate::identify::Row::counts`]); of long runs every n-th of them. Every series is concatenated run by run, and
+//! each run's mean is removed: sessions differ in their force offset, and no effect in the library is an offset.
 
 use crate::effect::{Augmented, Need};
 use crate::identify::{Dataset, walk};
 use rayon::prelude::*;
 use std::ops::{ControlFlow, Range};
 
-/// Some runs, as sums see them.
+/// The selected rows of several runs.
 pub(super) struct Rows<'a> {
     runs: Vec<RunRows<'a>>,
-    /// Measured force, N; what stands for it in paired mode.
+    /// Force to explain, N: the measured force, or in paired mode the force built from the difference to the reference.
     measured_n: Vec<f64>,
 }
 
-/// The rows of one run that enter.
+/// The selected rows of one run.
 pub(super) struct RunRows<'a> {
     pub(super) dataset: &'a Dataset,
     /// Indices of the rows, increasing.
     pub(super) indices: Vec<usize>,
-    /// Where they stand in the concatenated series.
+    /// Their positions in the concatenated series.
     pub(super) range: Range<usize>,
 }
 
@@ -32,23 +32,23 @@ impl RunRows<'_> {
         self.indices.iter().map(move |&k| rows[k].stamp.since(rows[0].stamp).get())
     }
 
-    /// Free run of `model` at the rows that enter, N; `None` where it is not finite on one of them.
+    /// Simulated force of `model` at the selected rows, N; `None` if it is not finite on one of them.
     fn predict(&self, model: &Augmented) -> Option<Vec<f64>> {
         self.predict_on(model, self.dataset)
     }
 
-    /// The same on other rows in place of the run's.
+    /// The same with the rows of `dataset` in place of the run's own.
     pub(super) fn predict_on(&self, model: &Augmented, dataset: &Dataset) -> Option<Vec<f64>> {
         let mut predicted = Vec::with_capacity(self.indices.len());
         let (mut index, mut finite) = (0, true);
-        // Broken off or not, what counts is whether all rows were reached.
+        // The return value is not needed: the check below decides if all selected rows were reached.
         let _ = walk(model, dataset, |_, said| {
             if self.indices.get(predicted.len()) == Some(&index) {
                 finite &= said.free_run_n.is_finite();
                 predicted.push(said.free_run_n);
             }
             index += 1;
-            // Nothing after the last row that enters matters, nor after one that is not finite.
+            // Stop after the last selected row, or at a force that is not finite.
             if !finite || predicted.len() == self.indices.len() {
                 return ControlFlow::Break(());
             }
@@ -59,7 +59,7 @@ impl RunRows<'_> {
 }
 
 impl<'a> Rows<'a> {
-    /// The rows of `datasets` that enter: those that count and `takes` lets in, about `most` at most.
+    /// Selects the rows of `datasets` that count; with more than `most`, every n-th of them.
     pub(super) fn new(datasets: &'a [Dataset], most: usize) -> Self {
         let counted: usize = datasets.iter().map(Dataset::counted).sum();
         let every = counted.div_ceil(most.max(1)).max(1);
@@ -68,7 +68,7 @@ impl<'a> Rows<'a> {
             .iter()
             .map(|dataset| {
                 let warm = dataset.rows.iter().any(|row| row.case_temp_c.is_finite());
-                // Rows before the first reading of the temperature would be lost to effects that need it.
+                // If the run has a case temperature, rows before its first reading are left out: effects that need it cannot use them.
                 let counts = |k: &usize| {
                     let row = &dataset.rows[*k];
                     row.counts && (!warm || row.case_temp_c.is_finite())
@@ -85,13 +85,13 @@ impl<'a> Rows<'a> {
         Self { runs, measured_n }
     }
 
-    /// The same rows with another force to explain.
+    /// The same rows with a different force to explain.
     pub(super) fn with_force(self, measured_n: Vec<f64>) -> Self {
         debug_assert_eq!(measured_n.len(), self.measured_n.len(), "one force a row");
         Self { measured_n, ..self }
     }
 
-    /// Number of rows that enter.
+    /// Number of selected rows.
     pub(super) const fn len(&self) -> usize {
         self.measured_n.len()
     }
@@ -106,7 +106,7 @@ impl<'a> Rows<'a> {
         &self.measured_n
     }
 
-    /// Free run of `model` over all runs, N; `None` where it is not finite.
+    /// Simulated force of `model` over all runs, N; `None` if it is not finite.
     pub(super) fn predict(&self, model: &Augmented) -> Option<Vec<f64>> {
         let parts: Vec<Option<Vec<f64>>> = self.runs.par_iter().map(|run| run.predict(model)).collect();
         let mut all = Vec::with_capacity(self.len());
@@ -116,7 +116,7 @@ impl<'a> Rows<'a> {
         Some(all)
     }
 
-    /// Measured minus predicted, each run's mean taken out, N.
+    /// Force to explain minus `predicted_n`, each run's mean removed, N.
     pub(super) fn residual(&self, predicted_n: &[f64]) -> Vec<f64> {
         let mut residual: Vec<f64> = self
             .measured_n
@@ -128,7 +128,7 @@ impl<'a> Rows<'a> {
         residual
     }
 
-    /// Takes each run's mean out of `series`.
+    /// Removes each run's mean from `series`.
     pub(super) fn centre(&self, series: &mut [f64]) {
         for run in &self.runs {
             let part = &mut series[run.range.clone()];
@@ -137,14 +137,14 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Squared deviation of the measured force from each run's mean, summed, N².
+    /// Sum of the squared deviations of the force to explain from each run's mean, N².
     pub(super) fn spread(&self) -> f64 {
         let mut force = self.measured_n.clone();
         self.centre(&mut force);
         dot(&force, &force)
     }
 
-    /// Name of a run that lacks what `need` says; `None` when all have it.
+    /// Name of a run without the channel `need`; `None` if all runs have it.
     pub(super) fn lacking(&self, need: Need) -> Option<&str> {
         let lacks = |run: &&RunRows| {
             let value = |k: &usize| {

@@ -1,10 +1,11 @@
-//! The score of an effect: what adding a little of it would change in the free run, and whether the residual goes that way.
+//! The score of an effect: how the simulation changes when a little of the effect is added, and whether the residual correlates with
+//! that change.
 //!
 //! ```text
-//! g   = (M(theta, probe) - M(theta, absent)) / probe       through the whole simulator, each run's mean taken out
-//! g'  = g less what base and effects in the model could do as well (their Jacobian's span)
-//! c   = g'r / g'g'                                          how much of it the residual asks for, taken as straight
-//! promise = (g'r)^2 / g'g'                                  what of the squared error would go
+//! g   = (M(theta, probe) - M(theta, absent)) / probe       through the whole simulator, each run's mean removed
+//! g'  = g projected off the Jacobian of the base and of the effects already in the model
+//! c   = g'r / g'g'                                          size of the effect by linear regression
+//! promise = (g'r)^2 / g'g'                                  drop of squared error that the linear model predicts
 //! ```
 
 use super::Settings;
@@ -18,42 +19,42 @@ use crate::effect::{Augmented, Effect, EffectModel, Parameter};
 use crate::error::Error;
 use rayon::prelude::*;
 
-/// Share of a score below which the base could take all of the effect.
+/// Least share of a score that must remain after projection; below it the base can absorb the whole effect.
 const LEAST_IDENTIFIABLE: f64 = 0.01;
-/// Share of a score from which an effect is mostly its own.
+/// Share of a score that remains after projection, from which the first fit may use the known derivatives.
 const MOSTLY_ITS_OWN: f64 = 0.8;
-/// Shares of what a score asks for that a refit may start from.
+/// Starts of a refit, as shares of the size that the score indicates.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
-/// Further values that a shape parameter may start from, as shares of the data's scale.
+/// Further starts of a shape parameter, as shares of the data's scale.
 const SHAPES: [f64; 4] = [0.3, 0.5, 0.65, 0.9];
 
-/// The score of one effect that these runs can test.
+/// The score of one effect.
 #[derive(Debug, Clone)]
 pub(super) struct Score {
     pub(super) effect: Effect,
-    /// What is left of the score, unit by unit of the effect's first parameter.
+    /// The projected score, N per unit of the effect's first parameter.
     pub(super) own: Vec<f64>,
-    /// Share of the score that is left.
+    /// Share of the score's length that remains after projection.
     pub(super) identifiable: f64,
-    /// Probability that the residual goes along by chance; 1 where it asks for a value on the wrong side of absent.
+    /// Probability that the residual correlates with the score by chance; 1 if the indicated size has the wrong sign.
     pub(super) p: f64,
-    /// Squared error that would go, N².
+    /// Drop of squared error that the linear model predicts, N².
     pub(super) promise: f64,
-    /// Sums over the blocks of its test; zeros where the residual asks for a value on the wrong side of absent.
+    /// Block sums of its test; zeros if the indicated size has the wrong sign.
     pub(super) sums: Vec<f64>,
-    /// The score before anything was taken out of it.
+    /// The score before projection.
     whole: Vec<f64>,
-    /// How much of the effect it asks for, taken as straight.
+    /// Size of the effect by linear regression, as a difference of the first parameter from its neutral value.
     asked: f64,
-    /// What a shape parameter is held at, of the data's scale.
+    /// Value at which a shape parameter is held, as a share of the data's scale.
     shape: f64,
 }
 
 /// All scores of a round.
 pub(super) struct Scores {
-    /// Of the effects that these runs can test.
+    /// Scores of the effects that these runs can test.
     pub(super) able: Vec<Score>,
-    /// The effects that they cannot.
+    /// The effects that these runs cannot test, each with the reason.
     pub(super) untestable: Vec<Refused>,
     known: Known,
 }
@@ -76,7 +77,7 @@ pub(super) fn scores(
     };
     let found: Vec<Result<Score, Refused>> = effects.par_iter().map(one).collect::<Result<_, _>>()?;
     let mut scores = Vec::new();
-    let not_sought = |effect| Refused { effect, why: "was not to be looked for".to_owned() };
+    let not_sought = |effect| Refused { effect, why: "excluded by the settings".to_owned() };
     let mut untestable: Vec<Refused> = left_out.into_iter().map(not_sought).collect();
     for result in found {
         match result {
@@ -84,14 +85,14 @@ pub(super) fn scores(
             Err(refused) => untestable.push(refused),
         }
     }
-    // Tests that cannot say yes are none, and must not weigh on the others.
+    // A test that can never be significant is left out, so that it does not weaken the correction of the others.
     let (able, silent): (Vec<Score>, Vec<Score>) =
         scores.into_iter().partition(|score| least_p(score.sums.len()) <= settings.significance);
     untestable.extend(silent.into_iter().map(|score| Refused {
         effect: score.effect,
         why: format!(
-            "what it would change hangs together for so long that the estimate runs hold {} independent blocks, too few to tell it \
-             from chance; give longer runs",
+            "its change of the force is correlated over so long a time that the training runs have only {} independent blocks, too few \
+             to tell it from chance; give longer runs",
             score.sums.len()
         ),
     }));
@@ -99,8 +100,9 @@ pub(super) fn scores(
 }
 
 impl Scores {
-    /// A first fit of `fitted` with the effect of `score`, within so many evaluations: from the derivatives that the scores were
-    /// taken with, where most of the effect is its own. Where it is not, all turns on the small rest, and they say too little.
+    /// A first fit of `fitted` with the effect of `score`, with at most `evaluations`. If most of the score remains after projection, the
+    /// fit starts with the derivatives that the scores were computed with. Otherwise the small rest of the score decides, and those
+    /// derivatives are not accurate enough for it.
     pub(super) fn refit(
         &self,
         joint: &Joint,
@@ -116,8 +118,8 @@ impl Scores {
         joint.refit_from(&start, nearby, evaluations)
     }
 
-    /// Where a refit of `fitted` with the effect of `score` starts. What is asked for is far for a straight line: the best of some
-    /// shares of it, with room made for them and without.
+    /// Start of a refit of `fitted` with the effect of `score`. The indicated size is often beyond the range of the linear model, so
+    /// several shares of it are tried, each with the base coefficients as they are and with room made for it; the best is used.
     fn start(&self, joint: &Joint, fitted: &Fitted, score: &Score) -> Result<Augmented, Error> {
         let parameter = &score.effect.parameters()[0];
         let size = joint.scales.size(parameter.scale);
@@ -126,7 +128,7 @@ impl Scores {
         let at = |amount: f64| with_amount(joint, fitted, score.effect, amount, score.shape);
         let squares =
             |model: &Augmented| Fitted::as_is(*model, joint.rows).map_or(f64::INFINITY, |f| f.squares);
-        // With none of it the model is as good as before: whatever else there is, a refit starts from no worse.
+        // With the effect absent the model is as good as before, so the start is never worse than `fitted`.
         let mut start = at(neutral)?;
         let mut least = fitted.squares;
         for amount in SHARES.map(amount) {
@@ -143,7 +145,8 @@ impl Scores {
     }
 }
 
-/// `fitted` with an effect whose first parameter is `amount`, and whose shape, if it has one, is `shape` of the data's scale.
+/// `fitted` with an effect whose first parameter is `amount`. A shape parameter, if the effect has one, is `shape` times the data's
+/// scale.
 fn with_amount(
     joint: &Joint,
     fitted: &Fitted,
@@ -160,7 +163,7 @@ fn with_amount(
     with_effect(&fitted.model, EffectModel::new(effect, &values)?)
 }
 
-/// Effects that may be added: one form of an id at most; that a lag differs up and down is found after it is named.
+/// Effects that may be added: none whose id is in the model already, and no refined form, which is tried after the plain form was named.
 fn candidates(model: &Augmented) -> impl Iterator<Item = Effect> {
     let there: Vec<&str> = model.effects().as_slice().iter().map(|e| e.effect().id()).collect();
     let refinement = |effect: &Effect| Effect::ALL.iter().any(|other| other.refined() == Some(*effect));
@@ -178,13 +181,10 @@ fn score(
     let refused = |why: String| Refused { effect, why };
     for need in effect.needs() {
         if let Some(run) = joint.rows.lacking(*need).or_else(|| confirm.lacking(*need)) {
-            return Err(refused(format!(
-                "run {run} has no {}, without which it cannot be tested",
-                need.name()
-            )));
+            return Err(refused(format!("run {run} has no {}, which the test needs", need.name())));
         }
     }
-    // Where an effect has a shape, the test is at the shape that its file holds it at, and the refit starts from the best.
+    // If an effect has a shape parameter, the test uses the shape's neutral value, and the refit starts from the best of several shapes.
     let Some(shape) = effect.parameters().iter().find(|p| p.is_shape()) else {
         return held_score(joint, fitted, known, effect, 0.0, settings).map_err(refused);
     };
@@ -196,8 +196,8 @@ fn score(
     Ok(Score { p: tested.p, sums: tested.sums, ..best })
 }
 
-/// The score of `effect` with a shape parameter, if it has one, held at `shape` of the data's scale. The error says why there is
-/// none.
+/// The score of `effect` with its shape parameter, if it has one, held at `shape` times the data's scale. The error is the
+/// reason if it cannot be computed.
 fn held_score(
     joint: &Joint,
     fitted: &Fitted,
@@ -211,19 +211,19 @@ fn held_score(
     let (neutral, step) = (parameter.neutral * size, parameter.probe * size);
     let probed = with_amount(joint, fitted, effect, neutral + step, shape).map_err(|e| e.to_string())?;
     let there = joint.rows.predict(&probed);
-    let Some(mut own) = there else { return Err("the model does not run with it on these runs".to_owned()) };
+    let Some(mut own) = there else { return Err("its simulation on these runs is not finite".to_owned()) };
     own.iter_mut().zip(&fitted.predicted_n).for_each(|(there, here)| *there = (*there - here) / step);
     joint.rows.centre(&mut own);
     let change_n = step.abs() * (dot(&own, &own) / own.len().max(1) as f64).sqrt();
     let force_n = joint.scales.force_n;
     if change_n < 1e-9 * force_n {
-        return Err(format!("these runs do not excite it; what would: {}", effect.separated_by()));
+        return Err(format!("these runs do not excite it; needed: {}", effect.separated_by()));
     }
     let whole = own.clone();
     let identifiable = known.take_out(&mut own);
     if identifiable < LEAST_IDENTIFIABLE {
         return Err(format!(
-            "on these runs other coefficients of the model do the same ({:.1} % of it is its own); what would tell: {}",
+            "on these runs other coefficients of the model can produce the same force ({:.1} % of the score is left); needed: {}",
             100.0 * identifiable,
             effect.separated_by()
         ));
@@ -233,7 +233,7 @@ fn held_score(
     let range = parameter.range_at(size);
     let [low, high] = [range[0].min(neutral), range[1].max(neutral)];
     let possible = (low..=high).contains(&(neutral + 1e-3 * asked.signum() * step.abs()));
-    // The correlation of what is left once the effect is in: the effect itself may be slow.
+    // The block length follows from the correlation of the rest after the effect is removed: the effect itself may be slow.
     let rest: Vec<f64> = own.iter().zip(&fitted.residual_n).map(|(g, r)| g * (r - asked * g)).collect();
     let blocks = Blocks::against(joint.rows, &rest, settings.block_s);
     let mut sums = blocks.sums(&own, &fitted.residual_n);
@@ -245,7 +245,7 @@ fn held_score(
     Ok(Score { effect, own, identifiable, p, promise, sums, whole, asked, shape })
 }
 
-/// Refuses runs that hold fewer blocks than a test needs, before any work.
+/// Rejects runs with fewer blocks than a test needs, before any work.
 pub(super) fn check_length(rows: &Rows, settings: &Settings) -> Result<(), Error> {
     let needed = (2..).find(|&blocks| least_p(blocks) <= settings.significance).unwrap_or(2);
     let found = Blocks::new(rows, settings.block_s).count();
@@ -254,8 +254,8 @@ pub(super) fn check_length(rows: &Rows, settings: &Settings) -> Result<(), Error
     }
     Err(Error::Data {
         message: format!(
-            "the estimate runs hold {found} blocks of {} s in which the damper moves, but {needed} are needed to tell an effect from \
-             chance: give {:.0} s of motion or more, in one run or several (30 s are a good start)",
+            "the training runs have {found} blocks of {} s in which the damper moves, but {needed} are needed to tell an effect from \
+             chance: give at least {:.0} s of motion, in one run or several (30 s are a good start)",
             settings.block_s,
             needed as f64 * settings.block_s
         ),

@@ -1,6 +1,8 @@
-//! The sealed runs: read once, when everything is decided.
+//! The test runs (called sealed in types): read once, when everything else is decided.
 //!
-//! The interval of the error ratio is by bootstrap over blocks, since errors of neighbouring samples say the same.
+//! The interval of the error ratio is from a bootstrap over blocks, because the errors of neighbouring samples are correlated.
+//!
+//! Source: `[block-bootstrap]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::Settings;
 use super::blocks::Blocks;
@@ -16,7 +18,7 @@ use rand_pcg::Pcg64Mcg;
 /// Resamples of the bootstrap.
 const RESAMPLES: usize = 4000;
 
-/// Errors of `before` and `after` on `rows`, run by run, each run's mean error taken out.
+/// Errors of `before` and `after` on `rows`, run by run, with each run's mean error removed.
 pub(super) fn changes(rows: &Rows, before: &Fitted, after: &Fitted) -> Vec<Change> {
     let change = |run: &super::rows::RunRows| {
         let part = |fitted: &Fitted| fit(rows, fitted, std::slice::from_ref(&run.range));
@@ -25,7 +27,7 @@ pub(super) fn changes(rows: &Rows, before: &Fitted, after: &Fitted) -> Vec<Chang
     rows.runs().iter().filter_map(change).collect()
 }
 
-/// What the sealed runs say of `before` and `after`, where noise has a root mean square of `noise_n`; `None` without a row that
+/// The result of the test runs for `before` and `after`, with a noise floor of `noise_n` (root mean square, N); `None` if no row
 /// counts.
 pub(super) fn read(
     rows: &Rows,
@@ -51,23 +53,26 @@ pub(super) fn read(
     })
 }
 
-/// `model` on `rows`, as it is.
+/// `model` on `rows`, without refitting.
+///
+/// # Errors
+/// [`Error::Data`] if its simulation does not stay finite.
 pub(super) fn fitted(rows: &Rows, model: &Augmented) -> Result<Fitted, Error> {
     Fitted::as_is(*model, rows).ok_or_else(|| Error::Data {
-        message: "the model does not stay finite on a run that it was not found on: look whether that run is of the same damper, \
-                  in the same units"
+        message: "the simulation of the model does not stay finite on a validation or test run: check that every run is of the same \
+                  damper, in the same units"
             .to_owned(),
     })
 }
 
-/// `before` and `after` on `rows`, as they are; one free run where they are the same.
+/// `before` and `after` on `rows`, without refitting; simulated once if they are the same model.
 pub(super) fn both(rows: &Rows, before: &Augmented, after: &Augmented) -> Result<[Fitted; 2], Error> {
     let first = fitted(rows, before)?;
     let second = if after == before { first.clone() } else { fitted(rows, after)? };
     Ok([first, second])
 }
 
-/// Figures over some ranges of rows; `None` without rows.
+/// Error figures over these ranges of rows; `None` without rows.
 fn fit(rows: &Rows, fitted: &Fitted, ranges: &[std::ops::Range<usize>]) -> Option<Fit> {
     let mut force_n = rows.measured_n().to_vec();
     rows.centre(&mut force_n);
@@ -78,7 +83,7 @@ fn fit(rows: &Rows, fitted: &Fitted, ranges: &[std::ops::Range<usize>]) -> Optio
     sum.fit()
 }
 
-/// 2.5 and 97.5 % quantiles of the ratio of sums over blocks drawn with replacement.
+/// The 2.5 % and 97.5 % quantiles of the ratio of sums, over blocks drawn with replacement.
 fn bootstrap(pairs: &[(f64, f64)], seed: u64) -> [f64; 2] {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let mut ratios: Vec<f64> = (0..RESAMPLES)

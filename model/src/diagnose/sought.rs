@@ -1,10 +1,10 @@
-//! Which effects of the library a closing looks for.
+//! The effects of the library that a diagnosis may name.
 
 use crate::effect::Effect;
 use crate::error::Error;
 
-/// Effects that may be named. Those that are left out weigh on no other's significance; they are listed as untestable, never as
-/// absent.
+/// Effects that may be named. An effect that is left out does not enter the correction for multiple tests; it is listed as untestable,
+/// never as absent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sought {
     /// In the order of [`Effect::ALL`].
@@ -15,22 +15,22 @@ impl Sought {
     /// The whole library.
     pub const ALL: Self = Self { sought: [true; Effect::ALL.len()] };
 
-    /// The effects of these ids, each in every form.
+    /// The effects with these ids, in all their forms.
     ///
     /// # Errors
-    /// [`Error::Data`] when an id is none of the library's, or there is none.
+    /// [`Error::Data`] if an id is not in the library, or if `ids` is empty.
     pub fn only<S: AsRef<str>>(ids: &[S]) -> Result<Self, Error> {
         let known = Effect::ids();
         let wrong = ids.iter().map(AsRef::as_ref).find(|id| !known.contains(id));
         if let Some(id) = wrong.or(ids.is_empty().then_some("")) {
             return Err(Error::Data {
-                message: format!("there is no effect \"{id}\" to look for; there are {}", known.join(", ")),
+                message: format!("unknown effect \"{id}\"; the known effects are {}", known.join(", ")),
             });
         }
         Ok(Self { sought: Effect::ALL.map(|effect| ids.iter().any(|id| id.as_ref() == effect.id())) })
     }
 
-    /// True for one that may be named.
+    /// True if `effect` may be named.
     #[must_use]
     pub fn has(&self, effect: Effect) -> bool {
         Effect::ALL.iter().zip(self.sought).any(|(known, sought)| sought && *known == effect)
@@ -42,14 +42,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_id_stands_for_all_its_forms_and_a_wrong_one_is_told() {
+    fn an_id_selects_all_its_forms_and_an_unknown_id_is_an_error() {
         assert!(Effect::ALL.into_iter().all(|effect| Sought::ALL.has(effect)));
         let two = Sought::only(&["force_lag", "friction"]).expect("both are there");
         let found: Vec<Effect> = Effect::ALL.into_iter().filter(|effect| two.has(*effect)).collect();
         assert_eq!(found, [Effect::Friction, Effect::ForceLag, Effect::SeriesSpring]);
         let told = Sought::only(&["friction", "cavitation"]).expect_err("none of the library").to_string();
         assert!(
-            told.starts_with("there is no effect \"cavitation\" to look for; there are coil_lag, remanence,"),
+            told.starts_with("unknown effect \"cavitation\"; the known effects are coil_lag, remanence,"),
             "{told}"
         );
         assert!(Sought::only::<&str>(&[]).is_err());

@@ -4,8 +4,8 @@
 //! p = (coefficients of the base, parameters of the first effect, of the second, ...)
 //! ```
 //!
-//! In paired mode the base's coefficients are not among them. Derivatives are differences of the whole simulator: that
-//! serves every base and every effect alike, through filters and memories, and costs one free run a number.
+//! In paired mode the base's coefficients are not included. Derivatives are finite differences of the whole simulator. They work for
+//! every base and every effect, through filters and internal states, and cost one simulation for each number.
 
 use crate::effect::{Augmented, Effect, EffectModel, Effects};
 use crate::error::Error;
@@ -13,13 +13,13 @@ use crate::force::law::Kind;
 use crate::force::{Dependence, ForceModel, FuzzyTanh, LawModel, TanhFunction};
 use crate::identify::Scales;
 
-/// Step of a difference, relative to a coefficient of the base.
+/// Step of a finite difference, relative to the coefficient of the base.
 const STEP: f64 = 1e-4;
-/// Least size that a coefficient's step is taken from, as a share of its natural scale.
+/// Least magnitude used for a coefficient's step, as a share of its natural scale.
 const LEAST_SIZE: f64 = 1e-2;
-/// Steepness of a tanh step, as a multiple of the middle one, or a share, from which it says something else than a yield.
+/// Factor between the steepness of a tanh function and the median, in either direction, beyond which it no longer describes a yield.
 const UPRIGHT: f64 = 3.0;
-/// Step of a difference, relative to the probe of an effect's parameter.
+/// Step of a finite difference, relative to the probe of an effect's parameter.
 const PROBE_SHARE: f64 = 0.05;
 
 /// A coefficient of a base.
@@ -33,43 +33,43 @@ struct Coefficient {
 impl Coefficient {
     fn new(value: f64, size: f64, bounds: [f64; 2]) -> Self {
         let step = STEP * value.abs().max(LEAST_SIZE * size);
-        // A model from elsewhere may lie outside of what a search would allow.
+        // A model that was not identified here may lie outside the bounds of the search.
         Self { value, step, bounds: [bounds[0].min(value), bounds[1].max(value)] }
     }
 }
 
-/// The numbers that a fit may move, and how they make a model.
+/// The numbers that a fit may change, and the model that they belong to.
 pub(super) struct Space {
     base: ForceModel,
-    /// Empty where the base stays as it is.
+    /// Empty if the base is not refitted.
     coefficients: Vec<Coefficient>,
     effects: Vec<EffectModel>,
     scales: Scales,
 }
 
 impl Space {
-    /// The space around `model`; with the base's coefficients in it, or without.
+    /// The space around `model`, with the base's coefficients if `base_moves`.
     ///
     /// # Errors
-    /// [`Error::Data`] for a base whose coefficients shall move and that has none to move.
+    /// [`Error::Data`] if `base_moves` is set and the base has no coefficients that can be refitted here.
     pub(super) fn new(model: &Augmented, scales: Scales, base_moves: bool) -> Result<Self, Error> {
         let coefficients = if base_moves { coefficients(model.force(), &scales)? } else { Vec::new() };
         Ok(Self { base: *model.force(), coefficients, effects: model.effects().as_slice().to_vec(), scales })
     }
 
-    /// The numbers of the model that the space is around.
+    /// The numbers of the model at the centre of the space.
     pub(super) fn values(&self) -> Vec<f64> {
         let base = self.coefficients.iter().map(|c| c.value);
         base.chain(self.effects.iter().flat_map(|e| e.parameters().iter().copied())).collect()
     }
 
-    /// How many of them are the base's.
+    /// Number of values that belong to the base.
     pub(super) fn of_base(&self) -> usize {
         self.coefficients.len()
     }
 
-    /// Where each may go: a coefficient wherever a search would let it, an effect's parameter from absent to the end of its
-    /// physical range.
+    /// Bounds of each number: for a coefficient the bounds of its search, for an effect's parameter its physical range extended to
+    /// the neutral value.
     pub(super) fn bounds(&self) -> Vec<[f64; 2]> {
         let base = self.coefficients.iter().map(|c| c.bounds);
         let effects = self.effects.iter().flat_map(|e| e.effect().parameters()).map(|parameter| {
@@ -81,7 +81,7 @@ impl Space {
         base.chain(effects).collect()
     }
 
-    /// The step of a difference in each, towards the inside of the bounds.
+    /// The finite-difference step of each number, with its sign such that it stays within the bounds.
     pub(super) fn steps(&self, at: &[f64]) -> Vec<f64> {
         let base = self.coefficients.iter().map(|c| c.step);
         let effects = self.effects.iter().flat_map(|e| e.effect().parameters()).map(|parameter| {
@@ -94,10 +94,10 @@ impl Space {
         base.chain(effects).zip(self.bounds()).zip(at).map(inside).collect()
     }
 
-    /// Another start for a search that ended at `values`: each tanh function that lies flat, its step a third of the steepness of the
-    /// others or less (or three times), is given theirs, at the same slope at rest. A step that was flattened to stand for an effect
-    /// that the base did not have does not stand up again by itself once it has it: without height its steepness has no say, and flat
-    /// it is a second damping. `None` where all are upright, or the base has no tanh functions.
+    /// A second start for a search that ended at `values`. Each tanh function whose steepness is less than a third or more than three
+    /// times the median gets the median steepness, with the same slope at rest. A function that was flattened to imitate a missing effect
+    /// does not recover by itself after the effect is added. A flat one acts as a second damping, and the steepness of one without
+    /// height has no influence. `None` if no function is like that, or if the base has no tanh functions.
     pub(super) fn upright(&self, values: &[f64]) -> Option<Vec<f64>> {
         if !matches!(self.base, ForceModel::FuzzyTanh(_)) {
             return None;
@@ -117,7 +117,7 @@ impl Space {
         any.then_some(upright)
     }
 
-    /// The model of these numbers; `None` when they make none.
+    /// The model with these numbers; `None` if they are not valid.
     pub(super) fn model(&self, values: &[f64]) -> Option<Augmented> {
         let (base, mut rest) = values.split_at(self.of_base());
         let force = if base.is_empty() { self.base } else { with_coefficients(&self.base, base)? };
@@ -140,8 +140,8 @@ fn coefficients(base: &ForceModel, scales: &Scales) -> Result<Vec<Coefficient>, 
         ForceModel::Law(law) => Ok(of_law(law, scales)),
         _ => Err(Error::Data {
             message: format!(
-                "a closing cannot start from the {} model, whose coefficients have no meaning to hold an effect against: take \
-                 fuzzy-tanh or a law of force (sp, bouc-wen, kwok, li, cesmeci-engin, choi, arctan) as base, or give \
+                "a diagnosis cannot start from the {} model, because its coefficients have no physical meaning to separate an effect \
+                 from: use fuzzy-tanh or a force law (sp, bouc-wen, kwok, li, cesmeci-engin, choi, arctan) as base, or give \
                  reference runs with the same excitation",
                 base.name()
             ),
@@ -193,17 +193,17 @@ fn with_coefficients(base: &ForceModel, values: &[f64]) -> Option<ForceModel> {
     }
 }
 
-/// Where an effect stands in the damper, from the fluid outwards: the order of application.
+/// Position of an effect in the damper, from the fluid outwards: the order of application.
 const fn layer(effect: Effect) -> u8 {
     match effect {
-        // The drive passes the coil first, then the core.
+        // The drive passes the coil first (outer), then the core.
         Effect::Remanence => 0,
         Effect::CoilLag | Effect::CoilLagRiseFall => 1,
         // The fluid in the gap.
         Effect::ThermalFade => 2,
         Effect::PositionDependence => 3,
         Effect::Asymmetry => 4,
-        // Beside the gap.
+        // In parallel with the gap.
         Effect::VelocitySaturation => 5,
         Effect::Friction => 6,
         Effect::GasSpring => 7,
@@ -220,7 +220,7 @@ const fn layer(effect: Effect) -> u8 {
     }
 }
 
-/// `effects` with one more, where it belongs.
+/// `model` with one more effect, inserted by its [`layer`].
 pub(super) fn with_effect(model: &Augmented, effect: EffectModel) -> Result<Augmented, Error> {
     let mut effects = model.effects().as_slice().to_vec();
     let at = effects.partition_point(|other| layer(other.effect()) <= layer(effect.effect()));
@@ -242,7 +242,7 @@ mod tests {
     use crate::sample::DriveKind;
 
     #[test]
-    fn a_step_that_lies_flat_stands_up_at_the_same_slope_at_rest() -> Result<(), Error> {
+    fn a_flat_tanh_function_gets_the_median_steepness_and_keeps_its_slope_at_rest() -> Result<(), Error> {
         let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 };
         let scales = Scales {
             force_n: 1000.0,
@@ -260,7 +260,7 @@ mod tests {
             Ok(space.upright(&space.values()))
         };
         assert_eq!(upright([30.0, 45.0, 60.0])?, None);
-        let found = upright([30.0, 1.5, 40.0])?.expect("one lies");
+        let found = upright([30.0, 1.5, 40.0])?.expect("one is flat");
         assert_eq!(found[4..8], [300.0 * 1.5 / 30.0, 900.0, 30.0, 2.0]);
         assert_eq!((found[2], found[10]), (30.0, 40.0));
         Ok(())

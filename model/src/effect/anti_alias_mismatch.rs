@@ -1,4 +1,4 @@
-//! The force channel's own low-pass, which displacement does not pass.
+//! Low-pass filter of the force channel that the displacement channel does not have.
 //!
 //! ```text
 //! H(s) = 1 / (tau s + 1)^2,   tau = d / 2
@@ -8,7 +8,7 @@
 //! |---|---|---|---|
 //! | d | `delay_s` | s | delay of the filter at low frequency |
 //!
-//! Each pole is exact for an input that runs straight from sample to sample; starts at rest at the first force.
+//! Each pole is exact for an input that is linear between samples. The state starts at rest at the first force.
 
 use super::{About, EffectState, Inside, Lag, Parameter};
 use crate::force::Inputs;
@@ -18,7 +18,7 @@ pub(super) const ABOUT: About = About {
     form: None,
     what: "the force channel is low-passed, displacement is not",
     parameters: &[Parameter::absolute("delay_s", [0.0, 20e-3], 5e-4)],
-    separated_by: "motion of high frequency: a filter takes amplitude too, a delay does not",
+    separated_by: "high-frequency motion: a filter reduces the amplitude too, a delay does not",
     confounders: &["sensor_delay", "force_lag", "inertia", "coil_lag"],
     needs: &[],
 };

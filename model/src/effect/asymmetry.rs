@@ -1,4 +1,4 @@
-//! Asymmetry: extension and compression meet unlike resistance.
+//! Asymmetry: the force differs between extension and compression.
 //!
 //! ```text
 //! F' = F0 + (F - F0) (1 + beta tanh(v / 5 mm/s))
@@ -6,9 +6,9 @@
 //!
 //! | symbol | parameter | unit | meaning |
 //! |---|---|---|---|
-//! | beta | `asymmetry` | - | share by which extension is stiffer, and compression softer |
+//! | beta | `asymmetry` | - | share by which the force is larger in extension and smaller in compression |
 //! | v | input | m/s | velocity, positive in extension |
-//! | F0 | of the model | N | the session's offset, no force of the damper |
+//! | F0 | of the model | N | the session's force offset, which does not come from the damper |
 
 use super::parts::{scaled, smooth_sign};
 use super::{About, EffectState, Inside, Parameter};

@@ -1,4 +1,4 @@
-//! Lag of the coil: current follows what drives it only slowly.
+//! Lag of the coil: the current follows the drive with a lag.
 //!
 //! ```text
 //! tau di_e/dt = i - i_e        the model is driven by i_e
@@ -6,14 +6,15 @@
 //!
 //! | symbol | parameter | unit | meaning |
 //! |---|---|---|---|
-//! | tau | `tau_s` | s | inductance over resistance of coil and driver; eddy currents and the fluid's own lag count in |
-//! | | `tau_rise_s`, `tau_fall_s` | s | the same while the current grows and while it dies away |
+//! | tau | `tau_s` | s | inductance over resistance of coil and driver; includes eddy currents and the fluid's own lag |
+//! | | `tau_rise_s`, `tau_fall_s` | s | the same while the current rises and while it falls |
 //! | i | input | A or V | drive |
 //!
-//! Exact for a drive that runs straight from sample to sample. Which of rise and fall holds is decided once a sample,
-//! by whether the drive is further from zero than i_e. The state starts at rest at the first drive.
+//! Exact for a drive that is linear between samples. Rise or fall is decided once a sample: the current rises if the drive is further
+//! from zero than i_e. The state starts at rest at the first drive.
 //!
 //! Source: first-order model of the coil, e.g. Dyke et al. (1996), Smart Mater. Struct. 5, 565 (their eta).
+//! See `[dyke1996]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::{About, EffectState, Inside, Need, Parameter};
 use crate::force::Inputs;
@@ -35,7 +36,7 @@ pub(super) const ONE_TAU: About = About {
 
 pub(super) const RISE_FALL: About = About {
     form: Some("rise_fall"),
-    what: "the coil's current grows with one time constant and dies away with another",
+    what: "the coil's current rises with one time constant and falls with another",
     parameters: &[
         Parameter::absolute("tau_rise_s", TAU_S, PROBE_S),
         Parameter::absolute("tau_fall_s", TAU_S, PROBE_S),

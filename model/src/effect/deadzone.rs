@@ -11,17 +11,17 @@
 //! | g | `gap_m` | m | free play from one side to the other |
 //! | x, v, a | inputs | m, m/s, m/s² | displacement of the rod and its derivatives |
 //! | y | state | m | displacement of the piston |
-//! | d | | m | how far the rod has gone beyond the edge ahead of it; negative before it |
-//! | e | state | - | share of the step about this sample that the piston goes along: 1 engaged, 0 within the gap |
-//! | F0 | of the model | N | the session's offset, no force of the damper |
+//! | d | | m | distance of the rod beyond the edge ahead of it; negative before it |
+//! | e | state | - | share of the step around this sample in which the piston moves with the rod: 1 engaged, 0 within the gap |
+//! | F0 | of the model | N | the session's force offset, which does not come from the damper |
 //!
-//! After each reversal the force is gone until the gap is crossed; the share makes it fade over the step about the sample
-//! in which the rod leaves one side or meets the other, so that force is continuous in g and comes neither early nor late:
-//! a share of the step that ended would be half a step late, and the gap found too small by as much. While the rod rests the share
-//! stays. The start is engaged, in the direction of motion.
+//! After each reversal the force is zero until the gap is crossed. The share makes the force fade over the step around the sample in
+//! which the rod leaves one side or meets the other, so the force is continuous in g and has no delay. A share of the step that ends at
+//! the sample would be half a step late, and the gap found would be too small by as much. The share is kept while the rod rests.
+//! The piston starts engaged, in the direction of motion.
 //!
-//! The force is continuous in g, but at g = 0 not in proportion to it: about a reversal the rod hardly moves, so that
-//! the least gap takes a while to cross. The probe is therefore as large as a gap that matters.
+//! The force is continuous in g, but not linear in g near zero: the rod moves slowly around a reversal, so even a very small gap takes a
+//! while to cross. The probe is therefore as large as a gap of practical size.
 
 use super::parts::{play, scaled};
 use super::{About, EffectState, Inside, Parameter};
@@ -32,7 +32,7 @@ pub(super) const ABOUT: About = About {
     form: None,
     what: "free play: no force for a short way after each reversal",
     parameters: &[Parameter::absolute("gap_m", [0.0, 3e-3], 3e-4)],
-    separated_by: "small and large strokes at equal speed: the way without force does not grow with the stroke",
+    separated_by: "small and large strokes at equal speed: the distance without force does not grow with the stroke",
     confounders: &["friction", "force_lag"],
     needs: &[],
 };

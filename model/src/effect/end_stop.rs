@@ -7,7 +7,7 @@
 //! | symbol | parameter | unit | meaning |
 //! |---|---|---|---|
 //! | k | `stiffness_n_m` | N/m | stiffness of the bumper |
-//! | x0 | `clearance_m` | m | displacement at which it is met, to either side |
+//! | x0 | `clearance_m` | m | displacement at which the rod meets it, on either side |
 //! | x | input | m | displacement, positive in extension |
 
 use super::{About, EffectState, Inside, Parameter};
@@ -35,7 +35,7 @@ pub(super) fn step(
     inside: &mut Inside,
 ) -> Option<f64> {
     let x = inputs.displacement_m;
-    // Not f64::max, which would make a zero of what is not known.
+    // Not `f64::max`, which would turn NaN into zero.
     let beyond_m = if x.abs() <= clearance_m { 0.0 } else { (x.abs() - clearance_m).copysign(x) };
     Some(inside.run(inputs)? + stiffness_n_m * beyond_m)
 }

@@ -1,4 +1,4 @@
-//! Lag of the force: it follows the model's only slowly.
+//! Lag of the force: it follows the model's force with a first-order lag.
 //!
 //! ```text
 //! tau dF'/dt = F - F'
@@ -8,9 +8,8 @@
 //! |---|---|---|---|
 //! | tau | `tau_s` | s | the fluid's own response, or a soft mount in front of a viscous damper |
 //!
-//! Exact for a force that runs straight from sample to sample; starts at rest at the first force. Where the lag is a
-//! spring in series, it shrinks with the damping and grows with the current: see the other form,
-//! [`super::Effect::SeriesSpring`].
+//! Exact for a force that is linear between samples. The state starts at rest at the first force. The lag of a spring in series grows
+//! with the damping and thus with the current: see the other form, [`super::Effect::SeriesSpring`].
 
 use super::{About, EffectState, Inside, Lag, Parameter};
 use crate::force::Inputs;
@@ -18,7 +17,7 @@ use crate::force::Inputs;
 pub(super) const ABOUT: About = About {
     id: "force_lag",
     form: Some("first_order"),
-    what: "force follows with one time constant",
+    what: "the force follows with one time constant",
     parameters: &[Parameter::absolute("tau_s", [0.0, 15e-3], 5e-4)],
     separated_by: "motion over a wide band with the current held, at several currents",
     confounders: &["sensor_delay", "inertia", "anti_alias_mismatch", "coil_lag"],

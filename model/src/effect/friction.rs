@@ -9,7 +9,7 @@
 //! | Fc | `friction_n` | N | friction at any speed |
 //! | v | input | m/s | velocity |
 //!
-//! The turn at rest is smooth, over 5 mm/s.
+//! The change of sign at rest is smooth, over 5 mm/s.
 
 use super::parts::smooth_sign;
 use super::{About, EffectState, Inside, Parameter};
@@ -18,7 +18,7 @@ use crate::force::Inputs;
 pub(super) const ABOUT: About = About {
     id: "friction",
     form: None,
-    what: "seals and guides rub, at any speed and current alike",
+    what: "seals and guides add Coulomb friction, the same at any speed and current",
     parameters: &[Parameter::absolute("friction_n", [0.0, 200.0], 2.0)],
     separated_by: "slow motion without current",
     confounders: &["asymmetry", "deadzone", "velocity_saturation"],

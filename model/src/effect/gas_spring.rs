@@ -1,4 +1,4 @@
-//! Gas spring: the accumulator's gas is compressed as the rod goes in.
+//! Gas spring: the rod compresses the gas of the accumulator as it moves in.
 //!
 //! ```text
 //! F' = F + k x
@@ -9,7 +9,7 @@
 //! | k | `stiffness_n_m` | N/m | gas pressure times rod area squared over gas volume, times the polytropic exponent |
 //! | x | input | m | displacement, positive in extension |
 //!
-//! The gas' force at rest is part of the session's offset.
+//! The force of the gas at rest is part of the session's force offset.
 
 use super::{About, EffectState, Inside, Parameter};
 use crate::force::Inputs;
@@ -19,7 +19,7 @@ pub(super) const ABOUT: About = About {
     form: None,
     what: "the gas pushes back in proportion to displacement",
     parameters: &[Parameter::absolute("stiffness_n_m", [0.0, 20e3], 200.0)],
-    separated_by: "slow, long strokes without current: force at equal speed, further in and further out",
+    separated_by: "slow, long strokes without current: force at equal speed, at positions further in and further out",
     confounders: &["inertia", "end_stop", "position_dependence"],
     needs: &[],
 };

@@ -9,7 +9,7 @@
 //! | m | `mass_kg` | kg | mass that moves with the rod on the damper's side of the load cell |
 //! | a | input | m/s² | acceleration |
 //!
-//! At the first sample, before there is an acceleration, there is no force; with no mass there is.
+//! The first sample has no acceleration yet, so it has a force only if the mass is zero.
 
 use super::{About, EffectState, Inside, Parameter};
 use crate::force::Inputs;
@@ -17,9 +17,9 @@ use crate::force::Inputs;
 pub(super) const ABOUT: About = About {
     id: "inertia",
     form: None,
-    what: "a mass that is shaken with the rod adds its force",
+    what: "a mass that moves with the rod adds its inertial force",
     parameters: &[Parameter::absolute("mass_kg", [0.0, 5.0], 0.05)],
-    separated_by: "motion of high frequency without current; a mass leads where a lag is late",
+    separated_by: "high-frequency motion without current: the force of a mass leads, a lag is late",
     confounders: &["sensor_delay", "force_lag", "gas_spring", "anti_alias_mismatch"],
     needs: &[],
 };
@@ -27,6 +27,6 @@ pub(super) const ABOUT: About = About {
 #[inline]
 pub(super) fn step(mass_kg: f64, _: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
     let force_n = inside.run(inputs)?;
-    // No mass, no need of an acceleration.
+    // Without a mass no acceleration is needed.
     if mass_kg == 0.0 { Some(force_n) } else { Some(force_n + mass_kg * inputs.acceleration_m_s2) }
 }

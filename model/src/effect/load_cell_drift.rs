@@ -9,19 +9,19 @@
 //! | b | `rate_n_s` | N/s | drift |
 //! | t | state | s | time since the run began |
 //!
-//! The run begins at the first sample, and again after a gap: how long a gap was is not known here.
+//! Time starts at the first sample, and again after a gap, because the length of a gap is not known here.
 
 use super::{About, EffectState, Inside, Parameter};
 use crate::force::Inputs;
 use crate::force::law::Scale;
 
-/// Two per cent of the largest force a minute.
+/// Fastest drift, 1/s: two per cent of the largest force a minute.
 const MOST_1_S: f64 = 0.02 / 60.0;
 
 pub(super) const ABOUT: About = About {
     id: "load_cell_drift",
     form: None,
-    what: "the load cell's zero wanders in proportion to time",
+    what: "the load cell's zero drifts in proportion to time",
     parameters: &[Parameter::relative(
         "rate_n_s",
         Scale::new(1, 0, 0, 0),
@@ -40,7 +40,7 @@ pub(super) fn step(
     inputs: &Inputs,
     inside: &mut Inside,
 ) -> Option<f64> {
-    // Time goes on whether there is a force or not.
+    // Time also advances at samples without a force.
     state.held[0] = state.elapsed.hit(inputs.dt_s).map_or(0.0, |since_s| state.held[0] + since_s);
     let time_s = state.held[0];
     Some(inside.run(inputs)? + rate_n_s * time_s)

@@ -1,15 +1,14 @@
-//! Physical effects that a force model lacks, one file each, and how they are put around it.
+//! Physical effects that a force model may lack, one file each, and how they are added around it.
 //!
 //! ```text
 //!   x, v, a, i, T ──→ effect 3 ──→ effect 2 ──→ effect 1 ──→ model
 //!            F'   ←── effect 3 ←── effect 2 ←── effect 1 ←── F
 //! ```
 //!
-//! An effect stands around a model, or around a model with effects: it makes something of the inputs on their way in
-//! (the coil's lag makes another current), of the force on its way out (friction adds some), or of both (a spring in
-//! series asks for the force at which rod and piston agree). [`Augmented`] is a model with up to [`MAX_EFFECTS`] of
-//! them; it runs as a model does, is `Copy` and steps without an allocation, so that a model that has been told of
-//! an effect can be swapped in live. A `Model` (see [`crate::model`]) and a model file carry the same list:
+//! An effect wraps a model, or a model that has effects already. It changes the inputs (the coil lag changes the current), the
+//! force (friction adds to it), or both (a series spring solves for the force at which rod and piston agree). [`Augmented`] is a model
+//! with up to [`MAX_EFFECTS`] of them. It runs like a model, is `Copy` and steps without allocating, so an augmented model can replace
+//! the running one live. A `Model` (see [`crate::model`]) and a model file contain the same list:
 //!
 //! ```toml
 //! [[effects]]                  # in order of application: the first one is nearest to the model
@@ -21,20 +20,20 @@
 //!
 //! | rule | |
 //! |---|---|
-//! | absent | with its parameter at [`Parameter::neutral`] an effect is not there, to 1e-12 of the force |
-//! | steps | lags are exact for inputs that run straight from sample to sample; a changing rate is no special case |
-//! | gap | `dt_s == None` starts every effect anew; so does a step that is not positive |
-//! | not known | an input that is not finite gives no force, changes no memory, and its time is made up for |
-//! | offset | the session's force offset is no force of the damper: what scales force leaves it out |
-//! | one step ahead | a model that feeds on measured force has the effects in its input; with effects it only runs free |
+//! | absent | with its parameter at [`Parameter::neutral`] an effect changes the force by at most 1e-12 of it |
+//! | steps | lags are exact for inputs that are linear between samples, at any rate and at a changing rate |
+//! | gap | `dt_s == None` restarts every effect; so does a step that is not positive |
+//! | not finite | an input that is not finite gives no force and changes no state; the next step covers its time |
+//! | offset | the session's force offset does not come from the damper, so effects that scale the force leave it out |
+//! | one-step-ahead | a model fed with measured force has the effects in its input, so with effects it is only simulated (free run) |
 //!
-//! # What a diagnosis finds here
-//! For each of [`Effect::ALL`]: what it is in a line, its parameters with their physical range (in the data's own
-//! scales where dampers differ by orders of magnitude), the step at which its score is taken
-//! ([`Effect::probe`]), the excitation that tells it apart, what it is confounded with, and the channels it needs.
+//! # Metadata for the diagnosis
+//! Each effect in [`Effect::ALL`] has a one-line description, and for each parameter a physical range. The range is relative to the
+//! data's scales where dampers differ by orders of magnitude. Further it has the step at which its score is computed
+//! ([`Effect::probe`]), the excitation that separates it from others, its confounders, and the channels it needs.
 //!
-//! # An effect of one's own
-//! One file more in this directory, say `cavitation.rs`, which opens with its equation, and holds
+//! # Adding an effect
+//! Add one file to this directory, say `cavitation.rs`, which starts with the equation and contains
 //!
 //! ```ignore
 //! pub(super) const ABOUT: About = About {
@@ -48,15 +47,15 @@
 //! };
 //!
 //! pub(super) fn step(suction_n: f64, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
-//!     let force_n = inside.run(inputs)?;      // with other inputs, if the effect is on them
+//!     let force_n = inside.run(inputs)?;      // with changed inputs, if the effect acts on them
 //!     Some(force_n.max(-suction_n))
 //! }
 //! ```
 //!
-//! then one line each in [`Effect`], [`Effect::ALL`], `Effect::about` and `EffectModel::step` (the compiler asks
-//! for all but the second, a test for that). What it remembers goes into `state`: two first-order lags, three
-//! numbers, a delay line; `state.force_inside` and `state.drive` say how long ago the last good sample was. File, model file, diagnosis,
-//! pipeline and the tests that hold for every effect then know it.
+//! Then add one line each to [`Effect`], [`Effect::ALL`], `Effect::about` and `EffectModel::step`. If one is missing, the code does not
+//! compile, or for [`Effect::ALL`] a test fails. State goes into `state`: two first-order lags, three numbers and a delay line;
+//! `state.force_inside` and `state.drive` give the time since the last valid sample. Model file, diagnosis, pipeline and the
+//! tests for all effects then include it.
 
 mod anti_alias_mismatch;
 mod asymmetry;
@@ -83,11 +82,11 @@ use crate::force::law::Scale;
 use parts::Lag;
 use run::{EffectState, Inside};
 
-/// The most effects around one model.
+/// Largest number of effects around one model.
 pub const MAX_EFFECTS: usize = 3;
-/// The most parameters that an effect has.
+/// Largest number of parameters of an effect.
 pub const MAX_EFFECT_PARAMETERS: usize = 2;
-/// The longest delay between channels that an effect can make, s.
+/// Longest delay between channels that an effect can model, s.
 pub const MAX_DELAY_S: f64 = 10e-3;
 
 /// A physical effect, in one of its forms.
@@ -95,19 +94,19 @@ pub const MAX_DELAY_S: f64 = 10e-3;
 pub enum Effect {
     /// Lag of the coil, one time constant.
     CoilLag,
-    /// Lag of the coil, one time constant up and another down.
+    /// Lag of the coil, with one time constant for rise and one for fall.
     CoilLagRiseFall,
     /// Remanence of the core.
     Remanence,
-    /// Weaker when warm.
+    /// Force that falls with the case temperature.
     ThermalFade,
     /// Stiffness of the gas.
     GasSpring,
-    /// Mass that moves along.
+    /// Mass that moves with the rod.
     Inertia,
     /// Coulomb friction.
     Friction,
-    /// Unlike in extension and compression.
+    /// Different force in extension and compression.
     Asymmetry,
     /// First-order lag of the force.
     ForceLag,
@@ -121,15 +120,15 @@ pub enum Effect {
     EndStop,
     /// Drift of the load cell.
     LoadCellDrift,
-    /// Force that grows along the stroke.
+    /// Force that changes along the stroke.
     PositionDependence,
-    /// Force that bends at high speed.
+    /// Force that is not linear in velocity at high speed.
     VelocitySaturation,
     /// Low-pass of the force channel.
     AntiAliasMismatch,
 }
 
-/// All that is fixed about an effect; its file holds it.
+/// The constants of an effect, defined in its file.
 #[derive(Debug, Clone, Copy)]
 struct About {
     id: &'static str,
@@ -146,12 +145,12 @@ struct About {
 pub enum Need {
     /// The drive.
     Drive,
-    /// The case's temperature.
+    /// The case temperature.
     CaseTemperature,
 }
 
 impl Need {
-    /// What it is, in words.
+    /// Name of the channel.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -163,53 +162,52 @@ impl Need {
 
 /// One parameter of an effect.
 ///
-/// Ranges, probes and neutral values are multiples of a scale of the data, or numbers in the parameter's unit where
-/// the scale is [`Scale::ONE`].
+/// Range, probe and neutral value are multiples of a scale of the data, or in the parameter's unit if the scale is [`Scale::ONE`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
-    /// Name as in model files, with its unit.
+    /// Name as in model files; ends in the unit.
     pub name: &'static str,
-    /// What the numbers below are multiples of: powers of the largest force, displacement, velocity.
+    /// Unit of the numbers below: powers of the largest force, displacement and velocity.
     pub scale: Scale,
-    /// Range in which it is physically plausible.
+    /// Range of physically plausible values.
     pub range: [f64; 2],
-    /// Value at which the effect is absent. Of a shape parameter (see [`Parameter::is_shape`]) the value at which it
-    /// is held while the others are probed.
+    /// Value at which the effect is absent. For a shape parameter (see [`Parameter::is_shape`]): the value at which it is held while
+    /// the others are probed.
     pub neutral: f64,
-    /// Small step from neutral at which a score is taken; zero for a shape parameter.
+    /// Small step from neutral at which a score is computed; zero for a shape parameter.
     pub probe: f64,
 }
 
 impl Parameter {
-    /// One in its own unit, neutral at zero.
+    /// A parameter in its own unit, neutral at zero.
     const fn absolute(name: &'static str, range: [f64; 2], probe: f64) -> Self {
         Self::relative(name, Scale::ONE, range, probe)
     }
 
-    /// One in scales of the data, neutral at zero.
+    /// A parameter in scales of the data, neutral at zero.
     const fn relative(name: &'static str, scale: Scale, range: [f64; 2], probe: f64) -> Self {
         Self { name, scale, range, neutral: 0.0, probe }
     }
 
-    /// One that says where or how, not how much.
+    /// A shape parameter (see [`Parameter::is_shape`]), held at `held` while others are probed.
     const fn shape(name: &'static str, scale: Scale, range: [f64; 2], held: f64) -> Self {
         Self { name, scale, range, neutral: held, probe: 0.0 }
     }
 
-    /// True for a parameter that says where or how, not how much: no value of it takes the effect away.
+    /// True for a parameter that sets where or how the effect acts, not how strong it is: the effect is present at any value of it.
     #[must_use]
     pub const fn is_shape(&self) -> bool {
         self.probe == 0.0
     }
 
-    /// The physical range in the parameter's unit, where its scale has this size in the data.
+    /// The physical range in the parameter's unit, if its scale has the size `size` in the data.
     #[must_use]
     pub const fn range_at(&self, size: f64) -> [f64; 2] {
         [self.range[0] * size, self.range[1] * size]
     }
 
-    /// What a model may hold: the physical range widened to the neutral value; of a range that is relative to the
-    /// data, which a model does not know, only the sign.
+    /// Values allowed in a model: the physical range, extended to the neutral value. A range relative to the data limits only the sign,
+    /// because a model does not know the data's scales.
     #[must_use]
     pub fn allowed(&self) -> [f64; 2] {
         let [low, high] = [self.range[0].min(self.neutral), self.range[1].max(self.neutral)];
@@ -221,7 +219,7 @@ impl Parameter {
 }
 
 impl Effect {
-    /// All effects, in the order in which lists of them stand; forms of one id side by side.
+    /// All effects, in the order used in every list; forms of one id are next to each other.
     pub const ALL: [Self; 17] = [
         Self::CoilLag,
         Self::CoilLagRiseFall,
@@ -264,13 +262,13 @@ impl Effect {
         }
     }
 
-    /// The id, as in model files and diagnoses; the forms of one effect share it.
+    /// The id, as in model files and reports. The forms of one effect share it.
     #[must_use]
     pub const fn id(self) -> &'static str {
         self.about().id
     }
 
-    /// The ids of the library, each once, in the order of [`Effect::ALL`].
+    /// All ids, each once, in the order of [`Effect::ALL`].
     #[must_use]
     pub fn ids() -> Vec<&'static str> {
         let mut ids = Self::ALL.map(Self::id).to_vec();
@@ -278,25 +276,25 @@ impl Effect {
         ids
     }
 
-    /// Which form of the effect this is, where there is more than one.
+    /// The form, for an effect with more than one.
     #[must_use]
     pub const fn form(self) -> Option<&'static str> {
         self.about().form
     }
 
-    /// The id, and the form where there is more than one: `coil_lag (rise_fall)`.
+    /// The id, with the form if there is more than one: `coil_lag (rise_fall)`.
     #[must_use]
     pub fn title(self) -> String {
         self.form().map_or_else(|| self.id().to_owned(), |form| format!("{} ({form})", self.id()))
     }
 
-    /// The effect of this id and form.
+    /// The effect with this id and form.
     #[must_use]
     pub fn named(id: &str, form: Option<&str>) -> Option<Self> {
         Self::ALL.into_iter().find(|effect| effect.id() == id && effect.form() == form)
     }
 
-    /// The finer form of it that a diagnosis tries once this one is named.
+    /// The refined form that a diagnosis tries after this one was named.
     #[must_use]
     pub const fn refined(self) -> Option<Self> {
         match self {
@@ -305,37 +303,37 @@ impl Effect {
         }
     }
 
-    /// What it is, in a line.
+    /// Description in one line.
     #[must_use]
     pub const fn what(self) -> &'static str {
         self.about().what
     }
 
-    /// Its parameters, in the order in which every list of them stands.
+    /// Its parameters, in the order used in every list of values.
     #[must_use]
     pub const fn parameters(self) -> &'static [Parameter] {
         self.about().parameters
     }
 
-    /// The excitation that tells it apart.
+    /// The excitation that separates it from other effects.
     #[must_use]
     pub const fn separated_by(self) -> &'static str {
         self.about().separated_by
     }
 
-    /// Ids of effects that look alike where the excitation does not separate them.
+    /// Ids of effects with which it can be confused if the excitation does not separate them.
     #[must_use]
     pub const fn confounders(self) -> &'static [&'static str] {
         self.about().confounders
     }
 
-    /// Channels that it needs beside displacement and force.
+    /// Channels that it needs in addition to displacement and force.
     #[must_use]
     pub const fn needs(self) -> &'static [Need] {
         self.about().needs
     }
 
-    /// True when it adds a force that the drive has no part in, and hands its inputs on as they are.
+    /// True if it adds a force that does not depend on the drive, and does not change the inputs.
     #[must_use]
     pub const fn only_adds(self) -> bool {
         matches!(
@@ -349,13 +347,14 @@ impl Effect {
         )
     }
 
-    /// The effect absent, where `size` tells how large a scale is in the data: the base of a score.
+    /// The effect with all parameters neutral. `size` returns the size of a scale in the data.
     #[must_use]
     pub fn neutral(self, size: impl Fn(Scale) -> f64) -> EffectModel {
         self.stepped(None, size)
     }
 
-    /// The effect with its parameter `index` one probe from neutral, the others neutral: where a score is taken.
+    /// The effect with parameter `index` one probe from neutral and the others neutral, where its score is computed. `size` returns the
+    /// size of a scale in the data.
     #[must_use]
     pub fn probe(self, index: usize, size: impl Fn(Scale) -> f64) -> EffectModel {
         self.stepped(Some(index), size)

@@ -1,24 +1,24 @@
-//! What several effects are made of: time between good samples, a first-order lag, a play operator.
+//! Parts that several effects use: time between valid samples, a first-order lag, a play operator, a delay line.
 
 use super::MAX_DELAY_S;
 
-/// Velocity over which a smooth sign turns from -1 to 1, m/s.
+/// Velocity scale over which the smooth sign changes from -1 to 1, m/s.
 const SIGN_VELOCITY_M_S: f64 = 5e-3;
 
-/// The sign of a velocity, smooth where it turns: tanh(v / 5 mm/s). A solver around it needs that.
+/// Smooth sign of a velocity: tanh(v / 5 mm/s). It is smooth because the solver of a series spring around it needs that.
 #[inline]
 pub(super) fn smooth_sign(velocity_m_s: f64) -> f64 {
     crate::force::tanh(velocity_m_s / SIGN_VELOCITY_M_S)
 }
 
-/// `force_n` with the damper's share of it times `factor`, zero where that is negative: the session's offset is no
-/// force of the damper. NaN stays NaN, which f64::max would make a zero of.
+/// `force_n` with the damper's part multiplied by `factor`, or by zero if `factor` is negative. The session's offset is not multiplied:
+/// it does not come from the damper. The comparison keeps NaN, which `f64::max` would turn into zero.
 #[inline]
 pub(super) fn scaled(force_n: f64, offset_n: f64, factor: f64) -> f64 {
     offset_n + (force_n - offset_n) * if factor < 0.0 { 0.0 } else { factor }
 }
 
-/// Time from one sample that an effect could use to the next: what lies between counts, whatever it was.
+/// Time between samples that an effect can use. Samples in between that it cannot use count towards the time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Elapsed {
     begun: bool,
@@ -26,14 +26,13 @@ pub(super) struct Elapsed {
 }
 
 impl Elapsed {
-    /// Time since the last sample of use; `None` at the first one and after a gap. A step that is not positive is a
-    /// gap.
+    /// Time since the last valid sample, s; `None` at the first one and after a gap. A step that is not positive counts as a gap.
     #[inline]
     pub(super) fn since_s(&self, dt_s: Option<f64>) -> Option<f64> {
         dt_s.filter(|dt| self.begun && *dt > 0.0).map(|dt| self.waited_s + dt)
     }
 
-    /// This sample is of use: time since the last one, as [`Elapsed::since_s`].
+    /// Records a valid sample, and returns the time since the last one as [`Elapsed::since_s`].
     #[inline]
     pub(super) fn hit(&mut self, dt_s: Option<f64>) -> Option<f64> {
         let since_s = self.since_s(dt_s);
@@ -41,7 +40,7 @@ impl Elapsed {
         since_s
     }
 
-    /// This sample is of no use.
+    /// Records a sample that cannot be used.
     #[inline]
     pub(super) fn miss(&mut self, dt_s: Option<f64>) {
         *self = match self.since_s(dt_s) {
@@ -51,7 +50,7 @@ impl Elapsed {
     }
 }
 
-/// Coefficients of a first-order lag for one step, kept because a stream keeps its rate as a rule.
+/// Coefficients of a first-order lag for one step. They are kept for the next step because most streams have a constant rate.
 ///
 /// ```text
 /// p = exp(-h/tau),   q = (1 - p) tau / h
@@ -65,11 +64,11 @@ pub(super) struct Coefficients {
 }
 
 impl Coefficients {
-    /// Those for this time constant and step.
+    /// The coefficients for this time constant and step, recomputed if either changed.
     #[inline]
     pub(super) fn of(&mut self, tau_s: f64, step_s: f64) -> Self {
         if tau_s != self.tau_s || step_s != self.step_s {
-            // A time constant of zero makes the ratio infinite, the pole and the ramp zero: nothing lags.
+            // A time constant of zero makes the ratio infinite, and pole and ramp zero, which means without a lag.
             let ratio = step_s / tau_s;
             *self = Self { tau_s, step_s, pole: (-ratio).exp(), ramp: -(-ratio).exp_m1() / ratio };
         }
@@ -77,8 +76,7 @@ impl Coefficients {
     }
 }
 
-/// Input and output of a first-order lag: tau dy/dt = u - y, exact for an input that runs straight from sample to
-/// sample, whatever the steps.
+/// Input and output of a first-order lag, tau dy/dt = u - y. Exact for an input that is linear between samples, for any step.
 ///
 /// ```text
 /// y_k = p y_{k-1} + (1 - q) u_k + (q - p) u_{k-1}
@@ -105,22 +103,22 @@ impl Lag {
     }
 }
 
-/// Play operator: the output stays while the input is within `half_width` of it, and is dragged along beyond.
+/// Play operator: the output stays while the input is within `half_width` of it; beyond that it follows at that distance.
 #[inline]
 pub(super) fn play(before: f64, input: f64, half_width: f64) -> f64 {
     before.max(input - half_width).min(input + half_width)
 }
 
-/// Samples that a [`Ring`] holds.
+/// Number of samples in a [`Ring`].
 const CAPACITY: usize = 64;
-/// Spacing of the samples that are kept, s: so many of them reach back over the longest delay at any rate.
+/// Least spacing of the kept samples, s, so that [`CAPACITY`] of them cover the longest delay at any rate.
 const SPACING_S: f64 = MAX_DELAY_S / (CAPACITY - 2) as f64;
 
-/// The last values of a signal, reaching back at least [`MAX_DELAY_S`] at any rate: where samples come closer than
-/// 0.16 ms (beyond 6.2 kHz) only so many are kept that they are that far apart, and the newest.
+/// The last values of a signal, over at least [`MAX_DELAY_S`] at any rate. If samples are closer than 0.16 ms (rates above 6.2 kHz),
+/// only samples that far apart are kept, plus the newest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ring {
-    /// Time since the value kept before, s, and the value.
+    /// For each kept value: the time since the kept value before it, s, and the value.
     slots: [(f64, f64); CAPACITY],
     newest: usize,
     len: usize,
@@ -133,18 +131,18 @@ impl Default for Ring {
 }
 
 impl Ring {
-    /// Starts anew with `value`.
+    /// Restarts with `value`.
     pub(super) const fn restart(&mut self, value: f64) {
         self.newest = 0;
         self.len = 1;
         self.slots[0] = (0.0, value);
     }
 
-    /// Takes in `value`, `since_s` after the one before.
+    /// Adds `value`, `since_s` after the one before.
     #[inline]
     pub(super) fn push(&mut self, since_s: f64, value: f64) {
         let spacing_s = self.slots[self.newest].0;
-        // The first value is kept however soon the second comes.
+        // The first value is always kept, even if the second follows sooner than the spacing.
         if self.len > 1 && spacing_s < SPACING_S {
             self.slots[self.newest] = (spacing_s + since_s, value);
             return;
@@ -154,7 +152,7 @@ impl Ring {
         self.slots[self.newest] = (since_s, value);
     }
 
-    /// The value `age_s` before the newest, between two kept ones on the straight line; before the first one, that.
+    /// The value `age_s` before the newest, by linear interpolation between kept values; before the first value, the first value.
     #[inline]
     pub(super) fn at(&self, age_s: f64) -> f64 {
         let (mut slot, mut left_s) = (self.newest, age_s);

@@ -1,4 +1,4 @@
-//! Dependence on position: the gap is not the same all along the stroke.
+//! Dependence on position: the damper's gap changes along the stroke.
 //!
 //! ```text
 //! F' = F0 + (F - F0) max(0, 1 + gamma x)
@@ -6,9 +6,9 @@
 //!
 //! | symbol | parameter | unit | meaning |
 //! |---|---|---|---|
-//! | gamma | `growth_per_m` | 1/m | share by which the force grows with a metre of displacement |
+//! | gamma | `growth_per_m` | 1/m | relative growth of the force per metre of displacement |
 //! | x | input | m | displacement, positive in extension |
-//! | F0 | of the model | N | the session's offset, no force of the damper |
+//! | F0 | of the model | N | the session's force offset, which does not come from the damper |
 
 use super::parts::scaled;
 use super::{About, EffectState, Inside, Parameter};
@@ -17,9 +17,9 @@ use crate::force::Inputs;
 pub(super) const ABOUT: About = About {
     id: "position_dependence",
     form: None,
-    what: "force grows, or falls, along the stroke in proportion to itself",
+    what: "the force grows or falls along the stroke, in proportion to itself",
     parameters: &[Parameter::absolute("growth_per_m", [-10.0, 10.0], 0.1)],
-    separated_by: "the same speeds and currents about several mean positions",
+    separated_by: "the same speeds and currents around several mean positions",
     confounders: &["gas_spring", "asymmetry", "end_stop"],
     needs: &[],
 };

@@ -1,4 +1,4 @@
-//! Remanence: the core stays magnetised, so the field depends on where the current came from.
+//! Remanence: the core stays magnetised, so the field depends on the history of the current.
 //!
 //! ```text
 //! i_e = max(i - w, min(i + w, i_e before))        the model is driven by i_e
@@ -6,11 +6,13 @@
 //!
 //! | symbol | parameter | unit | meaning |
 //! |---|---|---|---|
-//! | w | `half_width_drive` | that of the drive | half the width of the loop: coercive field over turns and gap |
+//! | w | `half_width_drive` | as the drive | half the width of the loop: coercive field over turns and gap |
 //! | i | input | A or V | drive |
 //!
-//! The play operator, the simplest of the hystereses of which Prandtl and Ishlinskii build theirs. It starts without
-//! remanence, at the first drive. Time does not enter.
+//! This is the play operator, the elementary hysteresis of the Prandtl-Ishlinskii model. It starts without remanence at the first
+//! drive, and does not depend on time.
+//!
+//! Source: `[prandtl-ishlinskii]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::parts::play;
 use super::{About, EffectState, Inside, Need, Parameter};

@@ -1,4 +1,4 @@
-//! Effects with their numbers, around a force model: what runs.
+//! Effects with parameters, and force models with effects around them.
 
 use super::parts::{Coefficients, Elapsed, Lag, Ring};
 use super::{Effect, MAX_EFFECT_PARAMETERS, MAX_EFFECTS, Need, coil_lag, end_stop};
@@ -8,7 +8,7 @@ use super::{thermal_fade, velocity_saturation};
 use crate::error::Error;
 use crate::force::{ForceModel, FreeRun, FuzzyTanhAlong, Inputs};
 
-/// An effect with its parameters: one that can run.
+/// An effect with its parameters, ready to run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EffectModel {
     effect: Effect,
@@ -20,8 +20,8 @@ impl EffectModel {
     /// `effect` with `parameters`, in the order of [`Effect::parameters`].
     ///
     /// # Errors
-    /// [`Error::Length`] when there are more or fewer than it has; [`Error::Data`] with the parameter and its range
-    /// when one is not within [`super::Parameter::allowed`].
+    /// [`Error::Length`] if the number of parameters is wrong; [`Error::Data`] with the parameter and its range if a value is not within
+    /// [`super::Parameter::allowed`].
     pub fn new(effect: Effect, parameters: &[f64]) -> Result<Self, Error> {
         let known = effect.parameters();
         if parameters.len() != known.len() {
@@ -49,12 +49,12 @@ impl EffectModel {
         Ok(model)
     }
 
-    /// With numbers of the library itself.
+    /// Without a check, for values from this library.
     pub(super) const fn unchecked(effect: Effect, parameters: [f64; MAX_EFFECT_PARAMETERS]) -> Self {
         Self { effect, parameters }
     }
 
-    /// Which effect.
+    /// The effect.
     #[must_use]
     pub const fn effect(&self) -> Effect {
         self.effect
@@ -66,7 +66,8 @@ impl EffectModel {
         &self.parameters[..self.effect.parameters().len()]
     }
 
-    /// One sample: hands the effect's inputs to what is inside, and makes the effect's force of its force.
+    /// One sample: steps the model inside with the inputs that the effect gives it, and returns the force with the effect. `None` if that
+    /// is not finite.
     #[inline]
     fn step(&self, state: &mut EffectState, inputs: &Inputs, inside: &mut Inside) -> Option<f64> {
         let p = self.parameters;
@@ -93,8 +94,7 @@ impl EffectModel {
     }
 }
 
-/// What an effect remembers from sample to sample. One type for all, so that states are a plain array; each effect
-/// uses its share.
+/// State of an effect. All effects share one type so that states are a plain array; each effect uses a part of it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct EffectState {
     pub(super) elapsed: Elapsed,
@@ -105,8 +105,8 @@ pub(super) struct EffectState {
 }
 
 impl EffectState {
-    /// The force of what is inside, and the time since it last had one (`None`: the first one, or after a gap). A
-    /// sample without a force is waited out.
+    /// The force of the model inside, and the time since its last force (`None` at the first one and after a gap). Returns `None` for a
+    /// sample without a force; its time counts towards the next step.
     #[inline]
     pub(super) fn force_inside(
         &mut self,
@@ -120,7 +120,7 @@ impl EffectState {
         Some((force_n?, self.elapsed.hit(inputs.dt_s)))
     }
 
-    /// Whether the drive is there, and the time since it last was, likewise.
+    /// The time since the last finite drive (inner `None` at the first one and after a gap); `None` if the drive is not finite.
     #[inline]
     pub(super) fn drive(&mut self, inputs: &Inputs) -> Option<Option<f64>> {
         if inputs.drive.is_finite() {
@@ -131,7 +131,7 @@ impl EffectState {
     }
 }
 
-/// What an effect is around: the model with the effects before it, and what they remember.
+/// The inside of an effect: the model with the effects before it, and their states.
 pub(super) struct Inside<'a> {
     force: &'a ForceModel,
     effects: &'a [EffectModel],
@@ -140,7 +140,7 @@ pub(super) struct Inside<'a> {
 }
 
 impl<'a> Inside<'a> {
-    /// Steps what is inside; the force may not be finite.
+    /// Steps the model inside. The force may be not finite.
     #[inline]
     pub(super) fn run(&mut self, inputs: &Inputs) -> Option<f64> {
         let Some((outermost, effects)) = self.effects.split_last() else {
@@ -151,43 +151,43 @@ impl<'a> Inside<'a> {
         outermost.step(own, inputs, &mut inside)
     }
 
-    /// Steps what is inside; `None` when the force is not finite.
+    /// Steps the model inside; `None` if the force is not finite.
     #[inline]
     pub(super) fn finite(&mut self, inputs: &Inputs) -> Option<f64> {
         self.run(inputs).filter(|force_n| force_n.is_finite())
     }
 
-    /// The model at a drive that stays, where one that tells its slope stands alone inside.
+    /// The model at a fixed drive, if it can give its slope and has no effects around it inside.
     #[inline]
     pub(super) fn along(&self, drive: f64) -> Option<FuzzyTanhAlong<'_>> {
         if self.effects.is_empty() { self.force.along(drive) } else { None }
     }
 
-    /// A sample that may be taken back.
+    /// Trial steps of one sample, each of which can be undone.
     #[inline]
     pub(super) fn trials(&mut self) -> Trials<'_, 'a> {
         let free = self.force.remembers().then_some(*self.free);
         Trials { free, states: Kept::of(self.states), inside: self, stepped: false }
     }
 
-    /// The session's force offset, N: no force of the damper.
+    /// The session's force offset, N, which does not come from the damper.
     #[inline]
     pub(super) fn offset_n(&self) -> f64 {
         self.force.force_offset_n()
     }
 }
 
-/// Steps of what is inside, each from where it stood before the sample: the last one stands.
+/// Trial steps of the model inside. Each starts from the state before the sample; the state after the last one is kept.
 pub(super) struct Trials<'a, 'b> {
     inside: &'a mut Inside<'b>,
-    /// `None` for a model that remembers nothing.
+    /// `None` for a model without state.
     free: Option<FreeRun>,
     states: Kept,
     stepped: bool,
 }
 
 impl Trials<'_, '_> {
-    /// Takes the step before back, if there was one, and steps with `inputs`; `None` when the force is not finite.
+    /// Undoes the step before, if there was one, and steps with `inputs`; `None` if the force is not finite.
     #[inline]
     pub(super) fn step(&mut self, inputs: &Inputs) -> Option<f64> {
         if self.stepped {
@@ -201,8 +201,8 @@ impl Trials<'_, '_> {
     }
 }
 
-/// States of the effects within another one: there may be one less than [`MAX_EFFECTS`]. Each is a kilobyte, so none is kept that
-/// is not there.
+/// Saved states of the effects inside another one, at most [`MAX_EFFECTS`] - 1. A state is a kilobyte, so only states of existing
+/// effects are copied.
 #[allow(clippy::large_enum_variant, reason = "a box would allocate")]
 enum Kept {
     None,
@@ -230,7 +230,7 @@ impl Kept {
     }
 }
 
-/// Up to [`MAX_EFFECTS`] effects in order of application: the last one is the outermost.
+/// Up to [`MAX_EFFECTS`] effects, in order of application: the last one is the outermost.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effects {
     list: [EffectModel; MAX_EFFECTS],
@@ -247,7 +247,7 @@ impl Effects {
     /// These effects, the first one nearest to the model.
     ///
     /// # Errors
-    /// [`Error::Length`] when there are more than [`MAX_EFFECTS`].
+    /// [`Error::Length`] if there are more than [`MAX_EFFECTS`].
     pub fn new(effects: &[EffectModel]) -> Result<Self, Error> {
         let mut all = Self::NONE;
         let Some(list) = all.list.get_mut(..effects.len()) else {
@@ -268,39 +268,39 @@ impl Effects {
         &self.list[..self.len]
     }
 
-    /// True when there are none.
+    /// True if the list is empty.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// True when one of them needs `need`.
+    /// True if one of them needs the channel `need`.
     #[must_use]
     pub fn need(&self, need: Need) -> bool {
         self.needing(need).is_some()
     }
 
-    /// The first that needs `need`.
+    /// The first effect that needs the channel `need`.
     #[must_use]
     pub fn needing(&self, need: Need) -> Option<Effect> {
         self.as_slice().iter().map(EffectModel::effect).find(|effect| effect.needs().contains(&need))
     }
 
-    /// True when the state of `other` means the same here: the same effects, whatever their parameters.
+    /// True if the effects are the same, with any parameters; a state of `other` is then valid here.
     pub(crate) fn same_kinds(&self, other: &Self) -> bool {
         self.as_slice().iter().map(EffectModel::effect).eq(other.as_slice().iter().map(EffectModel::effect))
     }
 
-    /// Refuses effects that `force` has nothing for.
+    /// Checks that the effects can be added to `force`.
     ///
     /// # Errors
-    /// [`Error::Data`] for an effect on the drive around a model without one.
+    /// [`Error::Data`] for an effect on the drive around a model without a drive.
     pub fn check(&self, force: &ForceModel) -> Result<(), Error> {
         match self.needing(Need::Drive) {
             Some(effect) if force.drive().is_none() => Err(Error::Data {
                 message: format!(
-                    "effect {} acts on the drive, but the {} model has none: leave the effect out, or take a model \
-                     that follows the drive",
+                    "effect {} acts on the drive, but the {} model has none: remove the effect, or use a model \
+                     that depends on the drive",
                     effect.id(),
                     force.name()
                 ),
@@ -309,7 +309,7 @@ impl Effects {
         }
     }
 
-    /// Advances `force` with these effects by one sample; see [`Augmented::free_run`].
+    /// Simulates `force` with these effects for one sample; see [`Augmented::free_run`].
     #[inline]
     pub fn free_run(&self, force: &ForceModel, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
         if self.len == 0 {
@@ -333,7 +333,7 @@ pub struct Augmented {
     effects: Effects,
 }
 
-/// State of an [`Augmented`] model that runs free: the model's, and each effect's.
+/// Simulation state of an [`Augmented`] model: the model's state and each effect's.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AugmentedState {
     pub(crate) free: FreeRun,
@@ -341,7 +341,7 @@ pub struct AugmentedState {
 }
 
 impl AugmentedState {
-    /// The same model state, every effect anew: for a model that is swapped in with other effects.
+    /// The same model state with every effect restarted, for a model with other effects that replaces the running one.
     pub(crate) fn without_effects(&self) -> Self {
         Self { free: self.free, ..Self::default() }
     }
@@ -358,7 +358,7 @@ impl Augmented {
     /// `force` with `effects` around it.
     ///
     /// # Errors
-    /// Those of [`Effects::check`].
+    /// See [`Effects::check`].
     pub fn new(force: ForceModel, effects: Effects) -> Result<Self, Error> {
         effects.check(&force)?;
         Ok(Self { force, effects })
@@ -368,7 +368,7 @@ impl Augmented {
         Self { force, effects }
     }
 
-    /// The model at the core.
+    /// The model without the effects.
     #[must_use]
     pub const fn force(&self) -> &ForceModel {
         &self.force
@@ -380,22 +380,22 @@ impl Augmented {
         &self.effects
     }
 
-    /// The same with another session's force offset, N.
+    /// The same with the force offset of another session, N.
     #[must_use]
     pub const fn with_force_offset_n(self, force_offset_n: f64) -> Self {
         Self { force: self.force.with_force_offset_n(force_offset_n), ..self }
     }
 
-    /// True when it can be fed with measured force, one step ahead: a model that can, without effects. What feeds
-    /// on measured force has the effects in its input already.
+    /// True if it can predict one step ahead from measured force: the model can, and it is without effects. Measured force
+    /// already contains the effects.
     #[must_use]
     pub const fn feeds_on_force(&self) -> bool {
         self.effects.is_empty() && self.force.force_fed_period().is_some()
     }
 
-    /// Advances a free run by one sample and returns the force in newtons, or `None` while the model's history is
-    /// still filling, and with effects whenever the force is not a finite number. Without effects it is
-    /// [`ForceModel::free_run`], bit for bit. Effects start anew where `dt_s` is `None`.
+    /// Simulates one sample (free run) and returns the force in newtons. Returns `None` while the model's history is still filling, and
+    /// with effects also if the force is not finite. Without effects the result is bit-identical to [`ForceModel::free_run`]. Effects
+    /// restart if `dt_s` is `None`.
     #[inline]
     pub fn free_run(&self, state: &mut AugmentedState, inputs: &Inputs) -> Option<f64> {
         self.effects.free_run(&self.force, state, inputs)

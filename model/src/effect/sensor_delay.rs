@@ -2,18 +2,17 @@
 //!
 //! ```text
 //! d >= 0    F'(t) = F(t - d)
-//! d <  0    F'(t) = F at x + |d| v and v + |d| a:  what x and v will be, to first order
+//! d <  0    F'(t) = F at x + |d| v and v + |d| a:  x and v extrapolated to first order
 //! ```
 //!
 //! | symbol | parameter | unit | meaning |
 //! |---|---|---|---|
-//! | d | `delay_s` | s | time by which force is late; negative where displacement is |
+//! | d | `delay_s` | s | time by which the force is late; negative if the displacement is late |
 //! | x, v, a | inputs | m, m/s, m/s² | displacement and its derivatives |
 //!
-//! A late force is the model's own of then, between two samples on the straight line. The memory reaches back 10 ms
-//! at any rate: beyond 6.2 kHz it keeps samples 0.16 ms apart. Before there is a force of then, the first one holds.
-//! An early force would need displacements to come, so it is the best that a causal model can do: drive and
-//! acceleration are left as they are.
+//! A late force is the model's force at that earlier time, by linear interpolation between samples. The memory covers 10 ms at any
+//! rate: above 6.2 kHz it keeps samples 0.16 ms apart. Until it goes back far enough, the first force is used. An early force would
+//! need future displacements; a causal model can only extrapolate them. Drive and acceleration are not changed.
 
 use super::{About, EffectState, Inside, MAX_DELAY_S, Parameter};
 use crate::force::Inputs;

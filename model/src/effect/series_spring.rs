@@ -1,4 +1,4 @@
-//! Compliance in series: mount, rod and clevis give way before the piston moves.
+//! Compliance in series: mount, rod and clevis deform before the piston moves.
 //!
 //! ```text
 //! w = x - c (F - F0),   F = f(w, w')        with f the model
@@ -9,7 +9,7 @@
 //! | c | `compliance_m_n` | m/N | one over the stiffness of the spring: 0 for a rigid one, 1e-5 for 100 kN/m |
 //! | x | input | m | displacement of the rod |
 //! | w | state | m | displacement of the piston |
-//! | F0 | of the model | N | the session's offset, which no spring feels |
+//! | F0 | of the model | N | the session's force offset, which does not act on the spring |
 //!
 //! Each sample solves, with backward differences over the time dt since the sample before,
 //!
@@ -18,37 +18,40 @@
 //! F = f(x - e, v - e', a - e'')
 //! ```
 //!
-//! for F, beginning at where the last two samples point.
+//! for F, starting from the linear extrapolation of the last two samples.
 //!
-//! - A model without memory that tells its slope takes steps of Newton. One shorter than 1 % of the force is the last: what it leaves is
-//!   the square of it. So a sample costs one evaluation of the model, and two or three at a reversal; beside F found to the last digit,
-//!   on noisy motion, that is a thousandth of the force, root mean square, for a spring of 1 kN/mm, and less for stiffer ones.
-//! - Everywhere else, and where three steps do not do, F is found by secants, held between the nearest forces known to be too low and
-//!   too high, and by halving between those where a secant does not halve the error. When the error is small, F takes the secant once
-//!   more, which leaves the square of it, and the model stays as it stepped last: each trial steps it from where it stood before.
-//! - A step of Newton from 1 to 2 % long takes of what comes after it a share that grows from nothing to all: scores and derivatives are
-//!   differences of this force, and must not see a threshold.
+//! - For a model without memory that can give its slope, Newton steps are taken. A step shorter than 1 % of the force is the last,
+//!   because Newton converges quadratically. A sample thus costs one evaluation of the model, and two or three at a reversal. Compared
+//!   with F solved to full precision, on noisy motion, the difference is one thousandth of the force (root mean square) for a spring of
+//!   1 kN/mm, and less for stiffer ones.
+//! - For all other models, and if three Newton steps are not enough, F is found by the secant method. F is kept between the nearest forces
+//!   known to be too low and too high, and the interval is bisected if a secant step does not halve the error. When the error is
+//!   small, one last secant step gives F, and the model keeps the state of the last trial. Each trial starts from the state before the
+//!   sample.
+//! - If a Newton step is from 1 to 2 % long, the next correction is added with a weight that grows smoothly from 0 to 1. Scores and
+//!   derivatives are differences of this force, and a threshold would show in them.
 //!
-//! Around a model whose force falls steeply as speed grows (a spring cannot hold that) there may be no such force; then there is none.
-//! The first sample takes the spring at rest (e' = e'' = 0). Where the model jumps (laws that branch by the sign of acceleration) F
-//! ends within the jump, as a spring would hold it.
+//! Around a model whose force falls steeply with speed such a force may not exist, because the spring cannot balance it; the sample then
+//! has no force. At the first sample the spring is at rest (e' = e'' = 0). If the model jumps (force laws that switch with the sign of the
+//! acceleration), F ends within the jump, as with a real spring.
 //!
-//! Source: Maxwell's element with the damper for its dashpot. Telling of it: a residual that goes with acceleration,
-//! the more so the larger the current.
+//! Source: Maxwell element with the damper as its dashpot. Indicator in data: a residual that correlates with acceleration, more strongly
+//! at larger current.
+//! See `[maxwell]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::{About, EffectState, Inside, Parameter};
 use crate::force::{Inputs, Way};
 
-/// Length of a step of Newton, as a share of the force and of a newton, up to which it is the last, and from which it is not.
+/// Length of a Newton step relative to |force| + 1 N. Up to the first value the step is the last; from the second value on it is not.
 const SHORT: [f64; 2] = [1e-2, 2e-2];
-/// Most steps of Newton a sample.
+/// Largest number of Newton steps per sample.
 const NEWTONS: u32 = 3;
-/// Most trials of the model a sample.
+/// Largest number of trials of the model per sample.
 const TRIALS: u32 = 48;
-/// Error of the force, as a share of it and of a newton, from which one secant more makes it exact: scores and derivatives are
-/// differences of this force, and one part in 1e10 of it is what they need.
+/// Error relative to |force| + 1 N below which one more secant step makes the force exact. Scores and derivatives are differences of
+/// this force and need it to one part in 1e10.
 const TOLERANCE: f64 = 1e-7;
-/// The same where there is no secant: at once, or within a jump.
+/// The same without a secant: at the first trial, or within a jump.
 const EXACT: f64 = 1e-10;
 
 pub(super) const ABOUT: About = About {
@@ -64,25 +67,25 @@ pub(super) const ABOUT: About = About {
 /// The spring at one sample.
 struct Spring {
     compliance_m_n: f64,
-    /// Force at which it is neither long nor short, N.
+    /// Force at which it has its free length, N.
     offset_n: f64,
     before: Option<Before>,
 }
 
-/// What it did at the sample before.
+/// The spring at the sample before.
 struct Before {
-    /// One over the time since.
+    /// One over the time since that sample, 1/s.
     per_s: f64,
-    /// What it bore, N.
+    /// Its force, N.
     force_n: f64,
-    /// How fast that grew.
+    /// Rate of its force, N/s.
     force_rate_n_s: f64,
-    /// Where that rate would have brought it by now, N.
+    /// Force extrapolated with that rate to the present sample, N.
     guess_n: f64,
 }
 
 impl Spring {
-    /// How fast what it bears grows when it is `force_n` now, N/s, and how fast that does, N/s².
+    /// First and second derivative of the spring force if it is `force_n` at the present sample, N/s and N/s².
     #[inline]
     fn rates(&self, force_n: f64) -> (f64, f64) {
         let Some(before) = &self.before else { return (0.0, 0.0) };
@@ -90,7 +93,7 @@ impl Spring {
         (force_rate_n_s, (force_rate_n_s - before.force_rate_n_s) * before.per_s)
     }
 
-    /// What is left for the piston when it bears `force_n`.
+    /// The inputs of the piston if the spring force is `force_n`.
     #[inline]
     fn behind(&self, inputs: &Inputs, force_n: f64) -> Inputs {
         let (rate_n_s, rate_n_s2) = self.rates(force_n);
@@ -123,7 +126,7 @@ pub(super) fn step(
     let spring = Spring { compliance_m_n, offset_n: inside.offset_n(), before };
     let newton = Newton::search(&spring, slope, inputs, inside);
     let found = if newton.unsure > 0.0 {
-        // The model steps whether there is a force or not: it may be filling its history.
+        // The model is stepped even if it gives no force: it may be filling its history.
         let mut trials = inside.trials();
         let model = |force_n: f64| trials.step(&spring.behind(inputs, force_n));
         solve(newton.at_n, newton.slope, spring.offset_n, model).map(|found| newton.then(found))
@@ -139,20 +142,21 @@ pub(super) fn step(
     Some(force_n)
 }
 
-/// Steps of Newton towards where `model(F) = F`.
+/// Newton iteration for `model(F) = F`.
 struct Newton {
-    /// What they make the force, N: each step by its share.
+    /// The force so far, N: the sum of the steps, each with its weight.
     force_n: f64,
-    /// Where they have come to, N: each step whole.
+    /// The iterate, N: the sum of the steps without weights.
     at_n: f64,
-    /// Slope of F - model(F) where the last one began, or would begin.
+    /// Slope of F - model(F) at the start of the last step, or at the guess before the first one.
     slope: f64,
-    /// Share of what comes after them: 0 where the last one was short, 1 where none was, and between smoothly.
+    /// Weight of the steps to come: 0 after a short step, 1 if no step was short, with a smooth transition.
     unsure: f64,
 }
 
 impl Newton {
-    /// From where the spring's rate points: as many steps as are long, as long as the model tells its slope and they lead anywhere.
+    /// Starts at the extrapolated force and takes steps until one is short, if the model can give its slope. Stops at [`NEWTONS`] steps,
+    /// or at a step that is not possible.
     #[inline]
     fn search(spring: &Spring, slope: f64, inputs: &Inputs, inside: &Inside) -> Self {
         let Some(before) = &spring.before else {
@@ -174,7 +178,8 @@ impl Newton {
         newton
     }
 
-    /// One step, where the model gives `model_n` and grows by so much a newton; false, and none, where it points away.
+    /// One step, with the model's force `model_n` and its derivative `growth` by the spring force. Returns false without a step if the
+    /// slope is not positive.
     #[inline]
     fn step(&mut self, offset_n: f64, [model_n, growth]: [f64; 2]) -> bool {
         let slope = 1.0 - growth;
@@ -195,17 +200,17 @@ impl Newton {
         true
     }
 
-    /// The force when `found`, with its slope, was found from where they have come to.
+    /// The force after `found` (force and slope) was solved from the iterate.
     fn then(&self, (found_n, slope): (f64, f64)) -> (f64, f64) {
-        // To the last digit where there was no step, or none that was short.
+        // Take `found` at full precision if no step was short.
         let force_n =
             if self.unsure < 1.0 { self.force_n + self.unsure * (found_n - self.at_n) } else { found_n };
         (force_n, slope)
     }
 }
 
-/// Where `model(F) = F`, from `guess_n` and a `slope` of F - model(F) to begin with, both close from sample to sample;
-/// and the slope found. `None` when the model gives no force on the way, or the trials do not meet.
+/// Solves `model(F) = F` and returns F and the slope of F - model(F). Starts from `guess_n` and `slope`, which change little from sample
+/// to sample. `None` if the model gives no force at a trial, or if the trials do not enclose a solution.
 fn solve(
     guess_n: f64,
     slope: f64,
@@ -213,7 +218,7 @@ fn solve(
     mut model: impl FnMut(f64) -> Option<f64>,
 ) -> Option<(f64, f64)> {
     let (mut force_n, mut slope) = (guess_n, slope);
-    // The root lies between, as far as is known.
+    // Bounds of the root known so far.
     let [mut low_n, mut high_n] = [f64::NEG_INFINITY, f64::INFINITY];
     let (mut last, mut reach) = (None, 1.0);
     for _ in 0..TRIALS {
@@ -242,7 +247,7 @@ fn solve(
             let next_n = force_n + step_n;
             if slow || next_n <= low_n || next_n >= high_n { 0.5 * (low_n + high_n) } else { next_n }
         } else {
-            // Not across yet: further each time that this does not help.
+            // The root is not enclosed yet: double the step each time that the error does not shrink.
             reach = if slow { 2.0 * reach } else { 1.0 };
             force_n + reach * step_n
         };

@@ -1,4 +1,4 @@
-//! Rules that hold for every effect, and each effect against an oracle that shares no code with it.
+//! Rules for every effect, and each effect against a reference that shares no code with it.
 
 use super::*;
 use crate::force::{Dependence, ForceModel, FreeRun, Inputs, Law, LawModel};
@@ -26,7 +26,7 @@ fn tanh() -> ForceModel {
     law(Law::Sp, drive, &[200.0, 700.0, 30.0, 3.0, 1.0, 400.0, 0.0, 0.0, 0.0, 0.0])
 }
 
-/// Bouc-Wen as in its own tests: memory inside.
+/// Bouc-Wen with the coefficients of its own tests: a model with state.
 fn bouc_wen() -> ForceModel {
     law(Law::BoucWen, Dependence::None, &[700.0, 8000.0, 300.0, 0.0, 400.0, 300.0, 1.2, 300.0, 400.0])
 }
@@ -39,7 +39,7 @@ fn models() -> Vec<ForceModel> {
     vec![tanh(), dashpot(900.0), bouc_wen(), thesis(preset::BEST_FUZZY_TANH), thesis(preset::BEST_ARX)]
 }
 
-/// A motion with a rate that jumps, a current that steps, and a case that grows warm.
+/// A motion with a sampling rate that jumps, a current with steps, and a case that warms up.
 fn motion(count: usize) -> Vec<Inputs> {
     let (mut t, mut before) = (0.0_f64, None);
     let mut inputs = Vec::with_capacity(count);
@@ -61,14 +61,14 @@ fn motion(count: usize) -> Vec<Inputs> {
 }
 
 fn augmented(force: ForceModel, effects: &[EffectModel]) -> Augmented {
-    Augmented::new(force, Effects::new(effects).expect("few enough")).expect("they go together")
+    Augmented::new(force, Effects::new(effects).expect("few enough")).expect("effects that fit the model")
 }
 
 fn with(effect: Effect, parameters: &[f64]) -> EffectModel {
     EffectModel::new(effect, parameters).expect("within range")
 }
 
-/// One that is plainly there: in the middle of what it may be.
+/// The effect with parameters in the middle of their range.
 fn present(effect: Effect) -> EffectModel {
     let value = |p: &Parameter| {
         let [low, high] = p.range_at(size(p.scale));
@@ -77,7 +77,7 @@ fn present(effect: Effect) -> EffectModel {
     with(effect, &effect.parameters().iter().map(value).collect::<Vec<_>>())
 }
 
-/// A damper of 1 kN, 10 mm and 0.2 m/s.
+/// Scales of a damper of 1 kN, 10 mm and 0.2 m/s.
 fn size(scale: Scale) -> f64 {
     1e3_f64.powi(scale.force) * 0.01_f64.powi(scale.displacement) * 0.2_f64.powi(scale.velocity)
 }
@@ -87,7 +87,7 @@ fn run(model: &Augmented, inputs: &[Inputs]) -> Vec<f64> {
     inputs.iter().map(|inputs| model.free_run(&mut state, inputs).unwrap_or(f64::NAN)).collect()
 }
 
-/// The bits, so that what is not known compares too.
+/// The bits of each force, with one value for NaN, so that forces that are not finite can be compared.
 fn bits(forces: &[f64]) -> Vec<u64> {
     forces.iter().map(|f| if f.is_nan() { 0 } else { f.to_bits() }).collect()
 }
@@ -97,7 +97,7 @@ fn suits(effect: Effect, force: &ForceModel) -> bool {
 }
 
 #[test]
-fn without_effects_it_is_the_plain_model_bit_for_bit() {
+fn without_effects_the_force_is_bit_identical_to_the_plain_model() {
     let inputs = motion(500);
     for force in models() {
         let mut state = FreeRun::default();
@@ -123,9 +123,9 @@ fn a_neutral_effect_is_absent() {
     }
 }
 
-/// The limit is reached evenly: a hundredth of the probe changes a hundredth of what the probe changes.
+/// The change of the force is linear for small effects: a hundredth of the probe makes about a hundredth of the change.
 #[test]
-fn a_small_effect_is_in_proportion() {
+fn a_small_effect_changes_the_force_in_proportion() {
     let inputs = motion(1500);
     let plain = run(&tanh().into(), &inputs);
     let change = |model: EffectModel| {
@@ -133,7 +133,7 @@ fn a_small_effect_is_in_proportion() {
         let squares = forces.iter().zip(&plain).map(|(a, b)| (a - b).powi(2)).filter(|s| s.is_finite());
         squares.sum::<f64>().sqrt()
     };
-    // Free play is no matter of degree: at a reversal the rod rests, so any gap takes it a while to cross.
+    // Free play is not linear: the rod is slow at a reversal, so even a small gap takes a while to cross.
     for effect in Effect::ALL.into_iter().filter(|effect| *effect != Effect::Deadzone) {
         for index in (0..effect.parameters().len()).filter(|j| !effect.parameters()[*j].is_shape()) {
             let probe = effect.probe(index, size);
@@ -161,7 +161,7 @@ fn every_effect_changes_the_force_and_is_deterministic() {
 }
 
 #[test]
-fn a_gap_starts_every_effect_anew() {
+fn a_gap_restarts_every_effect() {
     let inputs = motion(900);
     for effect in Effect::ALL {
         let model = augmented(tanh(), &[present(effect)]);
@@ -175,9 +175,9 @@ fn a_gap_starts_every_effect_anew() {
     }
 }
 
-/// Any input that is not known gives no force there, and a while later nobody can tell.
+/// An input that is not finite gives no force at that sample, and some time later the force is as without it.
 #[test]
-fn what_is_not_known_gives_no_force_and_poisons_nothing() {
+fn an_input_that_is_not_finite_gives_no_force_and_has_no_lasting_influence() {
     let inputs = motion(1500);
     let spoil: [fn(&mut Inputs); 4] = [
         |at| at.displacement_m = f64::NAN,
@@ -202,7 +202,7 @@ fn what_is_not_known_gives_no_force_and_poisons_nothing() {
 }
 
 #[test]
-fn a_model_that_fills_its_history_is_waited_for() {
+fn effects_delay_the_first_force_by_at_most_one_sample() {
     let inputs = motion(600);
     let force = thesis(preset::BEST_ARX);
     let silent = run(&force.into(), &inputs).iter().take_while(|f| f.is_nan()).count();
@@ -228,7 +228,7 @@ fn the_last_effect_is_the_outermost() {
     };
     let plain_n = 900.0 * 0.2;
     let first = |effects: &[EffectModel]| run(&augmented(dashpot(900.0), effects), &[at])[0] - OFFSET_N;
-    // tanh(40) is one.
+    // tanh(40) is 1 in double precision.
     assert!((first(&[asymmetry, gas]) - (1.3 * plain_n + 200.0)).abs() < 1e-10);
     assert!((first(&[gas, asymmetry]) - 1.3 * (plain_n + 200.0)).abs() < 1e-10);
 }
@@ -240,17 +240,21 @@ fn the_library_is_consistent() {
         assert_eq!(
             Effect::named(effect.id(), effect.form()),
             Some(effect),
-            "{title} stands for itself alone"
+            "{title} is found by its own id and form"
         );
         let forms = Effect::ALL.iter().filter(|other| other.id() == effect.id()).count();
-        assert_eq!(effect.form().is_some(), forms > 1, "{title}: a form where there is more than one");
-        assert!(effect as usize == index, "{title}: ALL is in the order of the enum, and holds them all");
+        assert_eq!(
+            effect.form().is_some(),
+            forms > 1,
+            "{title}: has a form if and only if the id has several"
+        );
+        assert!(effect as usize == index, "{title}: ALL has every effect, in the order of the enum");
         assert!(effect.parameters().len() <= MAX_EFFECT_PARAMETERS);
         for id in effect.confounders() {
             assert!(Effect::ALL.iter().any(|other| other.id() == *id), "{title}: {id}");
             assert_ne!(*id, effect.id(), "{title}");
         }
-        assert!(effect.parameters().iter().any(|p| !p.is_shape()), "{title}: something takes it away");
+        assert!(effect.parameters().iter().any(|p| !p.is_shape()), "{title}: one parameter makes it absent");
         for p in effect.parameters() {
             let [low, high] = p.range;
             assert!(low < high && (low..=high).contains(&(p.neutral + p.probe)), "{title} {}", p.name);
@@ -261,7 +265,7 @@ fn the_library_is_consistent() {
             assert_eq!(EffectModel::new(effect, probe.parameters()), Ok(probe), "{title}");
         }
     }
-    // A variant that ALL lacks would make this number too small.
+    // If a variant were missing from ALL, these would differ.
     assert_eq!(Effect::AntiAliasMismatch as usize + 1, Effect::ALL.len());
 }
 
@@ -292,9 +296,9 @@ fn names_ranges_and_words_are_reviewed() {
 }
 
 #[test]
-fn numbers_out_of_range_are_refused_by_name() {
+fn values_out_of_range_are_rejected_with_their_name() {
     let refused = |effect, parameters: &[f64]| {
-        EffectModel::new(effect, parameters).expect_err("it is out of range").to_string()
+        EffectModel::new(effect, parameters).expect_err("a value out of range").to_string()
     };
     assert_eq!(
         refused(Effect::CoilLag, &[0.5]),
@@ -317,8 +321,8 @@ fn numbers_out_of_range_are_refused_by_name() {
     assert!(refused.to_string().contains("effect coil_lag acts on the drive, but the sp model has none"));
 }
 
-/// False where a spring stands around an effect that can make force fall as speed grows: there may be no force at
-/// which rod and piston agree.
+/// False if a series spring is around an effect that can make the force fall with speed: a force at which rod and piston agree may not
+/// exist then.
 fn dissipates(effects: &[EffectModel]) -> bool {
     let spring = effects.iter().rposition(|model| model.effect() == Effect::SeriesSpring).unwrap_or(0);
     effects[..spring].iter().all(|model| {
@@ -343,7 +347,7 @@ fn any_effect() -> impl Strategy<Value = EffectModel> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Three effects at random around any model, jerky inputs: a number, or none; the same each time.
+    /// Up to three random effects around any model, with random inputs: the result is deterministic, and finite where it has to be.
     #[test]
     fn any_three_effects_run(
         effects in prop::collection::vec(any_effect(), 1..=MAX_EFFECTS),

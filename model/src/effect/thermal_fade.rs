@@ -1,4 +1,4 @@
-//! Thermal fade: the warm damper is weaker.
+//! Thermal fade: the force falls as the damper warms up.
 //!
 //! ```text
 //! F' = F0 + (F - F0) max(0, 1 + alpha (T - 25 °C))
@@ -6,23 +6,23 @@
 //!
 //! | symbol | parameter | unit | meaning |
 //! |---|---|---|---|
-//! | alpha | `fade_per_k` | 1/K | share of the force that a kelvin takes: viscosity, mostly |
-//! | T | input | °C | temperature of the case, held between its readings |
-//! | F0 | of the model | N | the session's offset, no force of the damper |
+//! | alpha | `fade_per_k` | 1/K | relative change of the force per kelvin, mostly by viscosity |
+//! | T | input | °C | case temperature, held between readings |
+//! | F0 | of the model | N | the session's force offset, which does not come from the damper |
 //!
-//! Without a temperature there is no force. Yield and viscous share fade alike here.
+//! A sample without a temperature has no force. Yield and viscous parts of the force fade by the same factor here.
 
 use super::parts::scaled;
 use super::{About, EffectState, Inside, Need, Parameter};
 use crate::force::Inputs;
 
-/// Temperature at which the model holds as it is, °C.
+/// Temperature at which the effect does not change the model's force, °C.
 const REFERENCE_C: f64 = 25.0;
 
 pub(super) const ABOUT: About = About {
     id: "thermal_fade",
     form: None,
-    what: "force falls as the damper grows warm",
+    what: "the force falls as the damper warms up",
     parameters: &[Parameter::absolute("fade_per_k", [-0.01, 0.0], -5e-4)],
     separated_by: "the same motion and current, cold and warm",
     confounders: &["load_cell_drift"],

@@ -1,4 +1,4 @@
-//! Force that bends with velocity: turbulence upwards, shear thinning downwards.
+//! Quadratic term in velocity: turbulence makes the force grow faster, shear thinning slower.
 //!
 //! ```text
 //! F' = F + c v |v|
@@ -6,7 +6,7 @@
 //!
 //! | symbol | parameter | unit | meaning |
 //! |---|---|---|---|
-//! | c | `quadratic_n_s2_m2` | N·s²/m² | positive: flow resistance of orifices; negative: the fluid thins |
+//! | c | `quadratic_n_s2_m2` | N·s²/m² | positive: flow resistance of orifices; negative: shear thinning of the fluid |
 //! | v | input | m/s | velocity |
 
 use super::{About, EffectState, Inside, Parameter};
@@ -16,7 +16,7 @@ use crate::force::law::Scale;
 pub(super) const ABOUT: About = About {
     id: "velocity_saturation",
     form: None,
-    what: "force bends up, or down, at high speed",
+    what: "at high speed the force grows faster, or slower, than in proportion to velocity",
     parameters: &[Parameter::relative("quadratic_n_s2_m2", Scale::new(1, 0, -2, 0), [-1.0, 1.0], 0.01)],
     separated_by: "fast strokes without current",
     confounders: &["friction", "asymmetry"],

@@ -1,14 +1,14 @@
-//! Reading of `.fis` text, line by line.
+//! Line-by-line parser of `.fis` text.
 
 use super::{Fis, FisInput, sets_of};
 use crate::error::Error;
 use crate::force::{MAX_CONCLUSIONS, MAX_INPUTS, MAX_SETS, Order, TskSet};
 use std::collections::BTreeMap;
 
-/// A value with the line that it stands on.
+/// A value and the line it is on.
 type At<T> = (usize, T);
 
-/// One section: its keys (in lower case) with their values.
+/// One section: its keys (in lower case) and their values.
 #[derive(Debug, Default)]
 struct Section<'t> {
     line: usize,
@@ -31,7 +31,7 @@ pub(super) fn parse(text: &str) -> Result<Fis, Error> {
     let section = |name: &str| {
         sections
             .get(&name.to_lowercase())
-            .ok_or_else(|| error(text.lines().count().max(1), format!("there is no section [{name}]")))
+            .ok_or_else(|| error(text.lines().count().max(1), format!("section [{name}] is missing")))
     };
     let system = section("System")?;
     system.demand("Type", &["sugeno"])?;
@@ -65,7 +65,13 @@ pub(super) fn parse(text: &str) -> Result<Fis, Error> {
             || numbered("Input", input_count)
             || numbered("Output", 1))
         {
-            return Err(error(known.line, format!("section [{}] has no place in this system", known.name)));
+            return Err(error(
+                known.line,
+                format!(
+                    "section [{}] does not belong to this system; remove it or correct NumInputs",
+                    known.name
+                ),
+            ));
         }
     }
     Ok(Fis {
@@ -95,7 +101,7 @@ fn split(text: &str) -> Result<(BTreeMap<String, Section<'_>>, Vec<At<&str>>), E
             let key = name.to_lowercase();
             let section = Section { line, name: name.to_owned(), ..Section::default() };
             if key != "rules" && sections.insert(key.clone(), section).is_some() {
-                return Err(error(line, format!("section [{name}] comes twice")));
+                return Err(error(line, format!("section [{name}] appears twice")));
             }
             current = Some(key);
             continue;
@@ -111,7 +117,7 @@ fn split(text: &str) -> Result<(BTreeMap<String, Section<'_>>, Vec<At<&str>>), E
                 if let Some(section) = sections.get_mut(name)
                     && section.keys.insert(key.to_lowercase(), (line, value.trim())).is_some()
                 {
-                    return Err(error(line, format!("{key} comes twice in [{}]", section.name)));
+                    return Err(error(line, format!("{key} appears twice in [{}]", section.name)));
                 }
             }
         }
@@ -230,7 +236,10 @@ fn read_output(section: &Section, inputs: usize) -> Result<(Order, Vec<Vec<f64>>
     };
     for (line, shape, numbers) in &functions {
         if *shape != functions[0].1 {
-            let message = format!("conclusion '{shape}' stands among '{}'; use one form", functions[0].1);
+            let message = format!(
+                "conclusion '{shape}' differs from the first, '{}'; use one form for all",
+                functions[0].1
+            );
             return Err(error(*line, message));
         }
         if numbers.len() != order.width(inputs) {
@@ -247,7 +256,7 @@ fn read_rules(lines: &[At<&str>], counts: &[usize], functions: usize) -> Result<
     for (line, text) in lines {
         let rule = read_rule(*line, text, counts, functions)?;
         if found.insert(rule.sets, rule.conclusion).is_some() {
-            return Err(error(*line, "these memberships have a rule already"));
+            return Err(error(*line, "there is already a rule for these memberships"));
         }
     }
     let last = lines.last().map_or(1, |(line, _)| *line);
@@ -258,21 +267,25 @@ fn read_rules(lines: &[At<&str>], counts: &[usize], functions: usize) -> Result<
             let numbers: Vec<String> = sets.iter().map(|set| (set + 1).to_string()).collect();
             error(
                 last,
-                format!("there is no rule for the memberships {}; a full grid is needed", numbers.join(" ")),
+                format!(
+                    "the rule for the memberships {} is missing; a full grid is needed",
+                    numbers.join(" ")
+                ),
             )
         })
     };
     (0..rules).map(one).collect()
 }
 
-/// `1 2 3, 6 (1) : 1`: sets, conclusion, weight, and.
+/// A line such as `1 2 3, 6 (1) : 1`: sets, conclusion, weight, and connective (1 is "and").
 fn read_rule(line: usize, text: &str, counts: &[usize], functions: usize) -> Result<Rule, Error> {
     let wrong = |what: &str| error(line, format!("rule \"{text}\": {what}"));
     let (sets, rest) = text.split_once(',').ok_or_else(|| wrong("must be \"sets, conclusion (1) : 1\""))?;
     let (conclusion, rest) = rest.split_once('(').ok_or_else(|| wrong("has no weight in parentheses"))?;
-    let (weight, connective) = rest.split_once(')').ok_or_else(|| wrong("has no end of the weight"))?;
+    let (weight, connective) =
+        rest.split_once(')').ok_or_else(|| wrong("has no closing parenthesis after the weight"))?;
     if weight.trim().parse() != Ok(1.0) {
-        return Err(wrong("has a weight other than 1, which this model cannot have"));
+        return Err(wrong("has a weight other than 1, which is not supported"));
     }
     let connective = connective.trim().strip_prefix(':').map(str::trim);
     if connective != Some("1") && counts.len() > 1 {
@@ -298,7 +311,7 @@ fn read_rule(line: usize, text: &str, counts: &[usize], functions: usize) -> Res
     Ok(Rule { sets, conclusion: index(conclusion, functions, "the conclusion")? })
 }
 
-/// What is between a pair of quotes of either kind, or the value as it stands.
+/// The text between quotes of either kind, or the unquoted value.
 fn unquoted(line: usize, value: &str) -> Result<&str, Error> {
     let inner = match value.chars().next() {
         Some(quote @ ('\'' | '"')) => value[1..]
@@ -307,15 +320,15 @@ fn unquoted(line: usize, value: &str) -> Result<&str, Error> {
         _ => value,
     };
     if inner.contains(['\'', '"']) {
-        return Err(error(line, format!("{value} has a quote within")));
+        return Err(error(line, format!("{value} contains a quote")));
     }
     Ok(inner)
 }
 
-/// `[1 2.5 -3e-2]`, with blanks or commas between.
+/// A list such as `[1 2.5 -3e-2]`, separated by blanks or commas.
 fn numbers(line: usize, list: &str) -> Result<Vec<f64>, Error> {
     let inner = list.trim().strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
-    let inner = inner.ok_or_else(|| error(line, format!("{list} is no list of numbers in brackets")))?;
+    let inner = inner.ok_or_else(|| error(line, format!("{list} is not a list of numbers in brackets")))?;
     let number = |text: &str| match text.parse::<f64>() {
         Ok(number) if number.is_finite() => Ok(number),
         _ => Err(error(line, format!("\"{text}\" is not a finite number"))),

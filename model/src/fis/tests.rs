@@ -6,7 +6,7 @@ use crate::sample::DriveKind;
 fn anfis(name: &str) -> Tsk {
     match preset::load(name).expect("a preset").force {
         ForceModel::Tsk(model) => model,
-        other => panic!("{} is no ANFIS", other.name()),
+        other => panic!("{} is not an ANFIS model", other.name()),
     }
 }
 
@@ -59,7 +59,7 @@ fn error_of(text: &str) -> String {
 }
 
 #[test]
-fn every_preset_has_the_same_surface_after_the_file_bit_for_bit() {
+fn every_preset_is_bit_identical_after_write_and_read() {
     for experiment in preset::EXPERIMENTS {
         let model = anfis(&format!("thesis/anfis/{experiment}"));
         let text = Fis::of(&model, experiment).to_text();
@@ -83,7 +83,7 @@ fn every_preset_has_the_same_surface_after_the_file_bit_for_bit() {
 }
 
 #[test]
-fn triangles_and_constants_come_back() {
+fn triangles_and_constants_survive_write_and_read() {
     let set = |peak: f64| TskSet::Triangle { left: peak - 1.0, peak, right: peak + 1.0 / 3.0 };
     let sets = [set(-1.0), set(0.1), set(1.0)];
     let input = TskInput::new(Signal::Velocity, 0.1, 0.07, &sets).expect("an input");
@@ -97,7 +97,7 @@ fn triangles_and_constants_come_back() {
 }
 
 #[test]
-fn what_matlab_tolerates_is_read() {
+fn syntax_that_matlab_tolerates_is_read() {
     let plain = Fis::parse(SMALL).expect("reads");
     assert_eq!(plain.conclusions[..3], [0.1, 0.2, 0.3]);
     assert_eq!(plain.inputs[0].sets[1], TskSet::Gaussian { centre: 3.0, sigma: 1.5 });
@@ -125,46 +125,46 @@ fn errors_name_the_line() {
         ("[1.5 3]", "[1.5 3 4]", "line 19: gaussmf has 3 numbers, but needs 2"),
         ("[1.5 3]", "[1.5 x]", "line 19: \"x\" is not a finite number"),
         ("[1.5 3]", "[1.5 inf]", "line 19: \"inf\" is not a finite number"),
-        ("[1.5 3]", "[1.5 3", "line 19: [1.5 3 is no list"),
+        ("[1.5 3]", "[1.5 3", "line 19: [1.5 3 is not a list"),
         ("'fast':'gaussmf'", "'fast':'gbellmf'", "line 19: membership 'gbellmf' is not known"),
         ("'fast':'gaussmf'", "'fast' 'gaussmf'", "line 19: MF2 is"),
         ("NumMFs=2\nMF1='slow'", "NumMFs=1\nMF1='slow'", "line 19: MF2 is beyond NumMFs = 1"),
-        ("'d':'linear'", "'d':'constant'", "line 35: conclusion 'constant' stands among 'linear'"),
+        ("'d':'linear'", "'d':'constant'", "line 35: conclusion 'constant' differs from the first, 'linear'"),
         ("[3.1 3.2 3.3]", "[3.1 3.3]", "line 35: linear has 2 numbers, but needs 3"),
-        ("2 2, 4 (1) : 1", "2 1, 4 (1) : 1", "line 41: these memberships have a rule already"),
-        ("2 2, 4 (1) : 1\n", "", "there is no rule for the memberships 2 2"),
+        ("2 2, 4 (1) : 1", "2 1, 4 (1) : 1", "line 41: there is already a rule for these memberships"),
+        ("2 2, 4 (1) : 1\n", "", "the rule for the memberships 2 2 is missing"),
         ("2 2, 4 (1) : 1", "2 2, 5 (1) : 1", "line 41: rule \"2 2, 5 (1) : 1\": the conclusion is \"5\""),
         ("2 2, 4 (1) : 1", "2 -2, 4 (1) : 1", "line 41: rule \"2 -2, 4 (1) : 1\": a membership is \"-2\""),
         ("2 2, 4 (1) : 1", "2 2, 4 (0.5) : 1", "has a weight other than 1"),
         ("2 2, 4 (1) : 1", "2 2, 4 (1) : 2", "must end in"),
         ("2 2, 4 (1) : 1", "2, 4 (1) : 1", "has 1 memberships, but there are 2 inputs"),
-        ("[Output1]", "[Input1]", "line 28: section [Input1] comes twice"),
-        ("[Output1]", "[Output2]", "there is no section [Output1]"),
-        ("[Rules]", "[Input3]\nName='x'\n[Rules]", "line 37: section [Input3] has no place"),
+        ("[Output1]", "[Input1]", "line 28: section [Input1] appears twice"),
+        ("[Output1]", "[Output2]", "section [Output1] is missing"),
+        ("[Rules]", "[Input3]\nName='x'\n[Rules]", "line 37: section [Input3] does not belong"),
         ("Version=2.0", "Version", "line 4: \"Version\" is neither"),
-        ("Name='small'", "Name='sm'all'", "line 2: 'sm'all' has a quote within"),
+        ("Name='small'", "Name='sm'all'", "line 2: 'sm'all' contains a quote"),
         ("Name='small'", "Name='small", "line 2: 'small has no closing quote"),
     ] {
         assert!(SMALL.contains(from), "the test must change the file: {from}");
         let message = error_of(&SMALL.replace(from, to));
         assert!(message.contains(expected), "{to}: {message}");
     }
-    assert!(error_of("").contains("no section [System]"));
+    assert!(error_of("").contains("section [System] is missing"));
     assert!(error_of("Name='x'").contains("line 1: there is text before the first section"));
 }
 
 #[test]
-fn a_name_is_kept_whatever_stands_in_it() {
+fn a_name_with_special_characters_is_kept() {
     let name = "% da\tm\u{19}p\u{85}er #1, [x] = ";
     let fis = Fis { name: name.to_owned(), ..Fis::parse(SMALL).expect("reads") };
     assert_eq!(Fis::parse(&fis.to_text()).expect("reads what it wrote"), fis);
-    // Quotes and ends of lines would end it.
+    // A quote or line end would end the name.
     let fis = Fis { name: "a'b\"c\nd".to_owned(), ..fis };
     assert_eq!(Fis::parse(&fis.to_text()).expect("reads what it wrote").name, "a_b_c_d");
 }
 
 #[test]
-fn scaling_must_match() {
+fn scaling_must_have_one_entry_for_each_input() {
     let fis = Fis::parse(SMALL).expect("reads");
     let output = OutputScale { mean_n: 0.0, std_dev_n: 1.0 };
     let inputs = vec![(Signal::Velocity, 0.0, 1.0), (Signal::Drive(DriveKind::CoilCurrent), 0.0, 1.0)];

@@ -1,4 +1,4 @@
-//! Auto-regression with exogenous inputs (thesis 4.3 passive, 4.4 semi-active).
+//! ARX: autoregression with exogenous inputs (thesis 4.3 passive, 4.4 semi-active).
 //!
 //! ```text
 //! F_k = a1 F_{k-1} + a2 F_{k-2} + a3 F_{k-3}
@@ -7,20 +7,22 @@
 //!   [ + a10 i_k + a11 i_{k-1} + a12 i_{k-2} ]           semi-active only
 //! ```
 //!
-//! F is the force less the session's offset, N; x displacement, m; v velocity, m/s; i the drive, A or V; k
-//! counts samples of period Ts, so the coefficients hold at one rate only. The semi-active current terms
-//! are inferred from the passive form (the thesis' equation is missing in the source).
+//! F is the force minus the session's offset, N; x displacement, m; v velocity, m/s; i the drive, A or V; k counts samples
+//! of period Ts, so the coefficients hold at one rate only. The semi-active current terms are inferred from the passive
+//! form, because the thesis' equation is missing in the source.
 //!
-//! `savaresi` is the same with two lags of each signal (thesis 2.8, after Savaresi et al.):
+//! `savaresi` has two lags of each signal instead (thesis 2.8, after Savaresi et al.):
 //!
 //! ```text
 //! F_k = a1 F_{k-1} + a2 F_{k-2} + a3 x_k + a4 x_{k-1} + a5 v_k + a6 v_{k-1} [ + a7 i_k + a8 i_{k-1} ]
 //! ```
 //!
-//! Fed with measured force the model is a one-step predictor: precise, and blind to what it lacks, because
-//! every effect comes in through the force. Fed with its own output it runs free. The two are never mixed in
-//! a figure. With v the backward difference of x the nine regressors have rank seven: single coefficients
-//! mean nothing, their sum of products does.
+//! With measured force as input, the model is a one-step-ahead predictor. It is accurate but does not show missing effects,
+//! because each effect is contained in the measured force. With its own output as input, it is a simulation (free run). An
+//! error figure never mixes the two. If v is the backward difference of x, the nine regressors have rank seven: single
+//! coefficients are then not determined, but the sum of their products is.
+//!
+//! Source: `[thesis]` and `[savaresi2005]` in the bibliography (node/docs/guide/bibliography.md), equations 4.3, 4.4 and 2.8 of the thesis.
 
 use super::history::{History, known};
 use crate::error::Error;
@@ -28,15 +30,15 @@ use crate::sample::DriveKind;
 use crate::units::Second;
 use nalgebra::Matrix3;
 
-/// Lags of each signal in the regression.
+/// Number of lags of each signal in the regression.
 pub const LAGS: usize = 3;
-/// Lags of each signal in that of `savaresi`.
+/// Number of lags of each signal for `savaresi`.
 pub const SAVARESI_LAGS: usize = 2;
 
 /// The ARX model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arx {
-    /// Lags of each signal; coefficients beyond are zero.
+    /// Number of lags of each signal; coefficients beyond are zero.
     lags: usize,
     force: [f64; LAGS],
     displacement_n_m: [f64; LAGS],
@@ -87,10 +89,10 @@ impl Arx {
         })
     }
 
-    /// A `savaresi` model: as [`Arx::new`], with two lags of each signal.
+    /// A `savaresi` model: like [`Arx::new`], with two lags of each signal.
     ///
     /// # Errors
-    /// Those of [`Arx::new`].
+    /// The same as for [`Arx::new`].
     pub fn savaresi(
         force: [f64; SAVARESI_LAGS],
         displacement_n_m: [f64; SAVARESI_LAGS],
@@ -112,20 +114,20 @@ impl Arx {
         if self.lags == SAVARESI_LAGS { "savaresi" } else { "arx" }
     }
 
-    /// Lags of each signal: 3, or 2 of `savaresi`, whose third coefficients are zero.
+    /// Number of lags of each signal: 3, or 2 for `savaresi`, whose third coefficients are zero.
     #[must_use]
     pub const fn lags(&self) -> usize {
         self.lags
     }
 
-    /// The same model, its coefficients known only to `resolution` (half a unit of the last printed digit).
+    /// The same model with coefficients known only to `resolution` (half a unit of the last printed digit).
     #[must_use]
     pub const fn with_resolution(mut self, resolution: f64) -> Self {
         self.resolution = resolution;
         self
     }
 
-    /// Half a unit of the last digit to which the coefficients are known; zero when they are exact.
+    /// Half a unit of the last known digit of the coefficients; zero if they are exact.
     #[must_use]
     pub const fn resolution(&self) -> f64 {
         self.resolution
@@ -155,7 +157,7 @@ impl Arx {
         self.drive
     }
 
-    /// Which drive the model wants; `None` for the passive form.
+    /// The drive that the model needs; `None` for the passive form.
     #[must_use]
     pub const fn drive(&self) -> Option<DriveKind> {
         match self.drive {
@@ -164,7 +166,7 @@ impl Arx {
         }
     }
 
-    /// The sample period that the coefficients hold at.
+    /// The sample period at which the coefficients hold.
     #[must_use]
     pub const fn sample_period(&self) -> Second {
         Second(self.sample_period_s)
@@ -176,13 +178,14 @@ impl Arx {
         self.force_offset_n
     }
 
-    /// 9 for the passive form, 12 for the semi-active one; 6 and 8 of `savaresi`.
+    /// 9 for the passive form, 12 for the semi-active one; 6 and 8 for `savaresi`.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
         if self.drive.is_some() { 4 * self.lags } else { 3 * self.lags }
     }
 
-    /// Moduli of the three poles (of `savaresi` one is zero), largest first. The free run is stable when all are below one.
+    /// Moduli of the three poles (one is zero for `savaresi`), largest first. The simulation is stable if all are below
+    /// one.
     #[must_use]
     pub fn pole_moduli(&self) -> [f64; LAGS] {
         let [a1, a2, a3] = self.force;
@@ -193,16 +196,16 @@ impl Arx {
         moduli
     }
 
-    /// False when 1 - a1 - a2 - a3, on which every static force depends, is known to no better than a third
-    /// because the coefficients are rounded: then the model predicts one step ahead, but its free run has no
-    /// meaning at low frequency.
+    /// False if 1 - a1 - a2 - a3, on which every static force depends, is uncertain by more than a third because the
+    /// coefficients are rounded. The model can then predict one step ahead, but its simulation is not valid at low
+    /// frequency.
     #[must_use]
     pub fn dc_is_meaningful(&self) -> bool {
         let gap = 1.0 - self.force.iter().sum::<f64>();
         gap > 3.0 * (self.lags as f64 * self.resolution)
     }
 
-    /// The predicted force in newtons, or `None` while something that the model needs is unknown.
+    /// The predicted force, N; `None` if a needed lag is not known.
     #[inline]
     #[must_use]
     pub fn predict_n(&self, history: &History) -> Option<f64> {

@@ -1,4 +1,5 @@
-//! How the parameters of a model follow the drive: one mechanism for every model that knows nothing of current.
+//! Dependence of a model's parameters on the drive: one mechanism for every model without a current input of its
+//! own.
 //!
 //! ```text
 //! none         p
@@ -6,36 +7,36 @@
 //! fuzzy        sum_s w_s(i) f(p_s),     w_s: Gaussian sets, see [`FuzzySets`]
 //! ```
 //!
-//! Either way there are *copies* of the parameters, one for each power or set, and each copy counts for something
-//! at a drive: powers of it blend parameters, sets blend outputs. (Of a model that is linear in its parameters the
-//! two are the same.)
+//! In both forms there are *copies* of the parameters, one per power or set. Each copy has a weight that depends
+//! on the drive: powers of the drive blend parameters, sets blend outputs. The two are equivalent for a model that
+//! is linear in its parameters.
 
 use super::sets::{FuzzySets, MAX_FUNCTIONS};
 use crate::error::Error;
 use crate::sample::DriveKind;
 
-/// The highest power of the drive.
+/// Largest degree of a polynomial in the drive.
 pub const MAX_DEGREE: usize = 4;
 
-/// How the parameters of a model follow the drive.
+/// How the parameters of a model depend on the drive.
 #[allow(clippy::large_enum_variant, reason = "boxing the sets would put them on the heap, out of `Copy`")]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Dependence {
-    /// Not at all: a passive model.
+    /// No dependence: a passive model.
     None,
-    /// As polynomials.
+    /// Polynomials in the drive.
     Polynomial {
-        /// What the polynomials are in.
+        /// The variable of the polynomials.
         drive: DriveKind,
-        /// Their degree, 1 to [`MAX_DEGREE`].
+        /// Degree, 1 to [`MAX_DEGREE`].
         degree: usize,
     },
-    /// One full set of parameters under each fuzzy set; forces are blended.
+    /// One full set of parameters per fuzzy set; forces are blended.
     Fuzzy(FuzzySets),
 }
 
 impl Dependence {
-    /// Which drive it is on; `None` for a passive model.
+    /// The drive; `None` for a passive model.
     #[must_use]
     pub const fn drive(&self) -> Option<DriveKind> {
         match self {
@@ -45,7 +46,7 @@ impl Dependence {
         }
     }
 
-    /// Coefficients behind each parameter: one, one for each power, or one for each set.
+    /// Number of coefficients per parameter: one, one per power, or one per set.
     #[must_use]
     pub const fn copies(&self) -> usize {
         match self {
@@ -65,15 +66,15 @@ impl Dependence {
         }
     }
 
-    /// Refuses a polynomial of a degree that is not 1 to [`MAX_DEGREE`].
+    /// Refuses a polynomial whose degree is not 1 to [`MAX_DEGREE`].
     pub(super) fn check(&self) -> Result<(), Error> {
         let Self::Polynomial { degree, .. } = self else { return Ok(()) };
         Error::check("degree", *degree as f64, "1 to 4", |d| (1.0..=MAX_DEGREE as f64).contains(&d))?;
         Ok(())
     }
 
-    /// What each copy of the parameters counts for at drive `i`: one, powers of `i`, or the weights of the sets.
-    /// Entries beyond [`Dependence::copies`] are zero.
+    /// Weight of each copy of the parameters at drive `i`: one, powers of `i`, or the weights of the sets. Entries
+    /// beyond [`Dependence::copies`] are zero.
     #[inline]
     #[must_use]
     pub fn weights(&self, i: f64) -> [f64; MAX_FUNCTIONS] {

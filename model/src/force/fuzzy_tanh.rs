@@ -13,15 +13,17 @@
 //! | A1 | `yield_force_n` | N | height of the tanh step |
 //! | A2 | `post_yield_damping_n_s_m` | N·s/m | slope beyond the yield |
 //! | A3 | `pre_yield_slope_s_m` | s/m | steepness of the step |
-//! | kappa | `coupling_per_s` | 1/s | displacement that counts as velocity: the width of the loop |
+//! | kappa | `coupling_per_s` | 1/s | weight of displacement relative to velocity: the width of the loop |
 //! | c, sigma | `FuzzySets` | A or V | centre and width of the Gaussian sets |
 //! | F0 | `force_offset_n` | N | mean force of the session (gas preload, load cell zero) |
 //!
-//! The thesis prints the coupling as two columns, X0 and V0, of which only a ratio matters, and its formula
-//! says V0/X0. The printed numbers need the inverse (X0 column over V0 column): only then does the model
-//! agree with the ANFIS that was identified on the same data. The ratio is negative: the recorded force leads
-//! the recorded velocity, as it does when displacement is low-passed and force is not. Sigma is printed
-//! as "variance 0.2"; it is taken as a standard deviation of 0.2 A and is a setting here.
+//! The thesis prints the coupling as two columns, X0 and V0. Only their ratio matters, and its formula is V0/X0. The printed
+//! numbers need the inverse (X0 column over V0 column): only then does the model agree with the ANFIS that was identified on
+//! the same data. The ratio is negative: the recorded force leads the recorded velocity, as it does if displacement is
+//! low-passed and force is not. Sigma is printed as "variance 0.2"; it is taken as a standard deviation of 0.2 A and is a
+//! setting here.
+//!
+//! Source: `[thesis]` and `[thesis-paper2]` in the bibliography (node/docs/guide/bibliography.md), equations 4.8 to 4.10 of the thesis.
 
 use super::Way;
 use super::sets::{FuzzySets, MAX_FUNCTIONS, Strengths};
@@ -34,16 +36,16 @@ use crate::sample::DriveKind;
 pub struct TanhFunction {
     /// A1, the height of the tanh step, N.
     pub yield_force_n: f64,
-    /// A2, the damping beyond the yield, N·s/m. It may be negative where the step's tail makes up for it.
+    /// A2, the damping beyond the yield, N·s/m. It may be negative if the tail of the step compensates it.
     pub post_yield_damping_n_s_m: f64,
     /// A3, the steepness of the step, s/m.
     pub pre_yield_slope_s_m: f64,
-    /// Kappa, the displacement that counts as velocity, 1/s.
+    /// Kappa, the weight of displacement relative to velocity, 1/s.
     pub coupling_per_s: f64,
 }
 
 impl TanhFunction {
-    /// The function of A1, N, A2, N·s/m, A3, s/m, and kappa, 1/s: the order of the thesis' tables.
+    /// The function with A1, N; A2, N·s/m; A3, s/m; and kappa, 1/s, in the order of the thesis' tables.
     #[must_use]
     pub const fn new([a1, a2, a3, kappa]: [f64; 4]) -> Self {
         Self {
@@ -62,7 +64,7 @@ impl TanhFunction {
         self.yield_force_n * tanh(self.pre_yield_slope_s_m * u) + self.post_yield_damping_n_s_m * u
     }
 
-    /// The same, and how fast it grows along `way`.
+    /// The same force, and its derivative along `way`.
     #[inline]
     fn force_and_slope(&self, x_m: f64, v_m_s: f64, way: &Way) -> [f64; 2] {
         let u = v_m_s + self.coupling_per_s * x_m;
@@ -85,7 +87,7 @@ pub struct FuzzyTanh {
 }
 
 impl FuzzyTanh {
-    /// A model with one tanh function under each of `sets`.
+    /// A model with one tanh function per set of `sets`.
     ///
     /// # Errors
     /// When there are more or fewer functions than sets, or a number is not finite.
@@ -113,7 +115,7 @@ impl FuzzyTanh {
         Ok(model)
     }
 
-    /// Which drive the model wants.
+    /// The drive that the model needs.
     #[must_use]
     pub const fn drive(&self) -> DriveKind {
         self.sets.drive()
@@ -125,7 +127,7 @@ impl FuzzyTanh {
         &self.sets
     }
 
-    /// The tanh functions, one under each centre.
+    /// The tanh functions, one per centre.
     #[must_use]
     pub fn functions(&self) -> &[TanhFunction] {
         &self.functions[..self.sets.len()]
@@ -144,14 +146,14 @@ impl FuzzyTanh {
         self
     }
 
-    /// Four for each function: yield force, damping, slope, coupling.
+    /// Four per function: yield force, damping, slope, coupling.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
         4 * self.sets.len()
     }
 
-    /// Force in newtons at displacement `x_m`, velocity `v_m_s` and drive `i` (in the unit of
-    /// [`FuzzyTanh::drive`]). Not finite when an argument is not finite.
+    /// Force, N, at displacement `x_m`, velocity `v_m_s` and drive `i` (in the unit of [`FuzzyTanh::drive`]). Not finite if
+    /// an argument is not finite.
     #[inline]
     #[must_use]
     pub fn force_n(&self, x_m: f64, v_m_s: f64, i: f64) -> f64 {
@@ -159,14 +161,14 @@ impl FuzzyTanh {
         self.sets.strengths(i).mean(|set| functions[set].force_n(x_m, v_m_s)) + self.force_offset_n
     }
 
-    /// The model at a drive that stays, for several motions: the memberships are taken once.
+    /// The model at a constant drive, for several motions: the memberships are computed once.
     #[inline]
     pub(super) fn along(&self, drive: f64) -> FuzzyTanhAlong<'_> {
         FuzzyTanhAlong { model: self, strengths: self.sets.strengths(drive) }
     }
 
-    /// The model at a motion that stays, for several drives: the tanh functions are taken once. What [`Self::force_n`] says,
-    /// to the last bit.
+    /// The model at one motion, for several drives: the tanh functions are computed once. Its forces are bit-identical to
+    /// those from [`Self::force_n`].
     #[inline]
     #[must_use]
     pub fn at(&self, x_m: f64, v_m_s: f64) -> FuzzyTanhAt<'_> {
@@ -182,12 +184,12 @@ impl FuzzyTanh {
 #[derive(Debug, Clone, Copy)]
 pub struct FuzzyTanhAt<'a> {
     model: &'a FuzzyTanh,
-    /// Force of the function under each centre, N.
+    /// Force of the function of each centre, N.
     forces_n: [f64; MAX_FUNCTIONS],
 }
 
 impl FuzzyTanhAt<'_> {
-    /// Force in newtons at drive `i`. Not finite when an argument is not finite.
+    /// Force, N, at drive `i`. Not finite if an argument is not finite.
     #[inline]
     #[must_use]
     pub fn force_n(&self, i: f64) -> f64 {
@@ -203,7 +205,7 @@ pub(crate) struct FuzzyTanhAlong<'a> {
 }
 
 impl FuzzyTanhAlong<'_> {
-    /// What [`FuzzyTanh::force_n`] says, to 1e-15, and how fast it grows along `way`, N.
+    /// The force as [`FuzzyTanh::force_n`] gives it, to 1e-15, and its derivative along `way`, N.
     #[inline]
     pub(crate) fn force_and_slope(&self, x_m: f64, v_m_s: f64, way: &Way) -> [f64; 2] {
         let functions = self.model.functions();

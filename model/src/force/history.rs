@@ -1,18 +1,18 @@
-//! The lagged signals of models that feed on force: what they remember from sample to sample.
+//! The lagged signals of autoregressive models: their state from sample to sample.
 //!
-//! The same memory serves both ways of running. Pushing measured forces makes the next prediction one step
-//! ahead; pushing the model's own predictions makes it a free run. Which of the two it is, is the caller's
-//! business, and the two are never mixed in a figure.
+//! The same history serves prediction and simulation. If measured forces are pushed, the next prediction is one
+//! step ahead. If the model's own predictions are pushed, it is a simulation (free run). The caller chooses; an
+//! error figure never mixes the two.
 
 use super::Inputs;
 
-/// Samples that the history reaches back.
+/// Number of samples in the history.
 pub const DEPTH: usize = 5;
 
-/// The newest signals, newest first; a slot that is not known holds NaN.
+/// The last signals, newest first; NaN where not known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct History {
-    /// F_{k-1}, F_{k-2}, ... in newtons, with the session's offset still in.
+    /// F_{k-1}, F_{k-2}, ... in newtons, including the session's offset.
     pub(super) force_n: [f64; DEPTH],
     /// x_k, x_{k-1}, ... in metres.
     pub(super) displacement_m: [f64; DEPTH],
@@ -30,7 +30,7 @@ impl Default for History {
 }
 
 impl History {
-    /// The history with these lags, newest first: forces from the sample before on, all others from this sample on.
+    /// The history with the given lags, newest first: forces start at the sample before, all others at this sample.
     #[must_use]
     pub(crate) const fn of(
         force_n: [f64; DEPTH],
@@ -41,7 +41,7 @@ impl History {
         Self { force_n, displacement_m, velocity_m_s, drive }
     }
 
-    /// Takes in the inputs of sample k.
+    /// Adds the inputs of sample k.
     #[inline]
     pub fn push_inputs(&mut self, inputs: &Inputs) {
         shift_in(&mut self.displacement_m, inputs.displacement_m);
@@ -49,7 +49,7 @@ impl History {
         shift_in(&mut self.drive, inputs.drive);
     }
 
-    /// Takes in that nothing is known of the inputs of sample k: its place in the lags is taken all the same.
+    /// Adds NaN for the inputs of sample k, which are not known but take a place in the lags.
     #[inline]
     pub fn push_unknown_inputs(&mut self) {
         for slots in [&mut self.displacement_m, &mut self.velocity_m_s, &mut self.drive] {
@@ -57,14 +57,14 @@ impl History {
         }
     }
 
-    /// Takes in the force of sample k, measured or predicted; call after the prediction of sample k.
+    /// Adds the force of sample k, measured or predicted. Call it after the prediction of sample k.
     #[inline]
     pub fn push_force(&mut self, force_n: f64) {
         shift_in(&mut self.force_n, force_n);
     }
 
-    /// Replaces the force of `age` samples before the newest one by the measured value. Ages beyond the
-    /// history are ignored: no coming prediction uses them.
+    /// Replaces the force of the sample `age` samples before the newest by the measured value. Ages beyond the
+    /// history are ignored, because no later prediction uses them.
     #[inline]
     pub fn seed(&mut self, age: usize, force_n: f64) {
         if let Some(slot) = self.force_n.get_mut(age) {
@@ -72,8 +72,9 @@ impl History {
         }
     }
 
-    /// Force in newtons of a model that is linear in the newest lags of force (less `offset_n`), displacement and
-    /// velocity, as many as there are coefficients of each; `None` while one of them is not known.
+    /// Force, N, of a model that is linear in the newest lags of force (minus `offset_n`), displacement and
+    /// velocity. The number of lags of each is the number of its coefficients. `None` if one of the lags is not
+    /// known.
     #[inline]
     pub(super) fn regress(&self, offset_n: f64, [force, x, v]: [&[f64]; 3]) -> Option<f64> {
         let lags = force.len();
@@ -92,13 +93,13 @@ impl History {
         Some(force_n)
     }
 
-    /// Forgets the forces, so that only measured ones can make a model ready again.
+    /// Clears the forces, so that only measured ones can complete the history again.
     pub fn forget_forces(&mut self) {
         self.force_n = [f64::NAN; DEPTH];
     }
 }
 
-/// True when the first `lags` slots are known.
+/// True if the first `lags` slots are known.
 #[inline]
 pub(super) fn known(slots: &[f64; DEPTH], lags: usize) -> bool {
     slots[..lags].iter().all(|v| v.is_finite())

@@ -1,7 +1,7 @@
 //! Recursive lazy learning: `boada`.
 //!
 //! ```text
-//! memory     m points (x, v, i, F);   at a query q the nearest ones, p_1 .. p_K, by
+//! memory     m points (x, v, i, F);   at a query q the K nearest ones, p_1 .. p_K, by
 //! d^2        = ((x - x_q)/s_x)^2 + ((v - v_q)/s_v)^2 ( + ((i - i_q)/s_i)^2 )
 //! local      F = b_0 + b . z,   z = (p - q)/s:    F(q) = b_0 + F0
 //! recursive  g = V z_k / (1 + z_k' V z_k),   b += g (F_k - z_k' b),   V -= g z_k' V       k = 1 .. K
@@ -12,31 +12,33 @@
 //! |---|---|---|---|
 //! | x, v | arguments | m, m/s | displacement from the rest position, velocity; positive in extension |
 //! | i | argument | A or V | drive: coil current, or command voltage; semi-active form only |
-//! | s | `*_scale` | of the signal | how far apart counts as one; small: the signal matters much |
-//! | K_min, K | `neighbours` | 1 | least and most points of a local regression |
-//! | b, V | - | N, 1 | local coefficients and their covariance over the noise's |
-//! | F0 | `force_offset_n` | N | mean force of the session; the points' forces are without it |
+//! | s | `*_scale` | of the signal | unit of distance; the smaller it is, the more the signal matters |
+//! | K_min, K | `neighbours` | 1 | smallest and largest number of points of a local regression |
+//! | b, V | - | N, 1 | local coefficients, and their covariance divided by the noise variance |
+//! | F0 | `force_offset_n` | N | mean force of the session; the points' forces exclude it |
 //!
-//! Nothing is fitted beforehand but the memory: each query makes a regression of its own (Boada et al. for an MR
-//! damper; Bontempi et al. for recursion and PRESS, the error of each point predicted by the others). In z, q
-//! is the origin, so that b_0 is the prediction. V starts at 1e4, as if each coefficient had been seen before
-//! with a weight of 1e-4: that settles what the neighbours leave open, as when all have one drive.
+//! Only the memory is prepared in advance; each query solves a regression of its own (Boada et al. for an MR damper;
+//! Bontempi et al. for the recursion and PRESS, the error of each point predicted from the others). In z, q is the origin,
+//! so b_0 is the prediction. V starts at 1e4, as if each coefficient had been observed before with a weight of 1e-4. This
+//! determines coefficients that the neighbours leave undetermined, for example if all have the same drive.
 //!
-//! The model has no memory of past samples. Beyond its points it extrapolates along a plane.
+//! The model keeps no state between samples. Outside its points it extrapolates along a plane.
+//!
+//! Source: `[boada2008]` and `[bontempi]` in the bibliography (node/docs/guide/bibliography.md), section 2.1.3 of the thesis.
 
 use crate::error::Error;
 use crate::sample::DriveKind;
 
-/// The most points of a memory.
+/// Largest number of points of the memory.
 pub const MAX_POINTS: usize = 256;
-/// The most points of a local regression.
+/// Largest number of points of a local regression.
 pub const MAX_NEIGHBOURS: usize = 16;
-/// The least points of a local regression: one more than it has coefficients.
+/// Smallest number of points of a local regression: one more than it has coefficients.
 pub const MIN_NEIGHBOURS: usize = 5;
 
 /// Coefficients of a local regression: one, x, v, i.
 const COEFFICIENTS: usize = 4;
-/// V at the start.
+/// Diagonal of V at the start.
 const PRIOR: f64 = 1e4;
 
 /// A point of the memory.
@@ -52,7 +54,7 @@ pub struct LazyPoint {
     pub force_n: f64,
 }
 
-/// What counts as one step away, signal by signal.
+/// Unit of distance of each signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LazyMetric {
     /// Displacement, m.
@@ -77,11 +79,11 @@ pub struct Lazy {
 }
 
 impl Lazy {
-    /// A model from its memory; `neighbours` are the least and the most points of a local regression.
+    /// A model from its memory. `neighbours` are the smallest and largest number of points of a local regression.
     ///
     /// # Errors
-    /// When there are fewer points than neighbours, or more than [`MAX_POINTS`]; when `neighbours` do not lie, in
-    /// order, between [`MIN_NEIGHBOURS`] and [`MAX_NEIGHBOURS`]; when a scale is not positive or a number not finite.
+    /// When there are fewer points than neighbours, or more than [`MAX_POINTS`]; when `neighbours` are not in increasing
+    /// order between [`MIN_NEIGHBOURS`] and [`MAX_NEIGHBOURS`]; when a scale is not positive or a number is not finite.
     pub fn new(
         metric: LazyMetric,
         neighbours: [usize; 2],
@@ -135,13 +137,13 @@ impl Lazy {
         Ok(model)
     }
 
-    /// How distances are measured.
+    /// The units of distance.
     #[must_use]
     pub const fn metric(&self) -> LazyMetric {
         self.metric
     }
 
-    /// Least and most points of a local regression.
+    /// Smallest and largest number of points of a local regression.
     #[must_use]
     pub const fn neighbours(&self) -> [usize; 2] {
         self.neighbours
@@ -157,7 +159,7 @@ impl Lazy {
         })
     }
 
-    /// Which drive the model wants; `None` for the passive form.
+    /// The drive that the model needs; `None` for the passive form.
     #[must_use]
     pub const fn drive(&self) -> Option<DriveKind> {
         match self.metric.drive_scale {
@@ -166,7 +168,7 @@ impl Lazy {
         }
     }
 
-    /// Numbers in the memory.
+    /// Number of values in the memory.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
         self.len * if self.metric.drive_scale.is_some() { 4 } else { 3 }
@@ -185,8 +187,8 @@ impl Lazy {
         self
     }
 
-    /// Force in newtons at displacement `x_m`, velocity `v_m_s` and drive `i` (in the unit of [`Lazy::drive`]). Not finite
-    /// when an argument that the model takes is not finite.
+    /// Force, N, at displacement `x_m`, velocity `v_m_s` and drive `i` (in the unit of [`Lazy::drive`]). Not finite if a
+    /// needed argument is not finite.
     #[must_use]
     pub fn force_n(&self, x_m: f64, v_m_s: f64, i: f64) -> f64 {
         let (drive, drive_scale) = self.metric.drive_scale.map_or((0.0, 1.0), |(_, scale)| (i, scale));
@@ -212,8 +214,8 @@ impl Lazy {
         self.force_offset_n + regression(&rows[..count], &forces[..count], self.neighbours[0])
     }
 
-    /// Fills `nearest` with the squared distances and places of the points nearest to `query`, nearest first; of equal
-    /// distances the first point comes first.
+    /// Fills `nearest` with the squared distances and indices of the points nearest to `query`, nearest first. Of points
+    /// at equal distances, the one with the lower index comes first.
     #[inline]
     fn find(&self, query: [f64; 3], per_scale: [f64; 3], nearest: &mut [(f64, usize)]) {
         let mut squares = [0.0; MAX_POINTS];
@@ -240,16 +242,17 @@ impl Lazy {
     }
 }
 
-/// b_0 of the regression of `forces` on the first `k` of `rows`, for the `k` of `least` or more with the least PRESS.
+/// b_0 of the regression of `forces` on the first `k` of `rows`, where `k` is at least `least` and gives the smallest
+/// PRESS.
 fn regression(rows: &[[f64; COEFFICIENTS]], forces: &[f64], least: usize) -> f64 {
     let mut v = [[0.0; COEFFICIENTS]; COEFFICIENTS];
     for (j, row) in v.iter_mut().enumerate() {
         row[j] = PRIOR;
     }
-    // Seen from the nearest point's force, so that the prior pulls towards it and not towards zero.
+    // Forces are relative to the nearest point's force, so that the prior pulls towards it and not towards zero.
     let base = forces[0];
     let mut b = [0.0; COEFFICIENTS];
-    // F_j - z_j' b and 1 - z_j' V z_j of the points so far: a new point changes both by its own z alone.
+    // F_j - z_j' b and 1 - z_j' V z_j of the points so far. A new point updates both through its own z alone.
     let (mut residuals, mut left_out) = ([0.0; MAX_NEIGHBOURS], [0.0; MAX_NEIGHBOURS]);
     let (mut best, mut found) = (f64::INFINITY, 0.0);
     for (k, (z, force)) in rows.iter().zip(forces).enumerate() {
@@ -316,7 +319,7 @@ mod tests {
         (0..MAX_POINTS).map(point).collect()
     }
 
-    /// PRESS by leaving each point out in turn, and the prediction, by plain least squares with the prior.
+    /// PRESS by leaving out each point in turn, and the prediction, by plain least squares with the prior.
     fn press_and_force(rows: &[[f64; 4]], forces: &[f64]) -> (f64, f64) {
         let base = forces[0];
         let fit = |left_out: Option<usize>| {
@@ -334,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn recursion_and_press_are_those_of_leaving_points_out() {
+    fn recursion_and_press_agree_with_leaving_points_out() {
         let mut random = Pcg64Mcg::seed_from_u64(5);
         for _ in 0..20 {
             let rows: Vec<[f64; 4]> = (0..16)
@@ -352,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_is_met_and_the_passive_form_is_blind_to_drive() {
+    fn a_plane_is_reproduced_and_the_passive_form_ignores_the_drive() {
         let plane = |x: f64, v: f64, i: f64| 3000.0 * x + 700.0 * v + 90.0 * i + 5.0;
         let model = Lazy::new(metric(true), [6, 14], &memory(1, plane), 40.0).expect("a model");
         let found = model.force_n(0.004, -0.12, 0.3);
@@ -365,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_model_is_refused() {
+    fn invalid_models_are_refused() {
         let points = memory(1, |x, _, _| x);
         let refused = |metric, neighbours, points: &[LazyPoint]| {
             Lazy::new(metric, neighbours, points, 0.0).expect_err("refused").to_string()

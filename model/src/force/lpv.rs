@@ -1,4 +1,4 @@
-//! Linear parameter-varying ARX: an auto-regression whose coefficients follow the drive (future work in the thesis).
+//! Linear parameter-varying (LPV) ARX: the coefficients depend on the drive (future work in the thesis).
 //!
 //! ```text
 //! F_k = F0 + sum_{l=1..3} a_l(i_k) (F_{k-l} - F0) + b_l(i_k) x_{k-l+1} + c_l(i_k) v_{k-l+1}
@@ -6,14 +6,16 @@
 //! a_l(i) = sum_s w_s(i) a_ls              fuzzy sets over the drive
 //! ```
 //!
-//! F is force, N; x displacement, m; v velocity, m/s; i the drive, A or V, at this very sample; F0 the session's
+//! F is force, N; x displacement, m; v velocity, m/s; i the drive, A or V, at the same sample; F0 the session's
 //! offset, N; k counts samples of period Ts, so the coefficients hold at one rate only.
 //!
-//! Where the semi-active ARX adds terms in the current, which shift the force by the same amount in both directions
-//! of motion, here the current changes the dynamics: gain and poles. It stays linear in displacement and velocity,
-//! so that the knee of the force-velocity curve comes in through the measured force alone: one step ahead it is
-//! good, running free it is a damper without a knee. Each frozen current gives a plain ARX ([`Lpv::frozen`]); that
-//! all of them are stable does not make the model so, but one that is not warns.
+//! The semi-active ARX adds terms in the current, which shift the force by the same amount in both directions of
+//! motion. In this model the current changes the dynamics: gain and poles. The model is still linear in displacement
+//! and velocity, so the knee of the force-velocity curve enters only through measured force: it predicts well one
+//! step ahead, but its simulation has no knee. At a constant current it is a plain ARX ([`Lpv::frozen`]). Stability
+//! of all frozen models does not make the LPV model stable, but an unstable one is a warning.
+//!
+//! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), future work of the thesis.
 
 use super::arx::{Arx, LAGS};
 use super::dependence::Dependence;
@@ -22,9 +24,9 @@ use super::sets::MAX_FUNCTIONS;
 use crate::error::Error;
 use crate::units::Second;
 
-/// Regressors of the model: lags of force, displacement and velocity.
+/// Number of regressors: lags of force, displacement and velocity.
 pub const LPV_REGRESSORS: usize = 3 * LAGS;
-/// The most coefficients of a model.
+/// Largest number of coefficients.
 const MAX_COEFFICIENTS: usize = LPV_REGRESSORS * MAX_FUNCTIONS;
 
 /// The LPV model.
@@ -38,12 +40,13 @@ pub struct Lpv {
 }
 
 impl Lpv {
-    /// A model from its coefficients in SI units, copy by copy (a power of the drive or a fuzzy set each), of each
-    /// three force lags, three displacement lags (N/m) and three velocity lags (N·s/m), per power of the drive.
+    /// A model from its coefficients in SI units, copy by copy (one copy per power of the drive or fuzzy set). Each
+    /// copy holds three force lags, three displacement lags (N/m) and three velocity lags (N·s/m), each per power of
+    /// the drive.
     ///
     /// # Errors
-    /// When the number of coefficients is not [`LPV_REGRESSORS`] times the copies, the dependence is none (that is
-    /// the passive ARX), a number is not finite or the sample period is not positive.
+    /// When the number of coefficients is not [`LPV_REGRESSORS`] times the copies, the dependence is none (use the
+    /// passive ARX), a number is not finite or the sample period is not positive.
     pub fn new(
         dependence: Dependence,
         coefficients: &[f64],
@@ -53,7 +56,7 @@ impl Lpv {
         dependence.check()?;
         if dependence.drive().is_none() {
             return Err(Error::Data {
-                message: "an lpv model without a drive is the passive arx: take that".to_owned(),
+                message: "an lpv model needs a drive; without one, use the passive arx".to_owned(),
             });
         }
         let wanted = LPV_REGRESSORS * dependence.copies();
@@ -79,7 +82,7 @@ impl Lpv {
         Ok(model)
     }
 
-    /// How the coefficients follow the drive.
+    /// How the coefficients depend on the drive.
     #[must_use]
     pub const fn dependence(&self) -> &Dependence {
         &self.dependence
@@ -91,13 +94,13 @@ impl Lpv {
         &self.coefficients[..self.parameter_count()]
     }
 
-    /// Nine for each copy.
+    /// Nine per copy.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
         LPV_REGRESSORS * self.dependence.copies()
     }
 
-    /// The sample period that the coefficients hold at.
+    /// The sample period at which the coefficients hold.
     #[must_use]
     pub const fn sample_period(&self) -> Second {
         Second(self.sample_period_s)
@@ -127,17 +130,17 @@ impl Lpv {
         at
     }
 
-    /// The passive ARX that the model is while the drive stays at `i`, in the unit of its drive.
+    /// The passive ARX that the model equals at the constant drive `i`, in the unit of its drive.
     ///
     /// # Errors
-    /// When `i` is not finite, or so large that a coefficient is not.
+    /// When `i` is not finite, or so large that a coefficient is not finite.
     pub fn frozen(&self, i: f64) -> Result<Arx, Error> {
         let at = self.coefficients_at(i);
         let of = |signal: usize| std::array::from_fn(|lag| at[signal * LAGS + lag]);
         Arx::new(of(0), of(1), of(2), None, self.sample_period(), self.force_offset_n)
     }
 
-    /// The predicted force in newtons, or `None` while something that the model needs is unknown.
+    /// The predicted force, N; `None` if a needed lag is not known.
     #[inline]
     #[must_use]
     pub fn predict_n(&self, history: &History) -> Option<f64> {

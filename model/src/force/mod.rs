@@ -1,8 +1,7 @@
 //! The force models, one file each, and the enum that the pipeline steps.
 //!
-//! A model is immutable; what changes from sample to sample is its state, a small `Copy` type of its own.
-//! Models are `Copy` too (fixed capacity, no heap), so that one can be handed to the estimating thread and
-//! swapped in between two samples without an allocation.
+//! A model is immutable. Its state from sample to sample is a separate small `Copy` type. Models are `Copy` too (fixed capacity,
+//! no heap), so that a model can be handed to the estimating thread and swapped between two samples without an allocation.
 
 mod arx;
 mod dependence;
@@ -47,47 +46,47 @@ use crate::units::Second;
 )]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ForceModel {
-    /// Auto-regression with exogenous inputs; can be fed with measured force.
+    /// Autoregression with exogenous inputs (ARX). It can be seeded with measured force.
     Arx(Arx),
-    /// Fuzzy sets over the drive, a tanh function under each.
+    /// Fuzzy sets over the drive, with one tanh function per set.
     FuzzyTanh(FuzzyTanh),
-    /// Auto-regression whose coefficients follow the drive; can be fed with measured force.
+    /// ARX with coefficients that depend on the drive (LPV). It can be seeded with measured force.
     Lpv(Lpv),
-    /// An autoregressive network; can be fed with measured force.
+    /// An autoregressive network. It can be seeded with measured force.
     Network(Network),
     /// Recursive lazy learning.
     Lazy(Lazy),
-    /// A law of force whose parameters follow the drive.
+    /// A force law with parameters that depend on the drive.
     Law(LawModel),
     /// Fuzzy rules on a grid: ANFIS and its relatives.
     Tsk(Tsk),
 }
 
-/// What a model is given at one sample.
+/// Inputs of a model at one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inputs {
-    /// Time since the sample before, s; `None` for the first one, or after a gap.
+    /// Time since the sample before, s; `None` at the first sample and after a gap.
     pub dt_s: Option<f64>,
     /// Conditioned displacement, m.
     pub displacement_m: f64,
     /// Conditioned velocity, m/s.
     pub velocity_m_s: f64,
-    /// Conditioned acceleration, m/s²; NaN when it is not known.
+    /// Conditioned acceleration, m/s²; NaN if not known.
     pub acceleration_m_s2: f64,
     /// Drive in the unit of the model's [`DriveKind`]; ignored by models without one.
     pub drive: f64,
-    /// Temperature of the damper's case, °C; NaN when it is not known. No force model asks for it, an effect does.
+    /// Case temperature of the damper, °C; NaN if not known. Only effects use it, not force models.
     pub case_temp_c: f64,
 }
 
-/// A way through the inputs of a model: how much of each belongs to a step of one.
+/// A direction in the space of a model's inputs, for a directional derivative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Way {
     pub(crate) displacement_m: f64,
     pub(crate) velocity_m_s: f64,
 }
 
-/// State of a model that runs free (never sees measured force).
+/// State of a simulation (free run): a model that never uses measured force.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FreeRun {
     history: History,
@@ -109,7 +108,7 @@ impl ForceModel {
         }
     }
 
-    /// Which drive the model wants; `None` for a passive model.
+    /// The drive that the model needs; `None` for a passive model.
     #[must_use]
     pub const fn drive(&self) -> Option<DriveKind> {
         match self {
@@ -123,7 +122,7 @@ impl ForceModel {
         }
     }
 
-    /// How many numbers were identified: coefficients, without memberships and offset.
+    /// Number of identified coefficients, without memberships and offset.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
         match self {
@@ -165,8 +164,8 @@ impl ForceModel {
         }
     }
 
-    /// The sample period that a model which feeds on force holds at; `None` for one that does not, and so
-    /// can be seeded with no measured force.
+    /// The sample period, s, at which an autoregressive model holds; `None` for a model that is not autoregressive in force. Such
+    /// a model cannot be seeded with measured force.
     #[must_use]
     pub const fn force_fed_period(&self) -> Option<Second> {
         match self {
@@ -177,7 +176,7 @@ impl ForceModel {
         }
     }
 
-    /// True when a free run's force depends on samples before: when there is something in its [`FreeRun`].
+    /// True if the simulated force depends on earlier samples, that is, on the state in [`FreeRun`].
     #[must_use]
     pub const fn remembers(&self) -> bool {
         match self {
@@ -187,8 +186,8 @@ impl ForceModel {
         }
     }
 
-    /// False when the model's static force has no meaning (an ARX whose coefficients are rounded): then it
-    /// predicts one step ahead, but must not run free at low frequency.
+    /// False if the model's static force is not determined (an ARX model with rounded coefficients). Such a model can predict one
+    /// step ahead but must not be simulated at low frequency.
     #[must_use]
     pub fn dc_is_meaningful(&self) -> bool {
         match self {
@@ -202,8 +201,8 @@ impl ForceModel {
         }
     }
 
-    /// The force in newtons that a model which feeds on force predicts from `history`; `None` while the
-    /// history does not carry it, and for every other model.
+    /// The force, N, that an autoregressive model predicts from `history`; `None` while the history is incomplete, and for every
+    /// other model.
     #[inline]
     #[must_use]
     pub fn predict_n(&self, history: &History) -> Option<f64> {
@@ -215,8 +214,8 @@ impl ForceModel {
         }
     }
 
-    /// The model at a drive that stays: one that remembers nothing and tells its slope in one pass, for little more than the force
-    /// alone. `None` for every other.
+    /// The model at a constant drive, for a static model that returns force and slope in one pass, at little more cost than the
+    /// force alone. `None` for every other model.
     #[inline]
     pub(crate) fn along(&self, drive: f64) -> Option<FuzzyTanhAlong<'_>> {
         match self {
@@ -225,8 +224,7 @@ impl ForceModel {
         }
     }
 
-    /// Advances a free run by one sample and returns the force in newtons, or `None` while the model's
-    /// history is still filling.
+    /// Advances a simulation (free run) by one sample and returns the force, N; `None` while the model's history is still filling.
     #[inline]
     pub fn free_run(&self, state: &mut FreeRun, inputs: &Inputs) -> Option<f64> {
         match self {
@@ -239,7 +237,7 @@ impl ForceModel {
             Self::Arx(_) | Self::Lpv(_) | Self::Network(_) => {
                 state.history.push_inputs(inputs);
                 let predicted = self.predict_n(&state.history);
-                // At rest the damper's force is its offset: the neutral start of a free run.
+                // At rest the damper's force is its offset: the neutral start of a simulation.
                 state.history.push_force(predicted.unwrap_or(self.force_offset_n()));
                 predicted
             }

@@ -10,10 +10,10 @@
 //! |---|---|---|---|
 //! | x, v | history | m, m/s | displacement from the rest position, velocity; positive in extension |
 //! | i | history | A or V | drive: coil current, or command voltage; semi-active form only |
-//! | F | history | N | force with the session's offset in: measured (one step ahead) or predicted (free run) |
+//! | F | history | N | force, including the session's offset: measured (one-step-ahead prediction) or predicted (simulation, free run) |
 //! | W, b, c | `weights` | 1 | weights of normalised signals |
 //! | mean, deviation | `Scaling` | of the signal | mean and standard deviation of the training data |
-//! | F0 | `force_offset_n` | N | mean force of the session; the mean by which forces are normalised |
+//! | F0 | `force_offset_n` | N | mean force of the session; it is also the mean in the normalisation of force |
 //!
 //! | structure | lags of x, v, i, F | hidden | source |
 //! |---|---|---|---|
@@ -22,11 +22,13 @@
 //! | `chen` semi-active | 2, 2, 2, 1 | 25 | Chen: 7 inputs |
 //! | `chen` passive | 2, 2, -, 1 | 25 | the same without the drive |
 //!
-//! The hidden function is tanh. A logistic one gives the same set of models: sigma(z) = (1 + tanh(z/2)) / 2, and
-//! the factors go into the weights.
+//! The activation function is tanh. A logistic function gives the same set of models: sigma(z) = (1 + tanh(z/2)) /
+//! 2, and the weights absorb the factors.
 //!
-//! The lags are of samples, so that a network holds at one rate only. Beyond its training data it saturates:
-//! it extrapolates to a constant, and nothing says that this constant is right.
+//! The lags are whole samples, so a network holds at one rate only. Outside its training data it saturates: it
+//! extrapolates to a constant that need not be correct.
+//!
+//! Source: `[wangliao2001]` and `[chen2009]` in the bibliography (node/docs/guide/bibliography.md), section 2.1.3 of the thesis.
 
 use super::history::{DEPTH, History, known};
 use super::tanh::tanh_in_lanes;
@@ -34,16 +36,16 @@ use crate::error::Error;
 use crate::sample::DriveKind;
 use crate::units::Second;
 
-/// The most inputs of a network.
+/// Largest number of inputs of a network.
 pub const MAX_NETWORK_INPUTS: usize = 20;
-/// The most hidden neurons of a network.
+/// Largest number of hidden neurons.
 pub const MAX_NETWORK_HIDDEN: usize = 25;
-/// Hidden neurons with padding to whole vectors; the weights of the padding are zero.
+/// Number of hidden neurons, padded to whole vectors. The weights of the padding are zero.
 const LANES: usize = MAX_NETWORK_HIDDEN.next_multiple_of(PER_VECTOR);
-/// Lanes that loops take at once: 32 bytes.
+/// Number of values per vector: 32 bytes.
 const PER_VECTOR: usize = 4;
 
-/// Which network.
+/// Structure of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum NetworkStructure {
     /// Five lags of each signal, 15 hidden neurons.
@@ -53,7 +55,7 @@ pub enum NetworkStructure {
 }
 
 impl NetworkStructure {
-    /// All of them.
+    /// All structures.
     pub const ALL: [Self; 2] = [Self::WangLiao, Self::Chen];
 
     /// The structure called `name`, as in the contract.
@@ -71,7 +73,7 @@ impl NetworkStructure {
         }
     }
 
-    /// Samples of displacement, of velocity and (in the semi-active form) of drive among the inputs.
+    /// Number of samples each of displacement, of velocity and (in the semi-active form) of drive among the inputs.
     #[must_use]
     pub const fn input_lags(self) -> usize {
         match self {
@@ -80,7 +82,7 @@ impl NetworkStructure {
         }
     }
 
-    /// Samples of past force among the inputs.
+    /// Number of samples of past force among the inputs.
     #[must_use]
     pub const fn force_lags(self) -> usize {
         match self {
@@ -89,7 +91,7 @@ impl NetworkStructure {
         }
     }
 
-    /// Hidden neurons.
+    /// Number of hidden neurons.
     #[must_use]
     pub const fn hidden(self) -> usize {
         match self {
@@ -98,14 +100,14 @@ impl NetworkStructure {
         }
     }
 
-    /// Inputs of the passive form, or of the semi-active one (`driven`).
+    /// Number of inputs of the passive form, or of the semi-active form (`driven`).
     #[must_use]
     pub const fn inputs(self, driven: bool) -> usize {
         let signals = if driven { 3 } else { 2 };
         signals * self.input_lags() + self.force_lags()
     }
 
-    /// Weights of the passive form, or of the semi-active one (`driven`): W, b, c and c_0.
+    /// Number of weights of the passive form, or of the semi-active form (`driven`): W, b, c and c_0.
     #[must_use]
     pub const fn weights(self, driven: bool) -> usize {
         self.hidden() * (self.inputs(driven) + 2) + 1
@@ -129,7 +131,7 @@ impl Normalisation {
         (value - self.mean) / self.deviation
     }
 
-    /// The check that every model with normalised inputs makes of its own.
+    /// Checks that the mean is finite and the deviation positive.
     pub(super) fn check(&self, mean_name: &str, deviation_name: &str) -> Result<(), Error> {
         Error::check(mean_name, self.mean, "finite", |_| true)?;
         Error::check(deviation_name, self.deviation, "positive and finite", |d| d > 0.0)?;
@@ -137,7 +139,7 @@ impl Normalisation {
     }
 }
 
-/// How the signals are normalised.
+/// Normalisation of the signals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NetworkScaling {
     /// Displacement, m.
@@ -166,12 +168,12 @@ pub struct Network {
 }
 
 impl Network {
-    /// A network from its normalised `weights`: W input by input (the weights of one input to all hidden neurons
-    /// side by side), then b, then c, then c_0. The inputs come in the order of the equation above.
+    /// A network from its normalised `weights`: W input by input (the weights of one input to all hidden neurons are
+    /// adjacent), then b, then c, then c_0. The inputs are in the order of the equation above.
     ///
     /// # Errors
-    /// When there is another number of weights than [`NetworkStructure::weights`] says, a number is not finite, or a
-    /// deviation or the sample period is not positive.
+    /// When the number of weights is not [`NetworkStructure::weights`], a number is not finite, or a deviation or
+    /// the sample period is not positive.
     pub fn new(
         structure: NetworkStructure,
         scaling: NetworkScaling,
@@ -237,19 +239,19 @@ impl Network {
         rows.flat_map(|row| row[..hidden].iter().copied()).chain([self.output_bias]).collect()
     }
 
-    /// Which network it is.
+    /// The structure of the network.
     #[must_use]
     pub const fn structure(&self) -> NetworkStructure {
         self.structure
     }
 
-    /// How its signals are normalised.
+    /// The normalisation of its signals.
     #[must_use]
     pub const fn scaling(&self) -> NetworkScaling {
         self.scaling
     }
 
-    /// Which drive the model wants; `None` for the passive form.
+    /// The drive that the model needs; `None` for the passive form.
     #[must_use]
     pub const fn drive(&self) -> Option<DriveKind> {
         match self.scaling.drive {
@@ -270,7 +272,7 @@ impl Network {
         self.structure.weights(self.scaling.drive.is_some())
     }
 
-    /// The sample period that the weights hold at.
+    /// The sample period at which the weights hold.
     #[must_use]
     pub const fn sample_period(&self) -> Second {
         Second(self.sample_period_s)
@@ -289,7 +291,7 @@ impl Network {
         self
     }
 
-    /// The predicted force in newtons, or `None` while something that the model needs is unknown.
+    /// The predicted force, N; `None` if a needed lag is not known.
     #[inline]
     #[must_use]
     pub fn predict_n(&self, history: &History) -> Option<f64> {
@@ -301,7 +303,7 @@ impl Network {
         Some(self.force_offset_n + self.scaling.force_deviation_n * output)
     }
 
-    /// The network's inputs from `history`; false when one is unknown.
+    /// Fills `inputs` with the normalised inputs from `history`; false if one is not known.
     #[inline]
     fn gather(&self, history: &History, inputs: &mut [f64; MAX_NETWORK_INPUTS]) -> bool {
         let (lags, force_lags) = (self.structure.input_lags(), self.structure.force_lags());
@@ -347,7 +349,7 @@ impl Network {
     }
 
     /// The normalised output for normalised `inputs`, with its derivatives by every weight (in the order of
-    /// [`Network::new`]) and by every input: back-propagation.
+    /// [`Network::new`]) and by every input, computed by back-propagation.
     ///
     /// ```text
     /// d/dc_j = h_j      d/dc_0 = 1      delta_j = c_j (1 - h_j^2)
@@ -355,7 +357,7 @@ impl Network {
     /// ```
     ///
     /// # Panics
-    /// When a slice is shorter than the inputs or the weights.
+    /// When a slice is shorter than the number of inputs or weights.
     #[inline]
     pub fn gradient(&self, inputs: &[f64], by_weight: &mut [f64], by_input: &mut [f64]) -> f64 {
         let count = self.structure.hidden();
@@ -410,7 +412,7 @@ mod tests {
         Network::new(structure, scaling, &weights, Second(1.0 / 512.0), 35.0).expect("a network")
     }
 
-    /// The equation at the head of this file, for any kind of number.
+    /// The equation at the head of this file, for any number type.
     fn by_the_equation<D: DualNum + Copy>(hidden: usize, weights: &[D], inputs: &[D]) -> D {
         let n = inputs.len();
         (0..hidden).fold(weights[hidden * (n + 2)], |sum, j| {
@@ -420,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn gradient_is_that_of_the_equation() {
+    fn gradient_agrees_with_the_equation() {
         let mut random = Pcg64Mcg::seed_from_u64(3);
         for structure in [NetworkStructure::WangLiao, NetworkStructure::Chen] {
             for driven in [false, true] {
@@ -470,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_network_is_refused() {
+    fn invalid_networks_are_refused() {
         let scaling =
             NetworkScaling { displacement_m: ONE, velocity_m_s: ONE, drive: None, force_deviation_n: 1.0 };
         let make = |scaling, count: usize, weight: f64| {
@@ -488,7 +490,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn weights_come_back(seed: u64, driven: bool) {
+        fn weights_are_restored(seed: u64, driven: bool) {
             let network = network(NetworkStructure::Chen, driven, seed);
             prop_assert_eq!(network.with_weights(&network.weights()), network);
         }

@@ -1,8 +1,9 @@
-//! Phase-transition model P (Wang and Kamath; thesis 2.1, 4.6, 4.7): a relation, not a model that runs.
+//! Phase-transition model P (Wang and Kamath; thesis 2.1, 4.6, 4.7): a relation, not a model that can be
+//! simulated.
 //!
 //! ```text
 //! F = p1 v + p2 F' + p3 F'' + p4 F^3 + p5 F^5               one instant; all F measured, ' is d/dt
-//! v = (F - p2 F' - p3 F'' - p4 F^3 - p5 F^5) / p1           the same, as the source first states it
+//! v = (F - p2 F' - p3 F'' - p4 F^3 - p5 F^5) / p1           the same, in the source's first form
 //! p_j(i) = c_j0 + c_j1 i + ... + c_jd i^d                   semi-active form; the thesis has d = 2
 //! ```
 //!
@@ -15,26 +16,28 @@
 //! | p5 | `quintic_per_n4` | N^-4 | coefficient of F^5 |
 //! | v, F | inputs | m/s, N | velocity, positive in extension, and measured force without its offset |
 //!
-//! # Why it is no [`ForceModel`](super::ForceModel)
-//! The right side holds the force of the very instant that it is to predict, and its derivatives, which need
-//! the future. Its error figures (`same_instant`) say how well the relation holds, and stand beside no other
-//! model's. Solved forward for F'' it is an oscillator, near rest that of `1 - p2 s - p3 s^2 = 0`: with p2 >
-//! 0 and p3 < 0, as in every published set, both roots lie in the right half plane and any error grows. And
-//! its static curve v(F) folds back in many sets, so that one velocity has three forces.
-//! [`Phase::cannot_run`] works both out.
+//! # Why it is not a [`ForceModel`](super::ForceModel)
+//! The right side contains the force of the same instant that it is to predict, and its derivatives, which
+//! need future samples. Its error figures (`same_instant`) say how well the relation holds, and cannot be
+//! compared with the figures of other models. Solved for F'', the relation is an oscillator; near rest its
+//! characteristic equation is `1 - p2 s - p3 s^2 = 0`. With p2 > 0 and p3 < 0, as in every published set,
+//! both roots lie in the right half plane and any error grows. The static curve v(F) folds back in many sets,
+//! so that one velocity has three forces. [`Phase::cannot_run`] computes both.
+//!
+//! Source: `[wang2006]` in the bibliography (node/docs/guide/bibliography.md), equations 2.1, 4.6 and 4.7 of the thesis.
 
 use super::dependence::MAX_DEGREE;
 use crate::error::Error;
 use crate::sample::DriveKind;
 
-/// Parameters at one current.
+/// Number of parameters at one current.
 pub const PHASE_PARAMETERS: usize = 5;
 
 /// Names of the parameters, with their units.
 pub const PHASE_NAMES: [&str; PHASE_PARAMETERS] =
     ["damping_n_s_m", "force_rate_s", "force_curvature_s2", "cubic_per_n2", "quintic_per_n4"];
 
-/// The relation with its numbers.
+/// The relation with its coefficients.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Phase {
     drive: Option<DriveKind>,
@@ -42,7 +45,7 @@ pub struct Phase {
     coefficients: [[f64; PHASE_PARAMETERS]; MAX_DEGREE + 1],
 }
 
-/// Measured force of one instant, its offset taken off, with its derivatives.
+/// Measured force of one instant, without its offset, and its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceMotion {
     /// F, N.
@@ -56,7 +59,7 @@ pub struct ForceMotion {
 /// A root of the relation's characteristic equation near rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Root {
-    /// Real part, 1/s: positive for what grows.
+    /// Real part, 1/s; positive for a growing solution.
     pub re_per_s: f64,
     /// Imaginary part, rad/s.
     pub im_rad_s: f64,
@@ -65,19 +68,19 @@ pub struct Root {
 /// Why the relation cannot be integrated forward to predict force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CannotRun {
-    /// Roots near rest at constant velocity; fewer when p3, or p2 as well, is zero.
+    /// Roots near rest at constant velocity; fewer than two if p3 is zero, none if p2 is zero as well.
     pub roots: [Option<Root>; 2],
-    /// Least force at which the static velocity turns back, N; `None` when it rises throughout.
+    /// Smallest force at which the static velocity turns back, N; `None` if it rises throughout.
     pub folds_at_n: Option<f64>,
 }
 
 impl Phase {
-    /// The relation with `coefficients` copy by copy: p1 to p5, for a semi-active form (with `drive`) first
+    /// The relation with `coefficients`, copy by copy: p1 to p5; for a semi-active form (with `drive`) first
     /// their constants, then their coefficients of i, and so on.
     ///
     /// # Errors
-    /// When there are not 5 numbers without drive, or 10 to 25 (degree 1 to 4) with one, or a number is not
-    /// finite.
+    /// When there are not 5 numbers without drive, or 10, 15, 20 or 25 (degree 1 to 4) with one, or a number
+    /// is not finite.
     pub fn new(drive: Option<DriveKind>, coefficients: &[f64]) -> Result<Self, Error> {
         let (copies, rest) = coefficients.as_chunks::<PHASE_PARAMETERS>();
         let allowed = if drive.is_some() { 2..=MAX_DEGREE + 1 } else { 1..=1 };
@@ -97,7 +100,7 @@ impl Phase {
         Ok(phase)
     }
 
-    /// What the polynomials are in; `None` for a passive relation.
+    /// The variable of the polynomials; `None` for a passive relation.
     #[must_use]
     pub const fn drive(&self) -> Option<DriveKind> {
         self.drive
@@ -115,11 +118,11 @@ impl Phase {
         PHASE_PARAMETERS * self.copies
     }
 
-    /// p1 to p5 at `drive`, in the unit of the drive's kind; ignored by a passive relation.
+    /// p1 to p5 at `drive`, in the unit of the drive's kind. A passive relation ignores `drive`.
     #[inline]
     #[must_use]
     pub fn parameters_at(&self, drive: f64) -> [f64; PHASE_PARAMETERS] {
-        // Not from zero: a passive relation must not meet a drive that is not known.
+        // Start from the last copy, not from zero: a passive relation must ignore a NaN drive.
         let mut p = self.coefficients[self.copies - 1];
         for copy in self.coefficients[..self.copies - 1].iter().rev() {
             for (value, coefficient) in p.iter_mut().zip(copy) {
@@ -129,8 +132,8 @@ impl Phase {
         p
     }
 
-    /// The right side of the relation, N: the force of an instant from its own measured force. Not a
-    /// prediction.
+    /// The right side of the relation, N: it computes the force of an instant from the measured force of the
+    /// same instant, so it is not a prediction.
     #[inline]
     #[must_use]
     pub fn same_instant_n(&self, velocity_m_s: f64, measured: &ForceMotion, drive: f64) -> f64 {
@@ -138,7 +141,7 @@ impl Phase {
         p1 * velocity_m_s + implied(&[p2, p3, p4, p5], measured)
     }
 
-    /// Velocity that the measured force of an instant implies, m/s. Not finite when p1 is zero at this drive.
+    /// Velocity that the measured force of an instant implies, m/s. Not finite if p1 is zero at this drive.
     #[inline]
     #[must_use]
     pub fn velocity_m_s(&self, measured: &ForceMotion, drive: f64) -> f64 {
@@ -146,8 +149,8 @@ impl Phase {
         (measured.force_n - implied(&[p2, p3, p4, p5], measured)) / p1
     }
 
-    /// Why the relation cannot predict force at `drive`; `None` when it could: all roots in the left half
-    /// plane, and a static velocity that rises with force throughout.
+    /// The reasons why the relation cannot predict force at `drive`; `None` if it could: all roots in the
+    /// left half plane, and a static velocity that rises with force throughout.
     #[must_use]
     pub fn cannot_run(&self, drive: f64) -> Option<CannotRun> {
         let [_, p2, p3, p4, p5] = self.parameters_at(drive);
@@ -157,7 +160,7 @@ impl Phase {
 }
 
 impl CannotRun {
-    /// True when a root does not lie in the left half plane.
+    /// True if a root does not lie in the left half plane.
     #[must_use]
     pub fn is_unstable(&self) -> bool {
         self.roots.iter().flatten().any(|root| root.re_per_s >= 0.0)
@@ -206,17 +209,17 @@ fn roots(p2: f64, p3: f64) -> [Option<Root>; 2] {
         let im_rad_s = (-square).sqrt();
         return [1.0, -1.0].map(|sign| Some(Root { re_per_s: half, im_rad_s: sign * im_rad_s }));
     }
-    // The larger by the formula, the other by the product: no cancellation.
+    // The larger root by the formula and the other by the product, to avoid cancellation.
     let larger = half + square.sqrt().copysign(half);
     [Some(real(larger)), Some(real(product / larger))]
 }
 
-/// Least F > 0 where dv/dF, in proportion to 1 - 3 p4 F^2 - 5 p5 F^4, passes zero.
+/// Smallest F > 0 where dv/dF, which is proportional to 1 - 3 p4 F^2 - 5 p5 F^4, becomes zero.
 fn fold(p4: f64, p5: f64) -> Option<f64> {
     let passes = if p5 == 0.0 {
         [1.0 / (3.0 * p4), f64::NAN]
     } else {
-        // In q = 1/F^2: q^2 - 3 p4 q - 5 p5 = 0, so that the greatest q is the least F.
+        // With q = 1/F^2: q^2 - 3 p4 q - 5 p5 = 0, so the largest q gives the smallest F.
         let (half, square) = (1.5 * p4, 2.25 * p4 * p4 + 5.0 * p5);
         [half + square.sqrt(), half - square.sqrt()].map(f64::recip)
     };
@@ -250,7 +253,7 @@ mod tests {
             let copies = [2_000.0, 0.017, -3e-4, 1.3e-6, -7e-13, 500.0, 1e-3, 1e-5, -1e-7, 1e-14];
             let phase = Phase::new(Some(DriveKind::CoilCurrent), &copies).expect("a relation");
             let measured = ForceMotion { force_n, rate_n_s, curvature_n_s2 };
-            // A velocity shifted by dv moves the force by p1 dv.
+            // A velocity change of dv changes the force by p1 dv.
             let shift = v - phase.velocity_m_s(&measured, i);
             let expected = force_n + phase.parameters_at(i)[0] * shift;
             prop_assert!((phase.same_instant_n(v, &measured, i) - expected).abs() < 1e-8 * (1.0 + expected.abs()));
@@ -258,8 +261,8 @@ mod tests {
     }
 
     #[test]
-    fn a_root_far_beyond_the_other_costs_it_no_digits() {
-        // 1 - s/20 - p3 s^2: one root is next to 20 1/s, whatever the other is.
+    fn a_much_larger_root_does_not_reduce_the_accuracy_of_the_other() {
+        // 1 - s/20 - p3 s^2: one root is near 20 1/s, whatever the other is.
         for p3 in [1e-14, -1e-14] {
             let nearest =
                 roots(0.05, p3).into_iter().flatten().map(|root| (root.re_per_s / 20.0 - 1.0).abs());
@@ -274,7 +277,7 @@ mod tests {
         let v =
             |force_n| phase.velocity_m_s(&ForceMotion { force_n, rate_n_s: 0.0, curvature_n_s2: 0.0 }, 0.0);
         assert!(v(fold_n) > v(fold_n - 1.0) && v(fold_n) > v(fold_n + 1.0), "{fold_n} N");
-        // The least of two, and without the fifth power.
+        // The smaller of two folds, and folds without the fifth power.
         for (p4, p5) in [(1.28e-6, -6.7e-13), (1.28e-6, 0.0), (0.0, 1e-13), (-1e-6, 1e-12)] {
             let slope = |f: f64| 1.0 - 3.0 * p4 * f.powi(2) - 5.0 * p5 * f.powi(4);
             let at = fold(p4, p5).expect("it folds");

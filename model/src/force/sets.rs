@@ -4,21 +4,23 @@
 //! w_j(i) = g_j / sum_k g_k,      g_j = exp(-(i - c_j)^2 / (2 sigma_j^2))
 //! ```
 //!
-//! Every model whose functions stand side by side over the current is blended by these. In the thesis all widths
-//! sigma are one; sets whose centres and widths were identified have each their own.
+//! These sets blend every model that has one function per level of the drive. In the thesis all sets have the same width sigma; sets
+//! with identified centres and widths each have their own.
+//!
+//! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equation 4.8 of the thesis.
 
 use crate::error::Error;
 use crate::sample::DriveKind;
 
-/// Exponent beyond the strongest set's from which a set is out: -ln of 1e-7.
+/// A set is ignored if its exponent exceeds the strongest set's by more than this: -ln of 1e-7.
 const OUT: f64 = 16.118_095_650_958_32;
-/// The most fuzzy sets that one model can hold.
+/// Largest number of fuzzy sets in a model.
 pub const MAX_FUNCTIONS: usize = 16;
 
-/// What Gaussian membership functions of one width have in common.
+/// Common properties of Gaussian membership functions of one width.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Membership {
-    /// What is fuzzified: current in A, or command voltage in V.
+    /// The fuzzified drive: current in A, or command voltage in V.
     pub drive: DriveKind,
     /// Standard deviation of every set, in the unit of `drive`.
     pub sigma: f64,
@@ -31,15 +33,15 @@ pub struct FuzzySets {
     len: usize,
     centres: [f64; MAX_FUNCTIONS],
     sigmas: [f64; MAX_FUNCTIONS],
-    /// See [`sharpness`]: dividing by sigmas would take a step a fifth of its time.
+    /// See [`sharpness`]. They are stored because division by the sigmas would take a fifth of a step's time.
     sharpnesses: [f64; MAX_FUNCTIONS],
 }
 
 impl FuzzySets {
-    /// One set around each of `centres`, all of one width.
+    /// One set around each of `centres`, all with the same width.
     ///
     /// # Errors
-    /// As [`FuzzySets::with_widths`].
+    /// The same as for [`FuzzySets::with_widths`].
     pub fn new(membership: Membership, centres: &[f64]) -> Result<Self, Error> {
         let unit = membership.drive.unit_suffix();
         Error::check(&format!("membership_sigma_{unit}"), membership.sigma, "positive and finite", |s| {
@@ -48,11 +50,11 @@ impl FuzzySets {
         Self::with_widths(membership.drive, centres, &vec![membership.sigma; centres.len()])
     }
 
-    /// One set around each of `centres`, each with its standard deviation from `sigmas`; both in the unit of `drive`.
+    /// One set around each of `centres`, with the standard deviations `sigmas`; both in the unit of `drive`.
     ///
     /// # Errors
-    /// When there are no centres or more than [`MAX_FUNCTIONS`], when they do not increase, when there are more or
-    /// fewer sigmas, one is not positive, or a number is not finite.
+    /// When the number of centres is 0 or above [`MAX_FUNCTIONS`], the centres do not increase, the numbers of sigmas and centres
+    /// differ, a sigma is not positive, or a number is not finite.
     pub fn with_widths(drive: DriveKind, centres: &[f64], sigmas: &[f64]) -> Result<Self, Error> {
         let unit = drive.unit_suffix();
         if centres.is_empty() || centres.len() > MAX_FUNCTIONS {
@@ -85,7 +87,7 @@ impl FuzzySets {
         Ok(Self { drive, len: centres.len(), centres: all_centres, sigmas: all_sigmas, sharpnesses })
     }
 
-    /// Which drive the sets are over.
+    /// The drive of the sets.
     #[must_use]
     pub const fn drive(&self) -> DriveKind {
         self.drive
@@ -110,8 +112,8 @@ impl FuzzySets {
         &self.centres[..self.len]
     }
 
-    /// Normalised firing strengths of the sets at drive `i`: they are not negative and sum to one; entries beyond
-    /// [`FuzzySets::len`] are zero. NaN for a drive that is not finite.
+    /// Normalised firing strengths of the sets at drive `i`. They are not negative and sum to one; entries beyond [`FuzzySets::len`]
+    /// are zero. NaN for a drive that is not finite.
     #[inline]
     #[must_use]
     pub fn weights(&self, i: f64) -> [f64; MAX_FUNCTIONS] {
@@ -134,7 +136,7 @@ pub(crate) struct Strengths {
 }
 
 impl Strengths {
-    /// Those of Gaussian sets at drive `i`, as many as there are `centres`, at most [`MAX_FUNCTIONS`].
+    /// Strengths of Gaussian sets at drive `i`, one per centre, at most [`MAX_FUNCTIONS`].
     #[inline]
     fn at(i: f64, centres: &[f64], sharpnesses: &[f64]) -> Self {
         let len = centres.len().min(MAX_FUNCTIONS);
@@ -147,7 +149,7 @@ impl Strengths {
         Self { of, sum, len }
     }
 
-    /// Each as its share of all.
+    /// Each strength divided by the sum.
     #[inline]
     fn shares(&self) -> [f64; MAX_FUNCTIONS] {
         let Self { of: mut weights, sum, len } = *self;
@@ -157,12 +159,13 @@ impl Strengths {
         weights
     }
 
-    /// Mean of what each set says, by the sets' strengths; a set that is out is not asked. NaN where the strengths are.
+    /// Weighted mean of the sets' outputs `says`, with the strengths as weights. Ignored sets are not evaluated. NaN if the strengths
+    /// are NaN.
     #[inline]
     pub(crate) fn mean(&self, says: impl Fn(usize) -> f64) -> f64 {
         let mut sum = 0.0;
         for (set, strength) in self.of[..self.len].iter().enumerate() {
-            // NaN is no zero: it comes through.
+            // NaN is not equal to zero, so it propagates.
             if *strength != 0.0 {
                 sum += strength * says(set);
             }
@@ -181,18 +184,18 @@ impl Strengths {
                 slope += strength * own_slope;
             }
         }
-        // At hand before `says` is: whoever waits for the mean waits for no division.
+        // The reciprocal is independent of `says`, so the division does not delay the result.
         let share = self.sum.recip();
         [value * share, slope * share]
     }
 }
 
-/// Weights of Gaussian sets at drive `i`, as many as there are `centres`, at most [`MAX_FUNCTIONS`].
+/// Weights of Gaussian sets at drive `i`, one per centre, at most [`MAX_FUNCTIONS`].
 ///
-/// Strengths are taken relative to the strongest set. Far outside the centres all exponentials underflow, and a plain
-/// quotient would be 0/0; relative to the strongest set the model goes over to that set's function instead. A set with
-/// less than 1e-7 of the strongest has no say at all: it would add less than any load cell resolves, but
-/// what stands under a set that no data reach may be anything.
+/// Strengths are computed relative to the strongest set. Far outside the centres all exponentials underflow, and a plain quotient
+/// would be 0/0. Relative to the strongest set, the model approaches that set's function instead. A set with less than 1e-7 of the
+/// strongest is ignored: it would add less than any load cell resolves, but the function of a set that no data reach may have any
+/// value.
 #[inline]
 pub(crate) fn blend(i: f64, centres: &[f64], sigmas: &[f64]) -> [f64; MAX_FUNCTIONS] {
     let mut sharpnesses = [0.0; MAX_FUNCTIONS];
@@ -202,14 +205,14 @@ pub(crate) fn blend(i: f64, centres: &[f64], sigmas: &[f64]) -> [f64; MAX_FUNCTI
     Strengths::at(i, centres, &sharpnesses).shares()
 }
 
-/// What the squared distance from a centre is multiplied by: 1/(2 sigma²). Of widths beyond all reason it is that of 1e100 or 1e-100:
-/// no product with a distance overflows, and no difference of two is none.
+/// Factor of the squared distance from a centre: 1/(2 sigma²). It is clamped to the range from 1e-200 to 1e200 (sigma near 1e100 and
+/// 1e-100), so that no product with a squared distance overflows and no difference of two exponents is NaN.
 #[inline]
 fn sharpness(sigma: f64) -> f64 {
     (0.5 / (sigma * sigma)).clamp(1e-200, 1e200)
 }
 
-/// Exponent of each set at drive `i`, (i - c)²/(2 sigma²), and the least of them; zeros beyond.
+/// Exponent of each set at drive `i`, (i - c)²/(2 sigma²), and the smallest of them; unused entries are zero.
 #[inline]
 fn exponents(i: f64, centres: &[f64], sharpnesses: &[f64]) -> ([f64; MAX_FUNCTIONS], f64) {
     let mut all = [0.0; MAX_FUNCTIONS];
@@ -222,10 +225,10 @@ fn exponents(i: f64, centres: &[f64], sharpnesses: &[f64]) -> ([f64; MAX_FUNCTIO
     (all, least)
 }
 
-/// Strength of a set whose exponent is `beyond` the strongest one's: 0 where it is out, NaN where that is NaN.
+/// Strength of a set whose exponent is `beyond` above the strongest set's: 0 if the set is ignored, NaN if `beyond` is NaN.
 #[inline]
 fn strength(beyond: f64) -> f64 {
-    // NaN, of a drive that is not known, must come through.
+    // NaN from an unknown drive must propagate.
     if beyond > OUT { 0.0 } else { (-beyond).exp() }
 }
 
@@ -254,7 +257,7 @@ mod tests {
             let sum: f64 = strengths.iter().sum();
             let weights = sets.weights(i);
             for (weight, strength) in weights.iter().zip(&strengths) {
-                // What has less than 1e-7 of the strongest is out: of sixteen sets.
+                // A set with less than 1e-7 of the strongest is ignored; there are up to sixteen sets.
                 prop_assert!((weight - strength / sum).abs() < 2e-6, "{weight} {}", strength / sum);
             }
             prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-15 * 16.0);
@@ -268,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn next_to_each_other_they_are_to_the_last_digits() {
+    fn weights_of_neighbouring_sets_are_exact_to_rounding() {
         let weights = sets(&[0.0, 0.4, 1.0], &[0.2, 0.3, 0.2]).weights(0.3);
         let strength = [-1.125, -0.5 / 9.0, -6.125].map(f64::exp);
         let sum: f64 = strength.iter().sum();
@@ -278,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn widths_of_any_size_give_weights_and_a_drive_that_is_none_gives_none() {
+    fn widths_of_any_size_give_weights_and_an_unknown_drive_gives_nan() {
         for sigma in [1e-300, 1e-160, 1e160, 1e300] {
             let sets = sets(&[0.0, 1.0], &[sigma; 2]);
             for i in [0.0, 1e-200, 0.4, 1.0, 50.0] {

@@ -1,4 +1,4 @@
-//! Takagi-Sugeno-Kang fuzzy model on a full grid of rules: ANFIS and its relatives (thesis 2.9-2.11, 4.5).
+//! Takagi-Sugeno-Kang (TSK) fuzzy model on a full grid of rules: ANFIS and related models (thesis 2.9-2.11, 4.5).
 //!
 //! ```text
 //! rule r = (j, k, l):  if u_1 is in set j, u_2 in set k, u_3 in set l, then
@@ -9,15 +9,16 @@
 //! | symbol | field | unit | meaning |
 //! |---|---|---|---|
 //! | u | `TskInput` | - | normalised input: displacement, velocity, acceleration or drive |
-//! | g | `TskSet` | - | memberships of an input; see [`TskInput::weights`] for what happens outside them |
-//! | p, q, r, s | conclusions | - | of each rule; the first input's set varies slowest, the last one's fastest |
+//! | g | `TskSet` | - | memberships of an input; [`TskInput::weights`] defines the weights outside them |
+//! | p, q, r, s | conclusions | - | of each rule; the first input's set varies slowest, the last input's set fastest |
 //! | mean, std_dev | `OutputScale` | N | undo the normalisation of the force |
 //! | F0 | `force_offset_n` | N | mean force of the session (gas preload, load cell zero) |
 //!
-//! On a full grid the sum of all W is the product of the inputs' own sums. Each input is therefore weighted by
-//! its own normalised strengths, which are products' quotient exactly and cannot be 0/0.
+//! On a full grid the sum of all W is the product of the sums of the inputs. Each input is therefore weighted by its own
+//! normalised strengths: their product equals the quotient exactly and cannot be 0/0.
 //!
 //! Sources: Takagi and Sugeno 1985; Jang 1993 (ANFIS).
+//! See `[takagi1985]` and `[jang1993]` in the bibliography (node/docs/guide/bibliography.md), equations 2.9 to 2.11 of the thesis.
 
 mod kind;
 mod sets;
@@ -33,12 +34,12 @@ use super::Inputs;
 use crate::error::Error;
 use crate::sample::DriveKind;
 
-/// The most inputs.
+/// Largest number of inputs.
 pub const MAX_INPUTS: usize = 3;
-/// The most numbers in the conclusions of all rules together: 5x5x5 constants, or 27 rules of four.
+/// Largest number of values in the conclusions of all rules: 5x5x5 constants, or 27 rules of four.
 pub const MAX_CONCLUSIONS: usize = 125;
 
-/// What an input can be.
+/// Signal of an input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signal {
     /// Displacement, m.
@@ -49,12 +50,13 @@ pub enum Signal {
     Acceleration,
     /// Drive, A or V.
     Drive(DriveKind),
-    /// Force, N: of a model that is asked for the current, see [`crate::inverse`]. No sample of a model's inputs has it.
+    /// Force, N: for an inverse model that computes the current, see [`crate::inverse`]. A model's [`Inputs`] do not
+    /// contain it.
     Force,
 }
 
 impl Signal {
-    /// Its name in fields and messages.
+    /// Name in fields and messages.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -66,7 +68,7 @@ impl Signal {
         }
     }
 
-    /// Suffix of its unit in names of fields.
+    /// Suffix of the unit in field names.
     #[must_use]
     pub const fn unit_suffix(self) -> &'static str {
         match self {
@@ -79,7 +81,7 @@ impl Signal {
         }
     }
 
-    /// Its value at a sample; NaN for a force.
+    /// Value at a sample; NaN for a force.
     #[inline]
     #[must_use]
     pub const fn of(self, inputs: &Inputs) -> f64 {
@@ -96,14 +98,14 @@ impl Signal {
 /// Form of a rule's conclusion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// One number a rule.
+    /// One constant per rule.
     Constant,
-    /// A slope for each input, and a constant.
+    /// A slope per input, and a constant.
     First,
 }
 
 impl Order {
-    /// Numbers of one rule's conclusion with `inputs` inputs.
+    /// Number of values in a rule's conclusion with `inputs` inputs.
     #[must_use]
     pub const fn width(self, inputs: usize) -> usize {
         match self {
@@ -113,12 +115,12 @@ impl Order {
     }
 }
 
-/// What undoes the normalisation of the force.
+/// Scale that undoes the normalisation of the force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutputScale {
-    /// Added last, N.
+    /// Mean, added last, N.
     pub mean_n: f64,
-    /// What the normalised output is multiplied by, N.
+    /// Standard deviation, factor of the normalised output, N.
     pub std_dev_n: f64,
 }
 
@@ -128,7 +130,7 @@ pub struct Tsk {
     kind: TskKind,
     drive: Option<DriveKind>,
     input_count: usize,
-    /// Unused inputs repeat the first one, and do not count.
+    /// Unused inputs repeat the first one and are ignored.
     inputs: [TskInput; MAX_INPUTS],
     order: Order,
     len: usize,
@@ -137,24 +139,24 @@ pub struct Tsk {
     force_offset_n: f64,
 }
 
-/// Derivatives of the force over all parameters of a model, at one sample.
+/// Derivatives of the force with respect to all parameters of a model, at one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TskGradient {
-    /// Over the numbers of set j of input i, N: centre and sigma (and an unused third), or left foot, peak and
-    /// right foot.
+    /// With respect to the numbers of set j of input i, N: centre and sigma (and an unused third), or left foot, peak
+    /// and right foot.
     pub sets: [[[f64; 3]; MAX_SETS]; MAX_INPUTS],
-    /// Over the conclusions, N, in the order of [`Tsk::conclusions`].
+    /// With respect to the conclusions, N, in the order of [`Tsk::conclusions`].
     pub conclusions: [f64; MAX_CONCLUSIONS],
 }
 
 impl Tsk {
-    /// A model of full grid. `conclusions` holds the numbers of one rule after the other, the slopes in the
-    /// order of the inputs and then the constant; the set of the first input varies slowest.
+    /// A model on a full grid. `conclusions` holds the numbers of one rule after the other, the slopes in the order of
+    /// the inputs and then the constant. The set of the first input varies slowest.
     ///
     /// # Errors
-    /// When there are no inputs or too many, when a signal comes twice, when the structure is not that of
-    /// `kind` (any grid may be called [`TskKind::Anfis`]), when the conclusions do not match it or exceed
-    /// [`MAX_CONCLUSIONS`], or when a number is out of range.
+    /// When the number of inputs is 0 or above [`MAX_INPUTS`], a signal is repeated, or a number is out of range. When
+    /// the structure does not match `kind` (any grid may be [`TskKind::Anfis`]). When the conclusions do not match the
+    /// structure or exceed [`MAX_CONCLUSIONS`].
     pub fn new(
         kind: TskKind,
         inputs: &[TskInput],
@@ -178,7 +180,7 @@ impl Tsk {
                 name: "conclusions".to_owned(),
                 found: conclusions.len(),
                 expected: format!(
-                    "{needed} ({rules} rules of {}), and no model holds more than {MAX_CONCLUSIONS}",
+                    "{needed} ({rules} rules of {}, at most {MAX_CONCLUSIONS} values)",
                     order.width(inputs.len())
                 ),
             });
@@ -205,19 +207,19 @@ impl Tsk {
         Ok(model)
     }
 
-    /// Which of the named models it is.
+    /// The named model.
     #[must_use]
     pub const fn kind(&self) -> TskKind {
         self.kind
     }
 
-    /// Its inputs.
+    /// The inputs.
     #[must_use]
     pub fn inputs(&self) -> &[TskInput] {
         &self.inputs[..self.input_count]
     }
 
-    /// Form of its conclusions.
+    /// Form of the conclusions.
     #[must_use]
     pub const fn order(&self) -> Order {
         self.order
@@ -229,7 +231,7 @@ impl Tsk {
         &self.conclusions[..self.len]
     }
 
-    /// What undoes the normalisation of the force.
+    /// Scale that undoes the normalisation of the force.
     #[must_use]
     pub const fn output(&self) -> OutputScale {
         self.output
@@ -247,7 +249,7 @@ impl Tsk {
         Self { force_offset_n, ..self }
     }
 
-    /// Which drive the model wants; `None` for the passive form.
+    /// The drive that the model needs; `None` for the passive form.
     #[must_use]
     pub const fn drive(&self) -> Option<DriveKind> {
         self.drive
@@ -259,7 +261,7 @@ impl Tsk {
         self.inputs().iter().map(TskInput::len).product()
     }
 
-    /// Conclusions, and two numbers for each Gaussian or three for each triangle: what the literature counts.
+    /// Number of conclusions, plus two numbers per Gaussian or three per triangle, as the literature counts.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
         let (mut count, mut j) = (self.len, 0);
@@ -274,14 +276,14 @@ impl Tsk {
         count
     }
 
-    /// Force in newtons at a sample. Not finite when an input that the model takes is not finite.
+    /// Force, N, at a sample. Not finite if a needed input is not finite.
     #[inline]
     #[must_use]
     pub fn force_n(&self, inputs: &Inputs) -> f64 {
         self.output_at(&self.raw(inputs))
     }
 
-    /// What its inputs are at a sample, in their signals' units.
+    /// The inputs at a sample, in their signals' units.
     #[inline]
     fn raw(&self, inputs: &Inputs) -> [f64; MAX_INPUTS] {
         let mut raw = [0.0; MAX_INPUTS];
@@ -291,11 +293,11 @@ impl Tsk {
         raw
     }
 
-    /// Its output where its inputs are `raw`, in their signals' units.
+    /// The output for the inputs `raw`, in their signals' units.
     #[inline]
     pub(crate) fn output_at(&self, raw: &[f64; MAX_INPUTS]) -> f64 {
         let mut u = [0.0; MAX_INPUTS];
-        // An input that is not there has one set, which always fires.
+        // An unused input has one set, which always fires.
         let mut weights = [[1.0; MAX_SETS]; MAX_INPUTS];
         for (j, (input, raw)) in self.inputs().iter().zip(raw).enumerate() {
             u[j] = input.normalise(*raw);
@@ -315,7 +317,7 @@ impl Tsk {
         }
     }
 
-    /// The same for conclusions of `W` numbers: they are averaged first and meet the inputs last.
+    /// The same for conclusions of `W` numbers. The conclusions are averaged first and multiplied by the inputs last.
     #[inline]
     fn blend_of<const W: usize>(
         &self,
@@ -340,7 +342,7 @@ impl Tsk {
         slopes + mean[W - 1]
     }
 
-    /// Numbers of sets, one for each input that is not there.
+    /// Number of sets of each input; one for an unused input.
     #[inline]
     fn counts(&self) -> [usize; MAX_INPUTS] {
         let mut counts = [1; MAX_INPUTS];
@@ -350,13 +352,13 @@ impl Tsk {
         counts
     }
 
-    /// Force in newtons at a sample, and its derivatives over all parameters.
+    /// Force, N, at a sample, and its derivatives with respect to all parameters.
     #[must_use]
     pub fn force_and_gradient(&self, inputs: &Inputs) -> (f64, TskGradient) {
         self.output_and_gradient_at(&self.raw(inputs))
     }
 
-    /// Its output where its inputs are `raw`, in their signals' units, and the derivatives of it over all parameters.
+    /// The output for the inputs `raw`, in their signals' units, and its derivatives with respect to all parameters.
     pub(crate) fn output_and_gradient_at(&self, raw: &[f64; MAX_INPUTS]) -> (f64, TskGradient) {
         let mut u = [0.0; MAX_INPUTS];
         let mut firing = [Firing { weights: [1.0; MAX_SETS], ..Firing::default() }; MAX_INPUTS];
@@ -402,16 +404,13 @@ fn drive_of(inputs: &[TskInput]) -> Option<DriveKind> {
     })
 }
 
-/// Checks that each signal comes once, and that a named structure is what its name says.
+/// Checks that no signal is repeated, and that a named structure matches its name.
 fn check_structure(kind: TskKind, inputs: &[TskInput], order: Order) -> Result<(), Error> {
     for (j, input) in inputs.iter().enumerate() {
         let again = |other: &TskInput| other.signal().name() == input.signal().name();
         if inputs[..j].iter().any(again) {
             return Err(Error::Data {
-                message: format!(
-                    "inputs[{j}] is {} once more; each signal may come once",
-                    input.signal().name()
-                ),
+                message: format!("inputs[{j}] repeats {}; use each signal once", input.signal().name()),
             });
         }
     }
@@ -425,7 +424,7 @@ fn check_structure(kind: TskKind, inputs: &[TskInput], order: Order) -> Result<(
     }
     Err(Error::Data {
         message: format!(
-            "these inputs, memberships and conclusions are not those of {}; a grid of another structure is \
+            "the inputs, memberships and conclusions do not match {}; a grid of another structure must be \
              called \"anfis\"",
             kind.name()
         ),

@@ -1,4 +1,4 @@
-//! Identification of the ARX model: the regression of [`super::regression`], with lags of the drive.
+//! Identification of the ARX model by the regression of [`super::regression`], with lags of the drive.
 
 use super::Watch;
 use super::dataset::Dataset;
@@ -8,9 +8,9 @@ use crate::force::{Arx, Dependence, SAVARESI_LAGS};
 use crate::sample::DriveKind;
 use crate::units::Second;
 
-/// What came out.
+/// Result of the fit.
 pub(super) struct Fitted {
-    /// The model, its offset the mean of the runs' offsets.
+    /// The model; its offset is the mean of the runs' offsets.
     pub(super) model: Arx,
     /// Offset of each run, N.
     pub(super) offsets_n: Vec<f64>,

@@ -1,8 +1,8 @@
 //! A run as a model sees it: conditioned rows at the displacement stamps.
 //!
-//! Rows are made by the blocks that the live pipeline is made of (hold, force aligner, conditioning,
-//! low-pass), fed in the same order. What is identified on them is what runs live: causal filters, the same
-//! delays, and a new start after each gap.
+//! Rows are computed with the building blocks of the live pipeline (hold, force aligner, conditioning,
+//! low-pass), in the same order of samples. A model identified on them therefore runs live under the same
+//! conditions: causal filters, the same delays, and a restart after each gap.
 
 use crate::condition::{ApplyTo, Conditioning, ForceAligner, Hold, LowPassState, MotionState};
 use crate::error::Error;
@@ -10,28 +10,28 @@ use crate::force::Inputs;
 use crate::model::Envelope;
 use crate::sample::{DriveKind, Reading, Run, Stamp, Trace};
 
-/// Share of the peak speed beyond which the damper counts as moving.
+/// Share of the peak speed above which the damper is moving.
 const MOVING_SHARE: f64 = 0.05;
-/// Time before and after a moving sample that counts as moving, s.
+/// Time before and after a moving sample that is also taken as moving, s.
 const MOVING_MARGIN_S: f64 = 0.1;
-/// Rows of a stretch that is taken whole.
+/// Number of rows in a stretch (see [`Dataset::stretches`]).
 const STRETCH: usize = 1024;
-/// Reach of the central difference that speed is judged by, to either side, s.
+/// Reach of the central difference of the speed, to either side, s.
 const SPEED_REACH_S: f64 = 0.01;
-/// Departure of a run's rate from a whole multiple of the asked one up to which it is thinned, relative.
+/// Largest relative deviation of a run's rate from a whole multiple of the requested rate.
 const RATE_TOLERANCE: f64 = 0.01;
 
-/// How a run becomes rows.
+/// How a run is converted to rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DatasetOptions {
     /// Count only rows where the damper moves: speed over 5 % of its peak within 0.1 s. Recordings begin and
-    /// end at rest, where a model of a moving damper has nothing to learn. Rows at rest still pass the
-    /// filters. The speed is a central difference over 20 ms of the raw displacement, so that the same rows
-    /// count whatever the conditioning.
+    /// end at rest, which tells nothing about a moving damper. Rows at rest still pass the filters. The speed
+    /// is a central difference over 20 ms of the raw displacement, so that the choice of rows does not depend
+    /// on the conditioning.
     pub moving_only: bool,
-    /// Rate to bring the run to, Hz, by keeping every n-th displacement; `None` leaves it as it is.
+    /// Requested rate of the rows, Hz, reached by keeping every n-th displacement; `None` keeps all.
     pub rate_hz: Option<f64>,
-    /// Step of displacement beyond which everything starts anew, s: as in the pipeline's settings.
+    /// Time between displacements above which filters restart, s: as in the pipeline's settings.
     pub gap_s: f64,
 }
 
@@ -41,12 +41,12 @@ impl Default for DatasetOptions {
     }
 }
 
-/// One displacement sample with all that belongs to it. A number that is not known is NaN.
+/// One displacement sample and the values of the other channels at its stamp. Unknown numbers are NaN.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
     /// Stamp of the displacement.
     pub stamp: Stamp,
-    /// Time since the row before, s; `None` for the first row of a segment.
+    /// Time since the previous row, s; `None` for the first row of a segment.
     pub dt_s: Option<f64>,
     /// Conditioned displacement, m.
     pub displacement_m: f64,
@@ -56,20 +56,20 @@ pub struct Row {
     pub acceleration_m_s2: f64,
     /// Drive, A or V.
     pub drive: f64,
-    /// Temperature of the case, °C, held between its readings.
+    /// Case temperature, °C, held between readings.
     pub case_temp_c: f64,
-    /// Measured force at this stamp, N, comparable with the model's: low-passed when the conditioning filters
-    /// the output.
+    /// Measured force at this stamp, N, comparable with the model's force: low-passed if the conditioning
+    /// filters the output.
     pub force_n: f64,
-    /// Measured force at this stamp as it came, N.
+    /// Measured force at this stamp without any filter, N.
     pub raw_force_n: f64,
-    /// True when the row takes part in fits and figures: force and both derivatives known, filters settled,
-    /// damper moving.
+    /// True for a counted row: one that is used for fits and error figures. Its force and both derivatives
+    /// are known, the filters have settled, and the damper moves.
     pub counts: bool,
 }
 
 impl Row {
-    /// What a model is given at this row.
+    /// The model inputs of this row.
     #[must_use]
     pub const fn inputs(&self) -> Inputs {
         Inputs {
@@ -88,15 +88,15 @@ impl Row {
 pub struct Dataset {
     /// Name of the run.
     pub name: String,
-    /// Kind of the run's drive; `None` when it has none.
+    /// Kind of the run's drive; `None` without a drive.
     pub drive: Option<DriveKind>,
-    /// What the rows were made with.
+    /// The conditioning of the rows.
     pub conditioning: Conditioning,
     /// Mean rate of the displacement (after thinning), Hz.
     pub rate_hz: f64,
     /// The rows, in time order.
     pub rows: Vec<Row>,
-    /// Ranges over the rows that count.
+    /// Ranges over the counted rows.
     pub envelope: Envelope,
 }
 
@@ -104,9 +104,9 @@ impl Dataset {
     /// Conditions `run`.
     ///
     /// # Errors
-    /// [`Error::MissingChannel`] without force, or without velocity where the conditioning wants the measured
-    /// one; [`Error::OutOfRange`] for settings that mean nothing; [`Error::Data`] when the run is too short,
-    /// or its rate is no whole multiple of the asked one.
+    /// [`Error::MissingChannel`] without force, or without velocity if the conditioning uses the measured
+    /// velocity; [`Error::OutOfRange`] for invalid settings; [`Error::Data`] if the run is too short, or if
+    /// its rate is not a whole multiple of the requested rate.
     pub fn from_run(run: &Run, conditioning: &Conditioning, options: &DatasetOptions) -> Result<Self, Error> {
         conditioning.validate()?;
         Error::check("gap_s", options.gap_s, "positive and finite", |g| g > 0.0)?;
@@ -141,8 +141,8 @@ impl Dataset {
         })
     }
 
-    /// About one in `every` of the rows, in whole stretches from all over the run, each a segment of its own: what
-    /// a model learns from that needs rows in sequence, when the run is longer than it can use.
+    /// About one in `every` of the rows, in contiguous stretches from all over the run, each a segment of its
+    /// own. For models that learn from sequences, if the run is longer than they can use.
     #[must_use]
     pub fn stretches(&self, every: usize) -> Self {
         let mut rows = Vec::with_capacity(self.rows.len() / every.max(1) + STRETCH);
@@ -159,14 +159,14 @@ impl Dataset {
         Self { name: self.name.clone(), rows: Vec::new(), ..*self }
     }
 
-    /// Number of rows that count.
+    /// Number of counted rows.
     #[must_use]
     pub fn counted(&self) -> usize {
         self.rows.iter().filter(|row| row.counts).count()
     }
 }
 
-/// How many displacements of `run` make one at `rate_hz`.
+/// Number of displacements of `run` for each row at `rate_hz`.
 fn stride(run: &Run, rate_hz: Option<f64>) -> Result<usize, Error> {
     let Some(recorded_hz) = run.displacement_m.mean_rate_hz() else {
         return Err(Error::Data { message: format!("run {}: has fewer than two displacements", run.name) });
@@ -177,7 +177,7 @@ fn stride(run: &Run, rate_hz: Option<f64>) -> Result<usize, Error> {
     if multiple < 1.0 || (recorded_hz / (multiple * asked_hz) - 1.0).abs() > RATE_TOLERANCE {
         return Err(Error::Data {
             message: format!(
-                "run {}: is at {recorded_hz:.6} Hz, which is no whole multiple of {asked_hz} Hz; leave it \
+                "run {}: its rate is {recorded_hz:.6} Hz, not a whole multiple of {asked_hz} Hz; leave the run \
                  out, or choose another rate",
                 run.name
             ),
@@ -186,7 +186,7 @@ fn stride(run: &Run, rate_hz: Option<f64>) -> Result<usize, Error> {
     Ok(multiple as usize)
 }
 
-/// The rows, their force as measured; and the raw displacement of each, m.
+/// The rows with unfiltered force, and the raw displacement of each, m.
 fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -> (Vec<Row>, Vec<f64>) {
     let low_pass = conditioning.low_pass();
     let mut motion = MotionState::default();
@@ -195,7 +195,7 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
     let mut rows = Vec::with_capacity(run.displacement_m.len() / every);
     let mut raw_m = Vec::with_capacity(rows.capacity());
     let mut last: Option<Stamp> = None;
-    // The first row of a segment has no predecessor that a filter could know.
+    // True before the first row of a segment, which has no previous row.
     let mut fresh = true;
     let mut count = 0;
     for sample in run.samples() {
@@ -205,7 +205,7 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
             Reading::Velocity(v) => velocity.push(stamp, v.0),
             Reading::Force(f) => aligner.push_force(stamp, f.0),
             Reading::CaseTemperature(t) => case_temp_c.push(stamp, t.0),
-            // Nothing that the damper's force depends on.
+            // The damper's force does not depend on these.
             Reading::BodyVelocity(_) | Reading::ForceRequest(_) => {}
             Reading::Displacement(x) => {
                 count += 1;
@@ -245,7 +245,7 @@ fn condition(run: &Run, conditioning: &Conditioning, gap_s: f64, every: usize) -
     (rows, raw_m)
 }
 
-/// Low-passes the measured force as the pipeline does before it compares it with a low-passed output.
+/// Low-passes the measured force, as the pipeline does before the comparison with a low-passed output.
 fn filter_force(rows: &mut [Row], conditioning: &Conditioning) {
     let low_pass = conditioning.low_pass();
     let mut state = LowPassState::default();
@@ -262,7 +262,7 @@ fn filter_force(rows: &mut [Row], conditioning: &Conditioning) {
     }
 }
 
-/// Decides which rows count: all that can, or with displacements `raw_m` only those where the damper moves.
+/// Marks the counted rows: all usable rows or, given the displacements `raw_m`, those where the damper moves.
 fn mark(rows: &mut [Row], conditioning: &Conditioning, raw_m: Option<&[f64]>) {
     let settling_s = conditioning.settling_time().get();
     let mut settled_s = 0.0;
@@ -291,7 +291,7 @@ fn mark(rows: &mut [Row], conditioning: &Conditioning, raw_m: Option<&[f64]>) {
     }
 }
 
-/// Speed at each row, m/s, by a central difference that stays within the row's segment.
+/// Speed at each row, m/s, from a central difference within the row's segment.
 fn speeds(rows: &[Row], raw_m: &[f64]) -> Vec<f64> {
     let mut speeds = Vec::with_capacity(rows.len());
     let apart_s = |a: usize, b: usize| rows[b].stamp.since(rows[a].stamp).get();
@@ -303,7 +303,7 @@ fn speeds(rows: &[Row], raw_m: &[f64]) -> Vec<f64> {
         while apart_s(from, k) > SPEED_REACH_S && from + 1 < k {
             from += 1;
         }
-        // One row at least to either side, where there is one.
+        // At least one row to either side, if it exists.
         from = if from == k && k > first { k - 1 } else { from };
         to = to.max(k);
         while to + 1 < rows.len()
@@ -332,7 +332,7 @@ fn envelope_of(rows: &[Row], case_temp_c: Option<&Trace>) -> Envelope {
     envelope
 }
 
-/// The envelope that holds both; a range that one of them does not know is the other's.
+/// The envelope that includes both; a range that is unknown in one is taken from the other.
 #[must_use]
 pub(super) fn union(a: &Envelope, b: &Envelope) -> Envelope {
     let both = |a: Option<[f64; 2]>, b: Option<[f64; 2]>| match (a, b) {

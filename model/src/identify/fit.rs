@@ -1,4 +1,4 @@
-//! Which fit serves which structure, and what it needs besides rows: fuzzy sets, degrees, samples.
+//! Chooses the fit for a structure and prepares its other inputs: fuzzy sets, degrees, samples of rows.
 
 use super::dataset::{self, Dataset};
 use super::free_sets;
@@ -15,7 +15,7 @@ use crate::model::{Envelope, Expected, Model};
 use crate::sample::DriveKind;
 use std::borrow::Cow;
 
-/// A model that was fitted, the offset of each run in N, and what else came out.
+/// A fitted model, the offset of each run in N, and further details.
 type Fitted = (ForceModel, Vec<f64>, Details);
 
 /// Fits a model to conditioned runs.
@@ -42,15 +42,15 @@ pub(super) fn fit(
     if let Some(level) = job.only_level().filter(|_| force.drive().is_some()) {
         let drive = force.drive().map_or("the drive", DriveKind::name);
         details.warnings.push(format!(
-            "the runs hold one level of {drive}, {level:.3}: the model is that of this level, and holds at no other; \
-             add runs at other levels, or take a passive form"
+            "the runs hold one level of {drive}, {level:.3}: the model is valid at this level only; \
+             add runs at other levels, or use a passive form"
         ));
     }
     let model = model(force, all[0].conditioning, all);
     Ok(report::assemble(model, all, &offsets_n, details))
 }
 
-/// How well a model of this kind can do on `datasets`: mean ESR of the runs after a few restarts.
+/// How well a model of this kind fits `datasets`: mean NMSE of the runs after a few restarts.
 pub(super) fn sample_esr(
     spec: ModelSpec,
     drive: Option<DriveKind>,
@@ -70,7 +70,7 @@ pub(super) fn sample_esr(
     }
 }
 
-/// All that a fit is given.
+/// The inputs of a fit.
 struct Job<'a> {
     spec: ModelSpec,
     drive: Option<DriveKind>,
@@ -162,7 +162,7 @@ impl Job<'_> {
         Ok((ForceModel::Network(fitted.model), fitted.offsets_n, details))
     }
 
-    /// How parameters follow the drive in the form that is asked for; and the memberships, where there are sets.
+    /// How parameters depend on the drive in the requested form, and the memberships if there are sets.
     fn dependence(&self) -> Result<(Dependence, Option<Memberships>), Error> {
         match (self.spec.form(), self.drive) {
             (Form::SemiActive, Some(drive)) => {
@@ -177,14 +177,15 @@ impl Job<'_> {
         }
     }
 
-    /// The drive of the rows that count.
+    /// Drive values of the counted rows.
     fn drives(&self) -> impl Iterator<Item = f64> {
         self.datasets.iter().flat_map(|d| &d.rows).filter(|row| row.counts).map(|row| row.drive)
     }
 
-    /// The level of the drive, where it takes on one alone.
+    /// The level of the drive, if it has only one.
     fn only_level(&self) -> Option<f64> {
-        // A thousand values tell: sorting all of a long run takes longer than a regression on it.
+        // A thousand values are enough; sorting all values of a long run takes longer than a regression on
+        // it.
         let every = (self.drives().count() / 1024).max(1);
         match Memberships::levels(self.drive?, self.drives().step_by(every))?.as_slice() {
             [level] => Some(*level),
@@ -192,18 +193,18 @@ impl Job<'_> {
         }
     }
 
-    /// Number of levels that the drive takes on; `None` when it roams.
+    /// Number of levels of the drive; `None` if it varies continuously.
     fn levels(&self, kind: DriveKind) -> Option<usize> {
         Memberships::levels(kind, self.drives()).map(|levels| levels.len())
     }
 
-    /// The highest degree up to the one asked for that the levels of the drive determine.
+    /// The highest degree, up to the requested one, that the levels of the drive determine.
     fn usable_degree(&self, kind: DriveKind) -> Result<usize, Error> {
         match Memberships::levels(kind, self.drives()).as_deref() {
             Some([level]) => Err(Error::Data {
                 message: format!(
-                    "the runs hold one level of {kind}, {level:.3}: how force depends on it cannot be told; add runs at \
-                     other levels, or take the passive form"
+                    "the runs hold one level of {kind}, {level:.3}, so the dependence of force on it is unknown; add runs at \
+                     other levels, or use the passive form"
                 ),
             }),
             Some(levels) => Ok(self.options.degree.min(levels.len() - 1)),
@@ -211,20 +212,20 @@ impl Job<'_> {
         }
     }
 
-    /// A warning when the degree of polynomials is lower than what was asked for.
+    /// A warning if the degree of the polynomials is lower than requested.
     fn lowered_degree(&self, dependence: &Dependence) -> Vec<String> {
         let &Dependence::Polynomial { drive, degree } = dependence else { return Vec::new() };
         let asked = self.options.degree;
         let text = || {
             let levels = degree + 1;
             format!(
-                "the runs hold {levels} levels of {drive}: polynomials over it have degree {degree} in place of {asked}"
+                "the runs hold {levels} levels of {drive}: polynomials over it have degree {degree} instead of {asked}"
             )
         };
         (degree < asked).then(text).into_iter().collect()
     }
 
-    /// Fuzzy sets where the options put them.
+    /// Fuzzy sets as requested by the options.
     fn memberships(&self, kind: DriveKind) -> Result<Memberships, Error> {
         match &self.options.placement {
             Placement::Given { centres, sigma } => Memberships::given(kind, centres, *sigma),
@@ -234,8 +235,8 @@ impl Job<'_> {
     }
 }
 
-/// The datasets that a model learns from: stretches of them where `most_rows` asks for fewer rows. Linear
-/// regressions take all rows, and searches draw samples of their own.
+/// The datasets for a model that learns from sequences: stretches of them if `most_rows` limits the number of
+/// rows. Linear regressions use all rows, and searches draw their own samples.
 fn shortened<'a>(spec: ModelSpec, datasets: &'a [Dataset], options: &Options) -> Cow<'a, [Dataset]> {
     let learns = matches!(spec.structure(), Structure::Tsk(_) | Structure::Boada | Structure::Network(_));
     let rows: usize = datasets.iter().map(Dataset::counted).sum();
@@ -248,21 +249,21 @@ fn shortened<'a>(spec: ModelSpec, datasets: &'a [Dataset], options: &Options) ->
     }
 }
 
-/// Why P makes no model.
+/// The error for P, which cannot run as a model.
 pub(super) fn cannot_run() -> Error {
     Error::Data {
-        message: "p cannot be made into a model that runs: it explains the force by the measured force itself at the \
+        message: "p cannot be made into a model that runs: it explains the force by the measured force at the \
                   same instant, and run forward it diverges (both roots of 1 - p2 s - p3 s^2 lie in the right half \
-                  plane). `compare` shows how well it holds; sp is the nearest that runs"
+                  plane). `compare` shows how well it holds; the most similar model that runs is sp"
             .to_owned(),
     }
 }
 
 fn needs_drive(model: &str) -> Error {
-    Error::Data { message: format!("{model} has no form without a drive; take sp --passive") }
+    Error::Data { message: format!("{model} has no passive form; use sp --passive") }
 }
 
-/// The model with what the rows say about it.
+/// The model, with the rate and envelope of the rows.
 fn model(force: ForceModel, conditioning: Conditioning, datasets: &[Dataset]) -> Model {
     let envelope = datasets.iter().fold(Envelope::default(), |all, d| dataset::union(&all, &d.envelope));
     Model {

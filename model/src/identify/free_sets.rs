@@ -1,4 +1,5 @@
-//! Fuzzy sets whose centres and widths are sought together with what stands under them (future work in the thesis).
+//! Fuzzy sets whose centres and widths are identified together with the functions under them (future work in
+//! the thesis).
 //!
 //! ```text
 //! F = sum_j w_j f_j,   w_j = g_j / sum g,   ln g_j = -(i - c_j)^2 / (2 s_j^2)
@@ -7,10 +8,13 @@
 //! dF/d ln s_j = w_j (f_j - F) (i - c_j)^2 / s_j^2
 //! ```
 //!
-//! It goes around any model that is a sum over sets ([`Blended`]), with or without memory: hidden variables belong to
-//! a set and do not feel its weight. Centres stay in their order: each may go nearly half way to its neighbours, and
-//! as far beyond the ends. A width may become four times as large or small; it enters by its logarithm. Starts are
-//! the sets that the runs suggest, and draws around them.
+//! This wraps any model that is a sum over sets ([`Blended`]), with or without memory: hidden variables
+//! belong to one set and do not depend on its weight. Centres keep their order: each may move nearly half way
+//! to its neighbours, and the outer ones equally far outwards. A width may change by a factor of four either
+//! way; the solver uses its logarithm. Restarts begin at the sets that are suggested by the runs, or at
+//! random draws around them.
+//!
+//! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), future work of the thesis.
 
 use super::levels::{MembershipSource, Memberships};
 use super::row_problem::Columns;
@@ -18,16 +22,18 @@ use super::search::Sought;
 use crate::error::Error;
 use crate::force::{FuzzySets, Inputs, MAX_FUNCTIONS, blend};
 
-/// Share of the way to its neighbour that a centre may go: less than half, so that two never meet.
+/// Largest move of a centre as a share of the distance to its neighbour: less than half, so that two never
+/// meet.
 const REACH: f64 = 0.45;
-/// A width may change by this factor at most.
+/// Largest factor by which a width may change.
 const WIDEN: f64 = 4.0;
-/// Widths are drawn within this factor of their start.
+/// Widths are drawn within this factor of their starting value.
 const DRAWN: f64 = 1.6;
 
 /// A model that is a sum over fuzzy sets.
 pub(super) trait Blended: Sought {
-    /// As [`Columns::row`] with `weights` for a basis; the force of each set that has weight goes into `forces`.
+    /// As [`Columns::row`], with `weights` as the basis. The force of each set with non-zero weight is
+    /// written to `forces`.
     fn row_by_set(
         &self,
         memory: &mut Self::Memory,
@@ -39,31 +45,33 @@ pub(super) trait Blended: Sought {
     ) -> f64;
 }
 
-/// A blended model with its sets free.
+/// A blended model with free sets.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FreeSets<S> {
     inner: S,
-    /// Where the sets start from.
+    /// Starting values of the sets.
     sets: FuzzySets,
 }
 
 impl<S: Blended> FreeSets<S> {
-    /// Frees the `sets` of `inner`, whose drive takes on so many `levels` (`None`: it roams).
+    /// Makes the `sets` of `inner` free. The drive takes `levels` discrete values; `None` if it varies
+    /// continuously.
     ///
     /// # Errors
-    /// [`Error::Data`] when there is one set, or as many as levels: then the runs say nothing on centres and widths.
+    /// [`Error::Data`] if there is only one set, or at least as many sets as levels: the runs then do not
+    /// determine centres and widths.
     pub(super) fn new(inner: S, sets: FuzzySets, levels: Option<usize>) -> Result<Self, Error> {
         let (count, drive) = (sets.len(), sets.drive());
         match levels {
             _ if count < 2 => Err(Error::Data {
                 message: format!(
-                    "one set over {drive} has neither centre nor width to identify; leave the sets fixed"
+                    "one set over {drive} has no centre or width to identify; leave the sets fixed"
                 ),
             }),
             Some(levels) if count >= levels => Err(Error::Data {
                 message: format!(
-                    "the runs hold {levels} levels of {drive}: {count} sets cannot be placed by them; add runs in which \
-                     it varies, ask for fewer sets, or leave the sets fixed"
+                    "the runs hold {levels} levels of {drive}, so {count} sets cannot be placed; add runs in which \
+                     it varies, request fewer sets, or leave the sets fixed"
                 ),
             }),
             _ => Ok(Self { inner, sets }),
@@ -74,19 +82,19 @@ impl<S: Blended> FreeSets<S> {
         self.sets.len()
     }
 
-    /// The model's own parameters among all that are sought.
+    /// The model's own parameters, without the centres and widths of the sets.
     pub(super) fn own<'a>(&self, natural: &'a [f64]) -> &'a [f64] {
         &natural[..self.inner.parameters()]
     }
 
-    /// The sets with the centres and widths among all that were sought.
+    /// The sets with the identified centres and widths.
     pub(super) fn found(&self, natural: &[f64]) -> Result<Memberships, Error> {
         let (centres, sigmas) = natural[self.inner.parameters()..].split_at(self.count());
         let sets = FuzzySets::with_widths(self.sets.drive(), centres, sigmas)?;
         Ok(Memberships { sets, source: MembershipSource::Identified })
     }
 
-    /// Room of each centre.
+    /// Bounds of each centre.
     fn centre_bounds(&self) -> Vec<[f64; 2]> {
         let centres = self.sets.centres();
         let gaps: Vec<f64> = centres.windows(2).map(|pair| REACH * (pair[1] - pair[0])).collect();
@@ -97,7 +105,7 @@ impl<S: Blended> FreeSets<S> {
     }
 }
 
-/// Names of what is sought of the sets, as in the model file.
+/// Names of the sets' free parameters, as in the model file.
 pub(super) fn names(sets: &FuzzySets) -> Vec<String> {
     let list = |what: &str| {
         let name = format!("membership_{what}_{}", sets.drive().unit_suffix());
@@ -219,11 +227,12 @@ mod tests {
 
     const SETS: usize = 3;
 
-    /// The equation at the head of this file over tanh functions, on dual numbers: functions, centres, log widths.
+    /// The equation at the top of this file for tanh functions, on dual numbers: functions, centres, log
+    /// widths.
     fn equation(p: &[Dual64], x: f64, v: f64, i: f64) -> Dual64 {
         let (functions, sets) = p.split_at(4 * SETS);
         let distance = |j: usize| (-sets[j] + i) / sets[SETS + j].exp();
-        // A common factor of all strengths, so that they do not all come to nothing.
+        // A common factor of all strengths, so that they do not all underflow.
         let nearest = (0..SETS).map(|j| distance(j).re.powi(2)).fold(f64::INFINITY, f64::min);
         let (mut sum, mut strengths) = (Dual64::from(0.0), Dual64::from(0.0));
         for (j, f) in functions.chunks_exact(4).enumerate() {
@@ -237,16 +246,16 @@ mod tests {
 
     proptest! {
         #[test]
-        fn columns_are_those_of_automatic_differentiation(
+        fn columns_match_automatic_differentiation(
             x in -0.02..0.02, v in -0.3..0.3, i in -0.3..2.8,
-            // The steepest steps overflow the cosh of dual numbers.
+            // The steepest functions overflow the cosh of dual numbers.
             shares in prop::collection::vec(0.0..0.7, 6 * SETS),
         ) {
             let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 };
             let sets = FuzzySets::new(membership, &[0.0, 1.0, 2.0]).expect("sets");
             let scales = Scales { force_n: 1e3, displacement_m: 0.02, velocity_m_s: 0.3, acceleration_m_s2: 5.0, frequency_1_s: 15.0, drive: 2.0 };
             let free = FreeSets::new(TanhColumns { sets, scales }, sets, None).expect("three sets");
-            // Any point within the bounds; those without are taken as +-1000.
+            // Any point within the bounds; infinite bounds are taken as +-1000.
             let point: Vec<f64> = free
                 .bounds()
                 .iter()
@@ -263,7 +272,7 @@ mod tests {
                     .map(|(k, p)| if k == j { Dual64::from(*p).derivative() } else { Dual64::from(*p) })
                     .collect();
                 let exact = equation(&dual, x, v, i);
-                // Strengths below 1e-7 are taken as zero, and forces here reach some kilonewtons.
+                // Strengths below 1e-7 are taken as zero, and forces here reach several kilonewtons.
                 let slack = 1e-2 + 1e-9 * exact.eps.abs();
                 prop_assert!((force - exact.re).abs() < 1e-2, "{force} {}", exact.re);
                 prop_assert!((column - exact.eps).abs() <= slack, "{j}: {column} {}", exact.eps);

@@ -1,4 +1,4 @@
-//! Identification of the fuzzy-tanh model: what is sought, within which bounds, and from where.
+//! Identification of the fuzzy-tanh model: its parameters, their bounds and their starting values.
 
 use super::dataset::Dataset;
 use super::free_sets::FreeSets;
@@ -15,17 +15,17 @@ use crate::force::{FuzzyTanh, TanhFunction};
 pub(super) const NAMES: [&str; PER_FUNCTION] =
     ["yield_force_n", "post_yield_damping_n_s_m", "pre_yield_slope_s_m", "coupling_per_s"];
 
-/// What came out.
+/// Result of the fit.
 pub(super) struct Fitted {
-    /// The model, its offset the mean of the runs' offsets.
+    /// The model; its offset is the mean of the runs' offsets.
     pub(super) model: FuzzyTanh,
     /// Its sets.
     pub(super) memberships: Memberships,
-    /// What the search found: functions, and behind them sets where they were free.
+    /// Result of the search: functions, followed by sets if they were free.
     pub(super) found: Found,
 }
 
-/// Fits the model to `datasets`, which have drives of the memberships' kind.
+/// Fits the model to `datasets`, whose drive is of the memberships' kind.
 pub(super) fn fit(
     datasets: &[Dataset],
     memberships: Memberships,
@@ -39,7 +39,8 @@ pub(super) fn fit(
     Ok(Fitted { model, memberships, found })
 }
 
-/// The same with centres and widths free, from those of `start`; the drive takes on so many `levels`.
+/// As [`fit`], with free centres and widths, starting from `start`. The drive takes `levels` discrete values,
+/// or `None` if it varies continuously.
 pub(super) fn fit_free(
     datasets: &[Dataset],
     start: &Memberships,
@@ -65,7 +66,7 @@ fn model(
     FuzzyTanh::new(memberships.sets, &functions, super::mean_offset(datasets, &found.offsets_n))
 }
 
-/// Mean of the runs' ESR after a few restarts on a sample of the rows.
+/// Mean of the runs' NMSE after a few restarts on a sample of the rows.
 pub(super) fn sample_esr(
     datasets: &[Dataset],
     memberships: &Memberships,
@@ -82,9 +83,9 @@ fn sought(datasets: &[Dataset], memberships: &Memberships) -> Result<TanhColumns
 }
 
 impl Sought for TanhColumns {
-    /// The step is no higher than a few times the force seen. Its slope lies between a step as wide as all
-    /// speeds and one that is over within a thousandth of them. The coupling shifts the loop by no more than
-    /// twice the highest frequency, at which it would be all stiffness. Damping is free.
+    /// The step is at most a few times the measured force. Its slope lies between a step that spans all
+    /// speeds and one that is complete within a thousandth of them. The coupling is limited to twice the
+    /// highest frequency, where it would act purely as stiffness. Damping is unbounded.
     fn bounds(&self) -> Vec<[f64; 2]> {
         let s = &self.scales;
         let one = [
@@ -102,8 +103,8 @@ impl Sought for TanhColumns {
 
     fn draw(&self, restart: u32, uniform: &mut dyn FnMut(f64, f64) -> f64) -> Vec<f64> {
         let mut start = vec![0.0; self.parameters()];
-        // Functions of one damper resemble each other: all are drawn around one slope and one coupling. The
-        // first restart is the plain guess, a step over a tenth of all speeds without a loop.
+        // Functions of one damper are similar: all are drawn around one slope and one coupling. The first
+        // restart is a fixed guess, a step over a tenth of all speeds without a loop.
         let (slope, coupling) =
             if restart == 0 { (10.0, 0.0) } else { (uniform(0.0, 5.3).exp(), uniform(-0.5, 0.5)) };
         for p in start.chunks_exact_mut(PER_FUNCTION) {
@@ -117,7 +118,7 @@ impl Sought for TanhColumns {
 
     fn settle(&self, start: &mut [f64]) {
         for p in start.chunks_exact_mut(PER_FUNCTION) {
-            // A step of no height has no slope to improve.
+            // A step of zero height would leave its slope undetermined.
             p[0] = p[0].max(0.02 * self.scales.force_n);
         }
     }

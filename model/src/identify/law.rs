@@ -1,19 +1,19 @@
-//! Identification of a law of force with its dependence on the drive.
+//! Identification of a force law and its dependence on the drive.
 //!
 //! ```text
 //! polynomial   p_j(i) = sum_d c_jd i^d           dF/dc_jd = df/dp_j i^d
 //! fuzzy        F = sum_s w_s f(p_s)              dF/dp_sj = w_s df/dp_j
 //! ```
 //!
-//! A law with memory carries the derivatives of its hidden variables h along (forward sensitivity):
+//! A law with memory also propagates the derivatives of its hidden variables h (forward sensitivity):
 //!
 //! ```text
 //! F = f(p, h),   h' = g(p, h):    dF/dc = f_p dp/dc + f_h S,    S' = g_p dp/dc + g_h S,    S = dh/dc
 //! ```
 //!
-//! Bounds and starts come from the law's own table of parameters, in the scales of the data. The constant part
-//! of a parameter obeys its bounds; higher powers may move it across their whole width over the range of the
-//! drive.
+//! Bounds and starts come from the law's own table of parameters, in the scales of the data. The constant
+//! part of a parameter keeps within its bounds; higher powers may move it across the full width of the bounds
+//! over the range of the drive.
 
 use super::dataset::Dataset;
 use super::free_sets::{Blended, FreeSets};
@@ -27,12 +27,12 @@ use crate::error::Error;
 use crate::force::law::{Hidden, Kind, MAX_HIDDEN, MAX_PARAMETERS, Sensitivity};
 use crate::force::{Dependence, FuzzySets, Inputs, Law, LawModel, MAX_FUNCTIONS};
 
-/// Share of a gauge parameter's constant that each higher power may add over the range of the drive: its sum
-/// stays away from zero.
+/// Share of a gauge parameter's constant that each higher power may add over the range of the drive, so that
+/// the sum stays away from zero.
 const GAUGE_SHARE: f64 = 0.3;
-/// Rows that a parameter wants at least.
+/// Smallest number of rows per parameter.
 const ROWS_PER_PARAMETER: usize = 10;
-/// Spread of the sets' starts around a common one, as a share of the range that starts are drawn from.
+/// Spread of the sets' starting values around a common value, as a share of the range of starting values.
 const SPREAD: f64 = 0.15;
 
 /// Fits `law` with `dependence` to `datasets`.
@@ -54,8 +54,9 @@ pub(super) fn fit(
     Ok((LawModel::new(law, dependence, &found.natural, offset_n)?, found))
 }
 
-/// Parameters under each of `sets` from a fit with straight lines over the drive. A law with memory has so many of
-/// them under sets, and so dear rows, that a search from random points does not get there; it goes on from the seed alone.
+/// Starting parameters of each of `sets`, from a fit that is linear in the drive. With sets, a law with
+/// memory has so many parameters and so costly rows that random restarts fail; the search starts from this
+/// seed alone.
 fn seed(
     datasets: &[Dataset],
     law: Law,
@@ -74,7 +75,8 @@ fn seed(
     Ok(seed)
 }
 
-/// Fits `law` under fuzzy sets with free centres and widths, from those of `start`; the drive takes on so many `levels`.
+/// Fits `law` under fuzzy sets with free centres and widths, starting from `start`. The drive takes `levels`
+/// discrete values, or `None` if it varies continuously.
 pub(super) fn fit_free(
     datasets: &[Dataset],
     law: Law,
@@ -94,22 +96,22 @@ pub(super) fn fit_free(
     Ok((LawModel::new(law, dependence, sought.own(&found.natural), offset_n)?, found, memberships))
 }
 
-/// Refuses runs with hardly more rows than parameters.
+/// Refuses runs with too few rows for the number of parameters.
 fn check_rows(datasets: &[Dataset], parameters: usize) -> Result<(), Error> {
     let (rows, least) =
         (datasets.iter().map(Dataset::counted).sum::<usize>(), ROWS_PER_PARAMETER * parameters);
     if rows < least {
         return Err(Error::Data {
             message: format!(
-                "{rows} samples are too few for {parameters} parameters ({least} are needed); add runs, or count \
-                 samples at rest too"
+                "{rows} samples are too few for {parameters} parameters ({least} are needed); add runs, or include \
+                 samples at rest (--all-samples)"
             ),
         });
     }
     Ok(())
 }
 
-/// Mean of the runs' ESR after a few restarts on a sample of the rows.
+/// Mean of the runs' NMSE after a few restarts on a sample of the rows.
 pub(super) fn sample_esr(
     datasets: &[Dataset],
     law: Law,
@@ -121,16 +123,16 @@ pub(super) fn sample_esr(
     search::sample_esr(datasets, &sought, seed, watch)
 }
 
-/// Where the parameters of each set start from.
+/// Starting parameters of each set.
 type Seed = [[f64; MAX_PARAMETERS]; MAX_FUNCTIONS];
 
-/// A law as the solver sees it.
+/// A law as the solver needs it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LawColumns {
     law: Law,
     dependence: Dependence,
     scales: Scales,
-    /// Where to go on from, where that is known.
+    /// The starting point, if it is known.
     seed: Option<Seed>,
 }
 
@@ -139,7 +141,7 @@ impl LawColumns {
         self.law.parameters().len()
     }
 
-    /// The law's parameters at the drive whose powers are `basis`.
+    /// The law's parameters at a drive value, given its powers in `basis`.
     #[inline]
     fn at_drive(&self, natural: &[f64], basis: &[f64]) -> [f64; MAX_PARAMETERS] {
         let mut p = [0.0; MAX_PARAMETERS];
@@ -150,14 +152,15 @@ impl LawColumns {
     }
 }
 
-/// Hidden variables of each set, and their derivatives by each coefficient.
+/// Hidden variables of each set, and their derivatives with respect to each coefficient.
 pub(super) struct Memory {
     hidden: Vec<Hidden>,
     slopes: Vec<[f64; MAX_HIDDEN]>,
 }
 
-/// Takes the derivatives of hidden variables by coefficients (`slopes`) one sample on, and writes those of the
-/// force. The coefficients move the law's parameters by `power` each.
+/// Advances the derivatives of hidden variables with respect to coefficients (`slopes`) by one sample, and
+/// writes the derivatives of the force to `columns`. Each coefficient changes its law parameter by a factor
+/// of `power`.
 fn carry(found: &Sensitivity, power: f64, slopes: &mut [[f64; MAX_HIDDEN]], columns: &mut [f64]) {
     for (j, (slope, column)) in slopes.iter_mut().zip(columns).enumerate() {
         let through: f64 = found.force_by_hidden.iter().zip(&*slope).map(|(by, s)| by * s).sum();
@@ -240,8 +243,8 @@ impl Columns for LawColumns {
     }
 }
 
-/// A row of a law under sets, with or without memory. Each set has hidden variables of its own, which go on whether
-/// the set has weight or not, as they do in the model.
+/// A row of a law under sets, with or without memory. Each set has its own hidden variables, which advance
+/// even when the set has no weight, as in the model.
 impl Blended for LawColumns {
     #[inline]
     fn row_by_set(
@@ -311,7 +314,7 @@ impl Sought for LawColumns {
     fn draw(&self, restart: u32, uniform: &mut dyn FnMut(f64, f64) -> f64) -> Vec<f64> {
         let n = self.per_copy();
         let mut start = vec![0.0; self.parameters()];
-        // Sets of one damper resemble each other: all are drawn around one point.
+        // Sets of one damper are similar: all are drawn around one point.
         let plain = restart == 0;
         let shares: Vec<f64> = (0..n).map(|_| if plain { 0.5 } else { uniform(0.0, 1.0) }).collect();
         let fuzzy = matches!(self.dependence, Dependence::Fuzzy(_));
@@ -368,7 +371,7 @@ mod tests {
         parameter.kind != Kind::Linear && parameter.start[0] < parameter.start[1]
     }
 
-    /// Shares of the range of starts at which parameters are drawn, copy after copy.
+    /// Positions of drawn parameters within their starting ranges, from 0 to 1, copy after copy.
     fn shares(sought: &LawColumns, restart: u32, random: &mut Pcg64Mcg) -> Vec<f64> {
         let start = sought.draw(restart, &mut |low, high| random.random_range(low..=high));
         let parameters = sought.law.parameters().iter().cycle().zip(start);
@@ -383,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn starts_fill_the_range_of_each_parameter_and_the_first_is_its_middle() {
+    fn starts_fill_each_parameters_range_and_the_first_is_the_middle() {
         let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 };
         let sets = FuzzySets::new(membership, &[0.0, 1.0, 2.0]).expect("sets");
         let mut random = Pcg64Mcg::seed_from_u64(1);
@@ -402,7 +405,7 @@ mod tests {
                     assert!(least > -1e-9 && most < 1.0 + 1e-9, "{law:?}: {least} to {most}");
                     assert!(least < 0.05 && most > 0.95, "{law:?}: {least} to {most}");
                 }
-                // Sets of one damper resemble each other.
+                // Sets of one damper are similar.
                 let apart = |draw: &Vec<f64>| (draw[0] - draw[draw.len() - drawn]).abs();
                 assert!(drawn == 0 || draws.iter().map(apart).fold(0.0, f64::max) < 2.0 * SPREAD + 1e-9);
             }

@@ -1,19 +1,22 @@
-//! Identification of the lazy learner: which points to remember, how to measure distance, how many neighbours.
+//! Identification of the lazy learner: the stored points, the distance metric and the number of neighbours.
 //!
 //! ```text
-//! points      k-means: m centres of the rows, seeded as k-means++; a point is the mean of its rows, force too
+//! points      k-means: m centres of the rows, seeded as in k-means++; a point is the mean of its rows and their force
 //! metric      s_x = sd(x) / w_x,  s_v = sd(v),  s_i = sd(i) / w_i;     w and the neighbours from a grid
 //! ```
 //!
-//! Means of rows near to each other are less noisy than any of them. Rows number thousands and points 256, so
-//! a local regression meets dozens of rows in each point.
+//! The mean of neighbouring rows has less noise than a single row. There are thousands of rows for 256
+//! points, so each point of a local regression represents dozens of rows.
 //!
-//! Every fifth stretch of rows is held back at first: of all metrics and ranges of neighbours those are taken
-//! that predict it best from a memory of the other rows. The memory is then made anew from all rows. Each
-//! metric has random numbers of its own, and sums are added in a fixed order: results do not depend on the
-//! number of threads.
+//! Every fifth stretch of rows is held back at first. The metric and range of neighbours are chosen that
+//! predict the held-back rows best from points of the other rows. The points are then computed again from all
+//! rows. Each metric has its own random numbers, and sums are added in a fixed order, so results do not
+//! depend on the number of threads.
 //!
-//! Each run has its force offset, from a rough model ([`session_offsets_n`]); at the end the mean error is added.
+//! Each run has a force offset, first estimated by a rough model ([`session_offsets_n`]) and finally
+//! corrected by the mean error.
+//!
+//! Source: `[boada2008]`, `[bontempi]` and `[k-means]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::dataset::Dataset;
 use super::network::{is_constant, normalisation};
@@ -27,32 +30,32 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Weights of displacement, and of drive, against velocity.
+/// Weights of displacement and of drive relative to velocity.
 const DISPLACEMENT_WEIGHTS: [f64; 3] = [0.15, 0.4, 1.0];
 const DRIVE_WEIGHTS: [f64; 3] = [0.5, 1.0, 2.0];
-/// Ranges of neighbours.
+/// Ranges of the number of neighbours.
 const NEIGHBOURS: [[usize; 2]; 3] = [[5, 8], [6, 12], [8, 16]];
-/// Rows of a stretch of which every fifth is held back.
+/// Rows of a stretch; every fifth stretch is held back.
 const STRETCH: usize = 512;
-/// Rows that a point is the mean of, at least on average; fewer rows make fewer points.
+/// Average number of rows per point, at least; fewer rows give fewer points.
 const ROWS_PER_POINT: usize = 8;
-/// The least points worth a model.
+/// Smallest number of points for a model.
 const LEAST_POINTS: usize = 32;
-/// Rows that a grid's memory is made of, and that it is judged by.
+/// Number of rows for the points of the grid search, and number of rows for its test.
 const GRID_ROWS: [usize; 2] = [8192, 1024];
-/// Rounds of k-means: on the grid, and for the model.
+/// Iterations of k-means: in the grid search, and for the final model.
 const ROUNDS: [usize; 2] = [4, 12];
-/// Rows that are assigned side by side. Fixed, so that sums do not depend on threads.
+/// Rows per unit of parallel work. Fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 2048;
 
-/// What came out.
+/// Result of the fit.
 #[derive(Debug, Clone)]
 pub(super) struct Fitted {
-    /// The model, its offset the mean of the runs' offsets.
+    /// The model; its offset is the mean of the runs' offsets.
     pub(super) model: Lazy,
     /// Offset of each run, N.
     pub(super) offsets_n: Vec<f64>,
-    /// RSSE on the held-back rows of each metric and range of neighbours, N, best first.
+    /// RMSE on the held-back rows for each metric and range of neighbours, N, lowest first.
     pub(super) restart_rsse_n: Vec<f64>,
 }
 
@@ -68,8 +71,8 @@ pub(super) fn fit(
     if rows.len() < LEAST_POINTS * ROWS_PER_POINT {
         return Err(Error::Data {
             message: format!(
-                "{} samples are too few for a boada model, which remembers the means of {ROWS_PER_POINT} or more ({} \
-                 are needed); add runs, or count samples at rest too",
+                "{} samples are too few for a boada model, whose points are means of {ROWS_PER_POINT} or more ({} \
+                 are needed); add runs, or include samples at rest (--all-samples)",
                 rows.len(),
                 LEAST_POINTS * ROWS_PER_POINT
             ),
@@ -99,7 +102,7 @@ pub(super) fn fit(
     Ok(Fitted { model, offsets_n, restart_rsse_n })
 }
 
-/// The rows that count, each run less its offset.
+/// The counted rows, with the offset of their run subtracted.
 fn rows(datasets: &[Dataset], driven: bool, rough_n: &[f64]) -> Vec<LazyPoint> {
     let all = datasets.iter().zip(rough_n).flat_map(|(d, mean)| d.rows.iter().map(move |row| (row, mean)));
     let counted = all.filter(|(row, _)| row.counts && (!driven || row.drive.is_finite()));
@@ -126,9 +129,8 @@ impl Deviations {
         let force = normalisation(datasets, |_, row| row.force_n);
         if [&displacement, &velocity, &force].into_iter().any(is_constant) {
             return Err(Error::Data {
-                message:
-                    "force or displacement never varies in these runs: nothing can be identified from them"
-                        .to_owned(),
+                message: "force or displacement never varies in these runs, so no model can be identified"
+                    .to_owned(),
             });
         }
         let drive = drive.map(|kind| (kind, normalisation(datasets, |_, row| row.drive)));
@@ -137,7 +139,7 @@ impl Deviations {
         {
             return Err(Error::Data {
                 message: format!(
-                    "{kind} is {} throughout these runs: a boada model cannot learn what it does; add runs at \
+                    "{kind} is {} throughout these runs, so a boada model cannot learn its effect; add runs at \
                      other levels, or identify the passive form",
                     (n.mean * 1e6).round() / 1e6
                 ),
@@ -158,7 +160,7 @@ impl Deviations {
         }
     }
 
-    /// The metrics of the grid.
+    /// All metrics of the grid.
     fn metrics(&self) -> Vec<LazyMetric> {
         let drive_weights = if self.drive.is_some() { &DRIVE_WEIGHTS[..] } else { &[1.0] };
         let of = |x: f64| drive_weights.iter().map(move |i| self.metric(x, *i));
@@ -166,7 +168,8 @@ impl Deviations {
     }
 }
 
-/// The metric and the range of neighbours that predict held-back rows best, and the errors of all, best first.
+/// The metric and the range of neighbours that predict held-back rows best, and the errors of all, lowest
+/// first.
 fn choose(
     rows: &[LazyPoint],
     deviations: &Deviations,
@@ -204,7 +207,7 @@ fn choose(
     Ok((metric, neighbours, outcomes.iter().map(|(error, _, _)| *error).collect()))
 }
 
-/// `count` points that stand for `rows`; `None`: cancelled.
+/// `count` points that represent `rows`; `None` if cancelled.
 fn memory(
     rows: &[LazyPoint],
     metric: &LazyMetric,
@@ -235,7 +238,7 @@ fn memory(
             for chunk in &sums {
                 sum.iter_mut().zip(chunk[j]).for_each(|(to, from)| *to += from);
             }
-            // A centre that no row is nearest to stays where it is.
+            // A centre without nearest rows stays where it is.
             if sum[4] > 0.0 {
                 let [displacement_m, velocity_m_s, drive, force_n] = [0, 1, 2, 3].map(|c| sum[c] / sum[4]);
                 *point = LazyPoint { displacement_m, velocity_m_s, drive, force_n };
@@ -249,7 +252,7 @@ fn squared_distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)
 }
 
-/// Rows to start from, as k-means++ has it: each drawn in proportion to its squared distance to those before.
+/// Initial rows as in k-means++: each is drawn in proportion to its squared distance to the previous ones.
 fn seeds(places: &[[f64; 3]], count: usize, seed: u64) -> Vec<usize> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let mut found = vec![random.random_range(0..places.len())];
@@ -266,13 +269,13 @@ fn seeds(places: &[[f64; 3]], count: usize, seed: u64) -> Vec<usize> {
             left -= square;
             left < 0.0
         });
-        // Rounding can leave a remainder at the end; rows that are all the same leave nothing to draw.
+        // Rounding can leave a remainder at the end; if all rows are equal, nothing is drawn.
         found.push(drawn.unwrap_or(places.len() - 1));
     }
     found
 }
 
-/// Sums of x, v, i, F and their number for each centre, over the rows nearest to it.
+/// Sums of x, v, i and F and the number of rows for each centre, over its nearest rows.
 fn sums(rows: &[LazyPoint], places: &[[f64; 3]], centres: &[[f64; 3]]) -> Vec<[f64; 5]> {
     let mut sums = vec![[0.0; 5]; centres.len()];
     for (row, place) in rows.iter().zip(places) {
@@ -297,7 +300,7 @@ mod tests {
     use crate::rig::{Channels, Experiment, Plant, record};
 
     #[test]
-    fn rows_that_count_and_have_a_drive_are_taken_less_their_run_s_mean() {
+    fn counted_rows_with_a_drive_are_used_with_the_offset_subtracted() {
         let experiment = Experiment::thesis("RP-APRBS").expect("known").with_duration_s(2.0);
         let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
         let whole = Dataset::from_run(&run, &Conditioning::THESIS, &DatasetOptions::default()).expect("rows");

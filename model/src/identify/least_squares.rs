@@ -1,17 +1,19 @@
-//! Bounded nonlinear least squares: Levenberg and Marquardt's method on the normal equations.
+//! Bounded nonlinear least squares: the Levenberg-Marquardt method on the normal equations.
 //!
 //! ```text
 //! minimise   S(p) = sum r(p)^2   within   lower <= p <= upper
 //! step       (J'J + lambda D) d = -J'r   over the parameters that are free,   D = diag(J'J), or 1e-3 of the largest so far
 //! ```
 //!
-//! A parameter at a bound that the gradient pushes against is held there; one that a step would carry over
-//! its bound is put on it, and the step of the others is solved anew. Lambda follows Nielsen's rule. The
-//! problem hands over J'J and J'r, not J: they are summed row by row, so that memory does not grow with the
-//! rows.
+//! A parameter at a bound is held there if the gradient pushes it outwards. A parameter that a step would
+//! carry over its bound is put on the bound, and the step of the others is solved again. Lambda follows
+//! Nielsen's rule. The problem supplies J'J and J'r instead of J: they are summed row by row, so memory use
+//! does not grow with the number of rows.
 //!
-//! J'J squares the condition number. With steps scaled by D that is harmless down to relative changes near
-//! 1e-8 of a parameter, which is far below what measured data determine.
+//! J'J squares the condition number. With steps scaled by D this is harmless down to relative changes of
+//! about 1e-8 of a parameter, far below what measured data can determine.
+//!
+//! Source: `[levenberg-marquardt]` in the bibliography (node/docs/guide/bibliography.md).
 
 use nalgebra::{DMatrix, DVector};
 
@@ -20,20 +22,21 @@ use nalgebra::{DMatrix, DVector};
 pub struct Normal {
     /// Sum of squared residuals.
     pub cost: f64,
-    /// J'J, symmetric, of the order of the parameters.
+    /// J'J, symmetric, in the order of the parameters.
     pub square: DMatrix<f64>,
     /// J'r, half the gradient of the cost.
     pub gradient: DVector<f64>,
 }
 
-/// What is minimised. `residual = model - measured`.
+/// The function to minimise. `residual = model - measured`.
 pub trait Problem {
-    /// Sums at `parameters`; `None` when the work was cancelled.
+    /// The sums at `parameters`; `None` if the work was cancelled.
     fn normal(&self, parameters: &[f64]) -> Option<Normal>;
 }
 
-/// How fast the scale of a parameter follows it to where the residuals feel it less, a step. The largest scale so far, as MINPACK has
-/// it, holds a parameter that was felt strongly once, and searches creep along valleys: fits of a closing ended short of the minimum.
+/// Decay factor per step of a parameter's scale while the residuals depend on the parameter less than before.
+/// MINPACK keeps the largest scale so far, which holds back a parameter that was once sensitive, and searches
+/// creep along valleys: fits during a diagnosis ended short of the minimum.
 const FORGETS: f64 = 1e-3;
 
 /// When to stop.
@@ -41,9 +44,9 @@ const FORGETS: f64 = 1e-3;
 pub struct Stop {
     /// Most evaluations of the problem.
     pub evaluations: usize,
-    /// Relative reduction of the cost, found and predicted, below which it has converged.
+    /// Converged below this relative reduction of the cost, both actual and predicted.
     pub cost: f64,
-    /// Scaled step relative to the scaled parameters below which it has converged.
+    /// Converged below this ratio of the scaled step to the scaled parameters.
     pub step: f64,
 }
 
@@ -53,24 +56,24 @@ impl Default for Stop {
     }
 }
 
-/// A minimum, or as near as the evaluations went.
+/// A minimum, or the best point if the evaluations ran out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Minimum {
     /// Parameters within their bounds.
     pub parameters: Vec<f64>,
     /// Sum of squared residuals there.
     pub cost: f64,
-    /// Evaluations of the problem.
+    /// Number of evaluations of the problem.
     pub evaluations: usize,
-    /// False when the evaluations ran out before it converged.
+    /// False when the evaluations ran out before convergence.
     pub converged: bool,
 }
 
-/// Minimises `problem` from `start` within `bounds` (a pair of lower and upper one a parameter; infinite ones
-/// are allowed). `start` is moved into the bounds first. `None` when the work was cancelled.
+/// Minimises `problem` from `start` within `bounds`, one pair of lower and upper bound per parameter; bounds
+/// may be infinite. `start` is first clamped to the bounds. `None` if the work was cancelled.
 ///
 /// # Panics
-/// When `bounds` is not as long as `start`.
+/// If `bounds` and `start` differ in length.
 pub fn minimise(problem: &impl Problem, start: &[f64], bounds: &[[f64; 2]], stop: &Stop) -> Option<Minimum> {
     assert_eq!(start.len(), bounds.len(), "one pair of bounds for each parameter");
     let mut p =
@@ -91,7 +94,7 @@ pub fn minimise(problem: &impl Problem, start: &[f64], bounds: &[[f64; 2]], stop
             continue;
         }
         if predicted.partial_cmp(&(1e-16 * here.cost)) != Some(std::cmp::Ordering::Greater) {
-            // Cut at its bounds a step can lose its descent; a shorter one, nearer the gradient, has it.
+            // A step that is cut at its bounds may not descend; a shorter step, nearer the gradient, does.
             converged = lambda > 1e6;
             lambda *= 10.0;
             continue;
@@ -106,7 +109,7 @@ pub fn minimise(problem: &impl Problem, start: &[f64], bounds: &[[f64; 2]], stop
             converged = gained <= stop.cost * here.cost && predicted <= stop.cost * here.cost;
             (p, here) = (trial, there);
         } else {
-            // Equal to the last digit counts as converged: there is nothing left to gain.
+            // Costs that are equal to the last digit count as convergence.
             converged = gained == 0.0 || predicted <= stop.cost * here.cost || lambda > 1e12;
             lambda *= growth;
             growth *= 2.0;
@@ -115,7 +118,7 @@ pub fn minimise(problem: &impl Problem, start: &[f64], bounds: &[[f64; 2]], stop
     Some(Minimum { parameters: p.as_slice().to_vec(), cost: here.cost, evaluations, converged })
 }
 
-/// The damped step from `p`, and the point that it leads to, which is within the bounds to the last bit.
+/// The damped step from `p`, and the point that it leads to, which is exactly within the bounds.
 fn bounded_step(
     here: &Normal,
     p: &DVector<f64>,
@@ -129,15 +132,15 @@ fn bounded_step(
         let g = here.gradient[j];
         (p[j] <= bounds[j][0] && g >= 0.0) || (p[j] >= bounds[j][1] && g <= 0.0)
     };
-    // A parameter that no residual has felt so far stays where it is.
+    // A parameter that has not affected any residual so far stays where it is.
     let mut free: Vec<usize> = (0..n).filter(|&j| !held(j) && scale[j] > 0.0).collect();
     while !free.is_empty() {
-        // Scaled to a unit diagonal, so that units of the parameters do not spoil the factorisation.
+        // Scaled to a unit diagonal, so that the parameters' units do not harm the factorisation.
         let root: Vec<f64> = free.iter().map(|&j| scale[j].sqrt()).collect();
         let system = DMatrix::from_fn(free.len(), free.len(), |a, b| {
             here.square[(free[a], free[b])] / (root[a] * root[b]) + if a == b { lambda } else { 0.0 }
         });
-        // Parameters that were put on a bound act on the others through their known step.
+        // Parameters on a bound act on the others through their known step.
         let moved = &here.square * &step;
         let rhs = DVector::from_fn(free.len(), |a, _| -(here.gradient[free[a]] + moved[free[a]]) / root[a]);
         let Some(solution) = solve(system, &rhs) else { return (DVector::zeros(n), p.clone()) };
@@ -159,13 +162,13 @@ fn bounded_step(
             }
             break;
         }
-        // At least one was put on its bound, so this ends.
+        // At least one parameter was put on its bound, so the loop ends.
         free = inside;
     }
     (step, trial)
 }
 
-/// Cholesky's solution, with as much more damping as it takes to make the matrix positive definite.
+/// Solution by Cholesky factorisation, with as much extra damping as makes the matrix positive definite.
 fn solve(mut system: DMatrix<f64>, rhs: &DVector<f64>) -> Option<DVector<f64>> {
     let mut extra = 1e-14;
     while extra < 1.0 {

@@ -1,13 +1,13 @@
-//! Membership centres and width, from the drive that the runs hold.
+//! Membership centres and widths, chosen from the drive in the runs.
 //!
-//! - A few levels (with noise, and ramps between them): a set at each level, sigma half their spacing.
-//! - A current that roams over 0 to 2.5 A: the thesis' seven sets.
+//! - A few levels (with noise, and ramps between them): one set per level, sigma half their spacing.
+//! - A current that varies freely over 0 to 2.5 A: the thesis' seven sets.
 //! - Anything else (a voltage, another range): seven sets evenly over the range, sigma half their spacing.
 //!
-//! Levels are found greedily. The window of a fixed width that holds the most samples is a level; its samples
-//! are taken out; and so on until a window holds next to nothing. Neighbours without a valley between them
-//! are one noisy level. When nearly all samples are held by a few narrow levels, the drive has levels; a
-//! drive that roams has windows side by side without valleys.
+//! Levels are found greedily. The window of a fixed width that contains the most samples is a level. Its
+//! samples are removed, and the search repeats until the fullest window is nearly empty. Neighbours without a
+//! valley between them are merged as one noisy level. The drive has levels if a few narrow levels contain
+//! nearly all samples; a freely varying drive gives adjacent windows without valleys.
 
 use super::dataset::Dataset;
 use crate::error::Error;
@@ -15,52 +15,52 @@ use crate::force::{FuzzySets, MAX_FUNCTIONS, Membership};
 use crate::preset::{CENTRES_A, SIGMA_A};
 use crate::sample::DriveKind;
 
-/// The most levels that pass for "a few".
+/// Largest number of levels that counts as "a few".
 const MAX_LEVELS: usize = 8;
-/// The most windows to look at: a noisy level may take several.
+/// Largest number of windows; a noisy level may need several.
 const MAX_WINDOWS: usize = 3 * MAX_LEVELS;
-/// Half width of a level's window as a share of the drive's range.
+/// Half width of a level's window, as a share of the drive's range.
 const WINDOW_SHARE: f64 = 0.03;
-/// Least half width of a window, A or V: drivers and their measurement are noisier than a share of a small
-/// range.
+/// Smallest half width of a window, A or V: drivers and their measurement have more noise than a share of a
+/// small range.
 const WINDOW_LEAST: f64 = 0.02;
-/// Share of all samples that a level must hold.
+/// Smallest share of all samples in one level.
 const LEVEL_SHARE: f64 = 0.02;
-/// Share of all samples that levels must hold together.
+/// Smallest share of all samples in the levels together.
 const LEVELS_SHARE: f64 = 0.85;
-/// Samples beyond these quantiles at either end (overshoot, spikes) do not make the range.
+/// Share of samples at either end that is excluded from the range (overshoot, spikes).
 const TAIL: f64 = 0.005;
-/// Rows that a parameter wants at least.
+/// Smallest number of rows per parameter.
 const ROWS_PER_PARAMETER: usize = 10;
-/// Sets over a range that is not the thesis'.
+/// Number of sets over a range other than the thesis' range.
 const EVEN_SETS: usize = 7;
 
-/// Membership functions over the drive, and how they came about.
+/// Membership functions over the drive, and their source.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Memberships {
     /// The sets.
     pub sets: FuzzySets,
-    /// Where they come from.
+    /// Source of the sets.
     pub source: MembershipSource,
 }
 
-/// Where membership functions come from.
+/// Source of membership functions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MembershipSource {
     /// Given by the caller.
     Given,
-    /// The levels that the data hold.
+    /// One set for each level in the data.
     Levels,
     /// The thesis' centres and width.
     Thesis,
-    /// Evenly over the range of the data.
+    /// Spaced evenly over the range of the data.
     Even,
-    /// Sought together with the model.
+    /// Identified together with the model.
     Identified,
 }
 
 impl Memberships {
-    /// Refuses data that some set, with `per_set` parameters under it, hardly sees.
+    /// Refuses data that do not cover each set, which has `per_set` parameters.
     pub(super) fn check_support(&self, datasets: &[Dataset], per_set: usize) -> Result<(), Error> {
         let sets = &self.sets;
         let mut support = vec![0.0; sets.len()];
@@ -73,21 +73,20 @@ impl Memberships {
         let Some((support, centre)) = poor else { return Ok(()) };
         Err(Error::Data {
             message: format!(
-                "too few samples near {} = {centre:.3}: they weigh {support:.1}, but a function needs {least}; add \
-                 runs, or choose membership centres that the runs reach",
+                "too few samples near {} = {centre:.3}: their total weight is {support:.1}, but a function needs {least}; add \
+                 runs, or choose membership centres within the runs' range",
                 sets.drive()
             ),
         })
     }
 
-    /// Chooses centres and width for drive values in A or V, in any order; those not finite are left out.
+    /// Chooses centres and widths for drive values in A or V, in any order; non-finite values are ignored.
     ///
-    /// With levels of unequal spacing sigma is half the mean spacing, but never more than the smallest one,
-    /// so that the sets of neighbours stay distinct. With one level there is one set, which holds for any
-    /// drive.
+    /// If levels are unequally spaced, sigma is half the mean spacing but at most the smallest spacing, so
+    /// that neighbouring sets stay distinct. With one level there is one set, which is valid for any drive.
     ///
     /// # Errors
-    /// [`Error::Data`] when there are no values.
+    /// [`Error::Data`] without values.
     pub fn from_drive(kind: DriveKind, values: impl IntoIterator<Item = f64>) -> Result<Self, Error> {
         let values = Values::new(kind, values)?;
         let [low, high] = values.range();
@@ -102,12 +101,12 @@ impl Memberships {
         Ok(Self { sets: FuzzySets::new(Membership { drive: kind, sigma }, &centres)?, source })
     }
 
-    /// `count` sets evenly over the range of drive values in A or V, in any order; those not finite are left out.
-    /// Sigma is half the spacing.
+    /// `count` sets evenly over the range of the drive values in A or V, which may be in any order;
+    /// non-finite values are ignored. Sigma is half the spacing.
     ///
     /// # Errors
-    /// [`Error::Data`] when there are no values, or they do not vary; [`Error::Length`] for more than
-    /// [`MAX_FUNCTIONS`] sets, or fewer than two.
+    /// [`Error::Data`] without values, or if they are constant; [`Error::Length`] for more than
+    /// [`MAX_FUNCTIONS`] sets or fewer than two.
     pub fn even(kind: DriveKind, values: impl IntoIterator<Item = f64>, count: usize) -> Result<Self, Error> {
         if !(2..=MAX_FUNCTIONS).contains(&count) {
             return Err(Error::Length {
@@ -119,17 +118,17 @@ impl Memberships {
         Values::new(kind, values)?.evenly(count)
     }
 
-    /// Levels that drive values in A or V take on, in any order; `None` when they roam.
+    /// Levels of drive values in A or V, in any order; `None` if the drive varies continuously.
     pub(super) fn levels(kind: DriveKind, values: impl IntoIterator<Item = f64>) -> Option<Vec<f64>> {
         let values = Values::new(kind, values).ok()?;
         let [low, high] = values.range();
         find_levels(&values.sorted, high - low)
     }
 
-    /// Takes centres as given; without `sigma`, by the rule for levels.
+    /// Uses the given centres; without `sigma`, its value follows the rule for levels.
     ///
     /// # Errors
-    /// When there are no centres or too many, when they do not increase, or when a number means nothing.
+    /// Without centres or with too many, if they do not increase, or if a number is invalid.
     pub fn given(kind: DriveKind, centres: &[f64], sigma: Option<f64>) -> Result<Self, Error> {
         let name = |j: usize| format!("centres[{j}]");
         if centres.is_empty() || centres.len() > MAX_FUNCTIONS {
@@ -153,7 +152,7 @@ impl Memberships {
 /// Values of a drive.
 struct Values {
     kind: DriveKind,
-    /// At least one, all finite.
+    /// At least one value, all finite.
     sorted: Vec<f64>,
 }
 
@@ -162,14 +161,14 @@ impl Values {
         let mut sorted: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
         if sorted.is_empty() {
             return Err(Error::Data {
-                message: format!("there are no {kind} values to place memberships by"),
+                message: format!("memberships cannot be placed: the runs have no {kind} values"),
             });
         }
         sorted.sort_by(f64::total_cmp);
         Ok(Self { kind, sorted })
     }
 
-    /// Ends of the values, strays left out.
+    /// Range of the values without outliers.
     fn range(&self) -> [f64; 2] {
         let quantile = |q: f64| self.sorted[((self.sorted.len() - 1) as f64 * q).round() as usize];
         [quantile(TAIL), quantile(1.0 - TAIL)]
@@ -181,7 +180,7 @@ impl Values {
         if spacing <= 0.0 {
             return Err(Error::Data {
                 message: format!(
-                    "{} stays at {low}: {count} sets cannot stand side by side; add runs at other levels",
+                    "{} is constant at {low}, so {count} sets cannot be placed; add runs at other levels",
                     self.kind
                 ),
             });
@@ -192,15 +191,15 @@ impl Values {
     }
 }
 
-/// True when every set of the thesis sees data: the range reaches within a sigma of both outer centres, and
-/// leaves them by no more.
+/// True when every set of the thesis gets data: both ends of the range lie within one sigma of the outer
+/// centres.
 fn fills_thesis_range(low: f64, high: f64) -> bool {
     let (first, last) = (CENTRES_A[0], CENTRES_A[CENTRES_A.len() - 1]);
     (low - first).abs() <= SIGMA_A && (high - last).abs() <= SIGMA_A
 }
 
-/// Half the mean spacing, not more than the smallest; the thesis' for a single level, where it does not
-/// matter.
+/// Half the mean spacing, at most the smallest spacing; the thesis' width for a single level, where the width
+/// has no effect.
 fn level_sigma(levels: &[f64]) -> f64 {
     let spacings = levels.windows(2).map(|pair| pair[1] - pair[0]);
     let smallest = spacings.fold(f64::INFINITY, f64::min);
@@ -210,15 +209,15 @@ fn level_sigma(levels: &[f64]) -> f64 {
     }
 }
 
-/// A level and the samples that its window held.
+/// A level and the samples in its window.
 struct Level {
     centre: f64,
-    /// Centres of the first and the last window that make it up.
+    /// Centres of its first and last window.
     span: [f64; 2],
     count: usize,
 }
 
-/// Levels of sorted `values`, increasing; `None` when they roam.
+/// Levels of sorted `values`, in increasing order; `None` if the drive varies continuously.
 fn find_levels(values: &[f64], range: f64) -> Option<Vec<f64>> {
     let half = (WINDOW_SHARE * range).max(WINDOW_LEAST);
     let total = values.len() as f64;
@@ -229,7 +228,7 @@ fn find_levels(values: &[f64], range: f64) -> Option<Vec<f64>> {
         if ((end - start).max(1) as f64) < LEVEL_SHARE * total {
             break;
         }
-        // The median: ramps that pass through the window pull it less than a mean.
+        // The median: ramps that cross the window shift it less than a mean.
         let centre = rest[usize::midpoint(start, end)];
         found.push(Level { centre, span: [centre; 2], count: end - start });
         rest.drain(start..end);
@@ -244,7 +243,7 @@ fn find_levels(values: &[f64], range: f64) -> Option<Vec<f64>> {
     let mut levels: Vec<Level> = Vec::new();
     for level in found {
         match levels.last_mut() {
-            // The tail of a noisy level passes for a level of its own, next to it and with no valley between.
+            // The tail of a noisy level looks like another level next to it, without a valley between them.
             Some(last) if level.centre - last.span[1] < 3.0 * half && !valley(values, last, &level) => {
                 if level.count > last.count {
                     last.centre = level.centre;
@@ -259,7 +258,7 @@ fn find_levels(values: &[f64], range: f64) -> Option<Vec<f64>> {
     (narrow && levels.len() <= MAX_LEVELS).then(|| levels.iter().map(|level| level.centre).collect())
 }
 
-/// True when the middle half of the way between two levels is nearly empty.
+/// True when the middle half of the interval between two levels is nearly empty.
 fn valley(values: &[f64], a: &Level, b: &Level) -> bool {
     let quarter = 0.25 * (b.centre - a.span[1]);
     let below = |limit: f64| values.partition_point(|v| *v < limit);
@@ -267,7 +266,7 @@ fn valley(values: &[f64], a: &Level, b: &Level) -> bool {
     between * 20 < a.count.min(b.count)
 }
 
-/// The window no wider than `width` that holds the most of sorted `values`, as a range of indices.
+/// The window of at most `width` that contains the most of the sorted `values`, as a range of indices.
 fn fullest_window(values: &[f64], width: f64) -> (usize, usize) {
     let (mut best, mut start) = ((0, 0), 0);
     for (k, value) in values.iter().enumerate() {
@@ -306,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_levels_are_found_through_noise_ramps_and_spikes() {
+    fn a_few_levels_are_found_despite_noise_ramps_and_spikes() {
         let mut random = Pcg64Mcg::seed_from_u64(1);
         for noise in [0.0, 0.005, 0.04] {
             for levels in
@@ -314,7 +313,7 @@ mod tests {
             {
                 let mut values: Vec<f64> =
                     levels.iter().flat_map(|level| around(*level, noise, 4000, &mut random)).collect();
-                // Ramps from end to end, 3 % of all, and a few spikes.
+                // Ramps over the full range, 3 % of all samples, and a few spikes.
                 let (top, ramp) = (levels[levels.len() - 1], values.len() * 3 / 100);
                 values.extend((0..ramp).map(|_| top * random.random::<f64>()));
                 values.extend([top + 1.0, -0.7, 9.0]);
@@ -325,14 +324,14 @@ mod tests {
     }
 
     #[test]
-    fn sigma_is_half_the_spacing_but_never_more_than_the_smallest() {
+    fn sigma_is_half_the_mean_spacing_and_at_most_the_smallest() {
         assert!((level_sigma(&[0.0, 0.25, 0.5]) - 0.125).abs() < 1e-12);
         assert!((level_sigma(&[0.0, 0.8712, 1.98, 3.2]) - 3.2 / 6.0).abs() < 1e-12);
         assert!((level_sigma(&[0.0, 0.2, 3.0]) - 0.2).abs() < 1e-12);
     }
 
     #[test]
-    fn levels_of_unlike_length_count() {
+    fn levels_of_different_duration_are_found() {
         let mut random = Pcg64Mcg::seed_from_u64(2);
         let mut values = around(0.0, 0.003, 30_000, &mut random);
         values.extend(around(1.2, 0.003, 1000, &mut random));
@@ -341,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn one_level_is_one_function() {
+    fn one_level_gives_one_function() {
         let mut random = Pcg64Mcg::seed_from_u64(3);
         for (level, noise) in [(0.0, 0.0), (0.0, 0.004), (0.5, 0.03), (1.98, 0.001), (2.5, 0.04)] {
             let found = found(DriveKind::CoilCurrent, around(level, noise, 5000, &mut random));
@@ -351,11 +350,11 @@ mod tests {
     }
 
     #[test]
-    fn a_roaming_current_over_the_thesis_range_has_the_thesis_sets() {
+    fn a_freely_varying_current_over_the_thesis_range_gets_the_thesis_sets() {
         let mut random = Pcg64Mcg::seed_from_u64(4);
         let uniform: Vec<f64> = (0..20_000).map(|_| 2.5 * random.random::<f64>()).collect();
         let sine: Vec<f64> = (0..20_000).map(|k| 1.25 + 1.25 * (f64::from(k) * 0.01).sin()).collect();
-        // Steps of random height, as an amplitude-modulated random binary signal has them.
+        // Steps of random height, as in an amplitude-modulated random binary signal.
         let steps: Vec<f64> = (0..60)
             .flat_map(|_| {
                 let level = 2.5 * random.random::<f64>();
@@ -370,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn another_range_or_unit_is_covered_evenly() {
+    fn another_range_or_unit_gets_evenly_spaced_sets() {
         let mut random = Pcg64Mcg::seed_from_u64(5);
         for (kind, low, high) in [
             (DriveKind::CommandVoltage, 0.0, 2.5),
@@ -391,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_go_by_is_an_error() {
+    fn missing_or_constant_values_are_an_error() {
         let error = Memberships::from_drive(DriveKind::CoilCurrent, [f64::NAN]).expect_err("no values");
         assert!(error.to_string().contains("current_a"));
         assert!(Memberships::given(DriveKind::CoilCurrent, &[], None).is_err());

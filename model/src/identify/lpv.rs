@@ -1,5 +1,5 @@
-//! Identification of the LPV model: the regression of [`super::regression`], every regressor weighed by what its copy
-//! counts for at the drive.
+//! Identification of the LPV model: the regression of [`super::regression`], where the drive determines the
+//! weight of each copy of the regressors.
 
 use super::Watch;
 use super::dataset::Dataset;
@@ -8,22 +8,22 @@ use crate::error::Error;
 use crate::force::{Dependence, LAGS, Lpv};
 use crate::units::Second;
 
-/// Drives at which poles are looked at, over the range that the runs hold.
+/// Number of drive values, over the range in the runs, at which poles are checked.
 const FROZEN: usize = 51;
 
-/// What came out.
+/// Result of the fit.
 pub(super) struct Fitted {
-    /// The model, its offset the mean of the runs' offsets.
+    /// The model; its offset is the mean of the runs' offsets.
     pub(super) model: Lpv,
     /// Offset of each run, N.
     pub(super) offsets_n: Vec<f64>,
     /// Rank of the regression.
     pub(super) rank: usize,
-    /// What must be known of the model.
+    /// Warnings for the user of the model.
     pub(super) warnings: Vec<String>,
 }
 
-/// Fits an LPV model with `dependence`, which is on a drive, to `datasets`.
+/// Fits an LPV model to `datasets`; `dependence` must be on a drive.
 pub(super) fn fit(datasets: &[Dataset], dependence: Dependence, watch: &Watch) -> Result<Fitted, Error> {
     let period_s = 1.0 / common_rate(datasets, "lpv")?;
     let regression = Regression { model: "lpv", period_s, lags: LAGS, dependence, drive_lags: false };
@@ -33,7 +33,7 @@ pub(super) fn fit(datasets: &[Dataset], dependence: Dependence, watch: &Watch) -
     Ok(Fitted { warnings: unstable(&model, datasets)?, model, offsets_n: found.offsets_n, rank: found.rank })
 }
 
-/// A warning when some frozen drive within the runs' range has a pole that is not inside the unit circle.
+/// A warning if a pole lies on or outside the unit circle at some constant drive within the runs' range.
 fn unstable(model: &Lpv, datasets: &[Dataset]) -> Result<Vec<String>, Error> {
     let ranges = datasets.iter().filter_map(|d| d.envelope.drive);
     let (low, high) = ranges.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), [a, b]| (l.min(a), h.max(b)));
@@ -50,8 +50,8 @@ fn unstable(model: &Lpv, datasets: &[Dataset]) -> Result<Vec<String>, Error> {
     Ok((modulus >= 1.0)
         .then(|| {
             format!(
-                "at {name} = {drive:.3} a pole has the modulus {modulus:.4}: one step ahead the model holds, but its \
-                 free run diverges there"
+                "at {name} = {drive:.3} a pole has the modulus {modulus:.4}: the one-step-ahead prediction is usable, but the \
+                 simulation diverges there"
             )
         })
         .into_iter()

@@ -3,19 +3,20 @@
 //! ```text
 //! ARX          F_k = phi_k . a + c_run                        linear: QR in panels, SVD, minimum norm
 //! fuzzy-tanh   F = sum_j w_j(i) f_j(x, v) + o_run             nonlinear: bounded Levenberg-Marquardt,
-//!              f = A1 tanh(A3 u) + A2 u,   u = v + kappa x    restarts drawn from a seed
-//! TSK          F = sum_r w_r(x, v, a, i) f_r + o_run          hybrid learning: conclusions by linear least
-//!                                                             squares, memberships around them
+//!              f = A1 tanh(A3 u) + A2 u,   u = v + kappa x    seeded random restarts
+//! TSK          F = sum_r w_r(x, v, a, i) f_r + o_run          hybrid learning: linear least squares for the
+//!                                                             conclusions, gradient steps for the memberships
 //! ```
 //!
-//! Several runs are fitted at once, each with a force offset of its own: sessions differ by tens of newtons
-//! in gas preload and load cell zero. Runs of one drive kind only. The fuzzy-tanh model has no memory, so
-//! runs may differ in rate; an ARX model holds at one rate. Rows come from [`Dataset`], which conditions runs
-//! as the live pipeline does; each row that counts weighs the same, so the fit minimises the RSSE of the rows
-//! together.
+//! Several runs are fitted together, each with its own force offset: gas preload and load cell zero differ by
+//! tens of newtons between sessions. All runs must have the same kind of drive. The fuzzy-tanh model has no
+//! memory, so its runs may differ in rate; an ARX model is valid for one rate only. Rows come from
+//! [`Dataset`], which conditions runs as the live pipeline does. All counted rows have equal weight, so the
+//! fit minimises the RMSE over all of them.
 //!
-//! ARX is fitted one step ahead and fuzzy-tanh running free, which is how each is used. Both are reported
-//! running free; one step ahead stands beside persistence, which says what the figure is worth.
+//! ARX is fitted to its one-step-ahead prediction and fuzzy-tanh to its simulation (free run), as each is
+//! used. Simulation errors are reported for both. One-step-ahead errors are reported together with the error
+//! of persistence, for comparison.
 //!
 //! ```
 //! use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
@@ -32,7 +33,7 @@
 //! #     ..Run::default()
 //! # };
 //! let found = identify(ModelSpec::FUZZY_TANH, &[run], &Options::default(), &Watch::none())?;
-//! assert!(found.free_run.expect("a fuzzy-tanh model runs free").esr < 1e-4);
+//! assert!(found.free_run.expect("a fuzzy-tanh model can be simulated").esr < 1e-4);
 //! # Ok::<(), mr_damper_model::Error>(())
 //! ```
 
@@ -84,10 +85,10 @@ use rayon::prelude::*;
 /// Identifies a model from `runs`.
 ///
 /// # Errors
-/// [`Error::MissingChannel`] for a run without force, or without the drive or velocity that is wanted;
-/// [`Error::WrongDrive`] when kinds of drive are mixed; [`Error::Data`] for too little data, data that never
-/// vary, or rates that do not go together; [`Error::OutOfRange`] and [`Error::Length`] for options that mean
-/// nothing; [`Error::Cancelled`].
+/// [`Error::MissingChannel`] for a run without force, or without the required drive or velocity.
+/// [`Error::WrongDrive`] if the runs differ in their kind of drive; [`Error::Data`] for too little data,
+/// constant data, or incompatible rates; [`Error::OutOfRange`] and [`Error::Length`] for invalid options;
+/// [`Error::Cancelled`].
 pub fn identify(
     spec: ModelSpec,
     runs: &[Run],
@@ -109,8 +110,8 @@ pub fn identify(
     Ok(Identified { velocity_trials, ..found })
 }
 
-/// Identifies a model from runs that are conditioned already, all alike: rows that many models can share.
-/// `conditioning`, `choose_velocity` and `dataset` of `options` have had their say by then.
+/// Identifies a model from conditioned runs, so that many models can share them. All runs must have the same
+/// conditioning. `conditioning`, `choose_velocity` and `dataset` of `options` are ignored.
 ///
 /// # Errors
 /// As [`identify`]; also [`Error::Data`] for runs that are conditioned differently.
@@ -126,7 +127,7 @@ pub fn identify_datasets(
     if let Some(other) = datasets.iter().find(|d| d.conditioning != datasets[0].conditioning) {
         return Err(Error::Data {
             message: format!(
-                "runs {} and {} are conditioned differently: a model holds for one conditioning",
+                "runs {} and {} are conditioned differently, but a model is valid for one conditioning only",
                 datasets[0].name, other.name
             ),
         });
@@ -134,7 +135,7 @@ pub fn identify_datasets(
     fit::fit(spec, drive, datasets, options, watch)
 }
 
-/// Refuses settings that mean nothing, or that the structure would ignore.
+/// Refuses settings that are invalid or that the structure would ignore.
 fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
     if !spec.structure().can_run() {
         return Err(fit::cannot_run());
@@ -145,7 +146,7 @@ fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
         if !matches!(spec.structure(), Structure::FuzzyTanh | Structure::Law(_)) {
             return Err(Error::Data {
                 message: format!(
-                    "{} is fitted by squares alone; leave Huber's loss out",
+                    "{} is fitted by least squares only; leave Huber's loss out",
                     spec.structure().name()
                 ),
             });
@@ -154,7 +155,7 @@ fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
     if options.placement != Placement::FromRuns && !spec.has_sets() {
         return Err(Error::Data {
             message: format!(
-                "{} ({}) has no fuzzy sets over the drive to place; leave their centres and number out, or take a fuzzy \
+                "{} ({}) has no fuzzy sets over the drive; leave out their centres and number, or choose a fuzzy \
                  form",
                 spec.structure().name(),
                 spec.form().name()
@@ -164,7 +165,7 @@ fn check_options(spec: ModelSpec, options: &Options) -> Result<(), Error> {
     Ok(())
 }
 
-/// Conditions the runs. Each must have rows that count.
+/// Conditions the runs. Each must have counted rows.
 fn datasets(
     runs: &[Run],
     conditioning: &Conditioning,
@@ -177,19 +178,19 @@ fn datasets(
         }
         Dataset::from_run(run, conditioning, &options.dataset)
     };
-    // In parallel, yet the error that is reported is the first run's.
+    // The runs are processed in parallel, but the reported error is always the first run's.
     let results: Vec<Result<Dataset, Error>> = runs.par_iter().map(one).collect();
     let datasets = results.into_iter().collect::<Result<Vec<Dataset>, Error>>()?;
     check_rows(&datasets)?;
     Ok(datasets)
 }
 
-/// Refuses runs without a row that counts, and runs in which the force never varies.
+/// Refuses runs without counted rows, and runs whose force is constant.
 fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
     if let Some(still) = datasets.iter().find(|d| d.counted() == 0) {
         return Err(Error::Data {
             message: format!(
-                "run {}: no sample counts: the damper never moves, the run is too short for the filter to settle, or \
+                "run {}: no sample can be used: the damper never moves, the run is too short for the filter to settle, or \
                  force and displacement do not overlap in time",
                 still.name
             ),
@@ -201,21 +202,21 @@ fn check_rows(datasets: &[Dataset]) -> Result<(), Error> {
     }
     Err(Error::Data {
         message: format!(
-            "force_n never varies in these runs (it stays at {} N): nothing can be identified from them; look at the \
+            "force_n never varies in these runs (it stays at {} N), so no model can be identified; check the \
              load cell",
             datasets[0].envelope.force_n.map_or(f64::NAN, |[low, _]| low)
         ),
     })
 }
 
-/// The kind of drive that the model gets from the runs, each by its name and drive; `None` for a passive model.
+/// The kind of drive of all runs, given by name and drive; `None` for a passive model.
 fn check_drives<'a>(
     spec: ModelSpec,
     runs: impl Iterator<Item = (&'a str, Option<DriveKind>)>,
 ) -> Result<Option<DriveKind>, Error> {
     let mut runs = runs.peekable();
     if runs.peek().is_none() {
-        return Err(Error::Data { message: "there are no runs to identify from".to_owned() });
+        return Err(Error::Data { message: "no runs to identify from; give at least one".to_owned() });
     }
     if !spec.wants_drive() {
         return Ok(None);
@@ -239,7 +240,7 @@ fn check_drives<'a>(
     Ok(wanted)
 }
 
-/// Mean of the runs' offsets, weighted by the rows that count, N.
+/// Mean of the runs' offsets, weighted by counted rows, N.
 fn mean_offset(datasets: &[Dataset], offsets_n: &[f64]) -> f64 {
     let weights = datasets.iter().map(|d| d.counted() as f64);
     let (sum, weight) =

@@ -1,29 +1,31 @@
-//! Identification of the networks: seeded restarts, trained to run free.
+//! Identification of the networks: seeded restarts, trained for simulation (free run).
 //!
 //! ```text
 //! minimise  sum over windows of h rows, sum over their rows k of (y_k - F_k)^2,     h = 8, 32, 128 in turn
 //! y_k = f(u_k, y_{k-1} .. y_{k-r}; w)  from measured forces before the window
 //! ```
 //!
-//! A network that is trained one step ahead alone learns that the force hardly changes in a sample: its own
-//! output, fed back, then runs off (on the virtual rig the ESR of its free run is between .6 and 3). So the
-//! errors that are minimised here are those of short free runs, which grow longer as the network gets better.
-//! That is the recurrent network of Wang and Liao, and honest: no figure mixes the two ways of running. One
-//! step ahead such a network is worse than it could be; hold it against persistence.
+//! A network that is trained only one step ahead learns that the force hardly changes within a sample, and
+//! diverges when its own output is fed back: the NMSE of its simulation is .6 to 3 on the virtual rig.
+//! Training therefore minimises the errors of short simulations, which get longer as the network improves.
+//! This is the recurrent network of Wang and Liao. Its one-step-ahead prediction is worse than it could be;
+//! compare it with persistence.
 //!
-//! `wang-liao` is trained by Levenberg and Marquardt's method, its derivatives running along with the window.
-//! `chen` is trained by back-propagation through the window's time in mini-batches, with Adam's steps.
-//! Weights start as Nguyen and Widrow have it.
+//! `wang-liao` is trained by the Levenberg-Marquardt method, with derivatives propagated along the window.
+//! `chen` is trained by back-propagation through the window in mini-batches, with Adam steps. Initial weights
+//! follow Nguyen and Widrow.
 //!
-//! Every fifth stretch of two seconds is held back. Of all weights that a training passes through, those are
-//! kept whose free run is best there, and so is the best of the restarts. That free run starts from rest and goes
-//! through whole runs, as it will live: a network can have a second state at rest, far off, into which it falls
-//! from there and not from measured force. They are not
-//! trained on afterwards. Each restart has random numbers of its own, and sums are added in a fixed order:
+//! Every fifth stretch of two seconds is held back. Of all weights in the course of a training, those with
+//! the best simulation over the held-back rows are kept; the best restart is chosen in the same way. This
+//! simulation starts at rest and covers whole runs, as in live use: a network can have a second, distant
+//! equilibrium at rest, which it reaches from rest but not from measured force. Training does not continue on
+//! the held-back rows. Each restart has its own random numbers, and sums are added in a fixed order, so
 //! results do not depend on the number of threads.
 //!
-//! Each run has its force offset, from a rough model ([`session_offsets_n`]); at the end the mean error of its
-//! free run is added.
+//! Each run has a force offset, first estimated by a rough model ([`session_offsets_n`]) and finally
+//! corrected by the mean error of the simulation.
+//!
+//! Source: `[wangliao2001]`, `[chen2009]`, `[nguyen-widrow]` and `[adam]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::dataset::{Dataset, Row};
 use super::least_squares::{Normal, Problem, Stop, minimise};
@@ -42,25 +44,26 @@ use rayon::prelude::*;
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Length of the stretches of which every fifth is held back, s.
+/// Length of the stretches, s; every fifth one is held back.
 const STRETCH_S: f64 = 2.0;
-/// Stretches that there are at least; short runs have shorter ones.
+/// Smallest number of stretches; short runs have shorter stretches.
 const STRETCHES: usize = 10;
-/// The least rows of a stretch, and the most.
+/// Smallest and largest number of rows in a stretch.
 const STRETCH_ROWS: [usize; 2] = [64, 2048];
-/// Rows that a weight wants at least.
+/// Smallest number of rows per weight.
 const ROWS_PER_WEIGHT: usize = 4;
-/// Restarts that a user asks for which make one of a network: it takes as long as so many of a tanh model.
+/// Number of requested restarts per network restart, because a network takes this many times as long as a
+/// tanh model.
 pub(super) const RESTARTS_PER_RESTART: u32 = 8;
-/// Restarts that are finished.
+/// Number of restarts that are refined.
 const POLISHED: usize = 2;
-/// Accepted steps without a better free run over the held-back rows after which a stage ends.
+/// Accepted steps without a better simulation of the held-back rows after which a stage ends.
 const PATIENCE: u32 = 8;
-/// A channel whose deviation is below this share of its mean is constant.
+/// A channel is constant if its deviation is below this share of its mean.
 const ROUNDING: f64 = 1e-9;
 
-/// One stage of a training: window length, rows that are errors, evaluations (Levenberg-Marquardt) or epochs
-/// (back-propagation).
+/// One stage of a training: window length, number of rows in the error sum, and number of evaluations
+/// (Levenberg-Marquardt) or epochs (back-propagation).
 #[derive(Debug, Clone, Copy)]
 struct Stage {
     horizon: usize,
@@ -72,21 +75,21 @@ const fn stage(horizon: usize, rows: usize, rounds: usize) -> Stage {
     Stage { horizon, rows, rounds }
 }
 
-/// Stages of Levenberg-Marquardt; the last is for the restarts that are finished.
+/// Stages of Levenberg-Marquardt; only the refined restarts run the last one.
 const MARQUARDT: [Stage; 3] = [stage(8, 1024, 8), stage(32, 1024, 15), stage(128, 2048, 25)];
 /// Stages of back-propagation, on all rows.
 const ADAM: [Stage; 3] = [stage(8, usize::MAX, 20), stage(32, usize::MAX, 40), stage(128, usize::MAX, 80)];
 
-/// What came out.
+/// Result of the fit.
 #[derive(Debug, Clone)]
 pub(super) struct Fitted {
-    /// The model, its offset the mean of the runs' offsets.
+    /// The model; its offset is the mean of the runs' offsets.
     pub(super) model: Network,
     /// Offset of each run, N.
     pub(super) offsets_n: Vec<f64>,
-    /// RSSE of each restart's free run over the held-back rows before the best are finished, N, best first.
+    /// RMSE of each restart's simulation of the held-back rows, before refinement, N, lowest first.
     pub(super) restart_rsse_n: Vec<f64>,
-    /// What the user must know: a free run that cannot be used.
+    /// Warnings for the user: a simulation that is not usable.
     pub(super) warnings: Vec<String>,
 }
 
@@ -100,7 +103,7 @@ pub(super) fn fit(
     watch: &Watch,
 ) -> Result<Fitted, Error> {
     let rate_hz = regression::common_rate(datasets, structure.name())?;
-    // Before anything is said of the channels: ten samples of them say nothing.
+    // Checked first: with only a few samples the checks of the channels are meaningless.
     let counted: usize = datasets.iter().map(Dataset::counted).sum();
     check_rows([counted, counted], structure, structure.weights(drive.is_some()))?;
     let offsets_n = session_offsets_n(datasets, drive.is_some());
@@ -122,7 +125,7 @@ pub(super) fn fit(
     Ok(Fitted { model, offsets_n, restart_rsse_n, warnings })
 }
 
-/// Means and deviations of the rows that count.
+/// Means and deviations of the counted rows.
 fn scaling(
     datasets: &[Dataset],
     structure: NetworkStructure,
@@ -135,7 +138,7 @@ fn scaling(
     for (channel, n) in [("force", &force), ("displacement", &displacement_m), ("velocity", &velocity_m_s)] {
         if is_constant(n) {
             return Err(Error::Data {
-                message: format!("{channel} never varies in these runs: nothing can be identified from them"),
+                message: format!("{channel} never varies in these runs, so no model can be identified"),
             });
         }
     }
@@ -145,7 +148,7 @@ fn scaling(
     {
         return Err(Error::Data {
             message: format!(
-                "{kind} is {} throughout these runs: a {} model cannot learn what it does; add runs at other \
+                "{kind} is {} throughout these runs, so a {} model cannot learn its effect; add runs at other \
                  levels, or identify the passive form",
                 (n.mean * 1e6).round() / 1e6,
                 structure.name()
@@ -155,7 +158,8 @@ fn scaling(
     Ok(NetworkScaling { displacement_m, velocity_m_s, drive, force_deviation_n: force.deviation })
 }
 
-/// Mean and deviation of a signal over the rows that count; NaN where the signal is not known throughout.
+/// Mean and deviation of a signal over the counted rows; non-finite values are ignored, and both are 0
+/// without values.
 pub(super) fn normalisation(datasets: &[Dataset], signal: impl Fn(usize, &Row) -> f64) -> Normalisation {
     let counted = || {
         let rows = datasets.iter().enumerate().flat_map(|(run, d)| d.rows.iter().map(move |row| (run, row)));
@@ -166,12 +170,12 @@ pub(super) fn normalisation(datasets: &[Dataset], signal: impl Fn(usize, &Row) -
     Normalisation { mean, deviation: (counted().map(|s| (s - mean).powi(2)).sum::<f64>() / count).sqrt() }
 }
 
-/// True when what deviates is rounding, or there is nothing.
+/// True when the signal is constant up to rounding errors, or unknown.
 pub(super) fn is_constant(n: &Normalisation) -> bool {
     n.deviation <= ROUNDING * n.mean.abs() || n.deviation <= f64::MIN_POSITIVE
 }
 
-/// Refuses data that are too few for the weights.
+/// Refuses data with too few rows for the number of weights.
 fn check_rows(
     [training, held_back]: [usize; 2],
     structure: NetworkStructure,
@@ -180,9 +184,9 @@ fn check_rows(
     if training < ROWS_PER_WEIGHT * weights || held_back == 0 {
         return Err(Error::Data {
             message: format!(
-                "{training} samples to train on and {held_back} to hold back, each with five before it, are too \
-                 few for the {weights} weights of a {} model ({} are needed); add runs, or count samples at \
-                 rest too",
+                "{training} training samples and {held_back} held-back samples, each with five before it, are too \
+                 few for the {weights} weights of a {} model ({} are needed); add runs, or include samples at \
+                 rest (--all-samples)",
                 structure.name(),
                 ROWS_PER_WEIGHT * weights
             ),
@@ -191,7 +195,7 @@ fn check_rows(
     Ok(())
 }
 
-/// Weights on their way, with the mean squared error of their free run over the held-back rows.
+/// Weights during training, with the mean squared error of their simulation of the held-back rows.
 #[derive(Debug, Clone)]
 struct Candidate {
     weights: Vec<f64>,
@@ -199,7 +203,7 @@ struct Candidate {
     random: Pcg64Mcg,
 }
 
-/// The errors of the restarts, best first, and the best of those that were finished.
+/// The errors of the restarts, lowest first, and the best refined restart.
 fn train(table: &Table, restarts: u32, seed: u64, watch: &Watch) -> Result<(Vec<f64>, Candidate), Error> {
     let done = AtomicUsize::new(0);
     let (stages, last) = match table.network.structure() {
@@ -220,7 +224,7 @@ fn train(table: &Table, restarts: u32, seed: u64, watch: &Watch) -> Result<(Vec<
     };
     let candidates: Option<Vec<Candidate>> = (0..restarts).into_par_iter().map(explore).collect();
     let mut candidates = candidates.ok_or(Error::Cancelled)?;
-    // A stable sort: of equal errors the earlier restart stays ahead, whatever thread it ran on.
+    // The sort is stable: of equal errors the earlier restart comes first, whatever thread it ran on.
     candidates.sort_by(|a, b| a.error.total_cmp(&b.error));
     let errors = candidates.iter().map(|candidate| candidate.error).collect();
 
@@ -232,13 +236,13 @@ fn train(table: &Table, restarts: u32, seed: u64, watch: &Watch) -> Result<(Vec<
     watch.report(Progress::Polish { done: of, of });
     let best = finished.ok_or(Error::Cancelled)?.into_iter().min_by(|a, b| a.error.total_cmp(&b.error));
     let best = best.filter(|best| best.error.is_finite()).ok_or_else(|| Error::Data {
-        message: "no restart gave a finite error; look for values that are out of all proportion in the runs"
-            .to_owned(),
+        message: "no restart had a finite error; check the runs for extreme values".to_owned(),
     })?;
     Ok((errors, best))
 }
 
-/// Starts after Nguyen and Widrow: each hidden neuron bends in a share of its own of the inputs' range.
+/// Initial weights after Nguyen and Widrow: each hidden neuron is nonlinear in its own part of the input
+/// range.
 fn nguyen_widrow(network: &Network, random: &mut Pcg64Mcg) -> Vec<f64> {
     let (hidden, inputs) = (network.structure().hidden(), network.inputs());
     let mut uniform = |half: f64| half * (2.0 * random.random::<f64>() - 1.0);
@@ -258,7 +262,7 @@ fn nguyen_widrow(network: &Network, random: &mut Pcg64Mcg) -> Vec<f64> {
     weights
 }
 
-/// One stage of training; the best weights that it passed through. `None`: cancelled.
+/// Runs one stage of training and returns its best weights; `None` if cancelled.
 fn one_stage(table: &Table, start: Candidate, stage: Stage, watch: &Watch) -> Option<Candidate> {
     match table.network.structure() {
         NetworkStructure::WangLiao => marquardt(table, start, stage, watch),
@@ -266,7 +270,7 @@ fn one_stage(table: &Table, start: Candidate, stage: Stage, watch: &Watch) -> Op
     }
 }
 
-/// The best weights of a stage so far, and how long ago they were found.
+/// The best weights of a stage so far, and the number of steps since they were found.
 #[derive(Debug)]
 struct Best {
     weights: Vec<f64>,
@@ -280,7 +284,7 @@ impl Best {
         Self { weights: start.weights.clone(), error: start.error, cost: f64::INFINITY, since: 0 }
     }
 
-    /// Looks at weights of a training; false when it is time to stop.
+    /// Evaluates the weights of one training step; false when the stage should stop.
     fn look(&mut self, table: &Table, weights: &[f64]) -> bool {
         let error = table.held_back_error(&table.network.with_weights(weights));
         self.since += 1;
@@ -292,7 +296,7 @@ impl Best {
     }
 }
 
-/// The errors of a stage, that looks at each better point on the way.
+/// The errors of a stage; each accepted point is also evaluated on the held-back rows.
 struct Watched<'a> {
     errors: Unrolled<'a>,
     best: RefCell<Best>,
@@ -302,7 +306,7 @@ impl Problem for Watched<'_> {
     fn normal(&self, weights: &[f64]) -> Option<Normal> {
         let normal = self.errors.normal(weights)?;
         let mut best = self.best.borrow_mut();
-        // The solver takes a point exactly when its cost is less than the last one's.
+        // The solver accepts a point exactly when its cost is lower than the last accepted one.
         if normal.cost < best.cost {
             best.cost = normal.cost;
             if !best.look(self.errors.table, weights) {
@@ -324,7 +328,7 @@ fn marquardt(table: &Table, start: Candidate, stage: Stage, watch: &Watch) -> Op
     let problem = Watched { errors, best: RefCell::new(Best::of(&start)) };
     let bounds = vec![[f64::NEG_INFINITY, f64::INFINITY]; start.weights.len()];
     let stop = Stop { evaluations: stage.rounds, cost: 1e-6, step: 1e-6 };
-    // Ended by `Best::look`, it is as good as done.
+    // `minimise` returns `None` if `Best::look` stops it; the stage is complete in either case.
     let _ = minimise(&problem, &start.weights, &bounds, &stop);
     let Best { weights, error, .. } = problem.best.into_inner();
     (!watch.is_cancelled()).then_some(Candidate { weights, error, random: start.random })
@@ -332,9 +336,9 @@ fn marquardt(table: &Table, start: Candidate, stage: Stage, watch: &Watch) -> Op
 
 /// Rows of a mini-batch.
 const BATCH: usize = 256;
-/// Adam's step at the start of a stage; it falls along a half cosine to a hundredth.
+/// Adam's step size at the start of a stage; it falls along half a cosine to one hundredth.
 const RATE: f64 = 0.03;
-/// Adam's forgetting of gradient and squared gradient.
+/// Adam's decay factors of the gradient and of the squared gradient.
 const MOMENTS: [f64; 2] = [0.9, 0.999];
 
 fn adam(table: &Table, start: Candidate, stage: Stage, watch: &Watch) -> Option<Candidate> {
@@ -370,13 +374,13 @@ fn adam(table: &Table, start: Candidate, stage: Stage, watch: &Watch) -> Option<
                 *weight -= rate * unbias[0] * moments[0] / ((unbias[1] * moments[1]).sqrt() + 1e-8);
             }
         }
-        // Steps are noisy: a stage runs to its end.
+        // Steps are noisy, so a stage always runs to its end.
         best.look(table, &weights);
     }
     Some(Candidate { weights: best.weights, error: best.error, random })
 }
 
-/// What is to be said of the free run over whole runs.
+/// Warnings about the simulation of whole runs.
 fn warnings(table: &Table, network: &Network) -> Vec<String> {
     let (mut largest, mut reach) = (0.0_f64, 0.0_f64);
     let mut sums = [ErrorSum::default(); 2];
@@ -389,17 +393,18 @@ fn warnings(table: &Table, network: &Network) -> Vec<String> {
     });
     let [whole, held_back] = sums.map(|sum| sum.fit().map_or(f64::INFINITY, |fit| fit.esr));
     let name = network.structure().name();
-    let advice = "use it one step ahead only, or identify again with more runs, restarts or another seed";
+    let advice =
+        "use its one-step-ahead prediction only, or identify again with more runs, restarts or another seed";
     let mut warnings = Vec::new();
     if largest > 3.0 * reach {
         let times = largest / reach;
         warnings.push(format!(
-            "the free run of this {name} model diverges: its force reaches {times:.1} times the measured one; {advice}"
+            "the simulation of this {name} model diverges: its force reaches {times:.1} times the measured one; {advice}"
         ));
     } else if whole >= 1.0 || held_back >= 1.0 {
         warnings.push(format!(
-            "the free run of this {name} model is no better than predicting the mean force: ESR {whole:.2} on the \
-             training runs, {held_back:.2} on what was held back; {advice}"
+            "the simulation of this {name} model is not better than the mean force: NMSE {whole:.2} on the \
+             training runs, {held_back:.2} on the held-back rows; {advice}"
         ));
     }
     warnings
@@ -432,7 +437,7 @@ mod tests {
         (Table::new(&datasets, &empty, &offsets_n, 512), empty.with_weights(&weights))
     }
 
-    /// The window's squared errors, from the equation at the head of this file, for any kind of number.
+    /// The window's squared errors, from the equation at the top of this file, for any number type.
     fn cost<D: DualNum + Copy + From<f64>>(table: &Table, window: &Stretch, weights: &[D]) -> D {
         let network = &table.network;
         let (hidden, n, lags) =
@@ -459,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_through_time_are_those_of_the_equation() {
+    fn gradients_through_time_match_the_equation() {
         for structure in NetworkStructure::ALL {
             let (table, network) = table(structure);
             let weights = network.weights();
@@ -485,7 +490,7 @@ mod tests {
     }
 
     #[test]
-    fn starts_are_those_of_nguyen_and_widrow() {
+    fn starts_follow_nguyen_and_widrow() {
         for structure in NetworkStructure::ALL {
             let (_, network) = table(structure);
             let (hidden, inputs, weights) = (structure.hidden(), network.inputs(), network.weights());
@@ -505,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn a_free_run_that_goes_astray_is_told() {
+    fn a_diverging_or_useless_simulation_gives_a_warning() {
         for structure in NetworkStructure::ALL {
             let (table, network) = table(structure);
             let (hidden, inputs) = (structure.hidden(), network.inputs());
@@ -516,11 +521,11 @@ mod tests {
                 weights[(inputs + 2) * hidden] = bias;
                 warnings(&table, &network.with_weights(&weights))
             };
-            // Twenty deviations, and fed back they stay.
+            // A force of twenty deviations, which the feedback sustains.
             let said = told(20.0, 5.0, 0.1);
             assert!(said.len() == 1 && said[0].contains("diverges"), "{said:?}");
             let said = told(0.0, 0.0, 1.0);
-            assert!(said.len() == 1 && said[0].contains("no better than predicting the mean"), "{said:?}");
+            assert!(said.len() == 1 && said[0].contains("not better than the mean force"), "{said:?}");
         }
     }
 }

@@ -1,29 +1,29 @@
-//! Force offsets of runs, for models that cannot have them among their parameters.
+//! Force offsets of runs, for models that have no offset among their parameters.
 //!
 //! ```text
 //! F = o_run + sum_jk b_jk phi_j(x, v) u^k + e,     phi = x, v, tanh(v/sd v), tanh(4 v/sd v);   k = 0, 1, 2 if driven
 //! ```
 //!
-//! u is the drive, normalised. A run's mean force is no offset: a run of some seconds has moved more one way than the
-//! other, or had more current one way. A damper's force is nearly odd in x and v, so what such a rough odd model
-//! leaves of the mean is the offset.
+//! u is the normalised drive. A run's mean force is not its offset, because in a run of a few seconds motion
+//! or current may be larger in one direction. A damper's force is nearly odd in x and v, so the part of the
+//! mean that this rough odd model does not explain is the offset.
 
 use super::dataset::{Dataset, Row};
 use super::network::normalisation;
 use nalgebra::{DMatrix, DVector};
 
-/// Functions of x and v.
+/// Number of functions of x and v.
 const FUNCTIONS: usize = 4;
-/// Singular values below this share of the largest count as zero.
+/// Singular values below this share of the largest are taken as zero.
 const RANK_TOLERANCE: f64 = 1e-9;
 
-/// The offset of each run, N, from its rows that count.
+/// The offset of each run, N, from its counted rows.
 pub(super) fn session_offsets_n(datasets: &[Dataset], driven: bool) -> Vec<f64> {
     let velocity = normalisation(datasets, |_, row| row.velocity_m_s);
     let displacement = normalisation(datasets, |_, row| row.displacement_m);
     let drive = normalisation(datasets, |_, row| row.drive);
     let n = FUNCTIONS * if driven { 3 } else { 1 };
-    // A channel that never varies adds nothing; its model is refused later, by name.
+    // A constant channel has no effect here; the fit refuses it later, by name.
     let over = |value: f64, deviation: f64| if deviation > 0.0 { value / deviation } else { 0.0 };
     let columns = |row: &Row| {
         let (x, v) =

@@ -5,19 +5,19 @@ use super::dataset::DatasetOptions;
 use super::{Identified, Memberships};
 use crate::condition::Conditioning;
 
-/// Where fuzzy sets over the drive stand; in the free form it is where their centres and widths start from.
+/// Centres of the fuzzy sets over the drive; in the free form these are the starting values.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Placement {
-    /// By the runs ([`Memberships::from_drive`]).
+    /// Chosen from the runs ([`Memberships::from_drive`]).
     #[default]
     FromRuns,
-    /// So many, evenly over the range of the drive in the runs ([`Memberships::even`]).
+    /// This number of sets, evenly over the range of the drive in the runs ([`Memberships::even`]).
     Even(usize),
-    /// As given.
+    /// Given by the caller.
     Given {
         /// Centres in the unit of the runs' drive (A or V), increasing.
         centres: Vec<f64>,
-        /// Standard deviation of the sets, in the same unit; `None`: half the spacing of the centres.
+        /// Standard deviation of the sets, in the same unit; `None` means half the spacing of the centres.
         sigma: Option<f64>,
     },
 }
@@ -25,26 +25,25 @@ pub enum Placement {
 /// Settings of an identification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// How displacement becomes a model's inputs. It becomes part of the model.
+    /// How displacement becomes the model's inputs. It is stored in the model.
     pub conditioning: Conditioning,
-    /// Choose the derivative of a fuzzy-tanh model by what fits the training runs best, in place of
-    /// `velocity` and `slope_window_s` of `conditioning`. [`Identified::velocity_trials`] tells what was
-    /// tried.
+    /// Choose the derivative of a fuzzy-tanh model by the best fit to the training runs, instead of
+    /// `velocity` and `slope_window_s` of `conditioning`. [`Identified::velocity_trials`] lists the trials.
     pub choose_velocity: bool,
     /// How runs become rows: moving rows only, thinning to a rate, gaps.
     pub dataset: DatasetOptions,
-    /// Fuzzy sets over the drive, of models that have them.
+    /// Fuzzy sets over the drive, for models that have them.
     pub placement: Placement,
-    /// Degree of the polynomials over the drive, of laws of force and lpv, 1 to 4.
+    /// Degree of the polynomials over the drive, for force laws and lpv, 1 to 4.
     pub degree: usize,
-    /// What of the residuals is minimised.
+    /// The loss that is minimised.
     pub loss: Loss,
-    /// Most rows that a nonlinear fit is finished on, and that networks and rules learn from; beyond it a sample of
-    /// about that many is taken. `None`: all rows, however many.
+    /// Most rows for the final stage of a nonlinear fit, and for the training of networks and fuzzy rules. If
+    /// there are more, a sample of about this size is used. `None` uses all rows.
     pub most_rows: Option<usize>,
-    /// Restarts of a nonlinear fit; at least one is made.
+    /// Restarts of a nonlinear fit; at least one.
     pub restarts: u32,
-    /// Seed of the restarts. The same seed and runs give the same model, on any number of threads.
+    /// Seed of the restarts. The same seed and runs give the same model on any number of threads.
     pub seed: u64,
 }
 
@@ -64,15 +63,15 @@ impl Default for Options {
     }
 }
 
-/// What of the residuals a nonlinear fit minimises.
+/// The loss that a nonlinear fit minimises.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Loss {
-    /// Their squares: the fit has the least RSSE.
+    /// Squared residuals: the fit has the lowest RMSE.
     Squares,
-    /// Huber's loss: squares within the threshold, beyond it growing linearly, so that stray samples count for
-    /// little.
+    /// Huber's loss: quadratic up to the threshold and linear beyond it, so that outliers have little
+    /// influence.
     Huber {
-        /// The threshold in newtons; a few times the load cell's noise.
+        /// The threshold, N; a few times the noise of the load cell.
         threshold_n: f64,
     },
 }

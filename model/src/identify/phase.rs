@@ -4,14 +4,16 @@
 //! F_k = p1 v_k + p2 F'_k + p3 F''_k + p4 F_k^3 + p5 F_k^5 + e_k,      p_j a polynomial in the drive
 //! ```
 //!
-//! F counts from the mean of its run, which stands for the session's offset. Derivatives of the measured
-//! force are central differences over a few samples to either side, within one segment: **not causal**, they
-//! use force that comes after the instant. The figures are `same_instant`: force explained by itself. They
-//! say how well the relation holds, not how well force is predicted, and must not stand in one column with a
-//! free run.
+//! F is relative to the mean of its run, which serves as the offset of the session. Derivatives of the
+//! measured force are central differences over a few samples to either side, within one segment. They are
+//! **not causal**: they use force after the instant. The figures are named `same_instant`, because force is
+//! explained by itself. They say how well the relation holds, not how well it predicts, and must not be
+//! compared with simulation errors.
 //!
-//! Noise in F enters the regressors, F'' above all, and draws their coefficients to zero. A longer reach of
-//! the differences reads less noise and rounds off what is faster than the reach.
+//! Noise in F enters the regressors, above all F'', and biases their coefficients towards zero. A longer
+//! reach of the differences reduces the noise, but attenuates changes that are faster than the reach.
+//!
+//! Source: `[wang2006]` in the bibliography (node/docs/guide/bibliography.md), equations 4.6 and 4.7 of the thesis.
 
 use super::regression::Triangle;
 use super::{Dataset, Watch};
@@ -21,17 +23,17 @@ use crate::metrics::{ErrorSum, Fit};
 use crate::sample::DriveKind;
 use nalgebra::DVector;
 
-/// Rows that a coefficient wants at least.
+/// Smallest number of rows per coefficient.
 const ROWS_PER_PARAMETER: usize = 10;
 
 /// Settings of an identification of P.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhaseOptions {
-    /// What the parameters are polynomials in; `None` for the passive form.
+    /// The drive of the polynomials; `None` for the passive form.
     pub drive: Option<DriveKind>,
-    /// Degree of the polynomials, 1 to 4; the thesis has 2. Without a drive it is not used.
+    /// Degree of the polynomials, 1 to 4; the thesis uses 2. Ignored without a drive.
     pub degree: usize,
-    /// Reach of the central differences of force to either side, s; one sample at least.
+    /// Reach of the central differences of force to either side, s; at least one sample.
     pub reach_s: f64,
 }
 
@@ -41,25 +43,24 @@ impl Default for PhaseOptions {
     }
 }
 
-/// What an identification of P found.
+/// Result of an identification of P.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IdentifiedPhase {
     /// The relation.
     pub phase: Phase,
-    /// What was taken off each run's force, N: its mean.
+    /// The mean force of each run, N, which was subtracted.
     pub offsets_n: Vec<f64>,
-    /// Error of the relation at the instants that it was fitted to; no prediction error.
+    /// Error of the relation at the fitted instants. It is not a prediction error.
     pub same_instant: Fit,
-    /// Independent regressors; fewer than coefficients when the drive never varies.
+    /// Number of independent regressors; less than the number of coefficients if the drive is constant.
     pub rank: usize,
 }
 
 /// Fits P to `datasets`.
 ///
 /// # Errors
-/// [`Error::Data`] without datasets, with too few rows, or force that never varies; [`Error::WrongDrive`]
-/// when a run is not driven by `options.drive`; [`Error::OutOfRange`] for options that mean nothing;
-/// [`Error::Cancelled`].
+/// [`Error::Data`] without datasets, with too few rows, or with constant force; [`Error::WrongDrive`] if a
+/// run does not have `options.drive`; [`Error::OutOfRange`] for invalid options; [`Error::Cancelled`].
 pub fn identify_phase(
     datasets: &[Dataset],
     options: &PhaseOptions,
@@ -83,7 +84,7 @@ pub fn identify_phase(
     if count < ROWS_PER_PARAMETER * n {
         return Err(Error::Data {
             message: format!(
-                "{count} samples with force to either side are too few for {n} coefficients of p ({} are needed)",
+                "{count} samples with force on both sides are too few for {n} coefficients of p ({} are needed)",
                 ROWS_PER_PARAMETER * n
             ),
         });
@@ -103,15 +104,16 @@ pub fn identify_phase(
     for at in instants.iter().flatten() {
         sum.add(at.force.force_n, phase.same_instant_n(at.velocity_m_s, &at.force, at.drive));
     }
-    let same_instant = sum.fit().ok_or_else(|| Error::Data { message: "there are no samples".to_owned() })?;
+    let same_instant =
+        sum.fit().ok_or_else(|| Error::Data { message: "the runs have no samples".to_owned() })?;
     Ok(IdentifiedPhase { phase, offsets_n, same_instant, rank })
 }
 
-/// How well `phase` holds on `dataset`, with the settings that it was identified with: no prediction error.
-/// `None` when no row has force to either side, or the relation has no finite force.
+/// How well `phase` holds on `dataset`, with the settings of its identification; not a prediction error.
+/// `None` if no row has force on both sides, or if the relation has no finite force.
 ///
 /// # Errors
-/// [`Error::MissingChannel`] and [`Error::WrongDrive`] when the run lacks the drive of the relation.
+/// [`Error::MissingChannel`] and [`Error::WrongDrive`] if the run does not have the relation's drive.
 pub fn score_phase(phase: &Phase, dataset: &Dataset, options: &PhaseOptions) -> Result<Option<Fit>, Error> {
     if let Some(kind) = options.drive {
         check_drives(std::slice::from_ref(dataset), kind)?;
@@ -123,7 +125,7 @@ pub fn score_phase(phase: &Phase, dataset: &Dataset, options: &PhaseOptions) -> 
     Ok(sum.fit().filter(|fit| fit.rsse_n.is_finite()))
 }
 
-/// A row that takes part.
+/// A row that is used.
 struct Instant {
     velocity_m_s: f64,
     drive: f64,
@@ -131,7 +133,7 @@ struct Instant {
 }
 
 impl Instant {
-    /// Regressors copy by copy, and the force behind them.
+    /// Regressors of each copy, followed by the force.
     fn row(&self, copies: usize) -> DVector<f64> {
         let f = self.force.force_n;
         let terms = [self.velocity_m_s, self.force.rate_n_s, self.force.curvature_n_s2, f.powi(3), f.powi(5)];
@@ -171,18 +173,18 @@ fn check_drives(datasets: &[Dataset], kind: DriveKind) -> Result<(), Error> {
     Ok(())
 }
 
-/// Mean force of the rows that count, N; zero without any.
+/// Mean force of the counted rows, N; zero if there are none.
 fn mean_force(dataset: &Dataset) -> f64 {
     let mut sum = ErrorSum::default();
     dataset.rows.iter().filter(|row| row.counts).for_each(|row| sum.add(row.force_n, 0.0));
     sum.mean_error_n()
 }
 
-/// Rows that count and have force at `reach_s` to either side in their segment.
+/// Counted rows with force up to `reach_s` on both sides within their segment.
 fn instants(dataset: &Dataset, offset_n: f64, reach_s: f64, copies: usize) -> Vec<Instant> {
     let rows = &dataset.rows;
     let apart_s = |a: usize, b: usize| rows[b].stamp.since(rows[a].stamp).get();
-    // A hair of slack, so that jitter of the stamps does not change the number of samples.
+    // A small tolerance, so that jitter of the stamps does not change the number of samples.
     let reach_s = reach_s * (1.0 + 1e-6);
     let mut found = Vec::with_capacity(rows.len());
     let (mut first, mut from) = (0, 0);
@@ -230,7 +232,7 @@ mod tests {
 
     const OFFSET_N: f64 = 40.0;
 
-    /// Eight seconds at 2 kHz of a force of whole periods, and the velocity that `phase` relates it to.
+    /// Eight seconds at 2 kHz of a periodic force, and the velocity that `phase` assigns to it.
     fn dataset(phase: &Phase) -> Dataset {
         let parts = [(200.0, 0.5), (120.0, 1.75), (60.0, 3.25)];
         let row = |k: usize| {
@@ -267,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn recovers_the_relation_that_made_the_data() {
+    fn identification_recovers_the_relation_behind_the_data() {
         for (name, drive) in [
             ("thesis/p-passive/rp-icps", None),
             ("thesis/p-semi-active/rp-icps-l", Some(DriveKind::CoilCurrent)),
@@ -291,7 +293,7 @@ mod tests {
     fn differences_do_not_cross_a_gap() {
         let truth = preset::phase("thesis/p-passive/rp1-cs").expect("a preset");
         let mut with_gap = dataset(&truth);
-        // A second segment, whose force has nothing to do with the first one's.
+        // The force of the second segment is unrelated to the first segment's.
         with_gap.rows.truncate(4_000);
         with_gap.rows[2_000].dt_s = None;
         for row in &mut with_gap.rows[..2_000] {
@@ -300,12 +302,12 @@ mod tests {
         let reach_s = 4.0 * 5e-4;
         let found = instants(&with_gap, OFFSET_N, reach_s, 1);
         assert!(found[..1_995].iter().all(|at| at.force.rate_n_s == 0.0 && at.force.curvature_n_s2 == 0.0));
-        // Of each segment the ends are left out: one sample before, four after.
+        // The ends of each segment are excluded: one sample at its start, four at its end.
         assert_eq!(found.len(), 4_000 - 2 * (1 + 4));
     }
 
     #[test]
-    fn what_is_missing_is_named() {
+    fn errors_name_what_is_missing() {
         let truth = preset::phase("thesis/p-passive/rp1-cs").expect("a preset");
         let mut short = dataset(&truth);
         short.rows.truncate(40);

@@ -1,23 +1,23 @@
-//! Linear regression of the force on its own lags and those of the inputs, by panels of QR, then SVD of what is left.
+//! Linear regression of the force on its own lags and the lags of the inputs, by QR in panels and an SVD of
+//! the triangle.
 //!
 //! ```text
 //! F_k - z_run = phi_k . a + c_run + e_k,      phi_k = w_1 psi_k, ..., w_C psi_k [, i_k, i_{k-1}, ...]
 //! psi_k       = F_{k-1} - z_run, ..., x_k, ..., v_k, ...          w = w(i_k), one for plain ARX
 //! ```
 //!
-//! The constant c of a run belongs to that run alone. Taking each run's means out of F and phi gives the same
-//! a as a column of ones for each run would, and keeps the regression at its 9 or 12 columns; in each run a column of
-//! ones in front takes them out. Rows are folded
-//! into a small triangle by QR, panel by panel; the triangle's SVD then gives rank and minimum-norm
-//! solution. With v the backward difference of x the rank is at most 7 of 9 (10 of 12): a4..a9 share what
-//! five numbers determine.
+//! The constant c is fitted for each run separately. Removing each run's means from F and phi gives the same
+//! a as one column of ones per run, and keeps the regression at its 9 or 12 columns; in each run a leading
+//! column of ones removes the means. QR folds the rows, panel by panel, into a small triangle; the triangle's
+//! SVD then gives the rank and the minimum-norm solution. If v is the backward difference of x, the rank is
+//! at most 7 of 9 (10 of 12), because five numbers determine a4..a9.
 //!
-//! The run's zero z is its mean force where coefficients follow the drive, because c would then follow it too; it is
-//! nothing for a plain ARX, whose c takes it in.
+//! If coefficients depend on the drive, the zero z of a run is its mean force, since otherwise c would depend
+//! on the drive too. For a plain ARX model z is 0, because c includes it.
 //!
-//! Stamps jitter by their rounding. A difference quotient over the stamped step would then differ from
-//! x_k - x_{k-1} by that jitter, and the regression would take it for two independent signals with huge,
-//! meaningless coefficients. So a backward difference is brought to the nominal period here.
+//! Stamps jitter by their rounding. A difference quotient over the stamped step then differs from x_k -
+//! x_{k-1} by that jitter, and the regression would take the two for independent signals, with huge,
+//! meaningless coefficients. A backward difference is therefore rescaled to the nominal period.
 
 use super::Watch;
 use super::dataset::Dataset;
@@ -28,24 +28,24 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rows of a panel: large enough to keep QR busy, small enough for the first-level cache.
+/// Rows of a panel: large enough for an efficient QR, small enough for the first-level cache.
 const PANEL: usize = 128;
 /// Rows of one unit of parallel work.
 const CHUNK: usize = 2048;
-/// Panels that wait for each other.
+/// Number of panels that are collected before they are folded.
 const PANELS: usize = 64;
-/// Singular values below this share of the largest count as zero. Columns have unit norm.
+/// Singular values below this share of the largest are taken as zero. Columns have unit norm.
 const RANK_TOLERANCE: f64 = 1e-10;
-/// A column whose norm is below this share of its mean's is constant.
+/// A column whose norm is below this share of its mean's norm is constant.
 const ROUNDING: f64 = 1e-11;
-/// Rates of the runs may differ by this share.
+/// Largest relative difference between the rates of the runs.
 const RATE_TOLERANCE: f64 = 0.01;
-/// A step may differ from the period by this share (jitter); else a sample was lost.
+/// Largest relative difference between a step and the period (jitter); a larger one means a lost sample.
 const STEP_TOLERANCE: f64 = 0.25;
-/// Rows that a coefficient wants at least.
+/// Smallest number of rows per coefficient.
 const ROWS_PER_PARAMETER: usize = 10;
 
-/// Which rows there are, and what is in them.
+/// Defines the rows of a regression and their contents.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Regression {
     /// Name of the model, for messages.
@@ -54,15 +54,15 @@ pub(super) struct Regression {
     pub(super) period_s: f64,
     /// Lags of each signal.
     pub(super) lags: usize,
-    /// How coefficients of force, displacement and velocity follow the drive.
+    /// How the coefficients of force, displacement and velocity depend on the drive.
     pub(super) dependence: Dependence,
     /// True when lags of the drive are regressors too.
     pub(super) drive_lags: bool,
 }
 
-/// What a regression came to.
+/// Result of a regression.
 pub(super) struct Regressed {
-    /// The coefficients: those of each copy, then those of the drive's lags.
+    /// The coefficients of each copy, then the coefficients of the drive's lags.
     pub(super) coefficients: DVector<f64>,
     /// Offset of each run, N.
     pub(super) offsets_n: Vec<f64>,
@@ -70,24 +70,24 @@ pub(super) struct Regressed {
     pub(super) rank: usize,
 }
 
-/// The rows of one run in short.
+/// Summary of the rows of one run.
 struct Means {
-    /// What is taken out of every force, N.
+    /// The force that is subtracted from every force, N.
     zero_n: f64,
     rows: usize,
-    /// Mean of the regressors, and of the force behind them.
+    /// Mean of the regressors, followed by the mean of the force.
     mean: DVector<f64>,
-    /// Mean weight of each copy: by these the mean of 1 - a1 - a2 - a3 follows.
+    /// Mean weight of each copy; they give the mean of 1 - a1 - a2 - a3.
     weights: DVector<f64>,
 }
 
 impl Regression {
-    /// Regressors of one copy.
+    /// Number of regressors of one copy.
     const fn per_copy(&self) -> usize {
         3 * self.lags
     }
 
-    /// All regressors.
+    /// Number of all regressors.
     const fn columns(&self) -> usize {
         self.per_copy() * self.dependence.copies() + if self.drive_lags { self.lags } else { 0 }
     }
@@ -110,15 +110,15 @@ impl Regression {
         if rows < ROWS_PER_PARAMETER * n {
             return Err(Error::Data {
                 message: format!(
-                    "{rows} samples with {} before them are too few for {n} {} coefficients ({} are needed); add \
-                     runs, or count samples at rest too",
+                    "{rows} samples that follow {} others are too few for {n} {} coefficients ({} are needed); add \
+                     runs, or include samples at rest (--all-samples)",
                     self.lags,
                     self.model,
                     ROWS_PER_PARAMETER * n
                 ),
             });
         }
-        // What centring leaves of a constant column is rounding, and no signal.
+        // After centring, a constant column holds only rounding errors, no signal.
         let mut rounding = DVector::<f64>::zeros(n);
         for means in &means {
             let root = (means.rows as f64).sqrt();
@@ -130,24 +130,24 @@ impl Regression {
         Ok(Regressed { coefficients, offsets_n, rank })
     }
 
-    /// The force offset of a run, N, from its constant.
+    /// The force offset of a run, N, from its constant c.
     fn offset_n(&self, coefficients: &DVector<f64>, dataset: &Dataset, means: &Means) -> f64 {
         let n = self.columns();
         let lag_sum = |copy: usize| coefficients.rows(copy * self.per_copy(), self.lags).sum();
         let gap = 1.0 - means.weights.iter().enumerate().map(|(c, w)| w * lag_sum(c)).sum::<f64>();
         let constant = means.mean[n] - coefficients.dot(&means.mean.rows(0, n));
-        // Where 1 - a1 - a2 - a3 is nearly zero the quotient means nothing, and shows it by leaving the
-        // forces that the run holds. The run's mean then serves: the prediction hardly depends on it.
+        // If 1 - a1 - a2 - a3 is nearly zero, the quotient is meaningless and lies outside the range of the
+        // run's forces. The run's mean is used then; the prediction hardly depends on it.
         let mean_n = means.zero_n + means.mean[n];
         let [low, high] = dataset.envelope.force_n.unwrap_or([mean_n; 2]);
         let offset = means.zero_n + constant / gap;
         if (low..=high).contains(&offset) { offset } else { mean_n }
     }
 
-    /// A run in short, and the triangle of its rows less their means.
+    /// The summary of a run, and the triangle of its rows with their means removed.
     ///
-    /// A column of ones in front takes the means out: in the triangle of [1 phi F] the first row is the means, times the
-    /// root of the number of rows, and what is below and right of it the triangle of what is left.
+    /// A leading column of ones removes the means. In the triangle of [1 phi F] the first row holds the means
+    /// times the root of the number of rows; the remaining block is the triangle of the centred rows.
     fn centred(&self, dataset: &Dataset) -> (Means, DMatrix<f64>) {
         let counted = || dataset.rows.iter().filter(|row| row.counts && row.force_n.is_finite());
         let zero_n = match self.dependence {
@@ -155,7 +155,7 @@ impl Regression {
             _ => counted().map(|row| row.force_n).sum::<f64>() / counted().count().max(1) as f64,
         };
         let (n, copies) = (self.columns(), self.dependence.copies());
-        // Cut where rows are, whatever the number of threads: the sums are always the same.
+        // Parts are cut at fixed row numbers, so the sums do not depend on the number of threads.
         let part = |from: usize| {
             let mut triangle = Triangle::new(n + 2);
             let mut weights = DVector::<f64>::zeros(copies);
@@ -186,8 +186,8 @@ impl Regression {
         (Means { zero_n, rows, mean, weights: weights / rows as f64 }, centred)
     }
 
-    /// Calls `take` with each complete row among `range`: the regressors, the force behind them, and the weights of the
-    /// copies.
+    /// Calls `take` for each complete row in `range` with the regressors followed by the force, and the
+    /// weights of the copies.
     fn each(
         &self,
         dataset: &Dataset,
@@ -232,7 +232,7 @@ impl Regression {
     }
 }
 
-/// The rate of all datasets, for a model called `model` that holds at one rate.
+/// The common rate of all datasets, for the model named `model`, which is valid for one rate only.
 pub(super) fn common_rate(datasets: &[Dataset], model: &str) -> Result<f64, Error> {
     let first = &datasets[0];
     if first.conditioning.apply_to == ApplyTo::Output {
@@ -242,8 +242,8 @@ pub(super) fn common_rate(datasets: &[Dataset], model: &str) -> Result<f64, Erro
     if let Some(other) = datasets.iter().find(off) {
         return Err(Error::Data {
             message: format!(
-                "the {model} model holds at one rate, but run {} is at {:.6} Hz and run {} at {:.6} Hz; identify \
-                 them apart, or ask for a rate of which both are whole multiples",
+                "the {model} model is valid at one rate only, but run {} is at {:.6} Hz and run {} at {:.6} Hz; identify \
+                 them separately, or request a rate of which both are whole multiples",
                 first.name, first.rate_hz, other.name, other.rate_hz
             ),
         });
@@ -251,21 +251,22 @@ pub(super) fn common_rate(datasets: &[Dataset], model: &str) -> Result<f64, Erro
     Ok(datasets.iter().map(|d| d.rate_hz).sum::<f64>() / datasets.len() as f64)
 }
 
-/// The triangle of a QR decomposition that rows are folded into: panels side by side, then their triangles.
+/// The triangle of a QR decomposition into which rows are folded: first each panel, then the panels'
+/// triangles.
 pub(super) struct Triangle {
     width: usize,
     factor: DMatrix<f64>,
-    /// Rows that wait, one behind the other.
+    /// Rows that are not folded yet, concatenated.
     waiting: Vec<f64>,
 }
 
 impl Triangle {
-    /// No rows yet; each will have so many numbers, the last of them what is regressed.
+    /// Without rows. Each row will have `width` numbers; the last one is the regressed force.
     pub(super) fn new(width: usize) -> Self {
         Self { width, factor: DMatrix::zeros(0, width), waiting: Vec::new() }
     }
 
-    /// Takes a row in.
+    /// Adds a row.
     pub(super) fn push(&mut self, row: impl IntoIterator<Item = f64>) {
         self.waiting.extend(row);
         if self.waiting.len() >= PANELS * PANEL * self.width {
@@ -273,8 +274,8 @@ impl Triangle {
         }
     }
 
-    /// Makes a triangle of each panel that waits, and one of them all. Panels are cut where rows are, whatever the
-    /// number of threads, and so is the result the same.
+    /// Computes the triangle of each waiting panel and then of all of them. Panels are cut at fixed row
+    /// numbers, so the result does not depend on the number of threads.
     fn fold(&mut self) {
         let width = self.width;
         if self.waiting.is_empty() {
@@ -294,26 +295,27 @@ impl Triangle {
         self.factor = stacked.qr().unpack_r();
     }
 
-    /// The triangle of all rows; of fewer rows than columns, as many rows.
+    /// The triangle of all rows. With fewer rows than columns it has as many rows as were pushed.
     fn finish(mut self) -> DMatrix<f64> {
         self.fold();
         self.factor
     }
 
-    /// Minimum-norm solution of the least squares, and the rank. Columns no longer than `rounding` are zero.
+    /// Minimum-norm least-squares solution, and the rank. Columns no longer than `rounding` are taken as
+    /// zero.
     pub(super) fn solve(mut self, rounding: &DVector<f64>) -> Result<(DVector<f64>, usize), Error> {
         self.fold();
         solve(&self.factor, rounding)
     }
 }
 
-/// Minimum-norm solution of the triangle's least squares, and the rank. Columns no longer than `rounding` are
-/// zero.
+/// Minimum-norm least-squares solution of the triangle, and the rank. Columns no longer than `rounding` are
+/// taken as zero.
 fn solve(triangle: &DMatrix<f64>, rounding: &DVector<f64>) -> Result<(DVector<f64>, usize), Error> {
     let n = triangle.ncols() - 1;
     let force = triangle.column(n).into_owned();
     let mut regressors = triangle.columns(0, n).into_owned();
-    // Columns of unit norm: else newtons would count for more than metres in the rank and in the norm.
+    // Columns get unit norm; otherwise the units of newtons and metres would affect the rank and the norm.
     let norms = regressors.column_iter().map(|column| column.norm());
     let scales: Vec<f64> = norms.zip(rounding).map(|(norm, r)| if norm > *r { norm } else { 0.0 }).collect();
     for (mut column, scale) in regressors.column_iter_mut().zip(&scales) {
@@ -332,7 +334,7 @@ fn solve(triangle: &DMatrix<f64>, rounding: &DVector<f64>) -> Result<(DVector<f6
         .ok()
         .filter(|s| rank > 0 && s.iter().all(|v| v.is_finite()))
         .ok_or_else(|| Error::Data {
-            message: "force and displacement never vary in these runs: nothing can be identified from them"
+            message: "force and displacement never vary in these runs, so no model can be identified"
                 .to_owned(),
         })?;
     let unscaled = |(value, scale): (&f64, &f64)| if *scale > 0.0 { value / scale } else { 0.0 };

@@ -1,4 +1,4 @@
-//! What an identification found, and how well it fits the runs it was found on.
+//! Result of an identification, and its fit to the training runs.
 
 use super::dataset::Dataset;
 use super::levels::Memberships;
@@ -14,79 +14,80 @@ use std::ops::ControlFlow;
 /// An identified model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identified {
-    /// The model. Its offset is the mean of the runs' offsets, and its expected error that of training, until
-    /// a validation gives better ones.
+    /// The model. Its offset is the mean of the runs' offsets. Its expected error is the training error until
+    /// a validation replaces it.
     pub model: Model,
-    /// The training runs, in the order given.
+    /// The training runs, in the given order.
     pub runs: Vec<RunFit>,
-    /// Fit of all training rows that count, running free, each run with its own offset; `None` when the
-    /// free run does not stay finite.
+    /// Simulation error over all counted training rows, each run with its own offset; `None` if the
+    /// simulation does not stay finite.
     pub free_run: Option<Fit>,
-    /// One step ahead of measured force, each run with its own offset; `None` for a model without force
+    /// Error of the one-step-ahead prediction, each run with its own offset; `None` for a model without force
     /// inputs.
     pub one_step: Option<Fit>,
-    /// Predicting that the force stays what it was one sample ago: what `one_step` is to be held against.
+    /// Error of persistence, which predicts the force of the previous sample; the reference for `one_step`.
     pub persistence: Option<Fit>,
-    /// Membership functions and where they come from (fuzzy-tanh).
+    /// Membership functions and their source (fuzzy-tanh).
     pub memberships: Option<Memberships>,
-    /// Derivatives that were tried (fuzzy-tanh, when the choice was left to the data).
+    /// Derivatives that were tried (fuzzy-tanh with automatic choice).
     pub velocity_trials: Vec<VelocityTrial>,
-    /// Rank of the regression (ARX): below the number of coefficients where regressors are collinear.
+    /// Rank of the regression (ARX): less than the number of coefficients if regressors are collinear.
     pub rank: Option<usize>,
-    /// The parameters of a nonlinear fit, with their standard errors.
+    /// Parameters of a nonlinear fit and their standard errors.
     pub parameters: Vec<ParameterValue>,
-    /// RSSE of each restart on its sample of the rows, N, best first (fuzzy-tanh); of its free run over
-    /// the held-back rows (networks), or of each choice of metric and neighbours (boada). When many come close to
-    /// the first, the minimum is well found.
+    /// RMSE of each restart, N, lowest first: on its sample of the rows (fuzzy-tanh), of the simulation over
+    /// the held-back rows (networks), or of each choice of metric and neighbours (boada). If many are close
+    /// to the first, the minimum is reliable.
     pub restart_rsse_n: Vec<f64>,
-    /// Parameters that ended on a bound: the data ask for a value that means nothing, or none at all.
+    /// Parameters that ended on a bound: the data ask for a meaningless value, or do not determine the
+    /// parameter.
     pub active_bounds: Vec<ActiveBound>,
-    /// False when the last fit ran out of evaluations before it converged. Networks end by their held-back rows
-    /// and not by converging: always true.
+    /// False if the last fit used up its evaluations before it converged. Always true for networks, which
+    /// stop by the error on held-back rows.
     pub converged: bool,
-    /// What must be known before the model is used, such as a free run that diverges; whole sentences.
+    /// Facts that a user must know before using the model, such as a diverging simulation; complete sentences.
     pub warnings: Vec<String>,
 }
 
-/// How one training run came out.
+/// Fit to one training run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunFit {
-    /// The run's name.
+    /// Name of the run.
     pub name: String,
-    /// Rows that count.
+    /// Number of counted rows.
     pub samples: u64,
-    /// Rate of its rows, Hz.
+    /// Rate of the rows, Hz.
     pub rate_hz: f64,
-    /// Its force offset, N.
+    /// Force offset of the run, N.
     pub force_offset_n: f64,
-    /// Fit running free, with this offset.
+    /// Simulation error with this offset.
     pub free_run: Option<Fit>,
-    /// Fit one step ahead, with this offset; `None` for a model without force inputs.
+    /// Error of the one-step-ahead prediction with this offset; `None` for a model without force inputs.
     pub one_step: Option<Fit>,
 }
 
 /// A parameter on a bound.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ActiveBound {
-    /// Name as in the model file, with the function's index.
+    /// Name as in the model file, with the index of the function.
     pub parameter: String,
     /// The value, in the parameter's unit.
     pub value: f64,
 }
 
-/// A parameter that was sought.
+/// An identified parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterValue {
     /// Name as in the model file, with the index of the set or of the power of the drive.
     pub name: String,
     /// The value, in the parameter's unit.
     pub value: f64,
-    /// Its standard error, from the scatter of the gradient over blocks of a second; NaN where the runs do not
+    /// Its standard error, from the scatter of the gradient over blocks of one second; NaN if the runs do not
     /// determine the parameter.
     pub standard_error: f64,
 }
 
-/// What only the fit of one kind of model knows.
+/// Details that depend on the kind of model.
 #[derive(Debug, Default)]
 pub(super) struct Details {
     pub(super) memberships: Option<Memberships>,
@@ -99,7 +100,7 @@ pub(super) struct Details {
 }
 
 impl Details {
-    /// What a search found of parameters called `names`.
+    /// Details of a search over parameters with the given `names`.
     pub(super) fn of(found: &Found, names: &[String]) -> Self {
         let name = |j: usize| names[j].clone();
         let parameter = |(j, (value, error)): (usize, (&f64, &f64))| ParameterValue {
@@ -123,7 +124,7 @@ impl Details {
     }
 }
 
-/// Names of parameters that come in so many copies.
+/// Names of parameters that exist in `copies` copies.
 pub(super) fn names_of_copies<'a>(
     names: impl Iterator<Item = &'a str> + Clone,
     copies: usize,
@@ -132,7 +133,7 @@ pub(super) fn names_of_copies<'a>(
     (0..copies).flat_map(copy).collect()
 }
 
-/// Sums of error: running free, one step ahead, persistence.
+/// Error sums of simulation, one-step-ahead prediction and persistence.
 #[derive(Debug, Default)]
 struct Errors {
     free_run: ErrorSum,
@@ -140,7 +141,7 @@ struct Errors {
     persistence: ErrorSum,
 }
 
-/// Adds the training fits to `model`.
+/// Combines `model` and `details` with the errors on the training runs.
 pub(super) fn assemble(
     model: Model,
     datasets: &[Dataset],
@@ -189,7 +190,7 @@ pub(super) fn assemble(
     }
 }
 
-/// Errors of `model` on the rows that count, free and one step ahead.
+/// Errors of `model` on the counted rows: simulation, one-step-ahead prediction and persistence.
 fn run_errors(model: &Augmented, dataset: &Dataset) -> Errors {
     let (mut errors, mut last_force_n) = (Errors::default(), f64::NAN);
     let done = walk(model, dataset, |row, predicted| {
@@ -204,6 +205,6 @@ fn run_errors(model: &Augmented, dataset: &Dataset) -> Errors {
         last_force_n = row.force_n;
         ControlFlow::Continue(())
     });
-    debug_assert!(done.is_continue(), "nothing ends the walk early");
+    debug_assert!(done.is_continue(), "the closure never stops the walk");
     errors
 }

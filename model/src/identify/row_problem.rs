@@ -1,14 +1,16 @@
-//! A model's sums over rows, for the least-squares solver.
+//! Sums over a model's rows, for the least-squares solver.
 //!
 //! ```text
 //! r = LP[ f(p; row) ] + o_run - F,      dr/dp = LP[ df/dp ]
 //! S = sum rho(r),   rho = r^2, or Huber's with weights from the residuals before
 //! ```
 //!
-//! LP is the low-pass when the conditioning filters the output, else nothing. The offset o of a run is linear
-//! and belongs to no other run: it is eliminated by centring each run's residuals and columns, so that the
-//! solver sees the model's parameters alone, however many runs there are. What f and its derivatives are is
-//! the business of [`Columns`].
+//! LP is the low-pass if the conditioning filters the output, otherwise the identity. The offset o of a run
+//! enters linearly and affects only that run. It is eliminated by centring each run's residuals and columns,
+//! so that the solver sees only the model's parameters, however many runs there are. [`Columns`] supplies f
+//! and its derivatives.
+//!
+//! Source: `[huber]` in the bibliography (node/docs/guide/bibliography.md), for Huber's loss.
 
 use super::dataset::{Dataset, Row};
 use super::least_squares::{Normal, Problem};
@@ -21,36 +23,36 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Rows whose outer products are summed at once.
+/// Number of rows whose outer products are summed together.
 const GROUP: usize = 4;
 /// Rows of one unit of parallel work. Fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 2048;
-/// Rows of a stretch that is sampled whole, where the model has memory.
+/// Rows of a contiguous stretch in a sample, for models with memory.
 const STRETCH: usize = 1024;
-/// Rows at the head of a stretch that do not count: the model's memory fills.
+/// Rows at the start of a stretch that are not counted, while the model's memory fills.
 const WARM_UP: usize = 128;
 
-/// A model as the solver sees it, row by row.
+/// A model as the solver needs it, row by row.
 pub(super) trait Columns: Sync {
-    /// What the model remembers from row to row.
+    /// State of the model from row to row.
     type Memory;
 
-    /// Number of parameters sought.
+    /// Number of fitted parameters.
     fn parameters(&self) -> usize;
-    /// True when the force of a row depends on the rows before.
+    /// True when the force of a row depends on previous rows.
     fn has_memory(&self) -> bool;
-    /// Numbers of a row that do not depend on what is sought.
+    /// Number of values of a row that do not depend on the fitted parameters.
     fn basis_len(&self) -> usize;
-    /// Appends those of a row at `drive`.
+    /// Appends these values for a row at `drive`.
     fn push_basis(&self, drive: f64, basis: &mut Vec<f64>);
-    /// True when a row with this drive can be predicted at all.
+    /// True when a row with this drive can be predicted.
     fn takes(&self, drive: f64) -> bool;
-    /// The parameters as the model has them.
+    /// The parameters in the model's own units.
     fn natural(&self, parameters: &[f64]) -> Vec<f64>;
     /// Memory at rest.
     fn at_rest(&self) -> Self::Memory;
-    /// Writes the derivatives of the force by the parameters sought into `columns` (zero before the call) and
-    /// returns the force.
+    /// Writes the derivatives of the force with respect to the fitted parameters to `columns` (zero before
+    /// the call), and returns the force.
     fn row(
         &self,
         memory: &mut Self::Memory,
@@ -61,22 +63,22 @@ pub(super) trait Columns: Sync {
     ) -> f64;
 }
 
-/// The rows of one run, column by column.
+/// The rows of one run, stored by column.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Rows {
-    /// Mean of the force that counts, N, taken out of `force_n` so that sums keep their digits.
+    /// Mean of the counted force, N, subtracted from `force_n` to keep sums accurate.
     mean_force_n: f64,
     displacement_m: Vec<f64>,
     velocity_m_s: Vec<f64>,
     acceleration_m_s2: Vec<f64>,
     drive: Vec<f64>,
     force_n: Vec<f64>,
-    /// [`Columns::push_basis`], row after row.
+    /// Result of [`Columns::push_basis`], row after row.
     basis: Vec<f64>,
     counts: Vec<bool>,
-    /// Step since the row before; NaN where memory starts anew.
+    /// Time since the previous row, s; NaN where memory restarts.
     dt_s: Vec<f64>,
-    /// Square roots of the weights of a robust loss; empty for squares.
+    /// Square roots of the weights of a robust loss; empty for least squares.
     root_weights: Vec<f64>,
 }
 
@@ -124,19 +126,19 @@ impl Rows {
     }
 }
 
-/// Measured rows and all that is fixed while the parameters are sought.
+/// Measured rows, and all other data that is fixed during the search.
 pub(super) struct RowProblem<'a, C: Columns> {
     columns: C,
     runs: Vec<Rows>,
-    /// The low-pass on the output, where there is one.
+    /// The low-pass on the output, if there is one.
     filter: Option<LowPass>,
-    /// Rows in parallel; off while restarts are.
+    /// Whether rows are processed in parallel; off while restarts run in parallel.
     parallel: bool,
     cancel: &'a AtomicBool,
 }
 
-/// Sums over some rows of one run. `columns` of the Jacobian, and the residual as one more column behind
-/// them.
+/// Sums over some rows of one run. The residual is stored as one more column after the `columns` of the
+/// Jacobian.
 struct Sums {
     count: f64,
     linear: Vec<f64>,
@@ -145,8 +147,8 @@ struct Sums {
 }
 
 impl<'a, C: Columns> RowProblem<'a, C> {
-    /// Takes the rows that matter from `datasets`: all that count, and where there is memory (the model's, or
-    /// a filter's on the output) all others too, because it runs through them.
+    /// Takes the needed rows from `datasets`: all counted rows and, if there is memory (of the model, or of a
+    /// filter on the output), also the rows between them.
     pub(super) fn new(datasets: &[Dataset], columns: C, cancel: &'a AtomicBool) -> Self {
         let filter = datasets
             .first()
@@ -157,10 +159,10 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         Self { columns, runs, filter, parallel: true, cancel }
     }
 
-    /// A smaller problem of about `target` counted rows, for the restarts. One row at random from every so
-    /// many, because a fixed stride could fall in step with a sine; where the model has memory whole
-    /// stretches. A filter on the output, whose memory needs all rows, is left out on both sides, model and
-    /// measurement: that moves the minimum little and costs a tenth.
+    /// A smaller problem of about `target` counted rows, for the restarts. Without memory it takes one random
+    /// row from each group of rows, because a fixed stride could coincide with the period of a sine; with
+    /// memory it takes whole stretches. A filter on the output would need all rows, so it is omitted for
+    /// model and measurement alike: this hardly moves the minimum and takes a tenth of the time.
     pub(super) fn sample(
         datasets: &[Dataset],
         columns: C,
@@ -176,7 +178,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             if columns.has_memory() {
                 return stretches(&rows, columns.basis_len(), stride);
             }
-            // A short run among long ones keeps enough rows to have its say.
+            // A short run keeps enough rows to have an influence among long runs.
             let stride = stride.min((rows.len() / 200).max(1));
             pick(&rows, columns.basis_len(), stride, || random.random::<f64>())
         };
@@ -184,18 +186,18 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         Self { columns, runs, filter: None, parallel: false, cancel }
     }
 
-    /// The same problem with its sums in parallel.
+    /// The same problem with parallel sums.
     pub(super) fn in_parallel(mut self) -> Self {
         self.parallel = true;
         self
     }
 
-    /// Rows that count.
+    /// Number of counted rows.
     pub(super) fn counted(&self) -> usize {
         self.runs.iter().map(Rows::counted).sum()
     }
 
-    /// Mean over the runs of error power over force variance, each run with its best offset.
+    /// Mean of the runs' NMSE (error power over force variance), each run with its best offset.
     pub(super) fn mean_esr(&self, parameters: &[f64]) -> f64 {
         let natural = self.columns.natural(parameters);
         let esr = |rows: &Rows| {
@@ -211,7 +213,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         each.iter().sum::<f64>() / each.len().max(1) as f64
     }
 
-    /// Mean residual (measured less model) of each run's counted rows, N: the offset that fits best.
+    /// Mean residual (measured minus model) of each run's counted rows, N: the best-fitting offset.
     pub(super) fn offsets_n(&self, parameters: &[f64]) -> Vec<f64> {
         let natural = self.columns.natural(parameters);
         let last = self.columns.parameters();
@@ -222,7 +224,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         self.runs.par_iter().map(offset).collect()
     }
 
-    /// Calls `take` with each counted row: its columns, and the residual (model less measured) behind them.
+    /// Calls `take` for each counted row with its columns, followed by the residual (model minus measured).
     fn each(&self, rows: &Rows, range: Range<usize>, natural: &[f64], mut take: impl FnMut(usize, &[f64])) {
         let width = self.columns.parameters() + 1;
         let basis_len = self.columns.basis_len();
@@ -239,7 +241,8 @@ impl<'a, C: Columns> RowProblem<'a, C> {
             let columns = &mut row[..width - 1];
             row[width - 1] = self.columns.row(&mut memory, &rows.inputs(k), basis, natural, columns);
             fresh |= rows.dt_s[k].is_nan();
-            // A law of acceleration has no force at the first row, and the filter must not remember that.
+            // A law with acceleration has no force at the first row; the filter must not store a non-finite
+            // value.
             if let Some(filter) = self.filter.as_ref().filter(|_| row.iter().all(|value| value.is_finite())) {
                 let dt_s = Some(rows.dt_s[k]).filter(|_| !std::mem::take(&mut fresh));
                 for (state, value) in filters.iter_mut().zip(row.iter_mut()) {
@@ -253,7 +256,7 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         }
     }
 
-    /// Sums over the rows `range` of one run.
+    /// Sums over rows `range` of one run.
     fn sums(&self, rows: &Rows, range: Range<usize>, natural: &[f64]) -> Sums {
         let width = self.columns.parameters() + 1;
         let mut sums = Sums { count: 0.0, linear: vec![0.0; width], products: vec![0.0; width * width] };
@@ -277,9 +280,9 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         sums
     }
 
-    /// Runs cut into the units of parallel work.
+    /// The runs, divided into units of parallel work.
     fn work(&self) -> Vec<(usize, Range<usize>)> {
-        // Memory runs through a whole run; else a run may be cut anywhere.
+        // With memory a run is one unit; otherwise it may be divided anywhere.
         let whole = self.filter.is_some() || self.columns.has_memory();
         let chunk = if whole { usize::MAX } else { CHUNK };
         let cut = |(index, rows): (usize, &Rows)| {
@@ -289,8 +292,8 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         self.runs.iter().enumerate().flat_map(cut).collect()
     }
 
-    /// Weighs rows by Huber's loss at `parameters`: residuals within `threshold_n` count in full, beyond it in
-    /// inverse proportion to their size.
+    /// Sets the weights of rows by Huber's loss at `parameters`: weight 1 for residuals within `threshold_n`,
+    /// and inversely proportional to the residual beyond it.
     pub(super) fn weigh(&mut self, parameters: &[f64], threshold_n: f64) {
         let natural = self.columns.natural(parameters);
         let offsets = self.offsets_n(parameters);
@@ -309,8 +312,8 @@ impl<'a, C: Columns> RowProblem<'a, C> {
         }
     }
 
-    /// Sum over blocks of `block_s` seconds of the outer products of each block's gradient: what the residuals
-    /// really vary by, correlated from sample to sample as they are.
+    /// Sum of the outer products of each block's gradient, over blocks of `block_s` seconds. It measures the
+    /// scatter of correlated residuals.
     pub(super) fn gradient_scatter(&self, parameters: &[f64], block_s: f64) -> DMatrix<f64> {
         let natural = self.columns.natural(parameters);
         let n = self.columns.parameters();
@@ -356,8 +359,7 @@ impl<C: Columns> Problem for RowProblem<'_, C> {
     }
 }
 
-/// Adds up the parts run by run, takes each run's means out (which eliminates its offset), and adds up the
-/// runs.
+/// Adds the parts of each run, removes the run's means (which eliminates its offset), and adds the runs.
 fn centred(parts: &[(usize, Sums)], n: usize) -> Normal {
     let width = n + 1;
     let mut normal = Normal { cost: 0.0, square: DMatrix::zeros(n, n), gradient: DVector::zeros(n) };
@@ -384,7 +386,7 @@ fn centred(parts: &[(usize, Sums)], n: usize) -> Normal {
 }
 
 impl Sums {
-    /// Adds the products of a group of rows, which are scaled by `roots`; unused rows of the group are zero.
+    /// Adds the products of a group of rows that are scaled by `roots`; unused rows of the group are zero.
     #[inline]
     fn add(&mut self, group: &[f64], roots: [f64; GROUP]) {
         let width = self.linear.len();
@@ -393,7 +395,7 @@ impl Sums {
         let (r2, r3) = rest.split_at(width);
         for i in 0..width {
             let (a, b, c, d) = (r0[i], r1[i], r2[i], r3[i]);
-            // Sets far from the drive of these rows have nothing but zeros.
+            // Sets far from the drive of these rows have zero columns.
             if a == 0.0 && b == 0.0 && c == 0.0 && d == 0.0 {
                 continue;
             }
@@ -407,8 +409,8 @@ impl Sums {
     }
 }
 
-/// The rows of a dataset that matter, with `force` as what is measured: those that count, or `all` that can be
-/// predicted.
+/// The needed rows of a dataset, with `force` as the measured value: the counted rows or, with `all`, every
+/// row that can be predicted.
 fn gather(dataset: &Dataset, columns: &impl Columns, all: bool, force: fn(&Row) -> f64) -> Rows {
     let counted = || dataset.rows.iter().filter(|row| row.counts && columns.takes(row.drive));
     let mean = counted().map(force).sum::<f64>() / counted().count().max(1) as f64;
@@ -418,7 +420,7 @@ fn gather(dataset: &Dataset, columns: &impl Columns, all: bool, force: fn(&Row) 
     for row in &dataset.rows {
         broken |= row.dt_s.is_none();
         since_s += row.dt_s.unwrap_or(0.0);
-        // Like the pipeline, memory skips what the model cannot predict.
+        // As in the pipeline, memory skips rows that the model cannot predict.
         if !columns.takes(row.drive) || !(all || row.counts) {
             continue;
         }
@@ -429,7 +431,7 @@ fn gather(dataset: &Dataset, columns: &impl Columns, all: bool, force: fn(&Row) 
     rows
 }
 
-/// One row of every `stride`, chosen by `random` from [0, 1).
+/// One row of every `stride`, at the position that `random` (in [0, 1)) gives.
 fn pick(rows: &Rows, basis_len: usize, stride: usize, mut random: impl FnMut() -> f64) -> Rows {
     let mut picked = Rows { mean_force_n: rows.mean_force_n, ..Rows::default() };
     let len = rows.len();
@@ -440,8 +442,8 @@ fn pick(rows: &Rows, basis_len: usize, stride: usize, mut random: impl FnMut() -
     picked
 }
 
-/// Every `stride`-th stretch of rows, from the middle of each group of so many; the first rows of a stretch
-/// fill the memory and do not count.
+/// One stretch of rows from the middle of each group of `stride` stretches. The first rows of a stretch fill
+/// the memory and are not counted.
 fn stretches(rows: &Rows, basis_len: usize, stride: usize) -> Rows {
     let mut picked = Rows { mean_force_n: rows.mean_force_n, ..Rows::default() };
     for from in (0..rows.len()).step_by(STRETCH * stride) {

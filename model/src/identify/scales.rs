@@ -1,10 +1,10 @@
-//! Scales of the data, from which bounds and starts of a fit follow.
+//! Scales of the data, which set the bounds and starts of a fit.
 
 use super::dataset::Dataset;
 use crate::error::Error;
 use crate::force::law::Scale;
 
-/// The largest of what the runs hold.
+/// Largest values in the runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Scales {
     /// Half the range of the measured force, N.
@@ -15,9 +15,9 @@ pub(crate) struct Scales {
     pub(crate) velocity_m_s: f64,
     /// Acceleration at that speed and the highest frequency, m/s².
     pub(crate) acceleration_m_s2: f64,
-    /// Largest ratio of speed to stroke in any run: a kind of highest circular frequency, 1/s.
+    /// Largest ratio of speed to stroke in any run, an estimate of the highest circular frequency, 1/s.
     pub(crate) frequency_1_s: f64,
-    /// Largest size of the drive, A or V; one where there is none.
+    /// Largest magnitude of the drive, A or V; 1 without a drive.
     pub(crate) drive: f64,
 }
 
@@ -53,7 +53,7 @@ impl Scales {
             return Ok(scales);
         }
         Err(Error::Data {
-            message: "force or displacement never varies in these runs: nothing can be identified from them"
+            message: "force or displacement never varies in these runs, so no model can be identified"
                 .to_owned(),
         })
     }

@@ -1,8 +1,8 @@
-//! How well a model predicts a conditioned run: running free, one step ahead, and persistence beside it.
+//! Errors of a model on a conditioned run: simulation (free run), one-step-ahead prediction, and persistence.
 //!
-//! Every figure is over the rows that count ([`super::Row::counts`]): force known, filters settled, damper moving.
-//! Rows between them are stepped all the same, since a model may remember. A run is scored with the offset that
-//! the model carries; nothing is fitted to the run that is scored.
+//! Error figures use the counted rows ([`super::Row::counts`]): force known, filters settled, damper moving.
+//! The model also steps over the other rows, because it may have memory. The model's own offset is used;
+//! nothing is fitted to the scored run.
 
 use super::Watch;
 use super::dataset::{Dataset, Row};
@@ -13,32 +13,34 @@ use crate::force::{ForceModel, History, Inputs};
 use crate::metrics::{ErrorSum, Fit};
 use std::ops::ControlFlow;
 
-/// A free run beyond this multiple of the largest measured force has diverged.
+/// A simulation beyond this multiple of the largest measured force has diverged.
 const DIVERGED: f64 = 100.0;
-/// A cancelled score ends within so many rows.
+/// Number of rows after which a cancelled score ends.
 const CANCEL_EVERY: usize = 4096;
-/// The rate of a run may differ by this share from the one that a force-fed model holds at.
+/// Largest relative difference between a run's rate and the rate of a model whose input includes force.
 const RATE_TOLERANCE: f64 = 0.01;
 
-/// Figures of a model on one conditioned run.
+/// Error figures of a model on one conditioned run.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Scores {
-    /// Running free, with the model's own offset; `None` when it diverged, or gave no force on a row that counts.
+    /// Simulation error with the model's own offset; `None` if it diverged or has no force at any counted
+    /// row.
     pub free_run: Option<Fit>,
-    /// The same after the mean error is taken out: what a session's offset alone would mend.
+    /// Simulation error after the mean error is removed: the error that remains with the best offset for this
+    /// session.
     pub free_run_without_offset: Option<Fit>,
-    /// True when the free run left the finite numbers, or went beyond a hundred times the largest measured force.
+    /// True when the simulation became non-finite or exceeded a hundred times the largest measured force.
     pub diverged: bool,
-    /// One step ahead of measured force; `None` for a model without force inputs.
+    /// Error of the one-step-ahead prediction; `None` for a model without force inputs.
     pub one_step: Option<Fit>,
 }
 
 /// Scores `model` on `dataset`.
 ///
 /// # Errors
-/// [`Error::WrongDrive`] and [`Error::MissingChannel`] when the run does not hold the model's drive, or an effect's
-/// channel;
-/// [`Error::Data`] when a model that feeds on force holds at another rate; [`Error::Cancelled`].
+/// [`Error::WrongDrive`] and [`Error::MissingChannel`] if the run does not have the model's drive or an
+/// effect's channel; [`Error::Data`] if the model's input includes force and its rate differs from the run's;
+/// [`Error::Cancelled`].
 pub fn score(model: &Augmented, dataset: &Dataset, watch: &Watch) -> Result<Scores, Error> {
     check(model, dataset)?;
     let largest_n = dataset.envelope.force_n.map_or(0.0, |[low, high]| low.abs().max(high.abs()));
@@ -53,7 +55,7 @@ pub fn score(model: &Augmented, dataset: &Dataset, watch: &Watch) -> Result<Scor
                 return ControlFlow::Break(());
             }
         }
-        // The first samples of a segment are silent while a history fills: that is no divergence.
+        // The model has no force at the start of a segment until its history is full; this is not a divergence.
         begun = (begun && row.dt_s.is_some()) || predicted.free_run_n.is_finite();
         let held = (-limit_n..=limit_n).contains(&predicted.free_run_n);
         diverged |= begun && predicted.driven && !held;
@@ -74,7 +76,8 @@ pub fn score(model: &Augmented, dataset: &Dataset, watch: &Watch) -> Result<Scor
     })
 }
 
-/// Persistence on `dataset`: the force stays what it was one sample ago. The yardstick of every one-step figure.
+/// Persistence on `dataset`: the predicted force is the force of the previous sample. The reference for every
+/// one-step figure.
 #[must_use]
 pub fn persistence(dataset: &Dataset) -> Option<Fit> {
     let (mut sum, mut last_n) = (ErrorSum::default(), f64::NAN);
@@ -87,7 +90,7 @@ pub fn persistence(dataset: &Dataset) -> Option<Fit> {
     sound(&sum)
 }
 
-/// That `model` can run on `dataset` at all.
+/// Checks that `model` can run on `dataset`.
 pub(crate) fn check(model: &Augmented, dataset: &Dataset) -> Result<(), Error> {
     let force = model.force();
     if let Some(effect) = model.effects().needing(Need::CaseTemperature)
@@ -118,7 +121,7 @@ pub(crate) fn check(model: &Augmented, dataset: &Dataset) -> Result<(), Error> {
     match force.force_fed_period() {
         Some(period) if (period.get() * dataset.rate_hz - 1.0).abs() > RATE_TOLERANCE => Err(Error::Data {
             message: format!(
-                "run {}: is at {:.6} Hz, but the {} model holds at {:.6} Hz; bring both to one rate first",
+                "run {}: its rate is {:.6} Hz, but the {} model is valid at {:.6} Hz; convert the run to that rate",
                 dataset.name,
                 dataset.rate_hz,
                 force.name(),
@@ -129,20 +132,20 @@ pub(crate) fn check(model: &Augmented, dataset: &Dataset) -> Result<(), Error> {
     }
 }
 
-/// What a model says at one row.
+/// Predictions of a model at one row.
 #[derive(Debug, Clone, Copy)]
 pub struct Predicted {
-    /// Running free, N; NaN while the history fills, without drive, or after the numbers ran off.
+    /// Force of the simulation, N; NaN while the history fills, without drive, or after a divergence.
     pub free_run_n: f64,
-    /// One step ahead of measured force, N; NaN while the history fills, or for a model without force inputs or with
-    /// effects.
+    /// Force of the one-step-ahead prediction, N; NaN while the history fills, or for a model without force
+    /// inputs or with effects.
     pub one_step_n: f64,
-    /// False when the model wants a drive and the row has none.
+    /// False when the model needs a drive but the row's drive is missing.
     pub driven: bool,
 }
 
-/// Steps `model` over all rows, free and one step ahead, each segment from a fresh state, and hands what it says to
-/// `take` until that breaks.
+/// Steps `model` over all rows, as a simulation and one step ahead, with a new state for each segment. Calls
+/// `take` with the predictions of each row until it breaks.
 pub fn walk(
     model: &Augmented,
     dataset: &Dataset,
@@ -171,15 +174,15 @@ pub fn walk(
     ControlFlow::Continue(())
 }
 
-/// Steps `model` over `rows` as they come, free and from one fresh state, and adds up what it says, N: the bare cost of
-/// a model, for measuring its time.
+/// Simulates `model` over `rows` from one new state and sums its force, N. It does nothing else, so that
+/// benchmarks measure the bare cost of a model.
 #[must_use]
 pub fn sum_of_free_run(model: &Augmented, rows: &[Row]) -> f64 {
     let mut state = AugmentedState::default();
     rows.iter().filter_map(|row| model.free_run(&mut state, &row.inputs())).sum()
 }
 
-/// Prediction from the measured forces before this row, N; NaN while there are none.
+/// Prediction from the measured forces before this row, N; NaN without such forces.
 fn one_step(force: &ForceModel, history: &mut History, row: &Row, inputs: &Inputs) -> f64 {
     history.push_inputs(inputs);
     let predicted_n = force.predict_n(history).unwrap_or(f64::NAN);
@@ -187,7 +190,7 @@ fn one_step(force: &ForceModel, history: &mut History, row: &Row, inputs: &Input
     predicted_n
 }
 
-/// The figures, unless the sum ran off.
+/// The error figures, unless the sum is not finite.
 pub(super) fn sound(sum: &ErrorSum) -> Option<Fit> {
     sum.fit().filter(|fit| fit.rsse_n.is_finite())
 }

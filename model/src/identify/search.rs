@@ -1,10 +1,10 @@
-//! Seeded restarts of a bounded least-squares fit, and the finish on all rows.
+//! Bounded least-squares fit with seeded restarts, refined on all rows.
 //!
-//! Parameters that the force is linear in follow from the others by a linear solve. A restart draws the others,
-//! solves for the linear ones, and lets all go. Restarts work on a sample of the rows, side by side; the best
-//! distinct ones are then finished on all rows. Most starts are lost after a few evaluations: only the promising
-//! ones are brought to their end. Each restart has random numbers of its own and sums are added
-//! in a fixed order, so that results do not depend on the number of threads.
+//! A linear solve determines the parameters in which the force is linear, given the others. A restart draws
+//! the nonlinear parameters at random, solves for the linear ones, and then fits all of them. Restarts run in
+//! parallel on a sample of the rows; the best distinct ones are then refined on all rows. Most starts fall
+//! behind after a few evaluations, so only the promising ones are completed. Each restart has its own random
+//! numbers, and sums are added in a fixed order, so results do not depend on the number of threads.
 
 use super::dataset::Dataset;
 use super::least_squares::{Minimum, Problem, Stop, minimise};
@@ -17,61 +17,62 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Rows that restarts work on; half as many where a model has memory, whose rows are dear.
+/// Sample size for restarts; half as many for a model with memory, whose rows cost more.
 const RESTART_ROWS: usize = 4096;
-/// Restarts that are finished on all rows, of a model without memory.
+/// Number of restarts that are refined on all rows, for a model without memory.
 const POLISHED: usize = 3;
-/// Restarts when conditionings are compared.
+/// Restarts for the comparison of conditionings.
 const SCOUTS: u32 = 4;
 /// Evaluations after which restarts are compared.
 const ROUGH: usize = 15;
-/// One of so many of them goes on.
+/// One in this many restarts is continued.
 const PROMISING: usize = 4;
-/// Outcomes of a model with memory that are tried on all rows.
+/// Number of results of a model with memory that are evaluated on all rows.
 const JUDGED: usize = 6;
-/// Costs closer than this share are the same minimum.
+/// Costs with a smaller relative difference are taken as the same minimum.
 const SAME: f64 = 1e-4;
-/// Rounds of reweighting for a robust loss.
+/// Reweighting iterations for a robust loss.
 const REWEIGHTINGS: usize = 8;
-/// Length of the blocks whose scatter gives standard errors, s: longer than residuals remember.
+/// Length of the blocks whose scatter gives standard errors, s: longer than the correlation time of
+/// residuals.
 const BLOCK_S: f64 = 1.0;
 
-/// A model whose parameters can be sought.
+/// A model whose parameters are searched.
 pub(super) trait Sought: Columns + Clone {
     /// Lower and upper bound of each parameter.
     fn bounds(&self) -> Vec<[f64; 2]>;
-    /// True when the force is linear in parameter `j`, together with all others of which that is true.
+    /// True when the force is linear in parameter `j` and in all other such parameters together.
     fn is_linear(&self, j: usize) -> bool;
-    /// A starting point with the linear parameters zero. Restart 0 is the plain guess; others draw from
+    /// A starting point with all linear parameters zero. Restart 0 is a fixed guess; the others draw from
     /// `uniform(low, high)`.
     fn draw(&self, restart: u32, uniform: &mut dyn FnMut(f64, f64) -> f64) -> Vec<f64>;
-    /// A point to go on from, where one is known: then there are no restarts.
+    /// A known starting point, which replaces the restarts.
     fn seeded(&self) -> Option<Vec<f64>> {
         None
     }
-    /// Mends a start after its linear parameters were solved for.
+    /// Adjusts a start after its linear parameters are solved for.
     fn settle(&self, start: &mut [f64]);
-    /// Derivatives of the natural parameters by the sought ones.
+    /// Derivatives of the natural parameters with respect to the searched ones.
     fn natural_slopes(&self, parameters: &[f64]) -> Vec<f64>;
 }
 
-/// What a search came to.
+/// Result of a search.
 pub(super) struct Found {
-    /// Parameters as the model has them.
+    /// Parameters in the model's own units.
     pub(super) natural: Vec<f64>,
-    /// Standard error of each, in its unit; NaN where the rows do not determine it.
+    /// Standard error of each, in its unit; NaN if the rows do not determine it.
     pub(super) standard_errors: Vec<f64>,
     /// Indices of parameters that ended on a bound.
     pub(super) on_bound: Vec<usize>,
     /// Offset of each run, N.
     pub(super) offsets_n: Vec<f64>,
-    /// RSSE of each restart on the rows it worked on, N, best first.
+    /// RMSE of each restart on its rows, N, lowest first.
     pub(super) restart_rsse_n: Vec<f64>,
-    /// False when the last fit ran out of evaluations.
+    /// False when the last fit used up its evaluations.
     pub(super) converged: bool,
 }
 
-/// Seeks the parameters of `sought` on `datasets`.
+/// Searches the parameters of `sought` on `datasets`.
 pub(super) fn search<S: Sought>(
     datasets: &[Dataset],
     sought: &S,
@@ -100,13 +101,13 @@ pub(super) fn search<S: Sought>(
         None => RowProblem::new(datasets, sought.clone(), watch.flag()),
     };
     let bounds = sought.bounds();
-    // What a row costs decides how many candidates are finished, and how finely.
+    // The cost of a row decides how many candidates are refined, and how finely.
     let (polished, stop) = if sought.has_memory() {
         (1, Stop { evaluations: 60, cost: 1e-8, step: 1e-8 })
     } else {
         (POLISHED, Stop::default())
     };
-    // A model with memory can hold on stretches and run off over a whole run: all rows have the last word.
+    // A model with memory may be stable on short stretches and diverge over a whole run, so all rows decide.
     let judges = sought.has_memory();
     let whole = fewer.filter(|_| judges).map(|_| RowProblem::new(datasets, sought.clone(), watch.flag()));
     let judged = |minimum: Minimum| -> Result<Minimum, Error> {
@@ -135,8 +136,7 @@ pub(super) fn search<S: Sought>(
         }
     }
     let mut best = best.ok_or_else(|| Error::Data {
-        message: "no restart gave a finite error; look for values that are out of all proportion in the runs"
-            .to_owned(),
+        message: "no restart had a finite error; check the runs for extreme values".to_owned(),
     })?;
     if let Loss::Huber { threshold_n } = options.loss {
         for _ in 0..REWEIGHTINGS {
@@ -181,8 +181,8 @@ fn explore<'a, S: Sought>(
     };
     let outcomes: Option<Vec<Minimum>> = (0..restarts).into_par_iter().map(one).collect();
     let mut outcomes = outcomes.ok_or(Error::Cancelled)?;
-    // A stable sort: of equal costs the earlier restart stays ahead, whatever thread it ran on. What is not
-    // finite goes last.
+    // The sort is stable: of equal costs the earlier restart comes first, whatever thread it ran on.
+    // Non-finite costs are last.
     outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     let promising = outcomes.len().div_ceil(PROMISING);
     let on = |rough: &Minimum| minimise(&sample, &rough.parameters, &bounds, &full);
@@ -192,7 +192,7 @@ fn explore<'a, S: Sought>(
     Ok((sample, outcomes))
 }
 
-/// Mean of the runs' ESR after a few restarts on a sample of the rows: enough to compare conditionings by.
+/// Mean of the runs' NMSE after a few restarts on a sample of the rows; enough to compare conditionings.
 pub(super) fn sample_esr<S: Sought>(
     datasets: &[Dataset],
     sought: &S,
@@ -204,7 +204,7 @@ pub(super) fn sample_esr<S: Sought>(
     Ok(sample.mean_esr(&outcomes[0].parameters))
 }
 
-/// Start of one restart: the nonlinear parameters drawn, the linear ones solved for. `None`: cancelled.
+/// Start of one restart: nonlinear parameters drawn, linear ones solved for. `None` if cancelled.
 fn start<S: Sought>(sample: &RowProblem<S>, sought: &S, restart: u32, seed: u64) -> Option<Vec<f64>> {
     let mut random =
         Pcg64Mcg::seed_from_u64(seed ^ (u64::from(restart) + 1).wrapping_mul(0xd134_2543_de82_ef95));
@@ -213,7 +213,7 @@ fn start<S: Sought>(sample: &RowProblem<S>, sought: &S, restart: u32, seed: u64)
     if linear.is_empty() {
         return Some(start);
     }
-    // With the linear parameters zero their columns are those of the linear problem.
+    // With the linear parameters zero, their columns are the columns of the linear problem.
     let normal = sample.normal(&start)?;
     let scale = |j: usize| normal.square[(j, j)].max(f64::MIN_POSITIVE).sqrt();
     let system = DMatrix::from_fn(linear.len(), linear.len(), |a, b| {
@@ -231,9 +231,9 @@ fn start<S: Sought>(sample: &RowProblem<S>, sought: &S, restart: u32, seed: u64)
     Some(start)
 }
 
-/// Standard errors by the sandwich H^-1 B H^-1: H the normal matrix, B the scatter of the gradient over blocks
-/// of a second. Residuals of a model that lacks something are alike from sample to sample; taken for white,
-/// they would make errors that are too small by a factor of ten and more.
+/// Standard errors by the sandwich formula H^-1 B H^-1: H is the normal matrix, B the scatter of the gradient
+/// over blocks of one second. Residuals of an incomplete model are correlated from sample to sample; taken as
+/// white noise, they would make the errors too small by a factor of ten or more.
 fn standard_errors<S: Sought>(
     problem: &RowProblem<S>,
     sought: &S,

@@ -1,27 +1,29 @@
-//! Which model to identify: a structure by its name in the contract, and the form in which the drive enters.
+//! Selects the model to identify: a structure by its name in the contract, and the form in which the drive
+//! enters it.
 
 use crate::error::Error;
 use crate::force::{Law, NetworkStructure, TskKind};
 use crate::preset::edit_distance;
 
-/// A structure of the thesis or of the literature that it reviews.
+/// A model structure of the thesis, or of the literature that the thesis reviews.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Structure {
     /// Auto-regression with exogenous inputs (thesis 4.3, 4.4).
     Arx,
-    /// The same with two lags of each signal (thesis 2.8).
+    /// ARX with two lags of each signal (thesis 2.8).
     Savaresi,
-    /// Auto-regression whose coefficients follow the drive (future work in the thesis).
+    /// ARX with coefficients that depend on the drive (linear parameter-varying; future work in the thesis).
     Lpv,
-    /// The phase-transition relation P (thesis 4.6), which cannot run: see [`crate::force::Phase`].
+    /// The phase-transition relation P (thesis 4.6), which cannot run as a model: see
+    /// [`crate::force::Phase`].
     Phase,
-    /// Fuzzy sets over the drive, a tanh function under each (thesis 4.8).
+    /// Fuzzy sets over the drive, each with a tanh function (thesis 4.8).
     FuzzyTanh,
     /// Recursive lazy learning.
     Boada,
     /// An autoregressive network.
     Network(NetworkStructure),
-    /// A law of force.
+    /// A force law.
     Law(Law),
     /// Fuzzy rules on a grid: ANFIS and its relatives.
     Tsk(TskKind),
@@ -30,17 +32,19 @@ pub enum Structure {
 /// How the drive enters a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Form {
-    /// Not at all.
+    /// The drive does not enter.
     Passive,
-    /// As the structure has it: drive terms of ARX, polynomials on the parameters of a law, sets of fuzzy-tanh.
+    /// The structure's own form: drive terms in ARX, polynomials of the parameters in a force law, fuzzy sets
+    /// in fuzzy-tanh.
     SemiActive,
-    /// Fuzzy sets over the drive, the whole structure under each, where that is not how the structure has it anyway.
+    /// Fuzzy sets over the drive, each with a copy of the structure, for structures that have no sets of
+    /// their own.
     Fuzzy,
-    /// Fuzzy sets whose centres and widths are identified too.
+    /// Fuzzy sets whose centres and widths are identified as well.
     FreeFuzzy,
 }
 
-/// Which model to identify.
+/// Selects the model to identify.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ModelSpec {
     structure: Structure,
@@ -58,7 +62,7 @@ impl Structure {
         all
     }
 
-    /// The name, as in the contract.
+    /// The name in the contract.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -74,23 +78,23 @@ impl Structure {
         }
     }
 
-    /// False for a relation that explains measured force and predicts none: it makes no model that can run.
+    /// False for a relation that explains measured force but cannot predict it, so that no model can run.
     #[must_use]
     pub const fn can_run(self) -> bool {
         !matches!(self, Self::Phase)
     }
 
-    /// Forms that the structure comes in.
+    /// Forms that are available for the structure.
     #[must_use]
     pub const fn forms(self) -> &'static [Form] {
         match self {
             Self::Arx | Self::Savaresi | Self::Phase | Self::Boada | Self::Network(_) | Self::Tsk(_) => {
                 &[Form::Passive, Form::SemiActive]
             }
-            // Its passive form is arx.
+            // The passive form of lpv is arx.
             Self::Lpv => &[Form::SemiActive, Form::Fuzzy],
             Self::FuzzyTanh => &[Form::SemiActive, Form::FreeFuzzy],
-            // Fuzzy sets over the tanh function are the fuzzy-tanh model.
+            // The fuzzy form of the S-P law is the fuzzy-tanh model.
             Self::Law(Law::Sp) => &[Form::Passive, Form::SemiActive],
             Self::Law(_) => &[Form::Passive, Form::SemiActive, Form::Fuzzy, Form::FreeFuzzy],
         }
@@ -115,13 +119,13 @@ impl ModelSpec {
     pub const ARX_PASSIVE: Self = Self { structure: Structure::Arx, form: Form::Passive };
     /// ARX with drive terms, 12 coefficients.
     pub const ARX_SEMI_ACTIVE: Self = Self { structure: Structure::Arx, form: Form::SemiActive };
-    /// Fuzzy sets over the drive, a tanh function of 4 parameters under each.
+    /// Fuzzy sets over the drive, each with a tanh function of 4 parameters.
     pub const FUZZY_TANH: Self = Self { structure: Structure::FuzzyTanh, form: Form::SemiActive };
 
     /// `structure` in `form`.
     ///
     /// # Errors
-    /// [`Error::Data`] when the structure does not come in that form.
+    /// [`Error::Data`] if the structure does not have that form.
     pub fn new(structure: Structure, form: Form) -> Result<Self, Error> {
         if structure.forms().contains(&form) {
             return Ok(Self { structure, form });
@@ -129,7 +133,7 @@ impl ModelSpec {
         let known: Vec<&str> = structure.forms().iter().map(|form| form.name()).collect();
         Err(Error::Data {
             message: format!(
-                "a {} model has no {} form, but {}",
+                "the {} model has no {} form; it has {}",
                 structure.name(),
                 form.name(),
                 known.join(" or ")
@@ -137,10 +141,11 @@ impl ModelSpec {
         })
     }
 
-    /// The structure called `name` in `form`.
+    /// The structure `name` in `form`.
     ///
     /// # Errors
-    /// [`Error::Data`] for an unknown name, with the nearest one, or a form that it does not come in.
+    /// [`Error::Data`] for an unknown name, with the most similar one, or for a form that the structure does
+    /// not have.
     pub fn named(name: &str, form: Form) -> Result<Self, Error> {
         let all = Structure::all();
         if let Some(structure) = all.iter().find(|structure| structure.name() == name) {
@@ -150,7 +155,7 @@ impl ModelSpec {
         let names: Vec<&str> = all.iter().map(|s| s.name()).collect();
         Err(Error::Data {
             message: format!(
-                "there is no model \"{name}\"; did you mean {}? Known are {}",
+                "model \"{name}\" is not known; did you mean {}? The models are {}",
                 nearest.unwrap_or("arx"),
                 names.join(", ")
             ),
@@ -177,7 +182,7 @@ impl ModelSpec {
         self.form
     }
 
-    /// True when the model predicts from measured force (and so holds at one rate).
+    /// True when the model predicts from measured force; such a model is valid for one rate only.
     #[must_use]
     pub const fn feeds_on_force(self) -> bool {
         matches!(
@@ -186,13 +191,13 @@ impl ModelSpec {
         )
     }
 
-    /// True when the model has fuzzy sets over the drive that can be placed.
+    /// True when the model has fuzzy sets over the drive whose place can be chosen.
     #[must_use]
     pub const fn has_sets(self) -> bool {
         matches!(self.structure, Structure::FuzzyTanh) || matches!(self.form, Form::Fuzzy | Form::FreeFuzzy)
     }
 
-    /// True when the model takes a drive.
+    /// True when the model needs a drive.
     #[must_use]
     pub const fn wants_drive(self) -> bool {
         !matches!(self.form, Form::Passive)

@@ -1,4 +1,4 @@
-//! The fuzzy-tanh model row by row, for the least-squares solver.
+//! Force and derivatives of the fuzzy-tanh model at each row, for the least-squares solver.
 //!
 //! ```text
 //! f = sum_j w_j (A1_j t_j + A2_j u_j),      t = tanh(A3 u),  u = v + kappa x
@@ -6,8 +6,8 @@
 //! df/dA2 = w u      df/d kappa = w (A1 A3 (1 - t^2) + A2) x
 //! ```
 //!
-//! Weights w do not depend on what is sought and are computed once. A3 enters by its logarithm: it is positive,
-//! and steps in it are ratios.
+//! Weights w do not depend on the fitted parameters and are computed once. The solver uses the logarithm of
+//! A3, which is positive, so that steps are ratios.
 
 use super::free_sets::Blended;
 use super::row_problem::Columns;
@@ -17,7 +17,7 @@ use crate::force::{FuzzySets, Inputs, MAX_FUNCTIONS};
 /// Parameters of one function: A1, A2, ln A3, kappa.
 pub(super) const PER_FUNCTION: usize = 4;
 
-/// The model's sets, and the scales of what is sought.
+/// The model's sets, and the scales of its parameters.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TanhColumns {
     pub(super) sets: FuzzySets,

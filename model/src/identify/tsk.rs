@@ -1,34 +1,36 @@
-//! Identification of TSK fuzzy models: hybrid learning after Jang (1993).
+//! Identification of TSK fuzzy models by hybrid learning after Jang (1993).
 //!
 //! ```text
 //! S(m, c) = sum (F / std - o_run - sum_r w_r(m) f_r(c))^2 + lambda |c - c0|^2
 //! ```
 //!
 //! Each epoch solves for the conclusions c at fixed memberships m by linear least squares, and then moves the
-//! memberships. Jang moves them down the gradient by a length that grows while it goes well and shrinks when
-//! it does not. That hardly moves them: the centres that the thesis printed after its epochs are still those
-//! of the uniform grid they began from. Here the step is Levenberg and Marquardt's, with the conclusions
-//! eliminated (variable projection: Golub and Pereyra 1973, in Kaufman's form of 1975), so that the step knows
-//! how the conclusions will answer:
+//! memberships. Jang moves them along the negative gradient, by a length that grows while the error falls and
+//! shrinks otherwise. This hardly moves them: the centres that the thesis prints are still the centres of the
+//! initial uniform grid. Here the step is a Levenberg-Marquardt step with the conclusions eliminated
+//! (variable projection: Golub and Pereyra 1973, in Kaufman's form of 1975), so that it accounts for the
+//! response of the conclusions:
 //!
 //! ```text
 //! J'J = D'D - (phi'D)' (phi'phi + lambda)^-1 (phi'D),    J'r = D'r,    D = d(sum_r w_r f_r)/dm
 //! ```
 //!
-//! Its damping takes the place of Jang's step length, and an epoch that would raise the cost is taken back. Ten
-//! such epochs fit better than fifty of Jang's, and about as well as four hundred. [`Learning::Gradient`] is
+//! Its damping replaces Jang's step length, and an epoch that would raise the cost is reverted. Ten such
+//! epochs fit better than fifty of Jang's, and about as well as four hundred. [`Learning::Gradient`] is
 //! Jang's own rule, for comparison.
 //!
-//! A rule in a corner that few rows reach has conclusions that these few determine badly: left alone they grow to
-//! a hundred times the force and fit noise. The term lambda draws them to c0, the linear function that fits all
-//! rows best. It is fifteen times the error power that the fit leaves, as an honest prior on a conclusion is: on
-//! a virtual damper the ESR of runs not seen falls by a third, and far off the data the model is linear. Where
-//! the error vanishes, so does the draw.
+//! A rule in a corner that few rows reach has poorly determined conclusions: without regularisation they grow
+//! to a hundred times the force and fit noise. The term lambda pulls them towards c0, the linear function
+//! that fits all rows best. Its weight is fifteen times the error power of the fit, as a prior on a
+//! conclusion. On a virtual damper this lowers the NMSE of new runs by a third, and the model is linear far
+//! from the data. As the error vanishes, so does the regularisation.
 //!
-//! Centres stay within half a spacing of the uniform grid and widths within a factor of two, so that sets keep
-//! their order and their meaning; wider bounds fit the training rows hardly better and others worse. The offset
-//! of each run is eliminated by taking out its means. A low-pass on the output is left out on both sides, model
-//! and measurement, which moves the minimum little.
+//! Centres stay within half a spacing of the uniform grid and widths within a factor of two, so that sets
+//! keep their order and meaning; wider bounds fit the training rows hardly better, and other rows worse. The
+//! offset of each run is eliminated by removing its means. A low-pass on the output is omitted for model and
+//! measurement alike, which hardly moves the minimum.
+//!
+//! Source: `[jang1993]`, `[golub1973]` and `[kaufman1975]` in the bibliography (node/docs/guide/bibliography.md).
 
 mod evolve;
 mod premises;
@@ -49,38 +51,39 @@ use premises::{Axis, Premises};
 use std::cell::{Cell, RefCell};
 use sums::{Linear, Rows, Sums};
 
-/// Rows with the fit's own error that a conclusion one standard deviation of the force away from the linear
-/// function counts as much as. Rows of a smooth motion repeat each other, so it is more than one.
+/// Number of rows, with the fit's own error, whose weight equals the prior on a conclusion one standard
+/// deviation of the force away from the linear function. It is more than one because rows of a smooth motion
+/// are similar.
 const PRIOR_ROWS: f64 = 15.0;
-/// Least weight of the draw, as a share of the rows, which keeps the equations solvable.
+/// Smallest weight of the regularisation, as a share of the rows, which keeps the equations solvable.
 const LEAST_RIDGE: f64 = 1e-10;
-/// Share to which the error power must have fallen for a lighter draw to be worth another go.
+/// Learning continues with a lighter regularisation if the error power has fallen below this share.
 const LIGHTER: f64 = 0.5;
-/// Rows that a parameter wants at least.
+/// Smallest number of rows per parameter.
 const ROWS_PER_PARAMETER: usize = 3;
-/// A channel whose standard deviation is below this share of its largest value is constant.
+/// A channel is constant if its standard deviation is below this share of its largest value.
 const CONSTANT: f64 = 1e-9;
-/// Relative gain below which learning has stalled.
+/// Learning has stalled below this relative gain.
 const STALLED: f64 = 1e-6;
 
 /// How memberships are learned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Learning {
-    /// Levenberg and Marquardt's step with the conclusions eliminated.
+    /// Levenberg-Marquardt steps with the conclusions eliminated.
     #[default]
     GaussNewton,
-    /// Jang's: down the gradient, with a step length that adapts.
+    /// Jang's rule: steps along the negative gradient, with an adaptive step length.
     Gradient,
 }
 
 /// Settings of [`fit_tsk`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TskOptions {
-    /// Epochs at most; at least one is made.
+    /// Largest number of epochs; at least one is run.
     pub epochs: usize,
-    /// How memberships are learned, except those of [`TskKind::Evolved`].
+    /// How memberships are learned, except for [`TskKind::Evolved`].
     pub learning: Learning,
-    /// How memberships of [`TskKind::Evolved`] are bred.
+    /// Evolution of the memberships of [`TskKind::Evolved`].
     pub evolution: Evolution,
 }
 
@@ -91,32 +94,32 @@ impl Default for TskOptions {
 }
 
 impl TskOptions {
-    /// What the `options` of an identification say of it.
+    /// The settings from the `options` of an identification.
     pub(super) fn of(options: &Options) -> Self {
         let evolution = Evolution { seed: options.seed, ..Evolution::default() };
         Self { evolution, ..Self::default() }
     }
 }
 
-/// What came out.
+/// Result of the fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FittedTsk {
-    /// The model, its offset the mean of the runs' offsets.
+    /// The model; its offset is the mean of the runs' offsets.
     pub model: Tsk,
     /// Offset of each run, N.
     pub offsets_n: Vec<f64>,
-    /// RSSE after each epoch, N; an epoch that was taken back repeats the one before. The first is that of the
-    /// uniform grid. Of an evolution: after each generation, on its sample of the rows.
+    /// RMSE after each epoch, N. The first is the error of the uniform grid; a reverted epoch repeats the
+    /// previous value. For an evolution: after each generation, on its sample of the rows.
     pub epoch_rsse_n: Vec<f64>,
-    /// False when the epochs ran out before the error stalled.
+    /// False if the epochs ran out before the error stalled.
     pub converged: bool,
 }
 
-/// Fits a model of `kind` to the rows of `datasets` that count; with a `drive`, which they must all have, or
-/// without one in the passive form.
+/// Fits a model of `kind` to the counted rows of `datasets`. With a `drive`, every dataset must have it;
+/// without one, the form is passive.
 ///
 /// # Errors
-/// [`Error::Data`] for too few rows or a channel that never varies; [`Error::Cancelled`].
+/// [`Error::Data`] for too few rows or a constant channel; [`Error::Cancelled`].
 pub fn fit_tsk(
     datasets: &[Dataset],
     kind: TskKind,
@@ -150,8 +153,8 @@ pub fn fit_tsk(
     Ok(FittedTsk { model, offsets_n, epoch_rsse_n, converged })
 }
 
-/// Mean over the runs of error power over force variance on the uniform grid, each run with its best offset:
-/// enough to compare conditionings by.
+/// Mean of the runs' NMSE (error power over force variance) with the uniform grid, each run with its best
+/// offset; enough to compare conditionings.
 pub(super) fn grid_esr(
     datasets: &[Dataset],
     kind: TskKind,
@@ -172,23 +175,23 @@ pub(super) fn grid_esr(
     Ok(datasets.iter().map(esr).sum::<f64>() / datasets.len().max(1) as f64)
 }
 
-/// Rows and all that is fixed while memberships are learned.
+/// Rows, and all other data that is fixed during learning.
 struct Data<'a> {
     premises: Premises,
     sums: Sums<'a>,
     order: Order,
     /// Standard deviation of the force about its runs' means, N.
     scale_n: f64,
-    /// Slopes of the linear function c0 over the inputs, normalised. It is taken out of the targets.
+    /// Slopes of the linear function c0 over the normalised inputs. It is subtracted from the targets.
     slopes: [f64; MAX_INPUTS],
-    /// Mean of the force of each run over `scale_n`, and of the linear function.
+    /// Mean of each run's force divided by `scale_n`, and mean of the linear function.
     force_means: Vec<f64>,
     linear_means: Vec<f64>,
-    /// Rows of each run in `datasets`, for the mean offset.
+    /// Number of rows of each run in `datasets`, for the mean offset.
     counted: Vec<f64>,
 }
 
-/// The conclusions at some memberships.
+/// The conclusions for given memberships.
 struct Solved {
     linear: Linear,
     factors: Cholesky<f64, Dyn>,
@@ -247,11 +250,11 @@ impl<'a> Data<'a> {
         Ok(data)
     }
 
-    /// Fits the linear function of the inputs and takes it out of the targets. Conclusions that no row
-    /// determines stay at it.
+    /// Fits the linear function of the inputs and subtracts it from the targets. Conclusions that no row
+    /// determines then equal that function.
     fn take_out_linear(&mut self) {
         if self.order == Order::Constant && self.premises.shape == Shape::Gaussian {
-            // Constants under bells cannot give a linear function back.
+            // Constant conclusions under Gaussians cannot represent a linear function.
             return;
         }
         let inputs = self.premises.axes.len();
@@ -285,12 +288,13 @@ impl<'a> Data<'a> {
         }
     }
 
-    /// Weight of the draw to the linear function, as a share of the rows, where the fit leaves `power`.
+    /// Weight of the regularisation towards the linear function, as a share of the rows, for a fit with error
+    /// `power`.
     fn ridge(&self, power: f64) -> f64 {
         (PRIOR_ROWS * power / self.sums.rows() as f64).max(LEAST_RIDGE)
     }
 
-    /// Mean squared error that the conclusions leave at the memberships `parameters`.
+    /// Mean squared error at the memberships `parameters`.
     fn power(&self, parameters: &[f64], ridge: f64) -> Result<f64, Error> {
         let inputs = self.premises.inputs(parameters)?;
         let solved = self.solve(&self.sums, &inputs, ridge).ok_or(Error::Cancelled)?;
@@ -298,7 +302,7 @@ impl<'a> Data<'a> {
             / self.sums.rows() as f64)
     }
 
-    /// The conclusions that fit best, with what led to them. `None`: cancelled.
+    /// The best-fitting conclusions, with the intermediate results; `None` if cancelled.
     fn solve(&self, sums: &Sums, inputs: &[TskInput], ridge: f64) -> Option<Solved> {
         let linear = sums.linear(inputs)?;
         let mut ridge = ridge * sums.rows() as f64;
@@ -309,7 +313,7 @@ impl<'a> Data<'a> {
                 let conclusions = factors.solve(&linear.rhs);
                 return Some(Solved { linear, factors, conclusions });
             }
-            // Sums that are not finite never factor; all others do, long before this.
+            // Non-finite sums never factorise; all others do long before this limit.
             if ridge.is_nan() || ridge > 1e12 * sums.rows() as f64 {
                 return None;
             }
@@ -331,7 +335,7 @@ impl<'a> Data<'a> {
                     conclusions.extend(slopes.map(|(a, slope)| own(a) + slope));
                     conclusions.push(own(self.sums.width - 1));
                 }
-                // Triangles interpolate, so constants at the peaks give the linear function back.
+                // Triangles interpolate, so constants at the peaks reproduce the linear function.
                 Order::Constant => conclusions.push(own(0) + self.linear_at_peaks(&inputs, rule)),
             }
         }
@@ -368,15 +372,15 @@ fn check_size(kind: TskKind, structure: &[(Signal, usize)], found: usize) -> Res
     let names: Vec<&str> = structure.iter().map(|(signal, _)| signal.name()).collect();
     Err(Error::Data {
         message: format!(
-            "{} has {parameters} parameters and needs {needed} samples that count and have {}, but the runs hold \
-             {found}; add or lengthen runs",
+            "{} has {parameters} parameters and needs {needed} usable samples with {}, but the runs have \
+             {found}; add runs, or use longer ones",
             kind.name(),
             names.join(", ")
         ),
     })
 }
 
-/// The columns of one run that count.
+/// The columns of one run, for the used rows.
 struct Columns {
     inputs: Vec<Vec<f64>>,
     force_n: Vec<f64>,
@@ -394,7 +398,7 @@ impl Columns {
         columns
     }
 
-    /// Rows that count and of which all is known: an acceleration is not from the first sample on.
+    /// Counted rows with finite inputs. Acceleration, for example, is unknown at the first sample.
     fn rows_of<'d>(
         dataset: &'d Dataset,
         structure: &'d [(Signal, usize)],
@@ -417,7 +421,7 @@ impl Columns {
     }
 }
 
-/// The force that a row is held against, N: as it came where the conditioning filters the output.
+/// The force that a row is compared with, N: unfiltered if the conditioning filters the output.
 fn force_of(dataset: &Dataset, row: &Row) -> f64 {
     match dataset.conditioning.apply_to {
         ApplyTo::Output => row.raw_force_n,
@@ -425,16 +429,16 @@ fn force_of(dataset: &Dataset, row: &Row) -> f64 {
     }
 }
 
-/// Learning of memberships by derivatives.
+/// Gradient-based learning of memberships.
 struct Learner<'a> {
     data: &'a Data<'a>,
-    /// Weight of the draw to the linear function, as a share of the rows.
+    /// Weight of the regularisation towards the linear function, as a share of the rows.
     ridge: f64,
     epochs: usize,
     watch: &'a Watch<'a>,
-    /// Lowest cost so far, with the draw.
+    /// Lowest cost so far, including the regularisation.
     lowest: Cell<f64>,
-    /// Sum of squared errors where the cost was lowest, after each epoch.
+    /// Sum of squared errors at the lowest cost, after each epoch.
     errors: RefCell<Vec<f64>>,
 }
 
@@ -464,8 +468,8 @@ impl Problem for Learner<'_> {
 }
 
 impl Learner<'_> {
-    /// Levenberg and Marquardt's steps until the error stalls. When it has fallen so far that the draw is far
-    /// too heavy for it, learning goes on with a lighter one.
+    /// Levenberg-Marquardt steps until the error stalls. If the error has fallen so far that the
+    /// regularisation is far too strong, learning continues with a weaker one.
     fn learn(&mut self) -> Result<(Vec<f64>, bool), Error> {
         let bounds = self.data.premises.bounds();
         let mut here = self.data.premises.start();
@@ -486,9 +490,9 @@ impl Learner<'_> {
         }
     }
 
-    /// Jang's rule: steps of one length down the gradient; the length grows by a tenth after four epochs that
-    /// each did better, and shrinks by a tenth after two that did better and worse in turn. Steps are in
-    /// spacings of the grid. Returns the best memberships. `None`: cancelled.
+    /// Jang's rule: steps of one length along the negative gradient. The length grows by a tenth after four
+    /// improvements in a row, and shrinks by a tenth after two alternations of improvement and deterioration.
+    /// Steps are in spacings of the grid. Returns the best memberships; `None` if cancelled.
     fn descend(&self) -> Option<(Vec<f64>, bool)> {
         const FIRST_STEP: f64 = 0.01;
         let bounds = self.data.premises.bounds();

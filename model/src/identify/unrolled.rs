@@ -1,13 +1,13 @@
-//! Runs as an autoregressive network sees them, and the least squares of its errors some steps ahead.
+//! Runs as input of an autoregressive network, and the least squares of its errors several steps ahead.
 //!
 //! ```text
-//! y_k = f(u_k, y_{k-1} .. y_{k-r}; w),   y = F measured before the window, and the network's own in it
+//! y_k = f(u_k, y_{k-1} .. y_{k-r}; w),   y = measured F before the window, the network's own output inside it
 //! dy_k/dw = df/dw + sum_j df/dy_{k-j} dy_{k-j}/dw
 //! ```
 //!
-//! A window of one row is the one-step predictor. In a longer one the network runs free from measured force,
-//! and its derivatives run along with it. Windows are short enough that those of a network which is not
-//! stable (yet) do not grow out of proportion.
+//! A window of one row is the one-step-ahead predictor. In a longer window the network is simulated (free
+//! run) from measured force, and its derivatives are propagated with it. Windows are short enough to limit
+//! the growth of derivatives while a network is still unstable.
 
 use super::dataset::Dataset;
 use super::least_squares::{Normal, Problem};
@@ -17,41 +17,43 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A step may differ from the period by this share (jitter); else a sample was lost.
+/// Largest relative difference between a step and the period (jitter); a larger one means a lost sample.
 const STEP_TOLERANCE: f64 = 0.25;
-/// Rows of the Jacobian that are multiplied at once.
+/// Number of rows of the Jacobian that are multiplied together.
 const PANEL: usize = 256;
-/// Sums of the normal equations that run side by side. Their number is fixed, so that sums do not depend on threads.
+/// Number of partial sums of the normal equations, computed in parallel. It is fixed, so that sums do not
+/// depend on the number of threads.
 const CHUNKS: usize = 4;
-/// Rows before the first one that a network may predict.
+/// Number of rows before the first row that a network can predict.
 const LEAD: usize = DEPTH;
 
-/// Rows without a gap, normalised.
+/// Normalised rows without a gap.
 #[derive(Debug)]
 struct Segment {
     /// Index of its dataset.
     run: usize,
-    /// The inputs but for force, row by row, in the network's order; the first row is that after the lead.
+    /// Inputs without force, row by row in the network's order; the first row is the first one after the
+    /// lead.
     given: Vec<f64>,
-    /// Measured force less the run's offset; the lead comes first.
+    /// Measured force minus the run's offset, including the lead.
     force: Vec<f64>,
-    /// Rows that count, without the lead.
+    /// Whether each row is counted, without the lead.
     counts: Vec<bool>,
-    /// Rows that are not trained on, without the lead.
+    /// Whether each row is held back from training, without the lead.
     held_back: Vec<bool>,
 }
 
-/// All rows, and the stretches of them that are trained on and held back.
+/// All rows, and their division into training and held-back stretches.
 #[derive(Debug)]
 pub(super) struct Table {
-    /// What the rows are normalised for; its weights do not matter.
+    /// Network whose normalisation the rows have; its weights are not used.
     pub(super) network: Network,
     segments: Vec<Segment>,
-    /// Stretches to train on.
+    /// Stretches for training.
     training: Vec<Stretch>,
 }
 
-/// Rows of a segment, counted without the lead.
+/// A range of rows in a segment, numbered from the end of the lead.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Stretch {
     segment: usize,
@@ -89,7 +91,8 @@ impl Segment {
 }
 
 impl Table {
-    /// The rows of `datasets`, normalised as `network` does. Every fifth stretch of `stretch` rows is held back.
+    /// The rows of `datasets`, with the normalisation of `network`. Every fifth stretch of `stretch` rows is
+    /// held back.
     pub(super) fn new(datasets: &[Dataset], network: &Network, offsets_n: &[f64], stretch: usize) -> Self {
         let mut segments = Vec::new();
         for (run, dataset) in datasets.iter().enumerate() {
@@ -99,7 +102,7 @@ impl Table {
         for (segment, rows) in segments.iter_mut().enumerate() {
             let mut from = 0;
             while from < rows.len() {
-                // What is left at the end goes with the stretch before it.
+                // A short remainder is added to the last stretch.
                 let end = if rows.len() - from < 2 * stretch { rows.len() } else { from + stretch };
                 if count % 5 == 3 {
                     rows.held_back[from..end].fill(true);
@@ -112,7 +115,7 @@ impl Table {
         Self { network: *network, segments, training }
     }
 
-    /// Rows that count: those to train on, and those that are held back.
+    /// Numbers of counted rows: for training, and held back.
     pub(super) fn counted(&self) -> [usize; 2] {
         let mut counted = [0; 2];
         for segment in &self.segments {
@@ -124,7 +127,7 @@ impl Table {
         counted
     }
 
-    /// The stretches to train on, cut into windows of `horizon` rows.
+    /// The training stretches, divided into windows of `horizon` rows.
     pub(super) fn windows(&self, horizon: usize) -> Vec<Stretch> {
         let mut windows = Vec::new();
         for stretch in &self.training {
@@ -138,8 +141,8 @@ impl Table {
         windows
     }
 
-    /// Calls `take` with each row of `stretch`: the inputs but for force, the measured forces before (newest first),
-    /// the measured force, and whether it counts.
+    /// Calls `take` for each row of `stretch` with the inputs without force, the previous measured forces
+    /// (newest first), the measured force, and whether the row is counted.
     #[cfg(test)]
     pub(super) fn rows(&self, stretch: &Stretch, mut take: impl FnMut(&[f64], [f64; DEPTH], f64, bool)) {
         let segment = &self.segments[stretch.segment];
@@ -150,7 +153,8 @@ impl Table {
         }
     }
 
-    /// Runs `network` free over all rows, from rest as it will run live, and calls `take` with each row that counts.
+    /// Simulates `network` (free run) over all rows, starting from rest as in live use, and calls `take` for
+    /// each counted row.
     pub(super) fn free_run(&self, network: &Network, mut take: impl FnMut(FreeRow)) {
         let force_lags = network.structure().force_lags();
         let mut inputs = [0.0; MAX_NETWORK_INPUTS];
@@ -169,7 +173,7 @@ impl Table {
         }
     }
 
-    /// The runs' offsets after the mean error of each run's free run is taken into them, N.
+    /// The runs' offsets, N, after the mean error of each run's simulation is added.
     pub(super) fn corrected_offsets_n(&self, network: &Network, offsets_n: &[f64]) -> Vec<f64> {
         let mut errors = vec![(0.0, 0.0); offsets_n.len()];
         self.free_run(network, |row| {
@@ -178,14 +182,14 @@ impl Table {
         });
         let deviation_n = network.scaling().force_deviation_n;
         let corrected = |(offset_n, (sum, count)): (&f64, &(f64, f64))| {
-            // A free run that went astray says nothing of the offset.
+            // The error of a diverged simulation says nothing about the offset.
             let mean: f64 = sum / count;
             if mean.abs() < 1.0 { offset_n + deviation_n * mean } else { *offset_n }
         };
         offsets_n.iter().zip(&errors).map(corrected).collect()
     }
 
-    /// Mean squared error of the free run over the held-back rows; infinite when it is not finite.
+    /// Mean squared error of the simulation over the held-back rows; infinite if it is not finite.
     pub(super) fn held_back_error(&self, network: &Network) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         self.free_run(network, |row| {
@@ -199,7 +203,7 @@ impl Table {
     }
 }
 
-/// A row of a free run; forces are normalised.
+/// A row of a simulation; forces are normalised.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FreeRow {
     /// Index of its dataset.
@@ -252,9 +256,9 @@ fn gather(run: usize, dataset: &Dataset, network: &Network, offset_n: f64, segme
 /// The errors over windows as a function of the weights.
 pub(super) struct Unrolled<'a> {
     pub(super) table: &'a Table,
-    /// Where the network runs free; see [`Table::windows`].
+    /// Windows over which the network is simulated; see [`Table::windows`].
     pub(super) windows: Vec<Stretch>,
-    /// Only every so many-th row is an error: neighbours tell nearly the same.
+    /// Only every `stride`-th row enters the sum, because neighbours carry nearly the same information.
     pub(super) stride: usize,
     pub(super) cancel: &'a AtomicBool,
 }
@@ -275,8 +279,8 @@ impl Problem for Unrolled<'_> {
 }
 
 impl Table {
-    /// Adds to `gradient` that of half the squared errors over `window`, by back-propagation through time; returns the
-    /// squared errors.
+    /// Adds the gradient of half the squared errors over `window` to `gradient`, by back-propagation through
+    /// time, and returns the sum of squared errors.
     ///
     /// ```text
     /// e_k = residual_k + sum_j e_{k+j} df_{k+j}/dy_k        dS/dw = sum_k e_k df_k/dw
@@ -318,7 +322,7 @@ impl Table {
     }
 }
 
-/// What back-propagation through time remembers of the steps of a window.
+/// Intermediate results of back-propagation through the steps of a window.
 #[derive(Debug, Default)]
 pub(super) struct Tape {
     by_weight: Vec<f64>,
@@ -335,13 +339,13 @@ impl Tape {
 }
 
 impl Unrolled<'_> {
-    /// The sums over some windows; `None` when the work was cancelled.
+    /// The sums over some windows; `None` if the work was cancelled.
     fn sum(&self, network: &Network, windows: &[Stretch]) -> Option<Normal> {
         let (n, parameters) = (network.inputs(), network.parameter_count());
         let force_lags = network.structure().force_lags();
         let mut sums = Sums::new(parameters);
         let (mut inputs, mut by_input) = ([0.0; MAX_NETWORK_INPUTS], [0.0; MAX_NETWORK_INPUTS]);
-        // The derivatives of the last outputs, a ring.
+        // Derivatives of the last outputs, in a ring buffer.
         let mut ring = vec![vec![0.0; parameters]; force_lags + 1];
         for window in windows {
             if self.cancel.load(Ordering::Relaxed) {
@@ -371,7 +375,7 @@ impl Unrolled<'_> {
     }
 }
 
-/// Gathers rows of a Jacobian and multiplies them a panel at a time.
+/// Collects rows of a Jacobian and multiplies them one panel at a time.
 struct Sums {
     normal: Normal,
     panel: DMatrix<f64>,
@@ -383,7 +387,7 @@ impl Sums {
     fn new(parameters: usize) -> Self {
         let square = DMatrix::zeros(parameters, parameters);
         let normal = Normal { cost: 0.0, square, gradient: DVector::zeros(parameters) };
-        // One column a row of the Jacobian, so that a row is written in one piece.
+        // Each column holds one row of the Jacobian, so that a row is written contiguously.
         Self { normal, panel: DMatrix::zeros(parameters, PANEL), residuals: DVector::zeros(PANEL), filled: 0 }
     }
 

@@ -1,12 +1,12 @@
-//! Which derivative suits the runs: backward difference, or the slope over a trailing window, and how long a
-//! one.
+//! Chooses the derivative for the runs: the backward difference, or the slope over a trailing window and its
+//! length.
 //!
-//! A window takes noise out of velocity and delays it by half its length. A damper's force lags velocity too
-//! (coil, compliance of seals and fluid), and a model without memory cannot: on some rigs a delay of the same
-//! size helps as much as the better model would, on others any delay hurts. So candidates are compared on the
-//! training runs, by the ESR that a few restarts reach on the same rows. It is the mean of the runs' own:
-//! pooled, the strongest run at the highest rate would choose for all, and a delay is right only when it
-//! suits slow and fast motion alike.
+//! A window reduces the noise of velocity and delays it by half its length. A damper's force also lags
+//! velocity (coil, compliance of seals and fluid), which a model without memory cannot reproduce. On some
+//! rigs a delay of the same size therefore helps as much as a better model would; on others any delay hurts.
+//! Candidates are compared on the training runs, by the NMSE that a few restarts reach on the same rows. The
+//! criterion is the mean of the runs' own values: pooled errors would let the strongest run at the highest
+//! rate decide, and a delay is right only if it suits slow and fast motion.
 
 use super::dataset::Dataset;
 use super::{Options, Watch};
@@ -14,31 +14,31 @@ use crate::condition::{Conditioning, VelocitySource};
 use crate::error::Error;
 use crate::sample::Run;
 
-/// Windows that are tried besides the backward difference, s.
+/// Window lengths that are tried besides the backward difference, s.
 const WINDOWS_S: [f64; 7] = [0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03];
-/// A longer window must better the ESR of a shorter one by this share: delay is no good in itself.
+/// Least relative improvement of NMSE for a longer window, because a delay is not an advantage in itself.
 const GAIN: f64 = 0.02;
 
-/// A derivative that was tried.
+/// A derivative that was tried, and its result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VelocityTrial {
-    /// Where velocity came from.
+    /// Source of the velocity.
     pub velocity: VelocitySource,
-    /// Length of the window when that is a slope, s.
+    /// Length of the window if the source is a slope, s.
     pub slope_window_s: f64,
-    /// Mean ESR of the training runs, on a sample of their rows, after a few restarts.
+    /// Mean NMSE of the training runs, on a sample of their rows, after a few restarts.
     pub mean_esr: f64,
 }
 
-/// Tries the derivatives on `runs` and returns the conditioning with the best one, and all that were tried.
-/// `mean_esr` tells how well a model of the wanted structure can do on some datasets.
+/// Tries the derivatives on `runs`. Returns the conditioning with the best one, and all trials. `mean_esr` is
+/// the error that a model of the requested structure reaches on given datasets.
 pub(super) fn choose(
     runs: &[Run],
     options: &Options,
     watch: &Watch,
     mean_esr: impl Fn(&[Dataset]) -> Result<f64, Error>,
 ) -> Result<(Conditioning, Vec<VelocityTrial>), Error> {
-    // Of a window shorter than two periods of the fastest run nothing is left but the backward difference.
+    // A window shorter than two periods of the fastest run is equal to the backward difference.
     let rates = runs.iter().filter_map(|run| run.displacement_m.mean_rate_hz());
     let fastest_hz = options.dataset.rate_hz.unwrap_or_else(|| rates.fold(0.0, f64::max));
     let windows = WINDOWS_S.into_iter().filter(|window_s| window_s * fastest_hz > 1.99);

@@ -1,10 +1,10 @@
-//! How the caller follows an identification, and ends it early.
+//! Progress reports and cancellation of an identification.
 
 #[cfg(doc)]
 use crate::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What an identification is doing.
+/// The current stage of an identification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
     /// Runs are being conditioned.
@@ -12,36 +12,36 @@ pub enum Progress {
         /// Number of runs.
         runs: u32,
     },
-    /// A restart has ended.
+    /// A restart has finished.
     Restart {
-        /// Restarts that have ended.
+        /// Number of finished restarts.
         done: u32,
-        /// Restarts in all.
+        /// Total number of restarts.
         of: u32,
     },
-    /// An epoch of learning, or a generation of an evolution, has ended.
+    /// An epoch of learning or a generation of an evolution has finished.
     Epoch {
-        /// Epochs that have ended.
+        /// Number of finished epochs.
         done: u32,
-        /// Epochs at most.
+        /// Largest number of epochs.
         of: u32,
     },
-    /// The best restarts are being finished on all rows.
+    /// The best restarts are being refined on all rows.
     Polish {
-        /// Fits that have ended.
+        /// Number of finished fits.
         done: u32,
-        /// Fits in all.
+        /// Total number of fits.
         of: u32,
     },
 }
 
-/// How the caller follows an identification and ends it early.
+/// Progress callback and cancellation flag of an identification.
 #[derive(Clone, Copy, Default)]
 pub struct Watch<'a> {
-    /// Set it to `true` from anywhere to end the work, within a fraction of a second, with
+    /// Set to `true` from any thread to end the work within a fraction of a second, with
     /// [`Error::Cancelled`].
     pub cancel: Option<&'a AtomicBool>,
-    /// Called now and then, from any thread.
+    /// Called from time to time, from any thread.
     pub progress: Option<&'a (dyn Fn(Progress) + Sync)>,
 }
 
@@ -55,7 +55,7 @@ impl std::fmt::Debug for Watch<'_> {
 }
 
 impl Watch<'_> {
-    /// Neither progress nor an early end.
+    /// No progress reports and no cancellation.
     #[must_use]
     pub const fn none() -> Self {
         Self { cancel: None, progress: None }

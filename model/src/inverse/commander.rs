@@ -1,28 +1,28 @@
-//! From a demanded force to a current, sample by sample.
+//! The inverse controller: from a demanded force to a current, sample by sample.
 //!
 //! ```text
-//! preload  P = offset + k x                            gas spring: it does no work over a stroke
+//! preload  P = offset + k x                            gas spring: its work over a stroke is zero
 //! Fd (v) dissipative        (Fd - P) v >= 0
 //! solve    F(i*, x, v, states) + b = Fd + g (Fd - Fm)  within [0, i_max]
 //! lead     u = c + (i* - c) (1 - e^(-dt/T)) / (1 - e^(-dt/tau))
-//! coil     c' = c + (u - c) (1 - e^(-dt/tau))          the current that the fluid has
-//! bias     b' = b + (1 - e^(-dt/Tb)) (Fm - F - b)      Fm measured; without it b goes to 0 alike
+//! coil     c' = c + (u - c) (1 - e^(-dt/tau))          the current that acts on the fluid
+//! bias     b' = b + (1 - e^(-dt/Tb)) (Fm - F - b)      Fm: measured force; without it b decays to 0 at the same rate
 //! ```
 //!
 //! | symbol | what |
 //! |---|---|
-//! | tau | the model's coil lag, when it has that effect (rise or fall, by which way i* lies); else u = i* |
+//! | tau | the model's coil lag, if it has that effect (time constant of rise or fall, depending on the side of i*); else u = i* |
 //! | T, Tb, g | [`Limits::lead_s`], [`Limits::feedback_s`], [`Limits::feedback_gain`] |
-//! | F | the model with all its effects but the lag, which is the lead's business |
+//! | F | the model with all its effects except the coil lag, which the lead compensates |
 //!
-//! The bias is what the model lacks at the currents and speeds of just now; the residual of the pipeline's free run never sees it.
-//! The gain is for a coil that lags and is not led: together they are a controller whose zero meets the coil's pole. A coil
-//! that is led leaves less to push, and g is less in proportion, T over tau.
-//! A demand that would drive the rod gets no current. Near rest, where the sign of the force turns and its size hardly follows
-//! the current, the last current that was wanted is held.
+//! The bias is the model's error at the present current and speed. The residual of the pipeline's simulation does not use it. The gain g
+//! serves a coil that lags without lead compensation: gain and bias form a controller whose zero cancels the coil's pole. With a lead
+//! less error remains to correct, so g is reduced in proportion, by T over tau. A demand that would drive the rod gets zero current.
+//! Near rest the sign of the force reverses and its size hardly depends on the current, so the last wanted current is held.
 //!
-//! Source: clipping to what dissipates is Dyke et al. (1996), Smart Mater. Struct. 5, 565, who know two currents, none and the
-//! largest; the search for one between, on the forward model, is what an identified model allows.
+//! Source: clipping to dissipative forces follows Dyke et al. (1996), Smart Mater. Struct. 5, 565, who use two currents, zero and the
+//! largest. The search for a current between them needs an identified forward model.
+//! See `[dyke1996]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::law::Demand;
 use super::limits::{LimitedBy, Limits};
@@ -37,55 +37,55 @@ use crate::force::Inputs;
 use crate::model::Model;
 use crate::units::{Ampere, Newton};
 
-/// Share of what the current moves by which a demand may lie beyond and still count as met.
+/// Tolerance of "achievable", as a share of the force range over the current.
 const SLACK: f64 = 1e-3;
 
-/// A current, and what is to be expected of it.
+/// A current command and its expected force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Command {
-    /// The current; always finite, within 0 and the largest.
+    /// The current; always finite, between 0 and the largest.
     pub current: Ampere,
-    /// What was asked for; NaN when nothing was, or a current.
+    /// The demanded force; NaN if nothing or a current was demanded.
     pub requested: Newton,
-    /// The force that the model expects of the current that the fluid will have; NaN when it has none.
+    /// The force that the model expects at the current that will act on the fluid; NaN if the model has no force.
     pub expected: Newton,
-    /// The least and the largest force that the damper has at this motion; NaN when that is not known.
+    /// The least and the largest force of the damper at this motion; NaN if not known.
     pub achievable: [Newton; 2],
-    /// The force that was asked for is among them.
+    /// The demanded force is dissipative and within the achievable range.
     pub is_achievable: bool,
-    /// It takes energy out of the motion; false when no force was asked for.
+    /// The demanded force takes energy out of the motion; false if no force was demanded.
     pub dissipative: bool,
-    /// What kept the command from it.
+    /// The reason why the command does not reach the demanded force.
     pub limited_by: LimitedBy,
 }
 
-/// Commands currents for forces, for one damper. `Copy`, without heap: it is handed to a real-time thread.
+/// The inverse controller of one damper. It is `Copy` and uses no heap, because it is handed to a real-time thread.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Commander {
     limits: Limits,
-    /// None of a model that has no inverse: then only a current can be asked for.
+    /// `None` if the model has no inverse. Then only a current can be demanded.
     inverse: Option<Inverse>,
     memory: Memory,
 }
 
-/// What is remembered from sample to sample.
+/// State from sample to sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Memory {
     state: AugmentedState,
     /// Last command, A.
     last_a: f64,
-    /// Current that was last wanted for the fluid, A.
+    /// Current that was last wanted in the fluid, A.
     wanted_a: f64,
-    /// Current that the fluid has, A.
+    /// Current that acts on the fluid, A.
     fluid_a: f64,
-    /// What measured force says that the model lacks, N.
+    /// Bias: error of the model as learnt from measured force, N.
     bias_n: f64,
-    /// Rate at which the current goes to the safe one, A/s, once it has begun to.
+    /// Rate at which the current goes to the safe current, A/s, once it has started to.
     safe_rate_a_s: Option<f64>,
 }
 
 impl Commander {
-    /// A commander of `model` at rest, with the safe current on, that searches for currents.
+    /// A controller for `model` that searches for currents. It starts at rest with the safe current.
     ///
     /// # Errors
     /// Those of [`Commander::with_method`].
@@ -93,20 +93,20 @@ impl Commander {
         Self::with_method(model, limits, Method::Search)
     }
 
-    /// A commander of `model` at rest, with the safe current on, that finds currents by `method`. A surrogate is fitted here.
+    /// A controller for `model` that finds currents by `method`. It starts at rest with the safe current. A surrogate is fitted here.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] for a limit that means nothing; [`Error::Data`] for a model that follows no current, or a voltage, and
-    /// for one that has no force within its own envelope; and for one that `method` cannot stand for, see [`Method`].
+    /// [`Error::OutOfRange`] for a limit out of range. [`Error::Data`] for a model without a current input (none, or a voltage), for a
+    /// model without a finite force everywhere in its own envelope, and for a model that `method` does not support, see [`Method`].
     pub fn with_method(model: &Model, limits: Limits, method: Method) -> Result<Self, Error> {
         let inverse = Some(Inverse::new(model, &limits, method)?);
         Ok(Self { inverse, ..Self::without_inverse(limits)? })
     }
 
-    /// A commander that knows no model: it gives a current that is asked for, and the safe one for every force.
+    /// A controller without a model: it passes a demanded current on, and answers every demanded force with the safe current.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] for a limit that means nothing.
+    /// [`Error::OutOfRange`] for a limit out of range.
     pub fn without_inverse(limits: Limits) -> Result<Self, Error> {
         limits.validate()?;
         let memory = Memory {
@@ -120,20 +120,19 @@ impl Commander {
         Ok(Self { limits, inverse: None, memory })
     }
 
-    /// What the model's force is like over the current; `None` without an inverse.
+    /// Shape of the model's force over the current; `None` without an inverse.
     #[must_use]
     pub fn shape(&self) -> Option<&Shape> {
         self.inverse.as_ref().map(|inverse| &inverse.shape)
     }
 
-    /// How well the surrogate stands for the model; `None` of a commander that searches.
+    /// Accuracy of the surrogate; `None` if the controller searches.
     #[must_use]
     pub fn fit(&self) -> Option<&SurrogateFit> {
         self.inverse.as_ref()?.surrogate.as_ref().map(Surrogate::fit)
     }
 
-    /// Goes on where `old` is: the driver still has its current, and the model's memory means the same where its effects are of the same
-    /// kinds.
+    /// Takes over the state of `old`: the driver keeps its current, and the model's state is kept if its effects are of the same kinds.
     pub fn inherit(&mut self, old: &Self) {
         let max_a = self.limits.current_max_a;
         let Memory { last_a, wanted_a, fluid_a, safe_rate_a_s, .. } = old.memory;
@@ -153,8 +152,8 @@ impl Commander {
         };
     }
 
-    /// The current for `demand` at `inputs`, whose drive is the measured current, or NaN. `measured_n` is the force of this
-    /// sample, where there is one.
+    /// The current for `demand` at `inputs`, whose drive is the measured current or NaN. `measured_n` is the force of this sample, if
+    /// there is one.
     #[inline]
     pub fn step(&mut self, inputs: &Inputs, demand: Demand, measured_n: Option<f64>) -> Command {
         let demand = demand.if_finite();
@@ -173,8 +172,7 @@ impl Commander {
         }
     }
 
-    /// What becomes of the current while there is no sample for `elapsed_s`: a current that was asked for stays, anything else
-    /// goes to the safe one.
+    /// The current after `elapsed_s` without a sample: a demanded current stays; otherwise the current goes to the safe current.
     #[inline]
     pub fn idle(&mut self, demand: Demand, elapsed_s: f64) -> Command {
         match demand.if_finite() {
@@ -184,12 +182,12 @@ impl Commander {
     }
 }
 
-/// What a step works on.
+/// Inputs of a step.
 struct Step<'a> {
     limits: &'a Limits,
     inverse: &'a Inverse,
     inputs: &'a Inputs,
-    /// Time since the sample before, where there is one.
+    /// Time since the sample before, if there is one.
     dt_s: Option<f64>,
 }
 
@@ -197,13 +195,13 @@ impl Memory {
     fn step(&mut self, on: &Step, demand: Demand, measured_n: Option<f64>) -> Command {
         let Step { limits, inverse, inputs, dt_s } = *on;
         if dt_s.is_none() {
-            // History means nothing any more; the driver still has its current.
+            // The model's history is not valid after a gap. The driver still has its current.
             self.state = AugmentedState::default();
             self.bias_n = 0.0;
         }
         self.follow_coil(on);
         let moves = inputs.displacement_m.is_finite() && inputs.velocity_m_s.is_finite();
-        // Nothing that is no number gets into the model's memory.
+        // Keep NaN out of the model's state.
         let stepped =
             if moves { Moment::step(&inverse.model, &mut self.state, inputs, self.fluid_a) } else { None };
         if moves {
@@ -255,7 +253,7 @@ impl Memory {
             false => LimitedBy::CurrentMin,
         };
         let led_a = self.led(on);
-        // Held is what the fluid has; a demand that would drive the rod gets no more of it.
+        // The current in the fluid is held. If the demand would drive the rod, the current must not rise.
         let led_a = if dissipative { led_a } else { led_a.min(self.last_a) };
         let (current_a, limited_by) = self.limited(limits, led_a, wanted_by, dt_s);
         let fluid_a = self.after(inverse, current_a, dt_s);
@@ -273,7 +271,7 @@ impl Memory {
         }
     }
 
-    /// `command`, with the forces that the model has.
+    /// `command` with the model's expected and achievable forces.
     fn told(&self, on: &Step, command: Command, (modelled_n, moment): (f64, Moment)) -> Command {
         let last = (Ampere(self.fluid_a), Newton(modelled_n));
         let solved = on.inverse.solve(&moment, on.inputs, modelled_n, last);
@@ -286,9 +284,9 @@ impl Memory {
         }
     }
 
-    /// The current of the fluid at this sample, from the driver's since the last one.
+    /// Updates the current in the fluid at this sample, from the driver's current since the last one.
     fn follow_coil(&mut self, on: &Step) {
-        // A current below zero is an offset of its transducer, one far above the limit a fault of it.
+        // A measured current below zero is a transducer offset, and one far above the limit is a transducer fault.
         let (measured_a, most_a) = (on.inputs.drive, 2.0 * on.limits.current_max_a);
         let driver_a = if measured_a.is_finite() { measured_a.clamp(0.0, most_a) } else { self.last_a };
         self.fluid_a = match on.dt_s {
@@ -297,7 +295,7 @@ impl Memory {
         };
     }
 
-    /// The current of the fluid `dt_s` after the driver went to `driver_a`.
+    /// The current in the fluid `dt_s` after the driver went to `driver_a`.
     fn after(&self, inverse: &Inverse, driver_a: f64, dt_s: Option<f64>) -> f64 {
         match (&inverse.coil, dt_s) {
             (Some(coil), Some(dt_s)) => {
@@ -313,12 +311,12 @@ impl Memory {
         let measured_n = measured_n.filter(|force_n| force_n.is_finite());
         let lacks_n =
             measured_n.zip(modelled_n).map_or(0.0, |(measured_n, modelled_n)| measured_n - modelled_n);
-        // What is more than the damper's largest force says nothing of the model.
+        // An error above the damper's largest force does not come from the model.
         let most_n = on.inverse.shape.most_n;
         self.bias_n += approach(dt_s, on.limits.feedback_s) * (lacks_n.clamp(-most_n, most_n) - self.bias_n);
     }
 
-    /// What is asked for beyond the demand, because the last samples missed it, N.
+    /// Feedback: force added to the demand because the last sample missed it, N.
     fn pushed(&self, on: &Step, demand_n: f64, measured_n: Option<f64>) -> f64 {
         let Some(measured_n) = measured_n.filter(|force_n| force_n.is_finite()) else { return 0.0 };
         let left =
@@ -326,13 +324,13 @@ impl Memory {
         on.limits.feedback_gain * left * (demand_n - measured_n)
     }
 
-    /// The current that leads the coil to the one that is wanted.
+    /// The driver current that leads the coil to the wanted current.
     fn led(&self, on: &Step) -> f64 {
         match (&on.inverse.coil, on.dt_s) {
             (Some(coil), Some(dt_s)) => {
                 let way_a = self.wanted_a - self.fluid_a;
                 let tau_s = coil.tau_s(self.fluid_a, self.wanted_a);
-                // A lead that is slower than the coil would only make it late.
+                // A lead slower than the coil would only delay it.
                 let lead = approach(dt_s, on.limits.lead_s.min(tau_s));
                 self.fluid_a + way_a * lead / approach(dt_s, tau_s)
             }
@@ -340,18 +338,18 @@ impl Memory {
         }
     }
 
-    /// `current_a` within rate and range. A lead that is cut is no limit of the force, which the coil still comes to.
+    /// `current_a` limited in range and rate. A clipped lead does not count as a limit of the force, because the coil still reaches it.
     fn limited(&self, limits: &Limits, current_a: f64, by: LimitedBy, dt_s: Option<f64>) -> (f64, LimitedBy) {
-        // A time that is all but none makes no number of a lead.
+        // A time step near zero can make the lead NaN. The last current then stays.
         let current_a = if current_a.is_finite() { current_a } else { self.last_a };
         let inside_a = current_a.clamp(0.0, limits.current_max_a);
-        // The rate is an infinite one, or times a time that is known.
+        // Without a time step the current does not change.
         let most_a = dt_s.map_or(0.0, |dt_s| limits.rate_max_a_s * dt_s);
         let cut_a = inside_a.clamp(self.last_a - most_a, self.last_a + most_a);
         (cut_a, if cut_a == inside_a { by } else { LimitedBy::Rate })
     }
 
-    /// To a current that was asked for. Nothing is known of the force.
+    /// Goes to a demanded current. The command holds no force.
     fn go_to(&mut self, limits: &Limits, current_a: f64, dt_s: Option<f64>) -> Command {
         self.safe_rate_a_s = None;
         let by = if current_a > limits.current_max_a { LimitedBy::CurrentMax } else { LimitedBy::None };
@@ -360,12 +358,12 @@ impl Memory {
         self.blind(Demand::None, limited_by)
     }
 
-    /// Towards the safe current.
+    /// Goes towards the safe current.
     fn safe(&mut self, limits: &Limits, demand: Demand, dt_s: Option<f64>) -> Command {
         let Limits { safe_a, safe_after_s, rate_max_a_s, current_max_a, .. } = *limits;
         let way_a = safe_a - self.last_a;
         let rate_a_s = *self.safe_rate_a_s.get_or_insert((way_a.abs() / safe_after_s).min(rate_max_a_s));
-        // Without a way or a time the quotient is no number, and there is nothing to do, or all at once.
+        // An infinite rate times a time step of zero is NaN. The whole step is then taken at once.
         let most_a = dt_s.map_or(0.0, |dt_s| rate_a_s * dt_s);
         let step_a = if most_a.is_nan() { way_a } else { way_a.clamp(-most_a, most_a) };
         self.last_a = (self.last_a + step_a).clamp(0.0, current_max_a);
@@ -373,7 +371,7 @@ impl Memory {
         self.blind(demand, LimitedBy::Safe)
     }
 
-    /// The last current, as a command that says nothing of a force.
+    /// The last current, as a command without forces.
     fn blind(&self, demand: Demand, limited_by: LimitedBy) -> Command {
         Command {
             current: Ampere(self.last_a),
@@ -387,7 +385,7 @@ impl Memory {
     }
 }
 
-/// How much of its way a first-order lag of `tau_s` goes in `dt_s`; all of it without a lag.
+/// Share of its final value that a first-order lag of `tau_s` reaches in `dt_s`; 1 without a lag.
 fn approach(dt_s: f64, tau_s: f64) -> f64 {
     if tau_s > 0.0 { -(-dt_s / tau_s).exp_m1() } else { 1.0 }
 }

@@ -1,4 +1,4 @@
-//! The motion that a model is looked at along: sines about the middle of its stroke, at one current each.
+//! Test motion: sines about the middle of the model's stroke, each at one current.
 //!
 //! ```text
 //! x = x_0 + r X cos w t,   v = -r X w sin w t,   a = -r X w^2 cos w t,   w = V / X,   0 < r <= 1
@@ -8,11 +8,11 @@
 //! |---|---|---|
 //! | x_0, X | middle and half width of the envelope's displacement | m |
 //! | V | larger end of its velocity | m/s |
-//! | r | reach: share of X and of V that a sine goes to | 1 |
+//! | r | reach: amplitude as a share of X and of V | 1 |
 //!
-//! Displacement, velocity and acceleration come together as they do when a rod moves, which a grid of the three would not: a
-//! loop's upper and lower branch are both there, and each where it belongs. A model with a memory goes round once before it is
-//! looked at; of one without each point is asked alone.
+//! Displacement, velocity and acceleration are related as in a real motion, unlike on a grid of the three: both branches of a
+//! hysteresis loop occur where they belong. A model with memory runs one period before it is evaluated. A model without memory
+//! is evaluated at each point alone.
 
 use super::shape::{Bounds, CASE_TEMP_C};
 use crate::effect::{Augmented, AugmentedState};
@@ -20,35 +20,35 @@ use crate::force::{ForceModel, Inputs};
 use crate::model::Model;
 use std::f64::consts::TAU;
 
-/// Points of a sine that are looked at.
+/// Points of a sine at which the model is evaluated.
 pub(super) const POINTS: usize = 48;
-/// Least and most steps from one to the next.
+/// Least and most time steps from one point to the next.
 const STEPS: [f64; 2] = [2.0, 24.0];
 
-/// Where in a sine its points lie.
+/// Position of the points on a sine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Phase {
-    /// On the points that a surrogate is fitted to.
+    /// At the points to which a surrogate is fitted.
     On,
     /// Halfway between them.
     Between,
 }
 
-/// Sines of a model.
+/// The sines of a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cycle {
     pub(super) middle_m: f64,
     pub(super) half_m: f64,
     pub(super) fastest_m_s: f64,
-    /// Steps from a point to the next.
+    /// Time steps from one point to the next.
     steps: usize,
-    /// False for a model that each point can be asked of alone.
+    /// False for a model without memory.
     remembers: bool,
 }
 
 /// A point of a sine.
 pub(super) struct At<'a> {
-    /// The sample, with its current.
+    /// The sample, including its current.
     pub(super) inputs: Inputs,
     /// The model's force there, N.
     pub(super) force_n: f64,
@@ -57,7 +57,7 @@ pub(super) struct At<'a> {
 }
 
 impl At<'_> {
-    /// The force if this one sample had another current.
+    /// The force, N, if the current were another at this sample only.
     pub(super) fn force_n_at(&self, current_a: f64) -> Option<f64> {
         let mut state = self.before;
         let inputs = Inputs { drive: current_a, ..self.inputs };
@@ -66,7 +66,7 @@ impl At<'_> {
 }
 
 impl Cycle {
-    /// The sines of `model`. Its envelope must be a range, as [`super::Shape::has_force`] finds.
+    /// The sines of `model`. The envelope must be a valid range, which [`super::Shape::has_force`] checks.
     pub(super) fn of(model: &Model) -> Self {
         let Bounds { stroke_m: [low_m, high_m], fastest_m_s, rate_hz } = Bounds::of(model);
         let half_m = (0.5 * (high_m - low_m)).max(1e-6);
@@ -86,7 +86,7 @@ impl Cycle {
         }
     }
 
-    /// Shows `see` each point of the sine of `reach` at `current_a` that `model` has a force at.
+    /// Calls `see` at each point of the sine of amplitude `reach` at `current_a` where `model` has a finite force.
     pub(super) fn along(
         &self,
         model: &Augmented,

@@ -1,4 +1,4 @@
-//! Fuzzy rules as inverse: ANFIS with force and current swapped.
+//! Inverse by fuzzy rules: ANFIS with force and current swapped.
 //!
 //! ```text
 //! rule r:  if x is in set j, v in set k, Fd in set l, then  f_r = p_r x + q_r v + r_r Fd + s_r
@@ -7,17 +7,18 @@
 //!
 //! | symbol | what | unit |
 //! |---|---|---|
-//! | Fd | demanded force of the bare model, with its offset | N |
+//! | Fd | demanded force of the model without effects, including its offset | N |
 //! | x, v | displacement, velocity of the damper | m, m/s |
 //! | i | current | A |
 //! | p, q, r, s | ridge regression on the model's force along sines, see `cycle.rs` | |
 //!
-//! Sets are Gaussians: 2 over the displacement, 4 over the velocity, 3 over the force, the grid of Schurter and Roschke with force in
-//! the current's place; 24 rules of four numbers. The sets of velocity stand closer about rest, where the force turns: on the
-//! fuzzy-tanh models that leaves a fifth less error of force than even distances. Beyond the envelope displacement and velocity
-//! stay at its end.
+//! Sets are Gaussians: 2 over the displacement, 4 over the velocity, 3 over the force. This is the grid of Schurter and Roschke with
+//! force in place of current: 24 rules of four parameters. The velocity sets are closer together about rest, where the force
+//! reverses: on the fuzzy-tanh models this reduces the force error by a fifth compared with even distances. Outside the envelope,
+//! displacement and velocity are clamped to it.
 //!
 //! Sources: Jang (1993), IEEE Trans. SMC 23, 665; as inverse of an MR damper Schurter and Roschke (2001), Atray and Roschke (2004).
+//! See `[jang1993]`, `[schurter2001]` and `[atray2004]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::cycle::Cycle;
 use super::surrogate::Sample;
@@ -29,23 +30,23 @@ use nalgebra::{DMatrix, DVector};
 const CENTRES_X: [f64; 2] = [-1.0, 1.0];
 const CENTRES_V: [f64; 4] = [-1.0, -0.2, 0.2, 1.0];
 const CENTRES_F: [f64; 3] = [-0.8, 0.0, 0.8];
-/// Width of a set as a share of the way to the nearest other.
+/// Width of a set as a share of the distance to its nearest neighbour.
 const WIDTH: f64 = 0.5;
-/// Weight of the draw of conclusions to zero, as a share of the rows: only rules that hardly fire feel it.
+/// Weight of the ridge penalty on the conclusions, as a share of the number of rows. It affects only rules that hardly fire.
 const RIDGE: f64 = 1e-8;
 
 /// The rules.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Fuzzy {
     rules: Tsk,
-    /// Range that the rules were fitted on.
+    /// Range of the fit.
     low_m: f64,
     high_m: f64,
     fastest_m_s: f64,
 }
 
 impl Fuzzy {
-    /// The rules that fit `samples` best.
+    /// The least-squares fit of the rules to `samples`.
     pub(super) fn fit(samples: &[Sample], cycle: &Cycle) -> Result<Self, Error> {
         let most_n = samples.iter().fold(0.0_f64, |most, sample| most.max(sample.force_n.abs()));
         let inputs = [
@@ -62,7 +63,7 @@ impl Fuzzy {
         let mut square = DMatrix::<f64>::identity(count, count) * (RIDGE * samples.len() as f64);
         let mut rhs = DVector::<f64>::zeros(count);
         for sample in samples {
-            // Rules are linear in their conclusions: the derivatives are the regressors.
+            // The rules are linear in their conclusions, so the derivatives are the regressors.
             let (_, gradient) = blank.output_and_gradient_at(&sample.raw());
             let row = DVector::from_column_slice(&gradient.conclusions[..count]);
             square.ger(1.0, &row, &row, 1.0);
@@ -70,8 +71,7 @@ impl Fuzzy {
         }
         let conclusions =
             square.cholesky().map(|factors| factors.solve(&rhs)).ok_or_else(|| Error::Data {
-                message: "the rules of a fuzzy inverse are not determined by the model; take the search"
-                    .to_owned(),
+                message: "the model does not determine the rules of its fuzzy inverse; use search".to_owned(),
             })?;
         Ok(Self {
             rules: made(conclusions.as_slice())?,
@@ -81,7 +81,7 @@ impl Fuzzy {
         })
     }
 
-    /// The current for `force_n` at displacement `x_m` and velocity `v_m_s`; `None` when it is not finite.
+    /// The current for `force_n` at displacement `x_m` and velocity `v_m_s`; `None` if it is not finite.
     #[inline]
     pub(super) fn current_a(&self, x_m: f64, v_m_s: f64, force_n: f64) -> Option<f64> {
         let x_m = x_m.clamp(self.low_m, self.high_m);
@@ -90,7 +90,7 @@ impl Fuzzy {
     }
 }
 
-/// Gaussians at `centres`, as shares of `scale` about `middle`.
+/// Gaussians at `centres`, given as shares of `scale` about `middle`.
 fn input(signal: Signal, middle: f64, scale: f64, centres: &[f64]) -> Result<TskInput, Error> {
     let set = |centre: &f64| {
         let ways = centres.iter().map(|other| (other - centre).abs()).filter(|way| *way > 0.0);

@@ -1,9 +1,9 @@
-//! Supervisory laws: which force, or which current, is wanted of the damper.
+//! Control laws: they set the demanded force or current.
 //!
 //! ```text
 //! follow      Fd = F_request
-//! skyhook     Fd = c v_b            the damper as if between body and sky, where that takes energy out
-//! groundhook  Fd = -c (v_b - v)     as if between wheel and ground
+//! skyhook     Fd = c v_b            a damper between body and sky, where that takes energy out
+//! groundhook  Fd = -c (v_b - v)     a damper between wheel and ground
 //! fixed       i  = i_0
 //! ```
 //!
@@ -11,24 +11,24 @@
 //! |---|---|---|
 //! | Fd, i | demanded force, tension positive; current | N, A |
 //! | v_b | velocity of the body above the damper, up positive | m/s |
-//! | v | velocity of the damper, extension positive, so that v_b - v is that of the wheel | m/s |
+//! | v | velocity of the damper, extension positive; v_b - v is the velocity of the wheel | m/s |
 //! | c | `skyhook.damping_n_s_m`, `groundhook.damping_n_s_m` | N s/m |
 //!
-//! The damper pulls the body down with Fd and the wheel up with it; the wheel's velocity holds for a damper that stands upright
-//! between the two. Where a hook asks for a force that would drive the rod, the command is no current, which makes these the
-//! semi-active laws.
+//! The damper pulls the body down and the wheel up with Fd. The wheel's velocity is valid for a damper that stands upright between
+//! the two. If a law demands a force that would drive the rod, the command is zero current; this makes the laws semi-active.
 //!
 //! Source: Karnopp, Crosby, Harwood (1974), J. Eng. Ind. 96, 619 (skyhook); Valasek, Novak, Sika, Vaculin (1997), Vehicle System
 //! Dynamics 27, 289 (groundhook).
+//! See `[karnopp1974]` and `[valasek1997]` in the bibliography (node/docs/guide/bibliography.md).
 
 use crate::error::Error;
 
-/// A law.
+/// A control law.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Law {
-    /// Nothing is commanded.
+    /// Commands nothing.
     Off,
-    /// The force that is asked for.
+    /// Demands the requested force.
     #[default]
     Follow,
     /// A damper between body and sky of this many N s/m.
@@ -39,10 +39,10 @@ pub enum Law {
     Fixed(f64),
 }
 
-/// What is wanted of the damper.
+/// The demand on the damper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Demand {
-    /// Nothing, or nothing that is known.
+    /// Nothing, or nothing known.
     None,
     /// A force, N.
     Force(f64),
@@ -51,13 +51,13 @@ pub enum Demand {
 }
 
 impl Demand {
-    /// A force where there is one.
+    /// A force, or nothing if there is none.
     #[must_use]
     pub fn of_force(force_n: Option<f64>) -> Self {
         force_n.map_or(Self::None, Self::Force)
     }
 
-    /// The same, but nothing in place of what is no number.
+    /// The same demand, but nothing in place of a number that is not finite.
     #[must_use]
     pub const fn if_finite(self) -> Self {
         match self {
@@ -66,7 +66,7 @@ impl Demand {
         }
     }
 
-    /// The force, N; NaN when none is wanted.
+    /// The force, N; NaN if none is demanded.
     #[must_use]
     pub const fn force_n(self) -> f64 {
         match self {
@@ -77,8 +77,8 @@ impl Demand {
 }
 
 impl Law {
-    /// What is wanted at a damper's velocity of `velocity_m_s`, with the force that is asked for and the body's velocity where they
-    /// are there and fresh.
+    /// The demand at the damper velocity `velocity_m_s`. `request_n` is the requested force and `body_m_s` the body's velocity, if
+    /// present and fresh.
     #[inline]
     #[must_use]
     pub fn demand(self, request_n: Option<f64>, body_m_s: Option<f64>, velocity_m_s: f64) -> Demand {
@@ -105,16 +105,16 @@ impl Law {
         }
     }
 
-    /// True for a law that seeks a current for a force, whether or not anybody asks for one.
+    /// True if the law always demands forces, whether or not one is requested.
     #[must_use]
     pub const fn needs_inverse(self) -> bool {
         matches!(self, Self::Skyhook(_) | Self::Groundhook(_))
     }
 
-    /// Checks that its number lies in its range.
+    /// Checks that the law's parameter lies in its range.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] names it, its value and its range.
+    /// [`Error::OutOfRange`] names the parameter, its value and its range.
     pub fn validate(self, current_max_a: f64) -> Result<(), Error> {
         let damping = |name, number| {
             Error::check(name, number, "between 0 and 1000000 N s/m", |c| (0.0..=1e6).contains(&c)).map(drop)
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_law_asks_for_what_its_equation_says() {
+    fn each_law_demands_what_its_equation_says() {
         let text = |law: Law| {
             let asked = [(Some(300.0), Some(0.5), 0.2), (None, Some(-0.5), 0.2), (Some(300.0), None, 0.2)];
             asked.map(|(request_n, body, v)| match law.demand(request_n, body, v) {

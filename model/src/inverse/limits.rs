@@ -1,25 +1,25 @@
-//! What may be commanded, and what kept a command from what was asked for.
+//! Limits of a command, and the reasons why a command does not meet its demand.
 
 use crate::error::Error;
 
 /// Limits and time constants of a command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Largest current, A. The least is none: a coil magnetises either way.
+    /// Largest current, A. The least is 0: the sign of a coil's current does not matter.
     pub current_max_a: f64,
     /// Largest change of the current, A/s; infinite for none.
     pub rate_max_a_s: f64,
-    /// Current to go to when there is no demand or the damper's motion is not known, A.
+    /// Safe current, A: commanded without a demand, or if the damper's motion is not known.
     pub safe_a: f64,
-    /// How long that takes, s.
+    /// Time to reach the safe current, s.
     pub safe_after_s: f64,
-    /// Speed below which the last current is held, m/s: there the damper's force hardly follows the current, and its sign turns.
+    /// Speed below which the last current is held, m/s: there the force hardly depends on the current, and its sign reverses.
     pub hold_m_s: f64,
-    /// Time constant with which a coil that lags is led to its current, s: shorter is faster, and makes more of the noise.
+    /// Time constant of the coil current with lead compensation, s: a shorter one is faster and amplifies noise more.
     pub lead_s: f64,
     /// Time constant with which the model's bias is learnt from measured force, s.
     pub feedback_s: f64,
-    /// How much of what the measured force misses the demand by is asked for on top, 1; 0 for none.
+    /// Gain of the feedback of demanded minus measured force, dimensionless; 0 for no feedback.
     pub feedback_gain: f64,
 }
 
@@ -66,7 +66,7 @@ impl Limits {
     }
 }
 
-/// What kept a command from the force that was asked for. The values are those of `CurrentCommand.msg`.
+/// The reason why a command does not reach the demanded force, with the values of `CurrentCommand.msg`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum LimitedBy {
@@ -74,15 +74,15 @@ pub enum LimitedBy {
     None = 0,
     /// The damper is too soft at its largest current.
     CurrentMax = 1,
-    /// The damper is too hard without current.
+    /// The damper is too hard even without current.
     CurrentMin = 2,
-    /// The driver's rate.
+    /// The rate limit of the driver.
     Rate = 3,
     /// The force would drive the rod.
     Passivity = 4,
-    /// There is no demand, or no motion to answer it with: the current goes to the safe one.
+    /// No demand, or the motion is not known: the current goes to the safe current.
     Safe = 5,
-    /// The model has no inverse: the current goes to the safe one.
+    /// The model has no inverse: the current goes to the safe current.
     NoInverse = 6,
 }
 
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn limits_that_mean_nothing_are_refused_by_name() {
+    fn limits_out_of_range_are_refused_by_name() {
         let refused =
             |limits: Limits| limits.validate().map_err(|e| e.to_string()).expect_err("out of range");
         let base = Limits::default();

@@ -6,32 +6,32 @@
 //! fuzzy        i = sum_r W_r(x, v, Fd) f_r(x, v, Fd) / sum_r W_r                    ANFIS, force and current swapped
 //! ```
 //!
-//! The closed form of a model that is linear in the current has no name here: the search takes it where there is one, by the same
-//! two forces, and nobody would want the one without the other ([`super::Solver`], [`super::Shape::is_linear`]).
+//! A model that is linear in the current has a closed form. It is not a method of its own: the search uses it automatically, because it
+//! needs only the two forces that are computed anyway ([`super::Solver`], [`super::Shape::is_linear`]).
 //!
-//! The other two are **surrogates**: functions fitted to the model when it is loaded, as the literature commands dampers. They cost the same
-//! time at every sample, and as much as they miss the model by. They take the search's place and nothing else: what the damper can
-//! give is still asked of the model at each sample, and so clipping, dissipation, bias, lead, rate and hold are those of the search.
+//! The other two methods are **surrogates**: functions fitted to the model when it is loaded, as usual in the literature. They take the
+//! same time at every sample, and have an error relative to the model. They replace the search only. The damper's achievable range is still
+//! computed from the model at each sample, so clipping, dissipation, bias, lead, rate and hold work as with the search.
 //!
-//! A surrogate is a function of motion and force alone. It cannot stand for a model whose force turns back over the current by more
-//! than a tenth (two currents give one force; of one that turns back by less, forces beyond that at the largest current are
-//! clipped to it), for one that is fed with its own force (the current's work comes samples later), nor for effects that do
-//! more than lag the coil or add a force.
+//! A surrogate is a function of motion and force alone. It does not support a model whose force turns back over the current by more than a
+//! tenth, because two currents then give one force. If the force turns back by less, demands above the force at the largest current are
+//! clipped to it. It does not support a model that is autoregressive in force (the current acts samples later), or effects that do more
+//! than lag the coil or add a force.
 
 /// How the current for a force is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Method {
-    /// By a bracketed search on the model, or by its closed form where it is linear in the current.
+    /// A bracketed search on the model, or its closed form if it is linear in the current.
     #[default]
     Search,
-    /// By a polynomial in the velocity whose coefficients are linear in the current, fitted to the model.
+    /// A polynomial in the velocity with coefficients linear in the current, fitted to the model.
     Polynomial,
-    /// By fuzzy rules over displacement, velocity and force, fitted to the model.
+    /// Fuzzy rules over displacement, velocity and force, fitted to the model.
     Fuzzy,
 }
 
 impl Method {
-    /// All of them.
+    /// All methods.
     pub const ALL: [Self; 3] = [Self::Search, Self::Polynomial, Self::Fuzzy];
 
     /// The name, as in parameters.
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_go_both_ways() {
+    fn every_name_parses_back_to_its_method() {
         for method in Method::ALL {
             assert_eq!(Method::named(method.name()), Some(method));
         }

@@ -1,20 +1,20 @@
 //! The inverse model: the coil current that gives a demanded force.
 //!
 //! ```text
-//! demand ──→ dissipative? ──→ clip to what the damper can ──→ F(i, x, v, states) = Fd ──→ lead ──→ rate, saturation ──→ current
+//! demand ──→ dissipative? ──→ clip to the damper's range ──→ F(i, x, v, states) = Fd ──→ lead ──→ rate, saturation ──→ current
 //!                                      ↑                              ↑
 //!                              F(0), F(i_max)              bias ← measured force - F
 //! ```
 //!
-//! A semi-active damper takes energy out and cannot bring any in: at each motion it has the forces from F(0) to F(i_max) and
-//! no others. What is asked for beyond them is clipped to the nearer end, and the command says why. [`Solver`] seeks the
-//! current for any forward model by a bracketed search with a bounded number of steps; it needs a force that grows with
-//! the current one way, which [`Shape`] looks at on a grid when a model is loaded. A [`Method`] other than the
-//! search is fitted to the model then. [`Commander`] is what runs: it holds the
-//! model's state, leads a coil that lags, learns the model's bias from a load cell, and never leaves its [`Limits`].
-//! Which force is wanted is a [`Law`]'s business. [`track`] lets it follow a demand, on the model and on the rig.
+//! A semi-active damper absorbs energy and cannot deliver any. At each motion its force lies between F(0) and F(i_max). A
+//! demand outside this range is clipped to the nearer end, and the command says why. [`Solver`] finds the current for any
+//! forward model by a bracketed search with a bounded number of steps. It needs a force that is monotonic in the current;
+//! [`Shape`] checks this on a grid when a model is loaded. A [`Method`] other than the search is fitted to the model at the
+//! same time. [`Commander`] is the inverse controller that runs: it holds the model's state, compensates a coil lag with a
+//! lead, learns the model's bias from a load cell, and stays within its [`Limits`]. A [`Law`] (control law) sets the
+//! demanded force. [`track`] simulates how well a demand is followed, on the model and on the rig.
 //!
-//! Like the rest of this crate: no clock, no allocation from sample to sample, no panic.
+//! Like the rest of this crate, the module reads no clock, does not allocate per sample and does not panic.
 
 mod commander;
 mod cycle;

@@ -1,4 +1,4 @@
-//! The polynomial of Choi, Lee and Park as inverse.
+//! Inverse by the polynomial of Choi, Lee and Park.
 //!
 //! ```text
 //! F(v, i) = sum_k (b_k + c_k i) v^k,   k = 0 .. 6     one set for a >= 0, another for a < 0
@@ -7,25 +7,26 @@
 //!
 //! | symbol | what | unit |
 //! |---|---|---|
-//! | Fd | demanded force of the bare model, with its offset | N |
+//! | Fd | demanded force of the model without effects, including its offset | N |
 //! | v, a | velocity, acceleration of the damper | m/s, m/s² |
-//! | b, c | least squares on the model's force along sines, see `cycle.rs`; v over the envelope's largest | N, N/A |
+//! | b, c | least squares on the model's force along sines, see `cycle.rs`; v is divided by its largest value in the envelope | N, N/A |
 //!
-//! Beyond the velocities that it was fitted on the polynomial would run away: there it stays at their end. Where the acceleration is not
-//! known it is the mean of its two branches. It says nothing where the denominator has another sign than the model's
-//! F(i_max) - F(0), as it may near v = 0: there its current would drive the force away from the demand.
+//! Outside the fitted velocities the polynomial would diverge, so v is clamped to their range. If the acceleration is not known, the
+//! mean of the two branches is used. The polynomial gives no current where its denominator and the model's F(i_max) - F(0) differ in
+//! sign, as can happen near v = 0: the current would drive the force away from the demand.
 //!
 //! Source: Choi, S.-B., Lee, S.-K., Park, Y.-P. (2001), J. Sound Vib. 245, 375.
+//! See `[choi2001]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::surrogate::Sample;
 use nalgebra::{DMatrix, DVector};
 
-/// Coefficients of each of b and c: degree six.
+/// Number of coefficients of each of b and c: degree six.
 const TERMS: usize = 7;
-/// Share of the largest singular value below which one counts as none.
+/// Singular values below this share of the largest count as zero.
 const RANK_TOLERANCE: f64 = 1e-10;
 
-/// Both branches.
+/// The polynomial: both branches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Polynomial {
     fastest_m_s: f64,
@@ -41,7 +42,7 @@ struct Branch {
 }
 
 impl Polynomial {
-    /// The polynomial that fits `samples` best; `None` where they leave it undetermined.
+    /// The least-squares fit to `samples`; `None` if they do not determine it.
     pub(super) fn fit(samples: &[Sample], fastest_m_s: f64, current_max_a: f64) -> Option<Self> {
         let branch = |falls: bool| {
             let own: Vec<&Sample> =
@@ -51,8 +52,8 @@ impl Polynomial {
         Some(Self { fastest_m_s, rising: branch(false)?, falling: branch(true)? })
     }
 
-    /// The current for `force_n` at velocity `v_m_s` and acceleration `a_m_s2` on a damper whose force grows with the current by
-    /// `way_n` in all; `None` where the polynomial says nothing.
+    /// The current for `force_n` at velocity `v_m_s` and acceleration `a_m_s2`; `None` where the polynomial gives no current. `way_n` is
+    /// the change of the damper's force from zero current to the largest.
     #[inline]
     pub(super) fn current_a(&self, v_m_s: f64, a_m_s2: f64, force_n: f64, way_n: f64) -> Option<f64> {
         let u = (v_m_s / self.fastest_m_s).clamp(-1.0, 1.0);
@@ -88,7 +89,7 @@ impl Branch {
         })
     }
 
-    /// Force without current, and its slope over the current.
+    /// Force without current, N, and its slope over the current, N/A.
     #[inline]
     fn at(&self, u: f64) -> (f64, f64) {
         let horner = |terms: &[f64; TERMS]| terms.iter().rev().fold(0.0, |sum, term| sum * u + term);

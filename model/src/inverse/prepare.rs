@@ -1,4 +1,4 @@
-//! What forces are sought on: the model without the lag of its coil, which is the lead's business, and how a current is found.
+//! The model for the inversion: without its coil lag, which the lead compensates, and with the method that finds a current.
 
 use super::limits::Limits;
 use super::method::Method;
@@ -20,13 +20,13 @@ pub(super) struct Coil {
 }
 
 impl Coil {
-    /// The time constant on the way from `from_a` to `to_a`.
+    /// The time constant for a change from `from_a` to `to_a`, s.
     pub(super) fn tau_s(&self, from_a: f64, to_a: f64) -> f64 {
         if to_a >= from_a { self.rise_s } else { self.fall_s }
     }
 }
 
-/// What forces are sought on.
+/// The prepared inverse of a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Inverse {
     /// The model without the lag of its coil.
@@ -35,7 +35,7 @@ pub(super) struct Inverse {
     pub(super) preload: Preload,
     pub(super) shape: Shape,
     solver: Solver,
-    /// What takes the place of the search, where that is asked for.
+    /// The surrogate, if the method is not the search.
     pub(super) surrogate: Option<Surrogate>,
 }
 
@@ -47,22 +47,19 @@ impl Inverse {
             Some(DriveKind::CommandVoltage) => {
                 return Err(refused(
                     model,
-                    "follows a voltage, not a current; identify it on runs with current_a",
+                    "is driven by a voltage, not a current; identify it on runs with current_a",
                 ));
             }
             None => {
-                return Err(refused(
-                    model,
-                    "knows no current, and no current changes its force; take one that does",
-                ));
+                return Err(refused(model, "has no current input; use a model with one"));
             }
         }
         let shape = Shape::of(model, limits.current_max_a);
         if !shape.has_force() {
             let [some, all] = shape.points;
             let what = format!(
-                "has a finite force at {some} of {all} points of its own envelope; a current cannot be sought on it: look at it with \
-                 `mr-damper evaluate`, or take another"
+                "has a finite force at only {some} of {all} points of its own envelope, so no current can be computed; check it with \
+                 `mr-damper evaluate`, or use another model"
             );
             return Err(refused(model, &what));
         }
@@ -82,7 +79,8 @@ impl Inverse {
         Ok(Self { model: without_lag(model)?, coil, preload: model.preload(), shape, solver, surrogate })
     }
 
-    /// The current for `demand_n` at `moment`, which is that of `inputs`; `last` is the last one, and its force at this moment.
+    /// The current for `demand_n` at `moment`, the moment of `inputs`. `last` is the last current, and its force at this
+    /// moment.
     #[inline]
     pub(super) fn solve(
         &self,
@@ -98,7 +96,7 @@ impl Inverse {
     }
 }
 
-/// `model` as its fluid has it: without the lag of its coil.
+/// `model` without the lag of its coil: its drive is the current in the fluid.
 pub(super) fn without_lag(model: &Model) -> Result<Augmented, Error> {
     let lags = |effect: &&EffectModel| !matches!(effect.effect(), Effect::CoilLag | Effect::CoilLagRiseFall);
     let kept: Vec<EffectModel> = model.effects.as_slice().iter().filter(lags).copied().collect();

@@ -1,17 +1,17 @@
-//! Whether a model's force grows with the current one way: what a search for the current stands on.
+//! Checks whether a model's force is monotonic in the current, which the search for a current needs.
 //!
 //! ```text
 //! s F(i, x, v) >= s F(j, x, v) for i > j,   s = sign (F(i_max, x, v) - F(0, x, v))
 //! ```
 //!
-//! Looked at on a grid of displacement, velocity and current within the model's envelope. A model with a memory comes to each point
-//! at constant velocity, with the current on, for long enough to forget where it started. What falls by no more than a
-//! hundredth of the model's largest force is rounding of fitted coefficients; what falls further is a fold. Which way it grows
-//! may differ from point to point: after a reversal a damper with hysteresis pulls along for a moment.
+//! The condition is checked on a grid of displacement, velocity and current within the model's envelope. A model with memory reaches
+//! each point at constant velocity and with the current on, for long enough to forget its initial state. A fall of at most a
+//! hundredth of the model's largest force counts as rounding of fitted coefficients; a larger fall is a fold. The sign s may differ
+//! from point to point: just after a reversal, the force of a damper with hysteresis still acts along the motion.
 //!
-//! A force that lies on the straight line from F(0) to F(i_max) wherever it was looked at, to rounding, is linear in the
-//! current at each motion, and the current for a force has a closed form, see [`super::Solver`]. That is looked at along a sine,
-//! where each of a loop's branches comes, at the memory that the model has there.
+//! If the force lies on the straight line from F(0) to F(i_max) at every tested point, to rounding, it is linear in the current at
+//! each motion, and the current for a force has a closed form, see [`super::Solver`]. This is tested along a sine, which covers both
+//! branches of a hysteresis loop with the model's state on each.
 
 use super::cycle::{Cycle, Phase};
 use super::prepare;
@@ -19,26 +19,26 @@ use crate::effect::{Augmented, AugmentedState};
 use crate::force::Inputs;
 use crate::model::Model;
 
-/// Currents of the grid.
+/// Number of currents of the grid.
 const CURRENTS: usize = 26;
 /// Displacements of the grid, as shares of the range.
 const DISPLACEMENTS: [f64; 3] = [0.1, 0.5, 0.9];
 /// Velocities of the grid, as shares of the larger end.
 const VELOCITIES: [f64; 6] = [0.1, 0.3, 0.7, -0.1, -0.3, -0.7];
-/// Samples of motion to each point.
+/// Samples of motion before each point.
 const APPROACH: usize = 48;
-/// Share of the model's largest force by which it may fall.
+/// Largest fall that counts as rounding, as a share of the model's largest force.
 const ROUNDING: f64 = 0.01;
-/// Share of the model's largest force within which a line is straight.
+/// Largest distance from a line that counts as straight, as a share of the model's largest force.
 const STRAIGHT: f64 = 1e-9;
-/// Currents at which a line is looked at, as shares of the largest.
+/// Currents at which straightness is tested, as shares of the largest.
 const ALONG_LINE: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
-/// Share of the model's largest force below which the current hardly moves it.
+/// If the current changes the force by less than this share of the model's largest force, it counts as ineffective.
 pub(super) const HARDLY: f64 = 0.01;
-/// A model that fades with temperature is looked at where it was identified, °C.
+/// Case temperature of the checks, °C: the temperature of identification, for models that depend on it.
 pub(super) const CASE_TEMP_C: f64 = 23.0;
 
-/// The motion that a model is looked at in: that of its envelope, or, where it knows none, of a damper of a seat or a small vehicle.
+/// The range of motion of the checks: the model's envelope or, without one, the range of a damper of a seat or a small vehicle.
 pub(super) struct Bounds {
     /// Ends of the stroke, m.
     pub(super) stroke_m: [f64; 2],
@@ -66,28 +66,28 @@ pub struct Fold {
     pub displacement_m: f64,
     /// Velocity, m/s.
     pub velocity_m_s: f64,
-    /// Current from which it does, A.
+    /// Current above which it turns back, A.
     pub current_a: f64,
-    /// By how much, N.
+    /// Fall of the force, N.
     pub fall_n: f64,
 }
 
-/// What a model's force is like over the current.
+/// Shape of a model's force over the current.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shape {
     /// Largest force on the grid, N.
     pub most_n: f64,
-    /// The deepest fold; `None` where the force only grows.
+    /// The deepest fold; `None` if the force is monotonic.
     pub fold: Option<Fold>,
-    /// Farthest that the force at one motion lies off the straight line from that without current to that at the largest, N; infinite
-    /// where one of them is not finite.
+    /// Largest distance of the force at one motion from the straight line between the forces at zero and at the largest current, N;
+    /// infinite if one of them is not finite.
     pub bend_n: f64,
-    /// Points of the grid that the model has a force at, and of the grid.
+    /// Number of grid points with a finite force, and number of all grid points.
     pub points: [usize; 2],
 }
 
 impl Shape {
-    /// Looks at `model` from no current to `current_max_a`.
+    /// Checks `model` from zero current to `current_max_a`.
     #[must_use]
     pub fn of(model: &Model, current_max_a: f64) -> Self {
         let Bounds { stroke_m: [low_m, high_m], fastest_m_s, rate_hz } = Bounds::of(model);
@@ -131,26 +131,26 @@ impl Shape {
         }
     }
 
-    /// True when the model has a force wherever it was looked at.
+    /// True if the model has a finite force at every grid point.
     #[must_use]
     pub const fn has_force(&self) -> bool {
         self.points[0] == self.points[1]
     }
 
-    /// True when the force at one motion is linear in the current, to rounding.
+    /// True if the force at each motion is linear in the current, to rounding.
     #[must_use]
     pub fn is_linear(&self) -> bool {
         self.bend_n <= STRAIGHT * self.most_n
     }
 
-    /// The fold, where it is deeper than rounding.
+    /// The fold, if it is deeper than rounding.
     #[must_use]
     pub fn real_fold(&self) -> Option<Fold> {
         self.fold.filter(|fold| fold.fall_n > ROUNDING * self.most_n)
     }
 }
 
-/// Farthest that the force of `model` without the lag of its coil lies off a straight line over the current, N.
+/// Largest distance of the force of `model`, without its coil lag, from a straight line over the current, N.
 fn bend_n(model: &Model, current_max_a: f64) -> f64 {
     let Ok(augmented) = prepare::without_lag(model) else { return f64::INFINITY };
     let mut bend_n = 0.0_f64;
@@ -169,7 +169,7 @@ fn bend_n(model: &Model, current_max_a: f64) -> f64 {
     bend_n
 }
 
-/// Force of `model` after it has come to `displacement_m` with `velocity_m_s` and `current_a`.
+/// Force of `model`, N, after it has reached `displacement_m` with `velocity_m_s` and `current_a`; `None` if it is not finite.
 fn arrive(
     model: &Augmented,
     displacement_m: f64,

@@ -1,60 +1,60 @@
-//! The current at which the model gives a force, in a bounded number of steps.
+//! The solver: finds the current at which the model gives a force, in a bounded number of steps.
 //!
 //! ```text
 //! F(i) = Fd,   0 <= i <= i_max
 //! ```
 //!
-//! Regula falsi with Illinois' halving of the end that stays, and a plain halving of the bracket whenever two steps have not
-//! halved it: as fast as secants where the force is smooth, never slower than twice the halvings. It stops where the force
-//! is within a ten-thousandth of what the current can move it, or where the current is known to a ten-thousandth of its
-//! range.
+//! The method is regula falsi with the Illinois modification (the value at a retained end is halved). If two steps have not halved
+//! the bracket, it is bisected. This is as fast as the secant method where the force is smooth, and takes at most twice as many
+//! steps as bisection. The search stops when the force is within 1/10000 of its range over the current, or when the current is
+//! known to 1/10000 of its range.
 //!
-//! A model whose force is linear in the current at each motion ([`super::Shape::is_linear`]: the polynomial of Choi et al., an ARX)
-//! needs no search: i = i_max (Fd - F(0)) / (F(i_max) - F(0)) is exact, by the two forces that are asked for anyway. It is the
-//! first secant of the search without the look at what it gives; nobody would choose the one or the other, and so it has no name
-//! among the [`super::Method`]s.
+//! A model whose force is linear in the current at each motion ([`super::Shape::is_linear`]: the polynomial of Choi et al., an ARX
+//! model) needs no search. i = i_max (Fd - F(0)) / (F(i_max) - F(0)) is exact and uses the two forces that are computed anyway. It
+//! equals the first secant of the search, without a check of the result, so it is not a [`super::Method`] of its own.
 //!
-//! A model whose force does not grow with the current one way everywhere ([`super::Shape`]) is looked at in [`PARTS`] parts of
-//! the range first; of several currents that give the force the one nearest the last is taken.
+//! If a model's force is not monotonic in the current ([`super::Shape`]), the range is searched in [`PARTS`] parts. If several
+//! currents give the force, the one nearest the last current is taken.
 //!
 //! Source: Dowell, M. and Jarratt, P. (1971), BIT 11, 168.
+//! See `[dowell1971]` in the bibliography (node/docs/guide/bibliography.md).
 
 use crate::effect::{Augmented, AugmentedState};
 use crate::force::{ForceModel, FuzzyTanhAt, Inputs};
 use crate::units::{Ampere, Newton};
 
-/// Most steps of a search within a bracket; a half of them halvings of the range are below its tolerance.
+/// Largest number of steps of a search within a bracket. Half as many bisections of the range reach the tolerance.
 pub const MOST_STEPS: u32 = 30;
-/// Share of the range of force, and of current, that is near enough.
+/// Tolerance, as a share of the range of force and of current.
 const NEAR: f64 = 1e-4;
-/// Parts in which the range of a folded model is looked at.
+/// Number of parts in which the range of a folded model is searched.
 const PARTS: usize = 8;
 
 /// The current that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solution {
-    /// The current, A; within 0 and the largest.
+    /// The current, A; between 0 and the largest.
     pub current_a: f64,
     /// The model's force at that current, N.
     pub force_n: f64,
-    /// The forces that the model has at this motion, N: the least and the largest.
+    /// The least and the largest force of the model at this motion, N.
     pub achievable_n: [f64; 2],
 }
 
-/// A search for currents on one model.
+/// A solver for one model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solver {
     /// Largest current, A.
     pub current_max_a: f64,
-    /// True for a model whose force does not grow with the current one way.
+    /// True for a model whose force is not monotonic in the current.
     pub folded: bool,
     /// True for a model whose force at each motion is linear in the current.
     pub linear: bool,
 }
 
 impl Solver {
-    /// The current nearest to giving `demand_n` at `moment`; `last` is the last one, and its force at this moment. `None` when the
-    /// model has no force there.
+    /// The current whose force is nearest to `demand_n` at `moment`. `last` is the last current and its force at this moment.
+    /// `None` if the model has no force there.
     #[inline]
     #[must_use]
     pub fn solve(&self, moment: &Moment, demand_n: f64, last: (Ampere, Newton)) -> Option<Solution> {
@@ -72,14 +72,15 @@ impl Solver {
         let mut achievable_n = [low.force_n.min(high.force_n), low.force_n.max(high.force_n)];
         if self.linear {
             let way_n = high.force_n - low.force_n;
-            // Where the current moves nothing, none is as good as any.
+            // If the current has no effect, zero current is as good as any.
             let share = if way_n == 0.0 { 0.0 } else { ((demand_n - low.force_n) / way_n).clamp(0.0, 1.0) };
             let force_n = low.force_n + share * way_n;
             return Some(Solution { current_a: share * self.current_max_a, force_n, achievable_n });
         }
         if !self.folded {
             let near_n = NEAR * (achievable_n[1] - achievable_n[0]);
-            // The last current is seldom far, and one end of a bracket for nothing.
+            // The last current is usually near the solution, and its force is already known, so it serves as one end of the
+            // bracket.
             let inside = last.current_a > 0.0 && last.current_a < self.current_max_a;
             let between = |a: &End, b: &End| (demand_n - a.force_n) * (demand_n - b.force_n) <= 0.0;
             let (from, to) = match inside {
@@ -98,7 +99,7 @@ impl Solver {
             achievable_n = [achievable_n[0].min(here.force_n), achievable_n[1].max(here.force_n)];
             let near_n = NEAR * (achievable_n[1] - achievable_n[0]);
             let found = bracketed(&mut force_n, demand_n, before, here, near_n)?;
-            // Nearer to the demand by more than a search is exact, or as near and nearer to the last current.
+            // Better: nearer to the demand by more than the tolerance, or equally near and nearer to the last current.
             let miss = |end: &End| ((end.force_n - demand_n).abs() - near_n).max(0.0);
             let way = |end: &End| (end.current_a - last.current_a).abs();
             let better = best.as_ref().is_none_or(|best| {
@@ -113,31 +114,32 @@ impl Solver {
     }
 }
 
-/// A model at one motion and from one state, for any current.
+/// A model at one motion and from one state, as a function of the current.
 #[allow(clippy::large_enum_variant, reason = "a box would allocate")]
 #[derive(Debug, Clone, Copy)]
 pub enum Moment<'a> {
-    /// Tanh functions, which do not know of the current and are asked once, and what effects add to them.
+    /// A fuzzy-tanh model: its tanh functions do not depend on the current and are evaluated once. Effects add a force that does
+    /// not depend on the current either.
     Still {
-        /// The functions.
+        /// The evaluated functions.
         at: FuzzyTanhAt<'a>,
-        /// What effects add, N.
+        /// Force of the effects, N.
         added_n: f64,
     },
-    /// Any model, tried on a copy of its state.
+    /// Any model, evaluated on a copy of its state.
     Whole {
         /// The model.
         model: &'a Augmented,
         /// Its state before the sample.
         before: AugmentedState,
-        /// The sample, but for its current.
+        /// The sample; its current is replaced.
         inputs: &'a Inputs,
     },
 }
 
 impl<'a> Moment<'a> {
-    /// Steps `model` from `state` by `inputs`, whose drive is `current_a`, and returns its force there, and what it would be at
-    /// any other current. `None` when the force is not finite.
+    /// Steps `model` from `state` by `inputs` with the current `current_a`. Returns the force, N, and the model at this moment for
+    /// any other current. `None` if the force is not finite.
     #[inline]
     #[must_use]
     pub fn step(
@@ -166,7 +168,7 @@ impl<'a> Moment<'a> {
         }
     }
 
-    /// What effects that only add force add at this moment, N; `None` when the model has no force.
+    /// Force that additive effects add at this moment, N; `None` if the model has no force.
     #[inline]
     #[must_use]
     pub fn added_n(&self) -> Option<f64> {
@@ -181,7 +183,7 @@ impl<'a> Moment<'a> {
         }
     }
 
-    /// The model's force if the current were `current_a`; `None` when it has none, or none that is finite.
+    /// The model's force at the current `current_a`, N; `None` if it is not finite.
     #[inline]
     #[must_use]
     pub fn force_n(&self, current_a: f64) -> Option<f64> {
@@ -199,7 +201,7 @@ fn finite(force_n: f64) -> Option<f64> {
     force_n.is_finite().then_some(force_n)
 }
 
-/// A current with its force.
+/// A current and its force.
 #[derive(Debug, Clone, Copy)]
 struct End {
     current_a: f64,
@@ -212,7 +214,7 @@ impl End {
     }
 }
 
-/// Where between `from` and `to` the force is `demand_n`, to `near_n`; the nearer end where it does not lie between them.
+/// The point between `from` and `to` where the force is `demand_n`, to `near_n`; the nearer end if the demand is outside.
 fn bracketed(
     force_n: &mut impl FnMut(f64) -> Option<f64>,
     demand_n: f64,
@@ -227,7 +229,7 @@ fn bracketed(
         return Some(nearer(from, to));
     }
     let (mut a, mut b) = (from, to);
-    // What the secant takes for the excess at each end; Illinois halves that of an end that stays.
+    // Excess at each end for the secant; the Illinois modification halves the excess of a retained end.
     let (mut excess_a, mut excess_b) = (excess(&a), excess(&b));
     let (mut width_a, mut steps_since) = ((b.current_a - a.current_a).abs(), 0);
     for _ in 0..MOST_STEPS {
@@ -271,7 +273,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_found_is_the_demand_or_the_nearer_end(
+        fn the_solution_meets_the_demand_or_is_the_nearer_end(
             base_n in -500.0..500.0_f64,
             gain_n in -1000.0..1000.0_f64,
             sharpness in 0.2..20.0_f64,
@@ -279,7 +281,7 @@ mod tests {
             demand_n in -2000.0..2000.0_f64,
             last_a in 0.0..2.5_f64,
         ) {
-            // Any sigmoid, flat ends and steep middles among them.
+            // Any sigmoid, including flat ends and steep middles.
             let force_n = |i: f64| base_n + gain_n * ((i - middle_a) * sharpness).tanh();
             let last = End { current_a: last_a, force_n: force_n(last_a) };
             let mut asked = 0;
@@ -297,7 +299,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_straight_line_needs_no_search(
+        fn a_linear_force_needs_two_evaluations(
             base_n in -500.0..500.0_f64,
             gain_n in -1000.0..1000.0_f64,
             demand_n in -2000.0..2000.0_f64,
@@ -315,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_current_that_moves_nothing_is_none() {
+    fn a_current_without_effect_is_zero() {
         let last = End { current_a: 1.0, force_n: 100.0 };
         let found =
             Solver { linear: true, ..solver(false) }.search(|_| Some(100.0), 100.0, last).expect("finite");
@@ -324,7 +326,7 @@ mod tests {
 
     #[test]
     fn of_two_currents_the_one_nearer_to_the_last_is_taken() {
-        // Up to 1.25 A and down again.
+        // Rises up to 1.25 A and falls again.
         let force_n = |i: f64| Some(100.0 - (i - 1.25).powi(2) * 64.0);
         let last = |current_a: f64| End { current_a, force_n: 0.0 };
         let at = |demand_n: f64, last_a: f64| {
@@ -333,8 +335,12 @@ mod tests {
         assert!((at(50.0, 0.0).current_a - 0.366).abs() < 1e-3);
         assert!((at(50.0, 2.5).current_a - 2.134).abs() < 1e-3);
         assert_eq!(at(50.0, 0.0).achievable_n, [0.0, 100.0]);
-        assert!((at(300.0, 0.0).current_a - 1.25).abs() < 0.02, "the most that there is");
-        assert_eq!(at(-300.0, 2.5).current_a, 2.5, "both ends are as far");
+        assert!((at(300.0, 0.0).current_a - 1.25).abs() < 0.02, "the current of the largest force");
+        assert_eq!(
+            at(-300.0, 2.5).current_a,
+            2.5,
+            "of two ends with equal errors, the one nearer to the last current"
+        );
     }
 
     #[test]

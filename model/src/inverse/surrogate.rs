@@ -1,11 +1,11 @@
-//! A function that stands for the search, fitted to a model, and what it is worth.
+//! A surrogate: a function that replaces the search, fitted to a model, and its accuracy.
 //!
 //! ```text
 //! i(F)    error of current  rms (i(F(i)) - i)         error of force  rms (F(i(F(i))) - F(i))
 //! ```
 //!
-//! Both errors are at motions and currents between those that it was fitted on, the force from the memory that the model
-//! has there, and only where the current moves the force at all.
+//! Both errors are evaluated at motions and currents between the fitted ones. The force is computed from the model's state at that
+//! point. Only points count at which the current moves the force.
 
 use super::cycle::{At, Cycle, Phase};
 use super::fuzzy::Fuzzy;
@@ -21,26 +21,26 @@ use crate::force::{Inputs, MAX_INPUTS};
 use crate::model::Model;
 use crate::units::{Ampere, Newton};
 
-/// Reaches of the sines that it is fitted on, and that it is looked at on.
+/// Amplitudes of the sines for the fit, and of those for its evaluation.
 const FITTED: [f64; 5] = [0.2, 0.4, 0.6, 0.8, 1.0];
 const LOOKED: [f64; 4] = [0.3, 0.5, 0.7, 0.9];
-/// Currents that it is fitted on; it is looked at halfway between them.
+/// Number of currents for the fit; it is evaluated halfway between them.
 const CURRENTS: usize = 11;
 
-/// Share of the model's largest force by which it may turn back over the current. What turns back by less costs no more than a
-/// surrogate is off by anyway, and the fit shows it; fitted models of a damper that saturates often do near the largest current.
+/// Largest fall of the force over the current, as a share of the model's largest force. A smaller fall costs no more than the
+/// surrogate's own error, and the fit shows it. Fitted models of a saturating damper often fall near the largest current.
 const GROSS: f64 = 0.1;
 
-/// How well a surrogate stands for its model.
+/// Accuracy of a surrogate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurrogateFit {
-    /// Root mean square of what its current is off by.
+    /// RMS error of its current.
     pub current: Ampere,
-    /// Root mean square of what the model's force at its current is off the one that was asked for.
+    /// RMS error of the model's force at its current, relative to the demanded force.
     pub force: Newton,
     /// The model's largest force among the points.
     pub largest: Newton,
-    /// Points at which it gave a current, and at which it was asked for one.
+    /// Number of points at which it gave a current, and number of points at which it was evaluated.
     pub points: [usize; 2],
 }
 
@@ -52,7 +52,7 @@ impl SurrogateFit {
     }
 }
 
-/// What the model does at one sample.
+/// The model's force at one sample.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
     /// The sample; its drive is the current.
@@ -62,13 +62,13 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// What the rules are over.
+    /// The inputs of the rules.
     pub(super) const fn raw(&self) -> [f64; MAX_INPUTS] {
         [self.inputs.displacement_m, self.inputs.velocity_m_s, self.force_n]
     }
 }
 
-/// A function, and what it is worth.
+/// A fitted function and its accuracy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Surrogate {
     map: Map,
@@ -85,7 +85,7 @@ enum Map {
 }
 
 impl Map {
-    /// The current for `force_n` on a damper whose force grows with the current by `way_n` in all.
+    /// The current for `force_n`. `way_n` is the change of the damper's force from zero current to the largest.
     #[inline]
     fn current_a(&self, inputs: &Inputs, force_n: f64, way_n: f64) -> Option<f64> {
         let Inputs { displacement_m, velocity_m_s, acceleration_m_s2, .. } = *inputs;
@@ -97,10 +97,10 @@ impl Map {
 }
 
 impl Surrogate {
-    /// The surrogate of `model` that `method` is; `None` for the search.
+    /// The surrogate of `model` by `method`; `None` for the search.
     ///
     /// # Errors
-    /// [`Error::Data`] for a model that it cannot stand for, with the reason.
+    /// [`Error::Data`] for a model that the method does not support, with the reason.
     pub(super) fn of(
         model: &Model,
         method: Method,
@@ -117,7 +117,7 @@ impl Surrogate {
         let ground = Ground { cycle, bare: &bare, most_n, limits };
         let samples = ground.samples();
         let undetermined =
-            || refused(model, &format!("leaves its {} inverse undetermined; take search", method.name()));
+            || refused(model, &format!("does not determine its {} inverse; use search", method.name()));
         if samples.is_empty() {
             return Err(undetermined());
         }
@@ -139,8 +139,8 @@ impl Surrogate {
         &self.fit
     }
 
-    /// The current for `demand_n` at `moment`, which is that of `inputs`: beyond what the model has the end that is nearer, between what
-    /// the function says, and where that says nothing the last one. `None` when the model has no force.
+    /// The current for `demand_n` at `moment`, the moment of `inputs`. A demand outside the model's range gives the nearer end.
+    /// Otherwise the function gives the current; if it gives none, the last current is kept. `None` if the model has no force.
     #[inline]
     pub(super) fn solve(
         &self,
@@ -163,7 +163,7 @@ impl Surrogate {
     }
 }
 
-/// What a surrogate is fitted on.
+/// The data for a surrogate's fit.
 struct Ground<'a> {
     cycle: Cycle,
     bare: &'a Augmented,
@@ -188,7 +188,7 @@ impl Ground<'_> {
         samples
     }
 
-    /// By how much the current moves the force in all; `None` where a commander holds.
+    /// Change of the force from zero current to the largest, N; `None` near rest, and where the current hardly changes the force.
     fn way_n(&self, at: &At) -> Option<f64> {
         let way_n = at.force_n_at(self.limits.current_max_a)? - at.force_n_at(0.0)?;
         let moves = way_n.abs() >= HARDLY * self.most_n;
@@ -226,16 +226,16 @@ impl Ground<'_> {
     }
 }
 
-/// Refuses a model that no function of motion and force stands for.
+/// Refuses a model whose inverse is not a function of motion and force.
 fn check(model: &Model, method: Method, shape: &Shape) -> Result<(), Error> {
     let refuse =
-        |why: &str| Err(refused(model, &format!("{why}: no {} inverse; take search", method.name())));
+        |why: &str| Err(refused(model, &format!("{why}; it has no {} inverse: use search", method.name())));
     if model.force.force_fed_period().is_some() {
-        return refuse("feeds on its own force, in which a current shows samples later");
+        return refuse("is autoregressive in force, and a current acts only samples later");
     }
     if let Some(fold) = shape.fold.filter(|fold| fold.fall_n > GROSS * shape.most_n) {
         return refuse(&format!(
-            "gives one force at several currents (it turns back by {:.1} N from {:.2} A on)",
+            "gives one force at several currents (the force turns back by {:.1} N above {:.2} A)",
             fold.fall_n, fold.current_a
         ));
     }

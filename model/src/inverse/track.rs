@@ -1,8 +1,9 @@
-//! Following a demand over a whole run: on the model itself, and closed over the rig, which is not the model.
+//! Tracking of a demanded force over a whole run: on the model itself, and on the rig, which differs from the model, with or
+//! without force feedback.
 //!
-//! On the **model** the command of a sample is in force at that sample: what is left is what the search, the limits and the damper's
-//! nature leave. On the **rig** it is in force from that sample to the next, through a driver and a coil that lag, on a damper that
-//! the model is not, seen through noisy transducers: what is left is what a vehicle would have.
+//! On the **model**, the command of a sample acts at that sample. The remaining error comes from the search, the limits and the
+//! damper's range. On the **rig**, the command acts from that sample to the next, through a driver and a coil that lag, on a damper
+//! that differs from the model, measured by noisy transducers. The remaining error is what a vehicle would see.
 //!
 //! ```text
 //! tracking error = rms(F - Fd) / rms(Fd)
@@ -22,41 +23,41 @@ use crate::rig::signal::RATE_HZ;
 use crate::rig::{Channels, Motion, Plant, control};
 use crate::units::{Metre, MetrePerSecond, Newton, Second};
 
-/// One sample of a demand that was followed.
+/// One sample of a tracking run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// Time since the first sample.
     pub time: Second,
-    /// Displacement that the command was made from.
+    /// Displacement that the command was computed from.
     pub displacement: Metre,
-    /// Velocity that it was made from.
+    /// Velocity that the command was computed from.
     pub velocity: MetrePerSecond,
-    /// The force that was there; on the rig the true one.
+    /// The achieved force; on the rig the true force.
     pub achieved: Newton,
-    /// The command, and what was demanded.
+    /// The command, with the demanded force.
     pub command: Command,
 }
 
-/// How well a demand was followed.
+/// Tracking figures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
-    /// All samples with a demand and a motion.
+    /// Error over all samples with a demand and a motion.
     pub tracking: Option<Fit>,
-    /// Those whose demand the model says the damper can meet.
+    /// Error over the samples whose demand is achievable by the model.
     pub achievable: Option<Fit>,
-    /// Root mean square of error over that of demand, all samples.
+    /// RMS error divided by the RMS demand, all samples.
     pub error: f64,
-    /// The same over the samples whose demand can be met.
+    /// The same over the samples whose demand is achievable.
     pub error_achievable: f64,
-    /// Share of the samples whose demand cannot be met.
+    /// Share of the samples whose demand is not achievable.
     pub infeasible_share: f64,
-    /// Samples at which a demand that would drive the rod got more current than the one before.
+    /// Samples whose demand would drive the rod but whose current is larger than at the sample before.
     pub dissipative_violations: u64,
-    /// Samples that the rate cut.
+    /// Samples at which the rate limit acted.
     pub rate_limited: u64,
 }
 
-/// Errors, and the squares of what was demanded.
+/// Sums of squared errors and squared demands.
 #[derive(Default)]
 struct Squares {
     errors: ErrorSum,
@@ -71,7 +72,7 @@ impl Squares {
         }
     }
 
-    /// Root mean square of the error over that of the demand.
+    /// RMS error divided by the RMS demand.
     fn ratio(&self) -> f64 {
         self.errors.fit().map_or(f64::NAN, |fit| fit.rsse_n / (self.demand / fit.samples as f64).sqrt())
     }
@@ -110,21 +111,21 @@ impl Figures {
     }
 }
 
-/// What is to be followed: displacement and demand, one a sample.
+/// Displacement and demanded force, one value per sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Course {
     /// Time since the sample before, s; `None` for the first and after a gap.
     pub dt_s: Vec<Option<f64>>,
     /// Displacement, m.
     pub displacement_m: Vec<f64>,
-    /// Demanded force, N; NaN where there is none.
+    /// Demanded force, N; NaN without a demand.
     pub force_n: Vec<f64>,
 }
 
-/// Follows `course` on `model` itself, with a copy of `commander`, which is of that model.
+/// Tracks `course` on `model` itself, with a copy of `commander`, which must belong to that model.
 ///
 /// # Errors
-/// [`Error::MissingChannel`] for a model that wants measured velocity.
+/// [`Error::MissingChannel`] for a model that needs measured velocity.
 pub fn on_model(model: &Model, commander: &Commander, course: &Course) -> Result<Vec<Point>, Error> {
     let mut commander = *commander;
     let mut eyes = Eyes::new(model)?;
@@ -143,7 +144,7 @@ pub fn on_model(model: &Model, commander: &Commander, course: &Course) -> Result
     Ok(samples.map(follow).collect())
 }
 
-/// The rig that a demand is followed on.
+/// The virtual rig for tracking.
 #[derive(Debug, Clone, Copy)]
 pub struct Bench<'a> {
     /// The damper.
@@ -152,11 +153,11 @@ pub struct Bench<'a> {
     pub channels: &'a Channels,
     /// Seed of their noise.
     pub seed: u64,
-    /// True to let the commander see the load cell.
+    /// True if the controller gets the load cell's force.
     pub feedback: bool,
 }
 
-/// Follows `force_n`, one a sample of `motion`, on the rig, with a copy of `commander`, which is of `model`.
+/// Tracks `force_n`, one value per sample of `motion`, on the rig, with a copy of `commander`, which must belong to `model`.
 ///
 /// # Errors
 /// Those of [`on_model`].

@@ -1,4 +1,4 @@
-//! Parameters of an ARX model in a model file, `arx` or `savaresi`: three or two coefficients a signal.
+//! Parameters of an ARX model in a model file (`arx` or `savaresi`): three or two coefficients per signal.
 
 use super::{drive_error, table_into};
 use crate::error::Error;
@@ -12,24 +12,24 @@ use serde::{Deserialize, Serialize};
 pub(super) struct Parameters {
     sample_period_s: f64,
     force_offset_n: f64,
-    /// Half a unit of the last digit when the coefficients were copied from print; absent when they are exact.
+    /// Half a unit of the last digit if the coefficients were copied from print; absent if they are exact.
     #[serde(default, skip_serializing_if = "is_zero")]
     coefficient_resolution: f64,
-    /// Those of F_{k-1}, F_{k-2}, ...
+    /// Coefficients of F_{k-1}, F_{k-2}, ...
     force_lags: Vec<f64>,
-    /// Those of x_k, x_{k-1}, ...
+    /// Coefficients of x_k, x_{k-1}, ...
     displacement_lags_n_m: Vec<f64>,
-    /// Those of v_k, v_{k-1}, ...
+    /// Coefficients of v_k, v_{k-1}, ...
     velocity_lags_n_s_m: Vec<f64>,
-    /// Those of i_k, i_{k-1}, ... when i is a current.
+    /// Coefficients of i_k, i_{k-1}, ... if the drive is a current.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     current_lags_n_a: Option<Vec<f64>>,
-    /// The same when it is a command voltage.
+    /// Coefficients of the drive if it is a command voltage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     voltage_lags_n_v: Option<Vec<f64>>,
 }
 
-/// The keys, for "did you mean".
+/// The known keys, to suggest the nearest one.
 const KEYS: [&str; 8] = [
     "sample_period_s",
     "force_offset_n",
@@ -106,7 +106,7 @@ pub(super) fn read(lags: usize, drive: Option<DriveKind>, table: &toml::Table) -
     Ok(arx.with_resolution(resolution))
 }
 
-/// The list as so many coefficients.
+/// The list as an array of N coefficients.
 fn coefficients<const N: usize>(name: &str, list: &[f64]) -> Result<[f64; N], Error> {
     list.try_into().map_err(|_| Error::Length {
         name: format!("parameters.{name}"),

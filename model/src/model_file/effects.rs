@@ -1,4 +1,4 @@
-//! Effects in a model file: one table each, in order of application, parameters by name.
+//! Effects in a model file: one table per effect, in order of application, with parameters by name.
 
 use super::file_error;
 use crate::effect::{Effect, EffectModel, Effects};
@@ -9,7 +9,7 @@ use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use toml::{Table, Value};
 
-/// One effect as it is written: id, form, then its parameters in their own order.
+/// One effect as written: id, form, and its parameters in their own order.
 #[derive(Debug)]
 pub(super) struct Written(EffectModel);
 
@@ -28,12 +28,12 @@ impl Serialize for Written {
     }
 }
 
-/// Their tables.
+/// The tables of `effects`.
 pub(super) fn write(effects: &Effects) -> Vec<Written> {
     effects.as_slice().iter().copied().map(Written).collect()
 }
 
-/// The effects that `tables` hold, as far as they go with `force`.
+/// The effects in `tables`, checked against `force`.
 pub(super) fn read(tables: &[Table], force: &ForceModel) -> Result<Effects, Error> {
     let models: Vec<EffectModel> =
         tables.iter().enumerate().map(|(index, table)| one(index, table)).collect::<Result<_, _>>()?;
@@ -88,7 +88,7 @@ fn text<'a>(table: &'a Table, at: &str, key: &str) -> Result<Option<&'a str>, Er
     match table.get(key) {
         None => Ok(None),
         Some(Value::String(text)) => Ok(Some(text)),
-        Some(other) => Err(file_error(format!("{at}.{key} is {other}, not a text in quotes"))),
+        Some(other) => Err(file_error(format!("{at}.{key} is {other}, not a string in quotes"))),
     }
 }
 

@@ -18,7 +18,7 @@ pub(super) struct Parameters {
     coupling_per_s: Vec<f64>,
 }
 
-/// The keys beside those of the memberships, for "did you mean".
+/// The known keys except the memberships' keys, to suggest the nearest one.
 const KEYS: [&str; 5] =
     ["force_offset_n", "yield_force_n", "post_yield_damping_n_s_m", "pre_yield_slope_s_m", "coupling_per_s"];
 

@@ -1,7 +1,7 @@
-//! Parameters of a law of force in a model file.
+//! Parameters of a force law in a model file.
 //!
-//! Each parameter is a number (no dependence on the drive), a list of coefficients of i^0, i^1, ... in its unit
-//! over that power of the drive's, or a list with one value for each fuzzy set.
+//! Each parameter is a number (no dependence on the drive), a list of coefficients of i^0, i^1, ... (each in
+//! the parameter's unit over that power of the drive's unit), or a list with one value for each fuzzy set.
 
 use super::memberships::{self, Memberships};
 use super::{drive_error, file_error, table_into};
@@ -89,7 +89,7 @@ pub(super) fn read(law: Law, drive: Option<DriveKind>, table: &toml::Table) -> R
     LawModel::new(law, dependence, &coefficients, p.force_offset_n)
 }
 
-/// The dependence called `name`; of a polynomial there are `copies` coefficients a parameter.
+/// The dependence `name`; a polynomial has `copies` coefficients per parameter.
 pub(super) fn dependence(
     name: &str,
     drive: Option<DriveKind>,
@@ -101,7 +101,10 @@ pub(super) fn dependence(
         ("polynomial", Some(drive)) => Dependence::Polynomial { drive, degree: copies.saturating_sub(1) },
         ("fuzzy", Some(drive)) => Dependence::Fuzzy(memberships.read(drive)?),
         ("none" | "polynomial" | "fuzzy", _) => {
-            return Err(drive_error(drive, "dependence = \"none\" without a drive, or another with one"));
+            return Err(drive_error(
+                drive,
+                "dependence = \"none\" without a drive, or another dependence with one",
+            ));
         }
         (other, _) => {
             return Err(file_error(format!(

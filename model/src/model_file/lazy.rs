@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub(super) struct Parameters {
     force_offset_n: f64,
-    /// Least and most points of a local regression.
+    /// Smallest and largest number of points in a local regression.
     neighbours: [usize; 2],
     displacement_scale_m: f64,
     velocity_scale_m_s: f64,
@@ -25,11 +25,11 @@ pub(super) struct Parameters {
     points_current_a: Option<Vec<f64>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     points_voltage_v: Option<Vec<f64>>,
-    /// Force of each point without the offset.
+    /// Force of each point, without the offset.
     points_force_n: Vec<f64>,
 }
 
-/// The keys, for "did you mean".
+/// The known keys, to suggest the nearest one.
 const KEYS: [&str; 11] = [
     "force_offset_n",
     "neighbours",
@@ -81,9 +81,9 @@ pub(super) fn read(drive: Option<DriveKind>, table: &toml::Table) -> Result<Lazy
         _ => {
             let wanted = match drive {
                 None => "neither scale nor points of current or voltage",
-                Some(DriveKind::CoilCurrent) => "current_scale_a and points_current_a, and none of voltage",
+                Some(DriveKind::CoilCurrent) => "current_scale_a and points_current_a, but no voltage keys",
                 Some(DriveKind::CommandVoltage) => {
-                    "voltage_scale_v and points_voltage_v, and none of current"
+                    "voltage_scale_v and points_voltage_v, but no current keys"
                 }
             };
             return Err(drive_error(drive, wanted));

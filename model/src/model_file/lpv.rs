@@ -1,5 +1,5 @@
-//! Parameters of an LPV model in a model file: for each regressor a list with one coefficient for each power of the
-//! drive (in its unit over that power of the drive's), or for each fuzzy set.
+//! Parameters of an LPV model in a model file. Each regressor has a list with one coefficient for each power
+//! of the drive (in its unit over that power of the drive's unit), or for each fuzzy set.
 
 use super::law::dependence;
 use super::memberships::{self, Memberships};
@@ -18,15 +18,15 @@ pub(super) struct Parameters {
     dependence: String,
     #[serde(flatten)]
     memberships: Memberships,
-    /// Those of F_{k-1}, F_{k-2}, F_{k-3}.
+    /// Coefficients of F_{k-1}, F_{k-2}, F_{k-3}.
     force_lags: [Vec<f64>; LAGS],
-    /// Those of x_k, x_{k-1}, x_{k-2}.
+    /// Coefficients of x_k, x_{k-1}, x_{k-2}.
     displacement_lags_n_m: [Vec<f64>; LAGS],
-    /// Those of v_k, v_{k-1}, v_{k-2}.
+    /// Coefficients of v_k, v_{k-1}, v_{k-2}.
     velocity_lags_n_s_m: [Vec<f64>; LAGS],
 }
 
-/// The keys beside those of the memberships, for "did you mean".
+/// The known keys except the memberships' keys, to suggest the nearest one.
 const KEYS: [&str; 6] = [
     "sample_period_s",
     "force_offset_n",

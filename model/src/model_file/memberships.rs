@@ -1,5 +1,5 @@
-//! Fuzzy sets over the drive in a model file: keys in the drive's unit, and in no other. Sigma is one number for all
-//! sets, or a list with one for each.
+//! Fuzzy sets over the drive in a model file. Keys must be in the drive's unit. Sigma is one number for all
+//! sets, or a list with one number for each set.
 
 use super::drive_error;
 use super::law::Value;
@@ -8,7 +8,7 @@ use crate::force::{FuzzySets, Membership};
 use crate::sample::DriveKind;
 use serde::{Deserialize, Serialize};
 
-/// The keys, for "did you mean".
+/// The known keys, to suggest the nearest one.
 pub(super) const KEYS: [&str; 4] =
     ["membership_sigma_a", "membership_sigma_v", "membership_centres_a", "membership_centres_v"];
 
@@ -59,7 +59,7 @@ impl Memberships {
                 Err(drive_error(
                     Some(drive),
                     &format!(
-                        "membership_centres_{unit} and membership_sigma_{unit}, and none in the other unit"
+                        "membership_centres_{unit} and membership_sigma_{unit}, but no keys in the other unit"
                     ),
                 ))
             }

@@ -1,25 +1,26 @@
-//! The model file: TOML that holds a model, what it was identified from, and what to expect of it.
+//! The model file: TOML with a model, the data it was identified from, and its expected error.
 //!
 //! ```toml
 //! schema = "mr-damper/model/1"
 //! model = "fuzzy-tanh"
 //! drive = "current_a"          # or "command_v"; absent for a passive ARX
-//! effects = []                 # none; or, in order of application:
+//! effects = []                 # no effects; or, in order of application:
 //!
 //! [[effects]]
 //! id = "coil_lag"              # see `crate::effect`
-//! form = "one_tau"             # where an id has more than one form
+//! form = "one_tau"             # if an id has more than one form
 //! tau_s = 0.01                 # parameters by name
 //!
 //! [parameters]                 # unit-suffixed names; see `Parameters`
 //! [conditioning]               # filter, derivative, rate
 //! [envelope]                   # training ranges
-//! [expected]                   # RSSE to expect, N
-//! [expected.uncertainty]       # widths by region, where they were calibrated; see `crate::uncertainty`
+//! [expected]                   # expected RMSE, N
+//! [expected.uncertainty]       # widths by region, if calibrated; see `crate::uncertainty`
 //! [provenance]                 # runs with SHA-256, tool version, seed, metrics
 //! ```
 //!
-//! Each kind of model has its table of parameters in a file of its own here. Reading is strict: an unknown key, a missing one, or a parameter in another unit is an error that names it.
+//! Each kind of model has a submodule with its parameter table. Reading is strict: an unknown key, a missing
+//! key, or a parameter in another unit is an error that names the key.
 
 mod arx;
 mod effects;
@@ -43,16 +44,16 @@ use serde::{Deserialize, Serialize};
 /// The value of `schema` in files that this version reads and writes.
 pub const SCHEMA: &str = "mr-damper/model/1";
 
-/// A model with its history, as a file holds it.
+/// A model and its provenance, as stored in a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelFile {
     /// The model.
     pub model: Model,
-    /// How it came about.
+    /// Origin of the model.
     pub provenance: Provenance,
 }
 
-/// How a model came about.
+/// Origin of a model.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Provenance {
@@ -64,58 +65,60 @@ pub struct Provenance {
     pub seed: u64,
     /// Number of restarts.
     pub restarts: u32,
-    /// Rank of the regression (ARX); below the number of coefficients where regressors are collinear.
+    /// Rank of the regression (ARX); less than the number of coefficients if regressors are collinear.
     pub rank: Option<u32>,
-    /// Runs that it was trained on.
+    /// Runs that the model was trained on.
     pub runs: Vec<TrainingRun>,
-    /// Fit on the training runs, running free, offset of each run taken out.
+    /// Simulation error on the training runs, without the offset of each run.
     pub training_free_run: Option<Fit>,
-    /// Fit on the training runs, one step ahead.
+    /// Error of the one-step-ahead prediction on the training runs.
     pub training_one_step: Option<Fit>,
-    /// Fit on the validation runs, running free, with the file's own offset.
+    /// Simulation error on the validation runs, with the file's own offset.
     pub validation_free_run: Option<Fit>,
-    /// Fit on the validation runs, one step ahead.
+    /// Error of the one-step-ahead prediction on the validation runs.
     pub validation_one_step: Option<Fit>,
-    /// One step ahead, predicting that the force stays what it was: what one-step figures are to be held against.
+    /// Error of persistence, which predicts the force of the previous sample; the reference for one-step
+    /// figures.
     pub persistence: Option<Fit>,
 }
 
-/// A run that took part in an identification.
+/// A run that was used in an identification.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingRun {
-    /// Its path or name.
+    /// Path or name of the run.
     pub name: String,
-    /// SHA-256 of the file, in hex; empty when the run was not a file.
+    /// SHA-256 of the file, in hex; empty if the run was not a file.
     pub sha256: String,
-    /// Samples that counted.
+    /// Number of samples that were used.
     pub samples: u64,
-    /// Force offset that was identified for it, N.
+    /// The run's identified force offset, N.
     pub force_offset_n: f64,
-    /// What it was for, when a closing of the loop made the model; absent: it was trained on.
+    /// Role of the run in the diagnosis that produced the model; absent for an ordinary training run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub role: Option<Role>,
 }
 
-/// What a run was for in a closing of the loop (see [`crate::diagnose`]).
+/// Role of a run in a diagnosis (see [`crate::diagnose`]). Files keep the words of the command-line flags
+/// `--estimate`, `--confirm` and `--test`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
-    /// The base that the closing started from was trained on it, or chosen with it.
+    /// The base model of the diagnosis was trained on it, or chosen with it.
     Base,
-    /// Effects were found on it.
+    /// Training run: effects were found on it.
     Estimate,
-    /// It decided whether a finding holds.
+    /// Validation run: it decided whether a finding is confirmed.
     Confirm,
-    /// Sealed: read once, at the end.
+    /// Test run: read once, at the end.
     Test,
-    /// The healthy run of the same excitation.
+    /// Healthy reference run of the same excitation.
     Reference,
-    /// One of several runs of one pattern, for the noise floor.
+    /// One of several runs of one excitation, for the noise floor.
     Replicate,
 }
 
-/// `[conditioning]` of the file: the settings and the rate that they were used at.
+/// `[conditioning]` of the file: the settings, and the sample rate that they were used at.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct FileConditioning {
     rate_hz: f64,
@@ -123,7 +126,8 @@ struct FileConditioning {
     conditioning: Conditioning,
 }
 
-/// Parameters by name, with the unit in the name. One flat table a model keeps files easy to read and diff.
+/// Parameters by name, with the unit in the name. One flat table per model keeps files easy to read and
+/// compare.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 enum Parameters {
@@ -186,7 +190,7 @@ impl ModelFile {
     /// The file's text.
     ///
     /// # Errors
-    /// When a number cannot be written as TOML.
+    /// If a number cannot be written as TOML.
     pub fn to_toml(&self) -> Result<String, Error> {
         let Model { force, effects, conditioning, rate_hz, envelope, expected } = self.model;
         let written = Written {
@@ -203,11 +207,11 @@ impl ModelFile {
         toml::to_string(&written).map_err(|e| file_error(e.to_string()))
     }
 
-    /// Reads a file's text.
+    /// Parses a file's text.
     ///
     /// # Errors
     /// [`Error::ModelFile`] with the key, the value and what to do; [`Error::OutOfRange`] and
-    /// [`Error::Length`] for numbers that make no model.
+    /// [`Error::Length`] for invalid numbers.
     pub fn from_toml(text: &str) -> Result<Self, Error> {
         let read: Read = toml::from_str(text).map_err(|e| file_error(e.to_string()))?;
         if read.schema != SCHEMA {
@@ -256,7 +260,8 @@ fn unknown_model(name: &str) -> Error {
     file_error(format!("model is \"{name}\"; known are {}", known.join(", ")))
 }
 
-/// Deserialises one table; an unknown key gets a hint on the key (and unit) that was probably meant.
+/// Deserialises one table. The error for an unknown key suggests the key (and unit) that was probably
+/// intended.
 fn table_into<T: serde::de::DeserializeOwned>(
     name: &str,
     table: toml::Table,
@@ -274,10 +279,10 @@ fn table_into<T: serde::de::DeserializeOwned>(
     table.try_into().map_err(|e: toml::de::Error| file_error(format!("[{name}]: {}", e.to_string().trim())))
 }
 
-/// The error of a drive that does not go with the parameters: `wanted` says what would.
+/// The error for a drive that does not match the parameters; `wanted` names the parameters that would.
 fn drive_error(drive: Option<DriveKind>, wanted: &str) -> Error {
     let drive = drive.map_or("absent".to_owned(), |d| format!("\"{d}\""));
-    file_error(format!("drive is {drive}, so parameters must hold {wanted}"))
+    file_error(format!("drive is {drive}, so parameters must contain {wanted}"))
 }
 
 fn file_error(message: String) -> Error {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub(super) struct Parameters {
     sample_period_s: f64,
-    /// Also the mean by which forces are normalised.
+    /// Force offset, which is also the mean for the normalisation of forces.
     force_offset_n: f64,
     force_deviation_n: f64,
     displacement_mean_m: f64,
@@ -26,7 +26,7 @@ pub(super) struct Parameters {
     voltage_mean_v: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     voltage_deviation_v: Option<f64>,
-    /// A list for each hidden neuron: its weights of the inputs.
+    /// For each hidden neuron, a list with its input weights.
     hidden_weights: Vec<Vec<f64>>,
     /// One for each hidden neuron.
     hidden_biases: Vec<f64>,
@@ -35,7 +35,7 @@ pub(super) struct Parameters {
     output_bias: f64,
 }
 
-/// The keys, for "did you mean".
+/// The known keys, to suggest the nearest one.
 const KEYS: [&str; 15] = [
     "sample_period_s",
     "force_offset_n",
@@ -82,7 +82,7 @@ impl Parameters {
     }
 }
 
-/// The drive's normalisation from what the file has of both units.
+/// The drive's normalisation, from the file's values in both units.
 pub(super) fn drive_normalisation(
     drive: Option<DriveKind>,
     current: (Option<f64>, Option<f64>),
@@ -97,9 +97,9 @@ pub(super) fn drive_normalisation(
         _ => {
             let wanted = match drive {
                 None => "neither mean nor deviation of current or voltage",
-                Some(DriveKind::CoilCurrent) => "current_mean_a and current_deviation_a, and none of voltage",
+                Some(DriveKind::CoilCurrent) => "current_mean_a and current_deviation_a, but no voltage keys",
                 Some(DriveKind::CommandVoltage) => {
-                    "voltage_mean_v and voltage_deviation_v, and none of current"
+                    "voltage_mean_v and voltage_deviation_v, but no current keys"
                 }
             };
             Err(drive_error(drive, wanted))

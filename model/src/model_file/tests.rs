@@ -1,4 +1,4 @@
-//! Files in and out, and what is said of broken ones.
+//! Writing and reading of model files, and the errors for invalid files.
 
 use super::*;
 use crate::effect::{Effect, EffectModel, Effects};
@@ -19,7 +19,7 @@ fn error_of(text: &str) -> String {
 }
 
 #[test]
-fn every_preset_survives_the_file_bit_for_bit() {
+fn every_preset_is_bit_identical_after_write_and_read() {
     for name in preset::names() {
         let written = file(&name);
         let text = written.to_toml().expect("writes");
@@ -29,7 +29,7 @@ fn every_preset_survives_the_file_bit_for_bit() {
 }
 
 #[test]
-fn a_wrong_unit_is_named_with_the_right_one() {
+fn an_error_for_a_wrong_unit_names_the_right_one() {
     let text = file("thesis/fuzzy-tanh/rp3-cs").to_toml().expect("writes");
     let message = error_of(&text.replace("yield_force_n", "yield_force_lbf"));
     assert!(
@@ -66,7 +66,7 @@ fn other_errors_name_the_key() {
     assert!(message.contains("line 1"), "{message}");
 }
 
-/// A file with `force` in place of the preset's model.
+/// A preset file whose model is replaced by `force`.
 fn file_of(force: ForceModel) -> ModelFile {
     let preset = file("thesis/fuzzy-tanh/rp3-cs");
     ModelFile { model: Model { force, ..preset.model }, ..preset }
@@ -119,7 +119,7 @@ fn lpvs() -> Vec<ForceModel> {
     vec![of(polynomial), of(Dependence::Fuzzy(widths.expect("sets")))]
 }
 
-/// A fuzzy-tanh model whose sets have each a width of its own.
+/// A fuzzy-tanh model whose sets have different widths.
 fn of_unlike_widths() -> ForceModel {
     let ForceModel::FuzzyTanh(model) = file("thesis/fuzzy-tanh/rp3-cs").model.force else {
         panic!("a preset")
@@ -130,7 +130,7 @@ fn of_unlike_widths() -> ForceModel {
 }
 
 #[test]
-fn models_that_learn_from_data_survive_the_file_bit_for_bit() {
+fn data_driven_models_are_bit_identical_after_write_and_read() {
     let savaresi = |drive| {
         Arx::savaresi([1.6, -0.7], [4e3, -3e3], [250.0, 80.0], drive, Second(0.002), 9.0).expect("a model")
     };
@@ -144,7 +144,7 @@ fn models_that_learn_from_data_survive_the_file_bit_for_bit() {
 }
 
 #[test]
-fn a_broken_one_of_them_is_refused_by_name() {
+fn an_error_in_a_data_driven_model_names_the_key() {
     let text = |force: ForceModel| file_of(force).to_toml().expect("writes");
     let (network, lazy) = (text(networks()[1]), text(lazies()[1]));
     let (lpv, widths) = (text(lpvs()[0]), text(of_unlike_widths()));
@@ -175,7 +175,7 @@ fn a_broken_one_of_them_is_refused_by_name() {
     }
 }
 
-/// An effect with the shares of its parameters' ranges.
+/// An effect whose parameters lie at the given shares of their ranges.
 fn effect_at(index: usize, shares: [f64; 2]) -> EffectModel {
     let effect = Effect::ALL[index % Effect::ALL.len()];
     let value = |(p, share): (&crate::effect::Parameter, f64)| p.range[0] + share * (p.range[1] - p.range[0]);
@@ -200,13 +200,13 @@ fn effects_are_tables_in_order_of_application() {
         "[[effects]]\nid = \"coil_lag\"\nform = \"rise_fall\"\ntau_rise_s = 0.005\ntau_fall_s = 0.019\n\n\
          [[effects]]\nid = \"gas_spring\"\nstiffness_n_m = 1200.0"
     );
-    // Whole numbers may be written as such.
+    // Whole numbers may be written without a decimal point.
     let read = ModelFile::from_toml(&text.replace("1200.0", "1200")).expect("reads");
     assert_eq!(read, file_with(&[lag, gas]));
 }
 
 #[test]
-fn a_broken_effect_is_refused_by_name() {
+fn an_error_in_an_effect_names_the_key() {
     let text = file("thesis/fuzzy-tanh/rp3-cs").to_toml().expect("writes");
     let passive = "[[effects]]\nid = \"remanence\"\nhalf_width_drive = 0.1";
     for (effects, expected) in [
@@ -214,7 +214,7 @@ fn a_broken_effect_is_refused_by_name() {
             "[[effects]]\nid = \"coil_lg\"",
             "effects[0].id is \"coil_lg\"; did you mean coil_lag? (known are coil_lag, remanence,",
         ),
-        ("[[effects]]\nid = 3", "effects[0].id is 3, not a text in quotes"),
+        ("[[effects]]\nid = 3", "effects[0].id is 3, not a string in quotes"),
         ("[[effects]]\ntau_s = 0.01", "effects[0].id is missing"),
         ("[[effects]]\nid = \"coil_lag\"\ntau_s = 0.01", "coil_lag needs form, one of one_tau, rise_fall"),
         (
@@ -250,7 +250,7 @@ fn a_broken_effect_is_refused_by_name() {
 
 proptest! {
     #[test]
-    fn any_effects_survive_the_file_bit_for_bit(
+    fn any_effects_are_bit_identical_after_write_and_read(
         chosen in prop::collection::vec((0..Effect::ALL.len(), 0.0..=1.0f64, 0.0..=1.0f64), 0..=3),
     ) {
         let effects: Vec<EffectModel> = chosen.iter().map(|(index, a, b)| effect_at(*index, [*a, *b])).collect();
@@ -259,9 +259,9 @@ proptest! {
         prop_assert_eq!(read, Ok(written));
     }
 
-    /// Broken anywhere, a file is an error or a model that can be written again, never a panic.
+    /// A file with a random defect gives an error or a model that can be written again, but never a panic.
     #[test]
-    fn a_file_that_is_broken_at_random_is_an_error_or_a_model(
+    fn a_random_defect_gives_an_error_or_a_model(
         index in 0..Effect::ALL.len(),
         at in 0.0..1.0f64,
         length in 0..12_usize,

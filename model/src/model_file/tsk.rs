@@ -3,9 +3,9 @@
 //! ```toml
 //! inputs = ["displacement", "velocity", "drive"]
 //! order = "first"                      # or "constant"
-//! displacement_mean_m = 0.0            # of each input: what normalises it, in its unit,
+//! displacement_mean_m = 0.0            # for each input: its normalisation, in its unit,
 //! displacement_std_dev_m = 0.004
-//! displacement_centres = [-3, 0, 3]    # and its Gaussians; or triangles as
+//! displacement_centres = [-3, 0, 3]    # and its Gaussians, or triangles as
 //! displacement_sigmas = [1, 1, 1]      # _left_feet, _peaks and _right_feet
 //! conclusions = [[0.1, 0.2, 0.3, 0.4]] # rule by rule, the last input's sets fastest; normalised
 //! force_mean_n = 0.0
@@ -33,11 +33,11 @@ pub(super) struct Parameters {
     values: BTreeMap<String, Value>,
 }
 
-/// The keys beside those of the inputs, for "did you mean".
+/// The known keys except the inputs' keys, to suggest the nearest one.
 const KEYS: [&str; 6] =
     ["inputs", "order", "force_offset_n", "force_mean_n", "force_std_dev_n", "conclusions"];
 
-/// The numbers of a shape's sets, by the key's ending.
+/// Numbers of a set of this shape, as the last part of the key.
 const fn endings(shape: Shape) -> &'static [&'static str] {
     match shape {
         Shape::Gaussian => &["centres", "sigmas"],
@@ -85,7 +85,7 @@ pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table)
     let names = table.get("inputs").and_then(toml::Value::as_array);
     let takes_drive = names.is_some_and(|names| names.iter().any(|name| name.as_str() == Some("drive")));
     if takes_drive != drive.is_some() {
-        return Err(drive_error(drive, "an input \"drive\" exactly when there is a drive"));
+        return Err(drive_error(drive, "an input \"drive\" if and only if there is a drive"));
     }
     let signals = signals(drive);
     let keys: Vec<String> = signals
@@ -111,7 +111,7 @@ pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table)
     let named = |name: &String| {
         signals.iter().find(|signal| signal.name() == name).copied().ok_or_else(|| {
             file_error(format!(
-                "parameters.inputs holds \"{name}\", but must be of displacement, velocity, acceleration, drive"
+                "parameters.inputs holds \"{name}\", but inputs must be displacement, velocity, acceleration or drive"
             ))
         })
     };
@@ -122,7 +122,7 @@ pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table)
         !p.inputs.iter().any(own)
     }) {
         return Err(file_error(format!(
-            "parameters.{foreign} belongs to no input; add the input or leave it out"
+            "parameters.{foreign} belongs to no input; add the input or remove the key"
         )));
     }
     let width = order.width(inputs.len());
@@ -137,7 +137,7 @@ pub(super) fn read(kind: TskKind, drive: Option<DriveKind>, table: &toml::Table)
     Tsk::new(kind, &inputs, order, &p.conclusions.concat(), output, p.force_offset_n)
 }
 
-/// All signals that a model with this drive can take.
+/// All inputs that are possible with this drive.
 fn signals(drive: Option<DriveKind>) -> Vec<Signal> {
     let motion = [Signal::Displacement, Signal::Velocity, Signal::Acceleration];
     motion.into_iter().chain(drive.map(Signal::Drive)).collect()
@@ -160,7 +160,7 @@ fn input(signal: Signal, values: &BTreeMap<String, Value>) -> Result<TskInput, E
     ) {
         (true, true) => {
             return Err(file_error(format!(
-                "parameters hold {name}_centres and {name}_peaks; an input has Gaussians or triangles"
+                "parameters contain both {name}_centres and {name}_peaks; an input has either Gaussians or triangles"
             )));
         }
         (_, false) => Shape::Gaussian,

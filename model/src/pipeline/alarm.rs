@@ -1,9 +1,9 @@
-//! The residual alarm: says that the free-running model is off, with a stated time between false alarms.
+//! The residual alarm: it detects that the simulation is worse than expected, with a bound on the rate of false alarms.
 //!
-//! Residuals are taken together in blocks. A block's power, over what the model may have, is bet on at a few stakes:
+//! Residuals are grouped in blocks. The test bets on the power of each block, relative to its bound, at several stakes:
 //!
 //! ```text
-//! q   = mean(r^2) / (c s)^2              power of a block, over the most that the model may have
+//! q   = mean(r^2) / (c s)^2              power of a block over its bound
 //! e_l = 1 + l (q - 1)                    e-value of the block at the stake l: never negative
 //! M_l = e_l (M_l + 1)                    evidence: Shiryaev-Roberts, from 0
 //! alarm when  mean over l of M_l >= N,   N = T / B
@@ -11,40 +11,40 @@
 //!
 //! | symbol | where | unit | meaning |
 //! |---|---|---|---|
-//! | r | | N | measured force minus the free run; the model had all that it needs |
-//! | s | `expected.free_run_rsse_n` of the model file | N | RSSE to expect |
-//! | c | `residual.alarm_ratio` | - | factor over s that is no fault yet |
+//! | r | | N | measured force minus simulated force, where the model had all its inputs |
+//! | s | `expected.free_run_rsse_n` of the model file | N | expected RMSE of the simulation (the thesis calls it RSSE) |
+//! | c | `residual.alarm_ratio` | - | factor over s that does not count as a fault yet |
 //! | B | `residual.alarm_block_s` | s | length of a block |
-//! | T | `residual.false_alarm_interval_s` | s | mean time between false alarms, at least |
-//! | l | [`STAKES`] | - | a small one finds a small excess, a large one a large excess sooner |
+//! | T | `residual.false_alarm_interval_s` | s | lower bound of the mean time between false alarms |
+//! | l | [`STAKES`] | - | a small stake detects a small excess, a large stake detects a large excess sooner |
 //!
-//! **What is promised, and when.** As long as the residual's power in the block to come, given all before, is not
-//! expected to exceed (c s)^2, the mean time to a false alarm is at least T, whatever the residual's distribution
-//! and colour. For then the expectation of every e_l given the past is at most 1, and M minus the count of blocks
-//! is a supermartingale, which cannot be expected to reach N in fewer than N blocks. Without an expected RSSE there is
-//! no yardstick, and never an alarm.
+//! **Guarantee.** The mean time to a false alarm is at least T if the expected power of each block, given all blocks before it,
+//! is at most (c s)^2. This holds for any distribution and any correlation of the residual. Proof: the expectation of each e_l
+//! given the past is then at most 1, so M minus the count of blocks is a supermartingale, which cannot be expected to reach N
+//! in fewer than N blocks. If the expected RMSE is not known, the alarm stays off.
 //!
-//! **When it does not hold.** The assumption is one of *every* block, while s is the mean over the runs of an identification: a
-//! model that is right on average but further off than c s in one manoeuvre raises the alarm when that lasts. On the virtual
-//! rig, a fuzzy-tanh model on other replicates of its own experiment raises none while motion and current vary
-//! freely; where each current is held for half a minute (RP3-CS) it raised one in ten minutes at c = 1.5 and none at
-//! c = 2. The factor also covers what a residual that is correlated from block to block strays by.
+//! **Limits of the guarantee.** The assumption concerns *every* block, while s is the mean over the training runs. A model that
+//! is right on average but has an error above c s in one manoeuvre raises the alarm when that manoeuvre lasts. On the virtual
+//! rig, a fuzzy-tanh model on other replicates of its own experiment raised no alarm while motion and current varied freely.
+//! Where each current was held for half a minute (RP3-CS), it raised one in ten minutes at c = 1.5 and none at c = 2. The
+//! factor c also covers the fluctuation of a residual that is correlated from block to block.
 //!
-//! **Down again.** Once raised, the evidence is put to zero and the alarm stands until the power has been within (c s)^2
-//! for [`QUIET_BLOCKS`] blocks in a row. It also falls when the model is swapped, on a reset, and after a gap
-//! or a jump in displacement, because the residuals from then on are other ones.
+//! **Reset.** When the alarm is raised, the evidence is set to zero. The alarm falls when the power has been within (c s)^2 for
+//! [`QUIET_BLOCKS`] blocks in a row. It also falls when the model is swapped, on a reset, and after a gap or a jump in
+//! displacement, because the residuals from then on are not comparable.
 //!
-//! Source: Shin, Ramdas, Rinaldo, E-detectors: a nonparametric framework for sequential change detection, New England
-//! Journal of Statistics in Data Science (2023), section 3 (the Shiryaev-Roberts e-detector and its average run
-//! length) and 4 (mixtures). The stakes, blocks and the way down are ours.
+//! Source: Shin, Ramdas, Rinaldo, E-detectors: a nonparametric framework for sequential change detection, New England Journal
+//! of Statistics in Data Science (2023), section 3 (the Shiryaev-Roberts e-detector and its average run length) and 4
+//! (mixtures). The stakes, the blocks and the reset are ours.
+//! See `[shin2023]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::settings::Settings;
 use crate::sample::Stamp;
 
-/// Stakes of the bets, in (0, 1): the e-values stay positive.
+/// Stakes of the bets, in (0, 1), so that the e-values stay positive.
 const STAKES: [f64; 4] = [0.1, 0.3, 0.6, 0.9];
 
-/// Blocks in a row within the bound after which a raised alarm falls.
+/// Number of blocks in a row within the bound after which a raised alarm falls.
 const QUIET_BLOCKS: u32 = 10;
 
 /// The detector.
@@ -62,12 +62,12 @@ pub(super) struct Alarm {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Block {
     begin: Stamp,
-    /// Sum of the squared residuals over the expected RSSE.
+    /// Sum of the squared ratios of the residual to the expected RMSE.
     squares: f64,
     count: f64,
 }
 
-/// What a finished block did to the alarm.
+/// Change of the alarm at the end of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Edge {
     Rising,
@@ -75,14 +75,14 @@ pub(super) enum Edge {
 }
 
 impl Alarm {
-    /// True while the alarm stands.
+    /// True while the alarm is raised.
     #[inline]
     pub(super) const fn is_raised(&self) -> bool {
         self.raised
     }
 
-    /// Takes a residual over the expected RSSE (NaN when that is not known). When it is the first of a new block, the
-    /// block before is judged by the settings at present.
+    /// Takes the ratio of a residual to the expected RMSE (NaN if that is not known). If it starts a new block, the block
+    /// before it is tested with the current settings.
     #[inline]
     pub(super) fn add(&mut self, stamp: Stamp, normalised: f64, settings: &Settings) -> Option<Edge> {
         if normalised.is_nan() {
@@ -99,7 +99,7 @@ impl Alarm {
         edge
     }
 
-    /// Starts anew; true when the alarm stood.
+    /// Resets the detector; true if the alarm was raised.
     pub(super) fn restart(&mut self) -> bool {
         std::mem::take(self).raised
     }

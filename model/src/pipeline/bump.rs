@@ -1,4 +1,4 @@
-//! Bumpless change: what is added after a change of mode or of model, so that neither the estimate nor its slope steps.
+//! Bumpless transfer: an offset that is added after a change of mode or model, so that neither the estimate nor its slope steps.
 //!
 //! ```text
 //! F_out = F_mode + d,    d'' + 2 d' / tau + d / tau^2 = 0
@@ -9,16 +9,17 @@
 //!
 //! | symbol | what | unit |
 //! |---|---|---|
-//! | F_mode | force by the mode at present | N |
-//! | F_before | by the mode before at the same sample, if it still can; else the last output, led on along its slope | N |
-//! | tau | half of `bumpless_tau_s`: what is left of a step then has the area of an exponential of that time constant | s |
+//! | F_mode | force of the current mode | N |
+//! | F_before | force of the previous mode at the same sample, if available; else the last output, extrapolated along its slope | N |
+//! | tau | half of `bumpless_tau_s`; the decay of a step then has the same area as an exponential with that time constant | s |
 //!
-//! A critically damped end: the slowest that does not swing. Slopes are those of the last [`SLOPE_S`], since from one sample to the
-//! next a force fed by a load cell has mostly noise.
+//! The decay is critically damped: the slowest that does not overshoot. Slopes are averaged over the last [`SLOPE_S`], because a
+//! force that follows a load cell has mostly noise from one sample to the next.
 
 /// Time constant of the slopes, s.
 const SLOPE_S: f64 = 5e-3;
-/// What is beyond every load cell, N: from there on the mode's own bits come through.
+/// Offset below which it is set to zero, N; no load cell resolves it. From then on the output is bit-identical to the mode's own
+/// force.
 const NOTHING_N: f64 = 1e-3;
 
 /// A force and its slope.
@@ -42,16 +43,16 @@ impl Sloped {
     }
 }
 
-/// The forces that could speak at a sample.
+/// The forces of both channels at a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Forces {
-    /// Time since the sample before, s; 0 when history started anew.
+    /// Time since the sample before, s; 0 if history restarted.
     pub(super) dt_s: f64,
     pub(super) free_n: Option<f64>,
     pub(super) seeded_n: Option<f64>,
 }
 
-/// Which of them speaks.
+/// The channel that the output comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Speaker {
     Free,
@@ -67,7 +68,7 @@ impl Forces {
     }
 }
 
-/// What is added, and what it follows from.
+/// The offset, and the slopes from which it is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Bump {
     offset_n: f64,
@@ -75,12 +76,12 @@ pub(super) struct Bump {
     free: Sloped,
     seeded: Sloped,
     output: Sloped,
-    /// The models have been swapped: the next output starts from the last one.
+    /// The models have been swapped: the next output continues from the last one.
     swapped: bool,
 }
 
 impl Bump {
-    /// The output for `forces`, of which `now` speaks; `before` has spoken until now when the mode has changed.
+    /// The output for `forces`: the force of `now` plus the offset. `before` is the previous channel if the mode has changed.
     #[inline]
     pub(super) fn smooth(
         &mut self,
@@ -104,7 +105,7 @@ impl Bump {
                 _ => led_n,
             };
             let slope = if now == Speaker::Free { &self.free } else { &self.seeded };
-            // Of a model that has just come nothing is known of its slope.
+            // The slope of a new model is not known yet.
             let kink_n_s = if swapped { 0.0 } else { self.output.n_s - slope.n_s };
             (self.offset_n, self.offset_n_s) = (before_n - force_n, kink_n_s);
         }
@@ -125,7 +126,7 @@ impl Bump {
         self.offset_n_s = (self.offset_n_s - pull * dt_s / tau_s) * keep;
     }
 
-    /// The output stays what it was for `dt_s`.
+    /// Holds the output for the step of `forces`.
     pub(super) fn hold(&mut self, forces: &Forces) -> Option<f64> {
         self.free.see(forces.free_n, forces.dt_s);
         self.seeded.see(forces.seeded_n, forces.dt_s);
@@ -134,7 +135,7 @@ impl Bump {
         self.output.last_n
     }
 
-    /// The next output is another model's: let it start from the last output, whose slope the new model's own forces do not tell yet.
+    /// The next output comes from another model: it starts from the last output, because the slope of the new model is not known yet.
     pub(super) fn expect_step(&mut self) {
         self.swapped = true;
         (self.free, self.seeded) = (Sloped::default(), Sloped::default());
@@ -144,7 +145,7 @@ impl Bump {
         self.output.last_n
     }
 
-    /// What is added now, N: the output minus the mode's own force.
+    /// The present offset, N: the output minus the mode's own force.
     pub(super) const fn offset_n(&self) -> f64 {
         self.offset_n
     }

@@ -1,15 +1,15 @@
-//! From what is asked for to current commands, once a displacement.
+//! From the demanded force to a current command, once per displacement.
 //!
 //! ```text
-//! force_request, body_velocity ─→ law ─→ demand ─→ commander ─→ Command
-//!                                                     ↑
-//!              free lane's inputs, measured force ────┘
+//! force_request, body_velocity ─→ control law ─→ demand ─→ inverse controller ─→ Command
+//!                                                                 ↑
+//!              inputs of the free-run channel, measured force ────┘
 //! ```
 //!
-//! Under the law `follow` nothing is commanded before a force was first asked for; from then on every displacement gets a command.
-//! What is older than `request_timeout_s` is asked for no more, and the current goes to the safe one. So it does when
-//! displacement stays away for longer than that: [`Commanding::silent`] says what has become of the current by now without changing
-//! anything, so that ticks leave no trace, and [`Commanding::resume`] does the same when displacement is back.
+//! Under the control law `follow`, commands start with the first force request. From then on every displacement yields a command. A
+//! request expires after `request_timeout_s`; the current then goes to the safe current. The same happens when displacement stops
+//! for longer than that. [`Commanding::silent`] then computes the current at this time without changing any state, so that ticks
+//! leave no trace. [`Commanding::resume`] applies the same change when displacement returns.
 
 use super::event::Commanded;
 use super::settings::Settings;
@@ -18,23 +18,23 @@ use crate::force::Inputs;
 use crate::inverse::{Commander, Demand, Law};
 use crate::sample::Stamp;
 
-/// What commands currents, and what it is told.
+/// The inverse controller and its inputs.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Commanding {
     commander: Commander,
     request: Hold,
     body: Hold,
-    /// A force was asked for.
+    /// A force has been requested at least once.
     asked: bool,
 }
 
-/// What a command is made from.
+/// The inputs of a command.
 pub(super) struct Moving {
     pub(super) stamp: Stamp,
     pub(super) received: Stamp,
-    /// Time since the displacement before, s; however long.
+    /// Time since the displacement before, s; not limited by a gap.
     pub(super) step_s: Option<f64>,
-    /// Inputs of the free lane; the drive NaN where it is not known now.
+    /// Inputs of the free-run channel. The drive is NaN if it is not known now.
     pub(super) inputs: Option<Inputs>,
     pub(super) measured_n: Option<f64>,
 }
@@ -44,24 +44,24 @@ impl Commanding {
         Self { commander, request: Hold::default(), body: Hold::default(), asked: false }
     }
 
-    /// Goes on with another commander.
+    /// Continues with another inverse controller.
     pub(super) fn take(&mut self, mut commander: Commander) {
         commander.inherit(&self.commander);
         self.commander = commander;
     }
 
-    /// Takes a force that is asked for.
+    /// Takes a force request.
     pub(super) fn ask(&mut self, stamp: Stamp, force_n: f64) {
         self.asked = true;
         self.request.push(stamp, force_n);
     }
 
-    /// Takes the velocity of the body.
+    /// Takes the body's velocity.
     pub(super) fn body_moves(&mut self, stamp: Stamp, velocity_m_s: f64) {
         self.body.push(stamp, velocity_m_s);
     }
 
-    /// What was asked for counts no more.
+    /// Cancels the force request.
     pub(super) fn forget_request(&mut self) {
         self.request.clear();
     }
@@ -78,7 +78,7 @@ impl Commanding {
         }
     }
 
-    /// The command at a displacement, where there is one.
+    /// The command at a displacement; `None` while nothing is commanded.
     #[inline]
     pub(super) fn step(&mut self, moving: &Moving, settings: &Settings) -> Option<Commanded> {
         if !self.speaks(settings) {
@@ -97,7 +97,7 @@ impl Commanding {
         Some(Commanded { stamp: moving.stamp, known_at: moving.received, command })
     }
 
-    /// What the current has gone to by `now`, after `silence_s` without displacement, where that is long enough.
+    /// The current at `now`, after `silence_s` without displacement; `None` while the last command still holds.
     pub(super) fn silent(
         &self,
         now: Stamp,
@@ -108,7 +108,7 @@ impl Commanding {
         let (demand, idle_s) = idle(silence_s, settings).filter(|_| self.speaks(settings))?;
         let mut commander = self.commander;
         let command = commander.idle(demand, idle_s);
-        // A cast of a float saturates.
+        // Casts from float to integer saturate.
         Some(Commanded { stamp: last.shifted((silence_s * 1e9) as i64), known_at: now, command })
     }
 
@@ -119,13 +119,13 @@ impl Commanding {
     }
 }
 
-/// What is asked for after `silence_s` without displacement, and for how long it has been, s; `None` while the last command holds.
+/// The demand after `silence_s` without displacement, and for how long it has applied, s; `None` while the last command holds.
 fn idle(silence_s: f64, settings: &Settings) -> Option<(Demand, f64)> {
     let idle_s = silence_s - settings.request_timeout_s;
     (idle_s > 0.0).then(|| (settings.law.demand(None, None, f64::NAN), idle_s))
 }
 
-/// Inputs of which nothing is known.
+/// Inputs with every value unknown.
 const UNKNOWN: Inputs = Inputs {
     dt_s: None,
     displacement_m: f64::NAN,

@@ -1,16 +1,16 @@
-//! How far the estimate may be off, by mode.
+//! Uncertainty of the estimate, by mode.
 //!
 //! | mode | standard deviation and 90 % band |
 //! |---|---|
-//! | `arx`, `arx_coast` | one step of the seeded model, growing with the time since the newest measured force |
-//! | `model` | free run of the free model |
-//! | `hold` | the last one's, within [`HOLD_S`] growing to all that the training forces reached |
+//! | `arx`, `arx_coast` | seeded model, one step ahead, growing with the time since the newest measured force |
+//! | `model` | simulation (free run) of the free-run model |
+//! | `hold` | uncertainty of the last estimate, growing within [`HOLD_S`] to the whole range of the training forces |
 //! | `fault` | none |
 //!
-//! All but `hold` grow with the age of the drive. The band is the one of what the mode's model says. Right after a change of
-//! mode the estimate is elsewhere ([`super::bump`]): the band is stretched to hold it, and the step that is left adds
-//! to the standard deviation. A model without calibration gives the RSSE of its identification, and the band
-//! that a normal distribution has with it.
+//! In all modes but `hold`, the uncertainty also grows with the age of the drive. The band belongs to the output of the
+//! mode's model. Right after a change of mode the estimate differs from that output ([`super::bump`]): the band is extended
+//! to contain the estimate, and the remaining offset adds to the standard deviation. Without a calibration, the standard
+//! deviation is the RMSE of the model's identification, and the band follows from a normal distribution.
 
 use super::event::Reasons;
 use super::mode::Mode;
@@ -20,7 +20,7 @@ use crate::model::Model;
 use crate::sample::Stamp;
 use crate::uncertainty::{NORMAL_HALF_BAND, Operating, Predictor, Spread};
 
-/// Reasons for which the model is not where it was calibrated, or its inputs are not what they say.
+/// Reasons that put the model outside its calibration: it is outside the calibrated range, or its inputs are implausible.
 pub(crate) const BEYOND_CALIBRATION: Reasons = Reasons(
     Reasons::OUTSIDE_ENVELOPE.0
         | Reasons::SETTLING.0
@@ -30,14 +30,14 @@ pub(crate) const BEYOND_CALIBRATION: Reasons = Reasons(
         | Reasons::DRIVE_IMPLAUSIBLE.0,
 );
 
-/// Time in which a damper's force can become any other, s: a quarter of a slow stroke. A drive that is lost holds an
-/// estimate at once; silence of displacement is noticed later than this.
+/// Time in which a damper's force can change to any other value, s: a quarter of a slow stroke. If the drive is lost, the
+/// estimate is held at once; lost displacement is noticed later than this.
 const HOLD_S: f64 = 0.1;
 
-/// The newest measured force from which on the seeded lane has a history of nothing but measured ones.
+/// The newest measured force at which the whole history of the seeded channel was measured.
 ///
-/// When force comes back, the lags behind it are still the model's own predictions, and its next predictions are no
-/// better than while it coasted.
+/// When measured force returns, the older lags are still the model's own predictions. The next predictions are then as
+/// uncertain as while the channel coasted.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Seeds {
     index: u64,
@@ -46,7 +46,7 @@ pub(super) struct Seeds {
 }
 
 impl Seeds {
-    /// Force was measured at `stamp`, the one of displacement number `index`.
+    /// Notes that force was measured at `stamp`, the stamp of displacement number `index`.
     #[inline]
     pub(super) fn add(&mut self, index: u64, stamp: Stamp) {
         self.unbroken = if index == self.index.wrapping_add(1) { (self.unbroken + 1).min(DEPTH) } else { 1 };
@@ -57,7 +57,7 @@ impl Seeds {
     }
 }
 
-/// How far an estimate may be off.
+/// Uncertainty of an estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Doubt {
     pub(super) std_dev_n: f64,
@@ -66,10 +66,10 @@ pub(super) struct Doubt {
 }
 
 impl Doubt {
-    /// Nothing is known.
+    /// The uncertainty is not known.
     pub(super) const NONE: Self = Self { std_dev_n: f64::NAN, band_n: [f64::NAN; 2], calibrated: false };
 
-    /// `force_n` is put out where the model says `force_n - bump_n`.
+    /// Uncertainty of the output `force_n`, where the model's own force is `force_n - bump_n`.
     fn around(force_n: f64, bump_n: f64, spread: Spread) -> Self {
         let (model_n, half_n) = (force_n - bump_n, spread.half_band_n);
         Self {
@@ -79,14 +79,15 @@ impl Doubt {
         }
     }
 
-    /// `force_n` is held since `held_s`, and the training forces lie within `range_n`, as likely anywhere in it.
+    /// Uncertainty of a force that has been held for `held_s`. The force is taken as uniformly distributed over the training
+    /// range `range_n`.
     fn held(self, force_n: f64, range_n: Option<[f64; 2]>, held_s: f64) -> Self {
         let Some([low_n, high_n]) = range_n.filter(|_| force_n.is_finite()) else { return Self::NONE };
         let share = (held_s / HOLD_S).clamp(0.0, 1.0);
         let [last_low_n, last_high_n] = self.band_n;
         let off_n = ((high_n - low_n) / 12.0_f64.sqrt()).hypot(force_n - 0.5 * (low_n + high_n));
         Self {
-            // `max` and `min` take the other number where the last one was not known.
+            // `max` and `min` return the other number if the last value is NaN.
             std_dev_n: (self.std_dev_n.max(0.0)).hypot(share * off_n),
             band_n: [
                 last_low_n.min(force_n + share * (low_n - force_n).min(0.0)),
@@ -98,7 +99,8 @@ impl Doubt {
 }
 
 impl Pipeline {
-    /// Where a lane was at the last displacement; `None` before the first, and for a lane that there is not.
+    /// Operating point of a channel at the last displacement; `None` before the first, and for a channel that does not
+    /// exist.
     #[must_use]
     pub(crate) const fn operating(&self, predictor: Predictor) -> Option<Operating> {
         match predictor {
@@ -107,7 +109,7 @@ impl Pipeline {
         }
     }
 
-    /// Notes where the lanes are at `stamp`. Call it before the force of that stamp is taken in.
+    /// Notes the operating points of the channels at `stamp`. Call it before the force of that stamp is processed.
     pub(super) fn note_operating(&mut self, stamp: Stamp) {
         let drive = self.drive.at(stamp);
         let at = |predictor, velocity_m_s| Operating {
@@ -122,7 +124,7 @@ impl Pipeline {
         (self.free_at, self.seeded_at) = (Some(free_at), seeded_at);
     }
 
-    /// How far `force_n`, put out in `mode` at `stamp`, may be off.
+    /// Uncertainty of the output `force_n` in `mode` at `stamp`.
     pub(super) fn doubt(&self, stamp: Stamp, force_n: f64, mode: Mode, reasons: Reasons) -> Doubt {
         let free_n = self.free.expected_rsse_n();
         let by_lane = |model: Option<&Model>, at: Option<Operating>, expected_n: Option<f64>| {
@@ -140,7 +142,8 @@ impl Pipeline {
         let one_step_n = seeded.and_then(lane::SeededLane::expected_rsse_n);
         match mode {
             Mode::Arx => by_lane(seeded.map(lane::SeededLane::model), self.seeded_at, one_step_n),
-            // Without calibration, a coasting ARX is somewhere between: the free-running figure is the careful one.
+            // A coasting ARX model has an error between prediction and simulation. Without calibration the larger figure,
+            // the simulation's, is used.
             Mode::ArxCoast => by_lane(seeded.map(lane::SeededLane::model), self.seeded_at, free_n),
             Mode::Model => by_lane(Some(self.free.model()), self.free_at, free_n),
             Mode::Hold => {

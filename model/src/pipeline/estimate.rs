@@ -1,4 +1,4 @@
-//! From the lanes to the estimate: mode, bumpless change, validity.
+//! From the two channels to the estimate: mode, bumpless transfer, validity.
 
 use super::bump::{Forces, Speaker};
 use super::command::Moving;
@@ -15,7 +15,8 @@ use crate::sample::{Sample, Stamp};
 use crate::units::{Newton, Second};
 
 impl Pipeline {
-    /// Takes an accepted displacement: steps both lanes, decides the mode, reports the estimate and the command.
+    /// Processes an accepted displacement: steps both channels, decides the mode, reports the estimate and the
+    /// command.
     pub(super) fn on_displacement(
         &mut self,
         sample: &Sample,
@@ -39,14 +40,14 @@ impl Pipeline {
         let seeded_n =
             self.seeded.as_mut().and_then(|lane| lane.step(&given, &measured, &mut seeded_reasons));
         self.note_operating(stamp);
-        // A prediction is corrected, or smoothed, for the estimate alone: the residual is that of the free run.
+        // Corrections and smoothing apply to the estimate only. The residual uses the simulation itself.
         let observed_n = free_n.map(|force_n| force_n + self.observer.bias_n(stamp, &self.settings));
         let forces = Forces { dt_s: dt_s.unwrap_or(0.0), free_n: observed_n, seeded_n };
         let force_n = self.speak(stamp, &forces, emit);
         let mode = self.machine.mode();
 
         reasons |= self.mode_reasons(mode, free_reasons, seeded_reasons);
-        // What corrects or smooths a force may take it to where the model has never been.
+        // Correction and smoothing can take the force outside the model's training range.
         if Envelope::leaves(self.speaking(mode).envelope.force_n, force_n) {
             reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
@@ -60,7 +61,7 @@ impl Pipeline {
         emit(Event::Estimate(Estimate { received, ..estimate }));
         self.command(stamp, step_s, reasons, emit);
 
-        // Without a prediction there is no residual, but the force still seeds ARX.
+        // A displacement without a prediction gives no residual, but its measured force still seeds ARX.
         let predicted_n = free_n.unwrap_or(f64::NAN);
         let counts = !(free_reasons.has(Reasons::SETTLING)
             || free_reasons.has(Reasons::TEMPERATURE_MISSING)
@@ -74,7 +75,7 @@ impl Pipeline {
         self.settle_residuals(emit);
     }
 
-    /// Notes that it is the time of `sample`, and returns the time since the displacement before, s.
+    /// Advances time to `sample`, and returns the time since the displacement before, s.
     fn pass_time(
         &mut self,
         sample: &Sample,
@@ -104,7 +105,7 @@ impl Pipeline {
         step_s
     }
 
-    /// What both lanes are given, judged by each other.
+    /// Collects the inputs of both channels and checks their plausibility.
     fn gather(
         &mut self,
         stamp: Stamp,
@@ -131,18 +132,18 @@ impl Pipeline {
         }
     }
 
-    /// The model that speaks in `mode`.
+    /// The model that the estimate comes from in `mode`.
     fn speaking(&self, mode: Mode) -> &Model {
         let seeded = self.seeded.as_ref().filter(|_| matches!(mode, Mode::Arx | Mode::ArxCoast));
         seeded.map_or(self.free.model(), SeededLane::model)
     }
 
-    /// Age of the drive at `stamp`, s; NaN when there is none.
+    /// Age of the drive at `stamp`, s; NaN without a drive.
     fn drive_age_s(&self, stamp: Stamp) -> f64 {
         self.drive.at(stamp).map_or(f64::NAN, |(at, _)| stamp.since(at).get())
     }
 
-    /// Decides the mode, and returns the force that is put out; NaN in `fault`.
+    /// Decides the mode, and returns the output force, N; NaN in `fault`.
     fn speak(&mut self, stamp: Stamp, forces: &Forces, emit: &mut impl FnMut(Event)) -> f64 {
         let before = self.machine.mode();
         let conditions = Conditions {
@@ -158,7 +159,7 @@ impl Pipeline {
             if matches!(mode, Mode::Model | Mode::Fault)
                 && let Some(lane) = &mut self.seeded
             {
-                // What ARX said on its own is no history to come back to.
+                // The predictions that ARX made without measured force must not start its next history.
                 lane.forget_forces();
             }
             emit(Event::Transition(transition));
@@ -177,21 +178,21 @@ impl Pipeline {
         force_n.unwrap_or(f64::NAN)
     }
 
-    /// True while the newest measured force that met its displacement is no older than `force_timeout_s`.
+    /// True while the age of the newest measured force that met its displacement is at most `force_timeout_s`.
     fn force_is_fresh(&self, stamp: Stamp) -> bool {
         self.last_force.is_some_and(|at| stamp.since(at).get() <= self.settings.force_timeout_s)
     }
 
-    /// Commands the current that the law asks for.
+    /// Commands the current that the control law demands.
     fn command(&mut self, stamp: Stamp, step_s: Option<f64>, reasons: Reasons, emit: &mut impl FnMut(Event)) {
-        // A drive that is old or cannot be says less of the coil than the last command does.
+        // If the measured drive is old or implausible, the last command is the better information on the coil.
         let drive_counts = !(reasons.has(Reasons::DRIVE_STALE) || reasons.has(Reasons::DRIVE_IMPLAUSIBLE));
         let inputs = self
             .free
             .inputs()
             .map(|inputs| Inputs { drive: if drive_counts { inputs.drive } else { f64::NAN }, ..inputs });
         let force_odd = self.judge.force_is_odd(&self.known, &self.settings.plausible);
-        // Feedback is for the force of this sample: an older one is of another motion.
+        // Feedback uses the force of this sample only: an older force belongs to another motion.
         let taken = self.last_taken.unwrap_or(stamp);
         let of_this = |at: Stamp| at == taken || step_s.is_some_and(|step_s| taken.since(at).get() < step_s);
         let newest = self.force.newest(taken).filter(|(at, _)| of_this(*at) && !force_odd);
@@ -207,7 +208,7 @@ impl Pipeline {
         }
     }
 
-    /// The reasons of the lane that speaks, and what the mode itself says.
+    /// The reasons of the mode and of the channel that the estimate comes from.
     fn mode_reasons(&self, mode: Mode, free: Reasons, seeded: Reasons) -> Reasons {
         let mut reasons = Reasons::NONE;
         match mode {
@@ -221,7 +222,7 @@ impl Pipeline {
             }
             Mode::Model | Mode::Hold | Mode::Fault => {
                 reasons |= free;
-                // ARX resting for its rate is worth saying only where ARX would have spoken.
+                // A wrong rate for ARX is reported only if ARX would have given the estimate.
                 let wanted = self.settings.use_measured_force == UseForce::Auto && self.last_force.is_some();
                 if wanted && seeded.has(Reasons::RATE_MISMATCH) {
                     reasons |= Reasons::RATE_MISMATCH;
@@ -262,8 +263,8 @@ impl Pipeline {
         }
     }
 
-    /// Displacement has been silent for `silence_s`: hold, then fault. Idempotent, so that silence leaves the
-    /// same state whether ticks noticed it or the next displacement did.
+    /// Displacement has been silent for `silence_s`: switch to hold, then to fault. The call is idempotent, so
+    /// the state after a silence is the same whether ticks noticed it or the next displacement did.
     pub(super) fn displacement_lost(&mut self, silence_s: f64, last: Stamp, emit: &mut impl FnMut(Event)) {
         if self.machine.mode() != Mode::Fault {
             if let Some(t) = self.machine.force_to(Mode::Hold, Cause::DisplacementLost, last) {
@@ -278,7 +279,7 @@ impl Pipeline {
         }
     }
 
-    /// What is reported while displacement is silent: the last estimate, flagged, or none.
+    /// Estimate while displacement is silent: the last one, flagged as stale, or NaN.
     pub(super) fn stale_estimate(&self, last: Stamp) -> Estimate {
         let mode = self.machine.mode();
         let force_n = match mode {
@@ -291,7 +292,7 @@ impl Pipeline {
     }
 }
 
-/// Whose force the estimate is in `mode`.
+/// The channel that the estimate comes from in `mode`.
 const fn speaker(mode: Mode) -> Option<Speaker> {
     match mode {
         Mode::Arx | Mode::ArxCoast => Some(Speaker::Seeded),

@@ -1,4 +1,4 @@
-//! What the pipeline reports. Plain `Copy` data: events cross threads in wait-free rings.
+//! Events that the pipeline reports. They are plain `Copy` data, because they cross threads in wait-free rings.
 
 use super::mode::Mode;
 use crate::inverse::Command;
@@ -14,7 +14,7 @@ pub enum Event {
     Refusal(Refusal),
     /// A force estimate.
     Estimate(Estimate),
-    /// A residual of the free-running model.
+    /// A residual of the simulation (free run).
     Residual(Residual),
     /// The mode changed.
     Transition(Transition),
@@ -24,22 +24,21 @@ pub enum Event {
     Command(Commanded),
 }
 
-/// A current command, caused by the displacement sample whose stamp it bears; in silence, by the time that has passed.
+/// A current command. It is caused by the displacement sample whose stamp it bears or, while displacement is silent, by elapsed time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Commanded {
-    /// Stamp of the displacement sample; in silence, that of the last one plus the silence.
+    /// Stamp of the displacement sample; in silence, the last stamp plus the silence.
     pub stamp: Stamp,
-    /// When it was known: at the receipt of that sample; in silence, when the silence was looked at. On the clock of
-    /// [`Sample::received`].
+    /// When the command was computed: on receipt of that sample or, in silence, at the tick. On the clock of [`Sample::received`].
     pub known_at: Stamp,
     /// The command.
     pub command: Command,
 }
 
-/// Which of the pipeline's models spoke.
+/// The model that an estimate comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Slot {
-    /// The free-running model.
+    /// The free-run model.
     Free,
     /// The ARX model.
     Seeded,
@@ -50,20 +49,20 @@ pub enum Slot {
 pub struct Estimate {
     /// Stamp of the displacement sample.
     pub stamp: Stamp,
-    /// When that was received, on the clock of [`Sample::received`]; `None` in silence.
+    /// When that sample was received, on the clock of [`Sample::received`]; `None` in silence.
     pub received: Option<Stamp>,
-    /// Estimated force; NaN when there is none (validity is then [`Validity::Invalid`]).
+    /// Estimated force; NaN if there is none (validity is then [`Validity::Invalid`]).
     pub force: Newton,
-    /// How much of it is there only so that a change of mode or model neither steps nor kinks: `force` minus this is what the mode's model
-    /// says.
+    /// Part of `force` that smooths a change of mode or model, so that the estimate neither steps nor kinks. `force` minus `smoothing` is
+    /// the output of the mode's model.
     pub smoothing: Newton,
-    /// Standard deviation to expect: of the model's calibration, or else from its identification; NaN when not known.
+    /// Expected standard deviation: from the model's calibration, or else from its identification; NaN if not known.
     pub std_dev: Newton,
-    /// 90 % band of the force, low and high; NaN when not known. Around the force that the mode's model says, and
-    /// never without `force` itself: after a change of mode the two differ for a while.
+    /// 90 % band of the force, low and high; NaN if not known. It lies around the output of the mode's model and is extended to contain
+    /// `force`: the two differ for a while after a change of mode.
     pub band: [Newton; 2],
-    /// The band is that of a calibration ([`crate::uncertainty`]), within what the calibration has tried. Else it is a
-    /// guess from the standard deviation or, while the last estimate is held, from the range of the training forces.
+    /// The band comes from a calibration ([`crate::uncertainty`]), and the operating point is within the calibrated range. Otherwise the
+    /// band is estimated from the standard deviation or, while the last estimate is held, from the range of the training forces.
     pub calibrated: bool,
     /// Model that the estimate comes from.
     pub slot: Slot,
@@ -73,56 +72,55 @@ pub struct Estimate {
     pub validity: Validity,
     /// Why it is not [`Validity::Valid`], and what else happened.
     pub reasons: Reasons,
-    /// Stamp of the displacement minus stamp of the drive that was used; NaN when none was.
+    /// Stamp of the displacement minus stamp of the drive that was used; NaN if there was no drive.
     pub input_age: Second,
 }
 
 impl Estimate {
-    /// What the mode's model says, N: the force before a change is smoothed.
+    /// Output of the mode's model, N: the force without smoothing.
     #[must_use]
     pub fn unsmoothed_n(&self) -> f64 {
         self.force.get() - self.smoothing.get()
     }
 }
 
-/// Measured force against the free-running model.
+/// Measured force compared with the simulated force (free run).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Residual {
     /// Stamp of the displacement sample.
     pub stamp: Stamp,
-    /// Measured force at that stamp; low-passed where the model's output is.
+    /// Measured force at that stamp; low-passed if the model's output is.
     pub measured: Newton,
-    /// Free-run prediction.
+    /// Simulated force (free run).
     pub predicted: Newton,
     /// Measured minus predicted.
     pub residual: Newton,
-    /// RSSE to expect of the free-running model, from its identification; NaN when that is not known.
+    /// Expected RMSE of the simulation, from the model's identification; NaN if not known. The thesis calls it RSSE.
     pub expected_rsse: Newton,
-    /// Residual over the expected RSSE; NaN when that is not known.
+    /// Residual divided by the expected RMSE; NaN if that is not known.
     pub normalised: f64,
-    /// Root mean squared residual, forgetting exponentially.
+    /// Root mean squared residual (RMSE), with exponential forgetting.
     pub windowed_rsse: Newton,
-    /// Its square over the variance of the measured force, forgetting alike.
+    /// NMSE: the mean squared residual over the variance of the measured force, with the same forgetting. The thesis calls it ESR.
     pub windowed_esr: f64,
     /// Time constant of the forgetting.
     pub window: Second,
-    /// The residual alarm stands: the model is off by more than the settings allow. See [`AlarmChange`].
+    /// The residual alarm is raised: the model error is larger than the settings allow. See [`AlarmChange`].
     pub alarm: bool,
 }
 
 /// The residual alarm was raised, or it fell.
 ///
-/// It is raised when the free run's residual has been larger than `residual.alarm_ratio` times the model's expected
-/// RSSE for so long that noise explains it no oftener than once in `residual.false_alarm_interval_s`; a larger excess
-/// takes less time. It falls when the residual has been smaller for ten blocks, and when the model is swapped, on
-/// a reset, and after a gap in displacement.
+/// It is raised when the residual of the simulation has exceeded `residual.alarm_ratio` times the model's expected RMSE for so long that
+/// noise alone would cause it at most once in `residual.false_alarm_interval_s`. A larger excess takes less time. It falls when the
+/// residual has been smaller for ten blocks, when the model is swapped, on a reset, and after a gap in displacement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AlarmChange {
     /// Stamp of the displacement sample at which it happened.
     pub stamp: Stamp,
     /// True when it was raised.
     pub raised: bool,
-    /// Windowed RSSE over the model's expected one, at that stamp; NaN when a swap, a reset or a gap ended the alarm.
+    /// Ratio of the windowed RMSE to the model's expected RMSE at that stamp; NaN if a swap, a reset or a gap ended the alarm.
     pub ratio: f64,
 }
 
@@ -146,21 +144,21 @@ pub enum Cause {
     ForceFresh,
     /// Measured force is older than `force_timeout_s`.
     ForceLost,
-    /// Measured force stands still, or gives energy.
+    /// Measured force is stuck, or implies that the damper delivers energy.
     ForceImplausible,
     /// The ARX model has coasted for `coast_s`.
     CoastEnded,
     /// The ARX model has no valid history (a gap, another rate, a missing drive).
     ArxUnready,
-    /// The free model can run again.
+    /// The free-run model has its inputs again.
     ModelReady,
     /// The model's inputs are missing.
     InputsMissing,
-    /// Displacement is silent for longer than `input_timeout_s`.
+    /// Displacement has been silent for longer than `input_timeout_s`.
     DisplacementLost,
     /// The last estimate was held for `hold_s`.
     HoldEnded,
-    /// Stamps jumped, and history was dropped.
+    /// Stamps jumped, so history was dropped.
     TimeJumped,
     /// A reset was asked for.
     Reset,
@@ -178,7 +176,7 @@ impl Cause {
             Self::ForceImplausible => "measured force is not plausible",
             Self::CoastEnded => "ARX has coasted for coast_s",
             Self::ArxUnready => "ARX has no valid history",
-            Self::ModelReady => "the model's inputs are there",
+            Self::ModelReady => "the model's inputs are available",
             Self::InputsMissing => "the model's inputs are missing",
             Self::DisplacementLost => "displacement is silent for longer than input_timeout_s",
             Self::HoldEnded => "the last estimate was held for hold_s",
@@ -203,22 +201,22 @@ pub struct Refusal {
 pub enum Refused {
     /// The value is NaN or infinite.
     NotFinite,
-    /// The stamp is the one of the sample before.
+    /// The stamp repeats the stamp of the sample before.
     Repeated,
-    /// The stamp is older than the one of the sample before.
+    /// The stamp is older than the stamp of the sample before.
     TimeBack,
-    /// A current came where the model wants a voltage, or the other way round.
+    /// The drive is a current and the model needs a voltage, or the other way round.
     WrongDrive,
-    /// The value is beyond what its sensor can have.
+    /// The value is outside the range of its sensor.
     OutOfRange,
-    /// The rod cannot have come there since the displacement before.
+    /// The rod cannot have moved there since the displacement before.
     TooFast,
     /// The stamp is far later than the sample's arrival.
     Ahead,
 }
 
 impl Refused {
-    /// What the next estimate says of it.
+    /// The reasons that the next estimate reports for it.
     #[must_use]
     pub const fn reasons(self) -> Reasons {
         match self {
@@ -230,7 +228,7 @@ impl Refused {
         }
     }
 
-    /// All of them.
+    /// All variants.
     pub const ALL: [Self; 7] = [
         Self::NotFinite,
         Self::Repeated,
@@ -241,7 +239,7 @@ impl Refused {
         Self::Ahead,
     ];
 
-    /// The reason as the name of a count.
+    /// The reason as the name of a counter.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -270,17 +268,17 @@ impl Refused {
     }
 }
 
-/// How far an estimate can be trusted. Ordered: the worst one of several reasons counts.
+/// How far an estimate can be trusted. Of several reasons the worst counts, in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Validity {
-    /// As good as the model is.
+    /// As accurate as the model.
     Valid = 0,
-    /// Usable, but worse than the model is.
+    /// Usable, but less accurate than the model.
     Degraded = 1,
     /// Outside the model's training range.
     Extrapolating = 2,
-    /// Made from inputs that are too old.
+    /// Computed from inputs that are too old.
     Stale = 3,
     /// No estimate.
     Invalid = 4,
@@ -300,7 +298,7 @@ impl Validity {
     }
 }
 
-/// Reason bits of an estimate. The values are those of `ForceEstimate.msg`.
+/// Reason bits of an estimate, with the values of `ForceEstimate.msg`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Reasons(pub u32);
 
@@ -312,7 +310,7 @@ macro_rules! reasons {
             /// All reasons with their names.
             pub const ALL: &'static [(Self, &'static str)] = &[$((Self::$name, stringify!($name))),*];
 
-            /// The worst that any of the reasons makes of an estimate.
+            /// The worst validity of the reasons that are set.
             #[must_use]
             pub fn validity(self) -> Validity {
                 let mut worst = Validity::Valid;
@@ -324,25 +322,25 @@ macro_rules! reasons {
 }
 
 reasons! {
-    /// The model wants a drive and none has come.
+    /// The model needs a drive and none has arrived.
     DRIVE_MISSING = 1, Invalid;
     /// The drive is older than `input_timeout_s`.
     DRIVE_STALE = 2, Stale;
-    /// Measured force is lost while it is wanted, and ARX coasts.
+    /// Measured force is lost, and ARX coasts.
     FORCE_LOST = 4, Degraded;
-    /// Displacement came after a gap: history was started anew.
+    /// Displacement came after a gap, so history restarted.
     DISPLACEMENT_GAP = 8, Degraded;
     /// A reading since the last estimate was refused.
     INPUT_REFUSED = 16, Degraded;
     /// Displacement, velocity, drive, force or temperature lies outside the training range.
     OUTSIDE_ENVELOPE = 32, Extrapolating;
-    /// Samples do not come at the rate of the ARX model, which therefore rests.
+    /// Samples do not come at the rate of the ARX model, so it is not used.
     RATE_MISMATCH = 64, Degraded;
     /// The sample reached the node later than `input_timeout_s` after its stamp.
     LATE = 128, Stale;
-    /// A drive of the other kind came and was refused.
+    /// A drive of the other kind arrived and was refused.
     WRONG_DRIVE = 256, Degraded;
-    /// Filter or derivative still settle.
+    /// The filter or the derivative is still settling.
     SETTLING = 512, Degraded;
     /// The coasting ARX model has no meaningful static gain.
     NO_DC = 1024, Degraded;
@@ -350,21 +348,21 @@ reasons! {
     DISPLACEMENT_LOST = 2048, Stale;
     /// Samples were lost because a queue was full.
     OVERLOAD = 4096, Degraded;
-    /// An effect around the model wants the case's temperature and none has come.
+    /// An effect of the model needs the case temperature and none has arrived.
     TEMPERATURE_MISSING = 8192, Invalid;
-    /// A reading was outside what its sensor can have, and was refused.
+    /// A reading was outside the range of its sensor and was refused.
     INPUT_RANGE = 16384, Degraded;
-    /// Displacement moved faster than it can, and was refused.
+    /// Displacement moved faster than `plausible.speed_max_m_s` and was refused.
     INPUT_RATE = 32768, Degraded;
-    /// A reading stands still while the others say that it cannot.
+    /// A reading is stuck while the others say that it must change.
     SENSOR_STUCK = 65536, Degraded;
-    /// Measured velocity is not that of the displacement.
+    /// Measured velocity disagrees with the displacement.
     VELOCITY_DISAGREES = 131_072, Degraded;
-    /// A current that the driver cannot have made: too large, or changed too fast.
+    /// The driver cannot have produced this current: it is too large, or it changed too fast.
     DRIVE_IMPLAUSIBLE = 262_144, Degraded;
-    /// Measured force gives energy, where a damper takes it: its sign or its offset is wrong.
+    /// Measured force implies that the damper delivers energy, but a damper can only absorb it: the sign or offset of the force is wrong.
     NOT_PASSIVE = 524_288, Degraded;
-    /// Samples of two publishers of one input come mixed.
+    /// Two publishers interleave samples on one input.
     INPUT_INTERLEAVED = 1_048_576, Degraded;
     /// The stamp of an input is later than its arrival: the clocks of its publisher and of the node differ.
     STAMP_AHEAD = 2_097_152, Degraded;
@@ -374,14 +372,14 @@ impl Reasons {
     /// No reason.
     pub const NONE: Self = Self(0);
 
-    /// True when all bits of `other` are set.
+    /// True if all bits of `other` are set.
     #[inline]
     #[must_use]
     pub const fn has(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
 
-    /// True when a bit of `other` is set.
+    /// True if any bit of `other` is set.
     #[inline]
     #[must_use]
     pub const fn any(self, other: Self) -> bool {

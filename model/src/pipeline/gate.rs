@@ -1,39 +1,40 @@
-//! The gate: what may enter. Values that are not finite or beyond what a sensor can have, stamps that do not increase within
-//! their channel, a displacement that jumps, and a drive of the wrong kind are refused, one by one, without harm to what is there.
+//! The gate: it decides which samples are used. It refuses values that are not finite or outside a sensor's range, stamps that do not
+//! increase within their channel, displacements that jump, and drives of the wrong kind. Each is refused on its own; the history of the
+//! accepted samples is kept.
 //!
-//! One sample with a wrong stamp must not throw away history, yet a clock that was set back (or a simulation
-//! that was restarted) must not block the node for good. So a sample whose stamp steps back is refused, but
-//! when [`JUMP_AFTER`] in a row increase among themselves, time has jumped: they are the new truth. A network that lets samples
-//! overtake each other brings such rows as well, of samples that are a little old; for these it takes [`SMALL_JUMP_AFTER`]. Likewise a
-//! displacement that the rod cannot have come to since the last one is refused, and believed when as many agree.
+//! One sample with a wrong stamp must not discard history, yet a clock that was set back (or a simulation that was restarted) must not
+//! block the node for good. A sample whose stamp steps back is refused. If [`JUMP_AFTER`] of them in a row increase among themselves,
+//! time has jumped, and the new time is accepted. A network that reorders samples produces such sequences as well, from samples that are
+//! slightly old; for these the limit is [`SMALL_JUMP_AFTER`]. A displacement that the rod cannot have reached since the last one is also
+//! refused, and accepted if [`JUMP_AFTER`] in a row agree.
 //!
-//! A sample whose stamp is later than its arrival by more than [`FAR_AHEAD_S`] is refused likewise, so that it does not make the samples
-//! after it older than the newest; [`JUMP_AFTER`] in a row are the clock of their publisher, and are accepted. Estimates from
-//! samples that are ahead by less say so: [`Gate::is_ahead`].
+//! A sample whose stamp is later than its arrival by more than [`FAR_AHEAD_S`] is refused too, because the samples after it would then
+//! count as old. [`JUMP_AFTER`] in a row show that the clock of the publisher is ahead, and are accepted. Smaller leads are reported
+//! with the estimates: [`Gate::is_ahead`].
 
 use super::event::Refused;
 use super::plausible::Plausible;
 use crate::sample::{Channel, DriveKind, Reading, Sample, Stamp};
 
-/// Samples in a row from another time, or another place, that make it a jump.
+/// Number of samples in a row from another time or another place that count as a jump.
 const JUMP_AFTER: u32 = 3;
-/// The same for samples that are older than the newest by no more than [`DISORDER_S`]: no network brings so many of those in order.
+/// The same for samples that are older than the newest by at most [`DISORDER_S`]: no network delivers so many of them in order.
 const SMALL_JUMP_AFTER: u32 = 20;
-/// How late a network brings what it brings in another order, s.
+/// Largest delay of a reordered sample, s.
 const DISORDER_S: f64 = 0.5;
-/// How much later than its arrival a stamp is that no synchronised clock has made, s.
+/// Lead of a stamp over its arrival that no synchronised clocks produce, s.
 const FAR_AHEAD_S: f64 = 1.0;
-/// Channels that an estimate is made from.
+/// Channels that an estimate is computed from.
 const OF_ESTIMATES: [Channel; 5] =
     [Channel::Displacement, Channel::Drive, Channel::Velocity, Channel::Force, Channel::CaseTemperature];
-/// Largest current, A, or command voltage, V: no driver of a damper makes more, and a model's memory would take long to forget it.
+/// Largest current, A, or command voltage, V: no damper driver produces more, and a model's memory would take long to forget it.
 const DRIVE_MAX: f64 = 1e3;
-/// Temperatures that a damper's case can have, °C.
+/// Possible case temperatures of a damper, °C.
 const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -100.0..=400.0;
-/// Least time that a rod is given to move, s: stamps of arrival come in bunches.
+/// Least time between displacements that the speed check assumes, s: stamps of arrival come in bunches.
 const LEAST_S: f64 = 2e-3;
 
-/// What the gate says of a sample.
+/// The gate's decision on a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     Accept,
@@ -41,17 +42,17 @@ pub(super) enum Verdict {
     /// The sample is the first of a new time on its channel: drop the channel's history (all history, if
     /// it is displacement), then use it.
     TimeJumped,
-    /// The displacement is the first at another place: what moved before it means nothing.
+    /// The displacement is the first at another place: displacements before it do not count.
     PlaceJumped,
 }
 
-/// What the gate remembers of one channel.
+/// State of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Seen {
     last: Option<Stamp>,
-    /// How much later the stamp of the last one was than its arrival, s; negative when it was earlier.
+    /// Lead of the last stamp over its arrival, s; negative if the stamp was earlier.
     ahead_s: f64,
-    /// Newest of the samples from another time, and how many in a row there were.
+    /// Newest of the refused samples from another time, and how many came in a row.
     other: Option<Stamp>,
     other_count: u32,
 }
@@ -63,11 +64,11 @@ pub(super) struct Gate {
     place: Place,
 }
 
-/// Where the rod is.
+/// Position of the rod.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Place {
     last: Option<(Stamp, f64)>,
-    /// Newest of the displacements at another place, and how many in a row there were.
+    /// Newest of the refused displacements at another place, and how many came in a row.
     other: Option<(Stamp, f64)>,
     other_count: u32,
 }
@@ -119,7 +120,7 @@ impl Gate {
         let channel = sample.reading.channel();
         let verdict = self.seen[channel as usize].judge(sample.stamp, sample.received);
         if verdict == Verdict::TimeJumped && channel == Channel::Displacement {
-            // The other channels start anew as well, each with whatever comes next.
+            // The other channels restart as well, each with its next sample.
             let displacement = self.seen[channel as usize];
             *self = Self::default();
             self.seen[channel as usize] = displacement;
@@ -137,14 +138,14 @@ impl Gate {
 }
 
 impl Gate {
-    /// True while the last sample of a channel that estimates are made from was stamped more than `limit_s` after it arrived.
+    /// True if the last sample of any channel in [`OF_ESTIMATES`] had a stamp more than `limit_s` later than its arrival.
     #[inline]
     pub(super) fn is_ahead(&self, limit_s: f64) -> bool {
         OF_ESTIMATES.iter().any(|channel| self.seen[*channel as usize].ahead_s > limit_s)
     }
 }
 
-/// True for a reading that no sensor of its channel can have.
+/// True if no sensor of the channel can have this reading.
 fn beyond(reading: Reading, plausible: &Plausible) -> bool {
     match reading {
         Reading::Displacement(x) => x.get().abs() > plausible.displacement_max_m,
@@ -185,7 +186,7 @@ impl Seen {
         }
     }
 
-    /// Takes a sample from another time; true when it is the `after`-th in a row of those: then they are the new truth.
+    /// Counts a sample from another time. True if it is the `after`-th in a row: the new time is then accepted.
     fn comes_from_another_time(&mut self, stamp: Stamp, ahead_s: f64, after: u32) -> bool {
         let follows = self.other.is_some_and(|other| stamp > other);
         self.other_count = if follows { self.other_count + 1 } else { 1 };
@@ -235,17 +236,25 @@ mod tests {
     #[test]
     fn stamps_that_do_not_increase_are_refused_one_by_one() {
         assert_eq!(verdicts(&[0, 1, 2, 2, 3]), "aaara");
-        assert_eq!(verdicts(&[0, 1, 2, -10_000, 3, 4]), "aaabaa", "one late sample harms nobody");
-        assert_eq!(verdicts(&[10, 11, 5, 4, 3, 2, 12]), "aabbbba", "falling stamps are no new time");
+        assert_eq!(
+            verdicts(&[0, 1, 2, -10_000, 3, 4]),
+            "aaabaa",
+            "one late sample does not affect the others"
+        );
+        assert_eq!(verdicts(&[10, 11, 5, 4, 3, 2, 12]), "aabbbba", "decreasing stamps are not a jump");
     }
 
     #[test]
-    fn a_clock_that_was_set_back_is_believed_after_three() {
+    fn a_clock_that_was_set_back_is_accepted_after_three_samples() {
         assert_eq!(verdicts(&[10_000, 10_001, 0, 1, 2, 3]), "aabbJa");
-        assert_eq!(verdicts(&[0, 1, 10_000, 2, 3, 4, 5]), "aaabbJa", "one stamp from the future costs three");
+        assert_eq!(
+            verdicts(&[0, 1, 10_000, 2, 3, 4, 5]),
+            "aaabbJa",
+            "after one stamp from the future, three samples are lost"
+        );
     }
 
-    /// Samples that arrive a millisecond after each other, the given ones ahead of their arrival.
+    /// Samples that arrive at a spacing of 1 ms, with stamps ahead of their arrival by the given times.
     fn verdicts_ahead(ahead_ms: &[i64]) -> String {
         let mut gate = Gate::default();
         let mut verdict = |(k, ahead): (usize, &i64)| {
@@ -270,28 +279,28 @@ mod tests {
     }
 
     #[test]
-    fn stamps_that_are_ahead_of_their_arrival_are_told_or_refused() {
+    fn stamps_ahead_of_their_arrival_are_reported_or_refused() {
         const HOUR: i64 = 3_600_000;
-        assert_eq!(verdicts_ahead(&[0, 20, 20, 20]), "aaaa", "within what clocks differ by");
+        assert_eq!(verdicts_ahead(&[0, 20, 20, 20]), "aaaa", "within the difference of synchronised clocks");
         assert_eq!(verdicts_ahead(&[50, 50, 50, 0, 0]), "AAAbb", "a clock that is 50 ms ahead");
-        assert_eq!(verdicts_ahead(&[0, 0, HOUR, 0, 0]), "aafaa", "one from far ahead harms nobody");
-        assert_eq!(verdicts_ahead(&[HOUR, 0, HOUR, 0, 0]), "fafaa", "nor does the first one");
+        assert_eq!(
+            verdicts_ahead(&[0, 0, HOUR, 0, 0]),
+            "aafaa",
+            "one stamp far ahead does not affect the others"
+        );
+        assert_eq!(verdicts_ahead(&[HOUR, 0, HOUR, 0, 0]), "fafaa", "not even if it is the first");
         assert_eq!(verdicts_ahead(&[0, HOUR, HOUR, HOUR, HOUR]), "affJA", "a clock that is an hour ahead");
         assert_eq!(
             verdicts_ahead(&[HOUR, HOUR, HOUR, HOUR, 0, 0, 0, 0]),
             "ffAAbbja",
-            "and that was set right"
+            "a clock that was an hour ahead and was corrected"
         );
     }
 
     #[test]
-    fn samples_that_a_network_let_overtake_each_other_are_no_new_time() {
-        assert_eq!(
-            verdicts(&[0, 10, 60, 20, 30, 40, 50, 70]),
-            "aaabbbba",
-            "overtaken by one, in their order"
-        );
-        // A clock that was set back by as little is believed after twenty, or when it has caught up.
+    fn samples_that_a_network_reorders_are_not_a_jump() {
+        assert_eq!(verdicts(&[0, 10, 60, 20, 30, 40, 50, 70]), "aaabbbba", "one sample overtook four");
+        // A clock that was set back by as little is accepted after twenty samples, or when it has caught up.
         let set_back: Vec<i64> = (300..310).chain(0..30).collect();
         assert_eq!(verdicts(&set_back), "aaaaaaaaaa".to_owned() + &"b".repeat(19) + "J" + &"a".repeat(10));
         assert_eq!(verdicts(&[100, 110, 91, 101, 111, 121]), "aabbaa");
@@ -312,7 +321,7 @@ mod tests {
         }
     }
 
-    /// A displacement a millisecond, mm.
+    /// Displacements in mm at a spacing of 1 ms.
     fn places(displacements_mm: &[f64]) -> String {
         let mut gate = Gate::default();
         let verdict = |(ms, mm): (usize, &f64)| {
@@ -329,16 +338,16 @@ mod tests {
     }
 
     #[test]
-    fn a_rod_does_not_fly() {
+    fn a_displacement_that_needs_too_much_speed_is_refused() {
         assert_eq!(places(&[0.0, 3.0, 6.0, 9.0, 6.0]), "aaaaa", "3 m/s");
-        assert_eq!(places(&[0.0, 1.0, 25.0, 2.0, 3.0]), "aafaa", "a spike harms nobody");
-        assert_eq!(places(&[0.0, 1.0, 25.0, -25.0, 25.0, 3.0]), "aafffa", "nor do wild ones");
-        assert_eq!(places(&[0.0, 1.0, 40.0, 41.0, 42.0, 43.0]), "aaffJa", "three that agree are believed");
+        assert_eq!(places(&[0.0, 1.0, 25.0, 2.0, 3.0]), "aafaa", "a spike does not affect the others");
+        assert_eq!(places(&[0.0, 1.0, 25.0, -25.0, 25.0, 3.0]), "aafffa", "nor do several that disagree");
+        assert_eq!(places(&[0.0, 1.0, 40.0, 41.0, 42.0, 43.0]), "aaffJa", "three that agree are accepted");
         assert_eq!(places(&[0.0, 2000.0, 1.0]), "aoa");
     }
 
     #[test]
-    fn what_no_sensor_can_have_is_refused() {
+    fn readings_outside_a_sensors_range_are_refused() {
         let mut gate = Gate::default();
         for reading in [
             Reading::Force(Newton(1e6)),

@@ -1,4 +1,4 @@
-//! The two lanes: one model each, with its own conditioning and state.
+//! The two channels of a pipeline, free-run and seeded: each has one model with its own conditioning and state.
 
 use super::Awaiting;
 use super::event::Reasons;
@@ -11,30 +11,30 @@ use crate::force::{DEPTH, ForceModel, History, Inputs};
 use crate::model::{Envelope, Model};
 use crate::sample::Stamp;
 
-/// What both lanes are given at a displacement.
+/// Inputs of both channels at a displacement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Given {
-    /// Time since the displacement before; `None` after a reset or a gap.
+    /// Time since the displacement before, s; `None` after a reset or a gap.
     pub(super) dt_s: Option<f64>,
     pub(super) displacement_m: f64,
     pub(super) measured_velocity_m_s: Option<f64>,
-    /// NaN when there is none.
+    /// Current, A, or voltage, V; NaN if there is none.
     pub(super) drive: f64,
-    /// NaN when it is not known.
+    /// NaN if not known.
     pub(super) case_temp_c: f64,
 }
 
-/// The largest force that is taken for one, N: a million times that of a damper.
+/// Largest force that is accepted from a model, N: a million times the force of a damper.
 const MOST_N: f64 = 1e9;
 
-/// Displacement path of a lane: conditioning, its memory, and how long it has been settling.
+/// Displacement path of a channel: conditioning, its state, and how long it has been settling.
 #[derive(Debug, Clone, PartialEq)]
 struct Front {
     conditioning: Conditioning,
     low_pass: LowPass,
     motion: MotionState,
     settled_s: f64,
-    /// What the last displacement made; `None` when it made none.
+    /// Model inputs at the last displacement; `None` if the conditioning gave none.
     inputs: Option<Inputs>,
 }
 
@@ -79,12 +79,12 @@ impl Front {
     }
 }
 
-/// True when a model that wants a drive has one.
+/// True if the model has the drive that it needs.
 fn drive_is_there(model: &ForceModel, given: &Given) -> bool {
     model.drive().is_none() || given.drive.is_finite()
 }
 
-/// False for what a model says that has blown up. No damper has such a force, and its square would stay in the residual's figures.
+/// False for the output of a model that has diverged. No damper has such a force, and its square would stay in the residual's figures.
 fn is_a_force(force_n: f64) -> bool {
     force_n.abs() <= MOST_N
 }
@@ -98,14 +98,14 @@ fn outside(model: &Model, inputs: &Inputs) -> bool {
             && model.effects.need(Need::CaseTemperature))
 }
 
-/// The lane that never sees measured force.
+/// The free-run channel: a simulation that never uses measured force.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct FreeLane {
     model: Model,
     front: Front,
     state: AugmentedState,
     output_filter: LowPassState,
-    /// The measured force's own copy of the output filter, so that like is compared with like.
+    /// Output filter of the measured force, so that filtered forces are compared with filtered forces.
     force_filter: LowPassState,
     fresh_output: bool,
     fresh_force: bool,
@@ -127,7 +127,7 @@ impl FreeLane {
         })
     }
 
-    /// Conditioned inputs of the last step; `None` while there are none.
+    /// Conditioned inputs of the last step; `None` if there are none.
     pub(super) const fn inputs(&self) -> Option<Inputs> {
         self.front.inputs
     }
@@ -141,7 +141,7 @@ impl FreeLane {
         self.front.velocity_m_s()
     }
 
-    /// Root mean squared error to expect when running free, N.
+    /// Expected RMSE of the simulation, N. The thesis calls it RSSE.
     pub(super) fn expected_rsse_n(&self) -> Option<f64> {
         self.model.expected.free_run_rsse_n
     }
@@ -150,7 +150,7 @@ impl FreeLane {
     pub(super) fn inherit(&mut self, old: &Self) {
         if self.model.conditioning == old.model.conditioning {
             self.front = old.front.clone();
-            // An effect's memory means the same for another strength of it, but not for another effect.
+            // The state of an effect is valid for another strength of the same effect, but not for another effect.
             self.state = if self.model.effects.same_kinds(&old.model.effects) {
                 old.state
             } else {
@@ -170,7 +170,7 @@ impl FreeLane {
         self.fresh_force = true;
     }
 
-    /// The free-run force in newtons, or `None` when the model cannot run.
+    /// The simulated force, N; `None` if the model cannot run.
     #[inline]
     pub(super) fn step(&mut self, given: &Given, reasons: &mut Reasons) -> Option<f64> {
         if given.dt_s.is_none() {
@@ -195,19 +195,19 @@ impl FreeLane {
             self.fresh_output = false;
             force_n = self.front.low_pass.step(&mut self.output_filter, dt_s, raw_n);
         }
-        // The low-pass remembers forces beyond the range when the model itself is back in it.
+        // The low-pass may still hold forces outside the range when the model is back inside it.
         if [raw_n, force_n].into_iter().any(|n| Envelope::leaves(self.model.envelope.force_n, n)) {
             *reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
         Some(force_n)
     }
 
-    /// The next measured force is the first of a stretch with predictions.
+    /// Restarts the filter of the measured force: the next measured force is the first of a stretch with predictions.
     pub(super) fn restart_comparison(&mut self) {
         self.fresh_force = true;
     }
 
-    /// The measured force as it compares with this lane's: low-passed where the output is.
+    /// The measured force for comparison with this channel, N: low-passed if the output is.
     #[inline]
     pub(super) fn comparable_force(&mut self, dt_s: Option<f64>, measured_n: f64) -> f64 {
         if self.model.conditioning.apply_to != ApplyTo::Output {
@@ -219,33 +219,33 @@ impl FreeLane {
     }
 }
 
-/// The lane that is fed with measured force: an ARX model, or another that feeds on force.
+/// The seeded channel: it gets measured force. Its model is autoregressive in force (ARX or another such model).
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SeededLane {
     model: Model,
     front: Front,
-    /// The last samples: the model's lags while samples come evenly.
+    /// The last samples. They are the model's lags while samples come at even times.
     history: History,
-    /// The same samples with their times, from which lags are read while samples do not.
+    /// The same samples with their times. The lags are interpolated from them while samples come at uneven times.
     rows: Rows,
     rhythm: Rhythm,
-    /// The force at the last sample is a measured one.
+    /// The force at the last sample was measured.
     last_is_measured: bool,
     /// Time since the last reset, s.
     now_s: f64,
-    /// For how long the lags still reach over many lost samples, s.
+    /// Remaining time in which the lags reach over many lost samples, s.
     bridged_s: f64,
 }
 
 impl SeededLane {
-    /// Longest step that rows are put into, s and periods: a publisher that stands still for a moment. A longer one clears
-    /// the lags.
+    /// Longest step in which rows are inserted, s, and its bounds in periods: it covers a publisher that pauses for a moment. A longer
+    /// step clears the lags.
     const BRIDGED_S: f64 = 0.025;
     const BRIDGED: [f64; 2] = [10.5, 50.5];
-    /// Periods between two samples beyond which what was put in between is said to be worse than samples.
+    /// Periods between two samples beyond which the inserted rows are reported as worse than samples.
     const FEW_BRIDGED: f64 = 3.5;
 
-    /// A lane for `model`, or `None` when it does not feed on force.
+    /// A channel for `model`; `None` if the model is not autoregressive in force.
     pub(super) fn new(model: Model) -> Result<Option<Self>, Error> {
         model.conditioning.validate()?;
         if !model.feeds_on_force() {
@@ -274,7 +274,7 @@ impl SeededLane {
         self.front.velocity_m_s()
     }
 
-    /// Root mean squared error to expect one step ahead, N.
+    /// Expected RMSE of the one-step-ahead prediction, N. The thesis calls it RSSE.
     pub(super) fn expected_rsse_n(&self) -> Option<f64> {
         self.model.expected.one_step_rsse_n
     }
@@ -301,13 +301,13 @@ impl SeededLane {
         (self.now_s, self.bridged_s) = (0.0, 0.0);
     }
 
-    /// Makes only measured forces able to make the lane ready again.
+    /// Clears all forces: only measured ones can make the channel ready again.
     pub(super) fn forget_forces(&mut self) {
         self.history.forget_forces();
         self.rows.forget_forces();
     }
 
-    /// Puts the measured force of `age` samples before the newest into the history.
+    /// Puts the measured force of the sample `age` samples before the newest into the history.
     #[inline]
     pub(super) fn seed(&mut self, age: usize, force_n: f64) {
         self.history.seed(age, force_n);
@@ -315,7 +315,7 @@ impl SeededLane {
         self.last_is_measured |= age == 0;
     }
 
-    /// The predicted force in newtons, or `None` while the history does not carry one.
+    /// The predicted force, N; `None` while the history is not complete.
     #[inline]
     pub(super) fn step(
         &mut self,
@@ -353,7 +353,7 @@ impl SeededLane {
         predicted
     }
 
-    /// Notes that a sample comes `dt_s` after the one before.
+    /// Advances time by `dt_s`, the step from the sample before.
     #[inline]
     fn pass_time(&mut self, dt_s: f64) {
         self.rhythm.see(dt_s);
@@ -370,7 +370,7 @@ impl SeededLane {
         }
     }
 
-    /// Conditions what is given into the history; the row of it has no force yet.
+    /// Conditions the inputs and puts them into the history. The returned row has no force yet.
     #[inline]
     fn take_inputs(&mut self, given: &Given, reasons: &mut Reasons) -> Row {
         let inputs = self.front.step(given, reasons);
@@ -393,7 +393,7 @@ impl SeededLane {
         }
     }
 
-    /// Puts rows between the last sample and `row` where they are more than a period apart.
+    /// Inserts rows between the last sample and `row` if they are more than a period apart.
     fn bridge(&mut self, row: &Row, measured: &MeasuredForce<'_>) {
         let period_s = self.rhythm.nominal_s();
         while let Some(last) = self.rows.newest()
@@ -409,8 +409,9 @@ impl SeededLane {
         }
     }
 
-    /// The lags at `at_s`: inputs read from the rows, forces as measured. A force after the newest reading is predicted from those before
-    /// it, plus what the model lacked at that reading, less the further it is away: to nothing at one period.
+    /// The lags at `at_s`: inputs are interpolated from the rows, forces are measured ones. A force after the newest reading is predicted
+    /// from the forces before it, plus the prediction's error at that reading. This error fades linearly to zero at a distance of one
+    /// period.
     fn lags(&self, at_s: f64, measured: &MeasuredForce<'_>) -> History {
         let velocity = self.model.conditioning.velocity;
         let period_s = self.rhythm.nominal_s();
@@ -436,13 +437,13 @@ impl SeededLane {
         grid.history(0, velocity)
     }
 
-    /// True when a reading is newer than all that is known of the forces at the samples' own times.
+    /// True if a reading is newer than all forces that are known at the samples' own times.
     fn is_measured_since_last(&self, measured: &MeasuredForce<'_>) -> bool {
         let is_late = |(ago_s, _)| ago_s < (2.0 - SAME) * self.rhythm.nominal_s();
         !self.last_is_measured && measured.newest().is_some_and(is_late)
     }
 
-    /// How far the reading `force_n` at `at_s` is above its own prediction, N; zero where there is none.
+    /// Error of the prediction at the reading `force_n` at `at_s`: reading minus prediction, N; zero without a prediction.
     fn lacked_n(&self, at_s: f64, force_n: f64, measured: &MeasuredForce<'_>) -> f64 {
         let mut grid = self.rows.grid(at_s, self.rhythm.nominal_s());
         for point in &mut grid.points[1..] {
@@ -453,17 +454,17 @@ impl SeededLane {
     }
 }
 
-/// Measured force, as a lane asks for it.
+/// Access to measured force for a channel.
 #[derive(Clone, Copy)]
 pub(super) struct MeasuredForce<'a> {
     pub(super) readings: &'a ForceAligner<Awaiting>,
     pub(super) now: Stamp,
-    /// Readings further apart are not interpolated, s.
+    /// Largest distance of two readings between which force is interpolated, s.
     pub(super) max_span_s: f64,
 }
 
 impl MeasuredForce<'_> {
-    /// The force `ago_s` before now, N; `None` where readings do not tell.
+    /// The force `ago_s` before now, N; `None` if the readings do not determine it.
     fn at(&self, ago_s: f64) -> Option<f64> {
         self.readings.measured_on_curve(self.now.shifted((-1e9 * ago_s).round() as i64), self.max_span_s)
     }
@@ -474,8 +475,8 @@ impl MeasuredForce<'_> {
     }
 }
 
-/// A filter behind a model that feeds on force would be fed back into it with its delay: the coefficients would
-/// no longer fit.
+/// Refuses an output filter on a model that is autoregressive in force. The filter's delay would be fed back into the model, and the
+/// coefficients would no longer fit.
 fn refuse_filtered_arx(model: &Model) -> Result<(), Error> {
     if model.force.force_fed_period().is_some() && model.conditioning.apply_to == ApplyTo::Output {
         return Err(Error::output_filter_on_force_fed(model.force.name()));

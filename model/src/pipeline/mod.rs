@@ -1,23 +1,24 @@
-//! The pipeline: samples in, force estimates and residuals out. The same live and in replay, bit for bit.
+//! The pipeline: it turns samples into force estimates and residuals. Live and replayed results are bit-identical.
 //!
 //! ```text
-//!                    ┌─ gate ─┐   ┌ free lane:   condition → model → (filter) ───────┬─ bumpless ─→ Estimate
+//!                    ┌─ gate ─┐   ┌ free-run:    condition → model → (filter) ───────┬─ bumpless ─→ Estimate
 //!  Sample ──────────→│ refuse │──→│                                                  │     ↑
-//!                    └────────┘   └ seeded lane: condition → ARX ← measured force ───┘   mode
-//!                        │                measured force ─ align ─ minus free lane ──────────────→ Residual
-//!                        ├─→ judge: can the readings be what they say? ──→ reasons, mode
-//!                        └─→ law: which force is wanted? ──→ inverse of the free lane's model ───→ Command
+//!                    └────────┘   └ seeded:      condition → ARX ← measured force ───┘   mode
+//!                        │                measured force ─ align ─ minus free run ───────────────→ Residual
+//!                        ├─→ plausibility checks of the readings ──→ reasons, mode
+//!                        └─→ control law: demanded force ──→ inverse of the free-run model ──────→ Command
 //! ```
 //!
-//! A displacement sample causes an estimate at once, from the newest drive not newer than itself. Its residual
-//! follows when the measured force at its stamp is known. The **free lane** never sees measured force, so
-//! its residual shows what the model lacks; the **seeded lane** (ARX) does, and so hides it: the residual is
-//! never taken from it. Which lane the estimate comes from is the [`Mode`]'s business.
+//! Each displacement sample yields an estimate at once, with the newest drive (current or voltage) that is not newer than the
+//! sample. The residual follows when the measured force at the same stamp is known. Two channels run side by side. The
+//! **free-run channel** simulates its model (free run) and never uses measured force, so its residual shows what the model
+//! lacks. The **seeded channel** predicts one step ahead from measured force (ARX). That hides model errors, so the residual
+//! is never taken from it. The [`Mode`] says which channel the estimate comes from.
 //!
-//! [`Pipeline::step`] reads no clock, allocates nothing, takes no lock and calls nothing of the system. All it
-//! knows of time are the stamps, of which only differences count. [`Pipeline::tick`] is the one thing
-//! that a live node does and a replay does not: it lets silence be noticed. What it changes is what the next
-//! displacement would change anyway, so results stay the same.
+//! [`Pipeline::step`] reads no clock, does not allocate, takes no lock and makes no system call. It knows time from the
+//! stamps alone, and only their differences count. [`Pipeline::tick`] is called by a live node and not by a replay: it
+//! detects that displacement has stopped. It changes only what the next displacement would change anyway, so results stay the
+//! same.
 
 mod alarm;
 mod bump;
@@ -67,15 +68,15 @@ use window::Window;
 /// The models that a pipeline runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Models {
-    /// Runs free, always; the source of the residual.
+    /// The free-run model: always simulated without measured force. The residual is its error.
     pub free: Model,
-    /// Seeded with measured force while that is fresh; a model that feeds on force (ARX), or none.
+    /// The model that predicts from measured force while that is fresh. It must be autoregressive in force (ARX). `None`:
+    /// there is none.
     pub seeded: Option<Model>,
 }
 
 impl Models {
-    /// The models for `free` alone: one that feeds on force is its own seeded one, any other has none. With effects
-    /// it only runs free.
+    /// The models for `free` alone. It is also the seeded model if it is autoregressive in force (ARX) and has no effects.
     #[must_use]
     pub fn alone(free: Model) -> Self {
         let seeded = free.feeds_on_force().then_some(free);
@@ -85,28 +86,29 @@ impl Models {
     /// The same models with another seeded one.
     ///
     /// # Errors
-    /// When `seeded` does not feed on force, has effects, or wants another drive than the free model.
+    /// When `seeded` is not autoregressive in force, has effects, or needs another kind of drive than the free-run model.
     pub fn with_seeded(self, seeded: Model) -> Result<Self, Error> {
         if seeded.force.force_fed_period().is_none() {
             return Err(Error::Data {
                 message: format!(
-                    "arx_model is a {} model; only one that feeds on force (arx) can be seeded",
+                    "arx_model is a {} model, which cannot be seeded with measured force; give an arx model",
                     seeded.force.name()
                 ),
             });
         }
         if !seeded.effects.is_empty() {
             return Err(Error::Data {
-                message: "arx_model has effects, which a model that is seeded with measured force has in its input \
-                          already; take them out of its file, or give the file as model"
-                    .to_owned(),
+                message:
+                    "arx_model has effects, but measured force already contains them; remove them from its \
+                          file, or give the file as model"
+                        .to_owned(),
             });
         }
         if let (Some(free), Some(arx)) = (self.free.force.drive(), seeded.force.drive())
             && free != arx
         {
             return Err(Error::Data {
-                message: format!("arx_model wants {arx}, but model wants {free}: they must want the same"),
+                message: format!("arx_model needs {arx}, but model needs {free}; use the same drive"),
             });
         }
         Ok(Self { seeded: Some(seeded), ..self })
@@ -151,7 +153,7 @@ impl From<Plan> for Pipeline {
     }
 }
 
-/// A prediction that waits for its measured force.
+/// A prediction whose measured force is not known yet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Awaiting {
     /// Stamp of the displacement.
@@ -159,11 +161,11 @@ struct Awaiting {
     predicted_n: f64,
     dt_s: Option<f64>,
     index: u64,
-    /// The model had all that it needs, so that its residual is its own.
+    /// The model had all its inputs, so the residual counts for the alarm.
     counts: bool,
-    /// Velocity as the model had it, m/s; NaN when it had none.
+    /// Velocity that the model was given, m/s; NaN if it had none.
     velocity_m_s: f64,
-    /// Force of the damper at rest there, N.
+    /// Force of the damper at rest at that displacement, N.
     rest_n: f64,
 }
 
@@ -186,25 +188,25 @@ pub struct Pipeline {
     known: Known,
     judge: Judge,
     commanding: Commanding,
-    /// Where the lanes were at the last displacement.
+    /// Operating points of the two channels at the last displacement.
     free_at: Option<Operating>,
     seeded_at: Option<Operating>,
-    /// How far the last estimate of a model may be off.
+    /// Uncertainty of the last estimate that came from a model.
     last_doubt: Doubt,
     window: Window,
     alarm: Alarm,
     /// Displacements accepted so far.
     index: u64,
     last_displacement: Option<Stamp>,
-    /// When it was taken: its stamp, or better.
+    /// When it was taken: its stamp, or the corrected time of [`Timing`].
     last_taken: Option<Stamp>,
     last_received: Option<Stamp>,
     /// Stamp of the newest measured force that met its displacement.
     last_force: Option<Stamp>,
-    /// What is measured of the seeded lane's history.
+    /// The measured part of the seeded channel's history.
     seeds: Seeds,
     last_stale_report: Option<Stamp>,
-    /// Reasons that came up between two estimates.
+    /// Reasons that arose since the last estimate.
     pending: Reasons,
 }
 
@@ -212,7 +214,7 @@ impl Pipeline {
     /// A pipeline at rest.
     ///
     /// # Errors
-    /// When a model or a setting is out of range; the message names it.
+    /// When a model or a setting is out of range. The message names it.
     pub fn new(models: Models, settings: Settings) -> Result<Self, Error> {
         Ok(Self::from(Plan::new(models, settings)?))
     }
@@ -223,15 +225,15 @@ impl Pipeline {
         &self.settings
     }
 
-    /// The mode at present.
+    /// The current mode.
     #[must_use]
     pub const fn mode(&self) -> Mode {
         self.machine.mode()
     }
 
-    /// Takes over a plan from the next sample on, in no time that counts. What the models of the plan share with the old ones
-    /// (conditioning, and with it the filters' memory) is kept, so that estimates go on without a gap; the step that
-    /// other models make in the estimate decays like that of a change of mode, and their residuals start anew.
+    /// Switches to `plan` from the next sample on, without delay. If the conditioning of a model is unchanged, its filter
+    /// states are kept and estimates continue without a gap. If a model changes, the step in the estimate decays as it does
+    /// after a change of mode, and the residual figures restart.
     pub fn take(&mut self, plan: Plan, emit: &mut impl FnMut(Event)) {
         let Plan { settings, mut free, mut seeded, commander } = plan;
         let others = free.model() != self.free.model()
@@ -245,7 +247,7 @@ impl Pipeline {
         if let (Some(new), Some(old)) = (free.model().force.drive(), self.free.model().force.drive())
             && new != old
         {
-            // A current is no voltage: wait for the first of the new kind.
+            // A current is not a voltage: wait for the first drive of the new kind.
             self.drive.clear();
         }
         free.inherit(&self.free);
@@ -265,17 +267,17 @@ impl Pipeline {
         self.gate = Gate::default();
     }
 
-    /// Notes that samples were lost before they reached the pipeline: the next estimate says so.
+    /// Notes that samples were lost before they reached the pipeline. The next estimate reports it.
     pub fn note_overload(&mut self) {
         self.pending |= Reasons::OVERLOAD;
     }
 
-    /// Notes that samples of two publishers of one input come mixed: the next estimate says so.
+    /// Notes that two publishers interleave samples on one input. The next estimate reports it.
     pub fn note_interleaved(&mut self) {
         self.pending |= Reasons::INPUT_INTERLEAVED;
     }
 
-    /// Takes one sample and reports what follows from it, in order, through `emit`.
+    /// Processes one sample and reports the resulting events, in order, through `emit`.
     pub fn step(&mut self, sample: &Sample, emit: &mut impl FnMut(Event)) {
         let wanted = self.free.model().force.drive();
         match self.gate.judge(sample, wanted, &self.settings.plausible) {
@@ -283,7 +285,7 @@ impl Pipeline {
             gate::Verdict::Refuse(refused) => {
                 self.pending |= refused.reasons();
                 if matches!(sample.reading, Reading::ForceRequest(_)) {
-                    // Who asks for no number asks for nothing.
+                    // A refused force request also cancels the one before it.
                     self.commanding.forget_request();
                 }
                 emit(Event::Refusal(Refusal { sample: *sample, why: refused }));
@@ -301,7 +303,7 @@ impl Pipeline {
                 Reading::BodyVelocity(_) => self.commanding.forget_body(),
                 Reading::ForceRequest(_) => self.commanding.forget_request(),
             },
-            // What moved before means nothing: a gap without a pause.
+            // The displacements before the jump do not count: treat it as a gap.
             gate::Verdict::PlaceJumped => {
                 self.last_displacement = None;
                 self.pending |= Reasons::DISPLACEMENT_GAP;
@@ -328,8 +330,8 @@ impl Pipeline {
         }
     }
 
-    /// Lets the pipeline notice that displacement has gone silent. `now` is on the clock of
-    /// [`Sample::received`]. Call it a few times per `input_timeout_s`.
+    /// Lets the pipeline detect that displacement has stopped. `now` is on the clock of [`Sample::received`]. Call it a few
+    /// times per `input_timeout_s`.
     pub fn tick(&mut self, now: Stamp, emit: &mut impl FnMut(Event)) {
         let (Some(received), Some(stamp)) = (self.last_received, self.last_displacement) else { return };
         let silence_s = now.since(received).get();
@@ -347,7 +349,7 @@ impl Pipeline {
         }
     }
 
-    /// Time has jumped, or the caller asked: all history is meaningless.
+    /// Drops all history, because time has jumped or the caller asked for it.
     fn restart(&mut self, cause: Cause, stamp: Stamp, emit: &mut impl FnMut(Event)) {
         self.free.reset();
         if let Some(lane) = &mut self.seeded {
@@ -373,13 +375,14 @@ impl Pipeline {
         }
     }
 
-    /// The residuals from now on are other ones: figures and alarm start anew.
+    /// Restarts the residual figures and the alarm, because the residuals from now on come from another model or another
+    /// time.
     fn forget_residuals(&mut self, stamp: Stamp, emit: &mut impl FnMut(Event)) {
         self.window = Window::default();
         self.restart_alarm(stamp, emit);
     }
 
-    /// Starts the alarm's evidence anew, and says so if it stood.
+    /// Resets the alarm's evidence, and reports it if the alarm was raised.
     fn restart_alarm(&mut self, stamp: Stamp, emit: &mut impl FnMut(Event)) {
         if self.alarm.restart() {
             emit(Event::Alarm(AlarmChange { stamp, raised: false, ratio: f64::NAN }));
@@ -393,7 +396,7 @@ impl Pipeline {
             self.last_force = Some(stamp);
             self.seeds.add(waiting.index, stamp);
             if let Some(lane) = &mut self.seeded {
-                // Newest sample has age 0: the force of sample k seeds the prediction of k + 1.
+                // The newest sample has age 0: the force of sample k seeds the prediction of k + 1.
                 let age = self.index.wrapping_sub(waiting.index) as usize;
                 lane.seed(age, measured_n);
             }
@@ -407,7 +410,7 @@ impl Pipeline {
                 self.judge.work(dt_s, over_n, waiting.velocity_m_s, &self.settings.plausible);
             }
             if !waiting.predicted_n.is_finite() {
-                // Filters of measured force and prediction must start at one sample to be comparable.
+                // The filters of the measured force and of the prediction must start at the same sample to be comparable.
                 self.free.restart_comparison();
                 continue;
             }

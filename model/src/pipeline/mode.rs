@@ -1,40 +1,40 @@
-//! Which model the estimate comes from: a small machine, driven once a displacement.
+//! The mode: a state machine that selects the source of the estimate, once per displacement.
 //!
 //! | mode | the estimate is |
 //! |---|---|
 //! | `arx` | ARX, seeded with measured force |
-//! | `arx_coast` | ARX on its own predictions, for at most `coast_s` after measured force was lost |
-//! | `model` | the free-running model |
+//! | `arx_coast` | ARX from its own predictions, for at most `coast_s` after measured force was lost |
+//! | `model` | the simulation (free run) of the model |
 //! | `hold` | the last estimate, for at most `hold_s`, when no model can run |
 //! | `fault` | none |
 //!
-//! The best mode that its conditions allow is taken; `arx_coast` only follows `arx`, and `hold` only follows a mode that had an
-//! estimate. `TABLE` says it all.
+//! The machine takes the best mode whose conditions hold. `arx_coast` only follows `arx`, and `hold` only follows a mode that had an
+//! estimate. `TABLE` holds all transitions.
 //!
-//! The machine has hysteresis. The first return to `arx` is immediate. If `arx` is lost again within [`RELAPSE_S`], the machine
-//! returns only after the conditions of `arx` have held without a break for [`DWELL_S`] (from `model`) or
-//! [`COAST_DWELL_S`] (from `arx_coast`, where the seeded model still gives the estimate). So a load cell that comes and
-//! goes causes at most two changes a second between the models, and the step of a change has decayed before the next.
+//! The machine has hysteresis. The first return to `arx` is immediate. If `arx` is lost again within [`RELAPSE_S`], the machine returns
+//! only after the conditions of `arx` have held without a break for [`DWELL_S`] (from `model`) or [`COAST_DWELL_S`] (from `arx_coast`,
+//! where the seeded model still gives the estimate). So an intermittent load cell causes at most two changes of model per second, and
+//! the step of a change has decayed before the next.
 
 use super::event::{Cause, Transition};
 use crate::sample::Stamp;
 
-/// Time in `arx` up to which its loss is a relapse, s.
+/// If `arx` is lost again within this time of its last loss, that is a relapse, s.
 pub(super) const RELAPSE_S: f64 = 2.0;
-/// How long the conditions of `arx` must hold after a relapse before `model` gives way to it, s.
+/// How long the conditions of `arx` must hold after a relapse before `model` switches to it, s.
 const DWELL_S: f64 = 1.0;
-/// The same before `arx_coast` does, s: less than `coast_s`, so that force which is late now and then does not end in `model`.
+/// The same for `arx_coast`, s. It is less than `coast_s`, so that force which is late now and then does not end in `model`.
 const COAST_DWELL_S: f64 = 0.1;
 
-/// Mode of a pipeline. The values are those of `ForceEstimate.msg`.
+/// Mode of a pipeline, with the values of `ForceEstimate.msg`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Mode {
     /// ARX, seeded with measured force.
     Arx = 0,
-    /// ARX on its own predictions.
+    /// ARX from its own predictions.
     ArxCoast = 1,
-    /// The free-running model.
+    /// The simulation (free run) of the model.
     Model = 2,
     /// The last estimate.
     Hold = 3,
@@ -56,16 +56,16 @@ impl Mode {
     }
 }
 
-/// What the machine is told at a displacement. Where one mode alone is allowed, the others lack what they need.
+/// The conditions at a displacement. If only one mode is allowed, the conditions of the others are cleared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Conditions {
-    /// The ARX model has all that it needs for a prediction.
+    /// The ARX model has the history that a prediction needs.
     pub arx_ready: bool,
     /// Measured force is not older than `force_timeout_s`, and its use is allowed.
     pub force_fresh: bool,
-    /// It stands still, or gives energy.
+    /// Measured force is stuck, or implies that the damper delivers energy.
     pub force_odd: bool,
-    /// The free model has an estimate.
+    /// The free-run model has an estimate.
     pub model_ready: bool,
 }
 
@@ -79,9 +79,9 @@ impl Conditions {
 /// The machine's timers, as the table reads them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Lasted {
-    /// The mode has lasted for as long as it may.
+    /// The mode has lasted for its whole allowed time.
     over: bool,
-    /// After a relapse the conditions of `arx` have not yet held for long enough.
+    /// After a relapse, the conditions of `arx` have not yet held for long enough.
     waits: bool,
 }
 
@@ -102,7 +102,7 @@ const FED: &[Mode] = &[Mode::Arx, Mode::ArxCoast];
 const HOLD: &[Mode] = &[Mode::Hold];
 const ESTIMATING: &[Mode] = &[Mode::Arx, Mode::ArxCoast, Mode::Model];
 
-/// The machine: the first row that fits is taken. The last one always does.
+/// The transitions. The first row that fits is taken; the last row always fits.
 #[rustfmt::skip]
 const TABLE: [Row; 11] = [
     row(ANY, |c, t| c.is_fed() && !t.waits, Mode::Arx, Cause::ForceFresh),
@@ -123,22 +123,22 @@ const TABLE: [Row; 11] = [
 pub struct ModeMachine {
     mode: Mode,
     since: Option<Stamp>,
-    /// Since when the conditions of `arx` hold without a break.
+    /// When the present unbroken stretch began in which the conditions of `arx` hold.
     fed_since: Option<Stamp>,
-    /// When `arx` was lost last, and whether that was a relapse.
+    /// When `arx` was last lost, and whether that was a relapse.
     lost: Option<Stamp>,
     has_relapsed: bool,
 }
 
 impl Default for ModeMachine {
-    /// Starts in `fault`: there is no estimate yet.
+    /// Starts in `fault`, because no estimate exists yet.
     fn default() -> Self {
         Self { mode: Mode::Fault, since: None, fed_since: None, lost: None, has_relapsed: false }
     }
 }
 
 impl ModeMachine {
-    /// The mode at present.
+    /// The current mode.
     #[must_use]
     pub const fn mode(&self) -> Mode {
         self.mode
@@ -150,14 +150,14 @@ impl ModeMachine {
         self.since.map_or(0.0, |since| now.since(since).get())
     }
 
-    /// Goes by the table.
+    /// Applies the table.
     #[inline]
     fn update_to_best(&mut self, now: Stamp, c: Conditions, coast_s: f64, hold_s: f64) -> Option<Transition> {
         let elapsed_s = self.seconds_in_mode(now);
         let over = match self.mode {
             Mode::ArxCoast => elapsed_s > coast_s,
             Mode::Hold => elapsed_s > hold_s,
-            // What is not entered takes no time.
+            // With `coast_s` = 0, coasting is over before it starts.
             _ => coast_s <= 0.0,
         };
         let lasted = Lasted { over, waits: self.waits(now, &c) };
@@ -165,7 +165,7 @@ impl ModeMachine {
         self.force_to(row.to, row.cause, now)
     }
 
-    /// Notes whether the conditions of `arx` hold; true while a relapse keeps the machine from it and another mode has an estimate.
+    /// Notes whether the conditions of `arx` hold. True while a relapse delays the return to `arx` and another mode has an estimate.
     #[inline]
     fn waits(&mut self, now: Stamp, c: &Conditions) -> bool {
         self.fed_since = if c.is_fed() { self.fed_since.or(Some(now)) } else { None };
@@ -177,7 +177,7 @@ impl ModeMachine {
         self.has_relapsed && self.fed_since.is_none_or(|since| now.since(since).get() < dwell_s)
     }
 
-    /// Notes that `arx` is lost at `now`, or that the machine restarts.
+    /// Notes that `arx` is lost at `now`, or that the machine restarts (`to` is `fault`).
     fn note_loss(&mut self, to: Mode, now: Stamp) {
         if to == Mode::Fault {
             (self.fed_since, self.lost, self.has_relapsed) = (None, None, false);
@@ -187,8 +187,8 @@ impl ModeMachine {
         }
     }
 
-    /// Takes the conditions at stamp `now` and returns the change of mode, if there is one. Where `only` one mode is allowed, it is that
-    /// one as long as its own conditions last, or else hold and fault.
+    /// Takes the conditions at stamp `now` and returns the change of mode, if there is one. If `only` names a mode, the machine uses
+    /// that mode while its conditions hold, and otherwise hold and fault.
     #[inline]
     pub fn update(
         &mut self,
@@ -210,7 +210,7 @@ impl ModeMachine {
         Some(Transition { cause, ..changed })
     }
 
-    /// Goes to `to` whatever the conditions; `None` when the machine is there already.
+    /// Switches to `to` whatever the conditions; `None` if the machine is in that mode already.
     pub fn force_to(&mut self, to: Mode, cause: Cause, now: Stamp) -> Option<Transition> {
         if to == self.mode {
             return None;
@@ -268,8 +268,8 @@ mod tests {
         insta::assert_snapshot!(text);
     }
 
-    /// What a machine goes through that is allowed `only` one mode: three displacements with all there is, then without
-    /// force, then without anything, a second apart.
+    /// The modes of a machine with `only` one allowed mode, one second apart: with all inputs, with implausible force, with lost force,
+    /// with ARX not ready as well, then twice with nothing.
     #[test]
     fn one_mode_alone_is_held_as_long_as_its_conditions_last() {
         let all = Conditions { arx_ready: true, force_fresh: true, force_odd: false, model_ready: true };
@@ -295,7 +295,8 @@ mod tests {
         insta::assert_snapshot!(text);
     }
 
-    /// A story: how the conditions go on, a millisecond a step, and for how long.
+    /// The transitions of a machine under a sequence of conditions, each of which lasts a number of milliseconds; one update per
+    /// millisecond.
     fn told(story: &[(Conditions, i64)]) -> String {
         let (mut machine, mut ms, mut text) = (ModeMachine::default(), 0, String::new());
         for (conditions, lasts_ms) in story {
@@ -321,7 +322,7 @@ mod tests {
         // Lost every 20 ms for half a second, good for 900 ms, lost once more, and good for long.
         story.extend([(unready, 1), (FED_WELL, 19)].repeat(25));
         story.extend([(FED_WELL, 881), (unready, 1), (FED_WELL, 4000)]);
-        // Long after, it is lost once.
+        // Lost once more, long after.
         story.extend([(unready, 5), (FED_WELL, 100)]);
         insta::assert_snapshot!(told(&story));
     }
@@ -330,7 +331,7 @@ mod tests {
     fn force_that_is_late_again_and_again_coasts() {
         let late = Conditions { force_fresh: false, ..FED_WELL };
         let mut story = vec![(FED_WELL, 100)];
-        // A burst of losses, good for a while, and another.
+        // Three short losses, half a second apart.
         story.extend([(late, 10), (FED_WELL, 490)].repeat(3));
         // A load cell that is slower than force_timeout_s.
         story.extend([(late, 10), (FED_WELL, 50)].repeat(20));
@@ -339,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn no_conditions_make_the_mode_flap() {
+    fn random_conditions_do_not_make_the_mode_flap() {
         let mut random = 1_u64;
         let mut next = || {
             random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

@@ -1,17 +1,19 @@
-//! The observer: measured force corrects the free-running model through a bias.
+//! The observer: measured force corrects the simulation through a bias.
 //!
 //! ```text
-//! b' = b + (1 - e^(-dt/T)) (r - b)          r = measured force - free run, when measured force comes
+//! b' = b + (1 - e^(-dt/T)) (r - b)          r = measured minus simulated force, at each measured force
 //! F  = F_free + b e^(-a/T_c)                a: age of the newest measured force beyond force_timeout_s
 //! ```
 //!
 //! | symbol | what | unit |
 //! |---|---|---|
 //! | T | time constant of [`UseForce::Observer`] | s |
-//! | T_c | `coast_s`: without measured force the bias is believed for about as long as ARX coasts | s |
+//! | T_c | `coast_s`: without measured force, the bias is kept for about as long as ARX coasts | s |
 //!
-//! A first-order Luenberger observer of a constant disturbance. It changes the estimate alone: the residual stays that of the free
-//! run, which shows what the model lacks.
+//! This is a first-order Luenberger observer of a constant disturbance. It changes the estimate only. The residual is still taken
+//! from the simulation and shows what the model lacks.
+//!
+//! Source: `[luenberger]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::settings::{Settings, UseForce};
 use crate::sample::Stamp;
@@ -24,7 +26,7 @@ pub(super) struct Observer {
 }
 
 impl Observer {
-    /// Takes a residual of the free run.
+    /// Takes a residual of the simulation.
     #[inline]
     pub(super) fn see(&mut self, stamp: Stamp, dt_s: Option<f64>, residual_n: f64, settings: &Settings) {
         let UseForce::Observer(tau_s) = settings.use_measured_force else { return };
@@ -38,7 +40,7 @@ impl Observer {
         self.last = Some(stamp);
     }
 
-    /// What is added to the free run at `now`, N.
+    /// Correction that is added to the simulation at `now`, N.
     #[inline]
     pub(super) fn bias_n(&self, now: Stamp, settings: &Settings) -> f64 {
         let (UseForce::Observer(_), Some(last)) = (settings.use_measured_force, self.last) else {

@@ -1,7 +1,7 @@
-//! What a pipeline runs on, made ready beforehand: models, settings, and a commander.
+//! Models, settings and inverse controller of a pipeline, prepared in advance.
 //!
-//! Making a plan may take milliseconds and may fail; taking it over does neither, so that a running pipeline changes between two
-//! samples, on a thread that cannot wait.
+//! Making a plan may take milliseconds and may fail. Switching to it does neither, so a running pipeline can change between two
+//! samples on a real-time thread.
 
 use super::Models;
 use super::lane::{FreeLane, SeededLane};
@@ -9,7 +9,7 @@ use super::settings::Settings;
 use crate::error::Error;
 use crate::inverse::{Commander, Method};
 
-/// Models and settings that go together.
+/// Models and settings that have been checked against each other.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     pub(super) settings: Settings,
@@ -19,12 +19,14 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Checks `models` and `settings`, and makes what they need.
+    /// Checks `models` and `settings`, and builds the channels and the inverse controller.
     ///
-    /// A model without an inverse goes with every law that needs none; forces are then answered with the safe current.
+    /// A model without an inverse is accepted with every control law that does not need one. Force requests are then answered
+    /// with the safe current.
     ///
     /// # Errors
-    /// When a model or a setting is out of range, or law or method needs what the model has not; the message says which.
+    /// When a model or a setting is out of range, or the control law or the inverse method needs something that the model lacks.
+    /// The message says which.
     pub fn new(models: Models, settings: Settings) -> Result<Self, Error> {
         settings.validate()?;
         let commander = match Commander::with_method(&models.free, settings.limits, settings.method) {
@@ -50,7 +52,7 @@ impl Plan {
         })
     }
 
-    /// What will command currents, at rest; without an inverse where the free model has none.
+    /// The inverse controller, at rest. It has an inverse only if the free-run model does.
     #[must_use]
     pub const fn commander(&self) -> &Commander {
         &self.commander

@@ -1,8 +1,8 @@
-//! Whether readings can be what they say, each judged by the others.
+//! Plausibility checks: each reading is compared with the others.
 //!
 //! ```text
 //! stuck displacement   x unchanged for T_s while |v| > V measured, or the force has moved by a tenth of its training range
-//! stuck force          F unchanged while the rod has gone a fifth of its training range
+//! stuck force          F unchanged while the rod has moved by a fifth of its training range
 //! velocity             sum (dx - int v dt)^2 > 0.05 sum (dx^2 + (int v dt)^2)     over stretches of 0.1 s, forgetting over 1 s
 //! drive                i beyond (-0.1, 1.2) i_max, or |di| > 1.5 r dt + 0.05 i_max
 //! passivity            int (F - P) v dt < -0.2 int |F - P| |v| dt                 forgetting over T_p
@@ -13,11 +13,12 @@
 //! | x, v, F, i | displacement, measured velocity, measured force, current: raw readings |
 //! | T_s, T_p | [`Plausible::stuck_s`], [`Plausible::passive_window_s`] |
 //! | V | [`MOVING_M_S`] |
-//! | i_max, r | `current.max_a`, `current.rate_max_a_s`: what the driver can make |
+//! | i_max, r | `current.max_a`, `current.rate_max_a_s`: limits of the driver |
 //! | P | force of the model at rest: offset and gas spring |
 //!
-//! Velocity is compared by the way it makes, because a slope of displacement is noise. What is out of a sensor's range, and what
-//! jumps, does not come here: the gate refuses it. A force that stands still or drives the rod is used for nothing but residuals.
+//! Velocity is integrated and compared with the change of displacement, because a differentiated displacement is too noisy. Readings
+//! out of a sensor's range, and jumps, do not reach these checks: the gate refuses them. A force that is stuck or drives the rod is
+//! used for residuals only.
 
 use super::event::Reasons;
 use crate::error::Error;
@@ -27,34 +28,35 @@ use crate::sample::{DriveKind, Stamp};
 
 /// Measured speed above which a rod moves, m/s.
 const MOVING_M_S: f64 = 0.02;
-/// Share of the force's training range that says that a rod moves.
+/// Share of the force's training range: if the force changes by more, the rod moves.
 const FORCE_MOVED: f64 = 0.1;
-/// Share of the displacement's training range over which a load cell must have changed.
+/// Share of the displacement's training range: if the rod moves by more, a load cell must have changed.
 const ROD_MOVED: f64 = 0.2;
-/// The same where the model knows no training range, m.
+/// The same for a model without a training range, m.
 const ROD_MOVED_M: f64 = 5e-3;
-/// Stretches over which the ways are compared, s; and how long they are remembered.
+/// Length of the stretches over which travel is compared, s, and the time constant with which they are forgotten, s.
 const STRETCH_S: f64 = 0.1;
 const STRETCHES_S: f64 = 1.0;
-/// Share of the ways' squares by which they may differ.
+/// Largest squared difference of the two, as a share of the sum of their squares.
 const DISAGREES: f64 = 0.05;
-/// Root mean square of a stretch below which nothing is said, m.
+/// Root mean square travel per stretch below which velocity is not checked, m.
 const LEAST_WAY_M: f64 = 5e-4;
-/// Share of the work to and fro that a damper may give.
+/// Share of the absolute work that a damper may deliver.
 const GIVES: f64 = 0.2;
-/// Mean speed below which nothing is said of the work, m/s.
+/// Mean speed below which the work is not checked, m/s.
 const LEAST_SPEED_M_S: f64 = 5e-3;
 
-/// What readings can be.
+/// Limits of plausible readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plausible {
-    /// Largest displacement either way, m; more is refused.
+    /// Largest displacement either way, m. Larger ones are refused.
     pub displacement_max_m: f64,
-    /// Largest speed of the rod, m/s; a measured one above it is refused, and a displacement that would need more, until three agree.
+    /// Largest speed of the rod, m/s. A measured speed above it is refused. So is a displacement that would need a higher speed,
+    /// until three in a row agree.
     pub speed_max_m_s: f64,
-    /// Largest force either way, N; more is refused, measured or asked for.
+    /// Largest force either way, N. Larger ones are refused, measured or requested.
     pub force_max_n: f64,
-    /// How long displacement stands still before it is stuck, s.
+    /// Time without change after which displacement is stuck, s.
     pub stuck_s: f64,
     /// Time constant with which the work of the damper is forgotten, s.
     pub passive_window_s: f64,
@@ -89,16 +91,16 @@ impl Plausible {
     }
 }
 
-/// Equal readings that make one stand still.
+/// Number of equal readings in a row from which a signal may be stuck.
 const EQUAL: u32 = 5;
 
-/// What is known of the damper, for judging.
+/// Properties of the damper that the checks use.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Known {
-    /// Widths of the training ranges, m and N; NaN where not known.
+    /// Widths of the training ranges, m and N; NaN if not known.
     pub(super) stroke_m: f64,
     pub(super) forces_n: f64,
-    /// What the driver can make, A and A/s; infinite where the drive is no current.
+    /// Limits of the driver, A and A/s; infinite if the drive is not a current.
     pub(super) current_max_a: f64,
     pub(super) current_rate_a_s: f64,
     /// Force at rest.
@@ -106,7 +108,7 @@ pub(super) struct Known {
 }
 
 impl Known {
-    /// What `model` and the driver's limits tell.
+    /// The properties from `model` and the driver's limits.
     pub(super) fn of(model: &Model, limits: &Limits) -> Self {
         let width = |range: Option<[f64; 2]>| range.map_or(f64::NAN, |[low, high]| high - low);
         let is_current = model.force.drive() == Some(DriveKind::CoilCurrent);
@@ -120,7 +122,7 @@ impl Known {
     }
 }
 
-/// The judge of one damper's readings.
+/// The checks of one damper's readings.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Judge {
     displacement: Still,
@@ -130,21 +132,21 @@ pub(super) struct Judge {
     drive_odd: bool,
 }
 
-/// A reading that may stand still, and how far another has moved meanwhile.
+/// A reading that may be stuck, and how far another one has moved meanwhile.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Still {
     last: Option<f64>,
     since: Stamp,
     /// Readings since then.
     count: u32,
-    /// Range of the other one since then.
+    /// Range of the other reading since then.
     other: Option<[f64; 2]>,
     /// Largest measured speed since then, m/s.
     speed_m_s: f64,
 }
 
 impl Still {
-    /// Takes a reading; anything but the last one moves.
+    /// Takes a reading; any change from the last one restarts the count.
     fn see(&mut self, stamp: Stamp, value: f64) {
         if self.last != Some(value) {
             *self = Self { last: Some(value), since: stamp, ..Self::default() };
@@ -162,13 +164,13 @@ impl Still {
     }
 }
 
-/// Ways by displacement and by measured velocity.
+/// Travel by displacement and by measured velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Way {
     /// Where and when the stretch began.
     begin: Option<(Stamp, f64)>,
     by_velocity_m: f64,
-    /// Forgetting sums of squares, and their weight.
+    /// Sums of squares with exponential forgetting, and their weight.
     apart: f64,
     both: f64,
     weight: f64,
@@ -192,7 +194,7 @@ impl Way {
         (self.begin, self.by_velocity_m) = (Some((stamp, displacement_m)), 0.0);
     }
 
-    /// Displacement has gone on without velocity, or from anew: the stretch means nothing.
+    /// Discards the present stretch, because velocity is missing or history restarts.
     fn breaks(&mut self) {
         (self.begin, self.by_velocity_m) = (None, 0.0);
     }
@@ -204,7 +206,7 @@ impl Way {
     }
 }
 
-/// Work that the damper takes.
+/// Work that the damper absorbs, with exponential forgetting.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Work {
     taken_j: f64,
@@ -230,17 +232,17 @@ impl Work {
     }
 }
 
-/// A displacement and what goes with it.
+/// A displacement with its time step and velocity.
 pub(super) struct Seen {
     pub(super) stamp: Stamp,
     pub(super) dt_s: Option<f64>,
     pub(super) displacement_m: f64,
-    /// Measured, and fresh.
+    /// Measured velocity, if it is fresh.
     pub(super) velocity_m_s: Option<f64>,
 }
 
 impl Judge {
-    /// Takes a drive, in A, and the one before it, where there is one; true drives are none of a voltage.
+    /// Takes a current in A and the one before it, if there is one. A voltage is never odd.
     #[inline]
     pub(super) fn drive(
         &mut self,
@@ -279,13 +281,13 @@ impl Judge {
         }
     }
 
-    /// Takes the force over its value at rest, measured at a sample with the model's velocity.
+    /// Takes the force minus its value at rest, measured at a sample, with the model's velocity at that sample.
     #[inline]
     pub(super) fn work(&mut self, dt_s: f64, force_n: f64, velocity_m_s: f64, plausible: &Plausible) {
         self.work.see(dt_s, force_n, velocity_m_s, plausible.passive_window_s);
     }
 
-    /// True while measured force stands still or drives the rod: nothing but residuals may be made of it.
+    /// True while measured force is stuck or drives the rod: it may then be used for residuals only.
     #[inline]
     pub(super) fn force_is_odd(&self, known: &Known, plausible: &Plausible) -> bool {
         self.force_is_stuck(known) || self.work.gives(plausible.passive_window_s)
@@ -296,7 +298,7 @@ impl Judge {
         self.force.count >= EQUAL && self.force.other_moved() > enough_m
     }
 
-    /// What is odd at `now`.
+    /// The implausible readings at `now`.
     #[inline]
     pub(super) fn reasons(&self, now: Stamp, known: &Known, plausible: &Plausible) -> Reasons {
         let mut reasons = Reasons::NONE;

@@ -1,41 +1,43 @@
-//! The seeded channel's history on the model's own period, where samples came at other times.
+//! Resampling: the seeded channel's history on the model's own period, when samples come at other times.
 //!
-//! A model that feeds on force holds at one sample period T. Its lags are signals at t - T, t - 2 T, ... Where displacements jitter or
-//! are lost, the newest samples are not these. So the history is read from the last rows by interpolation:
+//! A model that is autoregressive in force holds for one sample period T: its lags are signals at t - T, t - 2 T, ... When
+//! displacements jitter or are lost, the newest samples are not at these times. The history is then interpolated between the last
+//! rows:
 //!
 //! ```text
 //! rows      ... a      b  c        k        times of the displacements
 //! lags       k-4T   k-3T   k-2T   k-T  k    times of the history
 //! ```
 //!
-//! Displacement is read from the parabola through the two rows around a time and an older one; the drive is held. A
-//! backward difference is computed from the interpolated displacements at the lags, because the model was identified with it over T.
-//! Where no row lies between k - T and k, rows are put in between, T apart: displacement interpolated, force as measured
-//! there or else as the model predicts it. The lane replaces the forces of a grid by measured ones where readings tell them.
+//! Displacement is interpolated by the parabola through the two rows around a time and an older one; the drive is held. A backward
+//! difference is computed from the interpolated displacements at the lags, because the model was identified with a difference over T.
+//! If a gap between two samples is longer than T, rows are inserted T apart: their displacement is interpolated, and their force is
+//! the measured force at that time, or else the model's prediction. Forces of a grid are replaced by measured ones where readings
+//! exist.
 
 use crate::condition::VelocitySource;
 use crate::force::{DEPTH, History};
 
-/// Rows that are kept: more than a publisher that catches up sends within the lags.
+/// Number of rows that are kept: more than a publisher sends within the lags when it catches up.
 const KEPT: usize = 64;
-/// Share of a period within which a row is taken for the one at a time.
+/// Share of a period within which a row counts as being at a given time.
 pub(super) const SAME: f64 = 1e-3;
-/// Share of a period that the older row of a parabola is away, at least: rows close together say nothing of curvature.
+/// Least distance of the parabola's older row, as a share of a period: rows close together do not determine a curvature.
 const APART: f64 = 0.5;
-/// Displacements that a history wants: as many as its lags, and two more for the derivatives.
+/// Displacements that a history needs: one per lag, and two more for the derivatives.
 pub(super) const POINTS: usize = DEPTH + 2;
 
 /// A conditioned sample, and its force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Row {
-    /// Time since an origin of the channel's own, s.
+    /// Time since the channel's own origin, s.
     pub(super) at_s: f64,
     pub(super) displacement_m: f64,
     pub(super) velocity_m_s: f64,
     pub(super) drive: f64,
-    /// Measured, or else predicted, N; NaN when there is neither.
+    /// Measured force, or else predicted, N; NaN if neither is known.
     pub(super) force_n: f64,
-    /// It was put in between two samples.
+    /// The row was inserted between two samples.
     pub(super) is_between: bool,
 }
 
@@ -117,14 +119,14 @@ impl Rows {
         }
     }
 
-    /// Forgets all forces, so that only measured ones can make a history again.
+    /// Clears all forces, so that only measured ones can make a history again.
     pub(super) fn forget_forces(&mut self) {
         for row in &mut self.rows {
             row.force_n = f64::NAN;
         }
     }
 
-    /// The row at `at_s`, between those that there are; `None` before the first and after the last.
+    /// The row at `at_s`, interpolated; `None` before the first row and after the last.
     fn at(&self, at_s: f64, period_s: f64) -> Option<Row> {
         let older = (0..self.len).find(|age| self.rows[self.slot(*age)].at_s <= at_s + SAME * period_s)?;
         let a = self.get(older)?;
@@ -160,12 +162,12 @@ impl Rows {
         }
     }
 
-    /// The row at `at_s` between the newest one and `next`, which comes after it. Its force is not known.
+    /// The row at `at_s` between the newest row and `next`, which comes after it. Its force is NaN.
     pub(super) fn towards(&self, next: &Row, at_s: f64, period_s: f64) -> Option<Row> {
         (self.len > 0).then(|| Row { force_n: f64::NAN, ..self.between(at_s, 0, next, period_s) })
     }
 
-    /// The rows at `at_s` and at so many periods before it, newest first. Unknown values are NaN.
+    /// The rows at `at_s` and at whole periods before it, newest first. Unknown values are NaN.
     pub(super) fn grid(&self, at_s: f64, period_s: f64) -> Grid {
         let mut points = [Row::NONE; POINTS];
         for (lag, point) in points.iter_mut().enumerate() {
@@ -176,7 +178,7 @@ impl Rows {
     }
 }
 
-/// Rows a period apart, newest first.
+/// Rows at a spacing of one period, newest first.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Grid {
     pub(super) points: [Row; POINTS],
@@ -184,7 +186,7 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// The history at the point of age `newest`. Unknown values are NaN.
+    /// The history with the point of age `newest` as its newest sample. Unknown values are NaN.
     pub(super) fn history(&self, newest: usize, velocity: VelocitySource) -> History {
         let point = |lag: usize| self.points.get(newest + lag).copied().unwrap_or(Row::NONE);
         let x = |lag: usize| point(lag).displacement_m;

@@ -1,8 +1,8 @@
-//! How displacements come: at which rate, and how evenly.
+//! Sample rhythm: the rate of the displacements and its regularity.
 //!
-//! A step is even when it differs from the mean of the last ones by no more than a fifth. While the last steps were even, as many as a
-//! history has lags, the samples themselves are the lags of a model. While they were even for longer, their mean is the
-//! period. Otherwise jitter and lost samples are in the mean, and only a rate that is far off is another one.
+//! A step is even if it differs from the mean of the last ones by at most a fifth. If as many steps as a history has lags were even,
+//! the samples themselves are the lags of a model. If [`Rhythm::STEPS`] in a row were even, their mean is the period. Otherwise the
+//! mean contains jitter and lost samples, and only a mean that is far off counts as another rate.
 
 use crate::force::DEPTH;
 
@@ -10,10 +10,10 @@ use crate::force::DEPTH;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rhythm {
     nominal_s: f64,
-    /// Mean of the last even steps, s, and how many it is the mean of.
+    /// Mean of the last even steps, s, and their number.
     mean_s: f64,
     steps: u32,
-    /// The same of all steps, over [`Self::LONG_S`].
+    /// The same for all steps, over [`Self::LONG_S`].
     long_mean_s: f64,
     long_steps: u32,
     /// Even steps in a row, at most [`Self::STEPS`].
@@ -21,18 +21,18 @@ pub(super) struct Rhythm {
 }
 
 impl Rhythm {
-    /// Steps that the mean is taken over.
+    /// Number of steps in the mean.
     const STEPS: u32 = 50;
-    /// The time that the mean of uneven steps is taken over, s: a publisher that stands still and catches up is a small part of it.
+    /// Time over which uneven steps are averaged, s: a publisher that pauses and catches up is a small part of it.
     const LONG_S: f64 = 0.25;
-    /// Departure of a step from the mean up to which it is even.
+    /// Largest relative departure of an even step from the mean.
     const EVEN: f64 = 0.2;
-    /// Departure of the mean from the model's period beyond which its coefficients mean nothing.
+    /// Largest relative departure of the mean from the model's period; beyond it the model's coefficients do not apply.
     const TOLERANCE: f64 = 0.05;
     /// Shortest and longest mean of uneven steps, in periods of the model. Lost samples make steps longer.
     const UNEVEN: [f64; 2] = [0.9, 1.4];
 
-    /// A rhythm of which nothing was seen, for a model of period `nominal_s`.
+    /// A rhythm without any steps yet, for a model of period `nominal_s`.
     pub(super) const fn new(nominal_s: f64) -> Self {
         Self {
             nominal_s,
@@ -49,7 +49,7 @@ impl Rhythm {
         self.nominal_s
     }
 
-    /// Takes a step.
+    /// Takes a step of `dt_s`.
     #[inline]
     pub(super) fn see(&mut self, dt_s: f64) {
         let is_even = self.steps == 0 || (dt_s / self.mean_s - 1.0).abs() <= Self::EVEN;
@@ -65,7 +65,7 @@ impl Rhythm {
         self.long_mean_s += (dt_s - self.long_mean_s) / f64::from(self.long_steps);
     }
 
-    /// True when the samples themselves are the lags of a model.
+    /// True if the samples themselves are the lags of a model.
     pub(super) const fn is_even(&self) -> bool {
         self.even >= DEPTH as u32
     }
@@ -77,7 +77,7 @@ impl Rhythm {
             return (self.mean_s / self.nominal_s - 1.0).abs() <= Self::TOLERANCE;
         }
         let periods = self.long_mean_s / self.nominal_s;
-        // The jitter at both ends of so many steps.
+        // The effect of jitter at both ends of the averaged time.
         let jitter = 1.0 / f64::from(self.long_steps.max(1));
         let [shortest, longest] = Self::UNEVEN;
         (shortest - jitter..=longest + jitter).contains(&periods)

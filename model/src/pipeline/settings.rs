@@ -1,4 +1,4 @@
-//! What can be set on a running pipeline.
+//! Settings that can be changed on a running pipeline.
 
 use super::mode::Mode;
 use super::plausible::Plausible;
@@ -10,54 +10,54 @@ use crate::model::Model;
 /// Whether measured force may seed the ARX model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum UseForce {
-    /// While it is fresh.
+    /// It seeds the ARX model while it is fresh.
     Auto,
-    /// Never: measured force then serves the residual alone.
+    /// It is used for the residual only.
     Never,
-    /// While it is fresh, it corrects the free-running model through a bias, with this time constant in s; no ARX is seeded.
+    /// While it is fresh, it corrects the simulation through a bias with this time constant, s. No ARX model is seeded.
     Observer(f64),
 }
 
 /// Settings of a pipeline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// The one mode that is allowed, of arx, model and fault; `None`: the best that its conditions allow.
+    /// The only mode that is allowed: arx, model or fault. `None`: the best mode whose conditions hold.
     pub only_mode: Option<Mode>,
     /// Whether measured force may seed the ARX model.
     pub use_measured_force: UseForce,
     /// Age beyond which measured force counts as lost, s.
     pub force_timeout_s: f64,
-    /// How long ARX may run free after measured force is lost, s.
+    /// How long ARX may continue from its own predictions after measured force is lost, s.
     pub coast_s: f64,
     /// Age beyond which displacement and drive count as stale, s.
     pub input_timeout_s: f64,
-    /// How much later than their arrival stamps may be before estimates say so, s.
+    /// Lead of stamps over their arrival beyond which estimates report it, s.
     pub stamp_ahead_s: f64,
-    /// How long the last estimate is held when a model cannot run, s.
+    /// How long the last estimate is held if no model can run, s.
     pub hold_s: f64,
     /// Time constant with which the step at a change of mode decays, s.
     pub bumpless_tau_s: f64,
-    /// Gap between displacements beyond which history is started anew, s.
+    /// Gap between displacements beyond which history restarts, s.
     pub gap_s: f64,
     /// Time constant of the windowed residual figures, s.
     pub residual_window_s: f64,
-    /// Factor over the expected RSSE that is no fault yet; a residual that stays above it raises the alarm.
+    /// Factor over the expected RMSE that does not count as a fault yet. A residual that stays above it raises the alarm.
     pub alarm_ratio: f64,
-    /// Length of the blocks over which the alarm takes the residual's power, s.
+    /// Length of the blocks over which the alarm averages the residual's power, s.
     pub alarm_block_s: f64,
-    /// Mean time between false alarms, at least, s.
+    /// Lower bound of the mean time between false alarms, s.
     pub false_alarm_interval_s: f64,
-    /// What readings can be.
+    /// Limits of plausible readings.
     pub plausible: Plausible,
-    /// What current is commanded.
+    /// Control law: it sets the demanded force or current.
     pub law: Law,
     /// Limits of the command.
     pub limits: Limits,
-    /// How the current for a force is found.
+    /// Method that finds the current for a demanded force.
     pub method: Method,
-    /// Age beyond which a force that is asked for, a body's velocity and displacement command nothing any more, s.
+    /// Age beyond which a force request, a body velocity and a displacement no longer count for the command, s.
     pub request_timeout_s: f64,
-    /// Filter that replaces the model file's: where it sits and its corner in Hz. `None`: the file's own.
+    /// Filter that replaces the filter of the model file: its place and its corner in Hz. `None`: the model file's filter.
     pub filter: Option<(ApplyTo, f64)>,
 }
 
@@ -88,11 +88,12 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Spacing of the reports while displacement is silent, s.
+    /// Spacing of the estimates while displacement is silent, s.
     pub const STALE_REPORT_S: f64 = 0.1;
-    /// How much later than its arrival a stamp is at most, s: clocks that NTP keeps differ by less.
+    /// Default of `stamp_ahead_s`, s: clocks that NTP synchronises differ by less.
     pub const STAMP_AHEAD_S: f64 = 0.03;
-    /// The same under simulated time, s: arrivals are stamped with the last `/clock`, which comes ten times a second or more.
+    /// The same under simulated time, s: arrivals are stamped with the last `/clock`, which comes at least ten times per
+    /// second.
     pub const SIMULATED_STAMP_AHEAD_S: f64 = 0.15;
 
     /// Checks that every number lies in its range.
@@ -103,7 +104,7 @@ impl Settings {
         if let Some(mode @ (Mode::ArxCoast | Mode::Hold)) = self.only_mode {
             return Err(Error::Data {
                 message: format!(
-                    "mode {} lasts for a bounded time, so it cannot be the only one",
+                    "mode {} is temporary and cannot be the only one; use arx, model or fault",
                     mode.name()
                 ),
             });
@@ -148,12 +149,12 @@ impl Settings {
         Ok(())
     }
 
-    /// `model` with the filter of these settings, where they have one.
+    /// `model` with the filter of these settings, if they have one.
     pub(super) fn applied_to(&self, mut model: Model) -> Model {
         if let Some((apply_to, cutoff_hz)) = self.filter {
             let conditioning = &model.conditioning;
             if (apply_to, cutoff_hz) != (conditioning.apply_to, conditioning.cutoff_hz) {
-                // It was calibrated behind its own filter.
+                // The calibration holds only for the model's own filter.
                 model.expected.uncertainty = None;
             }
             model.conditioning.apply_to = apply_to;

@@ -1,43 +1,47 @@
-//! When the samples of a channel were taken, where their stamps are worse than their sampling.
+//! Sampling times of a channel whose stamps are less accurate than its sampling.
 //!
-//! A driver may sample evenly and stamp late by a varying delay. Then a signal is smooth over the numbers of its samples and rough over
-//! its stamps. For both readings of time, the departure of each sample from the parabola through its neighbours is averaged:
+//! A driver may sample at even times and stamp the samples late by a varying delay. A signal is then smooth over the sample number and
+//! rough over the stamps. For both time bases, the departure of each sample from the parabola through its neighbours is averaged:
 //!
 //! ```text
-//! r = x_b - (w_z x_z + w_a x_a + w_c x_c)            of four samples z, a, b, c in a row; Lagrange's weights at t_b
-//! J = mean of r^2 / (1 + w_z^2 + w_a^2 + w_c^2)      noise alone makes the same J whatever the times
+//! r = x_b - (w_z x_z + w_a x_a + w_c x_c)            z, a, b, c: four samples in a row; w: Lagrange weights at t_b
+//! J = mean of r^2 / (1 + w_z^2 + w_a^2 + w_c^2)      noise alone gives the same J for both time bases
 //! ```
 //!
-//! The stamps count until the even times have a J less than half of theirs, and again when they have a larger one.
+//! The stamps are used until the J of the even times is less than half of the stamps' J. They are used again when it exceeds [`LEFT_ABOVE`]
+//! times the stamps' J.
 //!
-//! Even times are the output of a phase-locked loop of second order (F. M. Gardner, *Phaselock Techniques*, 3rd ed., 2005, ch. 2): each
-//! sample is expected one period after the one before, and a share of its departure moves the phase and the period. The shares are those of
-//! the least-squares line over the number of samples seen, up to [`SETTLED`] of them. A sample that comes more than three quarters of a period
-//! late follows lost ones.
+//! Even times are the output of a phase-locked loop of second order (F. M. Gardner, *Phaselock Techniques*, 3rd ed., 2005, ch. 2). Each
+//! sample is expected one period after the one before, and a share of its departure corrects the phase and the period. The shares come from
+//! the least-squares line over the number of samples seen, up to [`SETTLED`] samples. If a sample comes more than three quarters of a
+//! period late, samples before it are taken as lost.
+//!
+//! Source: `[gardner2005]` in the bibliography (node/docs/guide/bibliography.md).
 
 use crate::sample::Stamp;
 
-/// Samples from which the first period is taken, before the loop closes.
+/// Number of samples that determine the first period, before the loop closes.
 const FIRST: u32 = 30;
-/// Samples that a J is the mean of, and how many it takes to judge by it.
+/// Number of samples in the mean J, and the number from which J is used.
 const MEAN_OF: u32 = 100;
 const JUDGED_FROM: u32 = 30;
-/// Samples that the first period is worth in the fit of a line, and those from which the loop's gains stay.
+/// Number of samples that the first period counts for in the fit of a line, and the number from which the loop's gains stay constant.
 const WORTH: u32 = 15;
 const SETTLED: u32 = 80;
-/// Departure, in periods, beyond which samples were lost, or taken for lost by mistake.
+/// Departure, in periods, beyond which samples were lost or were counted as lost by mistake.
 const SLIP: f64 = 0.75;
-/// Steps after which all starts anew, periods.
+/// Step after which the loop restarts, periods.
 const GAP: f64 = 20.0;
 /// Least step of the even times, periods.
 const LEAST_STEP: f64 = 0.1;
-/// Ratios of the two J below and above which the even times are taken and left.
+/// Ratio of the J of even times to the J of the stamps: below the first the even times are used, above the second the stamps are used
+/// again.
 const TAKEN_BELOW: f64 = 0.5;
 const LEFT_ABOVE: f64 = 1.25;
 /// Longest time between four samples that are compared, periods.
 const COMPARED: f64 = 6.0;
 
-/// Departure from a parabola, averaged, over one reading of time.
+/// Mean squared departure from a parabola over one time base.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Roughness {
     /// The last three steps, newest first, s.
@@ -46,7 +50,7 @@ struct Roughness {
 }
 
 impl Roughness {
-    /// Takes the step to the newest of four `values` (newest first), and the departure of the one before it.
+    /// Takes the step to the newest of four `values` (newest first), and adds the departure of the value before it to the mean.
     #[inline]
     fn see(&mut self, step_s: f64, values: [f64; 4], most_s: f64, seen: u32) {
         self.steps_s = [step_s, self.steps_s[0], self.steps_s[1]];
@@ -68,9 +72,9 @@ impl Roughness {
 /// The times of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Timing {
-    /// The last stamp, and the time that was given for it.
+    /// The last stamp, and the time that was assigned to it.
     last: Option<(Stamp, Stamp)>,
-    /// The even time of the last sample, less its stamp, s.
+    /// The even time of the last sample minus its stamp, s.
     offset_s: f64,
     period_s: f64,
     /// The last three values, newest first.
@@ -82,7 +86,7 @@ pub(super) struct Timing {
 }
 
 impl Timing {
-    /// When the sample with this stamp was taken.
+    /// The sampling time of the sample with this stamp.
     #[inline]
     pub(super) fn place(&mut self, stamp: Stamp, value: f64) -> Stamp {
         let Some((last, given)) = self.last else {
@@ -111,12 +115,12 @@ impl Timing {
         at
     }
 
-    /// Forgets all: the next sample is the first.
+    /// Clears all state: the next sample is the first.
     pub(super) fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Averages the first steps; the phase is that of the stamps.
+    /// Averages the first steps and returns the step, s. The phase is taken from the stamps.
     fn first(&mut self, step_s: f64) -> f64 {
         self.period_s += (step_s - self.period_s) / f64::from(self.seen);
         step_s
@@ -148,7 +152,7 @@ impl Timing {
     }
 }
 
-/// Shares of a departure by which phase and period move: those of the least-squares line through all samples, until there are many.
+/// Shares of a departure that correct phase and period: from the least-squares line through all samples, up to [`SETTLED`].
 #[inline]
 fn gains(seen: u32) -> [f64; 2] {
     let n = f64::from((seen + WORTH).min(SETTLED));
@@ -160,8 +164,8 @@ fn gains(seen: u32) -> [f64; 2] {
 mod tests {
     use super::*;
 
-    /// Largest distance in periods between the times that are given to the last half of 1000 samples of a sine at 1 kHz, and the times
-    /// at which they were taken. `late(k)` is by how many periods the stamp of sample `k` is late, or `None` when it is lost.
+    /// Largest difference, in periods, between the assigned times and the sampling times, for the last half of 1000 samples of a sine at 1
+    /// kHz. `late(k)` is the delay of the stamp of sample `k` in periods, or `None` if the sample is lost.
     fn worst(late: impl Fn(i64) -> Option<f64>) -> f64 {
         let mut timing = Timing::default();
         let mut worst = 0.0_f64;
@@ -177,7 +181,7 @@ mod tests {
         worst
     }
 
-    /// Numbers that look random, within a half of zero.
+    /// Pseudo-random numbers between -0.5 and 0.5.
     fn jitter(k: i64) -> f64 {
         (k as f64 * 0.618_034 + (k as f64 * 1.7).sin()).rem_euclid(1.0) - 0.5
     }
@@ -185,17 +189,20 @@ mod tests {
     #[test]
     fn even_samples_keep_their_stamps() {
         assert_eq!(worst(|_| Some(0.0)), 0.0);
-        assert_eq!(worst(|_| Some(0.25)), 0.25, "nobody can know that all stamps are late");
+        assert_eq!(worst(|_| Some(0.25)), 0.25, "a common delay of all stamps cannot be detected");
     }
 
     #[test]
-    fn stamps_that_jitter_beside_even_samples_are_set_right() {
+    fn jittering_stamps_of_even_samples_are_corrected() {
         assert!(worst(|k| Some(jitter(k))) < 0.2);
-        assert!(worst(|k| (k % 50 != 0).then(|| jitter(k))) < 1.2, "a lost sample may be noticed one late");
+        assert!(
+            worst(|k| (k % 50 != 0).then(|| jitter(k))) < 1.2,
+            "a lost sample may be detected one sample late"
+        );
     }
 
     #[test]
-    fn samples_that_jitter_with_their_stamps_keep_them() {
+    fn jittering_samples_keep_their_stamps() {
         let mut timing = Timing::default();
         for k in 0..1000 {
             let stamp = Stamp::from_nanos(k * 1_000_000 + (jitter(k) * 1e6) as i64);
@@ -208,7 +215,7 @@ mod tests {
         let mut timing = Timing::default();
         let mut last = Stamp::from_nanos(-1);
         for k in 0..5000_i64 {
-            // Stands still and catches up, changes its rate, and has a gap.
+            // The publisher pauses and catches up, changes its rate, and has a gap.
             let step = if k % 97 < 20 { 20_000 } else { 1_000_000 + 700_000 * (k / 1500) };
             let gap = if k == 2500 { 1_000_000_000 } else { 0 };
             let stamp = last.shifted(step + gap + (jitter(k) * 10_000.0) as i64);

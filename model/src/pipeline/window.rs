@@ -1,11 +1,12 @@
-//! Figures over a sliding window with exponential forgetting.
+//! Error figures over a window with exponential forgetting.
 //!
 //! ```text
 //! S_k = S_{k-1} lambda + s_k,   lambda = exp(-dt / T)
 //! ```
 //!
-//! for the weight, the squared residual and the first two moments of the measured force. Against a box
-//! window it needs no memory that grows with rate, and no sums drift: what is old is multiplied away.
+//! The recursion is used for the weight, the squared residual and the first two moments of the measured
+//! force. Compared with a box window, its memory does not grow with the sample rate, and rounding errors in
+//! the sums decay instead of adding up.
 
 use super::settings::Settings;
 use crate::sample::Stamp;
@@ -20,7 +21,7 @@ pub(super) struct Window {
     spread: f64,
 }
 
-/// Figures of a window.
+/// RMSE and NMSE of a window; the thesis calls them RSSE and ESR.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Windowed {
     pub(super) rsse_n: f64,
@@ -44,7 +45,7 @@ impl Window {
         let delta = measured_n - self.mean_n;
         self.mean_n += delta / self.weight;
         self.spread = self.spread * keep + delta * (measured_n - self.mean_n);
-        // Of a force that has not varied, or by nothing that counts, there is no share.
+        // If the force has not varied, or by too little, the ratio is not finite.
         let esr = Some(self.squared_residual / self.spread).filter(|esr| esr.is_finite()).unwrap_or(f64::NAN);
         Windowed { rsse_n: (self.squared_residual / self.weight).sqrt(), esr }
     }

@@ -1,20 +1,21 @@
 //! The thesis' ANFIS models (appendix C): eight sets of nine Gaussians and 27 rules of four numbers.
 //!
-//! All numbers of the tables are as printed, over normalised inputs (displacement, velocity, current) and
-//! force. Glyphs that the print had lost were restored by the digits around them. In doubt are two leading
-//! digits, which were chosen for a smooth surface (RP-ICPS: slope of rule 18 over velocity; RP-APRBS: slope of
-//! rule 14 over current), and last digits of no weight in RP-APRBS, RP-ICPS-L, RP2-CS and RP3-CS. The order of
-//! rules is lexicographic, which is partly illegible in print and supported by the surfaces.
+//! The numbers of the tables are as printed, for normalised inputs (displacement, velocity, current) and
+//! normalised force. Characters that are lost in print were restored from the digits around them. Two leading
+//! digits are uncertain, and were chosen for a smooth surface: the slope of rule 18 over velocity in RP-ICPS,
+//! and the slope of rule 14 over current in RP-APRBS. Some last digits without effect are uncertain in
+//! RP-APRBS, RP-ICPS-L, RP2-CS and RP3-CS. The order of rules is lexicographic; it is partly illegible in
+//! print, but the surfaces support it.
 //!
-//! The normalisation is not printed. It was recovered, and with it the scale of every model stands or falls:
+//! The normalisation is not printed. It was reconstructed, and the scale of every model depends on it:
 //!
-//! - displacement: width of the recorded range over the width of the set's input range. The mean is not known;
-//!   displacement here counts from the mean of the record.
+//! - displacement: width of the recorded range over the width of the normalised input range. The mean is not
+//!   known; here displacement is relative to the mean of the recording.
 //! - current: from the extremes 0 and 2.5 A. Doubtful for RP-PRBS, whose two levels do not fit it.
-//! - velocity: estimated, by agreement with the other models of the same data, to about 10 %; its mean is
-//!   taken as zero. This is the weakest of them.
-//! - force: square root of the variance that the error tables imply, to a few percent; its mean is taken as
-//!   zero.
+//! - velocity: estimated to about 10 % from agreement with the other models of the same data; its mean is
+//!   assumed to be zero. This is the least certain of the four.
+//! - force: square root of the variance that the error tables imply, to a few percent; its mean is assumed to
+//!   be zero.
 
 use crate::error::Error;
 use crate::force::{Order, OutputScale, Signal, Tsk, TskInput, TskKind, TskSet};
@@ -24,28 +25,29 @@ use crate::units::{M_PER_IN, N_PER_LBF};
 
 /// One model.
 struct Row {
-    /// Standard deviations: displacement in, velocity in/s, current A.
+    /// Standard deviations: displacement in in, velocity in in/s, current in A.
     std_dev: [f64; 3],
-    /// Mean of the current, A; the other means are zero.
+    /// Mean of the current, A; all other means are zero.
     current_mean_a: f64,
     /// Standard deviation of the force, lbf.
     force_std_dev_lbf: f64,
-    /// Free-run RSSE, averaged over all experiments, lbf (table 5.1).
+    /// RMSE of the simulation, averaged over all experiments, lbf (table 5.1).
     rsse_lbf: f64,
-    /// Ranges of the inputs, normalised.
+    /// Ranges of the normalised inputs.
     ranges: [[f64; 2]; 3],
-    /// Range of the force, normalised.
+    /// Range of the normalised force.
     force_range: [f64; 2],
-    /// Centre and sigma of the Gaussians: three for each input.
+    /// Centre and sigma of the Gaussians, three for each input.
     sets: [[f64; 2]; 9],
-    /// Slopes over displacement, velocity, current, and constant of each rule.
+    /// For each rule: slopes over displacement, velocity and current, and the constant.
     conclusions: [[f64; 4]; 27],
 }
 
-/// The model of experiment number `row`, the range of its data but for the drive, and its free-run RSSE, N.
+/// The model of experiment number `row`, the ranges of its data except the drive, and the RMSE of its
+/// simulation, N.
 pub(super) fn model(row: usize) -> Option<(Tsk, Envelope, f64)> {
     let row = ROWS.get(row)?;
-    // The tables hold sound numbers only, so building cannot fail; a `None` would show in every test.
+    // The tables hold valid numbers only, so construction cannot fail; a `None` would fail the tests.
     Some((row.tsk().ok()?, row.envelope(), row.rsse_lbf * N_PER_LBF))
 }
 

@@ -1,14 +1,14 @@
 //! ARX coefficients of the thesis (tables B.1 passive, B.2 and B.3 semi-active).
 //!
-//! Printed units: a1..a3 without unit, a4..a6 lbf/in, a7..a9 lbf·s/in, a10..a12 lbf/A, three decimals, at
-//! 512 Hz. Checksums of the transcription: with x and v collinear the terms cancel, so that a4..a6 sum to
-//! less than 13, a7..a9 to less than 2, a10..a12 to less than 0.14 (tested).
+//! Printed units: a1..a3 dimensionless, a4..a6 lbf/in, a7..a9 lbf·s/in, a10..a12 lbf/A; three decimals, at
+//! 512 Hz. Checksums of the transcription: x and v are collinear, so their terms cancel; a4..a6 sum to less
+//! than 13, a7..a9 to less than 2, and a10..a12 to less than 0.14 (tested).
 
 use crate::force::{Arx, LAGS};
 use crate::sample::DriveKind;
 use crate::units::{N_M_PER_LBF_IN, N_PER_LBF, Second};
 
-/// Half a unit of the last printed digit.
+/// Half a unit of the last printed decimal.
 const RESOLUTION: f64 = 0.0005;
 /// Sample rate of the thesis' rig, Hz.
 const RATE_HZ: f64 = 512.0;
@@ -60,7 +60,7 @@ fn build(c: [f64; 9], drive: Option<[f64; LAGS]>) -> Option<Arx> {
         Second(1.0 / RATE_HZ),
         0.0,
     );
-    // The tables hold finite numbers only, so building cannot fail; a `None` would show in every test.
+    // The tables hold finite numbers only, so construction cannot fail; a `None` would fail the tests.
     arx.ok().map(|arx| arx.with_resolution(RESOLUTION))
 }
 

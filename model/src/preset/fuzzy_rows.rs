@@ -1,16 +1,16 @@
 //! Coefficients of the thesis' current-fuzzy tanh model (table D.1): three models of seven functions.
 //!
-//! Columns as printed: A1 lbf, A2 lbf·s/in, A3 s/in, X0, V0. Only the ratio X0/V0 = kappa (1/s) matters; see
-//! `force::fuzzy_tanh` on why it is this ratio and not its inverse. Centres 0 to 2.5 A, sigma .2 A.
+//! Columns as printed: A1 lbf, A2 lbf·s/in, A3 s/in, X0, V0. Only the ratio X0/V0 = kappa (1/s) matters;
+//! `force::fuzzy_tanh` explains why it is this ratio and not its inverse. Centres 0 to 2.5 A, sigma .2 A.
 
 use crate::error::Error;
 use crate::force::{FuzzySets, FuzzyTanh, Membership, TanhFunction};
 use crate::sample::DriveKind;
 use crate::units::{M_PER_IN, N_M_PER_LBF_IN, N_PER_LBF};
 
-/// Centres of the memberships, A.
+/// Centres of the membership functions, A.
 pub const CENTRES_A: [f64; 7] = [0.0, 0.4, 0.8, 1.2, 1.6, 2.1, 2.5];
-/// Standard deviation of the memberships, A.
+/// Standard deviation of the membership functions, A.
 pub const SIGMA_A: f64 = 0.2;
 
 #[rustfmt::skip]
@@ -52,11 +52,11 @@ pub(super) fn model(set: usize) -> Option<FuzzyTanh> {
         pre_yield_slope_s_m: a3 / M_PER_IN,
         coupling_per_s: x0 / v0,
     });
-    // The table holds finite numbers only, so building cannot fail; a `None` would show in every test.
+    // The table holds finite numbers only, so construction cannot fail; a `None` would fail the tests.
     FuzzyTanh::new(sets(&CENTRES_A).ok()?, &functions, 0.0).ok()
 }
 
-/// Sets of the thesis' width around `centres`, A.
+/// Membership functions of the thesis' width around `centres`, A.
 pub(super) fn sets(centres: &[f64]) -> Result<FuzzySets, Error> {
     FuzzySets::new(Membership { drive: DriveKind::CoilCurrent, sigma: SIGMA_A }, centres)
 }

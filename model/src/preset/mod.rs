@@ -1,17 +1,17 @@
-//! The thesis' published models, by name.
+//! Published models of the thesis, by name.
 //!
-//! - `thesis/arx-passive/<experiment>` and `thesis/arx-semi-active/<experiment>`: 16 ARX rows
-//! - `thesis/sp-passive/<experiment>` and `thesis/sp-semi-active/<experiment>`: 16 tanh laws
+//! - `thesis/arx-passive/<experiment>` and `thesis/arx-semi-active/<experiment>`: 16 ARX models
+//! - `thesis/sp-passive/<experiment>` and `thesis/sp-semi-active/<experiment>`: 16 tanh force laws
 //! - `thesis/fuzzy-tanh/<rp1-cs|rp2-cs|rp3-cs>`: three current-fuzzy tanh models
-//! - `thesis/fuzzy-tanh/<set>/<level>a`: one of their 21 functions alone, e.g. `thesis/fuzzy-tanh/rp3-cs/1.2a`
+//! - `thesis/fuzzy-tanh/<set>/<level>a`: one of their 21 tanh functions, e.g. `thesis/fuzzy-tanh/rp3-cs/1.2a`
 //! - `thesis/anfis/<experiment>`: eight ANFIS models of 27 rules
 //!
-//! The 16 phase-transition relations (`thesis/p-passive/...`, `thesis/p-semi-active/...`) cannot run, and are
-//! had by [`phase`] alone. [`published`] holds the error figures that the thesis prints.
+//! The 16 phase-transition relations (`thesis/p-passive/...`, `thesis/p-semi-active/...`) cannot run as
+//! models; only [`phase`] returns them. [`published`] holds the errors that the thesis prints.
 //!
-//! All were identified at 512 Hz on displacement that had passed two poles at 20 Hz, velocity being the
-//! backward difference. They describe one damper (an ACDelco MagneRide unit, 0 to 2.5 A, up to about
-//! 1.4 kN): for any other, identify a model.
+//! All models were identified at 512 Hz, on displacement that was low-passed by two poles at 20 Hz, with the
+//! backward difference as velocity. They describe one damper (an ACDelco MagneRide unit, 0 to 2.5 A, up to
+//! about 1.4 kN); identify a model of your own for any other damper.
 
 mod anfis_rows;
 mod arx_rows;
@@ -30,20 +30,20 @@ use crate::identify::Form;
 use crate::model::{Envelope, Expected, Model};
 use crate::units::N_PER_LBF;
 
-/// The thesis' experiments, in the order of its tables, in lower case as preset names have them.
+/// The thesis' experiments, in the order of its tables and in lower case, as in preset names.
 pub const EXPERIMENTS: [&str; 8] =
     ["rp-icps", "rp-aprbs", "rp-prbs", "rp-aprbs-l", "rp-icps-l", "rp1-cs", "rp2-cs", "rp3-cs"];
 
-/// Widths of the recorded displacement, m, in the order of [`EXPERIMENTS`] (table 3.2).
+/// Widths of the recorded displacement range, m, in the order of [`EXPERIMENTS`] (table 3.2).
 const SPANS_M: [f64; 8] =
     [0.026_416, 0.027_432, 0.029_718, 0.027_432, 0.025_908, 0.033_528, 0.033_274, 0.036_068];
 
-/// The ARX model that predicts best over all the thesis' experiments (section 5.1).
+/// The ARX model with the lowest error over all the thesis' experiments (section 5.1).
 pub const BEST_ARX: &str = "thesis/arx-semi-active/rp-icps-l";
-/// The fuzzy-tanh model that predicts best over all the thesis' experiments (section 5.1).
+/// The fuzzy-tanh model with the lowest error over all the thesis' experiments (section 5.1).
 pub const BEST_FUZZY_TANH: &str = "thesis/fuzzy-tanh/rp3-cs";
 
-/// The ANFIS model that predicts best over all the thesis' experiments (section 5.1).
+/// The ANFIS model with the lowest error over all the thesis' experiments (section 5.1).
 pub const BEST_ANFIS: &str = "thesis/anfis/rp1-cs";
 
 /// Names of all presets.
@@ -60,10 +60,10 @@ pub fn names() -> Vec<String> {
     names
 }
 
-/// The preset called `name`.
+/// The preset `name`.
 ///
 /// # Errors
-/// [`Error::UnknownPreset`] with the nearest name.
+/// [`Error::UnknownPreset`] with the most similar name.
 pub fn load(name: &str) -> Result<Model, Error> {
     find(name).ok_or_else(|| unknown(name, names()))
 }
@@ -75,10 +75,10 @@ pub fn phase_names() -> Vec<String> {
     ["p-passive", "p-semi-active"].into_iter().flat_map(of_form).collect()
 }
 
-/// The phase-transition relation called `name`; it relates force to motion, but cannot run.
+/// The phase-transition relation `name`. It relates force to motion but cannot run as a model.
 ///
 /// # Errors
-/// [`Error::UnknownPreset`] with the nearest name.
+/// [`Error::UnknownPreset`] with the most similar name.
 pub fn phase(name: &str) -> Result<Phase, Error> {
     let found = || {
         let (form, experiment) = name.strip_prefix("thesis/")?.split_once('/')?;
@@ -130,7 +130,7 @@ fn find(name: &str) -> Option<Model> {
                     single(&model, j)?
                 }
             };
-            // The thesis prints no figure on the training data, but the average over all experiments.
+            // The thesis prints no error on the training data; this is the average over all experiments.
             let average = published::cross_validation("fuzzy-tanh", Form::SemiActive, experiment)?;
             let free_run_rsse_n = Some(average.rsse_lbf * N_PER_LBF);
             (ForceModel::FuzzyTanh(model), Expected { free_run_rsse_n, ..Expected::default() })
@@ -152,13 +152,13 @@ fn find(name: &str) -> Option<Model> {
     })
 }
 
-/// Function `j` of `model` alone, the same at any current.
+/// Function `j` of `model` alone: the force no longer depends on current.
 fn single(model: &FuzzyTanh, j: usize) -> Option<FuzzyTanh> {
     let (centres, functions) = (model.sets().centres().get(j..=j)?, model.functions().get(j..=j)?);
     FuzzyTanh::new(fuzzy_rows::sets(centres).ok()?, functions, 0.0).ok()
 }
 
-/// Levenshtein distance, to suggest a name.
+/// Levenshtein distance, used to suggest a name.
 pub(crate) fn edit_distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();
@@ -179,15 +179,16 @@ mod tests {
     use super::*;
     use crate::model_file::{ModelFile, Provenance};
 
-    /// FNV-1a: one changed digit is another number.
+    /// FNV-1a hash: any changed digit changes it.
     fn digest(text: &str) -> String {
         let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
         format!("{:016x}", text.bytes().fold(0xcbf2_9ce4_8422_2325, step))
     }
 
-    /// The tables were held against the thesis number by number. Whoever changes one does it knowingly, and says why.
+    /// The tables were compared with the thesis number by number. Update the snapshot only for a deliberate
+    /// change, and explain it.
     #[test]
-    fn no_number_of_the_tables_changes_unnoticed() {
+    fn published_tables_match_the_reviewed_snapshot() {
         let mut all = String::new();
         for name in names() {
             let file = ModelFile { model: load(&name).expect("a preset"), provenance: Provenance::default() };
@@ -200,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_are_levenshtein_s() {
+    fn edit_distance_is_levenshtein() {
         let all =
             [("kitten", "sitting", 3), ("", "abc", 3), ("abc", "", 3), ("flaw", "lawn", 2), ("ab", "ab", 0)];
         for (a, b, expected) in all {

@@ -1,14 +1,14 @@
 //! Coefficients of the thesis' phase-transition model P (tables B.7 passive; B.8 and B.9 semi-active,
 //! quadratic in the current).
 //!
-//! Printed units: p1 lbf·s/in, p2 s, p3 s^2, p4 lbf^-2, p5 lbf^-4. Some entries have one or two digits (p31
-//! of RP-ICPS, p42 of RP-PRBS), so that p4 of RP-PRBS at 2.5 A is 3e-5 +- 12e-5.
+//! Printed units: p1 lbf·s/in, p2 s, p3 s^2, p4 lbf^-2, p5 lbf^-4. Some entries have only one or two digits
+//! (p31 of RP-ICPS, p42 of RP-PRBS), so p4 of RP-PRBS at 2.5 A is 3e-5 +- 12e-5.
 
 use crate::force::Phase;
 use crate::sample::DriveKind;
 use crate::units::{N_M_PER_LBF_IN, N_PER_LBF};
 
-/// p1 to p5 into SI.
+/// Factors that convert p1 to p5 to SI.
 const SI: [f64; 5] = [
     N_M_PER_LBF_IN,
     1.0,
@@ -29,7 +29,7 @@ const PASSIVE: [[f64; 5]; 8] = [
     [14.903, 0.019, -0.0005, 2.00e-5, -1.56e-10], // RP3-CS
 ];
 
-/// For each experiment the constants, the coefficients of i, and those of i^2.
+/// For each experiment: the constants, the coefficients of i, and the coefficients of i^2.
 #[rustfmt::skip]
 const SEMI_ACTIVE: [[[f64; 5]; 3]; 8] = [
     [ // RP-ICPS
@@ -97,7 +97,7 @@ mod tests {
     use crate::units::M_PER_IN;
 
     #[test]
-    fn no_published_set_can_run() {
+    fn no_published_set_can_run_as_a_model() {
         let mut folding = 0;
         for (row, name) in EXPERIMENTS.iter().enumerate() {
             let alone = passive(row).expect("a relation");
@@ -114,12 +114,13 @@ mod tests {
                 );
             }
         }
-        assert_eq!(folding, 5, "passive sets whose static velocity folds back");
+        assert_eq!(folding, 5, "number of passive sets whose static velocity is not monotonic");
     }
 
     #[test]
-    fn terms_are_those_of_the_printed_numbers() {
-        // RP-ICPS, passive, in its own units at v = 4 in/s, F = 80 lbf, F' = 500 lbf/s, F'' = -20000 lbf/s^2.
+    fn terms_match_the_printed_numbers() {
+        // RP-ICPS, passive, in the printed units, at v = 4 in/s, F = 80 lbf, F' = 500 lbf/s, F'' = -20000
+        // lbf/s^2.
         let expected_lbf = 19.049 * 4.0 + 0.017 * 500.0 + 0.0003 * 20_000.0 + 2.53e-5 * 80f64.powi(3)
             - 2.63e-10 * 80f64.powi(5);
         let measured = ForceMotion {
@@ -129,10 +130,10 @@ mod tests {
         };
         let found = passive(0).expect("a relation").same_instant_n(4.0 * M_PER_IN, &measured, f64::NAN);
         assert!((found / N_PER_LBF - expected_lbf).abs() < 1e-9, "{found}");
-        // The static velocity of the semi-active form at 1 A: p = 17.558, p4 = 4.275e-5, p5 = -7.71e-10.
+        // Static velocity of the semi-active form at 1 A: p = 17.558, p4 = 4.275e-5, p5 = -7.71e-10.
         let still = ForceMotion { rate_n_s: 0.0, curvature_n_s2: 0.0, ..measured };
         let expected_in_s = (80.0 - 4.275e-5 * 80f64.powi(3) + 7.71e-10 * 80f64.powi(5)) / 17.558;
         let found = semi_active(0).expect("a relation").velocity_m_s(&still, 1.0) / M_PER_IN;
-        assert!((found - expected_in_s).abs() < 1e-9, "{found} against {expected_in_s}");
+        assert!((found - expected_in_s).abs() < 1e-9, "{found} instead of {expected_in_s}");
     }
 }

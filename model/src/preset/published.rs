@@ -1,11 +1,12 @@
-//! Error figures that the thesis and its two papers print, to stand beside ours.
+//! Errors that the thesis and its two papers print, for comparison.
 //!
-//! Figures of different predictors are not comparable: `arx` is one step ahead of measured force, `p`
-//! explains force by itself at the same instant, and `sp`, `anfis` and `fuzzy-tanh` run free. Names of models
-//! are those of the contract; experiments as in [`EXPERIMENTS`], in either case.
+//! Errors of different predictors are not comparable: `arx` is the one-step-ahead prediction, `p` explains
+//! the force at the same instant from measured force, and `sp`, `anfis` and `fuzzy-tanh` are simulations
+//! (free runs). Model names are the contract's; experiments are named as in [`EXPERIMENTS`], in upper or
+//! lower case.
 //!
-//! Kept as printed. Where two figures of the source contradict each other, [`Published::doubt`] says which
-//! digit is probably wrong.
+//! The figures are kept as printed. Where two figures of the source contradict each other,
+//! [`Published::doubt`] says which digit is probably wrong.
 
 use super::EXPERIMENTS;
 use crate::identify::Form;
@@ -13,18 +14,18 @@ use crate::identify::Form;
 /// Error of a published model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Published {
-    /// Root mean squared error, lbf.
+    /// Root mean squared error, lbf. The thesis calls it RSSE.
     pub rsse_lbf: f64,
-    /// Error power over force variance, 1.
+    /// Normalised mean squared error: error power over force variance, 1. The thesis calls it ESR.
     pub esr: f64,
-    /// A probable slip of the source.
+    /// A probable misprint of the source.
     pub doubt: Option<&'static str>,
 }
 
-/// RSSE (lbf) and ESR of a model in a form, in the order of the experiments.
+/// RMSE (lbf) and NMSE of a model in one form, in the order of the experiments.
 type Rows = (&'static str, Form, &'static [(f64, f64)]);
 
-/// On the training data themselves (tables 4.1 to 4.7).
+/// Errors on the training data (tables 4.1 to 4.7).
 #[rustfmt::skip]
 const IDENTIFICATION: [Rows; 7] = [
     ("arx", Form::Passive, &[(11.19, 0.0146), (9.87, 0.0112), (11.02, 0.0211), (10.47, 0.0124), (11.42, 0.0152), (0.84, 0.0002), (1.28, 0.0002), (1.24, 0.0002)]),
@@ -36,8 +37,8 @@ const IDENTIFICATION: [Rows; 7] = [
     ("anfis", Form::SemiActive, &[(26.27, 0.0729), (23.43, 0.0565), (22.64, 0.0781), (24.50, 0.0645), (25.43, 0.0718), (21.69, 0.0523), (22.07, 0.0543), (20.68, 0.0450)]),
 ];
 
-/// Averages over all experiments (tables 5.1 and 5.2). The three fuzzy-tanh models belong to the last three
-/// experiments.
+/// Errors averaged over all experiments (tables 5.1 and 5.2). The three fuzzy-tanh models were identified on
+/// the last three experiments.
 #[rustfmt::skip]
 const CROSS_VALIDATION: [Rows; 8] = [
     ("arx", Form::Passive, &[(10.99, 0.0164), (11.06, 0.0167), (10.99, 0.0163), (11.11, 0.0168), (10.98, 0.0164), (20.98, 0.0592), (15.18, 0.0314), (18.36, 0.0456)]),
@@ -50,7 +51,7 @@ const CROSS_VALIDATION: [Rows; 8] = [
     ("fuzzy-tanh", Form::SemiActive, &[(28.41, 0.1035), (28.21, 0.1024), (27.82, 0.0993)]),
 ];
 
-/// ESR of ANFIS models: trained on (rows), tested on (columns) each experiment, mean over its replicates
+/// NMSE of ANFIS models trained on one experiment (rows) and tested on each (columns), mean over replicates
 /// (second paper, table 3).
 #[rustfmt::skip]
 const ANFIS_PAIRS: [[f64; 8]; 8] = [
@@ -64,14 +65,14 @@ const ANFIS_PAIRS: [[f64; 8]; 8] = [
     [0.10, 0.08, 0.10, 0.07, 0.08, 0.09, 0.12, 0.05], // RP3-CS
 ];
 
-/// ESR of ANFIS models over all replicates of all experiments (second paper, table 4). RP-APRBS is doubtful:
-/// the mean of table 3, weighted by replicates, is 1.42.
+/// NMSE of ANFIS models over all replicates of all experiments (second paper, table 4). The value of RP-APRBS
+/// is doubtful: the mean of table 3, weighted by replicates, is 1.42.
 const ANFIS_AVERAGES: [f64; 8] = [0.30, 1.44, 0.30, 0.62, 0.45, 0.09, 0.08, 0.09];
-/// The same for fuzzy-tanh, of the last three experiments.
+/// NMSE of the fuzzy-tanh models of the last three experiments, as above.
 const FUZZY_TANH_AVERAGES: [f64; 3] = [0.10, 0.09, 0.09];
 
-/// ESR in percent, experiments 1 to 10 of the first paper (tables III and IV); another set of experiments, up
-/// to 4 A. Its figures of experiment 5, semi-active, are read from a column that is printed sideways.
+/// NMSE in percent, experiments 1 to 10 of the first paper (tables III and IV). These are other experiments,
+/// up to 4 A. The semi-active figures of experiment 5 are read from a column that is printed sideways.
 #[rustfmt::skip]
 const FIRST_PAPER_PERCENT: [(&str, Form, &[f64]); 6] = [
     ("arx", Form::Passive, &[3.0, 4.0, 2.0, 3.0, 1.0, 0.4, 4.0, 2.0, 1.0, 0.1]),
@@ -82,34 +83,46 @@ const FIRST_PAPER_PERCENT: [(&str, Form, &[f64]); 6] = [
     ("p", Form::SemiActive, &[6.0, 10.0, 13.0, 4.0, 2.0]),
 ];
 
-/// Probable slips: table, model, form, experiment number, what they are.
+/// Probable misprints: table, model, form, index of the experiment, and the probable correction.
 const DOUBTS: [(&str, &str, Form, usize, &str); 5] = [
     (
         "4.1",
         "arx",
         Form::Passive,
         5,
-        "ESR probably 0.0001: RSSE 0.84 and the variance of the experiment give it",
+        "ESR is probably 0.0001, as computed from RSSE 0.84 and the experiment's force variance",
     ),
     (
         "4.2",
         "arx",
         Form::SemiActive,
         5,
-        "ESR probably 0.0001: RSSE 0.84 and the variance of the experiment give it",
+        "ESR is probably 0.0001, as computed from RSSE 0.84 and the experiment's force variance",
     ),
-    ("4.3", "sp", Form::Passive, 2, "ESR probably 0.3310: RSSE and the variance of the experiment give it"),
+    (
+        "4.3",
+        "sp",
+        Form::Passive,
+        2,
+        "ESR is probably 0.3310, as computed from RSSE and the experiment's force variance",
+    ),
     (
         "4.4",
         "sp",
         Form::SemiActive,
         4,
-        "ESR probably 0.0686: RSSE and the variance of the experiment give it",
+        "ESR is probably 0.0686, as computed from RSSE and the experiment's force variance",
     ),
-    ("4.5", "p", Form::Passive, 3, "RSSE probably 21.03: ESR and the variance of the experiment give it"),
+    (
+        "4.5",
+        "p",
+        Form::Passive,
+        3,
+        "RSSE is probably 21.03, as computed from ESR and the experiment's force variance",
+    ),
 ];
 
-/// Number of an experiment, in either case.
+/// Index of an experiment, whose name may be in upper or lower case.
 fn number(experiment: &str) -> Option<usize> {
     EXPERIMENTS.iter().position(|known| known.eq_ignore_ascii_case(experiment))
 }
@@ -118,8 +131,7 @@ fn row<T>(table: &[(&str, Form, &'static [T])], model: &str, form: Form) -> Opti
     table.iter().find(|(name, known, _)| *name == model && *known == form).map(|(_, _, row)| *row)
 }
 
-/// Error of the thesis' `model` on the data that it was identified on. `None` for what the thesis does not
-/// print.
+/// Error of the thesis' `model` on its training data; `None` if the thesis prints no value.
 #[must_use]
 pub fn identification(model: &str, form: Form, experiment: &str) -> Option<Published> {
     let k = number(experiment)?;
@@ -128,28 +140,29 @@ pub fn identification(model: &str, form: Form, experiment: &str) -> Option<Publi
     Some(Published { rsse_lbf, esr, doubt: doubts.map(|(.., what)| *what) })
 }
 
-/// Error of the thesis' `model`, identified on experiment `trained_on`, averaged over all experiments. `None`
-/// for what the thesis does not print.
+/// Error of the thesis' `model`, identified on experiment `trained_on`, averaged over all experiments; `None`
+/// if the thesis prints no value.
 #[must_use]
 pub fn cross_validation(model: &str, form: Form, trained_on: &str) -> Option<Published> {
     let rows = row(&CROSS_VALIDATION, model, form)?;
-    // A shorter row belongs to the last experiments.
+    // A shorter row covers the last experiments only.
     let k = number(trained_on)?.checked_sub(EXPERIMENTS.len() - rows.len())?;
     let (rsse_lbf, esr) = *rows.get(k)?;
     let doubt = ((model, form, trained_on.to_ascii_lowercase().as_str())
         == ("p", Form::SemiActive, "rp-aprbs"))
-        .then_some("RSSE is 24.83 with a stray digit; could be 24.82");
+        .then_some("RSSE is printed as 24.83 with an extra digit; it could be 24.82");
     Some(Published { rsse_lbf, esr, doubt })
 }
 
-/// ESR of the ANFIS model of `trained_on` on the replicates of `tested_on` (second paper). The entry of
+/// NMSE of the ANFIS model of `trained_on` on the replicates of `tested_on` (second paper). The value for
 /// RP2-CS on RP-PRBS is probably 0.10, not 0.16.
 #[must_use]
 pub fn anfis_pair_esr(trained_on: &str, tested_on: &str) -> Option<f64> {
     Some(ANFIS_PAIRS[number(trained_on)?][number(tested_on)?])
 }
 
-/// ESR over all replicates of all experiments (second paper): `anfis`, and `fuzzy-tanh` of the last three.
+/// NMSE over all replicates of all experiments (second paper), for `anfis` and, for the last three
+/// experiments, `fuzzy-tanh`.
 #[must_use]
 pub fn average_esr(model: &str, trained_on: &str) -> Option<f64> {
     let k = number(trained_on)?;
@@ -160,8 +173,7 @@ pub fn average_esr(model: &str, trained_on: &str) -> Option<f64> {
     }
 }
 
-/// ESR on the data that a model was identified on, experiment 1 to 10 of the first paper (semi-active 1 to
-/// 5).
+/// NMSE on the training data, experiments 1 to 10 of the first paper (semi-active: 1 to 5).
 #[must_use]
 pub fn first_paper_esr(model: &str, form: Form, experiment: usize) -> Option<f64> {
     let percent = row(&FIRST_PAPER_PERCENT, model, form)?.get(experiment.checked_sub(1)?)?;
@@ -174,7 +186,8 @@ mod tests {
 
     const REPLICATES: [f64; 8] = [11.0, 11.0, 11.0, 3.0, 4.0, 7.0, 7.0, 7.0];
 
-    /// RSSE^2/ESR is the variance of the experiment's force, whatever the model: a checksum of both figures.
+    /// RMSE^2/NMSE is the force variance of the experiment, the same for every model: a checksum of both
+    /// figures.
     #[test]
     fn models_agree_on_the_variance_of_each_experiment() {
         for experiment in EXPERIMENTS {
@@ -182,7 +195,8 @@ mod tests {
                 .iter()
                 .filter_map(|(model, form, _)| {
                     let published = identification(model, *form, experiment)?;
-                    // One digit of ESR, as of ARX on the last three, tells nothing.
+                    // With one digit of NMSE, as for ARX on the last three experiments, the ratio says
+                    // nothing.
                     let share = published.rsse_lbf.powi(2) / published.esr;
                     (published.esr > 1e-3).then_some((*model, share, published.doubt.is_some()))
                 })
@@ -192,14 +206,17 @@ mod tests {
             let median = sorted[sorted.len() / 2];
             for (model, variance, _) in &found {
                 let off = (variance / median - 1.0).abs();
-                assert!(off < 0.1, "{experiment}, {model}: {variance:.0} against {median:.0} lbf^2");
+                assert!(
+                    off < 0.1,
+                    "{experiment}, {model}: {variance:.0} differs from the median {median:.0} lbf^2"
+                );
             }
         }
     }
 
     #[test]
-    fn the_best_of_each_class_are_those_that_the_text_names() {
-        // Section 5.1 repeats them with four decimals.
+    fn the_best_models_are_those_that_section_5_1_names() {
+        // Section 5.1 repeats their errors with four decimals.
         for (model, trained_on, rsse_lbf, esr) in [
             ("arx", "RP-ICPS-L", 10.9766, 0.0163),
             ("sp", "RP-ICPS-L", 24.5619, 0.0771),
@@ -218,20 +235,20 @@ mod tests {
     }
 
     #[test]
-    fn averages_of_the_second_paper_are_those_of_its_pairs() {
+    fn averages_of_the_second_paper_match_its_pairs() {
         for trained_on in EXPERIMENTS {
             let pairs = EXPERIMENTS.iter().zip(REPLICATES).map(|(tested_on, weight)| {
                 weight * anfis_pair_esr(trained_on, tested_on).expect("published")
             });
             let mean = pairs.sum::<f64>() / REPLICATES.iter().sum::<f64>();
             let printed = average_esr("anfis", trained_on).expect("published");
-            // RP-APRBS is off by two digits of the last place, RP2-CS by its probable slip.
-            assert!((mean - printed).abs() < 0.025, "{trained_on}: {mean} against {printed}");
+            // RP-APRBS differs by two units of the last digit, RP2-CS by its probable misprint.
+            assert!((mean - printed).abs() < 0.025, "{trained_on}: {mean} differs from {printed}");
         }
     }
 
     #[test]
-    fn what_is_not_printed_is_none() {
+    fn values_that_are_not_printed_are_none() {
         assert_eq!(identification("anfis", Form::Passive, "rp-icps"), None);
         assert_eq!(identification("fuzzy-tanh", Form::SemiActive, "rp3-cs"), None);
         assert_eq!(cross_validation("fuzzy-tanh", Form::SemiActive, "rp-icps"), None);

@@ -1,22 +1,23 @@
 //! S-P coefficients of the thesis (tables B.4 passive; B.5 and B.6 semi-active, quadratic in the current).
 //!
 //! Printed units: A1 lbf, A2 lbf·s/in, A3 s/in, then two columns headed X0 and V0, of which only the ratio
-//! matters. As printed (V0/X0) it is about -0.25 1/s; the numbers need its inverse, about -4: against two
-//! other models of the same runs the inverse leaves an rms of 6-18 lbf in place of 24-33, and it alone gives
-//! the width of loop that the thesis reports. So the column headed X0 is our `coupling_velocity_m_s` (in/s)
-//! and the one headed V0 our `coupling_stroke_m` (in). Negative: force leads velocity, as the thesis' filter,
-//! which delays displacement alone, makes it.
+//! matters. As printed (V0/X0) it is about -0.25 1/s, but the numbers need its inverse, about -4. Compared
+//! with two other models of the same runs, the inverse leaves an rms difference of 6-18 lbf instead of 24-33,
+//! and only the inverse gives the width of loop that the thesis reports. The column headed X0 is therefore
+//! `coupling_velocity_m_s` (in/s) here, and the column headed V0 is `coupling_stroke_m` (in). The sign is
+//! negative: force leads velocity, because the thesis filters, and so delays, only displacement.
 //!
-//! Oddities that stand in the source: A2 is negative in RP-PRBS and RP2-CS (passive), and at low current in
-//! RP-APRBS and RP-APRBS-L (semi-active), whose force vanishes at 0 A and 10 in/s in RP-APRBS; in RP2-CS
-//! (semi-active) the quadratic terms of A1 (+78.7) and A2 (-2.0) have each other's signs, the row agrees with
-//! the others up to 8 in/s, and its force sinks beyond. Do not extrapolate.
+//! Oddities of the source: A2 is negative in RP-PRBS and RP2-CS (passive), and at low current in RP-APRBS and
+//! RP-APRBS-L (semi-active). The force of RP-APRBS (semi-active) vanishes at 0 A and 10 in/s. In RP2-CS
+//! (semi-active) the signs of the quadratic terms of A1 (+78.7) and A2 (-2.0) are exchanged; the row agrees
+//! with the others up to 8 in/s, and its force falls beyond. Do not extrapolate.
 
 use crate::force::{Dependence, Law, LawModel};
 use crate::sample::DriveKind;
 use crate::units::{M_PER_IN, N_M_PER_LBF_IN, N_PER_LBF};
 
-/// A1, A2, A3, column headed X0, column headed V0 into SI, in the order of the law's parameters.
+/// Factors that convert A1, A2, A3 and the columns headed X0 and V0 to SI, in the order of the force law's
+/// parameters.
 const SI: [f64; 5] = [N_PER_LBF, N_M_PER_LBF_IN, 1.0 / M_PER_IN, M_PER_IN, M_PER_IN];
 
 #[rustfmt::skip]
@@ -31,7 +32,7 @@ const PASSIVE: [[f64; 5]; 8] = [
     [77.860, 12.458, 0.435, 2591.915, -657.758], // RP3-CS
 ];
 
-/// For each experiment the constants, the coefficients of i, and those of i^2.
+/// For each experiment: the constants, the coefficients of i, and the coefficients of i^2.
 #[rustfmt::skip]
 const SEMI_ACTIVE: [[[f64; 5]; 3]; 8] = [
     [ // RP-ICPS
@@ -98,7 +99,7 @@ mod tests {
     use super::*;
     use crate::force::{Inputs, LawState};
 
-    /// Force in lbf at displacement in, velocity in/s and current A.
+    /// Force in lbf at a displacement in in, a velocity in in/s and a current in A.
     fn force_lbf(model: &LawModel, x: f64, v: f64, drive: f64) -> f64 {
         let inputs = Inputs {
             dt_s: None,
@@ -111,8 +112,8 @@ mod tests {
         model.force_n(&inputs, &mut LawState::default()) / N_PER_LBF
     }
 
-    /// Forces worked out from the printed numbers in their own units: x = 0 at 1, 3, 6, 8 in/s, then 0.5 in
-    /// at 3 in/s, all at 1 A.
+    /// Forces computed from the printed numbers in their own units: x = 0 at 1, 3, 6 and 8 in/s, then x = 0.5
+    /// in at 3 in/s, all at 1 A.
     #[rustfmt::skip]
     const PASSIVE_LBF: [[f64; 5]; 8] = [
         [55.194, 117.335, 159.793, 184.001, 56.677], // RP-ICPS
@@ -137,7 +138,7 @@ mod tests {
     ];
 
     #[test]
-    fn forces_are_those_of_the_printed_numbers() {
+    fn forces_match_the_printed_numbers() {
         for (row, name) in EXPERIMENTS.iter().enumerate() {
             for (model, wanted) in
                 [(passive(row), PASSIVE_LBF[row]), (semi_active(row), SEMI_ACTIVE_LBF[row])]
@@ -146,14 +147,14 @@ mod tests {
                 let found = [(0.0, 1.0), (0.0, 3.0), (0.0, 6.0), (0.0, 8.0), (0.5, 3.0)]
                     .map(|(x, v)| force_lbf(&model, x, v, 1.0));
                 for (found, wanted) in found.iter().zip(wanted) {
-                    assert!((found - wanted).abs() < 1e-3, "{name}: {found} against {wanted}");
+                    assert!((found - wanted).abs() < 1e-3, "{name}: {found} instead of {wanted}");
                 }
             }
         }
     }
 
     #[test]
-    fn the_coupling_is_negative_and_of_one_family() {
+    fn the_coupling_is_negative_and_similar_in_all_experiments() {
         for (row, name) in EXPERIMENTS.iter().enumerate() {
             let p = passive(row).expect("a model");
             let kappa = p.coefficients()[3] / p.coefficients()[4];
@@ -162,17 +163,17 @@ mod tests {
     }
 
     #[test]
-    fn the_oddities_of_the_source_stand() {
+    fn the_oddities_of_the_source_are_kept() {
         let model = |experiment: &str| {
             let row = EXPERIMENTS.iter().position(|known| *known == experiment).expect("known");
             semi_active(row).expect("a model")
         };
-        // RP2-CS is of the family up to 8 in/s, and sinks beyond.
+        // RP2-CS agrees with the others up to 8 in/s, and its force falls beyond.
         let odd = model("rp2-cs");
         for i in [0.5, 1.0, 1.5, 2.0, 2.5] {
             for v in [2.0, 4.0, 6.0, 8.0] {
                 let (one, other) = (force_lbf(&odd, 0.0, v, i), force_lbf(&model("rp3-cs"), 0.0, v, i));
-                assert!((one - other).abs() < 33.0, "{v} in/s, {i} A: {one} against {other} lbf");
+                assert!((one - other).abs() < 33.0, "{v} in/s, {i} A: {one} and {other} lbf");
             }
         }
         assert!(force_lbf(&odd, 0.0, 16.0, 2.5) < force_lbf(&odd, 0.0, 10.0, 2.5));

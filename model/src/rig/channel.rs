@@ -1,13 +1,13 @@
-//! The measurement chain: what the logger writes for what the rig does.
+//! The measurement chain: from the true signals of the rig to logged values.
 //!
 //! ```text
 //! reading = q round((filtered value + offset + drift t + sigma n) / q),        n normal with deviation 1
 //! ```
 //!
-//! sigma is a channel's noise, q its step of quantisation; both may be zero. Displacement, current and force
-//! may each have an anti-alias filter (second-order Butterworth); by default none has, as the thesis' force
-//! channel has none. Noise is that of what is logged: white, behind the filter. The figures of [`Channels::default`] are of the
-//! order of a servo-hydraulic bench's LVDT, load cell, 1 ohm shunt and type J thermocouple read with 16 bit.
+//! sigma is a channel's noise, q its quantisation step; both may be zero. Displacement, current and force may each have an anti-alias
+//! filter (second-order Butterworth). By default they have none, like the thesis' force channel. The noise is white and added
+//! after the filter. The values of [`Channels::default`] are typical of the LVDT, load cell, 1 ohm shunt and type J thermocouple of a
+//! servo-hydraulic bench, read with 16 bit.
 
 use super::noise::normal;
 use super::second_order::SecondOrder;
@@ -26,8 +26,7 @@ pub struct Channels {
     pub displacement_noise_m: f64,
     /// Quantisation of displacement, in metres.
     pub displacement_step_m: f64,
-    /// Noise of a velocity transducer beside the displacement's, in m/s; `None` when there is no such channel. It has
-    /// neither steps nor a filter.
+    /// Noise of an additional velocity transducer, in m/s; `None` without such a channel. It has no quantisation and no filter.
     pub velocity_noise_m_s: Option<f64>,
     /// Noise of the driver's measured current, in amperes.
     pub current_noise_a: f64,
@@ -41,7 +40,7 @@ pub struct Channels {
     pub force_offset_n: f64,
     /// Drift of the load cell, in newtons a second.
     pub force_drift_n_s: f64,
-    /// Amplitude of the mains' hum (50 Hz) in the force channel, in newtons.
+    /// Amplitude of mains hum (50 Hz) in the force channel, in newtons.
     pub force_hum_n: f64,
     /// Time by which the force channel is late against the others, in seconds; negative for early.
     pub force_delay_s: f64,
@@ -55,12 +54,12 @@ pub struct Channels {
     pub case_noise_k: f64,
     /// Quantisation of the case temperature, in kelvin.
     pub case_step_k: f64,
-    /// True when a second thermocouple, equal to the case's, logs the room (`ambient_temp_c`).
+    /// True if a second thermocouple, with the same errors as the case's, logs the room temperature (`ambient_temp_c`).
     pub ambient: bool,
 }
 
 impl Channels {
-    /// A chain without noise, quantisation and offset.
+    /// A measurement chain without any error.
     pub const PERFECT: Self = Self {
         displacement_noise_m: 0.0,
         displacement_step_m: 0.0,
@@ -81,29 +80,29 @@ impl Channels {
         ambient: false,
     };
 
-    /// These channels with the room's thermocouple logged too, as the thesis' logger does.
+    /// These channels with the room temperature logged too, as the thesis' logger does.
     #[must_use]
     pub fn with_ambient(self) -> Self {
         Self { ambient: true, ..self }
     }
 
-    /// These channels with a velocity transducer of so much noise, in m/s.
+    /// These channels with a velocity transducer whose noise is `noise_m_s`, in m/s.
     #[must_use]
     pub fn with_velocity(self, noise_m_s: f64) -> Self {
         Self { velocity_noise_m_s: Some(noise_m_s), ..self }
     }
 
-    /// These channels with a displacement transducer of a tenth of the noise and steps: for what is to be told to the noise of
-    /// the force from displacement alone.
+    /// These channels with a tenth of the displacement noise and quantisation, for tests in which a model computed from displacement alone
+    /// must reach the noise of the force.
     #[must_use]
     pub fn with_fine_displacement(self) -> Self {
         Self { displacement_noise_m: 3e-7, displacement_step_m: 1e-7, ..self }
     }
 
-    /// Checks that every field is a number and noises, steps and filters are possible.
+    /// Checks that every field is finite and within its range.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] names the first field that is not.
+    /// [`Error::OutOfRange`] names the first field that fails.
     pub fn check(&self) -> Result<(), Error> {
         for (name, value) in [
             ("displacement_noise_m", self.displacement_noise_m),
@@ -127,7 +126,7 @@ impl Channels {
     }
 }
 
-/// `values`, one a sample, `delay_s` seconds late: straight lines between samples, ends held.
+/// `values`, one per sample, delayed by `delay_s` seconds: linear between samples, constant beyond the ends.
 pub(super) fn delayed(values: &[f64], delay_s: f64) -> Vec<f64> {
     let last = values.len().saturating_sub(1);
     (0..values.len())
@@ -139,7 +138,7 @@ pub(super) fn delayed(values: &[f64], delay_s: f64) -> Vec<f64> {
         .collect()
 }
 
-/// `values` as the filter, if there is one, lets them through.
+/// `values` behind the filter, if there is one.
 pub(super) fn filtered(values: Vec<f64>, filter: Option<SecondOrder>) -> Vec<f64> {
     match filter {
         Some(filter) => filter.filter(&values),
@@ -148,7 +147,7 @@ pub(super) fn filtered(values: Vec<f64>, filter: Option<SecondOrder>) -> Vec<f64
 }
 
 impl Channels {
-    /// Rod force as it comes to the converter: late, filtered, with the load cell's drift and the mains' hum.
+    /// Rod force at the converter: delayed and filtered, with load-cell drift and mains hum.
     pub(super) fn force_signal(&self, force_n: Vec<f64>) -> Vec<f64> {
         let late = if self.force_delay_s == 0.0 { force_n } else { delayed(&force_n, self.force_delay_s) };
         let mut signal = filtered(late, self.force_filter);
@@ -183,7 +182,7 @@ impl Default for Channels {
     }
 }
 
-/// One channel's error: noise (standard deviation), step of quantisation and offset, in the channel's unit.
+/// Error of one channel: noise (standard deviation), quantisation step and offset, in the channel's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sensor {
     pub(super) noise: f64,
@@ -192,7 +191,7 @@ pub(super) struct Sensor {
 }
 
 impl Sensor {
-    /// What this sensor reads for `value`.
+    /// Reading of this sensor for `value`.
     pub(super) fn read(self, value: f64, rng: &mut impl Rng) -> f64 {
         let noisy = value + self.offset + if self.noise > 0.0 { self.noise * normal(rng) } else { 0.0 };
         if self.step > 0.0 { (noisy / self.step).round() * self.step } else { noisy }
@@ -205,7 +204,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sensor_adds_its_noise_and_reads_in_whole_steps() {
+    fn a_sensor_adds_noise_and_quantises() {
         let sensor = Sensor { noise: 3.0, step: 0.5, offset: 10.0 };
         let mut rng = stream(1, Purpose::ForceNoise);
         let readings: Vec<f64> = (0..20_000).map(|_| sensor.read(100.0, &mut rng)).collect();
@@ -216,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn force_is_late_or_early_by_its_delay_and_drifts() {
+    fn the_force_channel_has_delay_and_drift() {
         let ramp: Vec<f64> = (0..512).map(f64::from).collect();
         let late = Channels { force_delay_s: 2.5 / RATE_HZ, ..Channels::PERFECT }.force_signal(ramp.clone());
         let early =
@@ -228,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_that_cannot_be_are_refused_by_field() {
+    fn invalid_channels_are_rejected_with_the_field_name() {
         assert_eq!(Channels::default().check(), Ok(()));
         let refused = |channels: Channels| channels.check().err().map(|e| e.to_string()).unwrap_or_default();
         assert!(refused(Channels { force_noise_n: -1.0, ..Channels::PERFECT }).starts_with("force_noise_n"));
@@ -238,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn a_perfect_sensor_reads_the_value() {
+    fn a_perfect_sensor_reads_the_true_value() {
         let mut rng = stream(1, Purpose::ForceNoise);
         assert_eq!(Sensor { noise: 0.0, step: 0.0, offset: 0.0 }.read(1.234, &mut rng), 1.234);
     }

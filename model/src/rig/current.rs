@@ -3,20 +3,21 @@
 //! | signal | rule |
 //! |---|---|
 //! | constant | one current |
-//! | SC, stepped | levels one after another, in equal shares of the run |
+//! | SC, stepped | levels one after another, each for an equal share of the run |
 //! | ICPS | a new amplitude, uniform between two bounds, every `hold_s` |
-//! | APRBS | each sample keeps its amplitude with probability alpha, or draws a bounded normal one |
+//! | APRBS | each sample keeps the last amplitude with probability alpha, or draws a bounded normal one |
 //! | PRBS | two levels by a maximum-length binary sequence, each bit held for some samples |
 //!
-//! The thesis prints alpha = 0.01 for APRBS, which by its own rule would be white noise: 0.99 is meant (mean
-//! hold 100 samples, 0.195 s). It does not give the normal distribution's mean and deviation: 1.2 and 0.5 A
-//! reproduce, after bounding, those of its long record (1.19 and 0.47 A, from the input ranges of its ANFIS
-//! models when the record reaches both bounds; its record of 30 s, 150 draws, has 1.07 and 0.50 A).
+//! For APRBS the thesis prints alpha = 0.01, which by its own rule would be white noise; 0.99 must be meant (mean hold 100 samples,
+//! 0.195 s). It does not give the mean and deviation of the normal distribution. Here they are 1.2 and 0.5 A. After bounding these
+//! reproduce the mean and deviation of the thesis' long record, 1.19 and 0.47 A; these two follow from the input ranges of its ANFIS
+//! models if the record reaches both bounds. Its record of 30 s, with 150 draws, has 1.07 and 0.50 A.
 //!
-//! Of PRBS it says two levels "bound between 0 and 2.5 A". The recorded current cannot have had these two as its
-//! levels: its range is -0.84 to 1.89 standard deviations about the mean, and two levels have the product -1,
-//! not -1.59. Mean and deviation (0.77 and 0.92 A) are those of two levels 0 and 1.86 A with peaks up to 2.5 A:
-//! these levels are taken here.
+//! For PRBS the thesis states two levels "bound between 0 and 2.5 A". These two cannot be the levels of the recorded current: its range
+//! is -0.84 to 1.89 standard deviations around the mean, a product of -1.59, but for two levels the product is -1. Its mean and
+//! deviation (0.77 and 0.92 A) fit two levels of 0 and 1.86 A with peaks up to 2.5 A, so these levels are used here.
+//!
+//! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equations 3.1 and 3.2 of the thesis.
 
 use super::noise::normal;
 use super::signal::RATE_HZ;
@@ -35,7 +36,7 @@ pub enum Current {
     },
     /// Levels one after another (SC), each for an equal share of the run.
     Stepped {
-        /// The levels in amperes; none gives zero current.
+        /// The levels in amperes; an empty list gives zero current.
         levels_a: Vec<f64>,
     },
     /// Uniform random amplitudes held for a fixed time (ICPS).
@@ -77,7 +78,7 @@ impl Current {
     /// The thesis' APRBS: 0 to 2.5 A, mean hold 100 samples.
     pub const APRBS: Self =
         Self::Aprbs { low_a: 0.0, high_a: 2.5, mean_a: 1.2, deviation_a: 0.5, hold_probability: 0.99 };
-    /// The thesis' PRBS: 0 and 1.86 A (see the top of this file), each bit held 100 samples.
+    /// The thesis' PRBS: 0 and 1.86 A (see the top of this file), each bit held for 100 samples.
     pub const PRBS: Self = Self::Prbs { low_a: 0.0, high_a: 1.86, hold_samples: 100 };
 
     /// The thesis' stepped signal: [`STEPS_A`].
@@ -95,7 +96,7 @@ impl Current {
                 .map(|k| levels_a.get(k * levels_a.len() / samples).copied().unwrap_or(0.0))
                 .collect(),
             Self::Icps { low_a, high_a, hold_s } => {
-                // Counted in time, not samples: 0.2 s are 102.4 samples, so holds of 102 and 103 alternate.
+                // The hold is counted in time, not in samples: 0.2 s are 102.4 samples, so holds have 102 or 103 samples.
                 let slot = |k: usize| (k as f64 / (hold_s * RATE_HZ)).floor();
                 let mut amplitude = uniform(*low_a, *high_a, rng);
                 (0..samples)
@@ -141,7 +142,7 @@ fn uniform(low: f64, high: f64, rng: &mut impl Rng) -> f64 {
 
 /// A normal value, drawn again until it lies within the bounds.
 fn bounded_normal(mean: f64, deviation: f64, low: f64, high: f64, rng: &mut impl Rng) -> f64 {
-    // Bounds far from the mean would reject almost for ever; a clamped mean is as good an answer.
+    // With bounds far from the mean almost every value would be rejected; the clamped mean is used then.
     for _ in 0..100 {
         let value = mean + deviation * normal(rng);
         if (low..=high).contains(&value) {
@@ -151,12 +152,12 @@ fn bounded_normal(mean: f64, deviation: f64, low: f64, high: f64, rng: &mut impl
     mean.max(low).min(high)
 }
 
-/// Linear feedback shift register of x^15 + x^14 + 1, whose period is 2^15 - 1 bits.
+/// Linear feedback shift register of x^15 + x^14 + 1, with a period of 2^15 - 1 bits.
 struct Register(u16);
 
 impl Register {
     fn new(rng: &mut impl Rng) -> Self {
-        // The state zero never leaves zero.
+        // The register would stay in the state zero for ever.
         Self(((rng.random::<u32>() & 0x7fff) as u16).max(1))
     }
 
@@ -179,7 +180,7 @@ mod tests {
         current.command_a(samples, &mut Pcg64Mcg::seed_from_u64(11))
     }
 
-    /// Lengths of the stretches of equal values, in samples.
+    /// Lengths of the runs of equal values, in samples.
     fn holds(command: &[f64]) -> Vec<usize> {
         command.chunk_by(|a, b| a == b).map(<[f64]>::len).collect()
     }
@@ -191,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn icps_holds_a_fifth_of_a_second_and_is_uniform() {
+    fn icps_holds_200_ms_and_is_uniform() {
         let command = command(&Current::ICPS, RUN);
         let holds = holds(&command);
         assert_eq!(holds.len(), 3000);
@@ -232,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_share_the_run() {
+    fn steps_share_the_run_equally() {
         let holds = holds(&command(&Current::stepped(), 210 * 512));
         assert_eq!(holds, [30 * 512; 7]);
         assert_eq!(command(&Current::Stepped { levels_a: vec![] }, 3), [0.0; 3]);

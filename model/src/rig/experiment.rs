@@ -1,13 +1,15 @@
-//! Experiments by name: what the actuator and the current do, how long, and how often.
+//! Experiments by name: displacement, current, duration and number of replicates.
 //!
-//! The eight of the thesis (Table 3.2), the ten of the first paper (Table II), and a sine, a chirp and the plain
+//! There are the eight experiments of the thesis (Table 3.2), the ten of the first paper (Table II), and a sine, a chirp and the plain
 //! road.
 //!
-//! Table 3.2 gives signals, replicates, durations, maximum frequencies and spans; these are taken as they are.
-//! It does not give how much of a road's power lies low ([`Road::level_hz`]): that is set for each experiment
-//! so that the force has the standard deviation of the thesis' runs, see [`super::Plant`]. The first paper gives
-//! signals, replicates, a band (0.5 to 14.5 Hz), a range (40 mm) and currents up to 4 A; the rest is ours. Its
-//! plant is calibrated up to 2.5 A, beyond that it extrapolates.
+//! Table 3.2 gives signals, replicates, durations, maximum frequencies and spans, which are used unchanged. It does not give the share
+//! of a road's power at low frequencies ([`Road::level_hz`]): this is set for each experiment so that the force has the standard
+//! deviation of the thesis' runs, see [`super::Plant`]. The first paper gives signals, replicates, a band (0.5 to 14.5 Hz), a range
+//! (40 mm) and currents up to 4 A; the rest is chosen here. The plant is calibrated up to 2.5 A and extrapolates above.
+//!
+//! Source: `[thesis]` and `[thesis-paper1]` in the bibliography (node/docs/guide/bibliography.md), table 3.2 of the thesis and table II
+//! of the first paper.
 
 use super::current::Current;
 use super::second_order::SecondOrder;
@@ -18,25 +20,25 @@ use crate::Error;
 /// A planned run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment {
-    /// Name, as in its table where it is one of those.
+    /// Name; for an experiment of the thesis or paper, the name in its table.
     pub name: String,
-    /// What the actuator does, or is told to do when there is a servo.
+    /// Displacement of the actuator; with a servo, its set point.
     pub displacement: Displacement,
-    /// What the current does.
+    /// Current command.
     pub current: Current,
     /// Duration in seconds.
     pub duration_s: f64,
-    /// How often it was done.
+    /// Number of replicates in the source.
     pub replicates: u32,
-    /// How the actuator follows its set point; `None` when `displacement` is already what it does.
+    /// Dynamics of the actuator behind its set point; `None` if the actuator follows `displacement` exactly.
     pub servo: Option<SecondOrder>,
-    /// Seed of the excitation, when it shall not be the run's own: runs with one pattern and seeds of their
-    /// own are replicates, equal but for the noise of their sensors.
+    /// Seed of the excitation; `None` to use the seed of the run. Runs with the same pattern and different seeds are replicates, which
+    /// differ only in sensor noise.
     pub pattern: Option<u64>,
 }
 
-/// One row of Table 3.2: name, current, replicates, duration (s), maximum frequency (Hz), span (m); and the
-/// frequency below which the road is level (Hz), which is ours.
+/// One row of Table 3.2: name, current, replicates, duration (s), maximum frequency (Hz), span (m). The last value, the frequency below
+/// which the road spectrum is level (Hz), is chosen here.
 type Row = (&'static str, fn() -> Current, u32, f64, f64, f64, f64);
 
 const THESIS: [Row; 8] = [
@@ -66,7 +68,7 @@ const PAPER1: [PaperRow; 10] = [
     ("paper1-10", PAPER_ROAD, || PAPER_CONSTANT, 7),
 ];
 
-/// Seven equal holds up to the first paper's 4 A.
+/// Seven levels of equal duration, up to the first paper's 4 A.
 fn paper_steps() -> Current {
     Current::Stepped { levels_a: vec![0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0] }
 }
@@ -91,7 +93,7 @@ const SFS: Displacement =
     Displacement::Wave(Wave::SteppedFrequency { amplitude_m: 0.0025, low_hz: 0.5, high_hz: 14.5, steps: 8 });
 const TPNVS: Displacement =
     Displacement::Wave(Wave::Slopes { amplitude_m: 0.015, slowest_m_s: 0.03, fastest_m_s: 0.24, slopes: 8 });
-/// Amplitudes up to 0.5 in, as the second paper says of the same bench.
+/// Amplitudes up to 0.5 in, as stated in the second paper for the same bench.
 const PAPER_ROAD: Displacement = Displacement::Road(Road {
     f_min_hz: 0.5,
     f_max_hz: 14.5,
@@ -111,7 +113,7 @@ impl Experiment {
         PAPER1.iter().map(|row| row.0)
     }
 
-    /// The thesis' experiment called `name`; `None` when there is no such experiment.
+    /// The thesis' experiment called `name`; `None` if the name is not known.
     #[must_use]
     pub fn thesis(name: &str) -> Option<Self> {
         let &(name, current, replicates, duration_s, band_hz, span_m, level_hz) =
@@ -121,8 +123,8 @@ impl Experiment {
         Some(Self { replicates, ..plan })
     }
 
-    /// The first paper's experiment called `name` (`paper1-1` to `paper1-10`); `None` when there is no such
-    /// experiment. Those with a stepped current take 210 s, the others 30 s.
+    /// The first paper's experiment called `name` (`paper1-1` to `paper1-10`); `None` if the name is not known. Experiments with a
+    /// stepped current take 210 s, the others 30 s.
     #[must_use]
     pub fn paper1(name: &str) -> Option<Self> {
         let &(name, displacement, current, replicates) =
@@ -132,14 +134,14 @@ impl Experiment {
         Some(Self { replicates, ..Self::new(name, displacement, current, duration_s) })
     }
 
-    /// One run of 30 s, or as long as `duration_s` says, with an ideal actuator.
+    /// One run of `duration_s` seconds with an ideal actuator.
     #[must_use]
     pub fn new(name: &str, displacement: Displacement, current: Current, duration_s: f64) -> Self {
         let name = name.to_owned();
         Self { name, displacement, current, duration_s, replicates: 1, servo: None, pattern: None }
     }
 
-    /// A sine with a constant current: what maps of force over velocity are made from.
+    /// A sine with a constant current, for maps of force over velocity.
     #[must_use]
     pub fn sine(amplitude_m: f64, frequency_hz: f64, current_a: f64, duration_s: f64) -> Self {
         let name = format!("sine {frequency_hz} Hz {current_a} A");
@@ -154,27 +156,27 @@ impl Experiment {
         Self::new("chirp", displacement, Current::Constant { current_a }, duration_s)
     }
 
-    /// The plain road (smooth highway at 25 mph in the standard form, not scaled) with a constant current.
+    /// The plain road (smooth highway at 25 mph, standard spectrum, not scaled) with a constant current.
     #[must_use]
     pub fn road(current_a: f64, duration_s: f64) -> Self {
         let displacement = Displacement::Road(Road::SMOOTH_HIGHWAY);
         Self::new("road", displacement, Current::Constant { current_a }, duration_s)
     }
 
-    /// This experiment with another duration in seconds. Steps of a stepped current share it equally.
+    /// This experiment with another duration in seconds. The levels of a stepped current share it equally.
     #[must_use]
     pub fn with_duration_s(self, duration_s: f64) -> Self {
         Self { duration_s, ..self }
     }
 
-    /// This experiment with its excitation fixed by a seed of its own; see [`Experiment::pattern`].
+    /// This experiment with its excitation fixed by the seed `pattern`; see [`Experiment::pattern`].
     #[must_use]
     pub fn with_pattern(self, pattern: u64) -> Self {
         Self { pattern: Some(pattern), ..self }
     }
 
-    /// This experiment with an actuator that follows its set point as `servo` does. A road's own roll-off,
-    /// which stands for the servo's gain where there is none, is taken off.
+    /// This experiment with an actuator that follows its set point with the dynamics of `servo`. The roll-off of a road, which represents
+    /// the gain of the servo if there is none, is removed.
     #[must_use]
     pub fn with_servo(mut self, servo: SecondOrder) -> Self {
         if let Displacement::Road(road) = &mut self.displacement {
@@ -183,15 +185,14 @@ impl Experiment {
         Self { servo: Some(servo), ..self }
     }
 
-    /// Number of samples; none for a duration that is not a positive number.
+    /// Number of samples; zero for a duration that is not a positive number.
     #[must_use]
     pub fn samples(&self) -> usize {
-        // The cast takes anything negative or not a number to zero.
+        // The cast turns negative values and NaN into zero.
         (self.duration_s * RATE_HZ).round() as usize
     }
 
-    /// Checks that the experiment can be done: a duration of 0.1 s to 1 day, amplitudes and frequencies that
-    /// are possible, a current of 0 to 5 A.
+    /// Checks the duration (0.1 s to 1 day), amplitudes and frequencies, a constant current (0 to 5 A) and the servo.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] names the field.
@@ -235,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn replicates_are_those_of_the_tables() {
+    fn replicates_match_the_tables() {
         let of = |names: Vec<&str>, find: fn(&str) -> Option<Experiment>| -> Vec<u32> {
             names.into_iter().filter_map(find).map(|e| e.replicates).collect()
         };
@@ -255,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_done_is_refused_by_field() {
+    fn invalid_experiments_are_rejected_with_the_field_name() {
         let refused = |e: Experiment| e.check().err().map(|e| e.to_string()).unwrap_or_default();
         assert!(refused(Experiment::road(1.0, -1.0)).starts_with("duration_s"));
         assert!(refused(Experiment::road(9.0, 1.0)).starts_with("current_a"));

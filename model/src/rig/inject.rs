@@ -1,34 +1,33 @@
-//! Effects put into the rig on purpose, by the ids under which a diagnosis names them.
+//! Effects that can be injected into the rig, with the ids that the diagnosis uses for them.
 //!
-//! Each sets one thing in the plant or the measuring chain; size 0 takes it away (also the coil's lag and the
-//! thermal fade that the default plant has). Where there is a choice, the rig's form is not the one that the
-//! diagnosis tries: asymmetry and position act on the valve, not on the force, a dead zone is play before the
-//! compliance, a load cell's own low-pass is of second order.
+//! Each effect sets one property of the plant or the measurement chain. Size 0 removes it, also the coil lag and the thermal fade of the
+//! default plant. Where there is a choice, the form differs from the form that the diagnosis tries. Asymmetry and position act on the
+//! valve, not on the force; a dead zone is play before the compliance; the low-pass of the load cell is of second order.
 
 use super::channel::Channels;
 use super::plant::{Plant, ValveForm};
 use super::second_order::SecondOrder;
 use crate::Error;
 
-/// An effect that can be put in.
+/// An effect that can be injected.
 #[derive(Debug, Clone, Copy)]
 pub struct Effect {
-    /// Its id.
+    /// Id of the effect.
     pub id: &'static str,
     /// Unit of its size.
     pub unit: &'static str,
-    /// Least and greatest size.
+    /// Least and largest size, in that unit.
     pub range: (f64, f64),
-    /// What it is, in a line.
+    /// Description in one line.
     pub what: &'static str,
     apply: fn(&mut Plant, &mut Channels, f64),
 }
 
-/// Distance in metres that turns the stiffness of a gas spring into its force at rest: 20 kN/m go with 500 N.
+/// Ratio of the force at rest to the stiffness of a gas spring, in metres: 500 N for 20 kN/m.
 const GAS_STROKE_M: f64 = 0.025;
 
-/// All effects: those of the effect library in its order, then the rig's own, the last four of which are there to be
-/// found as what they are not: no effect of the library.
+/// All effects: first the effects of the effect library in its order, then effects that only the rig has. The library does not contain
+/// the last four, so a correct diagnosis does not name an effect for them.
 pub const EFFECTS: [Effect; 22] = [
     Effect {
         id: "coil_lag",
@@ -150,7 +149,7 @@ pub const EFFECTS: [Effect; 22] = [
         id: "series_spring",
         unit: "m/N",
         range: (0.0, 1e-5),
-        what: "compliance in series with the valve (default plant, and least: 1.7e-7)",
+        what: "compliance in series with the valve (default plant and minimum: 1.7e-7)",
         apply: |plant, _, size| {
             let stiffest = match plant.valve_form {
                 ValveForm::BoucWen => Plant::default().series_stiffness_n_m,
@@ -163,44 +162,44 @@ pub const EFFECTS: [Effect; 22] = [
         id: "warm_start",
         unit: "K",
         range: (-40.0, 80.0),
-        what: "temperature of the damper at the start, above the room's",
+        what: "temperature of the damper at the start, above room temperature",
         apply: |plant, _, size| plant.start_c = plant.ambient_c + size,
     },
     Effect {
         id: "position_ripple",
         unit: "-",
         range: (0.0, 0.4),
-        what: "share by which the valve's force ripples with displacement, every 5 mm",
+        what: "ripple of the valve's force over displacement, as a share of it, with a period of 5 mm",
         apply: |plant, _, size| plant.position_ripple = size,
     },
     Effect {
         id: "force_loss",
         unit: "-",
         range: (0.0, 0.9),
-        what: "share of the force that is lost in the middle of the run",
+        what: "share of the force that is lost from the middle of the run on",
         apply: |plant, _, size| plant.force_loss = size,
     },
     Effect {
         id: "mains_hum",
         unit: "N",
         range: (0.0, 500.0),
-        what: "amplitude of the mains' 50 Hz in the force channel",
+        what: "amplitude of 50 Hz mains hum in the force channel",
         apply: |_, channels, size| channels.force_hum_n = size,
     },
     Effect {
         id: "wear_step",
         unit: "-",
         range: (0.0, 0.9),
-        what: "share of the yield force that wear takes at a third of the run",
+        what: "share of the yield force lost by wear from a third of the run on",
         apply: |plant, _, size| plant.wear = size,
     },
 ];
 
-/// Puts the effect called `id` with its size, in its unit, into plant and channels.
+/// Injects the effect called `id` into plant and channels, with `size` in its unit.
 ///
 /// # Errors
-/// [`Error::Data`] when there is no such effect, with all there are; [`Error::OutOfRange`] when the size is not
-/// in its range, or the plant cannot be integrated with it.
+/// [`Error::Data`] if the id is not known (with a list of all ids) or the size is out of range; [`Error::OutOfRange`] if the plant cannot
+/// be integrated with it.
 pub fn inject(id: &str, size: f64, plant: &mut Plant, channels: &mut Channels) -> Result<(), Error> {
     let Some(effect) = EFFECTS.iter().find(|effect| effect.id == id) else {
         let known: Vec<&str> = EFFECTS.iter().map(|effect| effect.id).collect();
@@ -229,13 +228,13 @@ mod tests {
         run.force_n.map(|trace| trace.values).unwrap_or_default()
     }
 
-    /// Both valves, each without any effect of its own.
+    /// Plants with both valves, without any effect.
     fn plants() -> [Plant; 2] {
         [Plant::plain(), Plant::quasi_static()]
     }
 
     #[test]
-    fn every_effect_is_seen_in_the_force_and_zero_takes_it_away() {
+    fn every_effect_changes_the_force_and_size_zero_removes_it() {
         let sizes = [
             0.01, 0.2, -0.02, 5e3, 2.0, 50.0, 0.2, 0.005, 0.004, 0.001, 0.015, 1.0, 5.0, 1e3, 0.005, 0.01,
             6e-7, 20.0, 0.2, 0.1, 10.0, 0.2,
@@ -258,14 +257,14 @@ mod tests {
             };
             let (there, away) = (change(&with(size)), change(&with(0.0)));
             assert!((3.0..200.0).contains(&there), "{}: {there} N", effect.id);
-            // A warm start is judged on a damper that fades, so a cold one fades a little too.
+            // The warm start is tested on a damper with thermal fade, which fades a little after a cold start too.
             let least = if effect.id == "warm_start" { 2.0 } else { 1e-6 };
             assert!(away < least, "{}: {away} N without it", effect.id);
         }
     }
 
     #[test]
-    fn every_range_can_be_integrated_to_its_ends() {
+    fn the_plant_can_be_integrated_at_both_ends_of_every_range() {
         for healthy in [Plant::default(), Plant::quasi_static()] {
             for effect in EFFECTS {
                 for size in [effect.range.0, effect.range.1] {
@@ -289,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_library_holds_is_where_it_is_said_to_be() {
+    fn effects_outside_the_library_match_their_descriptions() {
         let samples = 14 * 512;
         let (loss, plain, x) = changes("force_loss", 0.1);
         assert!(loss[..samples / 2].iter().all(|f| *f == 0.0));
@@ -299,7 +298,7 @@ mod tests {
         let (wear, _, _) = changes("wear_step", 0.2);
         assert!(wear[..=samples / 3 - 1].iter().all(|f| *f == 0.0));
         let later = &wear[samples / 3 + 1..];
-        // A fifth of the yield force, which is 80 N at least and 780 N at most.
+        // A fifth of the yield force, which is between 80 N and 780 N.
         let greatest = later.iter().fold(0.0f64, |most, f| most.max(f.abs()));
         assert!((0.2 * 80.0..0.2 * 780.0).contains(&greatest), "{greatest} N");
         let (hum, _, _) = changes("mains_hum", 10.0);
@@ -313,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_effects_and_sizes_out_of_range_are_refused_with_what_to_do() {
+    fn unknown_effects_and_sizes_out_of_range_are_rejected_with_the_choices() {
         let (mut plant, mut channels) = (Plant::default(), Channels::default());
         let mut refused = |id: &str, size| {
             inject(id, size, &mut plant, &mut channels).err().map(|e| e.to_string()).unwrap_or_default()

@@ -1,15 +1,14 @@
 //! Integration of the rig's damper over one sample.
 //!
-//! Classical Runge-Kutta of fourth order for dashpot, compliance and hysteresis of the Bouc-Wen valve, with sub-steps;
-//! the quasi-static one has a way of its own ([`super::quasi_static`]). Displacement
-//! between samples is the cubic that has the samples' displacements and velocities (Hermite). The currents'
-//! first-order lags are linear and need no Runge-Kutta: each half sub-step multiplies by an exact
-//! exponential, which is stable for any lag, also none. Temperature changes over minutes: Euler is enough.
+//! Dashpot, compliance and hysteresis of the Bouc-Wen valve are integrated by the classical Runge-Kutta method of fourth order, with
+//! sub-steps; the quasi-static valve has its own method ([`super::quasi_static`]). Displacement between samples is the cubic through the
+//! samples' displacements and velocities (Hermite). The first-order lags of the currents are linear, so each half sub-step multiplies
+//! by an exact exponential, which is stable for any lag, including zero. Temperature changes over minutes, so Euler's method is enough.
 
 use super::plant::{Instant, Plant, PlantState, ValveForm};
 use super::signal::RATE_HZ;
 
-/// Ends of one sample interval: displacements (m) and velocities (m/s).
+/// Displacements (m) and velocities (m/s) at the ends of one sample interval.
 pub(super) struct Stroke {
     pub(super) x: [f64; 2],
     pub(super) v: [f64; 2],
@@ -28,7 +27,7 @@ impl Stroke {
     }
 }
 
-/// A plant with a sub-step and the factors that go with it.
+/// A plant with its sub-step and the factors for that step.
 pub(super) struct Integrator<'a> {
     plant: &'a Plant,
     sub_steps: u32,
@@ -43,7 +42,7 @@ pub(super) struct Integrator<'a> {
 impl<'a> Integrator<'a> {
     pub(super) fn new(plant: &'a Plant, sub_steps: u32) -> Self {
         let step_s = 1.0 / (RATE_HZ * f64::from(sub_steps));
-        // What a first-order lag keeps of its distance to the input; nothing, when there is no lag.
+        // Share of the distance to the input that a first-order lag keeps; zero without a lag.
         let kept = |time_s: f64, lag_s: f64| if lag_s > 0.0 { (-time_s / lag_s).exp() } else { 0.0 };
         Self {
             plant,
@@ -57,7 +56,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// Takes `state` from the start of `stroke` to its end, with the current command held.
+    /// Advances `state` from the start of `stroke` to its end, with the current command held.
     pub(super) fn sample(&self, state: &mut PlantState, stroke: &Stroke, command_a: f64) {
         for j in 0..self.sub_steps {
             let at = |part: f64| stroke.at((f64::from(j) + part) / f64::from(self.sub_steps));
@@ -105,8 +104,8 @@ impl<'a> Integrator<'a> {
         [state.dashpot_m, state.behind_compliance_m, state.hysteresis_m] = moved(now, h, mean);
     }
 
-    /// Half a sub-step of driver, coil, core and fluid. The coil sees the driver's current in the middle of the
-    /// half; core and fluid see what comes before them at its end.
+    /// Half a sub-step of driver, coil, core and fluid. The input of the coil is the driver's current in the middle of the half step; the
+    /// inputs of core and fluid are the currents of coil and core at its end.
     fn half_lag(&self, state: &mut PlantState, command_a: f64) {
         let toward = command_a - state.driver_a;
         let driver_middle = command_a - toward * self.driver_quarter;
@@ -116,7 +115,7 @@ impl<'a> Integrator<'a> {
         state.effective_a = driver_middle - gap * kept;
         let (low, high) =
             (state.effective_a - self.plant.remanence_a, state.effective_a + self.plant.remanence_a);
-        // Not `clamp`, which panics on what is not a number.
+        // Not `clamp`, which panics if a bound is NaN.
         state.core_a = state.core_a.max(low).min(high);
         state.fluid_a = state.core_a - (state.core_a - state.fluid_a) * self.fluid_half;
     }

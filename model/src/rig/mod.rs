@@ -1,22 +1,20 @@
-//! The virtual rig: a made-up test bench that writes runs as a measured one would.
+//! The virtual rig: a simulated test bench that records runs like a real one.
 //!
 //! ```text
 //! experiment -> set point, current command -> servo -> plant -> force, driver's current, temperature
 //!                                                             -> measurement chain -> Run
 //! ```
 //!
-//! The demo replays such a run, and tests of identification and diagnosis use them by the hundred, because
-//! only here is the truth known. That proves something only when the truth is not the model under test: an
-//! effect that is found with the very function that put it in, or a model that is fitted to its own output,
-//! would pass whatever its faults. So nothing in this folder uses the models, the effects, the conditioning
-//! or the identification of this crate, and the plant is none of the thesis' models: it is the modified
-//! Bouc-Wen damper of Spencer et al. with a compliance, a lag of the coil and a temperature, integrated as
-//! differential equations, and its current enters smoothly and not by fuzzy sets. Where a test needs a truth that a
-//! model can follow to the noise, so that one effect alone is left over, the plant has another valve, which is
-//! quasi-static ([`quasi_static`]); its current enters as smoothly.
+//! The demo replays such a run. Tests of identification and diagnosis use hundreds of them, because only here is the truth known.
+//! Such a test is meaningful only if the truth is not the model under test: an effect found with the function that injected it, or a
+//! model fitted to its own output, would pass in spite of any fault. Nothing in this folder therefore uses the models, effects,
+//! conditioning or identification of this crate, and the plant is not one of the thesis' models. It is the modified Bouc-Wen damper of
+//! Spencer et al. with a compliance, a coil lag and a temperature, integrated as differential equations. Its parameters depend on the
+//! current by smooth functions, not by fuzzy sets. For tests that need a truth that a model can follow down to the noise, so that only
+//! the injected effect remains, the plant has a second, quasi-static valve ([`quasi_static`]); it is as smooth in the current.
 //!
-//! Pure and repeatable: one seed gives one run, on the same machine to the last bit. Other machines may
-//! differ in the last bits of the standard library's `sin`, `cos`, `exp`, `tanh`, `ln` and `powf`.
+//! The rig has no side effects and is repeatable: on one machine, runs with the same seed are bit-identical. On other machines the last
+//! bits may differ, because the standard library's `sin`, `cos`, `exp`, `tanh`, `ln` and `powf` may.
 
 pub mod channel;
 pub mod current;
@@ -47,39 +45,38 @@ use channel::{Sensor, filtered};
 use noise::{Purpose, stream};
 use rand_pcg::Pcg64Mcg;
 
-/// Nanoseconds from sample to sample: 1/512 s is a whole number of them.
+/// Time from sample to sample, ns: 1/512 s is a whole number of nanoseconds.
 const PERIOD_NS: i64 = 1_953_125;
 
-/// Temperatures are logged once in this many samples (4 Hz): neither case nor room changes faster.
+/// Temperatures are logged once in this many samples (4 Hz), because case and room change slowly.
 const CASE_EVERY: usize = 128;
 
-/// Runs `experiment` on `plant`, measured by `channels`, and returns the recording, at 512 Hz from stamp
-/// zero.
+/// Runs `experiment` on `plant`, measured by `channels`, and returns the recording, at 512 Hz from stamp zero.
 ///
-/// Displacement is relative, with zero mean; the drive is the driver's measured coil current, which knows
-/// nothing of the coil's lag. Velocity is logged when the channels have a transducer for it. An experiment with a servo logs the set point too (`setpoint_m`, without noise),
-/// and channels with a room thermocouple its reading (`ambient_temp_c`). Everything random follows from `seed`: the same arguments give the same run,
-/// and runs that differ in `plant` or `channels` alone have the same excitation. A plant that fails
-/// [`Plant::check`] may give forces that are not finite.
+/// Displacement is relative, with zero mean. The drive is the driver's measured coil current, which does not show the coil lag.
+/// Velocity is logged if the channels have a transducer for it, the set point if the experiment has a servo (`setpoint_m`, without
+/// noise), and the room temperature if the channels have a thermocouple for it (`ambient_temp_c`). All random numbers follow from
+/// `seed`: the same arguments give the same run, and runs that differ only in `plant` or `channels` have the same excitation. A plant
+/// that fails [`Plant::check`] may give forces that are not finite.
 #[must_use]
 pub fn record(experiment: &Experiment, plant: &Plant, channels: &Channels, seed: u64) -> Run {
     record_while(experiment, plant, channels, seed, &mut |_| true).unwrap_or_default()
 }
 
-/// What a controller is shown of the rig at a sample.
+/// Measurements of one sample, as a controller gets them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shown {
     /// Number of the sample, from 0, at 512 Hz.
     pub sample: usize,
-    /// What the displacement transducer reads, m.
+    /// Reading of the displacement transducer, m.
     pub displacement_m: f64,
-    /// What the load cell reads, N.
+    /// Reading of the load cell, N.
     pub force_n: f64,
 }
 
-/// Moves `plant` by `motion` while `controller` says the current, in amperes: at each sample that until the next one. What it is
-/// shown has the noise, steps and offsets of `channels`; their filters and delays, and the plant's inertia, loss and lag of force,
-/// which are made of whole runs, are left out. Begins at rest without current.
+/// Moves `plant` by `motion` with the current from `controller`, which returns for each sample the current until the next one, in
+/// amperes. Its measurements have the noise, quantisation and offsets of `channels`. The filters and delays of the channels, and the
+/// plant's inertia, force loss and force lag, are left out, because they are computed over whole runs. Starts at rest without current.
 #[must_use]
 pub fn control(
     motion: &Motion,
@@ -101,8 +98,8 @@ pub fn control(
     })
 }
 
-/// As [`record`], but asks `go_on` once a second of the run, with the seconds done (0 while the excitation is
-/// made), and gives up with `None` when it says no.
+/// As [`record`], but calls `go_on` once per second of the run, with the seconds done (0 while the excitation is computed), and returns
+/// `None` as soon as it returns false.
 pub fn record_while(
     experiment: &Experiment,
     plant: &Plant,
@@ -135,7 +132,7 @@ pub fn record_while(
     };
     let mut other = Vec::new();
     if let Some(set) = set_point {
-        // A command, not a measurement: as the supervisor sent it.
+        // The set point is a command, not a measurement, so it has no noise.
         let exact = Sensor { noise: 0.0, step: 0.0, offset: 0.0 };
         other.push((
             "setpoint_m".to_owned(),
@@ -165,7 +162,7 @@ pub fn record_while(
     })
 }
 
-/// One channel as logged: every `every`-th value, as the sensor reads it.
+/// One channel as logged: every `every`-th value, with the errors of the sensor.
 fn measured(values: &[f64], every: usize, sensor: Sensor, mut noise: Pcg64Mcg) -> Trace {
     let mut trace = Trace::default();
     for (k, value) in values.iter().enumerate().step_by(every) {

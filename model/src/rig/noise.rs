@@ -1,10 +1,10 @@
-//! Random numbers of the rig: one seed, one independent stream for each purpose.
+//! Random numbers of the rig: one seed, with an independent stream for each purpose.
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// What a stream of random numbers is for. Streams do not share numbers, so that a change to one (say, a
-/// quieter sensor) leaves the others as they were: two runs with the same seed then have the same excitation.
+/// Purpose of a stream of random numbers. Streams do not share numbers, so a change to one (say, a quieter sensor) does not change the
+/// others: two runs with the same seed then have the same excitation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
     Displacement = 1,
@@ -18,9 +18,9 @@ pub(super) enum Purpose {
     VelocityNoise = 9,
 }
 
-/// The generator of a purpose.
+/// The generator for a purpose.
 pub(super) fn stream(seed: u64, purpose: Purpose) -> Pcg64Mcg {
-    // The golden ratio's odd multiplier spreads purposes over the seeds; `seed_from_u64` then mixes the bits.
+    // The multiplier (odd, from the golden ratio) spreads the purposes over the seeds; `seed_from_u64` then mixes the bits.
     Pcg64Mcg::seed_from_u64(seed ^ (purpose as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 

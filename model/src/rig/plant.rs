@@ -20,16 +20,16 @@
 //! | s, y | displacements (m) behind the compliance, and of the dashpot of the roll-off |
 //! | z | hysteretic displacement (m), within -d..d |
 //! | F | rod force (N), positive in tension |
-//! | i_c, i_d, i_e, i_m, i | current (A): command, driver (measured), behind eddies, core, effective in the fluid |
-//! | T | temperature of fluid and case, one lump (°C) |
+//! | i_c, i_d, i_e, i_m, i | current (A): command, driver (measured), after eddy currents, core, effective in the fluid |
+//! | T | temperature of fluid and case, as one thermal mass (°C) |
 //!
-//! Source: Spencer et al. 1997 (thesis 2.2), whose symbols are, with A = 1: alpha = Fy/d, beta = b/d^n,
-//! gamma = (1 - b)/d^n, so that z saturates at d and alpha z at the yield force Fy. Its accumulator k1 (x -
-//! x0) is the gas spring f0 + kg x here, and acts on the rod beside the valve. Instead of this valve there may be
-//! the one of [`super::quasi_static`]; all around it is the same. In series with the valve
-//! comes the compliance ks of fluid and mounting. How the parameters follow the current is ours. The default
-//! has no play, friction, gas spring, fluid lag or anything else that is marked as 0 in [`Plant::default`]:
-//! they are there to be put in ([`super::inject`]).
+//! Source: Spencer et al. 1997 (thesis 2.2). In its symbols, with A = 1: alpha = Fy/d, beta = b/d^n, gamma = (1 - b)/d^n, so z
+//! saturates at d and alpha z at the yield force Fy. Its accumulator k1 (x - x0) is the gas spring f0 + kg x here, which acts on the rod
+//! in parallel with the valve. The valve can be replaced by [`super::quasi_static`]; everything around it stays the same. The compliance
+//! ks of fluid and mounting is in series with the valve. The dependence of the parameters on current is chosen here. The default has no
+//! play, friction, gas spring, fluid lag or any other effect whose parameter is 0 in [`Plant::default`]: these can be injected
+//! ([`super::inject`]).
+//! See `[spencer1996]` in the bibliography (node/docs/guide/bibliography.md), equation 2.2 of the thesis.
 
 use super::integrate::{Integrator, Stroke};
 use super::quasi_static::QuasiStatic;
@@ -38,20 +38,20 @@ use super::signal::{Motion, RATE_HZ};
 use crate::Error;
 use std::f64::consts::TAU;
 
-/// Sub-steps of the integrator in one sample, as [`crate::rig::record`] takes them.
+/// Sub-steps of the integrator per sample in [`crate::rig::record`].
 ///
-/// The fastest part is the valve against the compliance at low current, with a time constant of 0.08 ms; a
-/// sub-step is 0.12 ms and may be up to 0.22 ms before the integrator becomes unstable.
+/// The fastest dynamics are those between valve and compliance at low current, with a time constant of 0.08 ms. A sub-step is 0.12 ms;
+/// the integrator is stable up to 0.22 ms.
 pub const SUB_STEPS: u32 = 16;
 
 /// Period of the position ripple, in metres.
 const RIPPLE_PERIOD_M: f64 = 5e-3;
 
-/// Share of a valve parameter that no temperature fade takes away: keeps the equations well-posed.
+/// Least share of a valve parameter that remains under temperature fade, which keeps the equations well-posed.
 const LEAST_SHARE: f64 = 0.05;
 
-/// Least factor that asymmetry and position together leave of the valve's forces: a softer valve against the
-/// same compliance would be too fast for the integrator.
+/// Least factor of asymmetry and position together on the valve's forces. A softer valve with the same compliance would be too fast for
+/// the integrator.
 const LEAST_LEAN: f64 = 0.6;
 
 /// A valve parameter that grows with the effective current and saturates:
@@ -64,12 +64,12 @@ pub struct Saturation {
     pub growth: f64,
     /// Current of half the growth, in amperes.
     pub half_a: f64,
-    /// Order m: 1 rises at once, higher ones after a threshold.
+    /// Order m: with 1 the parameter rises from the start, with a higher order after a threshold.
     pub order: i32,
 }
 
 impl Saturation {
-    /// The parameter at `current_a` amperes; currents below zero count as zero.
+    /// The parameter at `current_a` amperes; a negative current counts as zero.
     #[must_use]
     pub fn at(&self, current_a: f64) -> f64 {
         let (i, half) = (current_a.max(0.0).powi(self.order), self.half_a.powi(self.order));
@@ -77,12 +77,12 @@ impl Saturation {
     }
 }
 
-/// What the valve is.
+/// Form of the valve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ValveForm {
     /// The modified Bouc-Wen valve at the top of this file.
     BoucWen,
-    /// The valve of [`super::quasi_static`], which has no use for d, b, n, k0 and c1.
+    /// The valve of [`super::quasi_static`], which does not use d, b, n, k0 and c1.
     QuasiStatic(QuasiStatic),
 }
 
@@ -90,36 +90,36 @@ pub enum ValveForm {
 ///
 /// # Calibration of the default
 ///
-/// The three valve parameters were fitted to the forces of the thesis' damper at 1, 3, 6 and 8 in/s and seven
-/// currents (Table D.1, mean of its three stepped experiments). The thesis gives no raw data, so its fitted
-/// curves and standard deviations are the nearest that there is. Reached, and pinned by tests:
+/// The three valve parameters were fitted to the forces of the thesis' damper at 1, 3, 6 and 8 in/s and seven currents (Table D.1, mean
+/// of its three stepped experiments). The thesis gives no raw data, so its fitted curves and standard deviations are the best data
+/// available. The fit reaches the following; tests check it with wider limits:
 ///
-/// - force at 6 in/s within 8 % for each of the seven currents, and as near at 1, 3 and 8 in/s;
-/// - standard deviation of force on each of the eight experiments within 5 % of the thesis', over eight seeds
-///   (lbf, thesis in brackets): RP-ICPS 94.4 (93.7), RP-APRBS 94.8 (94.7), RP-PRBS 81.0 (77.7), RP-APRBS-L 90.2
-///   (94.3), RP-ICPS-L 92.5 (93.7), RP1-CS 94.0 (94.8), RP2-CS 93.1 (94.7), RP3-CS 95.9 (97.5). Single seeds
-///   scatter by 10 %. Spans, maximum frequencies and durations are the thesis'; what was free is the share of
-///   low frequencies in each road ([`super::experiment`]) and the currents of APRBS and PRBS
-///   ([`super::current`]). Velocity comes out at 2.7 to 3.2 in/s, for the 2.6 to 2.9 in/s that the thesis'
-///   models point to;
-/// - the thesis' non-linear fuzzy model RP3-CS, nothing refitted, predicts RP-ICPS runs with an ESR of 0.096
-///   to 0.110; its own mean in cross-validation is 0.099. Without the coil's lag it would be 0.007 less.
+/// - Force at 6 in/s within 8 % for each of the seven currents, and about the same at 1, 3 and 8 in/s.
+/// - Standard deviation of force on each of the eight experiments within 5 % of the thesis', over eight seeds. Single seeds scatter by
+///   10 %. In lbf, with the thesis' value in brackets:
+///   - RP-ICPS 94.4 (93.7), RP-APRBS 94.8 (94.7), RP-PRBS 81.0 (77.7), RP-APRBS-L 90.2 (94.3),
+///   - RP-ICPS-L 92.5 (93.7), RP1-CS 94.0 (94.8), RP2-CS 93.1 (94.7), RP3-CS 95.9 (97.5).
+/// - The thesis' non-linear fuzzy model RP3-CS, without refitting, predicts RP-ICPS runs with an NMSE (thesis: ESR) of 0.096 to 0.110; its
+///   own mean in cross-validation is 0.099. Without the coil lag the NMSE would be 0.007 less.
 ///
-/// Yield stroke, compliance, coil lag and all of the heat are not in the thesis: they are of the order that
-/// other dampers of this size have. In the long experiments the plant warms by 15 to 20 K and fades by up to 4 %; the
-/// thesis' figures show no such fade. `cargo run --release -p mr-damper-model --example rig_calibration` prints
-/// all of it.
+/// Spans, maximum frequencies and durations are the thesis'. Free parameters were the share of low frequencies in each road
+/// ([`super::experiment`]) and the currents of APRBS and PRBS ([`super::current`]). The velocity is 2.7 to 3.2 in/s, where the thesis'
+/// models indicate 2.6 to 2.9 in/s.
+///
+/// Yield stroke, compliance, coil lag and all thermal parameters are not in the thesis; they are typical of other dampers of this
+/// size. In the long experiments the plant warms by 15 to 20 K and fades by up to 4 %; the thesis' figures show no such fade.
+/// `cargo run --release -p mr-damper-model --example rig_calibration` prints all these values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plant {
-    /// What the valve is.
+    /// Form of the valve.
     pub valve_form: ValveForm,
     /// Yield force Fy in newtons.
     pub yield_n: Saturation,
-    /// Viscous damping c0 beside the hysteretic element, in N·s/m.
+    /// Viscous damping c0 in parallel with the hysteretic element, in N·s/m.
     pub viscous_n_s_m: Saturation,
     /// Dashpot c1 in series with both, in N·s/m: slope of the force at low velocity.
     pub roll_off_n_s_m: Saturation,
-    /// Stiffness k0 beside the hysteretic element, in N/m.
+    /// Stiffness k0 in parallel with the hysteretic element, in N/m.
     pub inner_stiffness_n_m: f64,
     /// Yield displacement d in metres: stroke after a reversal until the fluid yields.
     pub yield_stroke_m: f64,
@@ -135,11 +135,11 @@ pub struct Plant {
     pub gas_stiffness_n_m: f64,
     /// Coulomb friction Fc of the seals in newtons.
     pub friction_n: f64,
-    /// Velocity vs over which friction changes its sign, in m/s.
+    /// Velocity scale vs over which friction changes its sign, in m/s.
     pub friction_velocity_m_s: f64,
-    /// Lag td of the current driver in seconds: what the measured current shows of the command.
+    /// Lag td of the current driver in seconds; it shows in the measured current.
     pub driver_lag_s: f64,
-    /// Coil lag in seconds while the current rises (eddy currents): what the measured current does not show.
+    /// Coil lag in seconds while the current rises (eddy currents); it does not show in the measured current.
     pub coil_rise_s: f64,
     /// Coil lag in seconds while the current falls.
     pub coil_fall_s: f64,
@@ -147,7 +147,7 @@ pub struct Plant {
     pub yield_fade_per_k: f64,
     /// Relative change of both dampings with temperature, in 1/K.
     pub viscous_fade_per_k: f64,
-    /// Temperature T0 at which the valve parameters hold, in °C.
+    /// Temperature T0 at which the valve parameters apply unchanged, in °C.
     pub reference_c: f64,
     /// Temperature at the start of a run, in °C.
     pub start_c: f64,
@@ -159,31 +159,31 @@ pub struct Plant {
     pub heat_transfer_w_k: f64,
     /// Coil resistance R in ohms.
     pub coil_ohm: f64,
-    /// Play w of the core's magnetisation (remanence), in amperes to either side.
+    /// Play w of the core's magnetisation (remanence), in amperes to each side.
     pub remanence_a: f64,
-    /// Lag tl of the fluid in seconds: what yield force and damping take to follow the core.
+    /// Lag tl of the fluid in seconds, with which yield force and damping follow the core.
     pub fluid_lag_s: f64,
-    /// Share beta by which extension is stiffer than the mean, and compression softer.
+    /// Share beta by which the valve is stiffer in extension and softer in compression.
     pub asymmetry: f64,
     /// Relative growth gamma of the valve's force with displacement, in 1/m.
     pub position_per_m: f64,
     /// Free play g between rod and valve, in metres.
     pub free_play_m: f64,
-    /// Damping q that grows with velocity, in N·s²/m².
+    /// Coefficient q of the quadratic damping, in N·s²/m².
     pub quadratic_n_s2_m2: f64,
-    /// Mass m of what moves with the load cell, in kilograms.
+    /// Mass m that moves with the load cell, in kilograms.
     pub mass_kg: f64,
-    /// Displacement xe at which the end stops begin, in metres; infinite for none.
+    /// Displacement xe at which the end stops begin, in metres; infinite without end stops.
     pub end_stop_m: f64,
     /// Stiffness ke of the end stops, in N/m.
     pub end_stop_n_m: f64,
     /// Lag tf of the rod force, in seconds.
     pub force_lag_s: f64,
-    /// Share r of the valve's force by which it ripples with displacement.
+    /// Ripple r of the valve's force over displacement, as a share of it.
     pub position_ripple: f64,
-    /// Share of the yield force that wear takes, for good, from a third of the run on.
+    /// Share of the yield force lost by wear from a third of the run to its end.
     pub wear: f64,
-    /// Share of the rod force that is lost, for good, from the middle of the run on.
+    /// Share of the rod force that is lost from the middle of the run to its end.
     pub force_loss: f64,
 }
 
@@ -236,13 +236,13 @@ impl Default for Plant {
 pub struct PlantState {
     /// Displacement y of the inner dashpot, in metres.
     pub dashpot_m: f64,
-    /// Displacement s behind the compliance, of the quasi-static valve's piston, in metres.
+    /// Displacement s behind the compliance, in metres; for the quasi-static valve, displacement of the piston.
     pub behind_compliance_m: f64,
     /// Hysteretic displacement z, in metres.
     pub hysteresis_m: f64,
     /// Driver's current i_d, in amperes.
     pub driver_a: f64,
-    /// Current i_e behind the coil's eddies, in amperes.
+    /// Current i_e after the lag by eddy currents, in amperes.
     pub effective_a: f64,
     /// Magnetisation i_m of the core, in amperes.
     pub core_a: f64,
@@ -250,13 +250,13 @@ pub struct PlantState {
     pub fluid_a: f64,
     /// Temperature T in °C.
     pub temperature_c: f64,
-    /// Share of the yield force that wear has left.
+    /// Share of the yield force that remains after wear.
     pub yield_share: f64,
 }
 
 impl Plant {
-    /// The default plant without coil lag and temperature fade: a "healthy" reference, and the ground for
-    /// runs that shall hold no effect but the ones put in by hand.
+    /// The default plant without coil lag and temperature fade: a "healthy" reference, and the base for runs that must contain only the
+    /// injected effects.
     #[must_use]
     pub fn plain() -> Self {
         Self {
@@ -268,9 +268,9 @@ impl Plant {
         }
     }
 
-    /// A plain damper whose valve is quasi-static and rigid: what a step and a damping at each current can follow.
-    /// Its forces are of the default's size. Yield force and damping bend so gently over the current that seven sets
-    /// can follow them; there is no coupling, which in the thesis' model counts in the damping too.
+    /// A plain damper with a rigid, quasi-static valve, which a model with a step and a damping at each current can follow. Its forces are
+    /// of the default's size. Yield force and damping change so smoothly with current that seven fuzzy sets can follow them. Displacement
+    /// does not couple to the force; in the thesis' model that coupling also acts in the damping.
     #[must_use]
     pub fn quasi_static() -> Self {
         Self {
@@ -300,7 +300,7 @@ impl Plant {
         Self { gas_force_n: force_n, gas_stiffness_n_m: stiffness_n_m, ..self }
     }
 
-    /// This plant with yield force and damping changing by `fade_per_k` a kelvin (negative: fading).
+    /// This plant with a relative change of yield force and damping of `fade_per_k` per kelvin (negative: fade).
     #[must_use]
     pub fn with_temperature_fade_per_k(self, fade_per_k: f64) -> Self {
         Self { yield_fade_per_k: fade_per_k, viscous_fade_per_k: fade_per_k, ..self }
@@ -309,8 +309,7 @@ impl Plant {
     /// Checks that the equations can be integrated with [`SUB_STEPS`].
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] names the first field that is not finite, not of the right sign, or makes the
-    /// compliance too stiff for the integrator.
+    /// [`Error::OutOfRange`] names the first field that is not finite, out of range, or makes the compliance too stiff for the integrator.
     pub fn check(&self) -> Result<(), Error> {
         let positive = |name: &str, value| Error::check(name, value, "above 0", |x| x > 0.0);
         let not_negative = |name: &str, value| Error::check(name, value, "0 or above", |x| x >= 0.0);
@@ -365,7 +364,7 @@ impl Plant {
         self.check_valve_form()
     }
 
-    /// Checks what differs between the valves.
+    /// Checks the fields that depend on the form of the valve.
     fn check_valve_form(&self) -> Result<(), Error> {
         match self.valve_form {
             ValveForm::QuasiStatic(form) => {
@@ -384,12 +383,12 @@ impl Plant {
         Ok(())
     }
 
-    /// True when a sub-step lies within Runge-Kutta's limit of stability at every current up to 5 A, with a
-    /// reserve for damping that fades.
+    /// True if a sub-step is within the stability limit of the Runge-Kutta method at every current up to 5 A, with a reserve for damping
+    /// that fades.
     fn is_integrable(&self) -> bool {
         const LIMIT: f64 = 2.78;
         const RESERVE: f64 = 1.5;
-        // Asymmetry softens one direction, position one side: 40 mm is more than any stroke here.
+        // Asymmetry softens one direction and position one side; 40 mm is more than any stroke here.
         let lean = 1.0 - self.asymmetry.abs() - 0.04 * self.position_per_m.abs();
         let softest = (lean * (1.0 - self.position_ripple.abs())).max(LEAST_LEAN);
         let reserve = RESERVE.max(1.05 / softest);
@@ -418,8 +417,8 @@ impl Plant {
         }
     }
 
-    /// Rod force in newtons at `state`, displacement `x_m` and velocity `v_m_s`, without the inertia and the
-    /// lag of the force, which need more than one instant.
+    /// Rod force in newtons at `state`, displacement `x_m` and velocity `v_m_s`. Inertia, force loss and force lag are not included,
+    /// because they need more than one instant.
     #[must_use]
     pub fn force_n(&self, state: &PlantState, x_m: f64, v_m_s: f64) -> f64 {
         let over = (x_m.abs() - self.end_stop_m).max(0.0);
@@ -435,23 +434,23 @@ impl Plant {
             + self.end_stop_n_m * over * x_m.signum()
     }
 
-    /// Force through the compliance, in newtons, when it is `stretch_m` longer than at rest.
+    /// Force of the compliance, in newtons, if it is `stretch_m` longer than at rest.
     pub(super) fn spring_n(&self, stretch_m: f64) -> f64 {
         let half = self.free_play_m / 2.0;
         self.series_stiffness_n_m * (stretch_m - stretch_m.max(-half).min(half))
     }
 
-    /// The response to a motion and to current commands in amperes (one a sample, held), from rest, with
-    /// `sub_steps` steps of the integrator a sample.
+    /// The response from rest to a motion and to current commands in amperes (one per sample, held), with `sub_steps` integrator steps per
+    /// sample.
     ///
-    /// Ends with the shorter of `motion` and `command_a`.
+    /// It is as long as the shorter of `motion` and `command_a`.
     #[must_use]
     pub fn respond(&self, motion: &Motion, command_a: &[f64], sub_steps: u32) -> Response {
         self.respond_while(motion, command_a, sub_steps, &mut |_| true).unwrap_or_default()
     }
 
-    /// As [`Plant::respond`], but asks `go_on` once a second of the run, with the seconds done, and gives up
-    /// with `None` when it says no.
+    /// As [`Plant::respond`], but calls `go_on` once per second of the run, with the seconds done, and returns `None` as soon as it returns
+    /// false.
     pub fn respond_while(
         &self,
         motion: &Motion,
@@ -474,9 +473,9 @@ impl Plant {
         Some(response)
     }
 
-    /// The response from rest at `first_a` over `samples` samples to the currents that `command_a` says: for a sample and its
-    /// force, that until the next; nothing more when it says `None`. Without the inertia, the loss and the lag of the force, which
-    /// are made of the whole of it.
+    /// The response over `samples` samples, from rest at the current `first_a`. `command_a` is called with the number and the force of each
+    /// sample and returns the current until the next one; `None` ends the response. Inertia, force loss and force lag are not
+    /// included, because they are computed from the whole response.
     pub(super) fn respond_to(
         &self,
         motion: &Motion,
@@ -509,7 +508,7 @@ impl Plant {
         response
     }
 
-    /// Rates of dashpot, displacement behind the compliance, and hysteresis.
+    /// Rates of the dashpot, the displacement behind the compliance and the hysteresis.
     pub(super) fn rates(&self, valve: &Valve, x: f64, [y, s, z]: [f64; 3]) -> [f64; 3] {
         let force = self.spring_n(x - s);
         let slip = (force - valve.yield_n * z / self.yield_stroke_m - self.inner_stiffness_n_m * (s - y))
@@ -521,7 +520,7 @@ impl Plant {
         [y_rate, y_rate + slip, slip - unloading - self.shape * slip * full]
     }
 
-    /// What direction and position make of the valve's forces: 1 for neither.
+    /// Factor of direction and position on the valve's forces; 1 without such an effect.
     pub(super) fn lean(&self, x_m: f64, v_m_s: f64) -> f64 {
         if self.asymmetry == 0.0 && self.position_per_m == 0.0 && self.position_ripple == 0.0 {
             return 1.0;
@@ -534,7 +533,7 @@ impl Plant {
         lean.max(LEAST_LEAN)
     }
 
-    /// Valve parameters at the current, temperature and wear of `state`.
+    /// Valve parameters for the current, temperature and wear of `state`.
     pub(super) fn valve(&self, state: &PlantState) -> Valve {
         let effective_a = state.fluid_a;
         let rise = state.temperature_c - self.reference_c;
@@ -559,7 +558,7 @@ pub(super) struct Valve {
 pub(super) type Instant<'a> = (f64, &'a Valve);
 
 impl Valve {
-    /// All forces of the valve times `factor`.
+    /// The valve with all forces multiplied by `factor`.
     pub(super) fn scaled(self, factor: f64) -> Self {
         Self {
             yield_n: self.yield_n * factor,

@@ -1,4 +1,4 @@
-//! The rig's other valve: a force by velocity and current alone, rigid, without a hysteresis of its own.
+//! The rig's quasi-static valve: its force depends on velocity and current, without hysteresis of its own.
 //!
 //! ```text
 //! valve     Fv = lean (Fy(i, T) tanh((s' + kappa s) / vy) + c0(i, T) s')
@@ -8,41 +8,42 @@
 //!
 //! | symbol | field | unit | meaning |
 //! |---|---|---|---|
-//! | vy | `yield_velocity_m_s` | m/s | velocity over which the fluid yields |
-//! | kappa | `coupling_per_s` | 1/s | how much displacement counts as velocity |
+//! | vy | `yield_velocity_m_s` | m/s | velocity scale over which the fluid yields |
+//! | kappa | `coupling_per_s` | 1/s | factor by which displacement adds to velocity |
 //! | s | [`super::plant::PlantState::behind_compliance_m`] | m | displacement of the piston |
 //! | x | | m | displacement of the rod |
-//! | Fy, c0, lean | as in [`super::plant`] | N, N·s/m, - | yield force, damping, direction and position |
+//! | Fy, c0, lean | as in [`super::plant`] | N, N·s/m, - | yield force, damping, factor of direction and position |
 //! | g, ks | `free_play_m`, `series_stiffness_n_m` | m, N/m | free play; spring in series, infinite for none |
 //!
-//! Source: the Bingham damper with a smooth step, as most MR dampers are drawn. It is the ground for tests of a
-//! diagnosis: a model that is a step and a damping at each current can follow it to the noise, so that what it leaves
-//! over is the effect that was put in. Yield force and damping follow the current as the other valve's do, smoothly
-//! and not by fuzzy sets.
+//! Source: the Bingham damper with a smooth step, the common picture of an MR damper. It is used in tests of the diagnosis: a model with
+//! a step and a damping at each current can follow it down to the noise, so the remaining residual is the effect that was
+//! injected. Yield force and damping depend on the current as in the other valve, by smooth functions and not by fuzzy sets.
 //!
-//! With a spring the piston's displacement is a differential equation, s' = w(x - s, s), as stiff as the spring. It is
-//! integrated by TR-BDF2 (Bank et al. 1985, with its inner point in the middle), which is of second order and damps
-//! what is too fast for its step, so that a spring may be as stiff as it likes. Each of its stages seeks
-//! the rate at which valve and spring agree; their difference grows with the rate, so there is one.
+//! With a spring, the piston's displacement follows a differential equation, s' = w(x - s, s), which is as stiff as the spring. It is
+//! integrated by TR-BDF2 (Bank et al. 1985, with its inner point in the middle). The method is of second order and damps components that
+//! are too fast for its step, so the spring may be of any stiffness. Each stage solves for the rate at which valve force and
+//! spring force agree. Their difference grows with the rate, so exactly one solution exists.
+//!
+//! See `[bank1985]` in the bibliography (node/docs/guide/bibliography.md), for the integration.
 
 use super::plant::{Instant, Plant, PlantState, Valve};
 use crate::Error;
 
-/// Difference of play and edge, in metres, that is none: displacements are rounded.
+/// Distance from the edge of the play, in metres, that counts as zero because displacements are rounded.
 const ROUNDED_M: f64 = 1e-15;
 
-/// Most steps of the search for a rate; halving alone takes 60 to the last bit.
+/// Largest number of steps in the search for a rate; bisection alone needs 60 for full precision.
 const SEARCH_STEPS: u32 = 100;
 
-/// Share of a rate, and rate in m/s, below which a search is done.
+/// Step of the search, relative to |rate| + 1 m/s, below which it ends.
 const RATE_TOLERANCE: f64 = 1e-14;
 
-/// What the valve's force is like over velocity; see the equations at the top of this file.
+/// Shape of the valve's force over velocity; see the equations at the top of this file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct QuasiStatic {
-    /// Velocity vy over which the fluid yields, in m/s.
+    /// Velocity scale vy over which the fluid yields, in m/s.
     pub yield_velocity_m_s: f64,
-    /// Coupling kappa: how much displacement counts as velocity, in 1/s.
+    /// Coupling kappa: factor by which displacement adds to velocity, in 1/s.
     pub coupling_per_s: f64,
 }
 
@@ -53,8 +54,8 @@ impl QuasiStatic {
         Ok(())
     }
 
-    /// Force of the valve in newtons when the piston is at `s_m` and moves at `rate_m_s`; and how much it grows with
-    /// the rate, in N·s/m, when the piston is the further away the faster it moved: s = ... + `reach_s` s'.
+    /// Force of the valve in newtons if the piston is at `s_m` and moves at `rate_m_s`, and its derivative by the rate in N·s/m. The
+    /// derivative includes that the position depends on the rate, s = ... + `reach_s` s'.
     fn force(&self, valve: &Valve, rate_m_s: f64, s_m: f64, reach_s: f64) -> (f64, f64) {
         let step = ((rate_m_s + self.coupling_per_s * s_m) / self.yield_velocity_m_s).tanh();
         let steepness = (1.0 - step * step) * (1.0 + self.coupling_per_s * reach_s) / self.yield_velocity_m_s;
@@ -77,8 +78,8 @@ impl Plant {
         form.force(&valve, v_m_s, s_m, 0.0).0
     }
 
-    /// Displacement of the piston `step_s` seconds after it was at `s_m`, with the rod and the valve as they are at
-    /// the start, in the middle and at the end.
+    /// Displacement of the piston `step_s` seconds after it was at `s_m`. The array holds displacement of the rod and valve at the start,
+    /// in the middle and at the end of the step.
     pub(super) fn quasi_static_step(
         &self,
         form: &QuasiStatic,
@@ -91,7 +92,7 @@ impl Plant {
             let follow = |s: f64, x: f64| s.max(x - half_m).min(x + half_m);
             return follow(follow(s_m, middle.0), end.0);
         }
-        // Trapezium to the middle, then backward differences over start, middle and end.
+        // Trapezoidal rule to the middle, then backward differences over start, middle and end.
         let quarter_s = step_s / 4.0;
         let base_m = s_m + quarter_s * self.rate_m_s(form, start, s_m, 0.0);
         let middle_m = base_m + quarter_s * self.rate_m_s(form, middle, base_m, quarter_s);
@@ -99,16 +100,16 @@ impl Plant {
         base_m + step_s / 3.0 * self.rate_m_s(form, end, base_m, step_s / 3.0)
     }
 
-    /// The rate w in m/s at which valve and spring agree, when the piston is at `base_m` + `reach_s` w.
+    /// The rate w in m/s at which the forces of valve and spring agree, with the piston at `base_m` + `reach_s` w.
     ///
-    /// Within the gap it is none, and a piston that comes to the gap's edge stays there.
+    /// It is zero within the gap. A piston that reaches the edge of the gap stays there.
     fn rate_m_s(&self, form: &QuasiStatic, (x_m, valve): Instant, base_m: f64, reach_s: f64) -> f64 {
         let has_gap = self.free_play_m > 0.0;
         let beyond_m = (x_m - base_m).abs() - 0.5 * self.free_play_m;
         if has_gap && beyond_m <= 0.0 {
             return 0.0;
         }
-        // Mirrored so that the spring pulls upward: the valve is alike to both sides.
+        // Mirrored so that the spring pulls in positive direction; the valve is symmetric.
         let side = (x_m - base_m).signum();
         let stiffness = self.series_stiffness_n_m;
         let pull_n = stiffness * beyond_m;
@@ -116,7 +117,7 @@ impl Plant {
             let (force_n, slope) = form.force(valve, rate, side * base_m + reach_s * rate, reach_s);
             (force_n - pull_n + stiffness * reach_s * rate, slope + stiffness * reach_s)
         };
-        // The step lies within -Fy..Fy, so the rate does between those of the straight rest.
+        // The tanh part lies within -Fy..Fy, so the solutions of the linear part with these two values bracket the rate.
         let straight = valve.viscous + stiffness * reach_s;
         let (low, high) = ((pull_n - valve.yield_n) / straight, (pull_n + valve.yield_n) / straight);
         let slack = if has_gap && reach_s > 0.0 { beyond_m / reach_s } else { f64::INFINITY };
@@ -127,8 +128,8 @@ impl Plant {
     }
 }
 
-/// Where `function`, which rises from `low` to `high` and is given with its slope, is zero: Newton's steps while they
-/// halve, or else halves.
+/// The root of `function` between `low` and `high`. The function is increasing and returns its value and slope. Takes Newton steps while
+/// each is at most half of the one before, and bisects otherwise.
 fn root(mut low: f64, mut high: f64, function: impl Fn(f64) -> (f64, f64)) -> f64 {
     let mut at = 0.5 * (low + high);
     let mut last_step = high - low;

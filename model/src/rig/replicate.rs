@@ -1,34 +1,33 @@
-//! Replicates: the same experiment done again.
+//! Replicates: repetitions of an experiment.
 //!
-//! The thesis fits the first replicate of an experiment and cross-validates with the others. Its bench read the
-//! patterns from a file and was told how often to repeat it, so its replicates shared their excitation. A model
-//! that is cross-validated on the excitation that it was fitted to is asked nothing new: its error there is its
-//! error on the first replicate but for noise. So [`Pattern::New`], another excitation of the same kind for each
-//! replicate, is the default here, and [`Pattern::Same`] is the thesis' way, from which a noise floor can be
-//! had. Either way sensor noise is new, and by [`Drift`] the damper is not quite as it was.
+//! The thesis fits the first replicate of an experiment and cross-validates with the others. Its bench read the patterns from a file and
+//! repeated them, so its replicates had the same excitation. Cross-validation on the excitation of the fit is not an independent test:
+//! apart from noise, the error is that on the first replicate. Here the default is therefore [`Pattern::New`], a different excitation
+//! of the same kind for each replicate. [`Pattern::Same`] is the thesis' method, from which a noise floor can be computed. In both
+//! cases each replicate has new sensor noise, and [`Drift`] changes the damper slightly.
 
 use super::channel::Channels;
 use super::experiment::Experiment;
 use super::noise::{Purpose, normal, stream};
 use super::plant::{Plant, Saturation};
 
-/// What replicates share.
+/// Excitation of the replicates of an experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Pattern {
-    /// The kind of their excitation: each has random phases and currents of its own.
+    /// A new excitation of the same kind for each replicate, with its own random phases and currents.
     #[default]
     New,
-    /// The excitation itself, that of the first replicate.
+    /// The excitation of the first replicate.
     Same,
 }
 
 /// The seed of replicate `number` (from 1) of the experiment called `name`, in a set with the seed `set`.
 ///
-/// Different experiments, replicates and sets have different seeds, so that none shares its excitation with
-/// another by accident. Below 2^63, so that it fits wherever a signed integer does.
+/// Different experiments, replicates and sets have different seeds, so none shares its excitation with another by accident. The seed is
+/// below 2^63, so it fits into a signed integer.
 #[must_use]
 pub fn seed(name: &str, number: u32, set: u64) -> u64 {
-    // FNV-1a over the name, then the finaliser of SplitMix64 so that neighbours have nothing in common.
+    // FNV-1a over the name, then the finaliser of SplitMix64, so that neighbouring seeds are unrelated.
     let named = name.bytes().fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
         (hash ^ u64::from(byte.to_ascii_lowercase())).wrapping_mul(0x0100_0000_01b3)
     });
@@ -40,8 +39,8 @@ pub fn seed(name: &str, number: u32, set: u64) -> u64 {
 }
 
 impl Experiment {
-    /// Replicate `number` (from 1) in the set with the seed `set`: the experiment with its pattern fixed, and
-    /// the seed with which to record it. The first replicate is the same for both kinds of `pattern`.
+    /// Replicate `number` (from 1) in the set with the seed `set`: the experiment with its pattern fixed, and the seed to record it with.
+    /// The first replicate is the same for both kinds of `pattern`.
     #[must_use]
     pub fn replicate(&self, number: u32, set: u64, pattern: Pattern) -> (Self, u64) {
         let seed_of = |number| seed(&self.name, number, set);
@@ -53,29 +52,29 @@ impl Experiment {
     }
 }
 
-/// How much damper, room and load cell differ from run to run (standard deviations). The figures of the default
-/// are ours: those of a bench that is used over a day.
+/// Variation of damper, room and load cell from run to run (standard deviations). The default values are chosen here, for a bench that is
+/// used over a day.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drift {
     /// Temperature of the damper at the start, in kelvin.
     pub start_k: f64,
     /// Temperature of the room, in kelvin.
     pub ambient_k: f64,
-    /// Yield force, and independently of it both dampings, as a share.
+    /// Relative variation of the yield force, and independently of both dampings.
     pub strength: f64,
     /// Offset of the load cell, in newtons.
     pub offset_n: f64,
 }
 
 impl Drift {
-    /// Every run alike.
+    /// No variation between runs.
     pub const NONE: Self = Self { start_k: 0.0, ambient_k: 0.0, strength: 0.0, offset_n: 0.0 };
 
-    /// Plant and channels as they are in the run with the seed `seed`.
+    /// Plant and channels of the run with the seed `seed`.
     #[must_use]
     pub fn apply(&self, plant: Plant, channels: Channels, seed: u64) -> (Plant, Channels) {
         let mut rng = stream(seed, Purpose::Drift);
-        // Three deviations at most: a run is ordinary, not an outlier.
+        // Limited to three standard deviations, so that no run is an outlier.
         let mut draw = |deviation: f64| deviation * normal(&mut rng).clamp(-3.0, 3.0);
         let scaled =
             |s: Saturation, by: f64| Saturation { at_zero: s.at_zero * by, growth: s.growth * by, ..s };
@@ -107,7 +106,7 @@ mod tests {
     use std::collections::HashSet;
 
     #[test]
-    fn no_two_runs_share_a_seed() {
+    fn every_run_has_its_own_seed() {
         let mut seeds = HashSet::new();
         for set in 0..20 {
             for name in Experiment::names().chain(Experiment::paper1_names()) {
@@ -122,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn replicates_have_new_patterns_or_the_first_one_s() {
+    fn replicates_have_a_new_pattern_or_that_of_the_first() {
         let plan = Experiment::thesis("RP-ICPS").map(|e| e.with_duration_s(2.0)).into_iter();
         for plan in plan {
             let drive = |number, pattern| {
@@ -137,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bench_drifts_by_its_deviations_and_a_steady_one_does_not() {
+    fn drift_has_its_standard_deviations_and_can_be_switched_off() {
         let (plant, channels) = (Plant::default(), Channels::default());
         assert_eq!(Drift::NONE.apply(plant, channels, 5), (plant, channels));
         assert_eq!(Drift::default().apply(plant, channels, 5), Drift::default().apply(plant, channels, 5));

@@ -1,22 +1,22 @@
-//! What a plant did, and the parts of its force that take more than one instant: inertia and lag.
+//! The response of a plant, and the parts of its force that need more than one instant: inertia, loss and lag.
 
 use super::signal::RATE_HZ;
 
-/// What a [`super::Plant`] did: true values, one for each sample.
+/// Response of a [`super::Plant`]: true values, one per sample.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Response {
     /// Rod force in newtons.
     pub force_n: Vec<f64>,
     /// Driver's current in amperes.
     pub driver_a: Vec<f64>,
-    /// Current behind the coil's eddies, in amperes.
+    /// Current after the lag by eddy currents, in amperes.
     pub effective_a: Vec<f64>,
     /// Temperature in °C.
     pub temperature_c: Vec<f64>,
 }
 
 impl Response {
-    /// Adds the inertia of `mass_kg` kilograms that move with `velocity_m_s` (central difference).
+    /// Adds the inertial force of a mass of `mass_kg` kilograms that moves with `velocity_m_s`; acceleration by central differences.
     pub(super) fn add_inertia(&mut self, mass_kg: f64, velocity_m_s: &[f64]) {
         if mass_kg == 0.0 {
             return;
@@ -29,13 +29,13 @@ impl Response {
         }
     }
 
-    /// Takes the share `lost` of the force away, for good, from the middle of the run on.
+    /// Removes the share `lost` of the force from the middle of the run to its end.
     pub(super) fn lose_force(&mut self, lost: f64) {
         let middle = self.force_n.len() / 2;
         self.force_n[middle..].iter_mut().for_each(|force| *force *= 1.0 - lost);
     }
 
-    /// Lags the force by a first order of `lag_s` seconds: exact for a force that is linear between samples.
+    /// Applies a first-order lag of `lag_s` seconds to the force; exact for a force that is linear between samples.
     pub(super) fn lag_force(&mut self, lag_s: f64) {
         let Some(&first) = self.force_n.first() else { return };
         if lag_s <= 0.0 {
@@ -44,7 +44,7 @@ impl Response {
         let kept = (-1.0 / (RATE_HZ * lag_s)).exp();
         let (mut lagged, mut before) = (first, first);
         for force in &mut self.force_n {
-            // Behind a ramp the lag settles at the ramp less `behind`.
+            // For a ramp the lagged force settles at the ramp minus `behind`.
             let behind = (*force - before) * RATE_HZ * lag_s;
             lagged = *force - behind + (lagged - before + behind) * kept;
             before = std::mem::replace(force, lagged);
@@ -57,11 +57,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lag_follows_steps_and_ramps_as_its_equation_says() {
+    fn the_lag_of_steps_and_ramps_matches_its_equation() {
         let mut response = Response { force_n: vec![0.0; 10], ..Response::default() };
         response.force_n.resize(1024, 100.0);
         response.lag_force(0.02);
-        // The step is a ramp over the sample that ends at 10, so it is half a sample late.
+        // The step is a ramp from sample 9 to 10, so it is at 9.5.
         let t = (100.0 - 9.5) / RATE_HZ;
         assert!((response.force_n[100] - 100.0 * (1.0 - (-t / 0.02f64).exp())).abs() < 0.01);
         let mut ramp = Response { force_n: (0..1024).map(f64::from).collect(), ..Response::default() };

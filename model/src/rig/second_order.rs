@@ -1,4 +1,4 @@
-//! A second-order low-pass: the servo of the actuator, and the filter before a logger's converter.
+//! A second-order low-pass, used for the servo of the actuator and for anti-alias filters.
 //!
 //! ```text
 //! y'' = w^2 (u - y) - 2 zeta w y',        w = 2 pi corner_hz
@@ -9,8 +9,8 @@
 //! | u, y | input and output |
 //! | w, zeta | natural frequency (rad/s) and damping |
 //!
-//! A damping of 0.707 makes it a Butterworth filter, 3 dB down at the corner. It delays slow signals by
-//! 2 zeta / w: 15 ms for the servo. Integrated as a differential equation, by Runge-Kutta of fourth order.
+//! With a damping of 0.707 it is a Butterworth filter, 3 dB down at the corner. It delays slow signals by 2 zeta / w, which is 15 ms for
+//! the servo. It is integrated as a differential equation by the Runge-Kutta method of fourth order.
 
 use super::signal::{Motion, RATE_HZ};
 use crate::Error;
@@ -25,14 +25,14 @@ pub struct SecondOrder {
     pub damping: f64,
 }
 
-/// Output y and its rate.
+/// Output y and its derivative.
 type State = [f64; 2];
 
 impl SecondOrder {
-    /// The thesis' servo-hydraulic actuator: 15 Hz (thesis 3.2). The order and damping are ours.
+    /// The thesis' servo-hydraulic actuator: 15 Hz (thesis 3.2). Order and damping are chosen here.
     pub const SERVO: Self = Self::butterworth(15.0);
 
-    /// A Butterworth filter with its corner at `corner_hz`.
+    /// A Butterworth filter with the corner frequency `corner_hz`.
     #[must_use]
     pub const fn butterworth(corner_hz: f64) -> Self {
         Self { corner_hz, damping: FRAC_1_SQRT_2 }
@@ -44,7 +44,7 @@ impl SecondOrder {
         Self::butterworth(2.0 * FRAC_1_SQRT_2 / (TAU * delay_s))
     }
 
-    /// Checks that corner and damping are positive, and the corner below 10 kHz.
+    /// Checks that the corner is above 0 and below 10 kHz, and the damping between 0.05 and 10.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] names the field.
@@ -54,7 +54,7 @@ impl SecondOrder {
         Ok(())
     }
 
-    /// The motion of an actuator that follows the set point `set`, from rest at its start.
+    /// The motion of an actuator that follows the set point `set`, starting at rest.
     #[must_use]
     pub fn follow(&self, set: &Motion) -> Motion {
         let (x, v) = (&set.displacement_m, &set.velocity_m_s);
@@ -64,7 +64,7 @@ impl SecondOrder {
             motion.displacement_m.push(state[0]);
             motion.velocity_m_s.push(state[1]);
             if k + 1 < x.len() {
-                // Cubic with the set point's values and slopes at both ends.
+                // Cubic with the values and slopes of the set point at both ends.
                 let (m0, m1) = (v[k] / RATE_HZ, v[k + 1] / RATE_HZ);
                 let rise = x[k + 1] - x[k];
                 let input =
@@ -75,7 +75,7 @@ impl SecondOrder {
         motion
     }
 
-    /// `values` (one a sample) filtered, as if they had been at rest at the first one before.
+    /// `values` (one per sample) filtered; the filter starts at rest at the first value.
     #[must_use]
     pub fn filter(&self, values: &[f64]) -> Vec<f64> {
         let Some(&first) = values.first() else { return Vec::new() };
@@ -92,7 +92,7 @@ impl SecondOrder {
     fn sample(&self, mut state: State, input: impl Fn(f64) -> f64) -> State {
         let w = TAU * self.corner_hz;
         let stiffest = w * (1.0 + 2.0 * self.damping);
-        // A step of a quarter of the fastest time constant: accurate to some 1e-5, and far from unstable.
+        // A step of a quarter of the fastest time constant is accurate to about 1e-5 and well within the stability limit.
         let steps = (4.0 * stiffest / RATE_HZ).ceil().max(1.0);
         let h = 1.0 / (RATE_HZ * steps);
         let rates = |[y, rate]: State, u: f64| [rate, w * w * (u - y) - 2.0 * self.damping * w * rate];
@@ -132,14 +132,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn gain_and_delay_are_those_of_the_transfer_function(
+        fn gain_and_delay_match_the_transfer_function(
             hz in 1u32..40, corner_hz in 5.0..200.0, damping in 0.3..1.5
         ) {
             let hz = f64::from(hz);
             let found = gain_and_delay(&SecondOrder { corner_hz, damping }.filter(&sine(hz, 8 * 512)), hz);
             let ratio = hz / corner_hz;
             let (re, im) = (1.0 - ratio * ratio, 2.0 * damping * ratio);
-            // The input is linear between samples, which takes (pi f / rate)^2 / 3 off a sine.
+            // The input is linear between samples, which reduces the amplitude of a sine by the share (pi f / rate)^2 / 3.
             let linear = 1.0 - (TAU / 2.0 * hz / RATE_HZ).powi(2) / 3.0;
             prop_assert!((found.0 - linear / re.hypot(im)).abs() < 2e-3, "gain {found:?}");
             prop_assert!((found.1 - im.atan2(re) / (TAU * hz)).abs() < 1e-4, "delay {found:?}");
@@ -147,18 +147,18 @@ mod tests {
     }
 
     #[test]
-    fn a_ramp_is_delayed_by_the_delay_asked_for() {
+    fn a_ramp_is_delayed_by_the_given_delay() {
         let ramp: Vec<f64> = (0..1024).map(|k| k as f64 / RATE_HZ).collect();
         let behind = ramp[1023] - SecondOrder::with_delay_s(0.02).filter(&ramp)[1023];
         assert!((behind - 0.02).abs() < 1e-6, "{behind} s");
     }
 
     #[test]
-    fn velocity_is_the_slope_of_what_follows() {
+    fn velocity_is_the_slope_of_the_filtered_displacement() {
         let x = sine(5.0, 2048);
         let v = (0..2048).map(|k| TAU * 5.0 * (TAU * 5.0 * f64::from(k) / RATE_HZ).cos()).collect();
         let motion = SecondOrder::SERVO.follow(&Motion { displacement_m: x, velocity_m_s: v });
-        // After the transient of a set point that starts with a jump of velocity.
+        // Start after the transient, which comes from the velocity jump at the start of the set point.
         for k in 256..2047 {
             let slope = (motion.displacement_m[k + 1] - motion.displacement_m[k - 1]) * RATE_HZ / 2.0;
             assert!((slope - motion.velocity_m_s[k]).abs() < 0.05, "at {k}");
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn corners_and_dampings_that_cannot_be_are_refused() {
+    fn invalid_corners_and_dampings_are_rejected() {
         assert_eq!(SecondOrder::SERVO.check(), Ok(()));
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 2e4] {
             assert!(SecondOrder::butterworth(bad).check().is_err(), "{bad}");

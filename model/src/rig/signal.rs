@@ -1,4 +1,4 @@
-//! Displacement of the rig's actuator: a road profile, a sine, and the waves of [`super::wave`].
+//! Displacement of the rig's actuator: a road profile, a sine, or a wave of [`super::wave`].
 //!
 //! ```text
 //! x(t) = sum_j a_j cos(2 pi f_j t - phi_j),       f_j = f_min + (j - 1) df,  df = (f_max - f_min) / n
@@ -17,34 +17,37 @@
 //! | f_b | `band_hz` | Hz | band of the set point |
 //! | f_a | `servo_hz` | Hz | bandwidth of the actuator |
 //!
-//! The sum is scaled to a wanted span, faded in from rest and out to rest, and has zero mean.
+//! The sum is scaled to a given span, faded in from rest and out to rest, and has zero mean.
 //!
-//! Source: thesis 3.3, 3.4 and Table 3.1 (100 harmonics, 0.2 to 20.5 Hz, smooth highway at 25 mph), with the
-//! standard form of the spectrum. The thesis prints Cr w_c^(-N) / V, with the constant w_c = 0.5 cycles/ft in
-//! place of the running frequency: a level spectrum that does not know f, with a standard deviation of 0.02 in
-//! where its recorded runs have 0.16 to 0.20 in. The standard form gives 0.22 in: it is what must be meant, and
-//! [`Road::SMOOTH_HIGHWAY`] is that plain road. Two additions are ours. The plain power law puts so much of its power at
-//! 0.2 Hz that velocity is 6 to 8 1/s times displacement (standard deviations), where the thesis' recorded
-//! runs have 14 to 16 1/s and nothing much above 4 to 6 Hz: `level_hz` and `band_hz` bring that about, as a
-//! car's body does, which does not follow the slow waves of a road with the stroke of its dampers.
+//! Source: thesis 3.3, 3.4 and Table 3.1 (100 harmonics, 0.2 to 20.5 Hz, smooth highway at 25 mph), with the standard form of the
+//! spectrum. The thesis prints Cr w_c^(-N) / V, with the constant w_c = 0.5 cycles/ft in place of the frequency f. That spectrum is
+//! level, with a standard deviation of 0.02 in, but the thesis' recorded runs have 0.16 to 0.20 in. The standard form gives 0.22 in
+//! and must be meant; [`Road::SMOOTH_HIGHWAY`] is this plain road.
+//!
+//! Two parameters are added here, `level_hz` and `band_hz`. The plain power law has so much power at 0.2 Hz that velocity is 6 to 8 1/s
+//! times displacement (standard deviations). The thesis' recorded runs have 14 to 16 1/s, and little power above 4 to 6 Hz. The two
+//! parameters reproduce this. Physically, the damper stroke of a car does not contain the slow waves of a road, because the body
+//! follows them.
+//!
+//! See `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equations 3.3 and 3.4 and table 3.1 of the thesis.
 
 use super::wave::Wave;
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
-/// Samples per second of every recorded channel but the case temperature.
+/// Sampling rate of all recorded channels except temperatures, Hz.
 pub const RATE_HZ: f64 = 512.0;
 
-/// Time over which a displacement fades in from rest, and out, in seconds.
+/// Time over which a displacement fades in from rest and out to rest, in seconds.
 pub const FADE_S: f64 = 0.5;
 
 /// Metres in one foot, the unit of the thesis' road table.
 const M_PER_FT: f64 = 0.3048;
 
-/// A displacement with its velocity, at [`RATE_HZ`].
+/// A displacement with its velocity, sampled at [`RATE_HZ`].
 ///
-/// The velocity is the exact derivative, so that the plant can interpolate between samples without the
-/// error of a difference.
+/// For generated displacements the velocity is the exact derivative, so the plant can interpolate between samples without the error of
+/// a finite difference.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Motion {
     /// Displacement in metres, positive in extension, with zero mean.
@@ -54,7 +57,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// The motion of a displacement that was recorded at [`RATE_HZ`], in metres; its velocity by central differences.
+    /// The motion of a displacement recorded at [`RATE_HZ`], in metres, with the velocity by central differences.
     #[must_use]
     pub fn recorded(displacement_m: Vec<f64>) -> Self {
         let last = displacement_m.len().saturating_sub(1);
@@ -67,7 +70,7 @@ impl Motion {
     }
 }
 
-/// What the actuator does.
+/// Displacement of the actuator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Displacement {
     /// A random road profile.
@@ -84,14 +87,14 @@ pub enum Displacement {
 }
 
 impl Displacement {
-    /// The motion over `samples` samples. The random phases of a road come from `rng`; a sine draws nothing.
+    /// The motion over `samples` samples. Random phases come from `rng`; a plain sine uses no random numbers.
     #[must_use]
     pub fn motion(&self, samples: usize, rng: &mut impl Rng) -> Motion {
         self.motion_while(samples, rng, &mut || true).unwrap_or_default()
     }
 
-    /// As [`Displacement::motion`], but asks `go_on` once a second of a road's run, and gives up with `None`
-    /// when it says no: a long road takes most of a second to make.
+    /// As [`Displacement::motion`], but calls `go_on` once per second of a road's run and returns `None` as soon as it returns false. A
+    /// long road takes up to a second to compute.
     pub fn motion_while(
         &self,
         samples: usize,
@@ -101,7 +104,7 @@ impl Displacement {
         Some(match *self {
             Self::Road(road) => return road.motion(samples, rng, go_on),
             Self::Sine { amplitude_m, frequency_hz } => {
-                // A quarter turn behind the cosine: starts at zero.
+                // The phase of a quarter period makes it start at zero.
                 let tone = Tone { amplitude_m, frequency_hz, phase_rad: TAU / 4.0 };
                 let mut motion = sum_of(&[tone], samples, go_on)?;
                 remove_mean(&mut motion.displacement_m);
@@ -112,10 +115,10 @@ impl Displacement {
     }
 }
 
-/// A road profile as the actuator follows it; see the equations at the top of this file.
+/// A road profile with the gain of the actuator; see the equations at the top of this file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Road {
-    /// Slope of the spectrum (N), without unit.
+    /// Exponent of the spectrum (N), dimensionless.
     pub exponent: f64,
     /// Roughness (Cr) in ft² per cycle/ft at 1 cycle/ft, the unit of the thesis' Table 3.1.
     pub roughness_ft: f64,
@@ -133,8 +136,7 @@ pub struct Road {
     pub band_hz: f64,
     /// Bandwidth of the servo actuator in hertz; infinite for none.
     pub servo_hz: f64,
-    /// Span (highest less lowest displacement) in metres to which the profile is scaled; `None` leaves the
-    /// amplitude that the spectrum gives.
+    /// Span (highest minus lowest displacement) in metres to which the profile is scaled; `None` keeps the amplitude of the spectrum.
     pub span_m: Option<f64>,
 }
 
@@ -154,7 +156,7 @@ impl Road {
         span_m: None,
     };
 
-    /// Power spectral density of the road at `f_hz`, in m²/Hz, before the set point's band and the actuator.
+    /// Power spectral density of the road at `f_hz`, in m²/Hz, without the gains of set-point band and actuator.
     #[must_use]
     pub fn psd_m2_hz(&self, f_hz: f64) -> f64 {
         let speed_ft_s = self.speed_m_s / M_PER_FT;
@@ -176,7 +178,7 @@ impl Road {
         let mut motion = sum_of(&tones, samples, go_on)?;
         if let Some(wanted) = self.span_m {
             let span = span(&motion.displacement_m);
-            // A run too short to move has no span to scale.
+            // A run too short to move has zero span and is not scaled.
             let gain = if span > 0.0 { wanted / span } else { 1.0 };
             motion.displacement_m.iter_mut().chain(&mut motion.velocity_m_s).for_each(|x| *x *= gain);
         }
@@ -193,7 +195,7 @@ struct Tone {
     phase_rad: f64,
 }
 
-/// Sum of harmonics, faded in and out, with its exact derivative; `None` when `go_on` said no.
+/// Sum of harmonics, faded in and out, with its exact derivative; `None` if `go_on` returned false.
 fn sum_of(tones: &[Tone], samples: usize, go_on: &mut dyn FnMut() -> bool) -> Option<Motion> {
     let mut going = true;
     let motion = sampled(samples, |t| {
@@ -213,7 +215,7 @@ fn sum_of(tones: &[Tone], samples: usize, go_on: &mut dyn FnMut() -> bool) -> Op
     going.then_some(motion)
 }
 
-/// Displacement and velocity at each sample's time in seconds, faded in and out. Times come in order.
+/// Displacement and velocity from `at`, called with the time of each sample in seconds, in order; faded in and out.
 pub(super) fn sampled(samples: usize, mut at: impl FnMut(f64) -> (f64, f64)) -> Motion {
     let mut motion =
         Motion { displacement_m: Vec::with_capacity(samples), velocity_m_s: Vec::with_capacity(samples) };
@@ -226,11 +228,11 @@ pub(super) fn sampled(samples: usize, mut at: impl FnMut(f64) -> (f64, f64)) -> 
     motion
 }
 
-/// The fade's weight at sample `k` and its time derivative in 1/s: a quintic from 0 to 1 with neither
-/// velocity nor acceleration at its ends, so that the actuator starts and stops without a jerk.
+/// Weight of the fade at sample `k` and its time derivative in 1/s. The fade is a quintic from 0 to 1 with zero velocity and
+/// acceleration at its ends, so that the actuator starts and stops smoothly.
 fn fade(k: usize, samples: usize) -> (f64, f64) {
     let last = samples.saturating_sub(1);
-    // A run too short for two full fades is faded over its halves.
+    // In a run too short for two full fades, each fade takes half of the run.
     let length_s = FADE_S.min(last as f64 / RATE_HZ / 2.0);
     let (edge, direction) = if 2 * k <= last { (k, 1.0) } else { (last - k, -1.0) };
     let u = edge as f64 / RATE_HZ / length_s;
@@ -247,14 +249,14 @@ fn two_pole_gain(ratio: f64) -> f64 {
     1.0 / (1.0 + ratio.powi(4)).sqrt()
 }
 
-/// Highest less lowest value.
+/// Highest minus lowest value.
 fn span(values: &[f64]) -> f64 {
     let (low, high) =
         values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)));
     high - low
 }
 
-/// Takes the mean off.
+/// Subtracts the mean.
 pub(super) fn remove_mean(values: &mut [f64]) {
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     values.iter_mut().for_each(|x| *x -= mean);
@@ -289,8 +291,8 @@ mod tests {
 
     #[test]
     fn the_unscaled_road_has_the_standard_deviation_of_its_spectrum() {
-        // 0.22 in by the spectrum's integral. The sum takes each cell's power at its lower end, where the
-        // spectrum is highest, which makes it 0.289 in.
+        // The integral of the spectrum gives 0.22 in. The sum uses the power at the lower end of each frequency cell, where the
+        // spectrum is highest, and gives 0.289 in.
         let road = Road { servo_hz: f64::INFINITY, ..Road::SMOOTH_HIGHWAY };
         let motion = Displacement::Road(road).motion(60 * 512, &mut Pcg64Mcg::seed_from_u64(3));
         let inches = std(&motion.displacement_m) / 0.0254;
@@ -298,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scaled_road_has_its_span_no_mean_and_starts_and_ends_at_rest() {
+    fn a_scaled_road_has_its_span_zero_mean_and_starts_and_ends_at_rest() {
         let road = Road { span_m: Some(0.0264), ..Road::SMOOTH_HIGHWAY };
         let motion = Displacement::Road(road).motion(30 * 512, &mut Pcg64Mcg::seed_from_u64(1));
         assert!((span(&motion.displacement_m) - 0.0264).abs() < 1e-12);
@@ -318,7 +320,7 @@ mod tests {
 
     #[test]
     fn the_spectrum_falls_with_its_exponent() {
-        // An octave's power of 1/f^2.1 falls by 2^1.1 from octave to octave.
+        // For a spectrum of 1/f^2.1 the power per octave falls by a factor of 2^1.1 from octave to octave.
         let road = Road { servo_hz: f64::INFINITY, ..Road::SMOOTH_HIGHWAY };
         let x = Displacement::Road(road).motion(30 * 512, &mut Pcg64Mcg::seed_from_u64(9)).displacement_m;
         let ratio = band_power(&x, 1.0, 4.0) / band_power(&x, 4.0, 16.0);
@@ -339,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn short_runs_do_not_divide_by_nothing() {
+    fn short_runs_do_not_divide_by_zero() {
         for samples in 0..5 {
             let motion = Displacement::Road(Road { span_m: Some(0.01), ..Road::SMOOTH_HIGHWAY })
                 .motion(samples, &mut Pcg64Mcg::seed_from_u64(0));

@@ -31,19 +31,19 @@ fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a - b).collect()
 }
 
-/// Motion of a sine with the given peak velocity at 1.5 Hz, for 4 s.
+/// Sine motion with the given peak velocity at 1.5 Hz, for 4 s.
 fn sine(peak_velocity_m_s: f64) -> Motion {
     let amplitude_m = peak_velocity_m_s / (TAU * 1.5);
     Displacement::Sine { amplitude_m, frequency_hz: 1.5 }
         .motion(4 * 512, &mut stream(0, Purpose::Displacement))
 }
 
-/// Force of the default plant, kept at its reference temperature, at the peak of a sine's velocity.
+/// Force of the default plant without thermal fade, at the peak velocity of a sine.
 fn force_at(peak_velocity_m_s: f64, current_a: f64) -> f64 {
     let plant = Plant::default().with_temperature_fade_per_k(0.0);
     let motion = sine(peak_velocity_m_s);
     let force = plant.respond(&motion, &vec![current_a; 4 * 512], plant::SUB_STEPS).force_n;
-    // The whole periods between the fades.
+    // Whole periods between the fades.
     let window = 512..3 * 512;
     let peak = motion.velocity_m_s[window.clone()].iter().copied().fold(0.0, f64::max);
     let at_peak: Vec<f64> =
@@ -51,7 +51,7 @@ fn force_at(peak_velocity_m_s: f64, current_a: f64) -> f64 {
     mean(&at_peak)
 }
 
-/// Thesis Table D.1, mean of the three stepped experiments: lbf at 1, 3, 6 and 8 in/s for each current.
+/// Force in lbf at 1, 3, 6 and 8 in/s for each current: thesis Table D.1, mean of the three stepped experiments.
 const THESIS_LBF: [[f64; 4]; 7] = [
     [22.9, 29.5, 39.3, 45.7],
     [33.9, 59.9, 70.3, 75.9],
@@ -63,7 +63,7 @@ const THESIS_LBF: [[f64; 4]; 7] = [
 ];
 
 #[test]
-fn force_over_velocity_is_near_the_thesis_damper() {
+fn force_over_velocity_is_close_to_the_thesis_damper() {
     for (current_a, row) in current::STEPS_A.into_iter().zip(THESIS_LBF) {
         for (velocity_in_s, wanted_lbf) in [1.0, 3.0, 6.0, 8.0].into_iter().zip(row) {
             let wanted_n = wanted_lbf * N_PER_LBF;
@@ -81,7 +81,7 @@ fn force_over_velocity_is_near_the_thesis_damper() {
 
 #[test]
 fn force_on_a_road_has_the_thesis_standard_deviation() -> Outcome {
-    // 93.7 lbf for RP-ICPS. Single roads scatter by some 7 %, so the mean of eight variances is compared.
+    // The thesis has 93.7 lbf for RP-ICPS. Single roads scatter by about 7 %, so the mean of eight variances is compared.
     let mut variance = 0.0;
     for seed in 0..8 {
         let run = record(&thesis("RP-ICPS")?, &Plant::default(), &Channels::default(), seed);
@@ -94,8 +94,8 @@ fn force_on_a_road_has_the_thesis_standard_deviation() -> Outcome {
 }
 
 #[test]
-fn every_experiment_has_about_the_thesis_force() -> Outcome {
-    // lbf; the long experiments are too long for a test, the example `rig_calibration` prints them.
+fn every_experiment_has_about_the_force_of_the_thesis() -> Outcome {
+    // In lbf. The long experiments take too long for a test; the example `rig_calibration` prints them.
     for (name, wanted_lbf, seeds) in [
         ("RP-ICPS", 93.67, 8),
         ("RP-APRBS", 94.72, 8),
@@ -128,11 +128,11 @@ fn a_servo_delays_the_actuator_and_logs_its_set_point() -> Outcome {
     let room = run.other.iter().find(|(name, _)| name == "ambient_temp_c").ok_or("no room temperature")?;
     assert!(room.1.values.len() == 40 && room.1.values.iter().all(|t| *t == 23.0));
     let (set, x) = (&set.1.values, &run.displacement_m.values);
-    // 2 zeta / w is 15 ms, 7.7 samples: the actuator is the set point of 8 samples ago, but for its roll-off.
+    // The delay 2 zeta / w is 15 ms or 7.7 samples: apart from roll-off, the actuator has the set point of 8 samples before.
     let late = |by: usize| std(&difference(&set[..set.len() - by], &x[by..])) / std(set);
     assert!(late(8) < 0.06 && late(0) > 0.15 && late(16) > 0.15, "{} {} {}", late(0), late(8), late(16));
     assert!(x[0] == set[0] && (x[x.len() - 1] - x[x.len() - 2]).abs() < 2e-6);
-    // Without a servo the road has the servo's gain, so that both move about the same.
+    // Without a servo the road spectrum includes the servo's gain, so both motions have about the same size.
     let without = record(&ideal, &Plant::default(), &Channels::PERFECT, 1);
     assert!(without.other.is_empty());
     assert!((std(&without.displacement_m.values) / std(x) - 1.0).abs() < 0.05);
@@ -140,7 +140,7 @@ fn a_servo_delays_the_actuator_and_logs_its_set_point() -> Outcome {
 }
 
 #[test]
-fn channel_filters_delay_what_is_logged_and_nothing_else() -> Outcome {
+fn channel_filters_delay_their_own_channel_only() -> Outcome {
     let filter = Some(SecondOrder::with_delay_s(0.01));
     let experiment = thesis("RP-ICPS")?.with_duration_s(10.0);
     let run = |channels| record(&experiment, &Plant::default(), &channels, 1);
@@ -159,7 +159,7 @@ fn channel_filters_delay_what_is_logged_and_nothing_else() -> Outcome {
 }
 
 #[test]
-fn a_recording_can_be_given_up() -> Outcome {
+fn a_recording_can_be_cancelled() -> Outcome {
     let experiment = thesis("RP-ICPS")?;
     let mut seen = Vec::new();
     let run = record_while(&experiment, &Plant::default(), &Channels::default(), 1, &mut |done_s| {
@@ -168,7 +168,7 @@ fn a_recording_can_be_given_up() -> Outcome {
     });
     seen.dedup();
     assert_eq!((run, seen), (None, vec![0.0, 1.0, 2.0, 3.0]));
-    // Also while the road is made.
+    // Cancelling also works while the road is computed.
     let mut asked = 0;
     let plant = Plant::default();
     let run = record_while(&experiment, &plant, &Channels::default(), 1, &mut |_| {
@@ -186,7 +186,7 @@ fn every_paper_experiment_runs() -> Outcome {
         experiment.check()?;
         let run = record(&experiment.with_duration_s(14.0), &Plant::default(), &Channels::default(), 1);
         let (force, x) = (force(&run)?, &run.displacement_m.values);
-        // Within the bench's range of 40 mm, and forces of a damper of this size.
+        // Displacement within the bench's range of 40 mm, and forces typical of a damper of this size.
         assert!(x.iter().all(|x| x.abs() <= 0.0205), "{name}");
         assert!((50.0..2000.0).contains(&std(force)), "{name}: {} N", std(force));
         assert!(force.iter().all(|f| f.abs() < 6e3), "{name}");
@@ -194,7 +194,7 @@ fn every_paper_experiment_runs() -> Outcome {
     Ok(())
 }
 
-/// Thesis Table D.1, RP3-CS: A1 (lbf), A2 (lbf s/in), A3 (s/in), kappa (1/s) for each current.
+/// A1 (lbf), A2 (lbf s/in), A3 (s/in) and kappa (1/s) for each current: thesis Table D.1, RP3-CS.
 const RP3_CS: [[f64; 4]; 7] = [
     [17.0222, 3.3977, 2.6617, -1.186518],
     [53.8456, 2.6965, 0.6524, -2.550589],
@@ -205,7 +205,7 @@ const RP3_CS: [[f64; 4]; 7] = [
     [36.6054, 38.4434, 3.6598, -2.012409],
 ];
 
-/// The thesis' non-linear fuzzy model RP3-CS in newtons, written out here so that the rig needs no model.
+/// The thesis' non-linear fuzzy model RP3-CS, in newtons. It is written out here so that the rig does not depend on a model.
 fn fuzzy_n(x_m: f64, v_m_s: f64, current_a: f64) -> f64 {
     let (x, v) = (x_m / M_PER_IN, v_m_s / M_PER_IN);
     let (mut sum, mut weights) = (0.0, 0.0);
@@ -218,7 +218,7 @@ fn fuzzy_n(x_m: f64, v_m_s: f64, current_a: f64) -> f64 {
     N_PER_LBF * sum / weights
 }
 
-/// Two equal first-order low-passes of 20 Hz.
+/// Two equal first-order low-pass filters of 20 Hz in series.
 fn low_pass(x: &[f64]) -> Vec<f64> {
     let gain = 1.0 - (-TAU * 20.0 / signal::RATE_HZ).exp();
     let (mut first, mut second) = (x[0], x[0]);
@@ -233,7 +233,7 @@ fn low_pass(x: &[f64]) -> Vec<f64> {
 
 #[test]
 fn the_thesis_model_predicts_the_plant_about_as_well_as_its_own_damper() -> Outcome {
-    // Its own cross-validation has a mean ESR of .099; nothing was fitted to the plant here.
+    // The thesis' cross-validation has a mean NMSE (thesis: ESR) of 0.099. The model was not fitted to the plant.
     for seed in 0..4 {
         let run = record(&thesis("RP-ICPS")?, &Plant::default(), &Channels::default(), seed);
         let (force, current, x) = (force(&run)?, drive(&run)?, low_pass(&run.displacement_m.values));
@@ -241,13 +241,13 @@ fn the_thesis_model_predicts_the_plant_about_as_well_as_its_own_damper() -> Outc
             .map(|k| force[k] - fuzzy_n(x[k], (x[k] - x[k - 1]) * signal::RATE_HZ, current[k]))
             .collect();
         let esr = error.iter().map(|e| e * e).sum::<f64>() / error.len() as f64 / std(force).powi(2);
-        assert!((0.08..0.13).contains(&esr), "seed {seed}: ESR {esr}");
+        assert!((0.08..0.13).contains(&esr), "seed {seed}: NMSE {esr}");
     }
     Ok(())
 }
 
 #[test]
-fn the_damper_takes_energy_and_its_heat_is_that_energy() {
+fn the_damper_dissipates_energy_and_its_heat_is_that_energy() {
     let plant = Plant { heat_transfer_w_k: 0.0, ..Plant::default() };
     for current_a in current::STEPS_A {
         let motion = sine(0.15);
@@ -262,7 +262,7 @@ fn the_damper_takes_energy_and_its_heat_is_that_energy() {
 }
 
 #[test]
-fn halving_the_sub_step_changes_little() -> Outcome {
+fn halving_the_sub_step_changes_the_force_little() -> Outcome {
     let experiment = thesis("RP-ICPS")?;
     let motion = experiment.displacement.motion(15360, &mut stream(1, Purpose::Displacement));
     let command = experiment.current.command_a(15360, &mut stream(1, Purpose::Current));
@@ -277,7 +277,7 @@ fn halving_the_sub_step_changes_little() -> Outcome {
 }
 
 #[test]
-fn a_seed_gives_one_run_and_other_seeds_others() -> Outcome {
+fn the_same_seed_gives_the_same_run_and_different_seeds_differ() -> Outcome {
     let experiment = thesis("RP-APRBS")?.with_duration_s(3.0);
     let run = |seed| record(&experiment, &Plant::default(), &Channels::default(), seed);
     assert_eq!(run(7), run(7));
@@ -342,14 +342,14 @@ fn a_run_has_stamps_at_512_hz_and_a_slow_case_temperature() -> Outcome {
 }
 
 #[test]
-fn the_coil_lags_by_its_own_time_for_rise_and_fall() {
+fn the_coil_has_separate_lags_for_rise_and_fall() {
     let plant = Plant { driver_lag_s: 0.0, coil_rise_s: 0.0125, coil_fall_s: 0.025, ..Plant::default() };
     let still = Motion { displacement_m: vec![0.0; 1024], velocity_m_s: vec![0.0; 1024] };
     let command: Vec<f64> = (0..1024).map(|k| if (256..640).contains(&k) { 2.0 } else { 0.0 }).collect();
     let effective = plant.respond(&still, &command, plant::SUB_STEPS).effective_a;
     let after = |k: usize, samples: usize| effective[k + samples];
     let share = (-1.0f64).exp();
-    // 6.4 and 12.8 samples are one time constant; neighbours bracket it.
+    // The time constants are 6.4 and 12.8 samples; the neighbouring samples bracket them.
     assert!(after(256, 6) < 2.0 * (1.0 - share) && after(256, 7) > 2.0 * (1.0 - share));
     assert!(after(640, 12) > 2.0 * share && after(640, 13) < 2.0 * share);
 }
@@ -361,7 +361,7 @@ fn the_lag_is_in_the_force_but_not_in_the_measured_current() -> Outcome {
     let (lagging, prompt) = (run(Plant::default()), run(Plant::default().with_coil_lag_s(0.0)));
     assert_eq!(lagging.drive, prompt.drive);
     let change = std(&difference(force(&lagging)?, force(&prompt)?));
-    // Far above the noise of 3 N: what a diagnosis has to find.
+    // Far above the noise of 3 N, so a diagnosis can find it.
     assert!((20.0..80.0).contains(&change), "{change} N");
     Ok(())
 }
@@ -390,7 +390,7 @@ fn force_fades_with_temperature() {
 }
 
 #[test]
-fn plants_that_cannot_be_integrated_are_refused_by_name() {
+fn invalid_plants_are_rejected_with_the_field_name() {
     assert_eq!(Plant::default().check(), Ok(()));
     assert_eq!(Plant::plain().check(), Ok(()));
     let refused = |plant: Plant| plant.check().err().map(|e| e.to_string()).unwrap_or_default();
@@ -401,7 +401,7 @@ fn plants_that_cannot_be_integrated_are_refused_by_name() {
 }
 
 #[test]
-fn the_rig_uses_nothing_that_it_is_there_to_test() {
+fn the_rig_does_not_use_the_code_that_it_tests() {
     let files = [
         include_str!("mod.rs"),
         include_str!("signal.rs"),
@@ -423,15 +423,16 @@ fn the_rig_uses_nothing_that_it_is_there_to_test() {
     }
 }
 
-/// Root mean square and last value of a channel, to six digits, on which all machines' libraries agree.
+/// Root mean square and last value of a channel, to six digits; to that precision the libraries of all machines agree.
 fn told(trace: &Trace) -> String {
     let rms = (trace.values.iter().map(|x| x * x).sum::<f64>() / trace.len() as f64).sqrt();
     format!("{rms:.5e} {:.5e}", trace.values.last().copied().unwrap_or(f64::NAN))
 }
 
-/// The rates of the README are of seeds. They can be counted again only as long as a seed tells the run that it told then.
+/// The detection rates in node/docs/guide/08-diagnosis.md were measured with given seeds. They can be reproduced only if a seed still
+/// gives the same run.
 #[test]
-fn a_seed_tells_the_run_that_it_told_before() {
+fn a_seed_still_gives_the_recorded_run() {
     let mut all = String::new();
     let mut tell = |name: &str, valve: &str, plant: &Plant, channels: &Channels, experiment: Experiment| {
         let run = record(&experiment.with_duration_s(6.0), plant, channels, 11);
@@ -447,21 +448,21 @@ fn a_seed_tells_the_run_that_it_told_before() {
     let more = Channels::default().with_ambient().with_velocity(1e-4);
     for (valve, plant) in &plants {
         for name in Experiment::names() {
-            tell(name, valve, plant, &more, thesis(name).expect("its own name"));
+            tell(name, valve, plant, &more, thesis(name).expect("a known name"));
         }
         for name in Experiment::paper1_names() {
-            let experiment = Experiment::paper1(name).expect("its own name");
+            let experiment = Experiment::paper1(name).expect("a known name");
             tell(name, valve, plant, &Channels::default().with_fine_displacement(), experiment);
         }
         for effect in inject::EFFECTS {
             let (mut plant, mut channels) = (*plant, Channels::default());
             let (low, high) = effect.range;
             inject::inject(effect.id, low + 0.05 * (high - low), &mut plant, &mut channels)
-                .expect("in its range");
-            tell(effect.id, valve, &plant, &channels, thesis("RP3-CS").expect("its own name"));
+                .expect("a size in its range");
+            tell(effect.id, valve, &plant, &channels, thesis("RP3-CS").expect("a known name"));
         }
     }
-    let servo = thesis("RP-ICPS").expect("its own name").with_servo(SecondOrder::with_delay_s(0.01));
+    let servo = thesis("RP-ICPS").expect("a known name").with_servo(SecondOrder::with_delay_s(0.01));
     tell("servo", "default", &Plant::default(), &Channels::default(), servo);
     insta::assert_snapshot!(all);
 }

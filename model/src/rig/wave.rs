@@ -1,4 +1,4 @@
-//! Displacements that repeat: modulated sines, chirp, stepped frequency, slopes.
+//! Displacements other than roads and plain sines: modulated sines, chirp, stepped frequency, slopes.
 //!
 //! ```text
 //! AM     x = A (1 + m sin(2 pi fm t + p)) / (1 + m) sin(2 pi fc t)
@@ -18,22 +18,24 @@
 //! | v_k | `slowest_m_s` .. `fastest_m_s`, `slopes` | m/s | speeds of the slopes, equally spaced |
 //! | p, T | | rad, s | random phase, duration of the run |
 //!
-//! A step of frequency lasts a whole number of periods and begins and ends at a crest, where velocity is
-//! zero, so that neither displacement nor velocity jumps. TPNVS is the papers' "triangular wave with positive
-//! and negative variable slopes": rising slopes take the speeds from slow to fast, falling ones from fast to
-//! slow (a single slope rises slowly and falls fast). The phase p, and the step or slope that comes first, are drawn, so that runs with other seeds differ;
-//! a chirp draws nothing. Source: experiments of the first paper; it names the signals and gives the band
-//! (0.5 to 14.5 Hz) and range (0.04 m), all other figures are ours. Each is faded in and out like a road.
+//! A step of frequency lasts a whole number of periods and begins and ends at a crest, where velocity is zero, so displacement and
+//! velocity do not jump. TPNVS is the papers' "triangular wave with positive and negative variable slopes": the rising slopes go from
+//! slow to fast and the falling slopes from fast to slow (a single slope rises slowly and falls fast). The phase p and the first step or
+//! slope are random, so runs with different seeds differ; a chirp has no random part. Each wave is faded in and out like a road.
+//!
+//! Source: experiments of the first paper. It names the signals and gives the band (0.5 to 14.5 Hz) and range (0.04 m); all other
+//! values are chosen here.
+//! See `[thesis-paper1]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::signal::{Motion, RATE_HZ, remove_mean, sampled};
 use crate::Error;
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
-/// Time that the actuator takes from rest to a slope's speed, in seconds.
+/// Time in which the actuator accelerates from rest to a slope's speed, in seconds.
 const CORNER_S: f64 = 0.02;
 
-/// A displacement that repeats; see the equations at the top of this file.
+/// A modulated or stepped sine, a chirp, or triangles; see the equations at the top of this file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wave {
     /// Amplitude-modulated sine (AM).
@@ -92,7 +94,7 @@ pub enum Wave {
 }
 
 impl Wave {
-    /// Checks that amplitudes, frequencies, speeds and counts are such that the wave can be made.
+    /// Checks that amplitudes, frequencies, speeds and counts are within their ranges.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] names the field.
@@ -194,25 +196,25 @@ impl Wave {
     }
 }
 
-/// Displacement and velocity of a sine that has turned by `angle` radians and turns with `omega` rad/s.
+/// Displacement and velocity of a sine at phase `angle` (rad) with angular frequency `omega` (rad/s).
 fn turning(amplitude_m: f64, angle: f64, omega: f64) -> (f64, f64) {
     let (sin, cos) = angle.sin_cos();
     (amplitude_m * sin, amplitude_m * omega * cos)
 }
 
-/// `count` equally spaced values from `first` to `last`; one value is `first`.
+/// `count` equally spaced values from `first` to `last`; for a count of one, `first`.
 fn spread(first: f64, last: f64, count: u32) -> Vec<f64> {
     let gaps = f64::from(count.max(2) - 1);
     (0..count.max(1)).map(|k| first + (last - first) * f64::from(k) / gaps).collect()
 }
 
-/// Begins the list at one of its members drawn at random.
+/// Rotates the list to start at a random member.
 fn rotate<T>(list: &mut [T], rng: &mut impl Rng) {
     let first = (rng.random::<f64>() * list.len() as f64) as usize;
     list.rotate_left(first);
 }
 
-/// Cosines of the given frequencies one after another, each for whole periods.
+/// Cosines with the given frequencies one after another, each for a whole number of periods.
 fn stepped(samples: usize, amplitude_m: f64, frequencies: &[f64]) -> Motion {
     let share_s = samples as f64 / RATE_HZ / frequencies.len() as f64;
     let (mut step, mut start_s) = (0, 0.0);
@@ -228,7 +230,7 @@ fn stepped(samples: usize, amplitude_m: f64, frequencies: &[f64]) -> Motion {
     })
 }
 
-/// Strokes between -A and A, up and down in turn, with the given speeds over and over. Begins in the middle.
+/// Strokes between -A and A, alternately up and down, cycling through the given speeds. Starts in the middle.
 fn triangles(samples: usize, amplitude_m: f64, speeds: &[f64]) -> Motion {
     let mut strokes = speeds.iter().copied().cycle();
     let mut stroke = Stroke::new(0.0, amplitude_m, strokes.next().unwrap_or(0.0));
@@ -254,12 +256,12 @@ struct Stroke {
 impl Stroke {
     fn new(from_m: f64, to_m: f64, speed_m_s: f64) -> Self {
         let at_speed_s = (to_m - from_m).abs() / speed_m_s;
-        // A stroke too short for its corners speeds up and slows down at once.
+        // A stroke too short for its corners accelerates and decelerates without constant speed in between.
         let corner_s = CORNER_S.min(at_speed_s);
         Self { from_m, to_m, speed_m_s, corner_s, duration_s: at_speed_s + corner_s }
     }
 
-    /// Displacement and velocity at `t` seconds from the start.
+    /// Displacement and velocity `t` seconds after the start.
     fn at(&self, t: f64) -> (f64, f64) {
         let direction = (self.to_m - self.from_m).signum();
         let (v, corner) = (self.speed_m_s, self.corner_s);

@@ -1,4 +1,4 @@
-//! From residuals on held-out runs to the table.
+//! Calibration: computes the uncertainty table from residuals on held-out runs.
 
 use super::rows::{AWAY_S, Row, Rows, gather};
 use super::{Bands, DRIVES, Edges, Growth, OneStep, SPEEDS, TIMES, Uncertainty, Width};
@@ -6,31 +6,31 @@ use crate::error::Error;
 use crate::model::{Envelope, Model};
 use crate::sample::Run;
 
-/// Share of the residuals that the band is to hold.
+/// Nominal coverage of the band.
 const COVERAGE: f64 = 0.9;
-/// Runs that are needed to see how runs differ.
+/// Smallest number of runs that show the variation between runs.
 const RUNS: usize = 3;
-/// Effective samples that a quantile is taken from: its coverage then has a standard deviation of 2 %.
+/// Smallest number of effective samples for a quantile: its coverage then has a standard deviation of 2 %.
 const EFFECTIVE: f64 = 200.0;
-/// Rows about a time of a growth.
+/// Smallest number of rows near a time of a growth.
 const ROWS_AT_TIME: usize = 100;
-/// Rows within this share of a time are taken as of that time.
+/// Rows within this share of a time are assigned to it.
 const ABOUT: f64 = 0.125;
-/// Longest coasting that is tried, s.
+/// Longest calibrated coasting time, s.
 const COAST_S: f64 = 0.25;
-/// Ages of the drive that are tried, s.
+/// Calibrated ages of the drive, s.
 const AGES_S: [f64; 5] = [0.025, 0.05, 0.1, 0.2, 0.3];
-/// A run moves its drive when it goes through so much of the range that all runs together have.
+/// A run moves its drive if its range exceeds this share of the range of all runs.
 const MOVES: f64 = 0.1;
 
 const _: () = assert!(COAST_S * (1.0 + ABOUT) < AWAY_S && AGES_S[4] * (1.0 + ABOUT) < AWAY_S);
 
-/// The uncertainty of `model` from runs that it was not identified from: at least three, and of the kind that it will
-/// meet. See [`super`].
+/// The uncertainty of `model`, from runs that it was not identified from: at least three, similar to those it
+/// will be used on. See [`super`].
 ///
 /// # Errors
-/// [`Error::Data`] when there are too few runs or too little of them, with what to do; those of
-/// [`evaluate`](crate::evaluate::evaluate) when a run lacks what the model wants.
+/// [`Error::Data`] if there are too few runs or too few rows, with what to do; the errors of
+/// [`evaluate`](crate::evaluate::evaluate) if a run lacks a channel that the model needs.
 pub fn calibrate(model: &Model, held_out: &[Run]) -> Result<Uncertainty, Error> {
     let mut calibrator = Calibrator::new(*model);
     for run in held_out {
@@ -39,7 +39,7 @@ pub fn calibrate(model: &Model, held_out: &[Run]) -> Result<Uncertainty, Error> 
     calibrator.finish()
 }
 
-/// Gathers residuals run by run, for callers that do not have all runs at once, or may have to stop in between.
+/// Collects residuals run by run, for callers that do not hold all runs at once, or that may stop in between.
 #[derive(Debug, Clone)]
 pub struct Calibrator {
     model: Model,
@@ -49,30 +49,31 @@ pub struct Calibrator {
 }
 
 impl Calibrator {
-    /// A calibration of `model`, without runs.
+    /// A calibration of `model` without any runs yet.
     #[must_use]
     pub fn new(model: Model) -> Self {
         Self { model, runs: 0, free_run: Rows::default(), one_step: Rows::default() }
     }
 
-    /// Runs the model over a held-out run: once with all inputs, and a few times with force or drive taken away.
+    /// Runs the model over a held-out run: once with all inputs, and several times with force or drive
+    /// removed.
     ///
     /// # Errors
-    /// When the run lacks what the model wants.
+    /// If the run lacks a channel that the model needs.
     pub fn add(&mut self, run: &Run) -> Result<(), Error> {
         gather(&self.model, run, self.runs, &mut self.free_run, &mut self.one_step)?;
         self.runs += 1;
         Ok(())
     }
 
-    /// The uncertainty from all runs that were added. A predictor for which they are too little is left out of it:
+    /// The uncertainty from all added runs. A predictor with too little data is omitted; see
     /// [`Uncertainty::covers`].
     ///
     /// # Errors
-    /// [`Error::Data`] when they are too little for every predictor.
+    /// [`Error::Data`] if there is too little data for every predictor.
     pub fn finish(&self) -> Result<Uncertainty, Error> {
         let has_drive = self.model.force.drive().is_some();
-        let free_run = bands(&self.free_run, self.runs, has_drive, "running free");
+        let free_run = bands(&self.free_run, self.runs, has_drive, "in simulation");
         let period = self.model.force.force_fed_period().filter(|_| self.model.feeds_on_force());
         let one_step = match period {
             None => None,
@@ -85,7 +86,7 @@ impl Calibrator {
     }
 
     fn one_step(&self, has_drive: bool, period_s: f64) -> Option<OneStep> {
-        let bands = bands(&self.one_step, self.runs, has_drive, "one step ahead").ok()?;
+        let bands = bands(&self.one_step, self.runs, has_drive, "in one-step-ahead prediction").ok()?;
         let coasting = coasting(&self.one_step.coasting, self.runs, &bands, period_s)?;
         Some(OneStep { bands, coasting })
     }
@@ -93,13 +94,13 @@ impl Calibrator {
 
 fn too_little(what: &str) -> Error {
     let message = format!(
-        "held-out runs are too few to calibrate the uncertainty: {what}; hold out at least {RUNS} runs, or longer ones, of the kind \
+        "held-out runs are too few to calibrate the uncertainty: {what}; hold out at least {RUNS} runs, or longer ones, similar to the runs \
          that the model will meet"
     );
     Error::Data { message }
 }
 
-/// The table of one predictor.
+/// Calibration table of one predictor.
 fn bands(rows: &Rows, runs: usize, has_drive: bool, predictor: &str) -> Result<Bands, Error> {
     if runs < RUNS {
         return Err(too_little(&format!("{runs} of {RUNS}")));
@@ -108,7 +109,7 @@ fn bands(rows: &Rows, runs: usize, has_drive: bool, predictor: &str) -> Result<B
     let in_all: f64 = rows.base.iter().map(|row| effective[row.run]).sum();
     if in_all < EFFECTIVE || !spans(&rows.base) {
         let what = format!(
-            "{predictor}: the {} residuals of {runs} held-out runs are worth {in_all:.0} independent ones of the \
+            "{predictor}: the {} residuals of {runs} held-out runs are equivalent to {in_all:.0} independent ones of the \
              {EFFECTIVE} that are needed, or they come from fewer than {RUNS} of the runs",
             rows.base.len()
         );
@@ -139,7 +140,7 @@ fn spans(rows: &[Row]) -> bool {
     runs.len() >= RUNS
 }
 
-/// Root mean square and quantile of `scores`, which are not negative.
+/// Root mean square and quantile of non-negative `scores`.
 fn width(scores: impl Iterator<Item = f64>, level: f64) -> Width {
     let mut scores: Vec<f64> = scores.collect();
     scores.sort_unstable_by(f64::total_cmp);
@@ -147,16 +148,16 @@ fn width(scores: impl Iterator<Item = f64>, level: f64) -> Width {
     Width { std_dev: (squares / scores.len().max(1) as f64).sqrt(), half_band: quantile(&scores, level) }
 }
 
-/// The ceil((n + 1) level)-th smallest, or the largest.
+/// The ceil((n + 1) level)-th smallest value, or the largest.
 fn quantile(sorted: &[f64], level: f64) -> f64 {
     let rank = ((sorted.len() + 1) as f64 * level).ceil() as usize;
     sorted.get(rank.clamp(1, sorted.len().max(1)) - 1).copied().unwrap_or(0.0)
 }
 
-/// For each run, how many independent rows a row is worth: one over the integrated autocorrelation time of |r|,
-/// 1 + 2 sum rho_k up to the first lag without correlation.
+/// Number of independent rows per row, for each run: the inverse of the integrated autocorrelation time of
+/// |r|, 1 + 2 sum rho_k up to the first lag without correlation.
 fn effective_shares(rows: &[Row], runs: usize) -> Vec<f64> {
-    /// Below this nothing but noise is left of a correlation.
+    /// Correlations below this are noise.
     const NOISE: f64 = 0.05;
     let share = |run: usize| {
         let errors: Vec<f64> = rows.iter().filter(|row| row.run == run).map(|row| row.error_n).collect();
@@ -171,7 +172,7 @@ fn effective_shares(rows: &[Row], runs: usize) -> Vec<f64> {
     (0..runs).map(share).collect()
 }
 
-/// Base rows by region, and which rows a region's width comes from.
+/// Base rows by region, and the source of each region's width.
 struct Groups {
     speed_edges_m_s: Edges<{ SPEEDS - 1 }>,
     drive_edges: Edges<{ DRIVES - 1 }>,
@@ -181,7 +182,7 @@ struct Groups {
     source: [[Source; DRIVES]; SPEEDS],
 }
 
-/// Where a region's width comes from.
+/// Source of a region's width.
 #[derive(Clone, Copy, PartialEq)]
 enum Source {
     Own,
@@ -218,13 +219,13 @@ impl Groups {
         }
         groups
     }
-    /// Indices of the regions that there are, speed and drive.
+    /// Indices of the existing regions: speed and drive.
     fn cells(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let (speeds, drives) = (self.speed_edges_m_s.len + 1, self.drive_edges.len + 1);
         (0..speeds).flat_map(move |speed| (0..drives).map(move |drive| (speed, drive)))
     }
 
-    /// The rows that the width of a region comes from.
+    /// The rows that determine the width of a region.
     fn rows_for(&self, speed: usize, drive: usize) -> &[Row] {
         match self.source[speed][drive] {
             Source::Own => &self.cells[speed][drive],
@@ -233,7 +234,7 @@ impl Groups {
         }
     }
 
-    /// The errors of each region, with those that its width comes from.
+    /// The errors of each region, and the errors that determine its width.
     fn strata(&self) -> Vec<Stratum> {
         fn scores(rows: &[Row]) -> Vec<(usize, f64)> {
             rows.iter().map(|row| (row.run, row.error_n)).collect()
@@ -246,18 +247,17 @@ impl Groups {
     }
 }
 
-/// Scores, each with its run, that share a width.
+/// Scores, each with its run, that share one width.
 struct Stratum {
-    /// Those to be covered.
+    /// Scores to be covered.
     own: Vec<(usize, f64)>,
-    /// Those that the width is a quantile of.
+    /// Scores whose quantile is the width.
     source: Vec<(usize, f64)>,
 }
 
-/// The level of the quantiles at which runs that are left out of them are covered as they shall be, on average over their
-/// scores.
+/// The quantile level at which left-out runs reach the nominal coverage, on average over their scores.
 fn level(strata: &[Stratum], runs: usize) -> f64 {
-    /// Steps from the level of independent rows to the highest that is tried.
+    /// Number of steps from the level for independent rows to the highest level.
     const STEPS: usize = 36;
     let levels: Vec<f64> = (0..=STEPS).map(|k| COVERAGE + 0.0025 * k as f64).collect();
     let mut covered = vec![0_usize; levels.len()];
@@ -284,8 +284,8 @@ fn level(strata: &[Stratum], runs: usize) -> f64 {
     levels[enough.unwrap_or(STEPS)]
 }
 
-/// Edges that part `values` into N + 1 regions of about as many each; fewer where values are few and repeat. An edge lies
-/// halfway between two values, so that no level of a stepped drive lies on it.
+/// Edges that divide `values` into N + 1 regions of about equal size; fewer edges if values are few and
+/// repeat. An edge lies halfway between two values, so that no level of a stepped drive lies on it.
 fn quantile_edges<const N: usize>(values: impl Iterator<Item = f64>) -> Edges<N> {
     let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     values.sort_unstable_by(f64::total_cmp);
@@ -302,10 +302,10 @@ fn quantile_edges<const N: usize>(values: impl Iterator<Item = f64>) -> Edges<N>
     edges
 }
 
-/// Factors on the widths of `bands` over the time coasted; `None` when there are too few rows.
+/// Factors on the widths of `bands` over the time coasted; `None` with too few rows.
 fn coasting(rows: &[Row], runs: usize, bands: &Bands, period_s: f64) -> Option<Growth> {
     let samples = (COAST_S / period_s).max(2.0);
-    // Twice as long each, or more where that would be too many times.
+    // Each time is twice the previous one, or more if that would give too many times.
     let ratio = (samples / 2.0).powf(1.0 / (TIMES - 2) as f64).max(2.0);
     let mut times: Vec<f64> =
         (0..TIMES - 1).map(|k| (2.0 * ratio.powi(k as i32)).min(samples) * period_s).collect();
@@ -320,8 +320,8 @@ fn coasting(rows: &[Row], runs: usize, bands: &Bands, period_s: f64) -> Option<G
     Growth::new(&grown(rows, runs, &times, first, std_dev, score)).filter(|growth| growth.len > 1)
 }
 
-/// What a held drive adds, over its age. Where too few runs move their drive nothing is known beyond the age that
-/// the drive has anyway.
+/// Width that a held drive adds, over its age. If too few runs move their drive, only the usual age of the
+/// drive is calibrated.
 fn held(rows: &Rows, runs: usize, bands: &Bands) -> Option<Growth> {
     let mut ages: Vec<f64> = rows.base.iter().map(|row| row.time_s).collect();
     ages.sort_unstable_by(f64::total_cmp);
@@ -342,7 +342,7 @@ fn held(rows: &Rows, runs: usize, bands: &Bands) -> Option<Growth> {
     Growth::new(&grown(&of_moving, runs, &times, fresh, std_dev, score))
 }
 
-/// Which runs move their drive, by number.
+/// For each run number, whether the run moves its drive.
 fn moving(rows: &[Row]) -> Vec<bool> {
     let mut ranges: Vec<Option<[f64; 2]>> = Vec::new();
     let mut all = None;
@@ -355,8 +355,8 @@ fn moving(rows: &[Row]) -> Vec<bool> {
     ranges.into_iter().map(|range| span(range) > MOVES * span(all)).collect()
 }
 
-/// Widths at `times` from the rows about each, never less than at the time before; `first` is where nothing has grown.
-/// Times with too few rows are left out.
+/// Widths at `times` from the rows near each time, never less than at the previous time; `first` is the time
+/// without growth. Times with too few rows are omitted.
 fn grown(
     rows: &[Row],
     runs: usize,
@@ -395,7 +395,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    /// `count` independent rows a run, over speeds up to 1 m/s and drives up to 3, with errors of `size(row, random)`.
+    /// `count` independent rows per run, with speeds up to 1 m/s, drives up to 3, and errors of `size(row,
+    /// random)`.
     fn rows(runs: usize, count: usize, size: impl Fn(&Row, f64) -> f64) -> Vec<Row> {
         let mut random = Pcg64Mcg::seed_from_u64(5);
         let mut rows = Vec::new();
@@ -414,16 +415,20 @@ mod tests {
     }
 
     #[test]
-    fn the_rank_is_that_of_split_conformal_prediction() {
+    fn the_rank_matches_split_conformal_prediction() {
         let sorted: Vec<f64> = (1..=99).map(f64::from).collect();
         assert_eq!(quantile(&sorted, 0.9), 90.0);
-        assert_eq!(quantile(&sorted[..8], 0.9), 8.0, "ceil(9 * .9) is more than there are: the largest");
+        assert_eq!(
+            quantile(&sorted[..8], 0.9),
+            8.0,
+            "ceil(9 * .9) exceeds the number of values: the largest"
+        );
         assert_eq!(quantile(&sorted[..9], 0.9), 9.0);
     }
 
     #[test]
-    fn a_known_quantile_comes_back_in_every_region() {
-        // Errors are even from 0 to 10 N, three times that at the upper half of the speeds.
+    fn a_known_quantile_is_found_in_every_region() {
+        // Errors are uniform from 0 to 10 N, and from 0 to 30 N in the upper half of the speeds.
         let size = |row: &Row, share: f64| share * if row.speed_m_s < 0.5 { 10.0 } else { 30.0 };
         let bands = bands(&of(rows(5, 20_000, size)), 5, true, "").expect("enough");
         assert_eq!((bands.speed_edges_m_s.len, bands.drive_edges.len), (3, 2));
@@ -443,9 +448,9 @@ mod tests {
         assert_eq!(bands.drive_held.map(|held| held.len), Some(1), "no drive was held");
     }
 
-    /// The size of a run's errors is its own: the plain quantile of eight runs holds less than 90 % of a ninth.
+    /// Each run has its own error size, so the plain quantile of eight runs covers less than 90 % of a ninth.
     #[test]
-    fn runs_that_differ_raise_the_level() {
+    fn differences_between_runs_raise_the_level() {
         let size = |row: &Row, share: f64| share * (1.0 + row.run as f64);
         let of_runs = |size: &dyn Fn(&Row, f64) -> f64| {
             let scores: Vec<(usize, f64)> = rows(8, 4000, size).iter().map(|r| (r.run, r.error_n)).collect();
@@ -456,9 +461,9 @@ mod tests {
     }
 
     #[test]
-    fn a_region_with_little_takes_its_speed_s_width_and_then_all_rows() {
+    fn a_region_with_few_rows_takes_the_width_of_its_speed_or_of_all_rows() {
         let size = |_: &Row, share: f64| share;
-        // 12 regions of 130, 4 speeds of 390; then 4 speeds of 120.
+        // 12 regions of 130 rows, 4 speeds of 390; then 4 speeds of 120.
         for (count, own) in [(520, 4), (160, 1)] {
             let bands = bands(&of(rows(3, count, size)), 3, true, "").expect("enough");
             let mut widths: Vec<u64> =
@@ -470,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_repeat_each_other_count_for_little() {
+    fn repeated_rows_do_not_add_effective_samples() {
         let mut repeated = rows(3, 300, |_, share| share);
         let independent: f64 = effective_shares(&repeated, 3).iter().map(|share| 300.0 * share).sum();
         assert!((500.0..=900.0).contains(&independent), "{independent}");
@@ -480,9 +485,9 @@ mod tests {
     }
 
     #[test]
-    fn too_little_is_an_error_that_says_what_to_do() {
+    fn too_little_data_is_an_error_that_says_what_to_do() {
         let enough =
-            |runs, count| bands(&of(rows(runs, count, |_, share| share)), runs, true, "running free");
+            |runs, count| bands(&of(rows(runs, count, |_, share| share)), runs, true, "in simulation");
         for (runs, count, said) in [(2, 9000, "uncertainty: 2 of 3"), (3, 40, "of the 200 that are needed")] {
             let message = enough(runs, count).expect_err("too little").to_string();
             assert!(message.contains(said) && message.contains("hold out at least 3 runs"), "{message}");
@@ -491,8 +496,8 @@ mod tests {
     }
 
     #[test]
-    fn what_a_held_drive_adds_is_found_where_runs_move_their_drive() {
-        // Fresh: even up to 10 N. Held for .1 s: even up to 50 N.
+    fn the_width_added_by_a_held_drive_is_found_if_runs_move_their_drive() {
+        // Fresh drive: uniform up to 10 N. Held for .1 s: uniform up to 50 N.
         let mut all = of(rows(4, 4000, |_, share| 10.0 * share));
         all.held = rows(4, 4000, |_, share| 50.0 * share);
         all.held.iter_mut().for_each(|row| row.time_s = 0.1);

@@ -1,42 +1,48 @@
-//! How far a model's force may be off: a standard deviation and a 90 % band, from residuals on held-out runs.
+//! Uncertainty of a model's force: a standard deviation and a 90 % band, from residuals on held-out runs.
 //!
 //! ```text
 //! h(g)     = R(g)_(ceil((n_g + 1) q))                      base half-width of region g
 //! H(g,c,a) = sqrt( (G(c) h(g))^2 + A(a)^2 )                half-width: the force lies in Fhat -/+ H
-//! G(c)     = such a quantile of |r_c| / h(g),              not below 1
-//! A(a)     = such a quantile of sqrt( (r_a^2 - h(g)^2)_+ )
+//! G(c)     = the same quantile of |r_c| / h(g),            at least 1
+//! A(a)     = the same quantile of sqrt( (r_a^2 - h(g)^2)_+ )
 //! ```
 //!
 //! | symbol | meaning | unit |
 //! |---|---|---|
 //! | `R(g)_(k)` | the k-th smallest of the n_g residuals \|measured - predicted\| of region g | N |
 //! | `g` | region: \|conditioned velocity\| x drive, edges at quantiles of the held-out rows | - |
-//! | `q` | level, .9 or a little more, see below; h, G and A each have their own | 1 |
-//! | `c` | time since the newest measured force that the prediction was seeded with | s |
-//! | `a` | age of the drive that the prediction was made from | s |
-//! | `r_c`, `r_a` | residuals of the model coasting for c, and on a drive held for a | N |
+//! | `q` | level, .9 or slightly more, see below; separate for h, G and A | 1 |
+//! | `c` | time since the newest measured force that seeded the prediction | s |
+//! | `a` | age of the drive that the prediction uses | s |
+//! | `r_c`, `r_a` | residuals of the model after coasting for c, and with a drive held for a | N |
 //!
-//! The standard deviation goes the same way, with root mean squares in place of quantiles.
+//! The standard deviation is computed in the same way, with root mean squares instead of quantiles.
 //!
-//! h is split conformal prediction (Vovk, Gammerman, Shafer 2005; Lei et al. 2018, section 2.2), region by region
-//! (Mondrian). G and A are conformal too, with the scores that stand there (locally weighted, Lei et al. 2018, section
-//! 5.2): at each time that was tried, 90 % are covered on average over the regions, whatever the distribution of the
-//! residuals. Between two of them G and A are linear, beyond the last they stay, and the spread says that it is not
-//! calibrated there. No region borrows from its neighbours: the width steps at an edge. A region with less than 200
-//! effective rows takes the width of its speed, and that one of all rows.
+//! h is split conformal prediction (Vovk, Gammerman, Shafer 2005; Lei et al. 2018, section 2.2), separately
+//! for each region (Mondrian). G and A are conformal too, with the scores given above (locally weighted, Lei
+//! et al. 2018, section 5.2): at each calibrated time the coverage is 90 % on average over the regions, for
+//! any distribution of the residuals. G and A are linear between two times and constant beyond the last one,
+//! where the spread is marked as not calibrated. Regions are independent, so the width is discontinuous at an
+//! edge. A region with less than 200 effective rows takes the width of its speed, and a speed with too few
+//! takes the width of all rows.
 //!
-//! **Offset.** Residuals are those of the model as it runs live, with the force offset of its own file. A session's
-//! own offset, which an identification takes out, is not known live, and so it belongs into the band.
+//! **Offset.** Residuals are computed as in live use, with the force offset of the model file. An
+//! identification removes the offset of each session, but in live use that offset is unknown, so it
+//! contributes to the band.
 //!
-//! **Runs differ** (temperature, offset, excitation), so rows of one run are no independent draws, and the pooled .9
-//! quantile of few runs covers less than 90 % of a new one. The level q is therefore the one at which the held-out
-//! runs, each left out of the table in turn, are covered at 90 % on average over their rows: two layers, runs and rows in
-//! them, as in Dunn, Wasserman and Ramdas 2022, with the level found by leaving out as in CV+ (Barber et al. 2021). What
-//! is promised is the share over new runs like these; a single run may have more or less.
+//! **Runs differ** (temperature, offset, excitation), so the rows of one run are not independent draws, and
+//! the pooled .9 quantile of a few runs covers less than 90 % of a new run. The level q is therefore chosen
+//! such that the held-out runs, each left out of the table in turn, are covered at 90 % on average over their
+//! rows. This treats runs and their rows as two layers, as in Dunn, Wasserman and Ramdas 2022, with the level
+//! found by leaving runs out as in CV+ (Barber et al. 2021). The coverage holds on average over new runs of
+//! the same kind; it can be higher or lower in a single run.
 //!
-//! Two predictors, never mixed: **free run** and **one step**, either of which may be missing. Only the second one
-//! coasts. While it does, a drive that ages counts as much as in either of them (the two were not tried together), and
-//! beyond the longest coasting that was tried it is no better than running free.
+//! The two predictors, **free run** (simulation) and **one step** (one-step-ahead prediction), are never
+//! mixed; either may be missing. Only the second one coasts. While it coasts, an ageing drive adds the larger
+//! of both predictors' contributions, because the combination was not calibrated. Beyond the longest
+//! calibrated coasting time, its width is at least the width of the simulation.
+//!
+//! Source: `[vovk2005]`, `[lei2018]`, `[dunn2022]` and `[barber2021]` in the bibliography (node/docs/guide/bibliography.md).
 
 mod calibrate;
 mod rows;
@@ -48,52 +54,54 @@ use crate::error::Error;
 use serde::{Deserialize, Serialize};
 use table::UncertaintyTable;
 
-/// Regions of speed, at most.
+/// Largest number of speed regions.
 const SPEEDS: usize = 4;
-/// Regions of drive, at most.
+/// Largest number of drive regions.
 const DRIVES: usize = 3;
-/// Times of a [`Growth`], at most.
+/// Largest number of times in a [`Growth`].
 const TIMES: usize = 8;
-/// Half-width of a 90 % band over the standard deviation, for a normal distribution; used where nothing is calibrated.
+/// Ratio of the 90 % band's half-width to the standard deviation for a normal distribution; used without
+/// calibration.
 pub(crate) const NORMAL_HALF_BAND: f64 = 1.645;
 
-/// What a prediction is made from.
+/// Inputs that a prediction uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Predictor {
-    /// Displacement and drive alone.
+    /// Simulation: displacement and drive alone.
     FreeRun,
-    /// Measured force too, up to the sample before or, while coasting, up to a while ago.
+    /// One-step-ahead prediction: also measured force, up to the previous sample or, while coasting, up to an
+    /// earlier one.
     OneStep,
 }
 
-/// Where a model is when it predicts.
+/// Operating point of a prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Operating {
-    /// Which of the predictors speaks.
+    /// The predictor that made the prediction.
     pub predictor: Predictor,
     /// Conditioned velocity, m/s.
     pub velocity_m_s: f64,
-    /// Drive, in the unit of the model's drive; NaN where there is none.
+    /// Drive, in the unit of the model's drive; NaN without a drive.
     pub drive: f64,
-    /// Time since the stamp of the newest measured force that has no predicted ones in the lags behind it, s. Read for
-    /// one step only.
+    /// Time since the stamp of the newest measured force that has no predicted force among the older lags, s.
+    /// Used for one-step predictions only.
     pub coast_s: f64,
-    /// Time since the stamp of the drive, s; NaN where there is none.
+    /// Time since the stamp of the drive, s; NaN without a drive.
     pub drive_age_s: f64,
 }
 
-/// How far a prediction may be off.
+/// Uncertainty of a prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spread {
     /// Root mean squared error, N.
     pub std_dev_n: f64,
     /// Half-width of the 90 % band, N.
     pub half_band_n: f64,
-    /// False beyond the coasting and the drive's age that were tried when it was calibrated.
+    /// False beyond the calibrated coasting time or the calibrated age of the drive.
     pub calibrated: bool,
 }
 
-/// Widths of a region, or what is added to them.
+/// Widths of a region, or their increase.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Width {
     std_dev: f64,
@@ -110,7 +118,7 @@ impl Width {
     }
 }
 
-/// Edges between regions, increasing; a value on an edge belongs above it.
+/// Edges between regions, in increasing order; a value on an edge belongs to the upper region.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Edges<const N: usize> {
     len: usize,
@@ -118,7 +126,7 @@ struct Edges<const N: usize> {
 }
 
 impl<const N: usize> Edges<N> {
-    /// `None` when there are too many, or they do not increase.
+    /// `None` if there are too many edges, or if they do not increase.
     fn new(edges: &[f64]) -> Option<Self> {
         let increase = edges.windows(2).all(|pair| pair[0] < pair[1]);
         if edges.len() > N || !increase || !edges.iter().all(|edge| edge.is_finite()) {
@@ -139,7 +147,7 @@ impl<const N: usize> Edges<N> {
     }
 }
 
-/// How widths grow with a time, linear between those that were tried.
+/// Growth of widths with time, linear between calibrated times.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Growth {
     len: usize,
@@ -148,10 +156,10 @@ struct Growth {
 }
 
 impl Growth {
-    /// Beyond the last time by this share, a time counts as not tried.
+    /// Tolerance of the last time, as a share of it; later times are not calibrated.
     const SLACK: f64 = 0.25;
 
-    /// `None` when there are no times or too many.
+    /// `None` if the number of times is 0 or too large.
     fn new(nodes: &[(f64, Width)]) -> Option<Self> {
         if nodes.is_empty() || nodes.len() > TIMES {
             return None;
@@ -191,18 +199,18 @@ impl Growth {
     }
 }
 
-/// The table of one predictor.
+/// Calibration table of one predictor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Bands {
     speed_edges_m_s: Edges<{ SPEEDS - 1 }>,
     drive_edges: Edges<{ DRIVES - 1 }>,
     width_n: [[Width; DRIVES]; SPEEDS],
-    /// What a held drive adds, N, root sum squared; `None` for a model without drive.
+    /// Width that a held drive adds, N, as a root sum of squares; `None` for a model without drive.
     drive_held: Option<Growth>,
 }
 
 impl Bands {
-    /// The widths of the region, or `None` when it is not known where the model is.
+    /// The widths of the region at `at`; `None` if velocity or drive is unknown.
     #[inline]
     fn region(&self, at: &Operating) -> Option<Width> {
         if !at.velocity_m_s.is_finite() || (self.drive_held.is_some() && !at.drive.is_finite()) {
@@ -213,11 +221,12 @@ impl Bands {
 
     #[inline]
     fn width_at(&self, speed_m_s: f64, drive: f64) -> Width {
-        // NaN lies above no edge: a model without drive has one column.
+        // NaN is above no edge, so a model without drive uses the first column.
         self.width_n[self.speed_edges_m_s.region(speed_m_s)][self.drive_edges.region(drive)]
     }
 
-    /// What a drive of age `age_s` adds, N, and whether that age was tried; `None` when the age is not known.
+    /// Width that a drive of age `age_s` adds, N, and whether this age is calibrated; `None` if the age is
+    /// unknown.
     #[inline]
     fn held(&self, age_s: f64) -> Option<(Width, bool)> {
         match &self.drive_held {
@@ -228,7 +237,7 @@ impl Bands {
     }
 }
 
-/// Calibrated uncertainty of a model. `Copy`, without heap. See the [module](self).
+/// Calibrated uncertainty of a model. It is `Copy` and uses no heap. See the [module](self).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "UncertaintyTable", into = "UncertaintyTable")]
 pub struct Uncertainty {
@@ -236,7 +245,7 @@ pub struct Uncertainty {
     one_step: Option<OneStep>,
 }
 
-/// One step, and what coasting makes of it.
+/// One-step-ahead prediction, and its growth while coasting.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct OneStep {
     bands: Bands,
@@ -245,11 +254,12 @@ struct OneStep {
 }
 
 impl Uncertainty {
-    /// Steps up to which a prediction counts as one step ahead: stamps jitter.
+    /// Largest time, in steps, for which a prediction counts as one step ahead; it allows for jitter of
+    /// stamps.
     const ONE_STEP: f64 = 1.5;
 
-    /// The spread of a prediction made at `at`. `None` where something that it depends on is NaN, and for a predictor
-    /// that was not calibrated.
+    /// The spread of a prediction made at `at`. `None` if a value that it depends on is NaN, or if the
+    /// predictor was not calibrated.
     #[inline]
     #[must_use]
     pub fn spread(&self, at: &Operating) -> Option<Spread> {
@@ -260,7 +270,7 @@ impl Uncertainty {
         Some(Spread { std_dev_n: width.std_dev, half_band_n: width.half_band, calibrated })
     }
 
-    /// True when `predictor` was calibrated.
+    /// True if `predictor` was calibrated.
     #[must_use]
     pub const fn covers(&self, predictor: Predictor) -> bool {
         match predictor {
@@ -302,7 +312,7 @@ impl Uncertainty {
     }
 }
 
-/// What [`crate::model_file`] says of a table that makes no uncertainty.
+/// The error of [`crate::model_file`] for an invalid uncertainty table.
 fn refused(name: &str, what: impl std::fmt::Display) -> Error {
     Error::ModelFile { message: format!("expected.uncertainty.{name} {what}") }
 }

@@ -1,4 +1,5 @@
-//! Residuals of a held-out run as the pipeline makes them live: with all inputs, while force is lost, on a held drive.
+//! Residuals of a held-out run, computed by the live pipeline: with all inputs, with lost force, and with a
+//! held drive.
 
 use super::{Operating, Predictor, Uncertainty};
 use crate::error::Error;
@@ -7,38 +8,39 @@ use crate::model::Model;
 use crate::pipeline::{BEYOND_CALIBRATION, Event, Mode, Models, Pipeline, Reasons, Settings};
 use crate::sample::{Channel, Run, Sample, Stamp};
 
-/// A residual, and where the model was.
+/// A residual and its operating point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub(super) run: usize,
     pub(super) speed_m_s: f64,
     pub(super) drive: f64,
-    /// Time coasted, or age of the drive; of no meaning in a base row.
+    /// Time coasted, or age of the drive, s; unused in a base row.
     pub(super) time_s: f64,
-    /// Size of the residual, N.
+    /// Magnitude of the residual, N.
     pub(super) error_n: f64,
 }
 
 /// The rows of one predictor.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Rows {
-    /// All inputs fresh; run by run in order of time. `time_s` is the age of the drive.
+    /// Rows with fresh inputs, run by run in the order of time. `time_s` is the age of the drive.
     pub(super) base: Vec<Row>,
-    /// Force lost for `time_s`.
+    /// Rows whose force has been lost for `time_s`.
     pub(super) coasting: Vec<Row>,
     /// Drive held for `time_s`.
     pub(super) held: Vec<Row>,
 }
 
-/// Longest time that an input is taken away for, s.
+/// Longest time that an input is removed, s.
 pub(super) const AWAY_S: f64 = 0.35;
-/// Time that it is there before it is taken away again, at least, s; and in samples, so that every lag is filled.
+/// Shortest time that the input is present before the next removal, s, and as a number of samples, so that
+/// all lags are filled.
 const THERE_S: f64 = 0.15;
 const THERE_SAMPLES: f64 = 16.0;
-/// Each run is gone over so often, with the stretches elsewhere.
+/// Number of passes over each run, with the removed stretches at different places.
 const SHIFTS: u32 = 3;
 
-/// An estimate, with where both lanes were.
+/// An estimate, and the operating points of the free-run and seeded channels.
 struct Made {
     stamp: Stamp,
     force_n: f64,
@@ -48,14 +50,14 @@ struct Made {
     one_step: Option<Operating>,
 }
 
-/// The measured force as it compares with the model, and its free run.
+/// The measured force, comparable with the model, and the force of the simulation.
 struct Residual {
     stamp: Stamp,
     measured_n: f64,
     predicted_n: f64,
 }
 
-/// What a pass over a run has given, in order of stamps.
+/// Results of a pass over a run, in the order of stamps.
 #[derive(Default)]
 struct Tape {
     made: Vec<Made>,
@@ -63,9 +65,10 @@ struct Tape {
 }
 
 impl Tape {
-    /// Goes over `run` without the samples that `keep` says no to.
+    /// Runs the pipeline over `run` with only those samples for which `keep` returns true.
     fn record(model: &Model, run: &Run, keep: impl Fn(&Sample) -> bool) -> Result<Self, Error> {
-        // The step at a change of mode is no error of the model, and coasting ends with the stretch.
+        // The smoothing at a mode change is not an error of the model, and coasting must last for the whole
+        // stretch.
         let settings = Settings { bumpless_tau_s: 0.0, coast_s: 2.0 * AWAY_S, ..Settings::default() };
         let mut pipeline = Pipeline::new(Models::alone(*model), settings)?;
         let mut tape = Self::default();
@@ -94,7 +97,7 @@ impl Tape {
         Ok(tape)
     }
 
-    /// Every estimate that counts with the residual of its stamp in `residuals`.
+    /// Every counted estimate, with the residual of the same stamp in `residuals`.
     fn with<'a>(&'a self, residuals: &'a [Residual]) -> impl Iterator<Item = (&'a Made, &'a Residual)> {
         let mut next = 0;
         self.made.iter().filter(|made| made.counts).filter_map(move |made| {
@@ -109,7 +112,7 @@ fn row(run: usize, at: &Operating, time_s: f64, error_n: f64) -> Option<Row> {
     (row.error_n.is_finite() && row.speed_m_s.is_finite()).then_some(row)
 }
 
-/// Adds the rows of `run`, which is number `number`, to those of both predictors.
+/// Adds the rows of `run` number `number` to the rows of both predictors.
 pub(super) fn gather(
     model: &Model,
     run: &Run,
@@ -136,7 +139,7 @@ pub(super) fn gather(
     Ok(())
 }
 
-/// Says no to the samples of `channel` in regular stretches.
+/// Returns a filter that removes the samples of `channel` in regular stretches.
 fn without(model: &Model, run: &Run, channel: Channel, shift: u32) -> impl Fn(&Sample) -> bool {
     let first = run.displacement_m.stamps.first().copied().unwrap_or_default();
     let there_s = THERE_S.max(THERE_SAMPLES / model.rate_hz);

@@ -1,16 +1,16 @@
-//! `[expected.uncertainty]` of a model file: the tables as lists, and what is refused.
+//! `[expected.uncertainty]` of a model file: the tables as lists, and their validation.
 //!
 //! ```toml
 //! [expected.uncertainty.free_run]
-//! speed_edges_m_s = [0.02, 0.05, 0.09]        # between four regions of |conditioned velocity|
-//! drive_edges = [0.6, 1.4]                    # between three of the drive, in its unit; [] without
-//! std_dev_n = [[9.0, 15.0, 21.0], ...]        # a row a speed, in it a number a drive
+//! speed_edges_m_s = [0.02, 0.05, 0.09]        # edges between four regions of |conditioned velocity|
+//! drive_edges = [0.6, 1.4]                    # edges between three regions of the drive, in its unit; [] without drive
+//! std_dev_n = [[9.0, 15.0, 21.0], ...]        # one row per speed region, one number per drive region
 //! half_band_n = [[15.0, 26.0, 34.0], ...]
 //! [expected.uncertainty.free_run.drive_held]  # absent without drive
-//! age_s = [0.0, 0.05, 0.1]                    # up to the first nothing is added
+//! age_s = [0.0, 0.05, 0.1]                    # nothing is added up to the first age
 //! added_std_dev_n = [0.0, 12.0, 20.0]
 //! added_half_band_n = [0.0, 20.0, 36.0]
-//! [expected.uncertainty.one_step]             # the same; only for models that feed on force
+//! [expected.uncertainty.one_step]             # the same; only for models whose input includes force
 //! [expected.uncertainty.one_step.coasting]
 //! time_s = [0.002, 0.004, 0.008]              # since the last measured force
 //! std_dev_factor = [1.0, 1.9, 3.1]
@@ -21,7 +21,7 @@ use super::{Bands, DRIVES, Edges, Growth, OneStep, SPEEDS, TIMES, Uncertainty, W
 use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
-/// The whole.
+/// The complete table.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct UncertaintyTable {
@@ -31,7 +31,7 @@ pub(super) struct UncertaintyTable {
     one_step: Option<BandsTable>,
 }
 
-/// One predictor.
+/// The table of one predictor.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct BandsTable {
@@ -75,7 +75,10 @@ impl TryFrom<UncertaintyTable> for Uncertainty {
 
     fn try_from(table: UncertaintyTable) -> Result<Self, Error> {
         if table.free_run.as_ref().is_some_and(|free_run| free_run.coasting.is_some()) {
-            return Err(refused("free_run.coasting", "is there, but only one_step coasts; take it out"));
+            return Err(refused(
+                "free_run.coasting",
+                "must be absent, because only one_step coasts; remove it",
+            ));
         }
         let free_run = table.free_run.map(|free_run| free_run.bands("free_run")).transpose()?;
         let one_step = match &table.one_step {
@@ -90,7 +93,7 @@ impl TryFrom<UncertaintyTable> for Uncertainty {
             }),
         };
         if free_run.is_none() && one_step.is_none() {
-            return Err(refused("free_run", "is missing, and so is one_step; take the empty table out"));
+            return Err(refused("free_run", "is missing, and so is one_step; remove the empty table"));
         }
         Ok(Self { free_run, one_step })
     }
@@ -123,7 +126,7 @@ impl BandsTable {
         if let Some(first) = self.speed_edges_m_s.first().filter(|edge| **edge <= 0.0) {
             return Err(refused(
                 &format!("{name}.speed_edges_m_s"),
-                format!("has {first}, but a speed is above 0"),
+                format!("has {first}, but speeds must be above 0"),
             ));
         }
         let drive_edges = edges(&format!("{name}.drive_edges"), &self.drive_edges)?;
@@ -139,7 +142,10 @@ impl BandsTable {
         let held = format!("{name}.drive_held");
         let drive_held = self.drive_held.as_ref().map(|table| table.growth(&held)).transpose()?;
         if drive_held.is_none() && !self.drive_edges.is_empty() {
-            return Err(refused(&held, "is missing, but drive_edges are given; without drive, empty them"));
+            return Err(refused(
+                &held,
+                "is missing, but drive_edges are given; add it, or make drive_edges empty",
+            ));
         }
         Ok(Bands { speed_edges_m_s, drive_edges, width_n, drive_held })
     }
@@ -165,7 +171,7 @@ impl CoastingTable {
     }
 }
 
-/// Times, standard deviations and half-widths.
+/// Times, standard deviations and half-widths of a growth.
 fn lists(growth: &Growth) -> [Vec<f64>; 3] {
     let width = &growth.width[..growth.len];
     [
@@ -177,25 +183,25 @@ fn lists(growth: &Growth) -> [Vec<f64>; 3] {
 
 fn edges<const N: usize>(name: &str, values: &[f64]) -> Result<Edges<N>, Error> {
     if values.len() > N {
-        return Err(refused(name, format!("has {} values, but at most {N} are held", values.len())));
+        return Err(refused(name, format!("has {} values, but at most {N} are allowed", values.len())));
     }
     Edges::new(values).ok_or_else(|| refused(name, format!("is {values:?}, but must increase and be finite")))
 }
 
-/// A grid, filled to its capacity with zeros.
+/// A grid of `rows`, padded with zeros to its full size.
 fn grid(
     name: &str,
     rows: &[Vec<f64>],
     (speeds, drives): (usize, usize),
 ) -> Result<[[f64; DRIVES]; SPEEDS], Error> {
     if rows.len() != speeds {
-        let needed = format!("has {} rows, but speed_edges_m_s make {speeds}", rows.len());
+        let needed = format!("has {} rows, but speed_edges_m_s define {speeds}", rows.len());
         return Err(refused(name, needed));
     }
     let mut filled = [[0.0; DRIVES]; SPEEDS];
     for (i, row) in rows.iter().enumerate() {
         if row.len() != drives {
-            let needed = format!("has {} values in row {i}, but drive_edges make {drives}", row.len());
+            let needed = format!("has {} values in row {i}, but drive_edges define {drives}", row.len());
             return Err(refused(name, needed));
         }
         for (j, value) in row.iter().enumerate() {
@@ -205,7 +211,7 @@ fn grid(
     Ok(filled)
 }
 
-/// A growth from lists of one length: times increase, widths begin at `base` and never shrink.
+/// A growth from lists of equal length. Times must increase; widths start at `base` and never decrease.
 fn growth(
     name: &str,
     (times_name, times): (&str, &[f64]),
@@ -236,12 +242,12 @@ fn growth(
     let nodes: Vec<(f64, Width)> = (0..times.len())
         .map(|k| (times[k], Width { std_dev: std_dev[k], half_band: half_band[k] }))
         .collect();
-    Growth::new(&nodes).ok_or_else(|| refused(name, "holds no table"))
+    Growth::new(&nodes).ok_or_else(|| refused(name, "is not a valid table"))
 }
 
 fn at_least(name: &str, value: f64, least: f64) -> Result<f64, Error> {
     if value.is_finite() && value >= least {
         return Ok(value);
     }
-    Err(refused(name, format!("is {value}, but must be finite and not below {least}")))
+    Err(refused(name, format!("is {value}, but must be finite and at least {least}")))
 }

@@ -1,4 +1,4 @@
-//! The table alone: regions, growth, what is not known.
+//! Tests of the table: regions, growth, unknown inputs.
 
 use super::*;
 use proptest::prelude::*;
@@ -11,7 +11,7 @@ fn growth(nodes: &[(f64, f64)]) -> Growth {
     Growth::new(&nodes).expect("a growth")
 }
 
-/// Widths that differ by region: 10 N more a speed, 1 N more a drive.
+/// Widths that differ by region: 10 N more per speed region, 1 N more per drive region.
 fn bands(base_n: f64, held: Option<Growth>) -> Bands {
     let mut width_n = [[Width::default(); DRIVES]; SPEEDS];
     for (i, row) in width_n.iter_mut().enumerate() {
@@ -45,7 +45,7 @@ fn at(predictor: Predictor) -> Operating {
 }
 
 #[test]
-fn a_region_is_found_by_speed_and_drive() {
+fn regions_are_selected_by_speed_and_drive() {
     let table = uncertainty();
     for (velocity_m_s, drive, expected_n) in
         [(0.0, 0.0, 100.0), (-0.15, 0.7, 111.0), (0.3, 1.5, 132.0), (-9.0, 0.0, 130.0), (0.1, 0.5, 111.0)]
@@ -58,7 +58,7 @@ fn a_region_is_found_by_speed_and_drive() {
 }
 
 #[test]
-fn growth_is_linear_between_the_times_and_flagged_beyond() {
+fn growth_is_linear_between_times_and_flagged_beyond_the_last() {
     let table = uncertainty();
     let one_step = |coast_s, drive_age_s| {
         let at = Operating { coast_s, drive_age_s, ..at(Predictor::OneStep) };
@@ -66,12 +66,13 @@ fn growth_is_linear_between_the_times_and_flagged_beyond() {
     };
     assert!((one_step(0.006, 0.001).std_dev_n - 16.0 * 2.5).abs() < 1e-9);
     assert!((one_step(0.25, 0.001).std_dev_n - 16.0 * 12.0).abs() < 1e-9);
-    // One step barely feels a held drive; coasting feels it as running free does.
+    // A held drive hardly affects the one-step-ahead prediction, but affects coasting as much as the
+    // simulation.
     assert!((one_step(0.002, 0.3).std_dev_n - 16.0_f64.hypot(2.0)).abs() < 1e-9);
     assert!((one_step(0.01, 0.3).std_dev_n - 64.0_f64.hypot(60.0)).abs() < 1e-9);
     assert!(one_step(0.3, 0.3).calibrated && !one_step(0.32, 0.3).calibrated);
     assert!(!one_step(0.002, 0.4).calibrated);
-    // Beyond the last time it is no better than running free.
+    // Beyond the last time the width is at least the width of the simulation.
     let mut weak = table;
     if let Some(one_step) = &mut weak.one_step {
         one_step.coasting = growth(&[(0.002, 1.0), (0.01, 1.1)]);
@@ -81,7 +82,7 @@ fn growth_is_linear_between_the_times_and_flagged_beyond() {
 }
 
 #[test]
-fn what_is_not_known_gives_no_spread() {
+fn unknown_inputs_give_no_spread() {
     let nan = f64::NAN;
     for predictor in [Predictor::FreeRun, Predictor::OneStep] {
         let fine = at(predictor);
@@ -96,7 +97,7 @@ fn what_is_not_known_gives_no_spread() {
     }
     let lost = |predictor| Operating { coast_s: nan, ..at(predictor) };
     assert_eq!(uncertainty().spread(&lost(Predictor::OneStep)), None);
-    assert!(uncertainty().spread(&lost(Predictor::FreeRun)).is_some(), "a free run knows of no force");
+    assert!(uncertainty().spread(&lost(Predictor::FreeRun)).is_some(), "a simulation uses no force");
     let passive = Uncertainty { free_run: Some(bands(100.0, None)), one_step: None };
     let undriven = Operating { drive: nan, drive_age_s: nan, ..at(Predictor::FreeRun) };
     assert_eq!(passive.spread(&undriven).map(|s| s.std_dev_n), Some(110.0));
@@ -106,7 +107,7 @@ fn what_is_not_known_gives_no_spread() {
 
 proptest! {
     #[test]
-    fn widths_grow_with_time_and_age_and_never_fall_below_the_base(
+    fn widths_never_decrease_with_time_and_age(
         velocity_m_s in -1.0..1.0_f64,
         drive in -1.0..3.0_f64,
         [coast_s, coast_more] in [0.0..0.5_f64, 0.0..0.5],

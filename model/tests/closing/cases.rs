@@ -1,16 +1,16 @@
-//! The catalogue: what is put into the rig, at which sizes, and the runs that come out.
+//! The catalogue of cases: injected effects, their sizes, and the runs with them.
 //!
-//! A case has three runs of 30 s at 512 Hz, each with a motion, a current and noise of its own: estimate, confirm,
-//! test. They start at 22, 34 and 46 °C, and a small heat capacity lets the damper warm by some 20 K on the way, so that
-//! fade can be told from drift. The road is rough enough for masses and lags, and long enough for end stops; the current
-//! is an APRBS that is often near zero, where friction is not lost beside the yield force. Runs hold a velocity
-//! channel too, which the diagnosis does without unless asked ([`super::judge::Bench`]).
+//! A case has three runs of 30 s at 512 Hz (training, validation, test; fields `estimate`, `confirm`, `test`), each with its own motion,
+//! current and noise. They start at 22, 34 and 46 °C, and a small heat capacity lets the damper warm by about 20 K during a run, so
+//! thermal fade can be separated from drift. The road is rough enough for masses and lags, and its amplitude is large enough for end
+//! stops. The current is an APRBS that is often near zero, where friction is visible next to the yield force. Runs have a velocity
+//! channel, which the diagnosis uses only if asked ([`super::judge::Bench`]).
 //!
-//! | kind | truth | base fits |
+//! | kind | truth | base structure fits |
 //! |---|---|---|
-//! | null, single, pair, outside | quasi-static valve with no, one, two effects, or one that no library holds | yes |
+//! | null, single, pair, outside | quasi-static valve with no effect, one, two, or one outside the library | yes |
 //! | wrong base | Bouc-Wen valve, with no or one effect | no |
-//! | paired | Bouc-Wen valve, with no or one effect, and a healthy run with the test's excitation | no |
+//! | paired | Bouc-Wen valve, with no or one effect, and a healthy run with the same excitation | no |
 
 use mr_damper_model::Error;
 use mr_damper_model::rig::inject::inject;
@@ -19,20 +19,20 @@ use mr_damper_model::sample::Run;
 
 /// Noise of the velocity transducer, m/s: 0.05 % of the fastest stroke.
 const VELOCITY_NOISE_M_S: f64 = 2e-4;
-/// Temperature at the start of estimate, confirm and test, °C.
+/// Temperature at the start of the training, validation and test run, °C.
 const START_C: [f64; 3] = [22.0, 34.0, 46.0];
-/// Heat capacity of the damper, J/K: a fraction of a real one's, in place of minutes of warming.
+/// Heat capacity of the damper, J/K: a fraction of a real damper's, so that it warms up within a run.
 const HEAT_CAPACITY_J_K: f64 = 80.0;
-/// Displacement at which end stops are met, m: the road's ends are beyond it.
+/// Displacement at which end stops begin, m; the road exceeds it.
 const END_STOP_M: f64 = 0.014;
 
-/// Effects of the library, and their full size in the rig's unit; of the end stop its stiffness in N/m.
+/// Effects of the library with their full size in the rig's unit; for the end stop, its stiffness in N/m.
 ///
-/// Double is still physically plausible. Where that leaves little to find (inertia, drift), little it is. Change of the
-/// force and ESR of the base alone on the test run, velocity measured and no filter, in the median of two seeds, where the healthy
-/// damper leaves 1.0e-4 (and 1.6e-3 when velocity is the backward difference, half a sample late):
+/// Double the size is still physically plausible, even if the effect is then small (inertia, drift). The table gives the change of the
+/// force, and the NMSE (thesis: ESR) of the base alone on the test run, with measured velocity and without filter, as the median of two
+/// seeds. The NMSE for the healthy damper is 1.0e-4, or 1.6e-3 if the velocity is the backward difference, which is half a sample late.
 ///
-/// | effect | dF/F at half, full, double (%) | ESR at half, full, double (1e-3) |
+/// | effect | dF/F at half, full, double (%) | NMSE at half, full, double (1e-3) |
 /// |---|---|---|
 /// | coil_lag | 6.5, 10.4, 13.5 | 4.4, 10.9, 17.6 |
 /// | remanence | 4.6, 9.0, 17.4 | 1.7, 6.1, 20.8 |
@@ -69,11 +69,11 @@ pub(crate) const SIZES: [(&str, f64); 16] = [
     ("anti_alias_mismatch", 3e-3),
 ];
 
-/// Effects that no library holds.
+/// Effects outside the library.
 pub(crate) const OUTSIDE: [(&str, f64); 4] =
     [("position_ripple", 0.15), ("force_loss", 0.15), ("mains_hum", 30.0), ("wear_step", 0.25)];
 
-/// Two at once, of different classes.
+/// Pairs of effects of different classes.
 const PAIRS: [[&str; 2]; 8] = [
     ["coil_lag", "gas_spring"],
     ["coil_lag", "asymmetry"],
@@ -85,7 +85,7 @@ const PAIRS: [[&str; 2]; 8] = [
     ["end_stop", "thermal_fade"],
 ];
 
-/// What a case is there for.
+/// Kind of a case; see the table at the top of this file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Null,
@@ -118,13 +118,13 @@ impl Kind {
     }
 }
 
-/// One row of the catalogue: cases of it differ by their seed.
+/// One row of the catalogue; its cases differ by their seed.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Plan {
     pub(crate) kind: Kind,
     /// Effects by the rig's ids, with their sizes.
     pub(crate) truth: Vec<(&'static str, f64)>,
-    /// Size as a multiple of the full one.
+    /// Size as a multiple of the full size.
     pub(crate) share: f64,
 }
 
@@ -139,7 +139,7 @@ pub(crate) struct Case {
     pub(crate) estimate: Vec<Run>,
     pub(crate) confirm: Vec<Run>,
     pub(crate) test: Vec<Run>,
-    /// In paired mode healthy runs with the excitation of estimate, confirm and test; else none.
+    /// In paired mode healthy runs with the excitation of `estimate`, `confirm` and `test`; otherwise empty.
     pub(crate) reference: Vec<Run>,
 }
 
@@ -174,7 +174,7 @@ pub(crate) fn full_size(id: &str) -> f64 {
 }
 
 impl Plan {
-    /// `single coil_lag x0.5`.
+    /// The name, for example `single coil_lag x0.5`.
     pub(crate) fn name(&self) -> String {
         let ids: Vec<&str> = self.truth.iter().map(|(id, _)| *id).collect();
         match (self.kind, ids.as_slice()) {
@@ -187,12 +187,12 @@ impl Plan {
     /// The case with the seed `seed`.
     ///
     /// # Errors
-    /// When the rig refuses an effect.
+    /// If the rig rejects an effect.
     pub(crate) fn case(&self, seed: u64) -> Result<Case, Error> {
         self.with(&self.truth, seed)
     }
 
-    /// The same motions, currents and noise with nothing put in.
+    /// The same motions, currents and noise without an effect.
     ///
     /// # Errors
     /// As [`Plan::case`].
@@ -223,10 +223,10 @@ impl Plan {
         })
     }
 
-    /// What the effects change in the test run's force: root mean square, as a share of the healthy force's.
+    /// Change of the test run's force by the effects: standard deviation, as a share of the healthy force's.
     ///
     /// # Errors
-    /// When the rig refuses an effect.
+    /// If the rig rejects an effect.
     pub(crate) fn change(&self, seed: u64) -> Result<f64, Error> {
         let force = |truth: &[(&'static str, f64)]| -> Result<Vec<f64>, Error> {
             let run = self.record(truth, 2, 2, Channels::PERFECT, seed)?;
@@ -237,7 +237,7 @@ impl Plan {
         Ok(deviation(&apart) / deviation(&healthy))
     }
 
-    /// Run number `which` (0 estimate, 1 confirm, 2 test) with the sensor noise of number `noise`.
+    /// Run number `which` (0 training, 1 validation, 2 test) with sensor noise number `noise`.
     fn record(
         &self,
         truth: &[(&'static str, f64)],
@@ -254,7 +254,7 @@ impl Plan {
                     inject(id, END_STOP_M, &mut plant, &mut channels)?;
                     plant.end_stop_n_m = size;
                 }
-                // In series with what compliance there is.
+                // In series with the compliance that the plant already has.
                 "series_spring" => {
                     let own = 1.0 / healthy.series_stiffness_n_m;
                     inject(id, own + size, &mut plant, &mut channels)?;
@@ -269,8 +269,8 @@ impl Plan {
     }
 }
 
-/// A road up to some 8 Hz, 35 mm from end to end: velocity 0.14 m/s and acceleration 6 m/s² (deviations). The current
-/// is the thesis' APRBS with twice its deviation.
+/// A road up to about 8 Hz with a span of 35 mm; standard deviations 0.14 m/s (velocity) and 6 m/s² (acceleration). The current is the
+/// thesis' APRBS with twice its standard deviation.
 fn experiment(name: &str) -> Experiment {
     let road = Road { level_hz: 3.0, band_hz: 8.0, span_m: Some(0.035), ..Road::SMOOTH_HIGHWAY };
     let current =

@@ -1,4 +1,4 @@
-//! What the diagnosis says of a case. [`judge`] is the only place that calls it.
+//! The result of the diagnosis for a case. Only [`judge`] calls the diagnosis.
 
 use super::cases::{Case, Kind};
 use mr_damper_model::Error;
@@ -9,35 +9,35 @@ use mr_damper_model::identify::{
 };
 use mr_damper_model::sample::Run;
 
-/// What came out for a case.
+/// Result for a case.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Outcome {
-    /// ESR of the base alone, running free, on the sealed run.
+    /// NMSE (thesis: ESR) of the base alone, in simulation, on the test run.
     pub(crate) before: f64,
-    /// ESR of the augmented model there; `None` when nothing was named.
+    /// NMSE of the augmented model on the test run; `None` if no effect was named.
     pub(crate) after: Option<f64>,
-    /// Share of the explainable error that is gone there; `None` when nothing was named.
+    /// Share of the reducible error that was removed on the test run; `None` if no effect was named.
     pub(crate) removed: Option<f64>,
-    /// Mean square error there over the noise floor, N²: of the base alone, and of the augmented model.
+    /// Mean square error on the test run above the noise floor, N²: of the base alone, and of the augmented model.
     pub(crate) over_noise_n2: [f64; 2],
-    /// What was named, in the order of application.
+    /// The effects named, in the order of application.
     pub(crate) named: Vec<Named>,
     /// The verdict.
     pub(crate) verdict: Verdict,
 }
 
-/// An effect that was named, or a class of effects that the data do not tell apart.
+/// A named effect, or a class of effects that the data cannot tell apart.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Named {
-    /// Ids of the library; the first one is in the model.
+    /// Ids in the library; the first one is in the model.
     pub(crate) ids: Vec<String>,
-    /// Form of the first one, where it has one.
+    /// Form of the first effect, if it has one.
     pub(crate) form: Option<&'static str>,
-    /// The first one's first parameter.
+    /// First parameter of the first effect.
     pub(crate) value: f64,
 }
 
-/// The conditioning of the base: the force's filter on the prediction, a velocity without delay.
+/// The conditioning of the base: the filter of the force applied to the prediction, and a velocity without delay.
 pub(crate) const CONDITIONING: Conditioning = Conditioning {
     apply_to: ApplyTo::Output,
     cutoff_hz: 20.0,
@@ -45,19 +45,19 @@ pub(crate) const CONDITIONING: Conditioning = Conditioning {
     slope_window_s: 0.01,
 };
 
-/// Restarts of the base's search.
+/// Restarts of the search for the base.
 const RESTARTS: u32 = 5;
-/// Standard deviation of the base's sets, of their spacing. With the half of the thesis' sets the base follows the rig's smooth valve
-/// in steps, and leaves five times the noise.
+/// Standard deviation of the base's fuzzy sets, as a multiple of their spacing. With half the spacing, as in the thesis, the base follows
+/// the rig's smooth valve in steps, and its error is five times the noise.
 const SIGMA: f64 = 0.7;
 
-/// What the diagnosing side has.
+/// Measurements and base available to the diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Bench {
-    /// Displacement alone, as a vehicle has it, and a base of seven sets over the current. What a difference quotient and seven sets
-    /// miss of the healthy damper is half of its noise.
+    /// Displacement alone, as in a vehicle, and a base with seven sets over the current. The misfit of the healthy damper by the finite
+    /// difference and the seven sets is half of the noise.
     Displacement,
-    /// A velocity transducer too, and nine sets: next to nothing is missed.
+    /// A velocity transducer too, and a base with nine sets. The misfit of the healthy damper is negligible.
     Velocity,
 }
 
@@ -69,7 +69,7 @@ impl Bench {
         }
     }
 
-    /// Sets of the base over the current, 0 to 2.5 A.
+    /// Fuzzy sets of the base over the current, 0 to 2.5 A.
     fn placement(self) -> Placement {
         let sets: u8 = match self {
             Self::Displacement => 7,
@@ -83,11 +83,11 @@ impl Bench {
     }
 }
 
-/// Judges a case: fuzzy-tanh is identified on the estimate runs (in paired mode on the healthy run of the estimate's motion), and the
-/// loop is closed.
+/// Diagnoses a case: fuzzy-tanh is identified on the training runs (in paired mode on the healthy run with the training excitation), and
+/// the diagnosis is run with it as base.
 ///
 /// # Errors
-/// Those of identification and diagnosis.
+/// As identification and diagnosis.
 pub(crate) fn judge(case: &Case, bench: Bench) -> Result<Outcome, Error> {
     let conditioning = bench.conditioning();
     let rows = |runs: &[Run]| -> Result<Vec<Dataset>, Error> {
@@ -107,14 +107,13 @@ pub(crate) fn judge(case: &Case, bench: Bench) -> Result<Outcome, Error> {
     let runs =
         Runs { estimate: &estimate, confirm: &confirm, test: &test, reference: &reference, replicates: &[] };
     let found = close(&base, &runs, &Settings::default(), &Watch::none(), &|_| {})?;
-    let sealed =
-        found.test.ok_or_else(|| Error::Data { message: format!("{}: no sealed run", case.name) })?;
+    let sealed = found.test.ok_or_else(|| Error::Data { message: format!("{}: no test run", case.name) })?;
     let named = |named: &mr_damper_model::diagnose::Named| Named {
         ids: named.class.iter().map(ToString::to_string).collect(),
         form: named.effect.effect().form(),
         value: named.effect.parameters()[0],
     };
-    // A name that the sealed run does not bear out is taken back by the verdict.
+    // The verdict withdraws an effect that the test run does not support.
     let stands = !matches!(found.verdict, Verdict::Unexplained | Verdict::BaseInadequate);
     let effects = if stands { &found.effects[..] } else { &[] };
     let over_noise = |rsse_n: f64| rsse_n.powi(2) - found.noise_floor.rsse_n.powi(2);

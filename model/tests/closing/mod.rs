@@ -1,9 +1,9 @@
-//! Runs whose truth is known, to try the diagnosis on: the catalogue of cases, one judgement a case, and rates.
+//! Runs with known truth for testing the diagnosis: the catalogue of cases, the outcome for a case, and detection rates.
 //!
-//! A test of a few and a long run of many (`examples/closing_rates.rs`) share it. All runs come from the virtual rig,
-//! which shares no code with effects, models and diagnosis.
+//! It is shared by a test with a few cases and by a long evaluation with many (`examples/closing_rates.rs`). All runs come from the
+//! virtual rig, which shares no code with effects, models and diagnosis.
 
-#![allow(dead_code, reason = "the test and the example each use their share")]
+#![allow(dead_code, reason = "the tests and the example each use a part of it")]
 
 pub(crate) mod cases;
 pub(crate) mod judge;

@@ -1,18 +1,18 @@
-//! Rates of right and wrong names over the seeds of a plan, with intervals.
+//! Rates of correctly and wrongly named effects over the seeds of a plan, with intervals.
 
 use super::cases::Plan;
 use super::judge::Outcome;
 use mr_damper_model::effect::Effect;
 use std::collections::BTreeMap;
 
-/// Id of the library for an effect of the rig; `None` where the library has none.
+/// Id in the library for an effect of the rig; `None` if the library does not have it.
 pub(crate) fn library_id(rig_id: &str) -> Option<&'static str> {
-    // A spring in series is a form of the force's lag there.
+    // In the library a spring in series is a form of the force lag.
     let id = if rig_id == "series_spring" { "force_lag" } else { rig_id };
     Effect::ALL.into_iter().map(Effect::id).find(|known| *known == id)
 }
 
-/// How often, of how many.
+/// Number of hits and number of trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Rate {
     pub(crate) hits: u32,
@@ -25,13 +25,13 @@ impl Rate {
         self.of += 1;
     }
 
-    /// Adds what another has counted.
+    /// Adds the counts of `other`.
     pub(crate) fn merge(&mut self, other: Self) {
         self.hits += other.hits;
         self.of += other.of;
     }
 
-    /// Wilson's 95 % interval; all or nothing when nothing was counted.
+    /// Wilson's 95 % interval; 0 to 1 if nothing was counted.
     pub(crate) fn interval(self) -> [f64; 2] {
         const Z: f64 = 1.959_963_985;
         if self.of == 0 {
@@ -45,7 +45,7 @@ impl Rate {
         [(centre - half).max(0.0), (centre + half).min(1.0)]
     }
 
-    /// `19/20 [.76 .99]`.
+    /// The rate as text, for example `19/20 [0.764 0.991]`.
     pub(crate) fn text(self) -> String {
         let [low, high] = self.interval();
         let short = |p: f64| format!("{p:.3}");
@@ -53,26 +53,26 @@ impl Rate {
     }
 }
 
-/// Figures of a plan over its seeds.
+/// Results of a plan over its seeds.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Row {
-    /// All effects were named, each by its id or in a class with it.
+    /// Cases in which all effects were named, each by its id or in a class with it.
     pub(crate) right: Rate,
-    /// Something was named that is not there.
+    /// Cases in which an effect was named that is not present.
     pub(crate) wrong: Rate,
     changes: Vec<f64>,
     before: Vec<f64>,
     after: Vec<f64>,
     removed: Vec<f64>,
     undone: Vec<f64>,
-    /// Relative errors of the parameters of effects that were named as themselves.
+    /// Relative errors of the parameters of effects that were named by their own id.
     errors: Vec<f64>,
     verdicts: BTreeMap<&'static str, u32>,
 }
 
 impl Row {
-    /// Counts one outcome of `plan`, whose effects change the force by the share `change`; and where it is known what comes out with
-    /// nothing put in, how much of the error that they brought is gone.
+    /// Counts one outcome of `plan`, whose effects change the force by the share `change`. If the outcome for the healthy damper is known
+    /// (`healthy`), also counts the share of the error brought by the effects that was removed.
     pub(crate) fn take(&mut self, plan: &Plan, outcome: &Outcome, healthy: Option<&Outcome>, change: f64) {
         let there: Vec<Option<&str>> = plan.truth.iter().map(|(id, _)| library_id(id)).collect();
         let within = |ids: &[String], id: &str| ids.iter().any(|named| named == id);
@@ -81,7 +81,7 @@ impl Row {
         let is_there = |ids: &[String]| there.iter().flatten().any(|id| within(ids, id));
         self.wrong.count(outcome.named.iter().any(|named| !is_there(&named.ids)));
         for (id, size) in &plan.truth {
-            // The spring has a form of its own, whose parameter is another than the lag's.
+            // The spring has its own form, with a different parameter from the lag's.
             let form = (*id == "series_spring").then_some("series_spring");
             let own = outcome.named.iter().find(|named| {
                 named.ids.first().map(String::as_str) == library_id(id)
@@ -107,7 +107,7 @@ impl Row {
         median(&self.errors)
     }
 
-    /// The row of the table below [`HEAD`].
+    /// The row of the table below [`head`].
     pub(crate) fn text(&self, plan: &Plan) -> String {
         let sizes: Vec<String> = plan.truth.iter().map(|(_, size)| format!("{size}")).collect();
         let verdicts: Vec<String> = self.verdicts.iter().map(|(name, n)| format!("{name} {n}")).collect();
@@ -128,9 +128,11 @@ impl Row {
     }
 }
 
-/// Head of the table: medians over the seeds (ESR on the sealed run; share that is gone there of the error over the noise, and of what
-/// the effects brought to it, over the base's own misfit to the healthy damper; error of the parameter), rates with Wilson's 95 %
-/// interval.
+/// Head of the table.
+///
+/// The columns are medians over the seeds. `before` and `after` are the NMSE (thesis: ESR) on the test run. `gone` is the share removed
+/// there of the error above the noise; `undone` is the share removed of the error above the base's misfit of the healthy damper. `off` is
+/// the relative error of the parameter. Rates are given with Wilson's 95 % interval.
 pub(crate) fn head() -> String {
     format!(
         "{:<40} {:>14} {:>7} {:>9} {:>9} {:>7} {:>8} {:>7} {:>20} {:>20}  {}",
@@ -148,7 +150,7 @@ pub(crate) fn head() -> String {
     )
 }
 
-/// The middle value; NaN of none.
+/// Median; NaN without values.
 fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -1,6 +1,6 @@
-//! A damper on the bench: smooth motion, a stepping current, and the force of a thesis model.
+//! Test input for the pipeline: smooth motion, a stepping current, and a force close to the thesis models.
 
-#![allow(dead_code, reason = "each test binary uses its share")]
+#![allow(dead_code, reason = "each test binary uses a part of it")]
 
 use mr_damper_model::Error;
 use mr_damper_model::model::Model;
@@ -18,14 +18,14 @@ pub(crate) fn preset(name: &str) -> Model {
     preset::load(name).expect("a known preset")
 }
 
-/// The thesis' best fuzzy-tanh model, and its best ARX.
+/// The thesis' best fuzzy-tanh model with its best ARX model.
 pub(crate) fn both() -> Models {
     Models::alone(preset(preset::BEST_FUZZY_TANH))
         .with_seeded(preset(preset::BEST_ARX))
         .expect("both want a current")
 }
 
-/// `model` with an uncertainty that no run has given: the same for every model.
+/// `model` with a fixed uncertainty table for tests, the same for every model.
 pub(crate) fn calibrated(model: Model) -> Model {
     const TABLE: &str = "
 [expected.uncertainty.free_run]
@@ -63,7 +63,7 @@ fn motion(k: i64) -> (f64, f64, f64) {
     (x, v, i)
 }
 
-/// The measured force at sample `k`, N: near what the models say, but no model's own output.
+/// The measured force at sample `k`, N: close to the models' force, but not the output of any of them.
 pub(crate) fn force_n(k: i64) -> f64 {
     let (x, v, i) = motion(k);
     (150.0 + 300.0 * i) * (12.0 * (v - 2.0 * x)).tanh() + 700.0 * v
@@ -81,7 +81,7 @@ pub(crate) fn samples(k: i64, epoch_ns: i64) -> [Sample; 3] {
     .map(|reading| Sample { stamp, received: stamp, reading })
 }
 
-/// A pipeline with its events.
+/// A pipeline with its input settings and recorded events.
 pub(crate) struct Bench {
     pub(crate) pipeline: Pipeline,
     pub(crate) events: Vec<Event>,
@@ -116,8 +116,8 @@ impl Bench {
         }
     }
 
-    /// From now on the measured force is the free model's own plus `bias_n`, so that what the model lacks is
-    /// known exactly. Holds for the first `count` samples.
+    /// Sets the measured force of the first `count` samples to the model's simulation (free run) plus `bias_n`, so that the model error is
+    /// known exactly.
     pub(crate) fn measure_free_run_plus(&mut self, bias_n: f64, count: i64) {
         let mut other = Self::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
         other.constant_current = self.constant_current;
@@ -129,7 +129,7 @@ impl Bench {
             .collect();
     }
 
-    /// The free run over the samples that were fed, N.
+    /// The simulation (free run) over the samples that were fed, N.
     pub(crate) fn free_run_n(&self) -> Vec<f64> {
         let mut other = Self::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
         other.constant_current = self.constant_current;
@@ -137,7 +137,7 @@ impl Bench {
         other.estimates().map(|e| e.force.get()).collect()
     }
 
-    /// Feeds samples; `force` says whether measured force is there.
+    /// Feeds samples; `force` decides for each sample if it has a measured force.
     pub(crate) fn run(&mut self, range: Range<i64>, force: impl Fn(i64) -> bool) {
         for k in range {
             for mut sample in samples(k, 0) {
@@ -162,7 +162,7 @@ impl Bench {
         self.feed(&Sample { stamp, received: stamp, reading });
     }
 
-    /// Feeds a reading that arrives at sample `k` with a stamp so many nanoseconds later.
+    /// Feeds a reading that arrives at sample `k` with a stamp `ahead_ns` nanoseconds later.
     pub(crate) fn feed_ahead(&mut self, k: i64, ahead_ns: i64, reading: Reading) {
         let received = Stamp::from_nanos(self.epoch_ns + k * self.period_ns);
         self.feed(&Sample { stamp: received.shifted(ahead_ns), received, reading });
@@ -173,7 +173,7 @@ impl Bench {
         self.pipeline.step(sample, &mut |event| events.push(event));
     }
 
-    /// Other models and settings from the next sample on, unless they do not go together.
+    /// Uses other models and settings from the next sample on; an error if they do not fit together.
     pub(crate) fn take(&mut self, models: Models, settings: Settings) -> Result<(), Error> {
         let plan = Plan::new(models, settings)?;
         let events = &mut self.events;
@@ -201,7 +201,7 @@ impl Bench {
         })
     }
 
-    /// Changes of mode, a line each.
+    /// Changes of mode, one per line.
     pub(crate) fn transitions(&self) -> String {
         let line = |event: &Event| match event {
             Event::Transition(t) => {
@@ -214,7 +214,7 @@ impl Bench {
         self.events.iter().filter_map(line).collect::<Vec<_>>().join("\n")
     }
 
-    /// Refused samples, a line each.
+    /// Refused samples, one per line.
     pub(crate) fn refusals(&self) -> String {
         let line = |event: &Event| match event {
             Event::Refusal(refusal) => {

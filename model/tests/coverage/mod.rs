@@ -1,4 +1,4 @@
-//! How many measured forces lie in the bands of a live pipeline.
+//! Coverage: the share of measured forces within the uncertainty bands of a live pipeline.
 
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Settings};
@@ -11,7 +11,7 @@ use std::ops::RangeInclusive;
 /// Experiments with random motion and a random current.
 pub(crate) const RANDOM: [&str; 2] = ["RP-ICPS", "RP-APRBS"];
 
-/// Replicates of both experiments on a bench that drifts: each with a pattern, temperature, strength and offset of its own.
+/// Replicates of both experiments on a rig with drift: each has its own pattern, temperature, strength and offset.
 pub(crate) fn generated(replicates: RangeInclusive<u32>, set: u64) -> Vec<Run> {
     let mut runs = Vec::new();
     for name in RANDOM {
@@ -25,7 +25,7 @@ pub(crate) fn generated(replicates: RangeInclusive<u32>, set: u64) -> Vec<Run> {
     runs
 }
 
-/// What is taken away, for stretches of random length.
+/// The input that is removed for intervals of random length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Away {
     None,
@@ -33,7 +33,7 @@ pub(crate) enum Away {
     Drive,
 }
 
-/// An estimate against the measured force of its stamp.
+/// An estimate compared with the measured force at its stamp.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Row {
     pub(crate) mode: Mode,
@@ -41,18 +41,19 @@ pub(crate) struct Row {
     pub(crate) calibrated: bool,
     pub(crate) error_n: f64,
     pub(crate) std_dev_n: f64,
-    /// Width of the band, N: on all inputs and in one mode, each region has its own.
+    /// Width of the band, N. With all inputs present and in one mode, each region has a different width.
     pub(crate) width_n: f64,
-    /// Since the newest force before this one's, by the run's own stamps.
+    /// Time since the newest force before the force at this stamp, by the run's stamps, s.
     pub(crate) coast_s: f64,
     pub(crate) drive_age_s: f64,
 }
 
-/// Stretches of up to .3 s without (.33 s where few fit), and of `with_s` to .45 s more with.
+/// Intervals without the input, as start and end in s. Each lasts up to 0.3 s (0.33 s if only few fit); between them the input is present
+/// for `with_s` to `with_s` + 0.45 s.
 fn gone(run: &Run, seed: u64, with_s: f64) -> Vec<(f64, f64)> {
     let longest_s = if with_s > 1.0 { 0.33 } else { 0.3 };
     let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
-    // Periodic runs must not all be lost at one phase.
+    // The start is random, so that in periodic runs the losses are not all at one phase.
     let first = if with_s > 1.0 { with_s + random.random::<f64>() } else { 0.45 + with_s };
     let (mut at, mut stretches) = (first, Vec::new());
     while at < run.duration().get() {
@@ -63,10 +64,10 @@ fn gone(run: &Run, seed: u64, with_s: f64) -> Vec<(f64, f64)> {
     stretches
 }
 
-/// The rows of `run` through a live pipeline, all that have an estimate.
+/// The rows of `run` from a live pipeline: all that have an estimate.
 pub(crate) fn cover(model: &Model, run: &Run, away: Away, seed: u64) -> Vec<Row> {
     let first = run.displacement_m.stamps[0];
-    // A force that is lost again within 2 s is no more taken at once: what is measured here is a first loss.
+    // The pipeline does not use a force at once that is lost again within 2 s. Losses are spaced so that each counts as a first loss.
     let stretches = gone(run, seed, if away == Away::Force { 2.1 } else { 0.05 });
     let lost = |stamp: Stamp| {
         let t = stamp.since(first).get();
@@ -111,7 +112,7 @@ pub(crate) fn cover(model: &Model, run: &Run, away: Away, seed: u64) -> Vec<Row>
     rows
 }
 
-/// How many of the calibrated rows lie inside, and how large errors are in standard deviations.
+/// Counts over the calibrated rows: rows inside their band, and errors in standard deviations.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Tally {
     pub(crate) rows: usize,
@@ -134,7 +135,7 @@ impl Tally {
         self.inside as f64 / self.rows as f64
     }
 
-    /// Root mean square of error over standard deviation.
+    /// Root mean square of the error divided by its standard deviation.
     pub(crate) fn normalised(&self) -> f64 {
         (self.squares / self.rows as f64).sqrt()
     }

@@ -1,19 +1,19 @@
-//! Runs made by a known model, for tests of identification.
+//! Runs with the force of a known model, for tests of identification.
 
-#![allow(dead_code, reason = "each test binary uses its share")]
+#![allow(dead_code, reason = "each test binary uses a part of it")]
 
 use mr_damper_model::force::{FuzzySets, FuzzyTanh, History, Inputs, Membership, TanhFunction};
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// How a run is made. Times are in s, forces in N.
+/// Parameters of a generated run. Times are in s, forces in N.
 #[derive(Clone, Copy)]
 pub(crate) struct Recipe<'a> {
     pub(crate) name: &'a str,
     pub(crate) rate_hz: f64,
     pub(crate) duration_s: f64,
-    /// Drive at a time.
+    /// Drive as a function of time.
     pub(crate) drive: fn(f64) -> f64,
     pub(crate) offset_n: f64,
     /// Half width of the uniform noise on force.
@@ -44,7 +44,7 @@ fn motion(t: f64, seed: u64) -> (f64, f64) {
     })
 }
 
-/// A run whose force is `force(x, v, i)` plus offset and noise; it carries its exact velocity.
+/// A run with the force `force(x, v, i)` plus offset and noise, and with its exact velocity.
 pub(crate) fn run(recipe: Recipe, kind: DriveKind, force: impl Fn(f64, f64, f64) -> f64) -> Run {
     let period_ns = (1e9 / recipe.rate_hz).round() as i64;
     let mut noise = Pcg64Mcg::seed_from_u64(recipe.seed ^ 0xabcd);
@@ -70,8 +70,8 @@ pub(crate) fn run(recipe: Recipe, kind: DriveKind, force: impl Fn(f64, f64, f64)
     }
 }
 
-/// A run whose force is what `predict` makes of the run's own past, driven by noise of half width `noise_n`, plus the
-/// recipe's offset.
+/// A run with the force that `predict` computes from the run's own past, driven by noise of half width `noise_n`, plus the recipe's
+/// offset.
 pub(crate) fn fed_run(
     noise_n: f64,
     recipe: Recipe,
@@ -99,7 +99,7 @@ pub(crate) fn fed_run(
     made
 }
 
-/// A tanh function of yield force, damping, slope and coupling.
+/// A tanh function with this yield force, damping, slope and coupling.
 pub(crate) fn tanh_function(a1: f64, a2: f64, a3: f64, kappa: f64) -> TanhFunction {
     TanhFunction {
         yield_force_n: a1,

@@ -1,6 +1,5 @@
-//! The problem that Python peers are timed on: 30 s at 512 Hz of 120 sines and a stepping current, and the force
-//! of a tanh damper with a coil lag, noise and a 20 Hz filter over all. The peers' random numbers differ, the
-//! problem is the same.
+//! The problem for timing against Python peers: 30 s at 512 Hz of 120 sines and a stepping current, and the force of a tanh damper with a
+//! coil lag, noise, and a 20 Hz filter on all channels. The peers use different random numbers for the same problem.
 
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::identify::{Dataset, Row};

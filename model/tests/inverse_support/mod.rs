@@ -1,6 +1,6 @@
-//! Models, motions and demands of the tests of the inverse, and what no commander may ever do.
+//! Models, motions and demands for the tests of the inverse controller, and the invariants of its commands.
 
-#![allow(dead_code, reason = "each test takes what it needs")]
+#![allow(dead_code, reason = "each test binary uses a part of it")]
 
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::force::{Dependence, ForceModel, Inputs, Law, LawModel};
@@ -35,7 +35,7 @@ pub(crate) fn inputs(displacement_m: f64, velocity_m_s: f64) -> Inputs {
     }
 }
 
-/// Any number that a bus can bring, most of them possible.
+/// Any number that an input can have, most of them plausible.
 fn any(rng: &mut Pcg64Mcg, size: f64) -> f64 {
     match rng.random_range(0..40_u32) {
         0 => f64::NAN,
@@ -47,7 +47,7 @@ fn any(rng: &mut Pcg64Mcg, size: f64) -> f64 {
     }
 }
 
-/// Limits that every kind of cut comes with.
+/// Limits under which every kind of limitation occurs.
 pub(crate) const TIGHT: Limits = Limits {
     current_max_a: 2.5,
     rate_max_a_s: 200.0,
@@ -59,8 +59,8 @@ pub(crate) const TIGHT: Limits = Limits {
     feedback_gain: 1.0,
 };
 
-/// A commander with [`TIGHT`] limits never leaves them or drives the rod, in `states` states of which any may be broken. Returns in
-/// how many it answered a demand.
+/// Checks that an inverse controller with [`TIGHT`] limits stays within them and never drives the rod, over `states` states with broken
+/// values among them. Returns the number of states in which it answered a demand.
 pub(crate) fn keeps_its_limits(mut commander: Commander, states: u32, seed: u64) -> u32 {
     let limits = TIGHT;
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
@@ -82,7 +82,7 @@ pub(crate) fn keeps_its_limits(mut commander: Commander, states: u32, seed: u64)
         if let Some(dt_s) = at.dt_s.filter(|dt_s| *dt_s > 0.0) {
             assert!((current_a - last_a).abs() <= limits.rate_max_a_s * dt_s + 1e-12, "{at:?}");
         } else {
-            assert_eq!(current_a, last_a, "no time, no change: {at:?}");
+            assert_eq!(current_a, last_a, "without a time step the current does not change: {at:?}");
         }
         if limited_by != LimitedBy::Safe {
             commanded += 1;
@@ -94,7 +94,7 @@ pub(crate) fn keeps_its_limits(mut commander: Commander, states: u32, seed: u64)
     commanded
 }
 
-/// Semi-phenomenological, whose yield force grows up to 1.25 A and falls from there on.
+/// Semi-phenomenological model with a yield force that grows up to 1.25 A and falls above.
 pub(crate) fn folded() -> Model {
     let law = Law::Sp;
     let names: Vec<&str> = law.parameters().iter().map(|parameter| parameter.name).collect();
@@ -113,21 +113,21 @@ pub(crate) fn folded() -> Model {
     Model { force: ForceModel::Law(force), ..fuzzy_tanh() }
 }
 
-/// Bouc-Wen whose damping and hysteresis grow with the current.
+/// Bouc-Wen model with damping and hysteresis that grow with the current.
 pub(crate) fn bouc_wen() -> Model {
     let none = [600.0, 8e3, 1e3, 500.0, 80.0, 150.0, 2.0, 150.0, 300.0];
     let per_a = [200.0, 4e3, 0.0, 0.0, 300.0, 0.0, 0.0, 0.0, 0.0];
     polynomial(Law::BoucWen, &[none, per_a].concat())
 }
 
-/// The polynomial of Choi et al., linear in the current; falling a little below rising.
+/// The polynomial of Choi et al., linear in the current, with the falling branch a little below the rising one.
 pub(crate) fn choi() -> Model {
     let none = |b0: f64| [b0, 2500.0, 0.0, -2e4, 0.0, 0.0, 0.0];
     let per_a = |b0: f64| [b0, 4000.0, 0.0, -6e4, 0.0, 0.0, 0.0];
     polynomial(Law::Choi, &[none(-40.0), none(40.0), per_a(-15.0), per_a(15.0)].concat())
 }
 
-/// `law`, its parameters linear in the current.
+/// `law` with parameters linear in the current.
 fn polynomial(law: Law, coefficients: &[f64]) -> Model {
     let drive = mr_damper_model::sample::DriveKind::CoilCurrent;
     let dependence = Dependence::Polynomial { drive, degree: 1 };
@@ -135,7 +135,7 @@ fn polynomial(law: Law, coefficients: &[f64]) -> Model {
     Model { force: ForceModel::Law(force), ..fuzzy_tanh() }
 }
 
-/// A motion, and a demand within what `plant` has along it: between 15 and 85 % of the way from its softest to its hardest.
+/// A motion, and a demanded force that `plant` can give along it: 15 to 85 % of the way from its softest to its hardest force.
 pub(crate) fn demand(experiment: &Experiment, plant: &Plant) -> (Motion, Vec<f64>) {
     let x = record(experiment, plant, &Channels::PERFECT, 77).displacement_m.values;
     let (samples, motion) = (x.len(), Motion::recorded(x));
@@ -146,7 +146,7 @@ pub(crate) fn demand(experiment: &Experiment, plant: &Plant) -> (Motion, Vec<f64
     (motion, force_n)
 }
 
-/// Error on the rig, the first second left out.
+/// Tracking error on the rig, without the first second.
 pub(crate) fn error(
     (model, method): (&Model, Method),
     (motion, force_n): &(Motion, Vec<f64>),

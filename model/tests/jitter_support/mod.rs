@@ -1,6 +1,6 @@
-//! A damper whose samples have jittering stamps, and of which some are lost: what the pipeline makes of them.
+//! A damper with jittering stamps and lost samples, and the result of the pipeline on its samples.
 
-#![allow(dead_code, reason = "each binary uses its share")]
+#![allow(dead_code, reason = "each binary uses a part of it")]
 
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
@@ -12,28 +12,30 @@ use mr_damper_model::units::{Ampere, Metre, Newton};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Length of a run, s, and the part at its beginning that is not compared.
+/// Length of a run, s.
 pub(crate) const DURATION_S: f64 = 6.0;
+/// Part at the start of a run that is not compared, s.
 const SKIPPED_S: f64 = 0.5;
 
-/// How the delays from the sampling to the stamp are distributed.
+/// Distribution of the delays from sampling to stamp.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Jitter {
     None,
-    /// Uniform within plus and minus so many periods.
+    /// Uniform within plus and minus this number of periods.
     Uniform(f64),
-    /// Normal, with a standard deviation of so many periods.
+    /// Normal, with a standard deviation of this number of periods.
     Normal(f64),
-    /// Exponential with a mean of so many periods; once in two seconds a sample is 5 to 20 ms late, and those after it catch up.
+    /// Exponential with a mean of this number of periods; once in two seconds a sample is 5 to 20 ms late, and the samples after it catch
+    /// up.
     Publisher(f64),
 }
 
-/// When a reading was taken, compared with its stamp.
+/// Time at which a reading was taken, relative to its stamp.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Truth {
-    /// The reading was taken on time; only its stamp is off.
+    /// The reading was taken on time; only its stamp is wrong.
     ReadOnTime,
-    /// The reading was taken when the stamp says.
+    /// The reading was taken at the time of its stamp.
     ReadAtStamp,
 }
 
@@ -46,11 +48,11 @@ pub(crate) enum Loss {
     All(f64),
     /// This share of one channel: 0 drive, 1 force, 2 displacement.
     One(usize, f64),
-    /// So many in a row of each channel, twice a second.
+    /// This number of consecutive samples of each channel, twice a second.
     Bursts(u32),
 }
 
-/// The current: steps are what no model foresees, and most of the error on clean stamps.
+/// The current. Steps cannot be predicted by a model; they cause most of the error with clean stamps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Current {
     Steps,
@@ -67,7 +69,7 @@ pub(crate) struct Case {
     /// All channels have the same stamps.
     pub(crate) shared: bool,
     pub(crate) loss: Loss,
-    /// Samples arrive in the order of their stamps; else in the order in which they were taken.
+    /// True if samples arrive in the order of their stamps; otherwise in the order in which they were taken.
     pub(crate) by_stamp: bool,
     pub(crate) seed: u64,
 }
@@ -99,8 +101,9 @@ pub(crate) struct Outcome {
     pub(crate) valid_rms_n: f64,
 }
 
-/// Half width of the uniform noise of the load cell, N, and of the displacement sensor, m.
+/// Half width of the uniform noise of the load cell, N.
 const FORCE_NOISE_N: f64 = 3.0;
+/// Half width of the uniform noise of the displacement sensor, m.
 const DISPLACEMENT_NOISE_M: f64 = 2e-6;
 
 fn motion(t: f64, current: Current) -> (f64, f64, f64) {
@@ -113,13 +116,13 @@ fn motion(t: f64, current: Current) -> (f64, f64, f64) {
     (x, v, i)
 }
 
-/// The force at time `t`, N: the one of `tests/common`.
+/// The force at time `t`, N; the same as in `tests/common`.
 fn force_n(t: f64, current: Current) -> f64 {
     let (x, v, i) = motion(t, current);
     (150.0 + 300.0 * i) * (12.0 * (v - 2.0 * x)).tanh() + 700.0 * v
 }
 
-/// The models at `rate_hz`: the thesis' own at 512 Hz (and 500), an ARX identified on a run without jitter at any other.
+/// The models at `rate_hz`: the thesis' models at 512 Hz (and 500 Hz); at other rates the ARX is identified on a run without jitter.
 pub(crate) fn models(rate_hz: f64, current: Current, conditioning: Conditioning) -> Models {
     let load = |name| preset::load(name).expect("a known preset");
     let free = load(preset::BEST_FUZZY_TANH);
@@ -158,7 +161,7 @@ struct Delays {
     random: Pcg64Mcg,
     jitter: Jitter,
     period_s: f64,
-    /// Until when the publisher stands still, s.
+    /// Time until which the publisher is stalled, s.
     stands_s: f64,
 }
 
@@ -216,7 +219,7 @@ impl Losses {
     }
 }
 
-/// The samples of `case` in their order of arrival, each with the force that was there when displacement was taken.
+/// The samples of `case` in their order of arrival, each with the true force at the time when it was taken.
 pub(crate) fn samples(case: &Case) -> Vec<(Sample, f64)> {
     let period_s = 1.0 / case.rate_hz;
     let seeded = |salt: u64| Pcg64Mcg::seed_from_u64(case.seed.wrapping_mul(1000) + salt);
@@ -254,7 +257,7 @@ pub(crate) fn samples(case: &Case) -> Vec<(Sample, f64)> {
     made
 }
 
-/// Runs the pipeline on `samples`; the error counts from [`SKIPPED_S`] on.
+/// Runs the pipeline on `samples`. Errors count from [`SKIPPED_S`] on.
 pub(crate) fn outcome(models: Models, settings: Settings, samples: &[(Sample, f64)]) -> Outcome {
     let mut pipeline = Pipeline::new(models, settings).expect("the models run");
     let from = samples[0].0.stamp.shifted((SKIPPED_S * 1e9) as i64);

@@ -1,10 +1,10 @@
-//! Measured runs of real dampers. They are not part of this repository: `MR_DAMPER_DATA` says where they are (default
-//! `../shared/data` from the workspace).
+//! Measured runs of real dampers. They are not part of this repository; `MR_DAMPER_DATA` is their folder (default `../shared/data` from
+//! the workspace).
 
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::path::{Path, PathBuf};
 
-/// The runs of one folder, by name; `None` (and a word about it) when it is not there.
+/// The runs of one folder, sorted by name. If the folder does not exist, prints a note and returns `None`.
 pub(crate) fn folder(name: &str) -> Option<Vec<Run>> {
     let root = std::env::var_os("MR_DAMPER_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
@@ -18,7 +18,7 @@ pub(crate) fn folder(name: &str) -> Option<Vec<Run>> {
     Some(paths.iter().map(|path| read(path)).collect())
 }
 
-/// A plain reader for these files; the product's own is in the node.
+/// A simple reader for these CSV files; the full reader is in the node crate.
 fn read(path: &Path) -> Run {
     let text = std::fs::read_to_string(path).expect("a readable file");
     let mut lines = text.lines();

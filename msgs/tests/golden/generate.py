@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Makes cdr.tsv and hashes.tsv: what an independent implementation (PyPI rosbags) says of our messages.
+"""Writes cdr.tsv and hashes.tsv: the CDR bytes and type hashes of our messages, computed by PyPI rosbags.
 
 usage: generate.py [--check] [--rosidl PREFIX...]
 
-  --check             write nothing; fail when the files differ from what would be written
+  --check             write nothing; fail if the files differ from what would be written
   --rosidl PREFIX...  also compare every hash with the JSON that rosidl installed under PREFIX/share:
                       our install prefix, and that of ROS 2 itself for the standard types
 
-Needs `pip install rosbags==0.11.9`. The tests themselves read the two files only and need no Python.
+Needs `pip install rosbags==0.11.9`. The tests read only the two files and need no Python.
 """
 
 import argparse
@@ -62,7 +62,7 @@ STANDARD = [
     'type_description_interfaces/msg/TypeSource',
 ]
 
-# rosbags knows no services; these are written down from the packages of ROS 2 Jazzy.
+# rosbags does not support services; these definitions are copied from the packages of ROS 2 Jazzy.
 FOREIGN_SERVICES = {
     'lifecycle_msgs/srv/ChangeState': ('Transition transition', 'bool success'),
     'lifecycle_msgs/srv/GetAvailableStates': ('', 'State[] available_states'),
@@ -100,7 +100,7 @@ SECTIONS = {
 
 
 def definitions():
-    """Type name and text of every message in this package; services and actions are split in their parts."""
+    """Type name and text of every message in this package; services and actions are split into their parts."""
     for folder, suffixes in SECTIONS.items():
         for path in sorted((PACKAGE / folder).iterdir()):
             parts = path.read_text().split('---\n')
@@ -115,16 +115,16 @@ def definitions():
 
 
 def load():
-    """A type store with the standard types and ours, and the services of others that we offer."""
+    """A type store with the standard types, our types, and the foreign services that we offer."""
     store = get_typestore(Stores.ROS2_JAZZY)
     ours = []
     for name, text in definitions():
-        # rosbags knows messages only, so a part of a service is parsed as one and renamed.
+        # rosbags knows only messages, so each part of a service is parsed as a message and renamed.
         package, _, base = name.split('/')
         as_message = f'{package}/msg/{base}'
         (fields,) = get_types_from_msg(text, as_message).values()
         if not fields[1]:
-            # rosidl gives an empty structure one byte, as C has no empty structures.
+            # rosidl adds one byte to an empty structure, because C has no empty structures.
             filler = get_types_from_msg('uint8 structure_needs_at_least_one_member\n', as_message)
             (fields,) = filler.values()
         store.register({name: fields})
@@ -137,7 +137,7 @@ def load():
 
 
 def describe_service(store, name):
-    """Adds the service and its event as rosidl describes them; they are hashed, never sent by us."""
+    """Adds the service and its event as rosidl describes them; we hash them but never send them."""
     def one(of):
         return (Nodetype.NAME, of)
 
@@ -174,12 +174,12 @@ def header(frame='damper', **stamp):
     return {'stamp': time(**stamp), 'frame_id': frame}
 
 
-# String lengths that leave the next number at every position within eight bytes.
+# String lengths that place the next number at every position within eight bytes.
 FRAMES = ['', 'a', 'ab', 'abc', 'abcd', 'abcde', 'abcdef', 'abcdefg', 'front_left/rod', 'Dämpfer']
 
 
 def frames(**fields):
-    """One case a frame length."""
+    """One case per frame length."""
     return {f'frame_{len(f.encode())}': {'header': header(f), **fields} for f in FRAMES}
 
 
@@ -411,7 +411,7 @@ CASES = {
 
 
 def build(store, name, value):
-    """The rosbags object of one JSON-like value."""
+    """The rosbags object for one JSON-like value."""
     kind = store.types[name]
     fields = dict(store.fielddefs[name][1])
     assert set(fields) == set(value), (name, set(fields) ^ set(value))
@@ -432,7 +432,7 @@ def build(store, name, value):
 
 
 def plain(value):
-    """JSON has no NaN; the Rust side reads null as NaN."""
+    """Replaces NaN by None: JSON has no NaN, and the Rust side reads null as NaN."""
     if isinstance(value, dict):
         return {k: plain(v) for k, v in value.items()}
     if isinstance(value, list):
@@ -460,7 +460,7 @@ def hash_table(store, names):
 
 
 def rosidl_differences(prefixes, hashes):
-    """Lines that say where rosidl disagrees, or has no hash to compare with."""
+    """Yields a line for each hash that differs from rosidl's or that rosidl did not install."""
     installed = {}
     packages = sorted({name.split('/')[0] for name in hashes})
     for prefix in prefixes:
@@ -488,7 +488,7 @@ def main():
     names = messages + services
     missing = set(messages) ^ set(CASES)
     if missing:
-        sys.exit(f'no CASES for, or no type for: {sorted(missing)}')
+        sys.exit(f'add these to CASES, or define their types: {sorted(missing)}')
 
     troubles = []
     for file, lines in [('cdr.tsv', cdr_table(store)), ('hashes.tsv', hash_table(store, names))]:
@@ -497,7 +497,7 @@ def main():
         if not options.check:
             path.write_text(text)
         elif not path.exists() or path.read_text() != text:
-            troubles.append(f'{path} is not what generate.py makes')
+            troubles.append(f'{path} differs from what generate.py writes: run it without --check')
     if options.rosidl:
         troubles += rosidl_differences(options.rosidl, {name: store.hash_rihs01(name) for name in names})
     if troubles:

@@ -1,6 +1,6 @@
-//! The action `close_loop`: names what the running model lacks, on what the service remembers.
+//! The action `close_loop`: diagnoses the running model on the service's history, and adds the effects that it lacks.
 //!
-//! Nothing is swapped in unless `close_loop.auto_load` says so.
+//! The new model is loaded only if `close_loop.auto_load` is set.
 
 use super::{Job, Remembered, Step, Work, total_s, write_new};
 use crate::closing::{Origin, drive, model_file, rows, training_runs};
@@ -23,22 +23,23 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Shares of the history, by time: effects are found on the first, confirmed on the second, proved on the rest.
+/// Shares of the history, by time, for training (estimate), validation (confirm) and test.
 const SHARES: [(Role, f64); 3] = [(Role::Estimate, 0.6), (Role::Confirm, 0.2), (Role::Test, 0.2)];
 /// Seed of sign flips and bootstrap.
 const SEED: u64 = 0;
-/// What a reader of the report has to know of the runs.
-const NOTE: &str = "the runs are parts of one recording: first 60 % estimate, next 20 % confirm, last 20 % test. Parts of one \
-                    session share what a session has; runs recorded apart (`mr-damper close`) prove more";
+/// Note in the report about the runs.
+const NOTE: &str = "the runs are parts of one recording: the first 60 % for training (estimate), the next 20 % for validation (confirm), \
+                    the last 20 % for the test. Parts of one session are not independent; runs recorded separately (`mr-damper close`) \
+                    prove more";
 
-/// The action.
+/// The action `close_loop`.
 pub(super) struct CloseLoopWork {
     remembered: Remembered,
     parameters: Arc<Parameters>,
 }
 
 impl CloseLoopWork {
-    /// The action on what is remembered; `parameters` are told of a model that is swapped in.
+    /// The action on the service's history. After a swap, `parameters` announces the new model.
     pub(super) fn new(remembered: Remembered, parameters: Arc<Parameters>) -> Self {
         Self { remembered, parameters }
     }
@@ -46,7 +47,7 @@ impl CloseLoopWork {
 
 impl Work for CloseLoopWork {
     type Action = CloseLoop;
-    /// The report, JSON.
+    /// The report as JSON.
     type Done = String;
     const NAME: &'static str = "close_loop";
 
@@ -55,7 +56,7 @@ impl Work for CloseLoopWork {
         let config = control.config();
         let running = control.models().ok_or("the node has no model; configure it first")?.free;
         let mut base = running;
-        // The rows must be what the model runs on.
+        // The diagnosis must use the same filter as the running model.
         if let Some((apply_to, cutoff_hz)) = config.pipeline_settings(base.conditioning.cutoff_hz).filter {
             (base.conditioning.apply_to, base.conditioning.cutoff_hz) = (apply_to, cutoff_hz);
         }
@@ -89,7 +90,7 @@ impl Work for CloseLoopWork {
     }
 }
 
-/// About how much of the work is done when `stage` begins.
+/// Approximate share of the work that is done when `stage` begins.
 fn progress(stage: Stage) -> f32 {
     match stage {
         Stage::Base => 0.0,
@@ -101,39 +102,39 @@ fn progress(stage: Stage) -> f32 {
     }
 }
 
-/// What a diagnosis needs, taken when the goal comes.
+/// The data of a diagnosis, collected when the goal arrives.
 struct Diagnosis {
-    /// The running free model, conditioned as it runs.
+    /// The running simulated model (free run), with its filter.
     base: Model,
     /// The history, oldest first.
     runs: Vec<Run>,
-    /// Directory of the model file.
+    /// Directory for the model file.
     folder: PathBuf,
     /// Name of the damper.
     damper: String,
-    /// How to swap the model in; `None` when that is not allowed.
+    /// How to load the new model; `None` when that is not allowed.
     swap: Option<Swap>,
 }
 
-/// The running service, into which a model may be swapped.
+/// The running service, into which the new model may be loaded.
 struct Swap {
     control: Arc<Control>,
     parameters: Arc<Parameters>,
-    /// The free model that ran when the goal came.
+    /// The simulated model that ran when the goal arrived.
     running: Model,
 }
 
-/// What a goal is answered: what `mr-damper close` writes, and what is special here.
+/// The answer to a goal: the JSON that `mr-damper close` writes, with additional fields.
 #[derive(Debug, Serialize)]
 struct Answer<'a> {
     #[serde(flatten)]
     written: json::Written<'a, RunRow>,
     note: &'static str,
-    /// The model runs already.
+    /// True when the node runs the new model.
     loaded: bool,
-    /// Why it does not, though `close_loop.auto_load` asks for it.
+    /// Why the node does not run it although `close_loop.auto_load` is set.
     load_error: Option<String>,
-    /// The same for people.
+    /// The result as text.
     text: String,
 }
 
@@ -144,24 +145,24 @@ struct RunRow {
     seconds: f64,
 }
 
-/// The report of a goal that came to nothing.
+/// The report of a goal that failed.
 fn error_json(error: &NodeError) -> String {
     serde_json::json!({ "schema": SCHEMA, "error": error.to_string() }).to_string()
 }
 
 impl Diagnosis {
-    /// Diagnoses, writes the model file when an effect was named, swaps the model in where that is allowed, and returns
-    /// the report as JSON.
+    /// Runs the diagnosis, writes a model file if an effect was named, loads the model if that is allowed, and returns the
+    /// report as JSON.
     ///
     /// # Errors
-    /// When the history is too short or lacks a channel, the model can be no base, or the file cannot be written;
+    /// When the history is too short or lacks a channel, the model cannot be a base, or the file cannot be written;
     /// [`NodeError::Interrupted`].
     fn work(&self, cancelled: &AtomicBool, say: &dyn Fn(Stage)) -> Result<String, NodeError> {
         let history_s = format!("{:.1}", total_s(&self.runs));
-        tracing::info!(history_s, "close_loop: a goal is worked on");
+        tracing::info!(history_s, "close_loop: working on a goal");
         let worked = self.report(cancelled, say);
         if let Err(error) = &worked {
-            tracing::warn!("close_loop came to nothing: {error}");
+            tracing::warn!("close_loop failed: {error}");
         }
         worked
     }
@@ -170,7 +171,8 @@ impl Diagnosis {
         let started = Instant::now();
         if !self.folder.is_dir() {
             let message =
-                "is no directory that a model could be written to; set close_loop.out to one".to_owned();
+                "is not a directory, so the model cannot be written; set close_loop.out to a directory"
+                    .to_owned();
             return Err(NodeError::File { path: self.folder.clone(), message });
         }
         let parts = split(&self.runs)?;
@@ -187,7 +189,7 @@ impl Diagnosis {
         let settings = Settings { seed: SEED, ..Settings::default() };
         let watch = Watch { cancel: Some(cancelled), progress: None };
         let closing = diagnose::close(&self.base, &runs, &settings, &watch, say).map_err(on_history)?;
-        // From here on there is something to be undone.
+        // After this point files are written, so check for cancellation here.
         if cancelled.load(Ordering::Acquire) {
             return Err(NodeError::Interrupted);
         }
@@ -218,16 +220,16 @@ impl Diagnosis {
             text: report::text(&closing, drive(&closing, &runs)),
         };
         serde_json::to_string(&answer)
-            .map_err(|error| NodeError::Failed(format!("the report cannot be written as JSON: {error}")))
+            .map_err(|error| NodeError::Failed(format!("cannot write the report as JSON: {error}")))
     }
 
-    /// An error of the diagnosis, with what it was made on: the model knows of runs, but not where they come from.
+    /// Adds to an error of the diagnosis that its runs come from the history.
     fn on_history(&self, error: mr_damper_model::Error) -> NodeError {
         match NodeError::from(error) {
             NodeError::Interrupted => NodeError::Interrupted,
             error => NodeError::Failed(format!(
-                "on {:.1} s of history, of which the first 60 % are estimate runs, the next 20 % confirm and the rest test \
-                 runs: {error}. The node keeps history.duration_s of it; another base is swapped in with load_model",
+                "on {:.1} s of history (the first 60 % are training runs (estimate), the next 20 % validation runs (confirm), the rest test \
+                 runs): {error}. The node keeps history.duration_s of history; another base model can be loaded with load_model",
                 total_s(&self.runs)
             )),
         }
@@ -235,7 +237,7 @@ impl Diagnosis {
 }
 
 impl Swap {
-    /// Swaps the model in `path` in, unless another one than that which was diagnosed runs by now.
+    /// Loads the model in `path`, unless the diagnosed model has been replaced meanwhile.
     fn load(&self, path: &Path) -> Result<(), NodeError> {
         self.control.load_model_over(&path.display().to_string(), &self.running)?;
         self.parameters.announce(&["model".to_owned()]);
@@ -243,23 +245,23 @@ impl Swap {
     }
 }
 
-/// The verdict and what was named, for the log.
+/// The verdict and the named effects, for the log.
 fn in_short(closing: &Closing) -> String {
     let named: Vec<_> = closing.effects.iter().map(|named| named.effect.effect().title()).collect();
-    let named = if named.is_empty() { "nothing named".to_owned() } else { named.join(", ") };
+    let named = if named.is_empty() { "no effect named".to_owned() } else { named.join(", ") };
     format!("{}: {named}", closing.verdict.name())
 }
 
-/// The runs, cut where the time that they hold together reaches each share.
+/// Splits the runs at the times at which their total length reaches each of the [`SHARES`].
 fn split(runs: &[Run]) -> Result<Vec<(Role, Run)>, NodeError> {
-    /// Shorter pieces, s, hold no row that counts.
+    /// Minimum length of a piece, s; shorter pieces have no row that counts.
     const LEAST_S: f64 = 0.5;
-    /// A cut nearer to the end of a piece than this is at its end: seconds are not whole in binary.
+    /// A split closer to the end of a piece than this, in seconds, is at its end: allows for rounding errors.
     const SAME_S: f64 = 1e-6;
     let total_s = total_s(runs);
     if total_s <= 0.0 {
         return Err(NodeError::Failed(
-            "there is no history yet: the node keeps displacement, drive and force as they come, for history.duration_s"
+            "the history is still empty: the node keeps displacement, drive and force for history.duration_s"
                 .to_owned(),
         ));
     }
@@ -276,7 +278,7 @@ fn split(runs: &[Run]) -> Result<Vec<(Role, Run)>, NodeError> {
             let to_s = if is_last || here_s >= length_s - SAME_S { length_s } else { here_s };
             if to_s - from_s >= LEAST_S {
                 let at = |s: f64| first.shifted((s * 1e9) as i64);
-                // The end of the run belongs to it.
+                // Include the last sample of the run.
                 let to = if to_s == length_s { at(length_s).shifted(1_000) } else { at(to_s) };
                 let mut part = run.between(at(from_s), to);
                 part.name = format!("{}, {from_s:.1} to {to_s:.1} s", run.name);
@@ -298,7 +300,7 @@ mod tests {
     use super::*;
     use mr_damper_model::sample::{Stamp, Trace};
 
-    /// A run from `from_s` on, of `seconds`, at 100 Hz.
+    /// A run at 100 Hz that begins at `from_s` and lasts `seconds`.
     fn run(from_s: i64, seconds: i64) -> Run {
         let stamps: Vec<Stamp> =
             (0..=100 * seconds).map(|k| Stamp::from_nanos(from_s * 1_000_000_000 + k * 10_000_000)).collect();
@@ -308,20 +310,20 @@ mod tests {
 
     fn parts(runs: &[Run]) -> Vec<(Role, usize)> {
         split(runs)
-            .expect("there is something")
+            .expect("the history is not empty")
             .iter()
             .map(|(r, run)| (*r, run.displacement_m.len()))
             .collect()
     }
 
     #[test]
-    fn a_history_is_split_by_time_and_no_sample_serves_twice() {
+    fn the_history_is_split_by_time_without_overlap() {
         use Role::{Confirm, Estimate, Test};
         assert_eq!(parts(&[run(0, 100)]), [(Estimate, 6000), (Confirm, 2000), (Test, 2001)]);
-        // A gap: the first piece holds 30 s of 100 s.
+        // With a gap: the first piece has 30 s of 100 s.
         let pieces = [run(0, 30), run(50, 70)];
         assert_eq!(parts(&pieces), [(Estimate, 3001), (Estimate, 3000), (Confirm, 2000), (Test, 2001)]);
-        // The cut falls on the gap.
+        // The split is at the gap.
         let pieces = [run(0, 60), run(80, 40)];
         assert_eq!(parts(&pieces), [(Estimate, 6001), (Confirm, 2000), (Test, 2001)]);
         assert!(split(&[]).is_err());

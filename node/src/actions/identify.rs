@@ -1,8 +1,8 @@
-//! The action `identify`: fits a model of a named kind to what the service remembers, and writes its file.
+//! The action `identify`: fits a model of a given kind to the service's history, and writes the model file.
 //!
-//! The first four fifths of the history are fitted, the last fifth is held out and scored: its error is what the file tells a node
-//! to expect. Parts of one session share what a session has; `mr-damper identify` on runs recorded apart proves more. Nothing is
-//! swapped in: `load_model` does that.
+//! The model is fitted to the first four fifths of the history. Its error on the last fifth, which is held out, becomes the expected
+//! error in the file. Parts of one session are not independent, so `mr-damper identify` on separately recorded runs proves more. The
+//! model is not loaded; use `load_model` for that.
 
 use super::{Job, Remembered, Step, Work, create, total_s, write_new};
 use crate::error::NodeError;
@@ -17,27 +17,27 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Share of the history, by time, that is fitted.
+/// Share of the history, by time, that the model is fitted to.
 const FITTED: f64 = 0.8;
-/// Less motion than this, s, determines no model.
+/// Minimum duration of motion to identify a model, s.
 const LEAST_S: f64 = 5.0;
 
-/// The action.
+/// The action `identify`.
 pub(super) struct IdentifyWork {
     remembered: Remembered,
 }
 
 impl IdentifyWork {
-    /// The action on what is remembered.
+    /// The action on the service's history.
     pub(super) fn new(remembered: Remembered) -> Self {
         Self { remembered }
     }
 }
 
-/// What a goal came to.
+/// Result of a goal.
 #[derive(Debug)]
 pub(super) struct Written {
-    /// For people.
+    /// Message for people.
     message: String,
     path: PathBuf,
 }
@@ -53,7 +53,10 @@ impl Work for IdentifyWork {
         let out = if goal.out.is_empty() {
             Out::New(self.remembered.folder(), self.remembered.damper.clone())
         } else if Path::new(&goal.out).exists() {
-            return Err(format!("{} is there already, and nothing is written over", goal.out));
+            return Err(format!(
+                "{} exists already and is not overwritten; give another path in out",
+                goal.out
+            ));
         } else {
             Out::At(goal.out.clone().into())
         };
@@ -77,15 +80,15 @@ impl Work for IdentifyWork {
     }
 }
 
-/// Where the model file goes.
+/// Place of the model file.
 enum Out {
-    /// Under a name of its own in a directory, for a damper.
+    /// In this directory, under a new name with this damper's name.
     New(PathBuf, String),
-    /// There.
+    /// At this path.
     At(PathBuf),
 }
 
-/// The work on one goal.
+/// The work on a goal.
 struct Fitting {
     spec: ModelSpec,
     /// The history, oldest first.
@@ -96,11 +99,11 @@ struct Fitting {
 impl Fitting {
     fn work(&self, cancelled: &AtomicBool, say: &(dyn Fn(Step) + Sync)) -> Result<Written, NodeError> {
         let history_s = total_s(&self.runs);
-        tracing::info!(history_s, "identify: a goal is worked on");
+        tracing::info!(history_s, "identify: working on a goal");
         let worked = self.fit(history_s, cancelled, say);
         match &worked {
             Ok(written) => tracing::info!(model_file = ?written.path, "identify: {}", written.message),
-            Err(error) => tracing::warn!("identify came to nothing: {error}"),
+            Err(error) => tracing::warn!("identify failed: {error}"),
         }
         worked
     }
@@ -113,12 +116,12 @@ impl Fitting {
     ) -> Result<Written, NodeError> {
         if history_s < LEAST_S {
             return Err(NodeError::Failed(format!(
-                "there are {history_s:.1} s of history, and less than {LEAST_S} s of motion determine no model; the node keeps \
-                 displacement, drive and force as they come, for history.duration_s"
+                "the history has only {history_s:.1} s of motion, but a model needs at least {LEAST_S} s; the node keeps \
+                 displacement, drive and force for history.duration_s"
             )));
         }
         let (fitted, held_out) = split(&self.runs, FITTED * history_s);
-        // Restarts end on several threads, in any order.
+        // Restarts end on several threads in any order; report only increasing progress.
         let behind = Mutex::new(-1.0);
         let progress = |progress: Progress| {
             let step = in_words(progress);
@@ -128,11 +131,11 @@ impl Fitting {
                 say(step);
             }
         };
-        // The form, filter and velocity of the command, as it has them unasked.
+        // Form, filter and velocity are the defaults of the command `identify`.
         let options = Options::default();
         let watch = Watch { cancel: Some(cancelled), progress: Some(&progress) };
         let found = identify(self.spec, &fitted, &options, &watch)?;
-        say(Step { stage: "scoring the part that was held out".to_owned(), progress: 0.95 });
+        say(Step { stage: "scoring the held-out part".to_owned(), progress: 0.95 });
         self.write(found, &fitted, &held_out, &options, cancelled)
     }
 
@@ -191,20 +194,20 @@ impl Fitting {
                 .unwrap_or_default()
         };
         let message = format!(
-            "{}, {} parameters, from {:.0} s of history{}{}{}{}",
+            "{}, {} parameters, fitted to {:.0} s of history{}{}{}{}",
             found.model.force.name(),
             found.model.force.parameter_count(),
             total_s(fitted),
-            figure("fitted, free run", found.free_run),
-            figure("held out, free run", scored.free_run),
-            figure("held out, one step", scored.one_step),
+            figure("training, simulation (free run)", found.free_run),
+            figure("held out, simulation (free run)", scored.free_run),
+            figure("held out, one-step-ahead prediction", scored.one_step),
             figure("held out, persistence (one step)", scored.persistence),
         );
         Ok(Written { message, path })
     }
 }
 
-/// The part of `runs` before `until_s` seconds of motion, and the rest; pieces without length are left out.
+/// Splits `runs` into the part before `until_s` seconds of motion and the rest. Empty pieces are left out.
 fn split(runs: &[Run], until_s: f64) -> (Vec<Run>, Vec<Run>) {
     let (mut before, mut after) = (Vec::new(), Vec::new());
     let mut begun_s = 0.0;
@@ -226,7 +229,7 @@ fn split(runs: &[Run], until_s: f64) -> (Vec<Run>, Vec<Run>) {
     (before, after)
 }
 
-/// What is being done, for people.
+/// The current stage, as text and share of the work.
 fn in_words(progress: Progress) -> Step {
     let share = |done: u32, of: u32| done as f32 / of.max(1) as f32;
     let (stage, progress) = match progress {
@@ -244,7 +247,7 @@ mod tests {
     use mr_damper_model::sample::{Stamp, Trace};
 
     #[test]
-    fn the_history_is_cut_by_time() {
+    fn the_history_is_split_by_time() {
         let at = |from_s: i64, samples: i64| {
             let stamps: Vec<_> =
                 (0..samples).map(|k| Stamp::from_nanos(from_s * 1_000_000_000 + k * 10_000_000)).collect();

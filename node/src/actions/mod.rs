@@ -1,4 +1,4 @@
-//! The actions of the node: long work on what it remembers, with feedback, cancelling and a result.
+//! The actions of the node: long-running work on its history, with feedback, cancellation and a result.
 //!
 //! ```text
 //! goal ─→ [ros-actions] ─→ Work::consider: history, running model ─→ [a thread of the goal: the job] ─→ model file
@@ -6,16 +6,16 @@
 //!              └─ result
 //! ```
 //!
-//! | action | names | work |
+//! | action | does | work |
 //! |---|---|---|
-//! | `close_loop` | what the running model lacks | `close_loop.rs` |
-//! | `identify` | a model of some kind that fits the history | `identify.rs` |
+//! | `close_loop` | diagnoses the running model: finds and adds missing effects | `close_loop.rs` |
+//! | `identify` | fits a model of a given kind to the history | `identify.rs` |
 //!
-//! The estimating thread knows nothing of it: a job has a copy of the history and a thread of its own. One goal at
-//! a time of each action: another one is rejected meanwhile.
+//! The estimating thread is not involved: a job has a copy of the history and its own thread. Each action works on one goal at a
+//! time; other goals are rejected meanwhile.
 //!
-//! A result waits for its client to ask, until the next goal has one. When the service stops, who waits for a result is
-//! told so.
+//! A result is kept until its client asks for it or the next goal has a result. When the service stops, a client that waits for a
+//! result gets an error.
 
 mod close_loop;
 mod identify;
@@ -41,13 +41,13 @@ use std::sync::{Arc, PoisonError};
 use std::time::{Duration, SystemTime};
 use working::{Said, Working};
 
-/// What a last result takes to arrive: it is lost when its writer goes together with it.
+/// Time to deliver a last result before its writer is dropped; otherwise the result would be lost.
 const DELIVERY: Duration = Duration::from_millis(150);
 
-/// The work on a goal: gets a flag that tells it to end, and says its stages.
+/// The work on a goal. Its arguments are a flag that requests its end, and a function that reports its stages.
 type Job<D> = Box<dyn FnOnce(&AtomicBool, &(dyn Fn(Step) + Sync)) -> Result<D, NodeError> + Send>;
 
-/// What is being done now, and about how much is behind.
+/// The current stage, and the approximate progress.
 #[derive(Debug, Clone, PartialEq)]
 struct Step {
     stage: String,
@@ -55,39 +55,42 @@ struct Step {
     progress: f32,
 }
 
-/// What an action does.
+/// The work of an action.
 trait Work: Send + Sync + 'static {
-    /// Its type.
+    /// Type of the action.
     type Action: Action<Goal: Sync, Result: Sync, Feedback: Sync>;
-    /// What a goal comes to.
+    /// Result of a job.
     type Done: Send + 'static;
-    /// Its name.
+    /// Name of the action.
     const NAME: &'static str;
 
-    /// Takes what the work on `goal` needs, or says why there will be none.
+    /// Prepares the job for `goal`.
+    ///
+    /// # Errors
+    /// The reason why the goal is rejected.
     fn consider(&self, goal: &<Self::Action as Action>::Goal) -> Result<Job<Self::Done>, String>;
 
-    /// A step as feedback.
+    /// Converts a step to feedback.
     fn feedback(step: Step) -> <Self::Action as Action>::Feedback;
 
-    /// The result.
+    /// Converts the result of the job to the action's result.
     fn result(worked: Result<Self::Done, &NodeError>) -> <Self::Action as Action>::Result;
 
-    /// What makes a result fit that is too long over a network address.
+    /// Shortens a result that is too long for a client on another host.
     const SHORTEN: Option<Shorten<<Self::Action as Action>::Result>> = None;
 }
 
-/// What all work is done on.
+/// The data that the actions work on.
 #[derive(Clone)]
 struct Remembered {
     control: Arc<Control>,
     history: SharedHistory,
-    /// Name of the damper, for names of files: several nodes may write into one directory.
+    /// Name of the damper, which is part of file names because several nodes may write into one directory.
     damper: String,
 }
 
 impl Remembered {
-    /// The last seconds of raw input, oldest first.
+    /// The last `seconds` of raw input, oldest first.
     fn runs(&self, seconds: f64) -> Result<Vec<Run>, String> {
         if !(seconds > 0.0 && seconds.is_finite()) {
             return Err("history must be a positive number of seconds".to_owned());
@@ -106,42 +109,42 @@ impl Remembered {
     }
 }
 
-/// Length of all runs together, s.
+/// Total length of all runs, s.
 fn total_s(runs: &[Run]) -> f64 {
     runs.iter().map(|run| run.duration().get()).sum()
 }
 
-/// Writes a model file under a name of its own; a file that is there may be the one that runs.
+/// Writes a model file under a new name, because the node may be using an existing file.
 fn write_new(folder: &Path, damper: &str, what: &str, text: &str) -> Result<PathBuf, NodeError> {
     let now = chrono::DateTime::<chrono::Utc>::from(SystemTime::now()).format("%Y%m%dT%H%M%S%3fZ");
     let name = format!("mr-damper-{what}-{}-{now}.toml", damper.replace('/', "-"));
     create(&folder.join(name), text)
 }
 
-/// Writes a model file where there is none yet, and returns its absolute path: whoever reads of it may be anywhere.
+/// Writes a new model file and returns its absolute path, because the reader may have another working directory.
 fn create(path: &Path, text: &str) -> Result<PathBuf, NodeError> {
     let path = std::path::absolute(path).map_err(NodeError::io("finding the current directory"))?;
     let writing = || NodeError::io(format!("writing {}", path.display()));
     let mut file = OpenOptions::new().write(true).create_new(true).open(&path).map_err(writing())?;
     file.write_all(text.as_bytes()).map_err(|error| {
-        // Half a model may read as a whole one. The first error counts.
+        // Remove it, because half a file may be valid TOML. The write error is reported, not an error of the removal.
         let _ = std::fs::remove_file(&path);
         writing()(error)
     })?;
     Ok(path)
 }
 
-/// The actions, offered; nothing works yet, so that more can be created on the node.
+/// The action servers before they start to answer, so that more entities can be created on the node.
 pub struct Actions {
     close_loop: Desk<close_loop::CloseLoopWork>,
     identify: Desk<identify::IdentifyWork>,
 }
 
 impl Actions {
-    /// Offers the actions.
+    /// Creates the action servers.
     ///
     /// # Errors
-    /// When DDS refuses.
+    /// When DDS cannot create a server.
     pub fn offer(
         ros: &mut Ros,
         args: &RosArgs,
@@ -158,10 +161,10 @@ impl Actions {
         })
     }
 
-    /// Starts to answer. The end of the task is that of all work.
+    /// Starts to answer goals. When the returned task ends, all work has ended.
     ///
     /// # Errors
-    /// When the system starts no thread.
+    /// When the thread cannot be started.
     pub fn start(self) -> Result<Task, NodeError> {
         let Self { close_loop, identify } = self;
         Task::start("ros-actions", |stopped| {
@@ -171,19 +174,19 @@ impl Actions {
     }
 }
 
-/// The goal that is worked on.
+/// The running goal.
 struct Running<W: Work> {
     goal: ExecutingOf<W::Action>,
     working: Working<W::Done>,
 }
 
-/// A result that waits until its client asks for it.
+/// A result that is kept until its client asks for it.
 struct Answer<'a, W: Work> {
     goal: ExecutingOf<W::Action>,
     sending: BoxFuture<'a, ()>,
 }
 
-/// Where goals come in and results go out.
+/// The server of one action: receives goals and returns results.
 struct Desk<W: Work> {
     server: ActionServerOf<W::Action>,
     /// The action's full name.
@@ -209,17 +212,17 @@ impl<W: Work> Desk<W> {
                         let begun = self.consider(goal, running.is_some()).await;
                         running = begun.or(running);
                     }
-                    Err(error) => tracing::warn!(?error, "a goal of {} cannot be read", W::NAME),
+                    Err(error) => tracing::warn!(?error, "cannot read a goal of {}", W::NAME),
                 },
                 request = self.server.receive_cancel_request() => match request {
                     Ok(request) => self.cancel(&request, running.as_ref()).await,
-                    Err(error) => tracing::warn!(?error, "a cancellation of {} cannot be read", W::NAME),
+                    Err(error) => tracing::warn!(?error, "cannot read a cancellation of {}", W::NAME),
                 },
                 said = next(&mut running) => match said {
                     Said::Step(step) => self.tell(running.as_ref(), step).await,
                     Said::Ended(worked) => {
                         if let Some(Running { goal, working }) = running.take() {
-                            // It has said its last word, so this takes no time.
+                            // The job has ended, so this does not block.
                             working.end();
                             self.forget(answer.take()).await;
                             answer = Some(self.answer(goal, worked));
@@ -232,18 +235,18 @@ impl<W: Work> Desk<W> {
         if let Some(Running { goal, working }) = running {
             working.end();
             let stopped = NodeError::Failed("the node was stopped while it worked on this goal".to_owned());
-            // Whoever waits has asked by now; nobody is waited for.
+            // A client that waits for the result has asked by now; do not wait for others.
             if self.answer(goal, Err(stopped)).sending.now_or_never().is_some() {
                 std::thread::sleep(DELIVERY);
             }
         }
     }
 
-    /// Begins to work on the goal and accepts it, or rejects it.
+    /// Accepts the goal and starts the work on it, or rejects it.
     async fn consider(&self, goal: NewGoalOf<W::Action>, busy: bool) -> Option<Running<W>> {
         let Part(wanted) = self.server.get_new_goal(goal.clone())?;
         let begun = if busy {
-            Err("another goal is worked on; cancel it, or wait for its result".to_owned())
+            Err("another goal is running; cancel it, or wait for its result".to_owned())
         } else {
             self.work
                 .consider(&wanted)
@@ -254,7 +257,7 @@ impl<W: Work> Desk<W> {
             Err(why) => {
                 tracing::warn!(goal = ?wanted, "{}: goal rejected: {why}", W::NAME);
                 if let Err(error) = self.server.reject_goal(goal).await {
-                    tracing::warn!(?error, "the rejection of a goal of {} was not sent", W::NAME);
+                    tracing::warn!(?error, "cannot send the rejection of a goal of {}", W::NAME);
                 }
                 return None;
             }
@@ -266,14 +269,14 @@ impl<W: Work> Desk<W> {
         match executing {
             Ok(goal) => Some(Running { goal, working }),
             Err(error) => {
-                tracing::error!(?error, "{}: a goal could not be accepted", W::NAME);
+                tracing::error!(?error, "{}: cannot accept a goal", W::NAME);
                 working.end();
                 None
             }
         }
     }
 
-    /// Cancels what runs, if `request` means that; there is nothing to cancel in a goal that is unknown or over.
+    /// Cancels the running goal, if `request` contains it. Unknown goals and goals that have ended are ignored.
     async fn cancel(&self, request: &CancelHandle, running: Option<&Running<W>>) {
         let meant = running.filter(|running| request.contains_goal(&running.goal.goal_id()));
         if let Some(running) = meant {
@@ -281,16 +284,16 @@ impl<W: Work> Desk<W> {
         }
         let cancelled = meant.map(|running| running.goal.goal_id());
         if let Err(error) = self.server.respond_to_cancel_requests(request, cancelled.into_iter()).await {
-            tracing::warn!(?error, "the answer to a cancellation of {} was not sent", W::NAME);
+            tracing::warn!(?error, "cannot send the answer to a cancellation of {}", W::NAME);
         }
     }
 
     async fn tell(&self, running: Option<&Running<W>>, step: Step) {
-        // There is no feedback on a goal that is being cancelled.
+        // A goal that is being cancelled gets no feedback.
         let Some(running) = running.filter(|running| !running.working.is_cancelled()) else { return };
         let published = self.server.publish_feedback(running.goal.clone(), Part(W::feedback(step)));
         if let Err(error) = published.await {
-            tracing::warn!(?error, "feedback of {} was not published", W::NAME);
+            tracing::warn!(?error, "cannot publish feedback of {}", W::NAME);
         }
     }
 
@@ -309,25 +312,25 @@ impl<W: Work> Desk<W> {
         let sending = self.server.send_result_response(goal.clone(), status, Part(result));
         let sending = Box::pin(async move {
             if let Err(error) = sending.await {
-                tracing::warn!(?error, "the result of {} was not sent", W::NAME);
+                tracing::warn!(?error, "cannot send the result of {}", W::NAME);
             }
         });
         Answer { goal, sending }
     }
 
-    /// Drops a result that nobody has asked for by the time of the next one.
+    /// Drops a result that no client has asked for before the next one.
     async fn forget(&self, answer: Option<Answer<'_, W>>) {
         let Some(Answer { goal, sending }) = answer else { return };
         drop(sending);
-        tracing::warn!("nobody asked for the result of a goal of {}; it is dropped", W::NAME);
+        tracing::warn!("no client asked for the result of a goal of {}; it is dropped", W::NAME);
         if let Err(error) = self.server.abort_executing_goal(goal).await {
-            // It stays on the status topic as one that is being cancelled: ros2-client knows no other way.
+            // The goal stays on the status topic as being cancelled, because ros2-client cannot remove it.
             tracing::debug!(?error, "the goal had been cancelled");
         }
     }
 }
 
-/// What the work says next; never, when there is none.
+/// The next message of the running job; without a job it waits forever.
 async fn next<W: Work>(running: &mut Option<Running<W>>) -> Said<W::Done> {
     match running {
         Some(running) => running.working.next().await,
@@ -335,7 +338,7 @@ async fn next<W: Work>(running: &mut Option<Running<W>>) -> Said<W::Done> {
     }
 }
 
-/// The end of sending; never, when there is nothing to send.
+/// Waits until the kept result is sent; without one it waits forever.
 async fn sent<W: Work>(answer: &mut Option<Answer<'_, W>>) {
     match answer {
         Some(answer) => answer.sending.as_mut().await,
@@ -348,19 +351,19 @@ mod tests {
     use super::*;
     use std::process::Command;
 
-    /// Runs in a child of the test below, on a disk with room for a page.
+    /// Runs in a child process of the test below, on a file system with room for one page.
     #[test]
     fn writer_on_a_full_disk() {
         let Some(disk) = std::env::var_os("ACTIONS_DISK") else { return };
         let path = Path::new(&disk).join("model.toml");
         let error = create(&path, &"a = 1\n".repeat(10_000)).expect_err("there is no room").to_string();
         assert!(error.contains("model.toml") && error.contains("make room on that disk"), "{error}");
-        assert!(!path.exists(), "half a model may read as a whole one");
+        assert!(!path.exists(), "the incomplete file is removed");
         create(&path, "a = 1\n").expect("there is room, and the name is free");
     }
 
     #[test]
-    fn a_model_file_that_finds_no_room_is_not_left_half_written() {
+    fn an_incomplete_model_file_on_a_full_disk_is_removed() {
         let disk = tempfile::tempdir().expect("a directory");
         let script = "mount -t tmpfs -o size=8k none \"$ACTIONS_DISK\" || exit 77
             exec \"$0\" --exact actions::tests::writer_on_a_full_disk";
@@ -371,7 +374,7 @@ mod tests {
         match ended.as_ref().map(|ended| (ended.status.code(), ended.status.success())) {
             Ok((_, true)) => {}
             Ok((Some(77 | 1), _)) | Err(_) if !rustix::process::geteuid().is_root() => {
-                eprintln!("SKIPPED: no disk can be mounted in a namespace of its own; that takes root");
+                eprintln!("SKIPPED: cannot mount a file system in a new namespace; this needs root");
             }
             _ => panic!("{ended:?}"),
         }

@@ -1,4 +1,4 @@
-//! The thread of a goal: what it says on its way, and that it ends with a last word whatever happens.
+//! The thread of a goal: reports stages, and always reports its end, even after a panic.
 
 use super::{Job, Step};
 use crate::error::NodeError;
@@ -8,16 +8,16 @@ use std::thread::JoinHandle;
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tracing::Span;
 
-/// What the thread says.
+/// A message of the thread.
 #[derive(Debug)]
 pub(super) enum Said<D> {
     /// A stage begins.
     Step(Step),
-    /// Its last word.
+    /// The work has ended; this is the last message.
     Ended(Result<D, NodeError>),
 }
 
-/// Work on a goal, on a thread of its own.
+/// Work on a goal, on a separate thread.
 pub(super) struct Working<D> {
     cancelled: Arc<AtomicBool>,
     said: UnboundedReceiver<Said<D>>,
@@ -25,10 +25,10 @@ pub(super) struct Working<D> {
 }
 
 impl<D: Send + 'static> Working<D> {
-    /// Starts `job` on a thread called `name`.
+    /// Starts `job` on a thread named after the action `name`.
     ///
     /// # Errors
-    /// When the system starts no thread.
+    /// When the thread cannot be started.
     pub(super) fn start(name: &str, job: Job<D>) -> Result<Self, NodeError> {
         let cancelled = Arc::new(AtomicBool::new(false));
         let (says, said) = unbounded_channel();
@@ -36,7 +36,7 @@ impl<D: Send + 'static> Working<D> {
             let (cancelled, span) = (Arc::clone(&cancelled), Span::current());
             move || {
                 let _inside = span.entered();
-                // Whoever does not listen any more has told the job to end.
+                // Sending fails only after the receiver has cancelled the job.
                 let worked = job(&cancelled, &|step| drop(says.send(Said::Step(step))));
                 drop(says.send(Said::Ended(worked)));
             }
@@ -48,28 +48,29 @@ impl<D: Send + 'static> Working<D> {
         Ok(Self { cancelled, said, thread })
     }
 
-    /// The next thing that it says. A job that panics says nothing more, which is an end as well.
+    /// The next message of the thread. A job that panics sends no further message, which is reported as its end.
     pub(super) async fn next(&mut self) -> Said<D> {
         self.said.recv().await.unwrap_or_else(|| {
-            let died = "the work died; the node's log says why. Please report it";
+            let died =
+                "the thread of this goal panicked; the node's log shows where. Please report this as a bug";
             Said::Ended(Err(NodeError::Failed(died.to_owned())))
         })
     }
 
-    /// Tells it to end.
+    /// Requests the job to end.
     pub(super) fn cancel(&self) {
         self.cancelled.store(true, Ordering::Release);
     }
 
-    /// True once it was told to end.
+    /// True after [`Working::cancel`].
     pub(super) fn is_cancelled(&self) -> bool {
         self.cancelled.load(Ordering::Acquire)
     }
 
-    /// Tells it to end, and waits until it has.
+    /// Requests the job to end, and waits until it has ended.
     pub(super) fn end(self) {
         self.cancel();
-        // A panic was said as one.
+        // A panic was already reported.
         let _ = self.thread.join();
     }
 }
@@ -89,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn work_that_panics_ends_as_one_that_failed() {
+    fn a_job_that_panics_ends_with_a_failure() {
         let working = Working::start(
             "test",
             Box::new(|_, say| {
@@ -98,11 +99,11 @@ mod tests {
             }),
         );
         let error = last_word(working.expect("a thread")).expect_err("a failure").to_string();
-        assert!(error.contains("the work died"), "{error}");
+        assert!(error.contains("the thread of this goal panicked"), "{error}");
     }
 
     #[test]
-    fn what_is_told_to_end_is_interrupted_and_what_is_not_has_its_result() {
+    fn a_cancelled_job_is_interrupted_and_another_one_returns_its_result() {
         let task: Job<String> = Box::new(|cancelled, _| {
             while !cancelled.load(Ordering::Acquire) {
                 std::thread::yield_now();

@@ -1,4 +1,4 @@
-//! A client of the action `close_loop`: has a running node name what its model lacks. For the command and for the page.
+//! A client of the action `close_loop`: it lets a running node diagnose its model. The command and the web page use it.
 
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
@@ -11,25 +11,28 @@ use ros2_client::action::GoalId;
 use serde_json::Value;
 use std::time::{Duration, Instant};
 
-/// More history than any node keeps, s.
+/// A history longer than any node keeps, s.
 pub const ALL_S: f64 = 1e9;
 
-/// How long a node may take to be found.
+/// Longest time to find a node.
 const FIND: Duration = Duration::from_secs(10);
-/// How long it may take to accept or reject a goal. A first call can take three seconds.
+/// Longest time until a goal is accepted or rejected. A first call can take 3 s.
 const ACCEPT: Duration = Duration::from_secs(10);
-/// How long it may take to accept a cancellation: Ctrl-C ends the command within a second.
+/// Longest time until a cancellation is accepted; Ctrl-C must end the command within a second.
 const CANCEL: Duration = Duration::from_millis(700);
-/// How often it is looked for answers.
+/// Time between two checks for answers.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// How often it is looked whether the node is still there.
+/// Time between two checks that the node is still present.
 const ALIVE_EVERY: Duration = Duration::from_secs(1);
 
-/// Has the node in the namespace of `args` close its loop on its last `history_s` seconds, and returns its report. Asks as the node
-/// called `name`, unless `args` give another; `say` hears each stage in words, and about how much is done, from 0 to 1.
+/// Lets the node in the namespace of `args` run the diagnosis (`close_loop`) on its last `history_s` seconds, and
+/// returns its report.
+///
+/// The client is a node called `name`, unless `args` give another name. `say` receives each stage as text, and the
+/// approximate progress, from 0 to 1.
 ///
 /// # Errors
-/// When no node answers, or the goal is rejected or comes to nothing; [`NodeError::Interrupted`], with the goal cancelled, once
+/// When no node answers, or the goal is rejected or fails; [`NodeError::Interrupted`], with the goal cancelled, once
 /// `interrupt` is raised.
 pub fn ask(
     config: &Config,
@@ -50,7 +53,8 @@ pub fn ask(
     report
 }
 
-/// The line that swaps in the model file of `report` at the node in the namespace of `args`; `None` where there is none.
+/// The command line that loads the model file of `report` at the node in the namespace of `args`; `None` without a
+/// model file.
 #[must_use]
 pub fn load_line(report: &Value, args: &RosArgs, config: &Config) -> Option<String> {
     let domain = match config.domain_id {
@@ -62,7 +66,7 @@ pub fn load_line(report: &Value, args: &RosArgs, config: &Config) -> Option<Stri
     Some(format!("{domain}ros2 service call {service} mr_damper_msgs/srv/LoadModel \"{{model: '{path}'}}\""))
 }
 
-/// A client of the action of one node.
+/// A client of one node's action.
 struct Asking<'a> {
     action: &'a str,
     args: &'a RosArgs,
@@ -78,8 +82,8 @@ impl Asking<'_> {
         match self.poll(FIND, || Ok(self.ros.reaches(self.client).then_some(())))? {
             Some(_) => Ok(()),
             None => Err(NodeError::Failed(format!(
-                "no node answers {} in {} within {} s. Is `mr-damper node` running there? Its domain is given by \
-                 ROS_DOMAIN_ID or --domain-id, its namespace by --ros-args -r __ns:=/front_left (now {})",
+                "no node answered {} in {} within {} s. Check that `mr-damper node` runs there. Set its domain with \
+                 ROS_DOMAIN_ID or --domain-id, and its namespace with --ros-args -r __ns:=/front_left (now {})",
                 self.action,
                 service::reach(config)?,
                 FIND.as_secs(),
@@ -88,7 +92,7 @@ impl Asking<'_> {
         }
     }
 
-    /// The report of a goal of so many seconds.
+    /// Sends a goal for `history` seconds and returns the report.
     fn ask(&self, history: f64) -> Result<Value, NodeError> {
         let sent = self.client.send_goal(Part(CloseLoopGoal { history }));
         let (request, goal) = sent.map_err(|error| self.failed("sending the goal", &error))?;
@@ -101,36 +105,36 @@ impl Asking<'_> {
             Some(answer) if answer.accepted => {}
             Some(_) => {
                 return Err(NodeError::Failed(format!(
-                    "{} rejects the goal: it works on one at a time, so wait for the other one, or cancel that. The \
-                     node's log says why",
+                    "{} rejects the goal: it executes one goal at a time, so wait for the present one, or cancel it. The \
+                     node's log has the reason",
                     self.action
                 )));
             }
             None => {
                 self.cancel(goal);
                 return Err(NodeError::Failed(format!(
-                    "{} did not answer within {} s; the node's log may say why",
+                    "{} did not answer within {} s; the node's log may have the reason",
                     self.action,
                     ACCEPT.as_secs()
                 )));
             }
         }
         let result = self.result(goal).inspect_err(|_| self.cancel(goal))?.ok_or_else(|| {
-            NodeError::Failed(format!("the node of {} has gone while it worked on the goal", self.action))
+            NodeError::Failed(format!("the node of {} disappeared while it executed the goal", self.action))
         })?;
         let report: Value = serde_json::from_str(&result.report)
             .map_err(|error| self.failed("reading the report", &error))?;
         match report["error"].as_str() {
             None if result.success => Ok(report),
             why => Err(NodeError::Failed(format!(
-                "{} came to nothing: {}",
+                "{} failed: {}",
                 self.action,
-                why.unwrap_or("it does not say why; see the node's log")
+                why.unwrap_or("no reason is given; see the node's log")
             ))),
         }
     }
 
-    /// Tells the stages of a goal until its result is there; `None` when the node has gone.
+    /// Reports the stages of a goal until its result arrives; `None` when the node has disappeared.
     fn result(&self, goal: GoalId) -> Result<Option<CloseLoopResult>, NodeError> {
         let request = self.client.request_result(goal);
         let request = request.map_err(|error| self.failed("asking for the result", &error))?;
@@ -162,7 +166,7 @@ impl Asking<'_> {
         }
     }
 
-    /// Asks for the goal to be cancelled, and waits a moment for the answer; nothing more can be done about it.
+    /// Requests the cancellation of the goal, and waits a short time for the answer. Errors are only logged.
     fn cancel(&self, goal: GoalId) {
         let deadline = Instant::now() + CANCEL;
         let Ok(request) = self.client.cancel_goal(goal) else { return };
@@ -171,16 +175,16 @@ impl Asking<'_> {
                 Ok(None) => std::thread::sleep(LOOK_EVERY),
                 Ok(Some(answer)) if answer.goals_canceling.is_empty() => return,
                 Ok(Some(_)) => return tracing::info!("the goal is cancelled"),
-                Err(error) => return tracing::warn!(?error, "the answer to the cancellation cannot be read"),
+                Err(error) => return tracing::warn!(?error, "cannot read the answer to the cancellation"),
             }
         }
-        tracing::warn!("the node did not say that it cancels the goal: it may work on");
+        tracing::warn!("the node did not confirm the cancellation; it may still execute the goal");
     }
 
-    /// Looks for something until it is there; `None` when it is not there in time.
+    /// Calls `look` until it returns a value; `None` if it does not in time.
     ///
     /// # Errors
-    /// Those of `look`; [`NodeError::Interrupted`].
+    /// The errors of `look`; [`NodeError::Interrupted`].
     fn poll<T>(
         &self,
         within: Duration,

@@ -1,4 +1,4 @@
-//! Arguments on how bags are written, shared by the commands that write some.
+//! Arguments for writing bags, shared by the commands that write bags.
 
 use crate::error::NodeError;
 use crate::run::{BagOptions, Storage};
@@ -10,22 +10,22 @@ use std::time::Duration;
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Writing bags")]
 pub struct BagArgs {
-    /// What the bag's files are: mcap (.mcap, the default of ROS 2 since Iron) or sqlite3 (.db3, the one before).
+    /// Storage of the bag: mcap (.mcap, the default of ROS 2 since Iron) or sqlite3 (.db3, the default before Iron).
     #[arg(long, value_enum)]
     pub storage: Option<StorageArg>,
-    /// Compression: chunk by chunk in mcap, where zstd is the default; file by file once one is complete
-    /// (.db3.zstd, mode FILE) in sqlite3, where none is.
+    /// Compression. In mcap each chunk is compressed; the default is zstd. In sqlite3 each complete file is compressed
+    /// (.db3.zstd, mode FILE); the default is none.
     #[arg(long, value_enum)]
     pub compression: Option<CompressionArg>,
-    /// Begin another file at about this size, in bytes before files are compressed (as `ros2 bag record` does).
+    /// Start another file at about this size, in bytes before files are compressed (as `ros2 bag record` does).
     #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u64).range(1..))]
     pub max_bag_size: Option<u64>,
-    /// Begin another file after this many seconds.
+    /// Start another file after this many seconds.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub max_bag_duration: Option<f64>,
 }
 
-/// A storage, as ROS 2 calls it.
+/// A storage, named as in ROS 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum StorageArg {
     /// MCAP.
@@ -34,7 +34,7 @@ pub enum StorageArg {
     Sqlite3,
 }
 
-/// A compression.
+/// A compression method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum CompressionArg {
     /// None.
@@ -51,7 +51,7 @@ fn seconds(text: &str) -> Result<f64, &'static str> {
 }
 
 impl BagArgs {
-    /// The options that these arguments stand for.
+    /// The options for writing a bag.
     #[must_use]
     pub fn options(&self) -> BagOptions {
         let storage = match self.storage {
@@ -67,10 +67,10 @@ impl BagArgs {
         }
     }
 
-    /// Refuses what cannot be done for a target that is one file, rather than to pass over it.
+    /// Refuses arguments that would be ignored because the target is a single file.
     ///
     /// # Errors
-    /// When an argument does not go with the target.
+    /// When an argument does not apply to the target.
     pub fn check(&self, target: &Path) -> Result<(), NodeError> {
         let extension = target.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
         let (own, what) = match extension.as_deref() {
@@ -88,7 +88,7 @@ impl BagArgs {
         ];
         match unfit.into_iter().find(|(_, given)| *given) {
             Some((argument, _)) => Err(NodeError::Usage(format!(
-                "{argument} does not go with {}, which is {what}: name a directory, without extension, for a bag",
+                "{argument} does not apply to {}, which is {what}: name a directory, without extension, for a bag",
                 target.display()
             ))),
             None => Ok(()),
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_does_not_go_together_is_said() {
+    fn arguments_that_do_not_apply_to_the_target_are_refused() {
         let args = |storage, compression, max_bag_size| BagArgs {
             storage,
             compression,
@@ -119,7 +119,7 @@ mod tests {
             (args(None, None, Some(1)), "x.db3", "--max-bag-size"),
         ] {
             let message = check(&args, target).expect_err("refused");
-            assert!(message.starts_with(&format!("{argument} does not go with {target}")), "{message}");
+            assert!(message.starts_with(&format!("{argument} does not apply to {target}")), "{message}");
         }
         for (args, target) in [
             (args(sqlite, zstd, Some(1)), "bag"),
@@ -128,7 +128,7 @@ mod tests {
         ] {
             assert_eq!(check(&args, target), Ok(()));
         }
-        assert!(!args(sqlite, None, None).options().compress, "a database is not packed unasked");
+        assert!(!args(sqlite, None, None).options().compress, "a database is not compressed by default");
         assert!(args(None, None, None).options().compress);
     }
 }

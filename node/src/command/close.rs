@@ -1,4 +1,4 @@
-//! `mr-damper close`: names the physical effect that a model lacks, adds it, and says what it mends.
+//! `mr-damper close`: finds the physical effect that a model lacks, adds it, and reports the error before and after.
 
 mod base;
 pub mod live;
@@ -22,105 +22,107 @@ use roles::Given;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// The two ways to call it.
+/// The usage line of `--help`: recorded runs, or a running node.
 const USAGE: &str = "\
 mr-damper close --base <MODEL> --estimate <RUN>... --confirm <RUN>... --out <MODEL+.toml> [OPTIONS]
        mr-damper close --live [--history <S>] [--json [<FILE>]] [--ros-args ...]";
 
-/// What it teaches at the end of `--help`.
+/// The end of `--help`: the sets of runs, and examples.
 const EXAMPLES: &str = "\
-What each set of runs is for (whole runs; no file may serve twice):
-  --estimate    effects are found on these. Excite what you suspect: several currents that step while the damper
-                moves, small and large strokes, slow and fast
-  --confirm     an effect must help on every one of these, or it is refused
-  --test        sealed: read once, at the end, for the error before and after. Without them nothing is proved
-  --replicates  two or more runs of one pattern: what they differ by is noise, and no effect is sought below it
-  --reference   healthy runs, one for each of the above in the order estimate, confirm, test, with the same
-                excitation: what changed since then is named, even where the base model is far off
+The sets of runs (whole runs; no file may be used twice):
+  --estimate    training runs: effects are searched on these. Excite the effects that you suspect: several
+                currents that step while the damper moves, small and large strokes, slow and fast motion
+  --confirm     validation runs: an effect must reduce the error on every one of these, or it is refused
+  --test        test runs: read once, at the end, for the error before and after. Without them no proof
+  --replicates  two or more runs of one pattern: their differences are noise; no effect is searched below it
+  --reference   healthy runs, one for each run in the order estimate, confirm, test, with the same excitation:
+                only the changes since then are diagnosed, even if the base model fits poorly
 
 Examples:
   mr-damper close --base damper.toml --estimate a.csv b.csv --confirm c.csv --test d.csv \\
                   --out damper+.toml --report close.html
-      the model that is in use, with what it lacks
+      adds the effects that the model in use lacks
   mr-damper close --base fuzzy-tanh --estimate a.csv b.csv --confirm c.csv --test d.csv --out new.toml
-      identifies the base on a.csv and b.csv first (with --reference: on the healthy runs)
+      first identifies the base on a.csv and b.csv (with --reference: on the healthy runs)
   mr-damper close --base damper.toml --estimate worn-1.csv --confirm worn-2.csv --test worn-3.csv \\
                   --reference new-1.csv new-2.csv new-3.csv --out damper+.toml
-      what wear has changed
+      finds what wear has changed
   mr-damper close --live --history 60 --ros-args -r __ns:=/front_left
-      has the node in that namespace do it, on its last 60 s and with the model that it runs";
+      the node in that namespace diagnoses the model that it runs, on its last 60 s of input";
 
-/// Name the physical effect that a model lacks, add it to the model, and tell what it mends.
+/// Find the physical effect that a model lacks, add it to the model, and report the error before and after.
 ///
-/// The base model runs free over the estimate runs; what it leaves over is held against a library of effects (lag of the
-/// coil, friction, a spring in series, ...). An effect is named when it is significant, lies in its physical range, and
-/// helps on every confirm run; up to three. The sealed runs are read once, at the end. When nothing is named, no model
-/// file is written, which is an answer and no failure.
+/// The base model simulates the training runs (--estimate) from displacement and drive. The residual is compared with a
+/// library of effects (coil lag, friction, a spring in series, ...). An effect is accepted if it is significant, its
+/// parameters are in their physical range, and it reduces the error on every validation run (--confirm); at most three
+/// effects are accepted. The test runs (--test) are read once, at the end. If no effect is found, no model file is
+/// written; the exit code is still 0.
 ///
-/// With --live a running node does it, with its own model and on what it remembers.
+/// With --live, a running node does this for its own model, on its input history.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES, override_usage = USAGE)]
 pub struct Args {
-    /// Where the results go.
+    /// Output files.
     #[command(flatten)]
     pub output: OutputArgs,
-    /// Recorded runs; `None` with --live.
+    /// Base model and recorded runs; `None` with --live.
     #[command(flatten)]
     pub recorded: Option<RecordedArgs>,
-    /// A running node.
+    /// Options for a running node.
     #[command(flatten)]
     pub live: LiveArgs,
 }
 
-/// All arguments that `--live` leaves nothing to say. clap makes a group by the struct's name, but leaves it empty where
-/// another one is flattened into the struct.
+/// Group of all arguments that conflict with `--live`. clap makes a group with the struct's name, but leaves it empty if
+/// another struct is flattened into it, so each argument names the group itself.
 const GROUP: &str = "RecordedArgs";
 
-/// A base and runs on disk.
+/// Arguments for a base model and recorded runs.
 #[derive(Debug, clap::Args)]
 pub struct RecordedArgs {
-    /// Model file, preset, or name of a model (fuzzy-tanh, kwok, ...) that is identified on the estimate runs first.
+    /// Model file, preset, or name of a model (fuzzy-tanh, kwok, ...). A named model is first identified, on the healthy
+    /// runs if --reference is given, else on the training runs.
     #[arg(long, group = GROUP, value_name = "MODEL", required = false, required_unless_present = "live")]
     pub base: String,
-    /// Runs that effects are found on: CSV files, rosbag2 directories, .mcap files.
+    /// Training runs, on which effects are searched: CSV files, rosbag2 directories, .mcap files.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1.., required_unless_present = "live")]
     pub estimate: Vec<PathBuf>,
-    /// Runs that decide whether a finding holds; at least one.
+    /// Validation runs: an effect must reduce the error on every one of them; at least one.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub confirm: Vec<PathBuf>,
-    /// Sealed runs, read once at the end: error before and after.
+    /// Test runs, read once at the end for the error before and after.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub test: Vec<PathBuf>,
     /// Healthy runs with the same excitation, one for each run in the order estimate, confirm, test.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub reference: Vec<PathBuf>,
-    /// Runs of one pattern, for the noise floor; at least two.
+    /// Runs of one pattern, from which the noise floor is computed; at least two.
     #[arg(long, group = GROUP, value_name = "RUN", num_args = 1..)]
     pub replicates: Vec<PathBuf>,
-    /// Noise floor in newtons root mean square, where you know it.
+    /// Noise floor as a root mean square in newtons, if you know it.
     #[arg(long, group = GROUP, value_name = "N", allow_hyphen_values = true, value_parser = positive)]
     pub noise_floor: Option<f64>,
-    /// Least length of the blocks that evidence is counted by, s. With blocks under 3 s chance names effects more easily:
-    /// shorten them only where there is no more data.
+    /// Minimum length of the blocks of the significance tests, s. Blocks shorter than 3 s give more false positives: use
+    /// them only if the data are too short for 3 s.
     #[arg(long, group = GROUP, value_name = "S", default_value_t = Settings::default().block_s)]
     pub block_s: f64,
-    /// Effects to look for, by their ids (coil_lag, friction, ...), where you know what your damper can have [default: all of the
-    /// library].
+    /// Ids of the effects to search for (coil_lag, friction, ...), if you know which ones your damper can have [default: the
+    /// whole library].
     #[arg(long, group = GROUP, value_name = "ID", num_args = 1.., value_delimiter = ',', value_parser = PossibleValuesParser::new(Effect::ids()))]
     pub effects: Vec<String>,
     /// Model file to write.
     #[arg(long, group = GROUP, value_name = "MODEL+.toml", required = false, required_unless_present = "live")]
     pub out: PathBuf,
-    /// The form without the drive, when the base is a name.
+    /// Use the form without the drive, if the base is the name of a model.
     #[arg(long, group = GROUP)]
     pub passive: bool,
-    /// Random starting points, when the base is a name [default: 25].
+    /// Random starting points, if the base is the name of a model [default: 25].
     #[arg(long, group = GROUP, value_name = "N")]
     pub restarts: Option<u32>,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     #[arg(long, group = GROUP, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// How runs become rows, when the base is a name; a model file holds its own filter and derivative.
+    /// How runs become rows, if the base is the name of a model; a model file already contains filter and derivative.
     #[command(flatten)]
     pub conditioning: ConditioningArgs,
     /// How runs are read.
@@ -135,12 +137,12 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Closes the loop, and writes what was found.
+/// Runs the diagnosis and writes its results.
 ///
 /// # Errors
-/// With --live, those of a node that does not answer, rejects the goal or comes to nothing. Else when runs or base do not load
-/// or do not go together, a run is given twice or a sealed one is not sealed, or a file cannot be written; when interrupted, in
-/// which case nothing is written.
+/// With --live, when the node does not answer, rejects the goal or fails. Without it, when the runs or the base do not load
+/// or do not fit together, a run is given twice, a test run was used for the base, or a file cannot be written.
+/// [`NodeError::Interrupted`]; then nothing is written.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     match &args.recorded {
         Some(recorded) => on_runs(recorded, &args.output, around),
@@ -157,7 +159,7 @@ fn on_runs(args: &RecordedArgs, output: &OutputArgs, around: &Surroundings) -> R
     let given = roles::load(args, &base, around, &working)?;
     if args.test.is_empty() {
         tracing::warn!(
-            "there are no sealed runs: nothing that is found will be proved. Give runs that nothing has touched with \
+            "there are no test runs, so no effect that is found will be proved. Give runs that were not used before with \
              --test"
         );
     }
@@ -205,8 +207,8 @@ fn close(
     };
     if settings.block_s < Settings::default().block_s {
         tracing::warn!(
-            "blocks of {} s are shorter than the {} s at which chance was seen to name nothing: hold what is named against \
-             another run",
+            "block length {} s is below the {} s that was validated against false positives; confirm the result on another \
+             run",
             settings.block_s,
             Settings::default().block_s
         );
@@ -217,7 +219,7 @@ fn close(
         .map_err(interrupted)
 }
 
-/// An error of the model crate, where cancelled work is interrupted work.
+/// Converts an error of the model crate; cancelled work becomes [`NodeError::Interrupted`].
 fn interrupted(error: mr_damper_model::Error) -> NodeError {
     match error {
         mr_damper_model::Error::Cancelled => NodeError::Interrupted,
@@ -225,20 +227,20 @@ fn interrupted(error: mr_damper_model::Error) -> NodeError {
     }
 }
 
-/// What is being done, for people.
+/// Text of a stage, for progress messages.
 pub(crate) fn in_words(stage: Stage) -> String {
     match stage {
         Stage::Base => "refitting the base".to_owned(),
         Stage::Scores(round) => format!("effect {round}: scores of the library"),
         Stage::Refits(round) => format!("effect {round}: refitting the best candidates"),
-        Stage::Pruning => "taking away what is not needed".to_owned(),
-        Stage::Rival => "asking whether a better base would do".to_owned(),
-        Stage::Sealed => "reading the sealed runs".to_owned(),
+        Stage::Pruning => "removing effects that are not needed".to_owned(),
+        Stage::Rival => "checking whether an alternative structure of the base would do".to_owned(),
+        Stage::Sealed => "reading the test runs".to_owned(),
     }
 }
 
 impl Given {
-    /// The run as rows, conditioned as `model` is.
+    /// The run as rows, with the conditioning of `model`.
     fn rows(
         &self,
         model: &mr_damper_model::model::Model,

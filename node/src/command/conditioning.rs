@@ -1,4 +1,4 @@
-//! How runs become rows, as the command line has it.
+//! Arguments that set how runs become rows.
 
 use clap::ValueEnum;
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
@@ -7,31 +7,31 @@ use mr_damper_model::identify::DatasetOptions;
 /// Filter, derivative, rate, and which samples count.
 #[derive(Debug, clap::Args)]
 pub struct ConditioningArgs {
-    /// Where the second-order low-pass sits; by default nowhere, in `compare` on the inputs, the thesis' own place, in
-    /// `close` on the output.
+    /// Where the second-order low-pass filter is applied; by default nowhere, in `compare` on the inputs (as in the
+    /// thesis), in `close` on the output.
     #[arg(long, value_enum)]
     pub filter: Option<FilterArg>,
-    /// Corner of the low-pass, Hz [default: 20].
+    /// Corner frequency of the low-pass filter, Hz [default: 20].
     #[arg(long, value_name = "HZ")]
     pub cutoff: Option<f64>,
-    /// Where velocity comes from; by default the difference or slope that fits the runs best. Models that feed on force,
-    /// and all in `compare`, have the backward difference; in `close` it is the parabola through three points, which is
-    /// not late.
+    /// Source of velocity; by default the difference or slope that fits the runs best. The default is the backward
+    /// difference for models that use measured force and for all models in `compare`, and in `close` the parabola through
+    /// three points, which has no delay.
     #[arg(long, value_enum)]
     pub velocity: Option<VelocityArg>,
-    /// Window of the slope when --velocity is slope, s [default: 0.01].
+    /// Window of the slope if --velocity is slope, s [default: 0.01].
     #[arg(long, value_name = "S")]
     pub slope_window: Option<f64>,
-    /// Thin runs to this rate first, Hz.
+    /// Rate of the rows, Hz, reached by keeping every n-th sample; by default all are kept.
     #[arg(long, value_name = "HZ")]
     pub rate: Option<f64>,
-    /// Count all samples, not only those in which the damper moves.
+    /// Use all samples, not only the samples in which the damper moves.
     #[arg(long)]
     pub all_samples: bool,
 }
 
 impl ConditioningArgs {
-    /// The conditioning, with `filter` and `velocity` where none was asked for.
+    /// The conditioning; `filter` and `velocity` are the defaults for flags that were not given.
     ///
     /// # Errors
     /// When a number is out of its range.
@@ -50,7 +50,7 @@ impl ConditioningArgs {
         Ok(conditioning)
     }
 
-    /// The first flag that was given of those that a model file answers by itself.
+    /// The first given flag whose value a model file already holds.
     #[must_use]
     pub fn given(&self) -> Option<&'static str> {
         let flags = [
@@ -62,14 +62,14 @@ impl ConditioningArgs {
         flags.into_iter().find_map(|(flag, given)| given.then_some(flag))
     }
 
-    /// Which samples make rows.
+    /// The options that select the samples for the rows.
     #[must_use]
     pub fn dataset(&self) -> DatasetOptions {
         DatasetOptions { moving_only: !self.all_samples, rate_hz: self.rate, ..DatasetOptions::default() }
     }
 }
 
-/// Where the low-pass sits.
+/// Where the low-pass filter is applied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum FilterArg {
     /// On displacement.
@@ -90,7 +90,7 @@ impl From<FilterArg> for ApplyTo {
     }
 }
 
-/// Where velocity comes from.
+/// Source of velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum VelocityArg {
     /// Backward difference of displacement.
@@ -114,7 +114,7 @@ impl From<VelocityArg> for VelocitySource {
     }
 }
 
-/// A derivative in words.
+/// The source of velocity as text.
 #[must_use]
 pub fn velocity_text(source: VelocitySource, slope_window_s: f64) -> String {
     match source {

@@ -1,4 +1,4 @@
-//! `mr-damper convert`: between CSV and rosbag2, and between the forms of rosbag2.
+//! `mr-damper convert`: converts runs between CSV and rosbag2, and between the formats of rosbag2.
 
 use crate::command::Surroundings;
 use crate::command::bag_args::BagArgs;
@@ -10,8 +10,8 @@ use std::path::PathBuf;
 
 /// Convert a run between CSV and rosbag2 (MCAP, sqlite3), without loss.
 ///
-/// A target that ends in .csv, .mcap or .db3 becomes such a file, any other a rosbag2 directory. With --start and --duration a part of
-/// the run is cut out, such as one half to identify from and one to test on.
+/// A target that ends in .csv, .mcap or .db3 is written as such a file, any other target as a rosbag2 directory. With
+/// --start and --duration only a part of the run is written, for example one half for identification and one for tests.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// CSV file, rosbag2 directory, or .mcap or .db3 file; bags may be compressed, damaged, or without metadata.
@@ -20,10 +20,10 @@ pub struct Args {
     /// Target; must not exist.
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
-    /// Namespace of the topics in a bag that is written, e.g. /front_left.
+    /// Namespace of the topics in the written bag, e.g. /front_left.
     #[arg(long, value_name = "NS", default_value = "")]
     pub namespace: String,
-    /// Begin this many seconds into the run.
+    /// Start this many seconds into the run.
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     pub start: f64,
     /// Write this many seconds; by default to the end.
@@ -37,7 +37,7 @@ pub struct Args {
     pub load: RunArgs,
 }
 
-/// Converts.
+/// Converts the run.
 ///
 /// # Errors
 /// When the run does not load, or the target exists or cannot be written.

@@ -1,14 +1,14 @@
-//! `mr-damper demo`: the real service on a damper that has changed, over real DDS, until the loop is closed.
+//! `mr-damper demo`: runs the real service, over real DDS, on a virtual damper that has changed, and diagnoses the change.
 //!
 //! ```text
-//! virtual rig in health ─→ identify ─→ models
+//! virtual rig, healthy ─→ identify ─→ models
 //! virtual rig with an effect ─→ run ─→ player ─ DDS ─→ service ─ DDS ─→ listener ─┐
 //!      │                        │                        └─ events ─→ collector ──┴→ board ─→ screen or lines
 //!      │                        └─→ the same pipeline without ROS ──→ compared ─→ summary, report.html
-//!      └─→ fresh runs ─→ closing, with the service's history ─→ model+.toml ─→ swapped in, played on
+//!      └─→ fresh runs ─→ diagnosis, with the service's history ─→ model+.toml ─→ loaded, then another run is played
 //! ```
 //!
-//! Everything runs in this process, on a ROS domain of its own and on loopback alone.
+//! Everything runs in this process, in its own ROS domain and on the loopback interface only.
 
 use crate::command::Surroundings;
 use crate::config::{Config, RosArgs};
@@ -41,35 +41,37 @@ use closing::Fresh;
 use damper::Purpose;
 use stage::{Live, Shown};
 
-/// ROS domain of the demo, when nobody asks for another: not the one that real dampers are likely to be on.
+/// Default ROS domain of the demo: one that real dampers are unlikely to use.
 const DOMAIN: i64 = 77;
-/// Share of the run in which measured force is withheld.
+/// Start and end of the interval without measured force, as shares of the run.
 const AWAY: (f64, f64) = (0.4, 0.6);
-/// Mean time between false alarms, s: an hour, so that a demo need not wait for long.
+/// Mean time between false alarms, s. It is shorter than the service's default of a day, so that the alarm comes sooner.
 const FALSE_ALARM_INTERVAL_S: f64 = 3600.0;
-/// Largest relative difference of figures that count as equal.
+/// Largest relative difference at which live and offline figures count as equal.
 const SAME: f64 = 1e-9;
-/// The same for a run that was disturbed on its way.
+/// Largest relative difference that is accepted when samples were lost or late.
 const NEAR: f64 = 0.05;
 
-/// See the service at work on a damper that has changed, and the loop closed: nothing else is needed.
+/// Show the service on a virtual damper that has changed, from the alarm to the corrected model.
 ///
-/// Identifies models on a virtual rig in health, then plays a run of it with an effect that they do not know onto the
-/// service's input topics over DDS (on loopback, on a domain of its own) and withholds measured force for a while. The
-/// alarm comes; what the model lacks is named and added; the model is swapped into the running service, and the error
-/// before and after is told. Live figures are compared with an evaluation without ROS. Writes a report.
+/// The demo needs no other program. It identifies models on a virtual rig with a healthy damper. Then it plays a run with an
+/// effect that the models do not include onto the service's input topics, over DDS (loopback only, in its own ROS domain),
+/// and withholds measured force for a while. After the residual alarm, a diagnosis names the missing effect and adds it to
+/// the model, the running service loads that model, and the demo prints the error before and after. It also compares the
+/// live figures with an evaluation without ROS, and writes a report.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct Args {
-    /// Length of the run before the loop is closed, s; after it a third of that, 10 s at most.
+    /// Length of the run before the diagnosis, s; the run after it takes a third of that, but 4 to 10 s.
     #[arg(long, value_name = "S", default_value_t = Args::SECONDS, value_parser = parse_seconds)]
     pub seconds: f64,
-    /// Seed of the runs: their roads, their currents and the noise of their sensors.
+    /// Seed of the runs: roads, currents and sensor noise.
     #[arg(long, value_name = "N", default_value_t = Args::SEED)]
     pub seed: u64,
-    /// Print a line a second instead of the screen.
+    /// Print one line per second instead of the live screen.
     #[arg(long)]
     pub no_screen: bool,
-    /// Directory of report, models and run; by default target/mr-damper-demo, or one in the system's temporary directory.
+    /// Directory for report, models and run; default: mr-damper-demo in the directory target, or without that in the
+    /// system's temporary directory.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// ROS domain; by default ROS_DOMAIN_ID, else 77.
@@ -98,13 +100,13 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 /// Runs the demo.
 ///
 /// # Errors
-/// When a model cannot be identified, the service does not start or one of its threads dies, when the live figures are
-/// not those of an evaluation without ROS, or when a file cannot be written.
+/// When a model cannot be identified, the service does not start or one of its threads dies, the live figures differ from
+/// an evaluation without ROS, or a file cannot be written.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     tell(args, around).map(drop)
 }
 
-/// Runs the demo and returns what it came to.
+/// Runs the demo and returns its outcome.
 fn tell(args: &Args, around: &Surroundings) -> Result<Outcome, NodeError> {
     let act = Act::prepare(args, around)?;
     println!("{}", shown::lines(&act.introduction()?));
@@ -128,27 +130,27 @@ fn tell(args: &Args, around: &Surroundings) -> Result<Outcome, NodeError> {
     }
 }
 
-/// What is played, and by whom.
+/// The run that the demo plays, and the models and settings of the service.
 struct Act {
     config: Config,
     models: Models,
     names: ModelNames,
     settings: Settings,
-    /// Where all files go.
+    /// Directory for all files.
     dir: PathBuf,
-    /// The run without the force that is withheld.
+    /// The run without the withheld force samples.
     played: Run,
-    /// The force that is withheld: s since the first sample, N.
+    /// The withheld force samples: s since the first sample, N.
     withheld: Vec<(f64, f64)>,
     away_s: (f64, f64),
 }
 
-/// What was seen of all runs.
+/// The observations of all runs.
 struct Performed {
     before: Shown,
-    /// How the loop was closed; why not, where it was not.
+    /// The diagnosis, or the reason why there was none.
     closed: Result<Closed, String>,
-    /// With the new model in force: what was seen, and the same run without ROS.
+    /// The run with the new model: what was observed, and the same run stepped without ROS.
     after: Option<(Shown, Recording)>,
 }
 
@@ -175,12 +177,12 @@ impl Act {
     fn introduction(&self) -> Result<String, NodeError> {
         let Self { names, away_s, settings, .. } = self;
         Ok(format!(
-            "run     {}, {:.0} s at 512 Hz: a virtual rig whose damper is none of the models\n        \
-             and has changed since they were identified: how, they are not told\n\
+            "run     {}, {:.0} s at 512 Hz, of a virtual rig. Its damper has a structure that no model has, and it\n        \
+             has changed since the models were identified: they do not include the change\n\
              force   measured force is published too, but withheld from {:.0} s to {:.0} s\n\
-             models  {} runs free, {} is seeded with measured force\n\
-             alarm   when the free run's residual stays over {} times what was expected; at most one false\n        \
-             alarm in {:.0} min, sooner than the service's default of a day\n\
+             models  {} simulates from displacement and current; {} is seeded with measured force\n\
+             alarm   raised when the simulation's residual stays above {} times the expected error; one false\n        \
+             alarm in {:.0} min on average (the service's default is one in a day)\n\
              ROS 2   {}; topics displacement, coil_current, measured_force → force_estimate, force_residual\n\
              Zenoh   {}, keys mr_damper/**",
             self.played.name,
@@ -196,7 +198,7 @@ impl Act {
         ))
     }
 
-    /// Plays the run, closes the loop, and plays on with the new model.
+    /// Plays the run, diagnoses the change, and plays another run with the new model.
     fn perform(
         &self,
         live: &Live<'_>,
@@ -207,28 +209,32 @@ impl Act {
         let before = live.play(&self.played, self.headline(&self.played, &self.names.free)?)?;
         let fresh = fresh.join().map_err(|_| NodeError::Failed("the rig's thread died".to_owned()))??;
         if before.ended_early {
-            let why = "The demo was ended before the loop was closed.".to_owned();
+            let why = "The demo was ended before the diagnosis.".to_owned();
             return Ok(Performed { before, closed: Err(why), after: None });
         }
-        println!("\nclosing the loop: what does the model lack?");
+        println!("\ndiagnosis: which effect does the model lack?");
         let path = self.dir.join("model+.toml");
         let found = closing::close(&self.models.free, &live.history(), &fresh, args, around, &path)?;
         let mut closed = Closed {
             drive: self.played.drive_kind(),
             seconds: found.seconds,
             runs: found.runs,
-            truth: format!("What had been put into the rig: {}, {} s.", damper::EFFECT, damper::LAG_S),
+            truth: format!(
+                "The effect that the demo put into the rig: {}, {} s.",
+                damper::EFFECT,
+                damper::LAG_S
+            ),
             closing: found.closing,
             swap: None,
         };
         let Some(model) = found.model else {
-            println!("  nothing was named, so the model stays");
+            println!("  no effect was found, so the model stays as it is");
             return Ok(Performed { before, closed: Ok(closed), after: None });
         };
         let name = model.display().to_string();
         let alarms = live.load_model(&name)?;
         let shown_name = shown::line(&name);
-        println!("  {shown_name} is swapped into the running service; the damper moves on\n");
+        println!("  the running service has loaded {shown_name}; another run is played\n");
         let shown = live.play(&fresh.after, self.headline(&fresh.after, &name)?)?;
         let with = Models { free: models::load(&name)?, ..self.models };
         closed.swap = Some(Swap {
@@ -257,7 +263,7 @@ impl Act {
         })
     }
 
-    /// `run` through the service's pipeline with `models`, without ROS.
+    /// Steps `run` through the service's pipeline with `models`, without ROS.
     fn offline(&self, models: Models, run: &Run) -> Result<Recording, NodeError> {
         let settings = self.config.pipeline_settings(models.free.conditioning.cutoff_hz);
         let mut pipeline = Pipeline::new(models, settings)?;
@@ -276,7 +282,7 @@ impl Act {
         let mut counts = shown.traffic();
         if let Some((after, offline)) = &after {
             figures.push(Figure {
-                name: "free run with the effect, after the swap".to_owned(),
+                name: "simulation with the effect, after the swap".to_owned(),
                 live: after.recording.evaluation().free_run,
                 offline: offline.evaluation().free_run,
             });
@@ -293,9 +299,9 @@ impl Act {
         }
         Ok(Outcome {
             what: format!(
-                "{}, {:.1} s. A virtual rig, not a measurement: its damper is none of the models, and has changed \
-                 since they were identified. {} ran free; {} was seeded with measured force, which was withheld \
-                 from {:.0} s to {:.0} s.",
+                "{}, {:.1} s. The run is from a virtual rig and not a measurement. The rig's damper has a structure that no \
+                 model has, and it has changed since the models were identified. {} simulated the force from displacement \
+                 and current; {} was seeded with measured force, which was withheld from {:.0} s to {:.0} s.",
                 self.played.name,
                 shown.recording.length_s(),
                 self.names.free,
@@ -323,10 +329,10 @@ impl Act {
             offline: pick(&there),
         };
         vec![
-            figure(format!("free run of {}", self.names.free), |e| e.free_run),
-            figure("the same, its mean error taken out".to_owned(), |e| e.free_run_without_offset),
-            figure(format!("one step of {}", self.seeded_name()), |e| e.one_step),
-            figure("persistence (one step)".to_owned(), |e| e.persistence),
+            figure(format!("simulation, {}", self.names.free), |e| e.free_run),
+            figure("the same without its mean error".to_owned(), |e| e.free_run_without_offset),
+            figure(format!("one step ahead, {}", self.seeded_name()), |e| e.one_step),
+            figure("persistence (one step ahead)".to_owned(), |e| e.persistence),
             Figure {
                 name: WITHOUT_FORCE.to_owned(),
                 live: live.fit_to(&self.withheld),
@@ -341,11 +347,11 @@ impl Act {
         let caution = if dc_is_meaningful { "" } else { ", but its static gain is not meaningful" };
         Ok(match found.free_run {
             Some(fit) => format!(
-                "Running free, without measured force, {} has an ESR of {:.3} on this run (offline){caution}.",
+                "In simulation, without measured force, {} has an ESR of {:.3} on this run (offline){caution}.",
                 self.seeded_name(),
                 fit.esr
             ),
-            None => format!("{} does not run free on this run.", self.seeded_name()),
+            None => format!("{} could not simulate this run.", self.seeded_name()),
         })
     }
 
@@ -365,7 +371,7 @@ impl Act {
         }
         let conditioning = self.models.free.conditioning;
         rows.push((
-            "low-pass of the free-running model".to_owned(),
+            "low-pass of the simulating model".to_owned(),
             match conditioning.apply_to {
                 ApplyTo::None => "none".to_owned(),
                 ApplyTo::Inputs => format!("{} Hz, on its inputs", conditioning.cutoff_hz),
@@ -381,14 +387,14 @@ impl Act {
         let row = |name: &str, value: String| (name.to_owned(), value);
         vec![
             row("made by", TOOL.to_owned()),
-            row("made again by", format!("mr-damper demo --seconds {} --seed {}", args.seconds, args.seed)),
+            row("repeated by", format!("mr-damper demo --seconds {} --seed {}", args.seconds, args.seed)),
             row("run", self.played.name.clone()),
             row("models (SHA-256)", self.names.hash.clone()),
         ]
     }
 }
 
-/// The service's defaults, then what the demo needs, then what `--ros-args` said.
+/// The service's configuration: the defaults, then the demo's own settings, then `--ros-args`. Later ones win.
 fn configuration(args: &Args, ros_args: &RosArgs, free: &Path, seeded: &Path) -> Result<Config, NodeError> {
     let from_environment = std::env::var("ROS_DOMAIN_ID").is_ok_and(|id| !id.is_empty());
     let mut config = Config {
@@ -404,7 +410,7 @@ fn configuration(args: &Args, ros_args: &RosArgs, free: &Path, seeded: &Path) ->
     Ok(config)
 }
 
-/// A port of the loopback interface that nobody listens on at present.
+/// A port of the loopback interface that is free at present.
 fn free_port() -> Result<u16, NodeError> {
     std::net::TcpListener::bind((std::net::Ipv4Addr::LOCALHOST, 0))
         .and_then(|listener| listener.local_addr())
@@ -412,7 +418,7 @@ fn free_port() -> Result<u16, NodeError> {
         .map_err(NodeError::io("looking for a free port on the loopback interface"))
 }
 
-/// Takes the force between `away_s` out of `run`, and returns it as points.
+/// Removes the force samples within `away_s` from `run` and returns them: s since the first sample, N.
 fn withhold(run: &mut Run, away_s: (f64, f64)) -> Vec<(f64, f64)> {
     let Some(force) = run.force_n.take() else { return Vec::new() };
     let zero = run.displacement_m.stamps.first().copied().unwrap_or_default();
@@ -431,7 +437,7 @@ fn withhold(run: &mut Run, away_s: (f64, f64)) -> Vec<(f64, f64)> {
     withheld
 }
 
-/// Compares every figure that both have.
+/// Compares live and offline figures. A figure that only one side has counts as a difference.
 fn agreement(figures: &[Figure], disturbed: bool) -> Agreement {
     let differs = |live: f64, offline: f64| ((live - offline) / offline).abs();
     let worst = figures
@@ -451,16 +457,16 @@ fn agreement(figures: &[Figure], disturbed: bool) -> Agreement {
     }
 }
 
-/// True when something got lost or came late on its way.
+/// True when a sample was lost, refused or late.
 fn is_disturbed(shown: &Shown) -> bool {
-    // The first of the forces that are withheld is waited for in vain, as it should be.
+    // One incomplete sample is expected: the service waits for the first withheld force, which never arrives.
     shown.counts.taken != shown.counts.sent
         || shown.counts.incomplete > 1
         || shown.counts.refused > 0
         || shown.recording.transitions.iter().any(|t| t.cause == Cause::DisplacementLost)
 }
 
-/// The directory of all files, made where there is none.
+/// The directory for all files; creates it if it does not exist.
 fn directory(args: &Args) -> Result<PathBuf, NodeError> {
     let dir = args.out.clone().unwrap_or_else(|| {
         let target = Path::new("target");
@@ -470,7 +476,7 @@ fn directory(args: &Args) -> Result<PathBuf, NodeError> {
     Ok(dir)
 }
 
-/// Writes report and run; returns where the report is.
+/// Writes the report and the run; returns the path of the report.
 fn write_report(dir: &Path, run: &Run, outcome: &Outcome) -> Result<PathBuf, NodeError> {
     let path = dir.join("report.html");
     write_text(&path, &report::html(outcome))?;
@@ -497,16 +503,16 @@ mod tests {
     }
 
     #[test]
-    fn without_a_command_the_defaults_are_the_command_line_s() {
+    fn default_arguments_equal_those_of_the_command_line() {
         assert_eq!(Line::parse_from(["demo"]).args, Args::default());
         for bad in ["--seconds=0", "--seconds=nan", "--domain-id=300", "--seed=-1"] {
             assert!(Line::try_parse_from(["demo", bad]).is_err(), "{bad}");
         }
     }
 
-    /// The whole story, as short as it can be: a live run of seconds, and what it is short of comes from fresh runs.
+    /// The whole demo with a live run of 6 s; fresh runs supply the rest of the data for the diagnosis.
     #[test]
-    fn the_demo_names_the_lag_of_the_coil_and_its_live_error_falls() {
+    fn the_demo_names_the_coil_lag_and_the_live_error_falls() {
         let dir = tempfile::tempdir().expect("a directory");
         let args = Args {
             seconds: 6.0,
@@ -517,16 +523,16 @@ mod tests {
         };
         let around =
             Surroundings { interrupt: Interrupt::manual(), quiet: true, ros_args: RosArgs::default() };
-        let outcome = tell(&args, &around).expect("the demo ends well");
+        let outcome = tell(&args, &around).expect("the demo succeeds");
 
         let raised = outcome.recording.alarms.iter().filter(|change| change.raised).count();
         assert_eq!(raised, 1, "{:?}", outcome.recording.alarms);
-        let closed = outcome.closed.expect("it comes to the closing").expect("it was not ended");
+        let closed = outcome.closed.expect("a result of the diagnosis").expect("a complete diagnosis");
         let [named] = &closed.closing.effects[..] else { panic!("{:?}", closed.closing.effects) };
         assert_eq!(named.effect.effect().id(), damper::EFFECT);
         assert!((named.parameters[0].value / damper::LAG_S - 1.0).abs() < 0.1, "{:?}", named.parameters);
 
-        let swap = closed.swap.expect("what was named is swapped in");
+        let swap = closed.swap.expect("the new model was loaded");
         let rsse_n = |recording: &Recording| recording.evaluation().free_run.expect("a free run").rsse_n;
         assert!(swap.ended_alarm && swap.after.alarms.is_empty(), "{:?}", swap.after.alarms);
         assert!(rsse_n(&swap.after) < 0.5 * rsse_n(&outcome.recording), "live, before and after");
@@ -537,7 +543,7 @@ mod tests {
     }
 
     #[test]
-    fn force_is_withheld_from_the_service_alone() {
+    fn withheld_force_is_removed_from_the_run_and_returned() {
         let whole = damper::healthy(Purpose::Played, 4.0, 1).expect("a known experiment");
         let mut played = whole.clone();
         let withheld = withhold(&mut played, (1.0, 2.0));

@@ -1,4 +1,4 @@
-//! `mr-damper doctor`: what would keep the service from working here.
+//! `mr-damper doctor`: checks what would keep the service from working on this machine.
 
 use crate::command::{Surroundings, output};
 use crate::config::{self, ParameterFlags};
@@ -8,10 +8,11 @@ use crate::shown;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Say what would keep the service from working on this machine: models, domain, multicast, ports, clock, priorities, limits.
+/// Check what would keep the service from working on this machine: models, domain, multicast, ports, clock, priorities, limits.
 ///
-/// Takes what `node` takes, and tries each thing that a node with it would rest on: it joins the domain and leaves it again, and opens
-/// no port that the node would not open. Takes about five seconds. Exit code 1 when the node would not run or not be heard.
+/// The command takes the arguments of `node` and tries everything that such a node depends on. It joins the ROS domain and
+/// leaves it again, and opens no port that the node would not open. It takes about five seconds. The exit code is 1 if the
+/// node would not run or would not be heard.
 ///
 /// Example: mr-damper doctor --ros-args --params-file damper.params.yaml
 #[derive(Debug, clap::Args)]
@@ -19,7 +20,7 @@ pub struct Args {
     /// Configuration file (TOML), as for `node`.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Write what was found as JSON to a file, or with - to stdout, alone.
+    /// Write the findings as JSON to a file; without a file name, or with -, print only the JSON to stdout.
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     pub json: Option<PathBuf>,
     /// Parameters as flags.
@@ -33,7 +34,7 @@ struct Report<'a> {
     findings: &'a [Finding],
 }
 
-/// Tries, and tells what it finds as it finds it.
+/// Runs all checks, and prints each finding as soon as it is known.
 ///
 /// # Errors
 /// When the parameters cannot be read, or something would keep the node from working.

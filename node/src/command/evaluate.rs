@@ -1,4 +1,4 @@
-//! `mr-damper evaluate`: how well a model predicts recorded runs.
+//! `mr-damper evaluate`: reports how well a model predicts recorded runs.
 
 use crate::command::Surroundings;
 use crate::command::output;
@@ -17,11 +17,12 @@ use mr_damper_model::units::N_PER_LBF;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Tell how well a model predicts recorded runs: RSSE and ESR.
+/// Report how well a model predicts recorded runs: RMSE and NMSE (in the output RSSE and ESR, as in the thesis).
 ///
-/// Free run (displacement and drive alone) and one step (fed with measured force, ARX only) stand side by side,
-/// with persistence (the force stays what it was) as the yardstick of one step. A model with a calibrated 90 % band is
-/// held to it.
+/// Two predictions are scored: the simulation (free_run in JSON), which uses displacement and drive only, and the
+/// one-step-ahead prediction (one_step in JSON; ARX only), which also uses the measured force. Persistence, which repeats
+/// the last measured force, is the baseline for the one-step-ahead prediction. If the model has a calibrated 90 % band, the
+/// share of measured forces within it is reported too.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model file, or preset.
@@ -30,11 +31,11 @@ pub struct Args {
     /// Runs: CSV files, rosbag2 directories, .mcap files.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
-    /// Write the figures as JSON to a file; without a file, or with -, to stdout instead of the table.
+    /// Write the figures as JSON to a file; without a file name, or with -, to stdout in place of the table.
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     pub json: Option<PathBuf>,
-    /// Also write the model to a file, with its standard deviation and its 90 % band calibrated on these runs: at least three that it was
-    /// not identified from, of the kind that it will meet.
+    /// Also write the model to a file, with its standard deviation and 90 % band calibrated on these runs. Give at least
+    /// three runs that the model was not identified from and that resemble its later use.
     #[arg(long, value_name = "MODEL.toml")]
     pub calibrate: Option<PathBuf>,
     /// How runs are read.
@@ -49,9 +50,9 @@ struct Report<'a> {
     runs: Vec<RunReport>,
 }
 
-/// The figures of one run, as JSON has them.
+/// The figures of one run, as they are written to JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "fields are those of the model's Evaluation")]
+#[expect(missing_docs, reason = "the fields are documented in the model's Evaluation")]
 pub struct RunReport {
     pub run: String,
     pub free_run: Option<Fit>,
@@ -59,15 +60,15 @@ pub struct RunReport {
     pub offset_n: f64,
     pub one_step: Option<Fit>,
     pub persistence: Option<Fit>,
-    /// How often the measured force lay within the model's calibrated 90 % band.
+    /// Share of samples whose measured force is within the model's calibrated 90 % band.
     pub band: Option<Coverage>,
     pub refused: u64,
 }
 
-/// Evaluates and prints.
+/// Evaluates the model on all runs and prints the figures.
 ///
 /// # Errors
-/// When the model or a run does not load, or they do not go together.
+/// When the model or a run does not load, or they do not fit together.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let mut file = models::load_whole(&args.model)?;
     let model = file.model;
@@ -96,10 +97,10 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The figures of `model` on `run`, which is called `name`.
+/// The figures of `model` on `run`, under the name `name`.
 ///
 /// # Errors
-/// When they do not go together.
+/// When model and run do not fit together.
 pub fn figures(name: String, model: Model, run: &Run) -> Result<RunReport, NodeError> {
     let found = evaluate(model, run, Settings::default(), |_| true)?;
     Ok(RunReport {
@@ -130,9 +131,9 @@ fn table(report: &Report<'_>) -> String {
                 None => format!("  {name:<24} -\n"),
             };
         };
-        row("free run", &run.free_run);
-        row("free run, offset out", &run.free_run_without_offset);
-        row("one step", &run.one_step);
+        row("simulation (free run)", &run.free_run);
+        row("simulation, offset out", &run.free_run_without_offset);
+        row("one step ahead", &run.one_step);
         row("persistence (one step)", &run.persistence);
         if let Some(band) = &run.band {
             text += &format!(

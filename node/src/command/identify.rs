@@ -1,4 +1,4 @@
-//! `mr-damper identify`: a model from recorded runs.
+//! `mr-damper identify`: identifies a model from recorded runs.
 
 use crate::command::Surroundings;
 use crate::command::conditioning::{ConditioningArgs, FilterArg, VelocityArg, velocity_text};
@@ -27,24 +27,24 @@ use std::time::Instant;
 
 /// Identify a model from recorded runs and write a model file.
 ///
-/// Several runs, at different rates and currents, are fitted at once, each with a force offset of its own.
-/// `--validate` runs are not fitted: the model is scored on them, and their error is what the model file tells
-/// the node to expect.
+/// Several runs, at different rates and currents, are fitted together; each run has its own force offset. Validation
+/// runs (`--validate`) are not fitted: the model is scored on them, and the model file stores their error as the
+/// error that the node should expect.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Model to identify.
     #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(names()))]
     pub model: String,
-    /// The form without the drive.
+    /// Identify the form without the drive.
     #[arg(long)]
     pub passive: bool,
-    /// Fuzzy sets over the drive in place of polynomials, for a law of force (kwok, bouc-wen, ...) or lpv.
+    /// Use fuzzy sets over the drive in place of polynomials, for a force law (kwok, bouc-wen, ...) or lpv.
     #[arg(long, conflicts_with = "passive")]
     pub fuzzy: bool,
-    /// Degree of the polynomials over the drive, for a law of force or lpv.
+    /// Degree of the polynomials over the drive, for a force law or lpv.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=4))]
     pub degree: u8,
-    /// Minimise Huber's loss in place of squares: residuals beyond N newtons count for little.
+    /// Minimise Huber's loss in place of squares: residuals beyond N newtons get less weight.
     #[arg(long, value_name = "N")]
     pub huber: Option<f64>,
     /// Runs to fit: CSV files, rosbag2 directories, .mcap files.
@@ -53,7 +53,7 @@ pub struct Args {
     /// Model file to write.
     #[arg(long, value_name = "MODEL.toml")]
     pub out: PathBuf,
-    /// Runs that are held out of the fit and scored.
+    /// Validation runs: held out of the fit, and scored.
     #[arg(long, value_name = "RUN", num_args = 1..)]
     pub validate: Vec<PathBuf>,
     /// Random starting points of the nonlinear fit.
@@ -62,22 +62,22 @@ pub struct Args {
     /// Seed of the starting points.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Membership centres, in A or V as the runs have it; by default from the runs' drive.
+    /// Centres of the fuzzy sets, in A or V, like the drive of the runs; by default chosen from that drive.
     #[arg(long, value_name = "C,C,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub centres: Option<Vec<f64>>,
-    /// Width (standard deviation) of the memberships, in A or V; by default half the centres' spacing.
+    /// Width (standard deviation) of the fuzzy sets, in A or V; by default half the spacing of the centres.
     #[arg(long, value_name = "S", requires = "centres")]
     pub sigma: Option<f64>,
-    /// So many fuzzy sets, evenly over the range of the drive.
+    /// Number of fuzzy sets, spaced evenly over the range of the drive.
     #[arg(long, value_name = "N", conflicts_with = "centres")]
     pub sets: Option<usize>,
-    /// Identify centres and widths of the fuzzy sets too; those that would stand fixed are where the search starts.
+    /// Also identify the centres and widths of the fuzzy sets. The search starts at the values that would otherwise be fixed.
     #[arg(long, conflicts_with = "passive")]
     pub free_sets: bool,
     /// How runs become rows.
     #[command(flatten)]
     pub conditioning: ConditioningArgs,
-    /// Where the results go.
+    /// Output files.
     #[command(flatten)]
     pub output: OutputArgs,
     /// How runs are read.
@@ -113,7 +113,7 @@ struct Report<'a> {
     restart_rsse_n: &'a [f64],
 }
 
-/// A parameter with its standard error; `null` where the runs do not determine it.
+/// A parameter and its standard error, which is `null` if the runs do not determine the parameter.
 #[derive(Debug, Serialize)]
 struct Estimate<'a> {
     parameter: &'a str,
@@ -154,11 +154,11 @@ struct RunReport<'a> {
     one_step: Option<Fit>,
 }
 
-/// Identifies, validates, writes.
+/// Identifies the model, scores it on the validation runs, and writes the results.
 ///
 /// # Errors
-/// When a run does not load, the runs do not carry the model, or the file cannot be written; when interrupted,
-/// nothing is written.
+/// When a run does not load, the model cannot be identified from the runs, or a file cannot be written; when interrupted,
+/// in which case nothing is written.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let loaded = args.runs.iter().map(|path| args.load.load(path)).collect::<Result<Vec<_>, _>>()?;
     let (runs, hashes): (Vec<Run>, Vec<String>) =
@@ -244,7 +244,7 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
     })
 }
 
-/// Scores the model on the held-out runs; their error becomes the one to expect, and calibrates its band.
+/// Scores the model on the held-out runs. Their error becomes the model's expected error, and they calibrate its band.
 fn validate(
     found: &mut Identified,
     held_out: &[Run],
@@ -264,7 +264,7 @@ fn validate(
     }
     match calibrator.finish() {
         Ok(uncertainty) => found.model.expected.uncertainty = Some(uncertainty),
-        Err(why) => found.warnings.push(format!("the 90 % band of its estimates is a guess: {why}")),
+        Err(why) => found.warnings.push(format!("the 90 % band of the estimates is not calibrated: {why}")),
     }
     let scored = all.finish();
     expect(&mut found.model.expected, &scored);
@@ -309,49 +309,51 @@ fn run_report(run: &mr_damper_model::identify::RunFit) -> RunReport<'_> {
     }
 }
 
-/// The figures of a report by name, without those that there are none of.
+/// The figures of a report by name; missing figures are left out.
 fn figures(report: &Report<'_>) -> Vec<(String, Fit)> {
     let mut figures = Vec::new();
     let mut add = |name: &str, fit: Option<Fit>| figures.extend(fit.map(|fit| (name.to_owned(), fit)));
-    add("training, free run (offsets out)", report.training.free_run);
-    add("training, one step", report.training.one_step);
-    add("training, persistence (one step)", report.training.persistence);
+    add("training, simulation (offsets out)", report.training.free_run);
+    add("training, one step ahead", report.training.one_step);
+    add("training, persistence", report.training.persistence);
     if let Some(validation) = &report.validation {
-        add("validation, free run", validation.free_run);
-        add("validation, one step", validation.one_step);
-        add("validation, persistence (one step)", validation.persistence);
+        add("validation, simulation", validation.free_run);
+        add("validation, one step ahead", validation.one_step);
+        add("validation, persistence", validation.persistence);
     }
     figures
 }
 
-/// What is to be said of a fit besides its figures.
+/// Remarks on a fit, besides its figures.
 fn remarks(report: &Report<'_>) -> Vec<String> {
     let rank = report.rank.filter(|rank| *rank < report.parameters);
     let mut remarks: Vec<String> = rank
         .map(|rank| {
             let of = report.parameters;
-            format!("rank {rank} of {of}: regressors are collinear, single coefficients mean nothing")
+            format!(
+                "rank {rank} of {of}: the regressors are collinear, so single coefficients have no meaning"
+            )
         })
         .into_iter()
         .collect();
     remarks.extend(report.warnings.iter().cloned());
     if report.band_calibrated {
-        remarks.push("the 90 % band of its estimates is calibrated on the held-out runs".to_owned());
+        remarks.push("the 90 % band of the estimates is calibrated on the held-out runs".to_owned());
     }
     let bounds = report.active_bounds.iter();
     let vague = |e: &&Estimate<'_>| e.standard_error.is_none_or(|error| error > 0.5 * e.value.abs());
     let vague: Vec<&str> = report.estimates.iter().filter(vague).map(|e| e.parameter).collect();
     if !vague.is_empty() {
         remarks.push(format!(
-            "known to no better than half their value, from these runs: {} (standard errors: --json)",
+            "poorly determined by these runs, with a standard error above half the value: {} (standard errors: --json)",
             vague.join(", ")
         ));
     }
-    remarks.extend(bounds.map(|bound| format!("on its bound: {bound} (the runs do not determine it)")));
+    remarks.extend(bounds.map(|bound| format!("at its bound: {bound} (the runs do not determine it)")));
     remarks
 }
 
-/// Model, and how it was found, in a line.
+/// One line on the model and its identification.
 fn headline(report: &Report<'_>) -> String {
     format!(
         "{} ({}), {} parameters, {} runs, velocity by {}, {:.1} s",
@@ -364,7 +366,7 @@ fn headline(report: &Report<'_>) -> String {
     )
 }
 
-/// Steps every run through the pipeline with the model that was found, for the report's pictures.
+/// Steps every run through the pipeline with the identified model, for the plots of the report.
 fn pictured(
     model: &Model,
     fitted: &[Run],

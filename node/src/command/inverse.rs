@@ -1,4 +1,4 @@
-//! `mr-damper inverse`: the current that yields a demanded force, followed on the model and on the rig.
+//! `mr-damper inverse`: computes the current for a demanded force, and the tracking error on the model and on the rig.
 
 use crate::command::Surroundings;
 use crate::command::output::OutputArgs;
@@ -17,39 +17,41 @@ use mr_damper_model::rig::{Channels, Motion, Plant};
 use mr_damper_model::sample::Run;
 use std::path::PathBuf;
 
-/// Find the current that yields a demanded force, and tell how well the force is followed.
+/// Find the current that yields a demanded force, and report the tracking error.
 ///
-/// The demand is the force of a run, along the run's own motion. It is followed on the model itself, and closed over the virtual rig,
-/// whose damper is not the model: fed forward, and with the rig's load cell fed back. A semi-active damper has the forces from
-/// no current to the largest and no others: what is asked for beyond is clipped, and counted. The rig's damper is one of 1 kN
-/// and 15 mm; for a damper of another size leave it out with --no-rig.
+/// The demanded force is the force of a run, with the run's motion. The command tracks it on the model itself and on the
+/// virtual rig, whose damper differs from the model: with feedforward only, and with feedback from the rig's load cell. A
+/// semi-active damper can only produce forces between the force at zero current and the force at the largest current. A
+/// demand outside that range is clipped, and counted. The rig's damper has 1 kN and 15 mm; for a damper of another size use
+/// --no-rig.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
-    /// Model file, or preset; one that follows a coil current.
+    /// Model file or preset; its drive must be a coil current.
     #[arg(value_name = "MODEL")]
     pub model: String,
-    /// Run with the motion and, as its force, the demand: CSV file (time_s, displacement_m, force_n), rosbag2 directory, .mcap.
+    /// Run that holds the motion and, as its force, the demanded force: CSV file (time_s, displacement_m, force_n), rosbag2
+    /// directory, .mcap.
     #[arg(long, value_name = "RUN")]
     pub force: PathBuf,
     /// Largest current, A.
     #[arg(long, value_name = "A", default_value_t = Limits::default().current_max_a, allow_negative_numbers = true)]
     pub current_max: f64,
-    /// Largest change of the current, A/s; without it the driver is as fast as it likes.
+    /// Largest rate of change of the current, A/s; by default it is not limited.
     #[arg(long, value_name = "A/S", allow_negative_numbers = true)]
     pub rate_max: Option<f64>,
-    /// Time constant with which a coil that lags is led to its current, s; for models with the effect coil_lag.
+    /// Time constant of the coil current with lead compensation, s; used for models with the effect coil_lag.
     #[arg(long, value_name = "S", default_value_t = Limits::default().lead_s, allow_negative_numbers = true)]
     pub lead_s: f64,
-    /// How the current is found: search (on the model), polynomial or fuzzy (inverses that are fitted to the model).
+    /// How the current is found: search (on the model), polynomial or fuzzy (inverses fitted to the model).
     #[arg(long, value_name = "NAME", default_value = Method::Search.name(), value_parser = method)]
     pub method: Method,
-    /// Do not follow the demand on the rig.
+    /// Do not track the demand on the rig.
     #[arg(long)]
     pub no_rig: bool,
     /// Seed of the rig's noise.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Where results go.
+    /// Output files.
     #[command(flatten)]
     pub output: OutputArgs,
     /// How the run is read.
@@ -57,7 +59,7 @@ pub struct Args {
     pub load: RunArgs,
 }
 
-/// A method by its name.
+/// Parses the name of a method.
 fn method(name: &str) -> Result<Method, String> {
     Method::named(name).ok_or_else(|| format!("take one of {}", Method::ALL.map(Method::name).join(", ")))
 }
@@ -73,10 +75,11 @@ impl Args {
     }
 }
 
-/// Follows the demand, and reports.
+/// Tracks the demanded force and reports the error.
 ///
 /// # Errors
-/// When model or run do not load, the model has no inverse, or a report cannot be written; [`NodeError::Interrupted`].
+/// When the model or the run does not load, the model has no inverse, or a report cannot be written;
+/// [`NodeError::Interrupted`].
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let model = models::load(&args.model)?;
     let run = args.load.load(&args.force)?.run;
@@ -113,7 +116,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     args.output.figures(&report::json(&outcome), || report::text(&outcome))
 }
 
-/// Motion and demand of `run`, as they were recorded.
+/// The recorded motion and the demanded force of `run`.
 fn demand(run: &Run) -> Result<Course, NodeError> {
     let as_recorded = Conditioning { velocity: VelocitySource::Backward, ..Conditioning::default() };
     let options = DatasetOptions { moving_only: false, ..DatasetOptions::default() };
@@ -125,7 +128,7 @@ fn demand(run: &Run) -> Result<Course, NodeError> {
     })
 }
 
-/// The demand on the rig, at the rig's rate; a gap takes no time.
+/// Tracks the demanded force on the rig, at the rig's rate. A gap in the run has zero duration.
 fn rig(
     model: &Model,
     commander: &Commander,

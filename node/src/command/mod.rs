@@ -1,4 +1,4 @@
-//! The commands, one file each: its arguments, and what it does with them.
+//! The commands. Each file holds one command: its arguments and its implementation.
 
 pub mod bag_args;
 pub mod close;
@@ -24,12 +24,12 @@ pub mod top;
 use crate::config::RosArgs;
 use crate::interrupt::Interrupt;
 
-/// What every command may need of its surroundings.
+/// Context that every command receives.
 pub struct Surroundings {
     /// Raised by Ctrl-C and SIGTERM.
     pub interrupt: Interrupt,
-    /// No progress on the screen.
+    /// `--quiet`: show no progress.
     pub quiet: bool,
-    /// What `--ros-args` said.
+    /// The parsed `--ros-args`.
     pub ros_args: RosArgs,
 }

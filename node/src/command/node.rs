@@ -1,4 +1,4 @@
-//! `mr-damper node`: the service.
+//! `mr-damper node`: runs the service.
 
 use crate::command::Surroundings;
 use crate::config::{self, ParameterFlags};
@@ -13,23 +13,24 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// How often the node looks after its threads.
+/// How often the node checks its threads.
 const WATCH: Duration = Duration::from_millis(100);
-/// How long the rest of a node with a dead thread may take to end. What waits for that thread waits for ever.
+/// How long a node may take to stop after one of its threads has died. Code that waits for that thread never returns.
 const LAST_WORDS: Duration = Duration::from_secs(5);
 
 /// Run the service: subscribe to displacement and drive, publish force estimates and residuals.
 ///
-/// Takes the usual ROS arguments: --ros-args -p name:=value -r from:=to -r __ns:=/front_left
-/// --params-file FILE --log-level LEVEL. Flags are stronger than ROS parameters, and those than --config.
+/// The command takes the usual ROS arguments: --ros-args -p name:=value -r from:=to -r __ns:=/front_left
+/// --params-file FILE --log-level LEVEL. Flags override ROS parameters, and ROS parameters override --config.
 ///
-/// Several dampers in one process: name them in the parameter dampers. Each is a node in a namespace of its own, with parameters
-/// below its name (front_left.model); what stands outside of these is for all. launch-configs/vehicle.toml is an example.
+/// To serve several dampers in one process, list their names in the parameter dampers. Each damper is a node in its own
+/// namespace, and its parameters have its name as a prefix (front_left.model); parameters without such a prefix apply to
+/// all. An example is launch-configs/vehicle.toml.
 ///
 /// Example: mr-damper node --ros-args -p model:=thesis/fuzzy-tanh/rp3-cs
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Configuration file (TOML), with the parameters below by name.
+    /// Configuration file (TOML) that sets the parameters below by name.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Parameters as flags.
@@ -40,7 +41,8 @@ pub struct Args {
 /// Runs the service until a signal comes or a thread dies.
 ///
 /// # Errors
-/// When it does not start, one of its threads or of the middlewares' panicked, or it has outgrown its memory.
+/// When the service does not start, a thread of the service or of a middleware has panicked, or the process exceeds its
+/// memory limit.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let dampers = config::dampers(args.config.as_deref(), &around.ros_args, &args.parameters.given)?;
     tracing::info!("{}", hardened::summary());
@@ -61,7 +63,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let mut dead = None;
     while around.interrupt.sleep_until(Instant::now() + WATCH) {
         if let Err(outgrown) = memory::check(dampers.len()) {
-            // An orderly end would wait for the thread that takes the memory. The process' end closes all there is.
+            // An orderly stop would wait for the thread that takes the memory. The end of the process closes everything.
             std::mem::forget(fleet);
             return Err(outgrown);
         }
@@ -100,7 +102,7 @@ fn died(thread: &str, damper: &str) -> String {
     )
 }
 
-/// Ends the process with the exit code of failed work and with these words, should its orderly end take too long.
+/// Ends the process with exit code 1 and the message `words` if the orderly stop takes too long.
 fn end_at_last(words: String) -> Result<(), NodeError> {
     let ending = std::thread::Builder::new().name("ending".to_owned()).spawn(move || {
         std::thread::sleep(LAST_WORDS);

@@ -1,4 +1,4 @@
-//! Results: a page, JSON to stdout or to a file, text.
+//! Output of results: an HTML report, JSON to stdout or to a file, and text.
 
 use crate::error::NodeError;
 use crate::run::write_text;
@@ -7,22 +7,22 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Where results go besides the terminal, of the commands that draw a page.
+/// Output options of the commands that can write an HTML report.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct OutputArgs {
-    /// Write a report with pictures, as one HTML file.
+    /// Write a report with plots to one HTML file.
     #[arg(long, value_name = "R.html")]
     pub report: Option<PathBuf>,
-    /// Write the figures as JSON to a file, or with - to stdout, alone.
+    /// Write the figures as JSON to a file; without a file name, or with -, print only the JSON to stdout.
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     pub json: Option<PathBuf>,
 }
 
 impl OutputArgs {
-    /// Writes the page, where one is wanted.
+    /// Writes the HTML report if `--report` was given.
     ///
     /// # Errors
-    /// Those of `page`; when the file cannot be written.
+    /// The errors of `page`; when the file cannot be written.
     pub fn page(&self, page: impl FnOnce() -> Result<String, NodeError>) -> Result<(), NodeError> {
         if let Some(path) = &self.report {
             write_text(path, &page()?)?;
@@ -31,7 +31,7 @@ impl OutputArgs {
         Ok(())
     }
 
-    /// Writes `value` as JSON, where that is wanted, and prints `text`, unless stdout belongs to the JSON.
+    /// Writes `value` as JSON if `--json` was given, and prints `text` unless the JSON goes to stdout.
     ///
     /// # Errors
     /// When the file or stdout cannot be written.
@@ -45,20 +45,20 @@ impl OutputArgs {
         Ok(())
     }
 
-    /// The files that are to be written, the JSON first.
+    /// The files that will be written, the JSON file first.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let paths = [self.json.as_deref(), self.report.as_deref()];
         paths.into_iter().flatten().filter(|path| *path != Path::new("-"))
     }
 }
 
-/// Writes `value` to `path`, or to stdout when that is `-`.
+/// Writes `value` as JSON to `path`, or to stdout if `path` is `-`.
 ///
 /// # Errors
 /// When the file or stdout cannot be written.
 pub fn json(path: &Path, value: &impl Serialize) -> Result<(), NodeError> {
     let mut text = serde_json::to_string_pretty(value)
-        .map_err(|e| NodeError::Failed(format!("the report does not go into JSON: {e}")))?;
+        .map_err(|e| NodeError::Failed(format!("the report cannot be written as JSON: {e}")))?;
     text.push('\n');
     if path == Path::new("-") {
         std::io::stdout().write_all(text.as_bytes()).map_err(NodeError::io("writing to stdout"))

@@ -1,4 +1,4 @@
-//! `mr-damper presets`: the built-in models.
+//! `mr-damper presets`: lists the built-in models.
 
 use crate::error::NodeError;
 use mr_damper_model::force::ForceModel;
@@ -13,10 +13,10 @@ pub struct Args {
     name: Option<String>,
 }
 
-/// Prints to stdout.
+/// Prints the list, or one preset as a model file, to stdout.
 ///
 /// # Errors
-/// When the preset is unknown or stdout is closed.
+/// When the preset is unknown or stdout cannot be written.
 pub fn run(args: &Args) -> Result<(), NodeError> {
     let mut out = std::io::stdout().lock();
     let written = match &args.name {
@@ -30,7 +30,7 @@ pub fn run(args: &Args) -> Result<(), NodeError> {
         }
         None => list(&mut out)?,
     };
-    // A reader that has seen enough (`| head`) is no failure.
+    // A closed pipe (`| head`) is not an error.
     match written {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(NodeError::io("writing to stdout")(error))
@@ -43,12 +43,12 @@ fn list(out: &mut impl Write) -> Result<std::io::Result<()>, NodeError> {
     for name in preset::names() {
         let model = preset::load(&name)?;
         let expected = match (model.expected.free_run_rsse_n, model.expected.one_step_rsse_n) {
-            (Some(rsse), _) => format!("free run {rsse:.0} N"),
+            (Some(rsse), _) => format!("simulation {rsse:.0} N"),
             (None, Some(rsse)) => format!("one step {rsse:.0} N"),
             (None, None) => String::new(),
         };
         let remark = match model.force {
-            ForceModel::Arx(arx) if !arx.dc_is_meaningful() => "no meaningful static gain: one step only",
+            ForceModel::Arx(arx) if !arx.dc_is_meaningful() => "static gain uncertain: one step ahead only",
             _ => "",
         };
         let line = writeln!(out, "{name:<34} {expected:<16} {remark}");

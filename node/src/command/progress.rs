@@ -5,16 +5,16 @@ use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::identify::Progress;
 use std::time::Duration;
 
-/// A line that says what is being done, and how long it will take where that is known.
+/// A line with the current stage, and with the time left if that is known.
 pub(super) struct Working(ProgressBar);
 
 impl Working {
-    /// A line that is not seen when `quiet`, nor where stderr is no terminal.
+    /// A line that is hidden if `quiet`, or if stderr is not a terminal.
     pub(super) fn new(quiet: bool) -> Self {
         Self(if quiet { ProgressBar::hidden() } else { ProgressBar::new(0) })
     }
 
-    /// Another stage begins, of unknown length. Without a terminal it goes to the log.
+    /// Starts a stage of unknown length. Without a terminal the stage is logged.
     pub(super) fn stage(&self, what: &str) {
         let style = ProgressStyle::with_template("{spinner} {prefix}, {elapsed}");
         self.0.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
@@ -25,18 +25,18 @@ impl Working {
         }
     }
 
-    /// Something within the stage, of known length.
+    /// Shows the progress within the stage.
     pub(super) fn progress(&self, progress: Progress) {
         let (message, done, of) = match progress {
             Progress::Conditioning { runs } => ("conditioning runs", 0, runs),
             Progress::Restart { done, of } => ("restarts", done, of),
             Progress::Epoch { done, of } => ("learning", done, of),
-            Progress::Polish { done, of } => ("finishing the best", done, of),
+            Progress::Polish { done, of } => ("final fit of the best", done, of),
         };
         self.done(message, u64::from(done), u64::from(of));
     }
 
-    /// So much of so much is done.
+    /// Shows a bar: `done` of `of` steps.
     pub(super) fn done(&self, message: &'static str, done: u64, of: u64) {
         let style = ProgressStyle::with_template("{prefix}{msg} [{bar:40}] {pos}/{len}, {eta} left");
         self.0.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));

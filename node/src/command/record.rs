@@ -1,4 +1,4 @@
-//! `mr-damper record`: everything in and out, into a rosbag2 directory.
+//! `mr-damper record`: records all inputs and outputs of dampers into a rosbag2 directory.
 
 use crate::clock::system_now;
 use crate::command::Surroundings;
@@ -22,28 +22,28 @@ use ros2_client::{NodeOptions, Subscription};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Name of the node, unless it is given another.
+/// Default name of this command's node.
 pub const NODE: &str = "mr_damper_record";
 
-/// Record everything in and out of dampers' nodes into a rosbag2 directory, with /diagnostics and /rosout.
+/// Record all inputs and outputs of dampers' nodes, /diagnostics and /rosout into a rosbag2 directory.
 ///
-/// Dampers are found as they come: whoever publishes force_estimate in this namespace (--ros-args -r __ns:=/vehicle) or below it, as
-/// for `top`. When no message of a damper came, that is said, and the exit code is 1.
+/// The command records every node that publishes force_estimate in its namespace (--ros-args -r __ns:=/vehicle) or below
+/// it, also nodes that start later. If no message of a damper arrives, the command fails with exit code 1.
 ///
-/// Topics of other names are recorded with --ros-args -r displacement:=/fl/susp/pos, and the bag notes what they stand for: it is
-/// read back as it is.
+/// To record a topic that has another name, remap it: --ros-args -r displacement:=/fl/susp/pos. The bag stores the
+/// original name, so it can be read without a map.
 ///
-/// A process that is killed loses at most the last chunk, whose age --chunk-age bounds; the bag reads without repair.
-/// Ctrl-C ends properly.
+/// If the process is killed, only the last chunk is lost, which is at most --chunk-age old; the bag can be read without
+/// repair. Ctrl-C ends the recording properly.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Directory to make; must not exist.
+    /// Directory to create; must not exist.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Stop after this many seconds.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
-    /// Longest time that a message waits in memory, s.
+    /// Longest time that a message stays in memory before it is written, s.
     #[arg(long, value_name = "S", default_value_t = 1.0)]
     pub chunk_age: f64,
     /// How the bag is written.
@@ -54,7 +54,7 @@ pub struct Args {
     pub domain_id: i64,
 }
 
-/// The topics of a damper that are recorded, as its node calls them.
+/// The recorded topics of a damper, by their names in its node.
 const TOPICS: [&str; 12] = [
     "displacement",
     "coil_current",
@@ -69,19 +69,19 @@ const TOPICS: [&str; 12] = [
     "current_command",
     "mode",
 ];
-/// Those that all nodes share.
+/// The recorded topics that all nodes share.
 const SHARED: [&str; 2] = ["/diagnostics", "/rosout"];
 
 /// How often the recorder looks for dampers.
 const FIND_EVERY: Duration = Duration::from_millis(200);
-/// How often the recorder looks for messages. They bear the time of their arrival, not of the look.
+/// How often the recorder polls for messages. A message keeps the time of its arrival, not of the poll.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
 /// Records until a signal comes or the time is over.
 ///
 /// # Errors
-/// When ROS does not start, the directory exists, no message of a damper came, or the disk refuses (what was written until then is
-/// readable).
+/// When ROS does not start, the directory exists, no message of a damper arrives, or a write fails (the data written
+/// before are readable).
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let config = Config { domain_id: args.domain_id, ..Config::default() };
     let ros_args = &around.ros_args;
@@ -97,7 +97,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let bar = progress(around.quiet);
     let mut recorded = Recorded::default();
     let outcome = loop {
-        // Looked at before draining, so that what had come by then is still written.
+        // Checked before draining, so that messages that have arrived by now are still written.
         let last_round = around.interrupt.is_raised() || deadline.is_some_and(|at| Instant::now() >= at);
         if let Err(error) = taps.look(&mut bag).and_then(|()| taps.drain(&mut bag, &mut recorded)) {
             break Err(error);
@@ -110,7 +110,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     };
     bar.finish_and_clear();
     taps.stop();
-    // What came before a DDS library that went deaf is a whole bag; a disk that refuses lets nobody finish one.
+    // The bag can be finished after a fault of the DDS library, but not after a failed write.
     let summary = match outcome {
         Err(error @ NodeError::Run(_)) => return Err(error),
         outcome => bag.finish().map_err(NodeError::from).and_then(|summary| outcome.map(|()| summary))?,
@@ -128,19 +128,20 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     }
     if recorded.of_dampers == 0 {
         return Err(NodeError::Failed(format!(
-            "no message of a damper came in namespace {} or below it ({reach}), so the bag holds none. Is `mr-damper node` or a sensor \
-             running there? The domain is given by ROS_DOMAIN_ID or --domain-id, the namespace by --ros-args -r __ns:=/vehicle",
+            "no message of a damper came in namespace {} or below it ({reach}), so the bag holds none. Is `mr-damper node` or \
+             a sensor running there? Set the domain with ROS_DOMAIN_ID or --domain-id, the namespace with --ros-args \
+             -r __ns:=/vehicle",
             ros_args.namespace()
         )));
     }
     Ok(())
 }
 
-/// What was recorded so far.
+/// Numbers of messages so far.
 #[derive(Debug, Default)]
 struct Recorded {
     messages: u64,
-    /// Of these, how many were on topics of dampers, not on /diagnostics or /rosout.
+    /// Messages on topics of dampers, without /diagnostics and /rosout.
     of_dampers: u64,
     unreadable: u64,
 }
@@ -159,15 +160,15 @@ struct Taps {
     args: RosArgs,
     /// /diagnostics and /rosout, which all nodes share.
     shared: Vec<Box<dyn Tap>>,
-    /// The topics of each damper, by its namespace without a slash behind it.
+    /// The topics of each damper, by its namespace without a trailing slash.
     dampers: Vec<(String, Vec<Box<dyn Tap>>)>,
     looked: Option<Instant>,
-    /// There were more dampers than are recorded, and that was said.
+    /// The warning about too many dampers was logged.
     is_full: bool,
 }
 
 impl Taps {
-    /// Subscribes to what all nodes share, and to the topics of a damper in the node's own namespace, whether there is one or not.
+    /// Subscribes to the shared topics, and to a damper's topics in the node's own namespace, even without a damper there.
     fn start(mut ros: Ros, args: &RosArgs, bag: &mut BagWriter) -> Result<Self, NodeError> {
         let shared = vec![
             tap::<DiagnosticArray>(&mut ros, args.topic(SHARED[0]))?,
@@ -179,7 +180,7 @@ impl Taps {
         Ok(taps)
     }
 
-    /// Subscribes to the topics of dampers that have come, now and then.
+    /// Subscribes to the topics of new dampers. Looks for them once per [`FIND_EVERY`].
     fn look(&mut self, bag: &mut BagWriter) -> Result<(), NodeError> {
         if self.looked.is_some_and(|looked| looked.elapsed() < FIND_EVERY) {
             return Ok(());
@@ -194,7 +195,7 @@ impl Taps {
     }
 
     fn add(&mut self, namespace: String, bag: &mut BagWriter) -> Result<(), NodeError> {
-        // That in the node's own namespace may not be there.
+        // One more than MOST_DAMPERS: there may be no damper in the node's own namespace.
         if self.dampers.len() > MOST_DAMPERS {
             if !self.is_full {
                 tracing::warn!(
@@ -207,7 +208,7 @@ impl Taps {
         }
         let args = self.args.below(&namespace);
         for topic in TOPICS {
-            // A run is read back by the names that topics have without renaming.
+            // A bag is read back by the names that the topics have before they are remapped.
             bag.note_renamed(&args.topic(topic), &args.unrenamed(topic));
         }
         let taps = taps(&mut self.ros, &|topic| args.topic(topic))?;
@@ -216,7 +217,7 @@ impl Taps {
         Ok(())
     }
 
-    /// Writes all messages that have come.
+    /// Writes all messages that have arrived.
     fn drain(&self, bag: &mut BagWriter, recorded: &mut Recorded) -> Result<(), NodeError> {
         let before = recorded.messages;
         self.of_dampers().try_for_each(|tap| tap.drain(bag, recorded))?;
@@ -230,7 +231,7 @@ impl Taps {
         self.dampers.iter().flat_map(|(_, taps)| taps)
     }
 
-    /// How many topics have had a message.
+    /// Number of topics on which a message has arrived.
     fn spoken(&self) -> usize {
         self.of_dampers().chain(&self.shared).filter(|tap| tap.has_spoken()).count()
     }
@@ -245,9 +246,9 @@ impl Taps {
 
 /// A subscribed topic, whatever its type.
 trait Tap {
-    /// Writes all messages that have come.
+    /// Writes all messages that have arrived.
     fn drain(&self, bag: &mut BagWriter, recorded: &mut Recorded) -> Result<(), NodeError>;
-    /// True once a message has come.
+    /// True once a message has arrived.
     fn has_spoken(&self) -> bool;
 }
 
@@ -283,13 +284,13 @@ impl<M: Message> Tap for TypedTap<M> {
     }
 }
 
-/// A tap on a topic by its full name.
+/// Subscribes to a topic by its full name.
 fn tap<M: Message>(ros: &mut Ros, topic: String) -> Result<Box<dyn Tap>, NodeError> {
     let subscription = ros.subscribe::<M>(&topic)?;
     Ok(Box::new(TypedTap { topic, subscription, spoken: std::cell::Cell::new(false) }))
 }
 
-/// Taps on everything that goes in and out of a node.
+/// Subscribes to all inputs and outputs of a node.
 fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap>>, NodeError> {
     Ok(vec![
         tap::<Displacement>(ros, topic("displacement"))?,

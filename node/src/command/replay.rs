@@ -1,4 +1,4 @@
-//! `mr-damper replay`: recorded runs onto the node's input topics.
+//! `mr-damper replay`: plays recorded runs onto the node's input topics.
 
 use crate::command::Surroundings;
 use crate::command::run_args::RunArgs;
@@ -15,19 +15,19 @@ use std::time::Duration;
 
 /// Play recorded runs onto the node's input topics.
 ///
-/// Runs are CSV files, rosbag2 directories, or bare .mcap or .db3 files. Original spacing is kept; stamps are moved so
-/// that the first sample is now, unless --clock is given, which keeps them and publishes /clock.
+/// Runs are CSV files, rosbag2 directories, or bare .mcap or .db3 files. The original spacing of samples is kept. Stamps
+/// are shifted so that the first sample is now; with --clock they are kept, and /clock is published.
 ///
-/// Where a terminal is there, space pauses and resumes, right arrow or s plays one sample while paused, up and down
-/// change the speed by a tenth, and q ends. From elsewhere, the services of `ros2 bag play` do that: ~/pause, ~/resume,
-/// ~/toggle_paused, ~/is_paused, ~/get_rate, ~/set_rate, ~/play_next, ~/burst, ~/seek (rosbag2_interfaces), as in
+/// In a terminal, space pauses and resumes, right arrow or s plays one sample while paused, up and down change the speed
+/// by a tenth, and q ends the command. The services of `ros2 bag play` work too: ~/pause, ~/resume, ~/toggle_paused,
+/// ~/is_paused, ~/get_rate, ~/set_rate, ~/play_next, ~/burst, ~/seek (rosbag2_interfaces), for example
 /// `ros2 service call /mr_damper_replay/pause rosbag2_interfaces/srv/Pause`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Runs to play, one after the other.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
-    /// Speed: 1 is original, 2 twice as fast, `max` as fast as DDS carries without loss.
+    /// Speed: 1 is the original speed, 2 twice that, `max` as fast as DDS transmits without loss.
     #[arg(long, value_name = "R|max", default_value = "1")]
     pub rate: Rate,
     /// Play again and again until interrupted.
@@ -39,17 +39,17 @@ pub struct Args {
     /// Play this many seconds of each run.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
-    /// Keep the recorded stamps and publish /clock: with each sample, or HZ times a second of real time.
+    /// Keep the recorded stamps and publish /clock, with each sample or HZ times per second of real time.
     #[arg(long, value_name = "HZ", num_args = 0..=1, require_equals = true, default_missing_value = "samples")]
     pub clock: Option<ClockRate>,
-    /// Wait for the first sample until told to go on.
+    /// Start paused, before the first sample.
     #[arg(long)]
     pub start_paused: bool,
-    /// Play onto another topic, e.g. displacement:=/lvdt/displacement; several are several --remap. The same as
+    /// Play onto another topic, e.g. displacement:=/lvdt/displacement; may be given several times. It is the same as
     /// --ros-args -r OLD:=NEW.
     #[arg(long, value_name = "OLD:=NEW")]
     pub remap: Vec<String>,
-    /// Wait this long for a node to listen before the first sample, s.
+    /// Longest time to wait for a subscriber before the first sample, s.
     #[arg(long, value_name = "S", default_value_t = 5.0)]
     pub wait: f64,
     /// How runs are read.
@@ -60,12 +60,12 @@ pub struct Args {
     pub domain_id: i64,
 }
 
-/// When the time is published.
+/// When /clock is published.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ClockRate {
-    /// With the samples.
+    /// With each sample.
     Samples,
-    /// So many times a second.
+    /// At this rate, Hz, of real time.
     Hz(f64),
 }
 
@@ -97,10 +97,10 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     player.offer_services(&ros_args)?;
     if args.start_paused {
         player.control().pause();
-        tracing::info!("paused from the start: press space, or call ~/resume");
+        tracing::info!("started paused: press space, or call ~/resume");
     }
     if !player.wait_for_listener(Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)), &around.interrupt) {
-        tracing::warn!("nobody listens to {} yet; playing all the same", ros_args.topic("displacement"));
+        tracing::warn!("{} has no subscriber yet; playing anyway", ros_args.topic("displacement"));
     }
     let keys = Keys::start(around.quiet);
     let mut played = Played::default();
@@ -131,12 +131,12 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         }
     }
     drop(keys);
-    // Reliable readers may still ask for the last samples again.
+    // Reliable readers may still request the last samples again.
     std::thread::sleep(Duration::from_millis(200));
     player.stop();
     tracing::info!(samples = played.samples, failed = played.failed, "played");
     if played.failed > 0 {
-        return Err(NodeError::Failed(format!("{} samples were not taken by the middleware", played.failed)));
+        return Err(NodeError::Failed(format!("the middleware did not accept {} samples", played.failed)));
     }
     Ok(())
 }

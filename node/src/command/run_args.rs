@@ -1,4 +1,4 @@
-//! Arguments on how runs are read, shared by the commands that read some.
+//! Arguments for reading runs, shared by the commands that read runs.
 
 use crate::error::NodeError;
 use crate::run::{self, LoadOptions, Loaded, Map, Mapping};
@@ -7,7 +7,7 @@ use mr_damper_model::sample::DriveKind;
 use std::path::{Path, PathBuf};
 
 /// How runs are read.
-// The help shows brackets as they are typed.
+// The brackets are for `--help`, which shows them literally.
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Reading runs")]
@@ -15,45 +15,45 @@ pub struct RunArgs {
     /// Drop bad CSV rows and count them, instead of refusing the file.
     #[arg(long)]
     pub skip_bad_rows: bool,
-    /// CSV without header, columns as in the thesis: time, displacement, force, current, ambient and case
-    /// temperature, set point, in inches, pounds, amperes and degrees Celsius.
+    /// Read CSV files without a header, with the columns of the thesis: time, displacement, force, current, ambient
+    /// and case temperature, set point, in inches, pounds, amperes and degrees Celsius.
     #[arg(long)]
     pub thesis_txt: bool,
-    /// Drive to use when a run holds both.
+    /// Drive to use if a run has both.
     #[arg(long, value_enum)]
     pub drive: Option<DriveArg>,
-    /// Namespace to read when a bag holds several dampers, e.g. /front_left.
+    /// Namespace to read if a bag has several dampers, e.g. /front_left.
     #[arg(long, value_name = "NS")]
     pub bag_namespace: Option<String>,
-    /// Joint to take from JointState topics of a bag that are called as ours; --map takes one from any topic.
+    /// Joint to read from JointState topics that have the node's topic names; for topics with other names use --map.
     #[arg(long, value_name = "NAME")]
     pub bag_joint: Option<String>,
-    /// Read a channel from a topic or column of another name; several are several --map.
+    /// Read a channel from a topic or column with another name; may be given several times.
     ///
-    /// Topics of bags begin with a slash, anything else is a column of CSV files:
+    /// A source that begins with a slash is a topic of a bag, any other a column of a CSV file:
     ///
     ///   --map displacement=/fl/susp/pos
     ///   --map displacement=/joint_states:fl_damper,sign=-1,offset=0.01
     ///   --map measured_force=/wrench:z
     ///   --map 'displacement=Stroke [mm]' --map measured_force=load,unit=kN --map time=t,unit=ms
     ///
-    /// The value is sign * (reading - offset), as for the node's inputs;
-    /// the offset is in SI (m, m/s, N, A, V, C), whatever the unit of the reading.
-    /// Behind a colon stands a joint of sensor_msgs/JointState, or an axis (x, y, z)
+    /// The value is sign * (reading - offset), as for the node's inputs. The offset
+    /// is in SI units (m, m/s, N, A, V, C), also if the reading has another unit.
+    /// After a colon comes a joint of sensor_msgs/JointState, or an axis (x, y, z)
     /// of geometry_msgs/WrenchStamped or TwistStamped.
     ///
     /// Channels: displacement, velocity, measured_force, coil_current,
     /// command_voltage, case_temperature, body_velocity, force_request,
-    /// ambient_temperature, setpoint; of CSV files also time.
+    /// ambient_temperature, setpoint; for CSV files also time.
     #[arg(long, value_name = "CHANNEL=SOURCE[,sign=-1][,offset=X][,unit=U]", verbatim_doc_comment)]
     pub map: Vec<Mapping>,
-    /// File with the same in a table [map], one line a channel, as in displacement = "/fl/susp/pos,sign=-1"; --map comes
-    /// before it.
+    /// TOML file with a table [map] that has one line per channel, e.g. displacement = "/fl/susp/pos,sign=-1"; --map
+    /// overrides it.
     #[arg(long, value_name = "FILE.toml")]
     pub map_file: Option<PathBuf>,
 }
 
-/// A kind of drive, as its CSV column is called.
+/// A kind of drive, named like its CSV column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[value(rename_all = "snake_case")]
 pub enum DriveArg {
@@ -64,7 +64,7 @@ pub enum DriveArg {
 }
 
 impl RunArgs {
-    /// The options that these arguments stand for.
+    /// The options for loading a run.
     ///
     /// # Errors
     /// When a channel is mapped twice, or the file of the map cannot be used.
@@ -82,7 +82,7 @@ impl RunArgs {
         })
     }
 
-    /// Where channels come from: flags before the file.
+    /// The sources of the channels. Flags override the file.
     fn map(&self) -> Result<Map, NodeError> {
         let flags =
             Map::new(self.map.clone()).map_err(|error| NodeError::Usage(format!("--map: {error}")))?;
@@ -92,7 +92,7 @@ impl RunArgs {
         Ok(Map::from_toml(&text).map_err(in_file)?.overridden_by(flags))
     }
 
-    /// Reads the run at `path` and logs what is to be said of it.
+    /// Reads the run at `path` and logs its notes as warnings.
     ///
     /// # Errors
     /// When the run does not load.

@@ -1,4 +1,4 @@
-//! `mr-damper serve`: a live page of the dampers, from the binary itself.
+//! `mr-damper serve`: serves a live web page of the dampers. The page is part of the binary.
 
 use crate::command::Surroundings;
 use crate::error::NodeError;
@@ -12,47 +12,50 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Name of the node, unless it is given another.
+/// Default name of this command's node.
 pub const NODE: &str = "mr_damper_serve";
 
-/// How often messages are looked for. They count as come when they are found.
+/// Interval at which messages are polled. Their time of arrival is the time of the poll.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
-/// Spacing of batches: 50 a second.
+/// Interval between batches: 50 per second.
 const BATCH_EVERY: Duration = Duration::from_millis(20);
-/// How often the workshop learns of dampers and models that have come.
+/// Interval at which the workshop looks for new dampers and models.
 const LOOK_ROUND_EVERY: Duration = Duration::from_millis(500);
-/// Said where closings cannot be started.
-const NO_CLOSING: &str = "dampers are watched through the Zenoh mirror, which carries no actions: a closing is started by ROS, with \
-                          mr-damper serve without --zenoh, or mr-damper close --live on the node's machine";
+/// Message where no diagnosis can be started.
+const NO_CLOSING: &str = "dampers are watched through the Zenoh mirror, which carries no actions. Start a diagnosis over ROS: with \
+                          mr-damper serve without --zenoh, or with mr-damper close --live on the node's machine";
 
-/// Show what dampers do, live, in a browser: force, band, residual, mode, current command.
+/// Show dampers live in a browser: force, uncertainty band, residual, mode, current command.
 ///
-/// The page comes from the binary and fetches nothing from elsewhere; it shows and changes nothing. Dampers are found as they come:
-/// whoever publishes force_estimate in this namespace (--ros-args -r __ns:=/vehicle) or below it. Ctrl-C ends.
+/// The page is part of the binary and loads nothing from elsewhere. It only shows the dampers and changes nothing. It shows
+/// every node that publishes force_estimate in this namespace (--ros-args -r __ns:=/vehicle) or below it, also nodes that
+/// start later. Ctrl-C ends the command.
 ///
-/// With --workshop DIR it does more: the page can have a damper's node name what its model lacks, and shows the report; and it takes
-/// recorded runs, which it replays through a node of its own, apart from all others.
+/// With --workshop DIR the page can also start work: it lets a damper's node diagnose its model and shows the report, and it
+/// takes recorded runs and replays them through a separate node.
 ///
 /// Examples: mr-damper serve, then open http://127.0.0.1:8330/; mr-damper serve --workshop shop
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Address and port of the page; port 0 takes a free one.
+    /// Address and port of the page; port 0 selects a free port.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8330")]
     pub listen: SocketAddr,
-    /// Let other machines watch: allows a --listen address beyond loopback. There is no password and no encryption.
+    /// Allow a --listen address beyond loopback, so that other machines can watch. The page has no password and no
+    /// encryption.
     #[arg(long)]
     pub any_host: bool,
-    /// Let another page, of exactly this origin, read /events and /snapshot (e.g. http://localhost:8000); several are several
-    /// --allow-origin. Of the workshop it sees nothing.
+    /// Allow web pages of exactly this origin (e.g. http://localhost:8000) to read /events and /snapshot, but nothing of the
+    /// workshop. May be given several times.
     #[arg(long, value_name = "URL")]
     pub allow_origin: Vec<Guest>,
-    /// Open a workshop in this directory (made where it is missing): start closings, take runs and replay them. On loopback alone.
+    /// Enable the workshop: start diagnoses, upload runs and replay them. Its files are in this directory, which is created
+    /// if it does not exist. Works only on loopback.
     #[arg(long, value_name = "DIR")]
     pub workshop: Option<PathBuf>,
-    /// The largest run that the workshop takes, MB (2^20 bytes).
+    /// Largest run that can be uploaded to the workshop, MB (2^20 bytes).
     #[arg(long, value_name = "MB", requires = "workshop", default_value_t = 2048, value_parser = clap::value_parser!(u64).range(1..1 << 30))]
     pub upload_limit_mb: u64,
-    /// What is watched.
+    /// The dampers to watch.
     #[command(flatten)]
     pub source: SourceArgs,
 }
@@ -75,15 +78,15 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         source.leave_out(&workshop.namespace());
     }
     if args.any_host && !args.listen.ip().is_loopback() {
-        tracing::warn!(listen = %server.address(), "whoever reaches this machine can watch: no password, no encryption");
+        tracing::warn!(listen = %server.address(), "anyone who can reach this machine can watch, without password or encryption");
     }
-    // Before anybody can ask: dampers that were named are on the wall.
+    // Before the address is printed, so that a first request already finds the dampers of --dampers.
     let begun = source.bring(&mut live.wall(), live.now_s());
-    // A reader that is gone, as `head` is, is no reason to end.
+    // A closed stdout (`| head`) does not end the command.
     let mut stdout = std::io::stdout();
     let _ = writeln!(stdout, "http://{}/", server.address()).and_then(|()| stdout.flush());
     let ended = begun.and_then(|()| watch(&mut source, &server, &live, workshop.as_deref(), around));
-    // First, so that nobody begins anything, and uploads are cut off.
+    // The server stops first, so that no new work begins and uploads are cut off.
     let stopped = server.stop();
     let closing = workshop.as_ref().map(|workshop| (workshop, workshop.interrupt()));
     source.stop();
@@ -93,7 +96,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     ended.and(stopped)
 }
 
-/// The workshop that `args` ask for.
+/// Opens the workshop, if `args` ask for one.
 fn open_workshop(
     args: &Args,
     live: &Live,
@@ -111,7 +114,7 @@ fn open_workshop(
     Workshop::open(opening).map(Some)
 }
 
-/// Brings what is heard onto the wall and out to the readers, until a signal comes.
+/// Polls the source and sends batches to the open pages, until a signal comes.
 fn watch(
     source: &mut Source,
     server: &Server,
@@ -130,11 +133,11 @@ fn watch(
         }
         if now >= next_batch {
             live.send_batch();
-            // After a stall batches go on from now: nobody wants those that were missed.
+            // After a stall, missed batches are not sent later.
             next_batch = (next_batch + BATCH_EVERY).max(now + BATCH_EVERY / 2);
         }
         if !server.is_alive() {
-            // Its end says why.
+            // `Server::stop` returns the reason.
             return Ok(());
         }
         std::thread::sleep(LOOK_EVERY.min(next_batch.saturating_duration_since(Instant::now())));

@@ -1,4 +1,4 @@
-//! `mr-damper simulate`: runs of the virtual rig.
+//! `mr-damper simulate`: writes runs of the virtual rig.
 
 mod list;
 mod manifest;
@@ -19,7 +19,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-/// What it teaches at the end of `--help`.
+/// Examples at the end of `--help`.
 const EXAMPLES: &str = "\
 Examples:
   mr-damper simulate --list
@@ -27,80 +27,79 @@ Examples:
   mr-damper simulate --experiment all --out runs
       the thesis' eight experiments, 43 runs, 180 MB
   mr-damper simulate --experiment RP-ICPS --replicates 3 --same-pattern --out runs
-      three runs that differ in noise and drift alone: a noise floor
+      three runs that differ only in noise and drift, for a noise floor
   mr-damper simulate --experiment RP3-CS --plain --effect friction=60 --out runs
       a damper with 60 N of friction, but without coil lag and thermal fade
   mr-damper simulate --experiment sine --amplitude 0.02 --frequency 1.5 --current 0.8 --out runs
-      a sine: mr-damper identify and evaluate take runs/sine-01.csv";
+      a sine run, runs/sine-01.csv, for mr-damper identify and evaluate";
 
-/// Write runs of the virtual rig, a made-up test bench whose damper is none of the models.
+/// Write runs of the virtual rig, a simulated test bench whose damper has a structure that no model has.
 ///
-/// One file a replicate, rp-icps-01.csv and so on, and simulate.toml, which says what each of them is. A run
-/// holds displacement, force, coil current, set point, and temperatures of case and room, at 512 Hz.
+/// The command writes one file per replicate (rp-icps-01.csv, ...) and simulate.toml, which describes each run. A
+/// run holds displacement, force, coil current, set point, case temperature and ambient temperature, at 512 Hz.
 ///
-/// By default each replicate has an excitation of its own, so that cross-validation asks a model something
-/// new, and a damper that is not quite as it was the last time: another temperature at the start, force
-/// stronger or weaker by about 1 %.
+/// By default each replicate has its own excitation, so that cross-validation tests a model on new data. The
+/// damper also differs a little between replicates: in its temperature at the start, and by about 1 % in force.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub struct Args {
-    /// Experiment: a name of --list, or `all` (the thesis' eight), or `paper1` (the first paper's ten).
+    /// Experiment: a name from --list, `all` (the eight of the thesis) or `paper1` (the ten of the first paper).
     #[arg(long, value_name = "NAME", required_unless_present = "list", value_parser = plan::selection)]
     experiment: Option<Selection>,
-    /// Directory to write to; made when it is not there.
+    /// Directory to write to; created if it does not exist.
     #[arg(long, value_name = "DIR", required_unless_present = "list")]
     out: Option<PathBuf>,
-    /// List experiments and effects, write nothing.
+    /// List experiments and effects, and write nothing.
     #[arg(long)]
     list: bool,
-    /// Replicates of each experiment; by default as many as were done.
+    /// Replicates of each experiment; by default as many as in the original experiment.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9999))]
     replicates: Option<u32>,
-    /// Seed: the same seed gives the same runs, another one others.
+    /// Seed of the runs: the same seed gives the same runs.
     #[arg(long, value_name = "S", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     seed: u64,
-    /// Put an effect in, e.g. coil_lag=0.02; size 0 takes it away. May be given several times.
+    /// Add an effect to the damper, e.g. coil_lag=0.02; size 0 removes it. May be given several times.
     #[arg(long, value_name = "ID=SIZE", value_parser = plan::effect)]
     effect: Vec<EffectArg>,
-    /// Start from a damper without coil lag and without fading when warm; both are there by default.
+    /// Start from a damper without coil lag and without thermal fade; the default damper has both.
     #[arg(long)]
     plain: bool,
-    /// All replicates of an experiment share the excitation of the first, as the thesis' did.
+    /// Use the excitation of the first replicate for all replicates of an experiment, as in the thesis.
     #[arg(long)]
     same_pattern: bool,
-    /// The same damper in each replicate: no drift of temperature, strength and load cell.
+    /// Use the same damper in each replicate: no drift of temperature, strength and load cell.
     #[arg(long)]
     steady: bool,
-    /// Perfect sensors: no noise, no quantisation, no offset.
+    /// Use perfect sensors: no noise, no quantisation, no offset.
     #[arg(long)]
     perfect: bool,
     /// Noise of the load cell, N (standard deviation); by default 3.
     #[arg(long, value_name = "N", conflicts_with = "perfect")]
     force_noise: Option<f64>,
-    /// Duration of each run, s; by default the experiment's.
+    /// Duration of each run, s; by default that is a property of the experiment.
     #[arg(long, value_name = "S")]
     duration: Option<f64>,
-    /// Amplitude of the set point in a sine (by default 0.02 m) or a chirp (0.0025 m).
+    /// Amplitude of the set point of a sine (by default 0.02 m) or a chirp (by default 0.0025 m).
     #[arg(long, value_name = "M")]
     amplitude: Option<f64>,
-    /// Frequency of a sine (by default 1.5 Hz), or at the start of a chirp (0.5 Hz).
+    /// Frequency of a sine (by default 1.5 Hz), or at the start of a chirp (by default 0.5 Hz).
     #[arg(long, value_name = "HZ")]
     frequency: Option<f64>,
     /// Frequency at the end of a chirp (by default 14.5 Hz).
     #[arg(long, value_name = "HZ")]
     to_frequency: Option<f64>,
-    /// Current of an experiment with a constant one (by default 1.2 A).
+    /// Current of an experiment with a constant current (by default 1.2 A).
     #[arg(long, value_name = "A")]
     current: Option<f64>,
-    /// How runs are written.
+    /// File format of the runs.
     #[arg(long, value_enum, default_value_t = Format::Csv)]
     format: Format,
-    /// Overwrite runs that are there.
+    /// Overwrite existing runs.
     #[arg(long)]
     force: bool,
 }
 
-/// How runs are written.
+/// File format of the runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Format {
     /// CSV files.
@@ -109,11 +108,11 @@ enum Format {
     Mcap,
 }
 
-/// Simulates and writes.
+/// Simulates the runs and writes them.
 ///
 /// # Errors
-/// When an argument does not fit the experiment, a run is there already, or a file cannot be written. When
-/// interrupted, the runs that are complete stay and are in the manifest.
+/// When an argument does not fit the experiment, a run exists already, or a file cannot be written. When
+/// interrupted, the complete runs are kept and are listed in the manifest.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let (Some(selection), Some(dir), false) = (&args.experiment, &args.out, args.list) else {
         return list::print();
@@ -123,12 +122,12 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let mut manifest = Manifest::read(dir)?;
     if let Some(job) = jobs.iter().find(|job| !args.force && dir.join(&job.entry.file).exists()) {
         let path = dir.join(&job.entry.file);
-        let message = "is there already: give another --out, or --force to overwrite it".to_owned();
+        let message = "exists already: give another --out, or --force to overwrite it".to_owned();
         return Err(NodeError::File { path, message });
     }
     let start = Instant::now();
     let (written, outcome) = work(&jobs, dir, args.force, around);
-    // Also after a failure: what stands in the directory shall be told.
+    // Also after a failure: the manifest must list every run in the directory.
     for (job, _) in jobs.iter().zip(&written).filter(|(_, written)| **written) {
         manifest.add(job.entry.clone());
     }
@@ -143,12 +142,12 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Does all jobs on as many threads as there are cores. Returns which of them are written, and the first error.
+/// Does all jobs, on as many threads as there are cores. Returns which of them were written, and the first error.
 fn work(jobs: &[Job], dir: &Path, force: bool, around: &Surroundings) -> (Vec<bool>, Result<(), NodeError>) {
     let written: Vec<AtomicBool> = jobs.iter().map(|_| AtomicBool::new(false)).collect();
     let failed: Mutex<Option<NodeError>> = Mutex::new(None);
     let done_ms = AtomicU64::new(0);
-    // Longest first, so that no thread is left alone with a long one in the end.
+    // The longest jobs come first, so that at the end no thread is still busy with a long one.
     let mut order: Vec<usize> = (0..jobs.len()).collect();
     order.sort_by(|a, b| jobs[*b].entry.duration_s.total_cmp(&jobs[*a].entry.duration_s));
     let next = AtomicUsize::new(0);
@@ -186,7 +185,7 @@ fn work(jobs: &[Job], dir: &Path, force: bool, around: &Surroundings) -> (Vec<bo
     (written, outcome)
 }
 
-/// Simulates one run and writes it. What is complete has its own name, what is not has none.
+/// Simulates one run and writes it. A file gets its final name only when it is complete.
 fn simulate(
     job: &Job,
     dir: &Path,
@@ -210,9 +209,9 @@ fn simulate(
     if !force || !path.exists() {
         run::save(&run, &path, &options)?;
     } else if path.is_dir() {
-        // Only what a bag is: nobody's other directory.
+        // Delete only a bag, never another directory.
         if !path.join("metadata.yaml").exists() {
-            let message = "is a directory, but no bag: it is not overwritten".to_owned();
+            let message = "is a directory but not a bag, so it is not overwritten".to_owned();
             return Err(NodeError::File { path, message });
         }
         fs::remove_dir_all(&path).map_err(NodeError::io(format!("replacing {}", path.display())))?;
@@ -226,7 +225,7 @@ fn simulate(
     Ok(())
 }
 
-/// A bar that comes up when the work takes longer than two seconds.
+/// A progress bar that appears when the work takes longer than two seconds.
 struct Progress(ProgressBar, Instant);
 
 impl Progress {

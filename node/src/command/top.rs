@@ -1,4 +1,4 @@
-//! `mr-damper top`: the dampers live, in a terminal.
+//! `mr-damper top`: shows the dampers live in a terminal.
 
 use crate::command::Surroundings;
 use crate::error::NodeError;
@@ -10,23 +10,23 @@ use crate::watch::{Cursor, Origin, Points, State, Wall};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
-/// Name of the node, unless it is given another.
+/// Default name of this command's node.
 pub const NODE: &str = "mr_damper_top";
 
-/// How long a frame stands: the screen is drawn some twelve times a second.
+/// Interval between frames: about twelve per second.
 const FRAME: Duration = Duration::from_millis(80);
-/// How often messages are looked for in between.
+/// Interval at which messages are polled between frames.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
-/// Spacing of lines, where there is no terminal.
+/// Interval between lines without a terminal.
 const LINE_EVERY: Duration = Duration::from_secs(1);
 
-/// Show what dampers do, live, in a terminal; without one, a line a second for each.
+/// Show dampers live in a terminal; without a terminal, print one line per second for each damper.
 ///
-/// Dampers are found as they come: whoever publishes force_estimate in this namespace (--ros-args -r __ns:=/vehicle) or below it.
-/// Arrows or digits select a damper, space freezes the screen, q ends.
+/// The command shows every node that publishes force_estimate in this namespace (--ros-args -r __ns:=/vehicle) or below it,
+/// also nodes that start later. Arrow keys or digits select a damper, space freezes the screen, q ends the command.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// What is watched.
+    /// The dampers to watch.
     #[command(flatten)]
     pub source: SourceArgs,
 }
@@ -34,7 +34,7 @@ pub struct Args {
 /// Shows the dampers until a key or a signal ends it.
 ///
 /// # Errors
-/// When ROS or Zenoh does not start, or the terminal is gone.
+/// When ROS or Zenoh does not start, or the terminal is lost.
 pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let mut source = Source::start(&args.source, around, NODE)?;
     let shown = match Terminal::start() {
@@ -45,7 +45,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     shown
 }
 
-/// Listens until `deadline`; false when a signal has come.
+/// Receives messages until `deadline`; returns false when a signal has come.
 fn listen(
     source: &mut Source,
     wall: &mut Wall,
@@ -79,7 +79,7 @@ fn in_lines(source: &mut Source, origin: Origin, around: &Surroundings) -> Resul
         if text.is_empty() {
             text = format!("{:7.1} s  no damper has been found yet\n", snapshot.now_s);
         }
-        // A reader that is gone, as `head` is, is the end of it.
+        // A closed stdout (`| head`) ends the command.
         if stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()).is_err() {
             break;
         }
@@ -87,7 +87,7 @@ fn in_lines(source: &mut Source, origin: Origin, around: &Surroundings) -> Resul
     Ok(())
 }
 
-/// What is on the screen while it is frozen: figures, and when.
+/// The content of a frozen screen, and the time when it was frozen.
 struct Frozen {
     wall: Wall,
     at_s: f64,

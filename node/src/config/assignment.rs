@@ -1,31 +1,32 @@
-//! One parameter as a source has it, before it is known whose it is.
+//! A parameter from one source, not yet assigned to a damper.
 
 use super::{Config, Value, params_file};
 use crate::error::NodeError;
 use std::path::PathBuf;
 
-/// A name, a value, and where they stand.
+/// A name and a value, with their origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Assignment {
-    /// The parameter; below the name of a damper where it is that one's alone.
+    /// The parameter's name; with a damper's name as prefix if it is for this damper only.
     pub name: String,
-    /// What it is to be.
+    /// The value.
     pub value: Value,
-    /// The file, and its section where it has such.
+    /// The file, and the section if the format has sections.
     pub origin: Option<(PathBuf, Option<String>)>,
 }
 
 impl Assignment {
-    /// True where it stands in a section for several nodes, as `/**`: what this node does not know there is another node's.
+    /// True if it comes from a section for several nodes, such as `/**`. Unknown parameters there belong to other
+    /// nodes.
     #[must_use]
     pub fn is_shared(&self) -> bool {
         matches!(&self.origin, Some((_, Some(section))) if params_file::is_shared(section))
     }
 
-    /// Sets it on `config`, as the parameter called `name`; not where it is another node's.
+    /// Sets it on `config` as the parameter called `name`; does nothing if it belongs to another node.
     ///
     /// # Errors
-    /// Those of [`Config::set`], with the file.
+    /// The same as for [`Config::set`], with the file.
     pub fn apply_as(&self, name: &str, config: &mut Config) -> Result<(), NodeError> {
         match config.set(name, &self.value) {
             Err(NodeError::UnknownParameter { .. }) if self.is_shared() => Ok(()),
@@ -36,7 +37,7 @@ impl Assignment {
     /// Sets it on `config`.
     ///
     /// # Errors
-    /// Those of [`Config::set`], with the file.
+    /// The same as for [`Config::set`], with the file.
     pub fn apply(&self, config: &mut Config) -> Result<(), NodeError> {
         self.apply_as(&self.name, config)
     }

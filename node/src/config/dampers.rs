@@ -1,18 +1,19 @@
-//! Several dampers in one process: one configuration, a namespace and a model each.
+//! Several dampers in one process: one configuration, with a namespace and a model for each.
 //!
 //! ```toml
 //! dampers = ["front_left", "rear_left"]
-//! force_timeout_s = 0.1          # of all
+//! force_timeout_s = 0.1          # for all dampers
 //! [front_left]
-//! model = "fl.toml"              # of one
+//! model = "fl.toml"              # for one damper
 //! [rear_left]
 //! model = "rl.toml"
 //! current.max_a = 1.5
 //! ```
 //!
 //! The same as ROS parameters: `-p dampers:="[front_left, rear_left]" -p front_left.model:=fl.toml`, or a section
-//! `/front_left/mr_damper` of a parameter file. Each damper is a node of its own, below the namespace of the process. What one
-//! source says of a damper is stronger than what it says of all. Domain, discovery, priority and Zenoh endpoints are the process's.
+//! `/front_left/mr_damper` of a parameter file. Each damper is a separate node, below the namespace of the process.
+//! Within one source, a setting for one damper overrides the setting for all. Domain, discovery, priority and Zenoh
+//! endpoints apply to the whole process.
 
 use super::{Assignment, Config, RosArgs, TABLE, Value, file, foreign};
 use crate::error::NodeError;
@@ -22,24 +23,25 @@ use std::path::Path;
 /// A damper of the process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Damper {
-    /// What it is told.
+    /// Its configuration.
     pub config: Config,
-    /// The arguments of ROS, with its own namespace.
+    /// The ROS arguments, with the damper's own namespace.
     pub args: RosArgs,
 }
 
 impl Damper {
-    /// Its name, as in keys.
+    /// Its name, as used in Zenoh keys.
     #[must_use]
     pub fn name(&self) -> &str {
         self.args.damper()
     }
 }
 
-/// The dampers that a configuration file, the arguments of ROS and flags ask for, from weak to strong: at least one.
+/// The dampers given by the configuration file, the ROS arguments and the flags, in order of increasing precedence.
+/// There is at least one.
 ///
 /// # Errors
-/// When a source cannot be read, a parameter does not fit, a name is no name, or dampers differ in what is the process's.
+/// When a source cannot be read, a parameter or a name is invalid, or dampers differ in a setting of the process.
 pub fn dampers(
     file: Option<&Path>,
     args: &RosArgs,
@@ -89,15 +91,15 @@ pub fn dampers(
     match all.iter().find(|damper| shared(&damper.config) != shared(&all[0].config)) {
         None => Ok(all),
         Some(other) => Err(NodeError::Usage(format!(
-            "{} and {} differ in domain_id, discovery_*, realtime_priority or zenoh.*, which are those of the process: set them without the name of \
-             a damper",
+            "{} and {} differ in domain_id, discovery_*, realtime_priority or zenoh.*, which apply to the whole process: set them without a \
+             damper's name",
             all[0].name(),
             other.name()
         ))),
     }
 }
 
-/// The list `dampers`, as the strongest source has it.
+/// The list `dampers` from the source with the highest precedence.
 fn names(sources: &[Vec<Assignment>]) -> Result<Vec<String>, NodeError> {
     let mut config = Config::default();
     for assignment in sources.iter().flatten().filter(|assignment| assignment.name == "dampers") {
@@ -112,10 +114,10 @@ fn names(sources: &[Vec<Assignment>]) -> Result<Vec<String>, NodeError> {
         let mut letters = name.chars();
         let begins = letters.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_');
         if !begins || !letters.all(|c| c.is_ascii_alphanumeric() || c == '_') {
-            return Err(refuse("is not made of letters, digits and _, with a letter first"));
+            return Err(refuse("is not made of letters, digits and _, beginning with a letter"));
         }
         if config.dampers[..index].contains(name) {
-            return Err(refuse("stands there twice"));
+            return Err(refuse("occurs twice"));
         }
         if TABLE.iter().any(|parameter| parameter.name.split('.').next() == Some(name.as_str())) {
             return Err(refuse("is the name of a parameter"));
@@ -124,7 +126,7 @@ fn names(sources: &[Vec<Assignment>]) -> Result<Vec<String>, NodeError> {
     Ok(config.dampers)
 }
 
-/// Tells `config` what the damper called `own` is told, of all the `names`.
+/// Applies to `config` the settings for the damper called `own`; `names` are all dampers.
 fn config_of(
     own: &str,
     names: &[String],
@@ -169,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn each_damper_has_what_is_said_of_all_and_of_itself() {
+    fn each_damper_gets_the_common_and_its_own_settings() {
         let toml = "dampers = [\"left\", \"right\"]\nmodel = \"a.toml\"\ncoast_s = 0.3\n[left]\nmodel = \"l.toml\"\n\
                     [right.current]\nmax_a = 1.5\n[zenoh]\nlisten = [\"tcp/127.0.0.1:1\"]\n";
         let line = "--ros-args|-r|__ns:=/front|-p|right.coast_s:=0.5|-p|coast_s:=0.4";
@@ -225,7 +227,7 @@ mod tests {
         assert_eq!(
             configs(&in_one_process).into_iter().map(|c| Config { dampers: vec![], ..c }).collect::<Vec<_>>(),
             configs(&corners).into_iter().map(|c| Config { dampers: vec![], ..c }).collect::<Vec<_>>(),
-            "vehicle.params.yaml says what vehicle.toml says"
+            "vehicle.params.yaml and vehicle.toml agree"
         );
         for corner in &in_one_process {
             let alone = of_yaml(&format!("-r __ns:=/{}", corner.name()));
@@ -251,13 +253,13 @@ mod tests {
         let found = read(&fleet).expect("a shared file");
         assert_eq!((found.len(), found[0].config.settings.coast_s), (2, 0.7));
 
-        // A value that does not fit, and what names this node, are errors as before.
+        // Invalid values, and unknown names in a section for this node, are still errors.
         for (text, says) in [
             ("/**:\n  ros__parameters:\n    coast_s: -1\n", "/**: parameter coast_s is -1"),
             ("/**:\n  ros__parameters:\n    coast_s: null\n", "/**: coast_s has no value"),
             (
                 "mr_damper:\n  ros__parameters:\n    coast: 1\n",
-                "mr_damper: there is no parameter coast; did you mean coast_s?",
+                "mr_damper: unknown parameter coast; did you mean coast_s?",
             ),
             ("/**/mr_damper:\n  ros__parameters:\n    gains: [1.0]\n", "gains must be a list of texts"),
         ] {
@@ -267,13 +269,13 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_said() {
+    fn invalid_settings_are_reported() {
         for (toml, says) in [
-            ("dampers = [\"a\", \"a\"]", "\"a\" stands there twice"),
+            ("dampers = [\"a\", \"a\"]", "\"a\" occurs twice"),
             ("dampers = [\"zenoh\"]", "\"zenoh\" is the name of a parameter"),
             ("dampers = [\"front-left\"]", "\"front-left\" is not made of"),
             ("dampers = [\"\"]", "\"\" is not made of"),
-            ("dampers = [\"a\"]\n[b]\nmodel = \"x\"", "there is no parameter b.model"),
+            ("dampers = [\"a\"]\n[b]\nmodel = \"x\"", "unknown parameter b.model"),
             ("dampers = [\"a\"]\n[a]\nmodle = \"x\"", "did you mean model?"),
             ("dampers = [\"a\", \"b\"]\n[a]\ndomain_id = 3", "differ in domain_id"),
             ("dampers = 3", "must be a list of texts"),

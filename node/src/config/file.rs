@@ -1,4 +1,4 @@
-//! The configuration file: TOML, tables for the dots in parameter names.
+//! The configuration file: TOML, with a table for each dot in a parameter's name.
 //!
 //! ```toml
 //! model = "damper.toml"
@@ -11,10 +11,10 @@ use super::{Assignment, Value};
 use crate::error::NodeError;
 use std::path::Path;
 
-/// What the file at `path` says.
+/// The parameters in the file at `path`.
 ///
 /// # Errors
-/// When the file cannot be read, is no TOML, or holds what no parameter is.
+/// When the file cannot be read, is not TOML, or contains a value that no parameter can have.
 pub(super) fn read(path: &Path) -> Result<Vec<Assignment>, NodeError> {
     let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
     let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
@@ -41,7 +41,7 @@ fn flatten(prefix: &str, table: toml::Table, out: &mut Vec<(String, Value)>) -> 
                 out.push((name, Value::TextList(texts)));
             }
             toml::Value::Datetime(date) => {
-                return Err(format!("{name} is the date {date}; no parameter takes one"));
+                return Err(format!("{name} is the date {date}, but parameters cannot be dates"));
             }
         }
     }
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_are_dots() {
+    fn tables_become_dots() {
         let config = load_text("model = \"m.toml\"\ncoast_s = 1\n[zenoh]\nlisten = [\"tcp/127.0.0.1:1\"]\n")
             .expect("a good file");
         assert_eq!((config.model.as_str(), config.settings.coast_s), ("m.toml", 1.0));

@@ -1,4 +1,4 @@
-//! Flags made from the parameter table.
+//! Command-line flags generated from the parameter table.
 
 use super::{TABLE, Value};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};

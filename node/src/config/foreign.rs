@@ -1,15 +1,15 @@
-//! Parameters of other nodes, in a section of a parameter file that is for all.
+//! Reports parameters of other nodes in a shared section of a parameter file.
 
 use super::{Assignment, Config, find, is_known};
 use crate::error::NodeError;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// From this likeness on, a name may be a parameter's that is misspelt.
+/// From this similarity on, a name may be a misspelt parameter.
 const ALIKE: f64 = 0.93;
 
-/// The parameters of `assignments` that are other nodes', by file and section; `dampers` are the names of this process's dampers, and
-/// `configs` what became of the assignments.
+/// The unknown parameters in `assignments`, which belong to other nodes, by file and section. `dampers` are the names
+/// of this process's dampers; `configs` are their configurations after the assignments.
 fn foreign<'a>(
     assignments: impl IntoIterator<Item = &'a Assignment>,
     dampers: &[String],
@@ -33,7 +33,7 @@ fn foreign<'a>(
     found
 }
 
-/// Says which parameters are ignored, a line a section, and which of them may be misspelt.
+/// Logs the ignored parameters, one line per section, and warns about those that may be misspelt.
 pub(super) fn say<'a>(
     assignments: impl IntoIterator<Item = &'a Assignment>,
     dampers: &[String],
@@ -52,7 +52,7 @@ pub(super) fn say<'a>(
     }
 }
 
-/// The parameter that `name` may be meant for.
+/// The parameter that `name` may be a misspelling of.
 fn misspelt(name: &str) -> Option<String> {
     match find(name) {
         Err(NodeError::UnknownParameter { nearest, .. }) => {
@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_that_is_nearly_a_parameter_s_is_told_from_others() {
+    fn a_misspelt_parameter_is_distinguished_from_a_foreign_one() {
         assert_eq!(misspelt("coast").as_deref(), Some("coast_s"));
         assert_eq!(misspelt("force_timeouts").as_deref(), Some("force_timeout_s"));
         for other in ["publish_rate", "frame_id", "camera.exposure_ms", "robot_description"] {

@@ -1,7 +1,8 @@
 //! Configuration of the node: one table of parameters behind file, ROS parameters and flags.
 //!
-//! Strength, from weak to strong: defaults, configuration file (`--config`), ROS parameters (`--ros-args`,
-//! `--params-file`), flags; [`dampers`] brings them together. At run time, ROS parameter services change those that the table marks so.
+//! Sources in order of increasing precedence: defaults, configuration file (`--config`), ROS parameters (`--ros-args`,
+//! `--params-file`), flags. [`dampers`] combines them. At run time, the ROS parameter services change the parameters
+//! that the table marks for this.
 
 mod assignment;
 mod dampers;
@@ -26,14 +27,14 @@ use mr_damper_model::condition::ApplyTo;
 use mr_damper_model::inverse::Law;
 use mr_damper_model::pipeline::{Settings, UseForce};
 
-/// How one input topic is read.
+/// Configuration of one input topic.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InputConfig {
     /// Message type: the project's own, `std_msgs/msg/Float64`, or `sensor_msgs/msg/JointState`.
     pub message_type: String,
-    /// Joint to take from a `JointState`.
+    /// Joint that is read from a `JointState`.
     pub joint: String,
-    /// 1 or -1: brings the sensor's sign to ours (extension and tension are positive).
+    /// 1 or -1: converts the sensor's sign to this project's convention (extension and tension are positive).
     pub sign: f64,
     /// Subtracted from the reading before the sign is applied, in the reading's SI unit.
     pub offset: f64,
@@ -45,52 +46,52 @@ impl Default for InputConfig {
     }
 }
 
-/// Zenoh mirror.
+/// Settings of the Zenoh mirror.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZenohSettings {
-    /// Endpoints to listen on; with `connect` and `config` empty as well there is no mirror.
+    /// Endpoints to listen on. The mirror is off if `connect` and `config` are empty as well.
     pub listen: Vec<String>,
     /// Endpoints to connect to.
     pub connect: Vec<String>,
-    /// `peer`, `client` or `router`; empty: as `config` says, else peer.
+    /// `peer`, `client` or `router`; empty: as in `config`, else peer.
     pub mode: String,
-    /// Configuration file of Zenoh's own (JSON5); empty: none.
+    /// Zenoh's own configuration file (JSON5); empty: none.
     pub config: String,
-    /// Commands that are taken from Zenoh: `force_request`, `load_model`, `set_mode`.
+    /// Commands that are accepted from Zenoh: `force_request`, `load_model`, `set_mode`.
     pub commands: Vec<String>,
-    /// Directory of the model files that may be loaded by Zenoh; empty: presets only.
+    /// Directory of the model files that may be loaded over Zenoh; empty: presets only.
     pub model_dir: String,
-    /// What nodes on rmw_zenoh see: `off`, `publish` or `both`.
+    /// Visibility for nodes on rmw_zenoh: `off`, `publish` or `both`.
     pub rmw: String,
     /// `cbor`, `json` or `cdr`.
     pub encoding: String,
     /// Rate of the `web/` keys, Hz.
     pub web_rate_hz: f64,
-    /// Length of the history that late joiners can ask for, s.
+    /// Length of the history that late joiners can query, s.
     pub history_s: f64,
     /// Allow endpoints beyond this machine.
     pub allow_non_loopback: bool,
 }
 
-/// Everything that the node can be told.
+/// The node's configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
     /// Configure and activate the node at once.
     pub autostart: bool,
-    /// The time is what `/clock` says.
+    /// Use the time of `/clock`.
     pub use_sim_time: bool,
-    /// Names of the process's dampers; empty: the node itself is one.
+    /// Names of the process's dampers; empty: the node itself is the damper.
     pub dampers: Vec<String>,
-    /// Preset name or model file of the free-running model.
+    /// Preset name or model file of the model for simulation (free run).
     pub model: String,
-    /// Preset name or model file of the ARX model; `auto`: the thesis' best one for thesis presets, else none;
-    /// `none`.
+    /// Preset name or model file of the ARX model; `none`; or `auto`: the thesis' best ARX model for thesis presets,
+    /// otherwise none.
     pub arx_model: String,
     /// Settings of the pipeline.
     pub settings: Settings,
-    /// `filter.apply_to`: `model` for the model file's own.
+    /// `filter.apply_to`; `model` for the model file's own setting.
     pub filter_apply_to: String,
-    /// `filter.cutoff_hz`; 0 for the model file's own.
+    /// `filter.cutoff_hz`; 0 for the model file's own value.
     pub filter_cutoff_hz: f64,
     /// Displacement input.
     pub displacement: InputConfig,
@@ -104,37 +105,37 @@ pub struct Config {
     pub measured_force: InputConfig,
     /// Input of the body's velocity.
     pub body_velocity: InputConfig,
-    /// Input of forces that are asked for.
+    /// Input of demanded forces.
     pub force_request: InputConfig,
     /// Time constant of the observer, s.
     pub observer_tau_s: f64,
     /// `off`, `follow`, `skyhook`, `groundhook` or `fixed`.
     pub law: String,
-    /// Damping of the law skyhook, N s/m.
+    /// Damping of the control law skyhook, N s/m.
     pub skyhook_n_s_m: f64,
-    /// Damping of the law groundhook, N s/m.
+    /// Damping of the control law groundhook, N s/m.
     pub groundhook_n_s_m: f64,
-    /// Current of the law fixed, A.
+    /// Current of the control law fixed, A.
     pub fixed_a: f64,
     /// Length of the raw input that is kept for `close_loop`, s.
     pub history_duration_s: f64,
     /// Directory of the model files that `close_loop` writes; empty: the system's temporary directory.
     pub close_loop_out: String,
-    /// Swap the model that `close_loop` has found in, unasked.
+    /// Load the model found by `close_loop` automatically.
     pub close_loop_auto_load: bool,
-    /// How long a displacement waits for drive, velocity and force of its stamp, s.
+    /// How long a displacement waits for drive, velocity and force with the same stamp, s.
     pub align_wait_s: f64,
-    /// How old an estimate may be when it is published, s; 0: as old as it gets.
+    /// Longest time from the receipt of a displacement to the publication of its estimate, s; 0: no limit.
     pub deadline_s: f64,
-    /// `SCHED_FIFO` priority of the threads that every sample passes; 0: none.
+    /// `SCHED_FIFO` priority of the threads on the path of every sample; 0: none.
     pub realtime_priority: i64,
     /// ROS domain; negative: `ROS_DOMAIN_ID`, else 0.
     pub domain_id: i64,
     /// `localhost`, `subnet` or `system_default`.
     pub discovery_range: String,
-    /// Hosts that are told of the node; empty: `ROS_STATIC_PEERS`.
+    /// Hosts to which the node announces itself by unicast; empty: `ROS_STATIC_PEERS`.
     pub discovery_peers: Vec<String>,
-    /// QoS of topics, where it is not the node's own.
+    /// QoS of topics that differs from the node's own.
     pub qos: Overrides,
     /// Zenoh mirror.
     pub zenoh: ZenohSettings,
@@ -191,10 +192,10 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Sets the parameter called `name`, one of the table or an override of QoS.
+    /// Sets the parameter called `name`: one of the table, or a QoS override.
     ///
     /// # Errors
-    /// [`NodeError::Parameter`] with the name, the value and what it must be; then nothing changes.
+    /// [`NodeError::Parameter`] with the name, the value and the accepted values; the configuration is then unchanged.
     pub fn set(&mut self, name: &str, value: &Value) -> Result<(), NodeError> {
         if Overrides::are_meant(name) {
             return self.qos.set(name, value);
@@ -208,7 +209,7 @@ impl Config {
     /// The value of the parameter called `name`.
     ///
     /// # Errors
-    /// [`NodeError::Parameter`] when there is none of that name.
+    /// [`NodeError::UnknownParameter`] when the parameter does not exist.
     pub fn get(&self, name: &str) -> Result<Value, NodeError> {
         match self.qos.get(name) {
             Some(value) => Ok(value.clone()),
@@ -216,7 +217,7 @@ impl Config {
         }
     }
 
-    /// The pipeline's settings that follow from all parameters.
+    /// The settings of the pipeline that result from all parameters.
     #[must_use]
     pub fn pipeline_settings(&self, model_cutoff_hz: f64) -> Settings {
         let cutoff_hz = if self.filter_cutoff_hz > 0.0 { self.filter_cutoff_hz } else { model_cutoff_hz };

@@ -1,17 +1,18 @@
-//! Parameter files of ROS 2: YAML, with a section for each node or for all that a pattern matches.
+//! ROS 2 parameter files: YAML with sections, each for one node or for all nodes that match a pattern.
 //!
 //! ```yaml
-//! /**:                        # every node
+//! /**:                        # all nodes
 //!   ros__parameters:
 //!     coast_s: 0.3
-//! /front_left/mr_damper:      # this one
+//! /front_left/mr_damper:      # one node
 //!   ros__parameters:
 //!     current: {max_a: 1.5}
 //! ```
 //!
-//! In a pattern `*` is any one part of a name and `**` any number of them. A section that names the node is stronger than one that
-//! matches it by a pattern, whatever their order in the file. A section whose pattern ends in `*` or `**` is shared with other nodes:
-//! what is no parameter of this node is ignored there, with a line in the log. Elsewhere it is an error.
+//! In a pattern, `*` matches one part of a name and `**` any number of parts. A section that names the node overrides a
+//! section that matches it by a pattern, in any order in the file. A section whose pattern ends in `*` or `**` is
+//! shared with other nodes: unknown parameters in it are ignored, with a line in the log. In other sections they are an
+//! error.
 
 use super::{Assignment, Value, is_known};
 use crate::error::NodeError;
@@ -19,10 +20,10 @@ use crate::qos::Overrides;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What the file at `path` says of the node called `full_name`.
+/// The parameters for the node called `full_name` in the file at `path`.
 ///
 /// # Errors
-/// When the file cannot be read, is no such file, or holds what no parameter is.
+/// When the file cannot be read, is not a parameter file, or contains a value that no parameter can have.
 pub(super) fn read(path: &Path, full_name: &str) -> Result<Vec<Assignment>, NodeError> {
     let in_file = |message: String| NodeError::File { path: path.to_owned(), message };
     let text = std::fs::read_to_string(path).map_err(|e| in_file(e.to_string()))?;
@@ -31,7 +32,7 @@ pub(super) fn read(path: &Path, full_name: &str) -> Result<Vec<Assignment>, Node
     let mut matching: Vec<_> = sections.iter().filter(|(section, _)| matches(section, full_name)).collect();
     if matching.is_empty() {
         let names: Vec<_> = sections.keys().map(String::as_str).collect();
-        tracing::warn!(file = %path.display(), "no section is for {full_name}; there are {}", names.join(", "));
+        tracing::warn!(file = %path.display(), "no section matches {full_name}; the sections are {}", names.join(", "));
     }
     matching.sort_by_key(|(section, _)| !section.contains('*'));
     let mut all = Vec::new();
@@ -39,7 +40,7 @@ pub(super) fn read(path: &Path, full_name: &str) -> Result<Vec<Assignment>, Node
         let parameters = body
             .get("ros__parameters")
             .and_then(serde_json::Value::as_object)
-            .ok_or_else(|| in_file(format!("{section} holds no ros__parameters")))?;
+            .ok_or_else(|| in_file(format!("{section} has no ros__parameters")))?;
         let mut values = Vec::new();
         let flat = Flat { is_shared: is_shared(section) };
         flat.flatten("", parameters, &mut values).map_err(|why| in_file(format!("{section}: {why}")))?;
@@ -53,7 +54,7 @@ pub(super) fn read(path: &Path, full_name: &str) -> Result<Vec<Assignment>, Node
     Ok(all)
 }
 
-/// True when the pattern `section` matches the node called `full_name`. Without a slash in front it means one all the same.
+/// True when the pattern `section` matches the node called `full_name`. A missing leading slash makes no difference.
 fn matches(section: &str, full_name: &str) -> bool {
     fn parts_match(pattern: &[&str], name: &[&str]) -> bool {
         match (pattern, name) {
@@ -68,14 +69,14 @@ fn matches(section: &str, full_name: &str) -> bool {
     parts_match(&parts(section), &parts(full_name))
 }
 
-/// True for a section that may be for several nodes, whatever they are called.
+/// True for a section that can match several node names.
 pub(super) fn is_shared(section: &str) -> bool {
     section.trim_end_matches('/').rsplit('/').next().is_some_and(|node| node.contains('*'))
 }
 
-/// How the parameters of a section are brought into a list.
+/// Flattens the parameters of a section into a list.
 struct Flat {
-    /// The section is for several nodes.
+    /// True if the section is for several nodes.
     is_shared: bool,
 }
 
@@ -92,7 +93,8 @@ impl Flat {
                 serde_json::Value::Object(inner) => self.flatten(&name, inner, out)?,
                 _ => match value_of(&name, value) {
                     Ok(value) => out.push((name, value)),
-                    // Parameters of other nodes have types that no parameter of this one has. Their values are not read.
+                    // Parameters of other nodes can have types that no parameter of this node has. Their values are not
+                    // parsed.
                     Err(_) if self.is_shared && is_foreign(&name) => {
                         out.push((name, Value::Text(value.to_string())));
                     }
@@ -104,7 +106,7 @@ impl Flat {
     }
 }
 
-/// True where `name` is no parameter, whether a damper's name stands before it or not.
+/// True if `name` is unknown, with or without a damper's name as prefix.
 fn is_foreign(name: &str) -> bool {
     !is_known(name)
         && !Overrides::are_meant(name)
@@ -163,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn what_names_the_node_is_stronger_than_a_pattern() {
+    fn a_section_that_names_the_node_overrides_a_pattern() {
         let dir = tempfile::tempdir().expect("a temporary directory");
         let path = dir.path().join("params.yaml");
         let text = "/front_left/mr_damper:\n  ros__parameters:\n    coast_s: 2.0\n\
@@ -187,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn sections_that_name_no_node_are_shared() {
+    fn sections_without_a_node_name_are_shared() {
         for section in ["/**", "**", "/*", "/front/**", "/front/*"] {
             assert!(is_shared(section), "{section}");
         }
@@ -197,11 +199,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_its_place() {
+    fn errors_name_section_and_parameter() {
         let dir = tempfile::tempdir().expect("a temporary directory");
         let path = dir.path().join("params.yaml");
         for (text, says) in [
-            ("/**:\n  coast_s: 1\n", "/** holds no ros__parameters"),
+            ("/**:\n  coast_s: 1\n", "/** has no ros__parameters"),
             ("/**:\n  ros__parameters:\n    coast_s:\n", "/**: coast_s has no value"),
             ("/**:\n  ros__parameters:\n    dampers: [1]\n", "dampers must be a list of texts"),
             (": {", "params.yaml"),

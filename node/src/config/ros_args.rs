@@ -1,17 +1,17 @@
-//! Arguments after `--ros-args`, as any ROS 2 node takes them.
+//! Arguments after `--ros-args`, as in any ROS 2 node.
 //!
-//! | argument | does |
+//! | argument | effect |
 //! |---|---|
-//! | `-r from:=to`, `--remap` | renames a topic or service; `__ns:=/front_left` and `__node:=name` name the node |
+//! | `-r from:=to`, `--remap` | remaps a topic or service; `__ns:=/front_left` and `__node:=name` set the node's namespace and name |
 //! | `-p name:=value`, `--param` | sets a parameter |
-//! | `--params-file FILE` | sets parameters from a YAML file, of the sections that match the node's name (`params_file.rs`) |
+//! | `--params-file FILE` | sets parameters from a YAML file, from the sections that match the node's name (`params_file.rs`) |
 //! | `--log-level LEVEL` | `debug`, `info`, `warn`, `error`, `fatal`; `logger:=LEVEL` for one logger |
-//! | `--disable-rosout-logs`, `--disable-stdout-logs` | no log on `/rosout`, or on stderr |
-//! | `-e`, `--enclave ENCLAVE` | the enclave of the keystore, where security is asked for |
+//! | `--disable-rosout-logs`, `--disable-stdout-logs` | disables the log on `/rosout`, or on stderr |
+//! | `-e`, `--enclave ENCLAVE` | the enclave of the keystore, used if security is enabled |
 //!
-//! A rule or parameter with `node:` before it is for the node of that name alone; `rostopic://` and `rosservice://` limit a rule
-//! to topics or services. Of several rules that match, the first is taken. Unknown arguments are an error. A bare `--` ends the ROS
-//! arguments.
+//! A rule or parameter with the prefix `node:` applies to the node with this name only; `rostopic://` and
+//! `rosservice://` limit a rule to topics or services. If several rules match, the first is used. Unknown arguments are
+//! an error. A bare `--` ends the ROS arguments.
 
 mod unused;
 
@@ -20,16 +20,16 @@ use crate::error::NodeError;
 use crate::qos::Overrides;
 use std::path::PathBuf;
 
-/// What `--ros-args` said.
+/// The parsed `--ros-args`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RosArgs {
     /// Namespace of the node.
     pub namespace: Option<String>,
     /// Name of the node.
     pub node: Option<String>,
-    /// Renamings, in the order given.
+    /// Remapping rules, in the given order.
     rules: Vec<Rule>,
-    /// Parameter settings, in the order given; files stand where they were named.
+    /// Parameter settings, in the given order; each file at the place where it was named.
     parameters: Vec<ParameterSource>,
     /// Log level.
     pub log_level: Option<String>,
@@ -56,17 +56,17 @@ impl Default for RosArgs {
     }
 }
 
-/// A renaming.
+/// A remapping rule.
 #[derive(Debug, Clone, PartialEq)]
 struct Rule {
-    /// Name of the only node that it is for.
+    /// The only node that the rule applies to.
     node: Option<String>,
     of: Named,
     from: String,
     to: String,
 }
 
-/// What a name is of.
+/// The kind of thing that a name refers to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Named {
     Anything,
@@ -86,7 +86,7 @@ enum ParameterSource {
 }
 
 impl Named {
-    /// True for what can be one's name.
+    /// True if `name` is valid for this kind.
     fn takes(self, name: &str) -> bool {
         let is_token = |part: &str| {
             part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
@@ -95,7 +95,7 @@ impl Named {
         let are_tokens = |path: &str| path.split('/').all(is_token);
         match self {
             Self::Node => is_token(name),
-            // Without a slash in front, and with one behind, it is the same namespace.
+            // A leading or trailing slash makes no difference.
             Self::Namespace => {
                 let path = name.strip_prefix('/').unwrap_or(name);
                 name == "/" || are_tokens(path.strip_suffix('/').unwrap_or(path))
@@ -106,7 +106,7 @@ impl Named {
         }
     }
 
-    /// What it is the name of, for messages.
+    /// The kind as the end of a message.
     const fn of_what(self) -> &'static str {
         match self {
             Self::Anything => "",
@@ -133,8 +133,8 @@ impl Rule {
         };
         if let Some(bad) = [from, to].into_iter().find(|name| !of.takes(name)) {
             return Err(NodeError::RosArgs(format!(
-                "{argument} {rule}: \"{bad}\" is no name{}; names are of letters, digits and _, with a letter first, and / between \
-                 them, with ~/ in front for the node's own",
+                "{argument} {rule}: \"{bad}\" is not a valid name{}; names consist of letters, digits and _, \
+                 begin with a letter, may have / between parts, and begin with ~/ if they are private",
                 of.of_what()
             )));
         }
@@ -142,7 +142,7 @@ impl Rule {
     }
 }
 
-/// The node that something is for, and the rest: `node:rest`, or `rest`.
+/// Splits `node:rest` into the node and the rest; without a prefix the node is `None`.
 fn of_node(text: &str) -> (Option<&str>, &str) {
     match text.split_once(':') {
         Some((node, rest)) if !rest.starts_with("//") => (Some(node), rest),
@@ -151,7 +151,7 @@ fn of_node(text: &str) -> (Option<&str>, &str) {
 }
 
 impl RosArgs {
-    /// No arguments but a namespace.
+    /// Arguments with a namespace only.
     #[must_use]
     pub fn in_namespace(namespace: &str) -> Self {
         Self { namespace: Some(namespace.to_owned()), ..Self::default() }
@@ -163,7 +163,7 @@ impl RosArgs {
         Self { namespace: Some(namespace.to_owned()), ..self.clone() }
     }
 
-    /// Splits the ROS arguments off a command line: returns what is left, and what was understood.
+    /// Splits the ROS arguments off a command line. Returns the remaining arguments and the parsed ROS arguments.
     ///
     /// # Errors
     /// [`NodeError::RosArgs`] naming the argument.
@@ -185,7 +185,7 @@ impl RosArgs {
 
     fn take(&mut self, argument: &str, rest: &mut impl Iterator<Item = String>) -> Result<(), NodeError> {
         let mut value = |what: &str| {
-            rest.next().ok_or_else(|| NodeError::RosArgs(format!("{argument} wants {what} behind it")))
+            rest.next().ok_or_else(|| NodeError::RosArgs(format!("{argument} needs {what} after it")))
         };
         match argument {
             "-r" | "--remap" => self.rules.push(Rule::parse(argument, &value("from:=to")?)?),
@@ -204,18 +204,18 @@ impl RosArgs {
             "-e" | "--enclave" => self.enclave = Some(value("an enclave")?),
             "--log-config-file" | "--log-file-name" => {
                 return Err(NodeError::RosArgs(format!(
-                    "{argument} is for rcl's logger, which is not in here; use --log-level or RUST_LOG, and send stderr to a file"
+                    "{argument} is for rcl's logger, which is not used here; use --log-level or RUST_LOG, and send stderr to a file"
                 )));
             }
             "--enable-rosout-logs" => self.rosout_logs = true,
             "--disable-rosout-logs" => self.rosout_logs = false,
             "--enable-stdout-logs" => self.stdout_logs = true,
             "--disable-stdout-logs" => self.stdout_logs = false,
-            // There is no external library for logs.
+            // This program has no external logging library.
             "--enable-external-lib-logs" | "--disable-external-lib-logs" => {}
             _ => {
                 return Err(NodeError::RosArgs(format!(
-                    "{argument} is unknown; known are -r, -p, --params-file, --log-level, --enclave, --disable-rosout-logs, \
+                    "{argument} is unknown; the known arguments are -r, -p, --params-file, --log-level, --enclave, --disable-rosout-logs, \
                      --disable-stdout-logs"
                 )));
             }
@@ -232,7 +232,7 @@ impl RosArgs {
                 "--log-level is {level}; use debug, info, warn, error or fatal"
             )));
         }
-        // The node has one logger, called as the node; those of rcl and rmw are not in here.
+        // The node has one logger, named after the node; the loggers of rcl and rmw do not exist here.
         if logger
             .is_none_or(|logger| logger.rsplit('.').next().is_some_and(|name| name.starts_with("mr_damper")))
         {
@@ -241,7 +241,7 @@ impl RosArgs {
         Ok(())
     }
 
-    /// The arguments as they are for the node that its program calls `own`: its namespace, its name, and the rules for it.
+    /// The arguments that apply to the node that its program calls `own`: with its namespace, its name, and its rules.
     #[must_use]
     pub fn for_node(mut self, own: &str) -> Self {
         let is_for = |node: &Option<String>| node.as_deref().is_none_or(|node| node == own);
@@ -275,7 +275,8 @@ impl RosArgs {
         format!("{}/{}", self.namespace().trim_end_matches('/'), self.node_name())
     }
 
-    /// Name of the damper: the node's namespace without slashes around it, or the node's name where there is none.
+    /// Name of the damper: the node's namespace without leading and trailing slash, or the node's name without a
+    /// namespace.
     #[must_use]
     pub fn damper(&self) -> &str {
         match self.namespace.as_deref().unwrap_or_default().trim_matches('/') {
@@ -284,23 +285,23 @@ impl RosArgs {
         }
     }
 
-    /// Fully qualified name of the topic that the node calls `name`; `~/name` is its own.
+    /// Fully qualified name of the topic that the node calls `name`; `~/name` is private to the node.
     #[must_use]
     pub fn topic(&self, name: &str) -> String {
         self.renamed(name, Named::Topic)
     }
 
-    /// Fully qualified name of the service or action that the node calls `name`; `~/name` is its own.
+    /// Fully qualified name of the service or action that the node calls `name`; `~/name` is private to the node.
     #[must_use]
     pub fn service(&self, name: &str) -> String {
         self.renamed(name, Named::Service)
     }
 
-    /// The same with further renamings, `from:=to`, which come before those that are there. Each has to be of one of the
-    /// topics `known`, for a name that is misspelt would rename nothing.
+    /// The same arguments with further remapping rules `from:=to`, which take precedence over the existing ones. Each
+    /// rule must name one of the topics `known`, because a misspelt name would have no effect.
     ///
     /// # Errors
-    /// When a rule is none, or renames something else.
+    /// When a rule is malformed, or names another topic.
     pub fn with_topics_renamed(&self, rules: &[String], known: &[&str]) -> Result<Self, NodeError> {
         let mut first = Vec::new();
         for text in rules {
@@ -340,7 +341,7 @@ impl RosArgs {
     /// Sets the parameters on `config`, in the order given.
     ///
     /// # Errors
-    /// When a file does not load, or a parameter does not fit.
+    /// When a file does not load, or a parameter has an invalid value.
     pub fn apply(&self, config: &mut Config) -> Result<(), NodeError> {
         let all = self.assignments()?;
         all.iter().try_for_each(|assignment| assignment.apply(config))?;
@@ -348,10 +349,10 @@ impl RosArgs {
         Ok(())
     }
 
-    /// The overrides of QoS among the parameters, for programs that have no other parameters.
+    /// The QoS overrides among the parameters, for programs without other parameters.
     ///
     /// # Errors
-    /// When a file does not load, or an override cannot be had.
+    /// When a file does not load, or an override is not supported.
     pub fn qos(&self) -> Result<Overrides, NodeError> {
         let mut config = Config::default();
         if !self.parameters.is_empty() {
@@ -362,7 +363,7 @@ impl RosArgs {
         Ok(config.qos)
     }
 
-    /// The parameters, in the order given; of files, those that are meant for this node.
+    /// The parameters in the given order; from files, the sections that match this node.
     ///
     /// # Errors
     /// When a file does not load.
@@ -382,7 +383,7 @@ impl RosArgs {
 
 fn assignment<'a>(argument: &str, rule: &'a str) -> Result<(&'a str, &'a str), NodeError> {
     rule.split_once(":=").ok_or_else(|| {
-        NodeError::RosArgs(format!("{argument} {rule}: there is no := between name and value"))
+        NodeError::RosArgs(format!("{argument} {rule}: := is missing between the name and the value"))
     })
 }
 
@@ -396,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn further_renamings_go_first_and_by_names_that_there_are() {
+    fn further_rules_take_precedence_and_must_name_existing_topics() {
         let (_, ros) =
             split("--ros-args -r __ns:=/front -r coil_current:=/amps -r displacement:=/other").expect("good");
         let ros = ros.for_node("mr_damper_replay");
@@ -421,8 +422,8 @@ mod tests {
                 "displacment:=/x",
                 "--remap displacment:=/x: displacment is not among the topics: displacement, velocity",
             ),
-            ("displacement", "--remap displacement: there is no :="),
-            ("displacement:=", "--remap displacement:=: \"\" is no name"),
+            ("displacement", "--remap displacement: := is missing"),
+            ("displacement:=", "--remap displacement:=: \"\" is not a valid name"),
         ] {
             let message = with(&[rule]).expect_err("refused").to_string();
             assert!(message.contains(why), "{message}");
@@ -445,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn rules_may_be_for_one_node_for_topics_and_for_services() {
+    fn rules_can_be_limited_to_a_node_to_topics_and_to_services() {
         let (_, ros) = split(
             "--ros-args -r other:__node:=x -r mr_damper:__node:=corner -r __ns:=/a -r other:reset:=no -r rostopic://reset:=topic \
              -r rosservice://reset:=/all/reset -r ~/get_state:=state -r /a/load_model:=~/load -p other:coast_s:=1 -p mr_damper:hold_s:=2",
@@ -464,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_may_be_those_of_other_loggers() {
+    fn levels_of_other_loggers_are_ignored() {
         let level = |line: &str| split(line).expect("good arguments").1.log_level;
         assert_eq!(level("--ros-args --log-level rcl:=debug"), None);
         assert_eq!(level("--ros-args --log-level front_left.mr_damper:=WARN"), Some("warn".to_owned()));
@@ -472,20 +473,20 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_understood_is_said() {
+    fn wrong_arguments_are_reported() {
         for (line, expected) in [
             ("--ros-args --frobnicate", "--frobnicate is unknown"),
-            ("--ros-args -p", "-p wants name:=value"),
-            ("--ros-args -p coast_s=1", "no :="),
-            ("--ros-args -r a:=b-c", "\"b-c\" is no name"),
-            ("--ros-args -r :=b", "\"\" is no name"),
-            ("--ros-args -r a:=/b//c", "\"/b//c\" is no name"),
-            ("--ros-args -r a:=/b/", "\"/b/\" is no name"),
-            ("--ros-args -r a:=b~", "\"b~\" is no name"),
-            ("--ros-args -r rostopic://a:=1st", "\"1st\" is no name of a topic"),
-            ("--ros-args -r __ns:=/front/le~/c", "\"/front/le~/c\" is no name of a namespace"),
-            ("--ros-args -r __ns:=//", "\"//\" is no name of a namespace"),
-            ("--ros-args -r __node:=a/b", "\"a/b\" is no name of a node"),
+            ("--ros-args -p", "-p needs name:=value"),
+            ("--ros-args -p coast_s=1", ":= is missing"),
+            ("--ros-args -r a:=b-c", "\"b-c\" is not a valid name"),
+            ("--ros-args -r :=b", "\"\" is not a valid name"),
+            ("--ros-args -r a:=/b//c", "\"/b//c\" is not a valid name"),
+            ("--ros-args -r a:=/b/", "\"/b/\" is not a valid name"),
+            ("--ros-args -r a:=b~", "\"b~\" is not a valid name"),
+            ("--ros-args -r rostopic://a:=1st", "\"1st\" is not a valid name of a topic"),
+            ("--ros-args -r __ns:=/front/le~/c", "\"/front/le~/c\" is not a valid name of a namespace"),
+            ("--ros-args -r __ns:=//", "\"//\" is not a valid name of a namespace"),
+            ("--ros-args -r __node:=a/b", "\"a/b\" is not a valid name of a node"),
             ("--ros-args --log-level loud", "--log-level is loud"),
             ("--ros-args --log-config-file x", "use --log-level"),
         ] {

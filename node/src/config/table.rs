@@ -1,12 +1,12 @@
-//! The one table of parameters: names, types, ranges, defaults, documentation, and where each is kept.
+//! The table of parameters: names, types, ranges, defaults, descriptions and storage.
 //!
-//! The configuration file, ROS parameters, flags, `--help` and the validator of the parameter services all
-//! read it, so a parameter is added here and nowhere else.
+//! The configuration file, ROS parameters, flags, `--help` and the parameter services all use it, so a new parameter is
+//! added only here.
 
 use super::{Config, InputConfig, Value};
 use crate::error::NodeError;
 
-/// What values a parameter takes.
+/// The accepted values of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     /// A truth value.
@@ -19,7 +19,7 @@ pub enum Kind {
     Sign,
     /// Any text.
     Text,
-    /// One of some texts.
+    /// One of several texts.
     Choice(&'static [&'static str]),
     /// A list of texts.
     TextList,
@@ -40,11 +40,11 @@ pub enum Change {
 pub struct Parameter {
     /// Name, as a ROS parameter and (with dots as tables) in the configuration file.
     pub name: &'static str,
-    /// Values that it takes.
+    /// The accepted values.
     pub kind: Kind,
     /// When it can be set.
     pub change: Change,
-    /// What it does, with its unit.
+    /// Description, with the unit.
     pub doc: &'static str,
     pub(crate) get: fn(&Config) -> Value,
     pub(crate) set: fn(&mut Config, &Value),
@@ -57,25 +57,25 @@ impl Parameter {
         self.name.replace(['.', '_'], "-")
     }
 
-    /// What to do where it cannot be set any more, as the end of a sentence.
+    /// Advice for a parameter that cannot be set in the present state, as the end of a sentence.
     #[must_use]
     pub fn instead(&self) -> &'static str {
         match self.name {
             "model" => "; load_model changes it on the running node",
-            _ => "; deactivate the node and clean it up before",
+            _ => "; deactivate the node and clean it up first",
         }
     }
 
-    /// `value`, brought to the parameter's type.
+    /// `value`, converted to the parameter's type.
     ///
     /// # Errors
-    /// When type or range do not fit; the message says what would.
+    /// When the type or the range is wrong; the message says what is accepted.
     pub fn check(&self, value: &Value) -> Result<Value, NodeError> {
         let fits = match (self.kind, value) {
             (Kind::Bool, Value::Bool(_)) | (Kind::Text, Value::Text(_)) => Some(value.clone()),
             (Kind::Integer(low, high), Value::Integer(n)) if (low..=high).contains(n) => Some(value.clone()),
             (Kind::Double(low, high), Value::Double(x)) if (low..=high).contains(x) => Some(value.clone()),
-            // YAML and people write 1 for 1.0.
+            // In YAML, users write 1 for 1.0.
             (Kind::Double(low, high), Value::Integer(n)) if (low..=high).contains(&(*n as f64)) => {
                 Some(Value::Double(*n as f64))
             }
@@ -95,7 +95,7 @@ impl Parameter {
         })
     }
 
-    /// What the parameter takes, in words.
+    /// The accepted values, as text.
     #[must_use]
     pub fn expected(&self) -> String {
         match self.kind {
@@ -114,13 +114,13 @@ impl Parameter {
     }
 }
 
-/// Whether there is a parameter called `name`.
+/// True if the parameter called `name` exists.
 #[must_use]
 pub fn is_known(name: &str) -> bool {
     TABLE.iter().any(|parameter| parameter.name == name)
 }
 
-/// Characters of an unknown name that are compared with those of known ones.
+/// Number of characters of an unknown name that are compared with the known names.
 const COMPARED: usize = 200;
 
 /// The parameter called `name`.
@@ -129,7 +129,7 @@ const COMPARED: usize = 200;
 /// [`NodeError::UnknownParameter`] with the nearest name.
 pub fn find(name: &str) -> Result<&'static Parameter, NodeError> {
     TABLE.iter().find(|parameter| parameter.name == name).ok_or_else(|| {
-        // What is longer by far than any name is near to none, and comparing it would take minutes.
+        // A very long name is not similar to any, and comparing all of it would take minutes.
         let compared: String = name.chars().take(COMPARED).collect();
         let likeness = |parameter: &Parameter| strsim::jaro_winkler(parameter.name, &compared);
         let nearest = TABLE.iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
@@ -210,7 +210,7 @@ macro_rules! input {
                 change: Never,
                 doc: concat!(
                     "message type of the input: empty for ", $own,
-                    "; a Float64 is stamped when it was sent"
+                    "; a Float64 gets the time of its sending as stamp"
                 ),
                 get: |c| Value::Text(c.$field.message_type.clone()),
                 set: |c, v| if let Value::Text(t) = v { c.$field.message_type.clone_from(t); },
@@ -219,7 +219,7 @@ macro_rules! input {
                 name: concat!(stringify!($field), ".joint"),
                 kind: Kind::Text,
                 change: Never,
-                doc: "joint of a JointState that is read (position, velocity or effort, as fits the input)",
+                doc: "joint of a JointState that is read (position, velocity or effort, depending on the input)",
                 get: |c| Value::Text(c.$field.joint.clone()),
                 set: |c, v| if let Value::Text(t) = v { c.$field.joint.clone_from(t); },
             },
@@ -227,7 +227,7 @@ macro_rules! input {
                 name: concat!(stringify!($field), ".sign"),
                 kind: Kind::Sign,
                 change: Never,
-                doc: "1, or -1 for a sensor that is mounted the other way round (extension and tension are positive)",
+                doc: "1, or -1 for a sensor that is mounted in the opposite direction (extension and tension are positive)",
                 get: |c| Value::Double(c.$field.sign),
                 set: |c, v| if let Value::Double(x) = v { c.$field.sign = *x; },
             },
@@ -248,9 +248,9 @@ mod list;
 /// All parameters.
 pub static TABLE: std::sync::LazyLock<Vec<Parameter>> = std::sync::LazyLock::new(|| list::all().collect());
 
-/// Input configuration by topic name, for the source.
+/// Access to the inputs' configuration by topic name.
 impl Config {
-    /// The configuration of the input topic called `topic`; `None` for another topic.
+    /// The configuration of the input topic called `topic`; `None` for an unknown topic.
     #[must_use]
     pub fn input(&self, topic: &str) -> Option<&InputConfig> {
         match topic {
@@ -271,7 +271,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_parameter_takes_its_own_default_and_keeps_what_it_is_told() {
+    fn every_parameter_accepts_its_default_and_keeps_a_new_value() {
         let mut config = Config::default();
         for parameter in TABLE.iter() {
             let default = config.get(parameter.name).expect("in the table");
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn refusals_say_what_would_fit() {
+    fn errors_say_what_is_accepted() {
         let mut config = Config::default();
         let refusal = config.set("coast_s", &Value::Double(-1.0)).expect_err("negative").to_string();
         assert_eq!(refusal, "parameter coast_s is -1, but must be a number from 0 to 3600");

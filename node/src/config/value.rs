@@ -1,4 +1,4 @@
-//! Values of parameters, as all three sources speak them.
+//! Values of parameters, common to the configuration file, ROS parameters and flags.
 
 /// A parameter's value.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,7 +16,7 @@ pub enum Value {
 }
 
 impl Value {
-    /// Reads a value as YAML does in `-p name:=value`: numbers, `true`, lists in brackets, anything else text.
+    /// Parses a value like YAML in `-p name:=value`: numbers, `true`, lists in brackets, everything else as text.
     #[must_use]
     pub fn parse(text: &str) -> Self {
         let text = text.trim();
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_read_as_ros_arguments_have_them() {
+    fn values_are_parsed_like_ros_arguments() {
         for (text, value) in [
             ("0.5", Value::Double(0.5)),
             ("-3", Value::Integer(-3)),

@@ -1,4 +1,5 @@
-//! What `/diagnostics` says of a running damper: a status for the node's work, one for the free run's residual.
+//! Statuses of a running damper on `/diagnostics`: one for the work of the node, one for the residual of the simulation
+//! (free run).
 
 mod publishers;
 mod residual;
@@ -11,7 +12,7 @@ pub use work::{CLOCK_ADVICE, Work, twin_advice};
 use crate::wire::ModelNames;
 use mr_damper_msgs::standard::KeyValue;
 
-/// What a status says besides what it watches.
+/// Context of a status: names, settings, and findings of other parts of the node.
 #[derive(Debug, Clone, Copy)]
 pub struct Surroundings<'a> {
     /// Name of the node, with its namespace.
@@ -22,13 +23,13 @@ pub struct Surroundings<'a> {
     pub names: &'a ModelNames,
     /// `residual.false_alarm_interval_s`.
     pub false_alarm_interval_s: f64,
-    /// Seconds of raw input that are kept.
+    /// Length of the raw input that is kept, s.
     pub history_s: f64,
-    /// Full name of the topic of estimates, and how many publishers of it there are in other processes.
+    /// Full name of the topic of estimates, and the number of its publishers in other processes.
     pub estimates: (&'a str, usize),
     /// Inputs that have more than one publisher.
     pub publishers: &'a [Publishers],
-    /// Simulated time is asked for and does not come.
+    /// True if simulated time is requested, but no message arrives on `/clock`.
     pub clock_missing: bool,
 }
 
@@ -36,7 +37,7 @@ fn value(key: &str, value: impl std::fmt::Display) -> KeyValue {
     KeyValue { key: key.to_owned(), value: value.to_string() }
 }
 
-/// What the tests of both statuses share.
+/// Context for the tests of both statuses.
 #[cfg(test)]
 fn around(names: &ModelNames) -> Surroundings<'_> {
     Surroundings {

@@ -1,4 +1,4 @@
-//! Inputs that have more than one publisher: who they are, and what to do.
+//! Inputs that have more than one publisher: the publishers, and advice.
 
 use crate::ros::Domain;
 use crate::source::ros::SourceCounters;
@@ -11,16 +11,16 @@ use std::time::Instant;
 pub struct Publishers {
     /// Full name of the topic.
     pub topic: String,
-    /// Full names of their nodes, sorted; where a node has not told its name, the publisher's identity.
+    /// Full names of their nodes, sorted. If the name of a node is not known, the publisher's GID.
     pub nodes: Vec<String>,
-    /// Their samples come mixed.
+    /// True if their samples arrive mixed.
     pub mixed: bool,
-    /// Estimates are made from them.
+    /// True if estimates are made from this input.
     pub is_estimated_from: bool,
 }
 
 impl Publishers {
-    /// Of all `inputs`, those with more than one publisher, by what discovery and the samples show.
+    /// Finds the `inputs` with more than one publisher, from discovery and from the senders of the samples.
     #[must_use]
     pub fn of(inputs: &[InputTopic], domain: &Domain, source: &SourceCounters) -> Vec<Self> {
         let now = Instant::now();
@@ -44,24 +44,24 @@ impl Publishers {
     }
 }
 
-/// A publisher without a name, as `ros2 topic info --verbose` shows its GID.
+/// Text for a publisher whose node is not known, with its GID as in `ros2 topic info --verbose`.
 fn identity(writer: &Writer) -> String {
     let bytes: Vec<String> = writer.iter().map(|byte| format!("{byte:02x}")).collect();
     format!("a publisher without a node, GID {}", bytes.join("."))
 }
 
-/// The sentence about them for log and status: who they are, the harm, and what to do.
+/// The sentence about these publishers for log and status: who they are, the consequence, and advice.
 #[must_use]
 pub fn publishers_advice(of: &Publishers) -> String {
     let Publishers { topic, nodes, mixed, is_estimated_from } = of;
     let harm = match (mixed, is_estimated_from) {
-        (true, true) => "and their samples come mixed, so estimates are DEGRADED",
-        (true, false) => "and their samples come mixed",
-        (false, _) => "and is meant to have one",
+        (true, true) => "and their samples arrive mixed, so estimates are DEGRADED",
+        (true, false) => "and their samples arrive mixed",
+        (false, _) => "but should have one",
     };
     format!(
-        "{topic} has {} publishers ({}), {harm}: end all but one, or remap one to another topic. One that was killed is listed for up to \
-         a minute",
+        "{topic} has {} publishers ({}), {harm}: stop all but one, or remap one to another topic. A killed publisher stays \
+         listed for up to a minute",
         nodes.len(),
         nodes.join(", "),
     )
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_publisher_without_a_node_is_told_by_its_gid() {
+    fn a_publisher_without_a_node_is_named_by_its_gid() {
         let told = identity(&std::array::from_fn(|index| index as u8));
         assert_eq!(told, "a publisher without a node, GID 00.01.02.03.04.05.06.07.08.09.0a.0b.0c.0d.0e.0f");
     }

@@ -1,4 +1,4 @@
-//! How the model does: the free run's residual, and its alarm.
+//! Status of the model: the residual of the simulation (free run), and its alarm.
 
 use super::{Surroundings, value};
 use crate::wire::in_seconds;
@@ -6,22 +6,22 @@ use mr_damper_model::pipeline::{AlarmChange, Event, Residual};
 use mr_damper_msgs::standard::DiagnosticStatus;
 use std::time::{Duration, Instant};
 
-/// What to do about a raised alarm.
-pub const ALARM_ADVICE: &str = "name what the model lacks with `mr-damper close --live` (action close_loop) or with `mr-damper close` on recorded runs, and swap the new model in with load_model";
+/// Advice for a raised alarm.
+pub const ALARM_ADVICE: &str = "find what the model lacks with `mr-damper close --live` (action close_loop) or with `mr-damper close` on recorded runs, and load the new model with load_model";
 
-/// Age of the last residual beyond which there is none.
+/// A residual older than this counts as missing.
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// What is known of the residual.
+/// The last residual, and the alarm.
 #[derive(Debug, Clone, Default)]
 pub struct Health {
     residual: Option<(Residual, Instant)>,
-    /// How the alarm was raised, while it stands.
+    /// The event that raised the alarm, while the alarm lasts.
     alarm: Option<AlarmChange>,
 }
 
 impl Health {
-    /// Takes an event that came `at`.
+    /// Takes an event that happened `at`.
     pub fn take(&mut self, event: &Event, at: Instant) {
         match event {
             Event::Residual(residual) => self.residual = Some((*residual, at)),
@@ -82,15 +82,15 @@ impl Health {
         let ratio = ratio(residual);
         if let Some(alarm) = &self.alarm {
             let message = format!(
-                "the model is off: its residual is {ratio:.2} times what its identification promised, alarm since {} s; {ALARM_ADVICE}",
+                "the model no longer fits: the RMSE of its residual is {ratio:.2} times the expected value, alarm since {} s; {ALARM_ADVICE}",
                 in_seconds(alarm.stamp)
             );
             return (DiagnosticStatus::WARN, message);
         }
         let message = if ratio.is_nan() {
-            "the model file states no expected RSSE, so there is no alarm".to_owned()
+            "the model file contains no expected RMSE, so the alarm is off".to_owned()
         } else {
-            format!("the residual is {ratio:.2} times what the model's identification promised; no alarm")
+            format!("the RMSE of the residual is {ratio:.2} times the expected value; no alarm")
         };
         (DiagnosticStatus::OK, message)
     }
@@ -160,15 +160,15 @@ mod tests {
         insta::assert_snapshot!(text, @"
         at the start: 3 /front_left/mr_damper: residual [front_left] no residual yet: it needs measured_force at the stamps of displacement, and an estimate
             model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0
-        as good as expected: 0 /front_left/mr_damper: residual [front_left] the residual is 1.04 times what the model's identification promised; no alarm
+        as good as expected: 0 /front_left/mr_damper: residual [front_left] the RMSE of the residual is 1.04 times the expected value; no alarm
             model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=52.0000 expected_rsse_n=50.0000 ratio=1.0400 windowed_esr=0.0123
-        the alarm rises: 1 /front_left/mr_damper: residual [front_left] the model is off: its residual is 3.00 times what its identification promised, alarm since 1700000000.250 s; name what the model lacks with `mr-damper close --live` (action close_loop) or with `mr-damper close` on recorded runs, and swap the new model in with load_model
+        the alarm rises: 1 /front_left/mr_damper: residual [front_left] the model no longer fits: the RMSE of its residual is 3.00 times the expected value, alarm since 1700000000.250 s; find what the model lacks with `mr-damper close --live` (action close_loop) or with `mr-damper close` on recorded runs, and load the new model with load_model
             model=thesis/fuzzy-tanh/rp3-cs alarm=true false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=150.0000 expected_rsse_n=50.0000 ratio=3.0000 windowed_esr=0.0123 alarm_since_s=1700000000.250
         measured force stops: 3 /front_left/mr_damper: residual [front_left] no residual for 3 s: measured_force or displacement is silent
             model=thesis/fuzzy-tanh/rp3-cs alarm=true false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=150.0000 expected_rsse_n=50.0000 ratio=3.0000 windowed_esr=0.0123 alarm_since_s=1700000000.250
-        it comes again, and the alarm falls: 0 /front_left/mr_damper: residual [front_left] the residual is 0.98 times what the model's identification promised; no alarm
+        it comes again, and the alarm falls: 0 /front_left/mr_damper: residual [front_left] the RMSE of the residual is 0.98 times the expected value; no alarm
             model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=49.0000 expected_rsse_n=50.0000 ratio=0.9800 windowed_esr=0.0123
-        a model without an expectation: 0 /front_left/mr_damper: residual [front_left] the model file states no expected RSSE, so there is no alarm
+        a model without an expectation: 0 /front_left/mr_damper: residual [front_left] the model file contains no expected RMSE, so the alarm is off
             model=thesis/fuzzy-tanh/rp3-cs alarm=false false_alarm_interval_s=86400 history_s=120.0 windowed_rsse_n=49.0000 expected_rsse_n=NaN ratio=NaN windowed_esr=0.0123
         ");
     }

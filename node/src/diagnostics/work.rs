@@ -1,4 +1,4 @@
-//! How the node does: what comes in and goes out, how old it is, what was lost, how long it takes.
+//! Status of the node's work: rates and ages of inputs and outputs, losses, latencies.
 
 use super::{Surroundings, publishers_advice, value};
 use crate::lifecycle::Phase;
@@ -10,10 +10,10 @@ use mr_damper_msgs::standard::{DiagnosticStatus, KeyValue};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Estimates older than this are none.
+/// Estimates older than this count as missing.
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// What comes on one channel, or goes out.
+/// Messages of one input or output.
 #[derive(Debug, Clone, Copy, Default)]
 struct Flow {
     since_look: u64,
@@ -27,7 +27,7 @@ impl Flow {
     }
 }
 
-/// What was seen of the node's work. Once all is quiet, received = used + refused + unreadable + dropped + idle.
+/// Observations of the node's work. When all queues are empty, received = used + refused + unreadable + dropped + idle.
 #[derive(Debug, Clone, Default)]
 pub struct Work {
     inputs: [Flow; INPUTS.len()],
@@ -35,15 +35,15 @@ pub struct Work {
     commands: Flow,
     estimate: Option<Estimate>,
     looked: Option<Instant>,
-    /// Deadlines missed by then.
+    /// Deadlines missed up to the last status.
     missed: u64,
-    /// What was lost by then, as [`Counters::losses`] has it.
+    /// Losses up to the last status, as returned by [`Counters::losses`].
     lost: Vec<(String, u64)>,
     /// Samples that the pipeline refused, by reason, in the order of [`Refused::ALL`].
     refused: [u64; Refused::ALL.len()],
 }
 
-/// The channels that are told of, by name.
+/// The reported input channels, with their names.
 const INPUTS: [(Channel, &str); 6] = [
     (Channel::Displacement, "displacement"),
     (Channel::Drive, "drive"),
@@ -53,21 +53,21 @@ const INPUTS: [(Channel, &str); 6] = [
     (Channel::ForceRequest, "force_request"),
 ];
 
-/// What is said where another process publishes the node's estimates as well.
+/// The sentence for a node whose estimates another process publishes too.
 #[must_use]
 pub fn twin_advice(topic: &str) -> String {
     format!(
-        "{topic} has another publisher, and its readers get both's estimates mixed: end the other node of this name, or give one \
-         another namespace (-r __ns:=/front_left). One that was killed is listed for up to a minute"
+        "{topic} has another publisher, so its subscribers get the estimates of both mixed: stop the other node of this name, or \
+         give one another namespace (-r __ns:=/front_left). A killed publisher stays listed for up to a minute"
     )
 }
 
 /// The sentence for a node that waits for simulated time.
-pub const CLOCK_ADVICE: &str = "use_sim_time is true and nothing comes on /clock: start the simulation (or `mr-damper replay --clock`), \
-     see that it has the domain of this node, or set use_sim_time to false";
+pub const CLOCK_ADVICE: &str = "use_sim_time is true, but no message arrives on /clock: start the simulation (or `mr-damper replay --clock`), \
+     check that it has the domain of this node, or set use_sim_time to false";
 
 impl Work {
-    /// Takes an event that came `at`.
+    /// Takes an event that happened `at`.
     pub fn take(&mut self, event: &Event, at: Instant) {
         match event {
             Event::Input(sample) => {
@@ -89,7 +89,7 @@ impl Work {
         }
     }
 
-    /// The status at `now`; counts for rates begin anew.
+    /// The status at `now`; restarts the counts for the rates.
     pub fn status(
         &mut self,
         now: Instant,
@@ -175,7 +175,7 @@ impl Work {
         }
     }
 
-    /// What was lost since the last status, each with its cause, as parts of a message.
+    /// The losses since the last status, each with its cause, as parts of a message.
     fn newly_lost(&self, losses: &[(String, u64)]) -> Vec<String> {
         let before =
             |name: &str| self.lost.iter().find(|(known, _)| known == name).map_or(0, |(_, count)| *count);
@@ -184,7 +184,7 @@ impl Work {
         new.map(|(name, count)| format!("; {count} more {name}: {}", why_lost(name))).collect()
     }
 
-    /// Rates since the last status, and ages.
+    /// Adds the rates since the last status, and the ages.
     fn push_flows(&mut self, now: Instant, values: &mut Vec<KeyValue>) {
         let seconds = self.looked.map(|at| now.saturating_duration_since(at).as_secs_f64());
         self.looked = Some(now);
@@ -212,8 +212,7 @@ impl Work {
         }
         let fresh = self.estimates.last.is_some_and(|at| now.saturating_duration_since(at) <= SILENCE);
         let Some(estimate) = self.estimate.filter(|_| fresh) else {
-            let message =
-                "no estimates: displacement is silent; see that it is published, with QoS and domain as here";
+            let message = "no estimates: no displacement arrives; check that it is published, with the QoS and domain of this node";
             return (DiagnosticStatus::STALE, message.to_owned());
         };
         let reasons: Vec<&str> = estimate.reasons.names().collect();
@@ -229,26 +228,26 @@ impl Work {
     }
 }
 
-/// What a count of [`Counters::losses`] means, and what to do.
+/// Cause of a count of [`Counters::losses`], and advice.
 fn why_lost(name: &str) -> &'static str {
     match name {
-        "dropped" => "samples came faster than they were estimated; lower their rate or free the processor",
+        "dropped" => "samples arrived too fast to be processed; lower their rate or free the processor",
         "not_published" => {
-            "the DDS library took no more messages; see whether a network or a reader is overloaded"
+            "the DDS library accepted no more messages; check whether a network or a subscriber is overloaded"
         }
         "late_commands" => {
             "commands that missed deadline_s were not sent; free the processor or raise realtime_priority"
         }
         "lost_commands" | "lost_reports" => {
-            "the thread that publishes was held up; free the processor or raise realtime_priority"
+            "the thread that publishes was delayed; free the processor or raise realtime_priority"
         }
-        "lost_mirror" => "the Zenoh mirror was held up; see its status",
+        "lost_mirror" => "the Zenoh mirror was delayed; see its status",
         "lost_history" => "the history and the log have a gap; free the processor",
-        _ => "whoever watches the node was held up",
+        _ => "a thread that reads the node's events was delayed",
     }
 }
 
-/// The verdict of a node that has missed `late` deadlines since the last one, or has not got the priority that it was to have.
+/// Extends a verdict: with the deadlines missed since the last status, and with a refused real-time priority.
 fn in_time((level, mut message): (u8, String), late: u64, standing: &Standing) -> (u8, String) {
     if late > 0 {
         message += &format!("; {late} estimates have missed their deadline since the last status");
@@ -287,7 +286,7 @@ mod tests {
         let (mut work, begin) = (Work::default(), Instant::now());
         let at = |s: u64| begin + Duration::from_secs(s);
         say("not configured", &work.status(at(0), &unconfigured, Phase::Unconfigured, &counters));
-        say("active, and nothing comes", &work.status(at(1), &around, Phase::Active, &counters));
+        say("active, without input", &work.status(at(1), &around, Phase::Active, &counters));
         for k in 0..100 {
             let stamp = Stamp::from_nanos(k * 10_000_000);
             let sample = Sample { stamp, received: stamp, reading: Reading::Displacement(Metre(0.0)) };
@@ -325,7 +324,7 @@ mod tests {
         };
         let mixed = Publishers { mixed: true, ..two.clone() };
         for (what, publishers) in
-            [("with two publishers of displacement", two), ("whose samples come mixed", mixed)]
+            [("with two publishers of displacement", two), ("whose samples arrive mixed", mixed)]
         {
             let crowded = Surroundings { publishers: &[publishers], ..around };
             say(what, &work.status(at(3), &crowded, Phase::Active, &counters));

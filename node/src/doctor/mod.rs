@@ -1,4 +1,5 @@
-//! What would keep the service from working on this machine, found before it matters: each thing is tried, as the service would do it.
+//! Checks what would keep the service from working on this machine, before it is started. Each check does what the service
+//! would do.
 //!
 //! ```text
 //! configuration ─→ model, network (domain, ports, multicast, others, Zenoh), system (clock, timer, priority, files) ─→ findings
@@ -13,20 +14,20 @@ use crate::interrupt::Interrupt;
 use crate::models;
 use serde::Serialize;
 
-/// How bad a finding is.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// As it should be.
+    /// No problem was found.
     Ok,
-    /// The service runs, and not as well as it might.
+    /// The service runs, but with a limitation.
     Warning,
-    /// The service does not run, or is not heard.
+    /// The service does not run, or other nodes do not receive its messages.
     Failure,
 }
 
 impl Level {
-    /// As it stands at the beginning of a line.
+    /// The mark at the beginning of a line.
     #[must_use]
     pub const fn mark(self) -> &'static str {
         match self {
@@ -37,16 +38,16 @@ impl Level {
     }
 }
 
-/// What came of one thing that was tried.
+/// Result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
-    /// What was tried, in a word or two.
+    /// Short name of the check.
     pub what: String,
-    /// How bad it is.
+    /// Severity.
     pub level: Level,
-    /// What was found, with its figures.
+    /// The result, with its figures.
     pub found: String,
-    /// What to do, where there is something to do.
+    /// Advice, if the user should do something.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
 }
@@ -60,12 +61,12 @@ impl Finding {
         Self { level: Level::Warning, advice: Some(advice.into()), ..Self::ok(what, found) }
     }
 
-    /// An error of the service's own says what to do by itself.
+    /// A failure without separate advice: the service's own errors contain their advice.
     fn failure(what: &str, found: impl Into<String>) -> Self {
         Self { level: Level::Failure, ..Self::ok(what, found) }
     }
 
-    /// As a line, or two.
+    /// The finding as one or two lines.
     #[must_use]
     pub fn text(&self) -> String {
         let advice = self.advice.as_ref().map(|advice| format!("\n          {advice}")).unwrap_or_default();
@@ -73,9 +74,10 @@ impl Finding {
     }
 }
 
-/// Tries all things that a service of these dampers rests on, and tells each finding as it comes. Ends early when interrupted.
+/// Checks everything that a service of these dampers depends on, and passes each finding to `tell` as soon as it is known.
+/// Ends early when interrupted.
 pub fn examine(dampers: &[Damper], interrupt: &Interrupt, mut tell: impl FnMut(Finding)) {
-    // What is the process's is the same in all of them, of whom there is at least one.
+    // There is at least one damper, and the settings of the process are the same for all dampers.
     let Some(Damper { config, args }) = dampers.first() else { return };
     tell(libraries());
     dampers.iter().for_each(|damper| tell(model(damper)));
@@ -94,7 +96,7 @@ pub fn examine(dampers: &[Damper], interrupt: &Interrupt, mut tell: impl FnMut(F
     tell(system::files(dampers.len()));
 }
 
-/// Which DDS libraries this program was built with.
+/// The DDS libraries that this program was built with.
 fn libraries() -> Finding {
     const WHAT: &str = "DDS libraries";
     match hardened::EDITS {
@@ -105,7 +107,7 @@ fn libraries() -> Finding {
             let advice = "node/hardened/build makes a build without these limits";
             Finding {
                 advice: Some(advice.to_owned()),
-                ..Finding::ok(WHAT, format!("as released, so {}", lacks.join("; ")))
+                ..Finding::ok(WHAT, format!("as released, with these limits: {}", lacks.join("; ")))
             }
         }
     }
@@ -118,20 +120,20 @@ fn model(Damper { config, args }: &Damper) -> Finding {
     if config.model.is_empty() {
         return Finding::warning(
             &what,
-            "none is named",
-            "name it as for the node: --ros-args -p model:=thesis/fuzzy-tanh/rp3-cs, or --config FILE",
+            "no model is given",
+            "give it as for the node: --ros-args -p model:=thesis/fuzzy-tanh/rp3-cs, or --config FILE",
         );
     }
     match models::from_config(config) {
         Ok((_, names)) => {
             let seeded = names.seeded.as_deref().unwrap_or("none");
-            Finding::ok(&what, format!("{} loads, ARX beside it: {seeded}", names.free))
+            Finding::ok(&what, format!("{} loads; ARX model: {seeded}", names.free))
         }
         Err(error) => Finding::failure(&what, error.to_string()),
     }
 }
 
-/// True when other machines may take part.
+/// True if other machines may take part in the domain.
 fn leaves_this_machine(config: &Config) -> bool {
     !crate::ros::is_loopback_only(config)
 }

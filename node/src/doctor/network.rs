@@ -1,4 +1,4 @@
-//! Domain, ports, multicast, who else is there, Zenoh.
+//! Checks of domain, ports, multicast, other participants, and Zenoh.
 
 use super::{Finding, leaves_this_machine};
 use crate::config::Config;
@@ -13,35 +13,36 @@ use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
-/// How long others have to announce themselves: Fast DDS does it every three seconds.
+/// How long to wait for announcements of other participants. Fast DDS sends one every three seconds.
 const LISTEN: Duration = Duration::from_millis(3500);
-/// How long a datagram on this machine may take.
+/// Longest time that a datagram may take on this machine.
 const SOON: Duration = Duration::from_millis(500);
-/// A group that nobody uses, beside that of DDS.
+/// An unused multicast group next to the one of DDS.
 const PROBE: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 77);
 
-/// The domain, and whether its ports are the middleware's own.
+/// Checks the domain, and that the system does not assign its ports to other programs.
 pub(super) fn domain(config: &Config) -> Vec<Finding> {
     let domain = match ros::domain_id(config) {
         Ok(domain) => domain,
         Err(error) => return vec![Finding::failure("domain", error.to_string())],
     };
     let reach =
-        if leaves_this_machine(config) { "whoever the network reaches" } else { "this machine alone" };
+        if leaves_this_machine(config) { "all hosts that the network reaches" } else { "this machine only" };
     let first = listed_peers::group_port(domain);
     let found = Finding::ok("domain", format!("{domain}, for {reach}; UDP ports from {first}"));
     let range = std::fs::read_to_string("/proc/sys/net/ipv4/ip_local_port_range").unwrap_or_default();
     let mut bounds = range.split_whitespace().filter_map(|text| text.parse::<u16>().ok());
     let (low, high) = (bounds.next().unwrap_or(u16::MAX), bounds.next().unwrap_or(u16::MAX));
     if (low..=high).contains(&first) {
-        let advice = "ports there may be taken when the node starts: use a domain from 0 to 101";
-        let lent = format!("{first} is among those that the system lends to any program ({low} to {high})");
+        let advice = "such a port may be in use when the node starts: use a domain from 0 to 101";
+        let lent =
+            format!("{first} is in the range that the system assigns to any program ({low} to {high})");
         return vec![found, Finding::warning("ports", lent, advice)];
     }
     vec![found]
 }
 
-/// What the environment asks for and is done in another way, or cannot be had.
+/// Settings in the environment that are handled in another way than in ROS, or not supported.
 pub(super) fn environment(config: &Config) -> Vec<Finding> {
     const WHAT: &str = "environment";
     match ros_environment::asked(config, &ros_environment::of_process) {
@@ -54,7 +55,7 @@ pub(super) fn environment(config: &Config) -> Vec<Finding> {
     }
 }
 
-/// Whether multicast, by which participants find each other, comes back on the interface that the node uses.
+/// Checks multicast on the interface that the node uses. Participants discover each other by multicast.
 pub(super) fn multicast(config: &Config) -> Finding {
     let local = !leaves_this_machine(config);
     let (interface, name) = if local {
@@ -64,7 +65,7 @@ pub(super) fn multicast(config: &Config) -> Finding {
     };
     match echo(interface) {
         Ok(took) => {
-            Finding::ok("multicast", format!("comes back on {name} in {:.2} ms", took.as_secs_f64() * 1e3))
+            Finding::ok("multicast", format!("works on {name}, in {:.2} ms", took.as_secs_f64() * 1e3))
         }
         Err(error) if local => Finding {
             advice: Some(
@@ -72,18 +73,18 @@ pub(super) fn multicast(config: &Config) -> Finding {
             ),
             ..Finding::failure(
                 "multicast",
-                format!("does not come back on {name} ({error}): nobody finds the node"),
+                format!("does not work on {name} ({error}): no other participant can discover the node"),
             )
         },
         Err(error) => Finding::warning(
             "multicast",
-            format!("does not come back on {name} ({error}): nobody finds the node by itself"),
-            "see that the interface is up and that no firewall drops 239.255.0.0/16, or name the other hosts: discovery_peers",
+            format!("does not work on {name} ({error}): other hosts cannot discover the node"),
+            "check that the interface is up and that no firewall drops 239.255.0.0/16, or list the other hosts in discovery_peers",
         ),
     }
 }
 
-/// Sends a datagram to a group and waits for it.
+/// Sends a datagram to a multicast group and waits until it arrives; returns the time taken.
 fn echo(interface: Ipv4Addr) -> io::Result<Duration> {
     let hears = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
     hears.join_multicast_v4(&PROBE, &interface)?;
@@ -103,24 +104,24 @@ fn echo(interface: Ipv4Addr) -> io::Result<Duration> {
     }
 }
 
-/// Participants that announce themselves in the domain.
+/// Lists the participants that announce themselves in the domain.
 pub(super) fn others(config: &Config, interrupt: &Interrupt) -> Finding {
     const WHAT: &str = "others in the domain";
     let Ok(domain) = ros::domain_id(config) else {
-        return Finding::ok(WHAT, "not looked for without a domain");
+        return Finding::ok(WHAT, "not checked without a domain");
     };
     let interface = if leaves_this_machine(config) { Ipv4Addr::UNSPECIFIED } else { Ipv4Addr::LOCALHOST };
     let heard = match listed_peers::open(domain, interface) {
         Ok(heard) => heard,
         Err(error) => {
-            return Finding::failure(WHAT, format!("the port of announcements does not open: {error}"));
+            return Finding::failure(WHAT, format!("the port of announcements cannot be opened: {error}"));
         }
     };
     let mut participants: BTreeMap<Vec<u8>, IpAddr> = BTreeMap::new();
     let mut packet = vec![0; 65_536];
     let end = Instant::now() + LISTEN;
     while Instant::now() < end && !interrupt.is_raised() {
-        // An error is the time that is over.
+        // An error means that the read timed out.
         let Ok((length, from)) = heard.recv_from(&mut packet) else { continue };
         if let Some(prefix) = listed_peers::prefix_of(&packet[..length]) {
             participants.insert(prefix.to_vec(), from.ip());
@@ -131,16 +132,16 @@ pub(super) fn others(config: &Config, interrupt: &Interrupt) -> Finding {
     match participants.len() {
         0 => Finding {
             advice: Some(
-                "where something should run, compare ROS_DOMAIN_ID and the discovery range of both"
+                "if another node should be running, compare ROS_DOMAIN_ID and the discovery range of both"
                     .to_owned(),
             ),
-            ..Finding::ok(WHAT, format!("nobody was heard within {:.1} s", LISTEN.as_secs_f64()))
+            ..Finding::ok(WHAT, format!("no participant was heard within {:.1} s", LISTEN.as_secs_f64()))
         },
         count => Finding::ok(WHAT, format!("{count} participants, from {}", hosts.join(", "))),
     }
 }
 
-/// Joins the domain and leaves it, with DDS-Security where that is asked for.
+/// Joins the domain and leaves it again, with DDS-Security if that is requested.
 pub(super) fn join(config: &Config, enclave: Option<&str>) -> Finding {
     let began = Instant::now();
     match Domain::join(config, enclave) {
@@ -152,7 +153,7 @@ pub(super) fn join(config: &Config, enclave: Option<&str>) -> Finding {
 /// Opens the Zenoh session that the node would open, and closes it.
 pub(super) fn zenoh(config: &Config) -> Finding {
     let Some(settings) = service::zenoh_config(config) else {
-        return Finding::ok("Zenoh", "not asked for");
+        return Finding::ok("Zenoh", "not configured");
     };
     match Link::open(&settings) {
         Ok(_) => {
@@ -161,7 +162,7 @@ pub(super) fn zenoh(config: &Config) -> Finding {
                 some => format!(", {what} {}", some.join(", ")),
             };
             let ends = to("listens on", &settings.listen) + &to("would connect to", &settings.connect);
-            Finding::ok("Zenoh", format!("a session opens{ends}"))
+            Finding::ok("Zenoh", format!("a session can be opened{ends}"))
         }
         Err(error) => Finding::failure("Zenoh", error.to_string()),
     }

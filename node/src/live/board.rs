@@ -1,4 +1,4 @@
-//! What the live view shows: a digest of the pipeline's events, bounded in size.
+//! The data of the live view: a summary of the pipeline's events, limited in size.
 
 use super::meter::{Histogram, RateMeter};
 use crate::wire::in_seconds;
@@ -6,47 +6,47 @@ use mr_damper_model::pipeline::{AlarmChange, Estimate, Event, Mode, Residual, Tr
 use mr_damper_model::sample::{Channel, Stamp};
 use std::collections::VecDeque;
 
-/// Seconds of force that the screen's chart shows.
+/// Length of the force chart, s.
 pub(super) const CHART_S: f64 = 4.0;
 
-/// What does not change while the view is up.
+/// The part that does not change while the view is shown.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Headline {
-    /// What runs, in a few words.
+    /// Short description of what runs.
     pub title: String,
-    /// Name of the free-running model.
+    /// Name of the model for simulation (free run).
     pub free_model: String,
-    /// Name of the ARX model; empty when there is none.
+    /// Name of the ARX model; empty if there is none.
     pub seeded_model: String,
     /// ROS domain and reach.
     pub reach: String,
-    /// Endpoint of the Zenoh mirror; empty when there is none.
+    /// Endpoint of the Zenoh mirror; empty if there is none.
     pub zenoh: String,
     /// Length of the run, s.
     pub length_s: f64,
 }
 
-/// Counters, as their owners have them.
+/// Counters, copied from their owners.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
     /// Samples published onto the input topics.
     pub sent: u64,
-    /// Samples that the node took.
+    /// Samples that the node received.
     pub taken: u64,
     /// Samples that the pipeline refused.
     pub refused: u64,
-    /// Samples and events that a full queue lost.
+    /// Samples and events lost because a queue was full.
     pub lost: u64,
-    /// Displacements that went on without an input of their stamp, though they had waited for it.
+    /// Displacements that were passed on without an input of the same stamp, after waiting for it.
     pub incomplete: u64,
     /// Estimates that the node published.
     pub estimates: u64,
-    /// Estimates that a subscriber got.
+    /// Estimates that a subscriber received.
     pub heard: u64,
 }
 
 impl Counts {
-    /// What has come since `before`.
+    /// The differences to `before`.
     #[must_use]
     pub const fn since(&self, before: &Self) -> Self {
         Self {
@@ -61,21 +61,21 @@ impl Counts {
     }
 }
 
-/// An alarm that stands.
+/// An alarm that is active.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Alarm {
     /// When it was raised, s since the first sample.
     pub at_s: f64,
-    /// How.
+    /// The change that raised it.
     pub change: AlarmChange,
 }
 
 impl Alarm {
-    /// The alarm in a line.
+    /// The alarm as one line of text.
     #[must_use]
     pub fn text(&self) -> String {
         format!(
-            "{:5.1} s  ALARM (stamp {}): the free run's residual is {:.1} times what the model's identification promised",
+            "{:5.1} s  ALARM (stamp {}): the simulation's residual is {:.1} times the model's expected error",
             self.at_s,
             in_seconds(self.change.stamp),
             self.change.ratio
@@ -86,13 +86,13 @@ impl Alarm {
 /// A change of mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
-    /// When, s since the first sample.
+    /// Time of the change, s since the first sample.
     pub at_s: f64,
-    /// What happened.
+    /// The change.
     pub transition: Transition,
 }
 
-/// A point of the chart: time and force, and the mode for estimates.
+/// A point of the chart: time, value, and mode (for estimates).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Point {
     pub(super) at_s: f64,
@@ -100,16 +100,16 @@ pub(super) struct Point {
     pub(super) mode: Mode,
 }
 
-/// The digest.
+/// The summary of the events.
 #[derive(Debug, Clone, Default)]
 pub struct Board {
-    /// What does not change.
+    /// The constant part.
     pub headline: Headline,
     /// Counters, set by their owner.
     pub counts: Counts,
-    /// Seconds of the run that have been played, set by the player.
+    /// Length of the run played so far, s; set by the player.
     pub played_s: f64,
-    /// Seconds since the view was started, on the clock of `seen_s`.
+    /// Time since the start of the view, s; on the clock of `seen_s`.
     pub now_s: f64,
     /// The newest estimate.
     pub estimate: Option<Estimate>,
@@ -117,7 +117,7 @@ pub struct Board {
     pub residual: Option<Residual>,
     /// Changes of mode, in order.
     pub changes: Vec<Change>,
-    /// The alarm, while it stands.
+    /// The alarm, while it is active.
     pub alarm: Option<Alarm>,
     /// Time from a displacement's stamp to its arrival in the node.
     pub to_node: Histogram,
@@ -139,7 +139,7 @@ impl Board {
         Self { headline, ..Self::default() }
     }
 
-    /// Takes an event that was seen at `seen_s` (on any clock, the same for all).
+    /// Takes an event that was seen at `seen_s`, s. Any clock can be used, but the same one for all events.
     pub fn take(&mut self, event: &Event, seen_s: f64) {
         self.now_s = self.now_s.max(seen_s);
         match event {
@@ -177,12 +177,12 @@ impl Board {
         }
     }
 
-    /// Seconds from the first sample to `stamp`.
+    /// Time from the first sample to `stamp`, s.
     fn seconds(&mut self, stamp: Stamp) -> f64 {
         stamp.since(*self.zero.get_or_insert(stamp)).get()
     }
 
-    /// Seconds from the first sample to the newest estimate; zero before there is one.
+    /// Time from the first sample to the newest estimate, s; 0 without an estimate.
     #[must_use]
     pub fn at_s(&self) -> f64 {
         match (self.zero, &self.estimate) {
@@ -209,21 +209,21 @@ impl Board {
         self.residuals.hz(self.now_s)
     }
 
-    /// The newest measured force, N, if it is not older than the chart.
+    /// The newest measured force, N, if it is less than 0.1 s old.
     #[must_use]
     pub fn measured_n(&self) -> Option<f64> {
         let newest = self.measured.back()?;
         (self.at_s() - newest.at_s < 0.1).then_some(newest.value)
     }
 
-    /// True while measured force comes, so that the residual is today's and not the last one there was.
+    /// True while measured force arrives, so that the residual is current.
     #[must_use]
     pub fn residual_is_fresh(&self) -> bool {
         self.residual_trail.back().is_some_and(|newest| self.at_s() - newest.at_s < 0.1)
     }
 }
 
-/// Adds a point and drops those that have left the chart.
+/// Adds a point and drops points older than the chart.
 fn push(trail: &mut VecDeque<Point>, at_s: f64, value: f64, mode: Mode) {
     trail.push_back(Point { at_s, value, mode });
     while trail.front().is_some_and(|first| at_s - first.at_s > CHART_S) {

@@ -1,17 +1,17 @@
-//! Log lines wait while a screen is up: on the same terminal they would run through it.
+//! Holds log lines while a screen is shown, because they would disturb it on the same terminal.
 //!
-//! The logger writes through [`Writer`]; the screen calls [`hold`] when it goes up. What was held is written when
-//! the guard is dropped. Lines that go to a file or a pipe are never held.
+//! The logger writes through [`Writer`]. The screen calls [`hold`] when it starts; the held lines are written when the
+//! guard is dropped. Lines that go to a file or a pipe are never held.
 
 use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
 
-/// Bytes that are held at most; from there on lines are dropped and the end says so.
+/// Largest number of bytes that are held; further lines are dropped.
 const MOST_HELD: usize = 1 << 20;
 
 static HELD: Mutex<Option<Vec<u8>>> = Mutex::new(None);
 
-/// Standard error, but for what is held.
+/// Standard error, except while lines are held.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Writer;
 
@@ -33,11 +33,11 @@ impl Write for Writer {
     }
 }
 
-/// Holds log lines until it is dropped.
+/// A guard that holds log lines until it is dropped.
 #[derive(Debug)]
 pub struct Hold(());
 
-/// Holds log lines from now on, if standard error is a terminal.
+/// Starts to hold log lines, if standard error is a terminal.
 #[must_use]
 pub fn hold() -> Hold {
     if std::io::stderr().is_terminal() {
@@ -50,7 +50,7 @@ impl Drop for Hold {
     fn drop(&mut self) {
         let held = HELD.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(held) = held {
-            // Nothing can be done about a terminal that is gone.
+            // If the terminal is gone, the lines cannot be shown.
             let _ = std::io::stderr().write_all(&held);
         }
     }

@@ -1,21 +1,21 @@
-//! Rates and latencies, gathered in fixed space.
+//! Rates and latencies, stored in constant space.
 
-/// Events a second, over the last second.
+/// Events per second, over the last second.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RateMeter {
-    /// Counts in tenths of a second; one more than a second, because the newest is not full yet.
+    /// Counts per tenth of a second. There is one more than a second needs, because the newest is incomplete.
     buckets: [u32; 11],
     newest: u64,
 }
 
 impl RateMeter {
-    /// Counts an event seen at `now_s`. Time before the newest event counts as the newest.
+    /// Counts an event seen at `now_s`. A time before the newest event counts as the time of the newest.
     pub fn note(&mut self, now_s: f64) {
         self.advance(now_s);
         self.buckets[Self::slot(self.newest)] += 1;
     }
 
-    /// Events a second in the last full second before `now_s`.
+    /// Events per second in the last full second before `now_s`.
     #[must_use]
     pub fn hz(&self, now_s: f64) -> f64 {
         let mut at_now = self.clone();
@@ -25,7 +25,7 @@ impl RateMeter {
     }
 
     fn advance(&mut self, now_s: f64) {
-        // The cast takes anything negative or not a number to zero.
+        // The cast converts negative values and NaN to zero.
         let bucket = (now_s * 10.0) as u64;
         if bucket > self.newest + 10 {
             self.buckets = [0; 11];
@@ -42,7 +42,7 @@ impl RateMeter {
     }
 }
 
-/// Durations in bins that each are 5 % wide, from 1 µs to 10 s.
+/// A histogram of durations from 1 µs to 10 s, with bins 5 % wide.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Histogram {
     bins: Vec<u64>,
@@ -61,7 +61,7 @@ impl Histogram {
     const RATIO: f64 = 1.05;
     const BINS: usize = 332;
 
-    /// Counts one duration; below zero counts as zero, what is not finite is left out.
+    /// Counts one duration. Negative values count as zero; values that are not finite are ignored.
     pub fn note(&mut self, duration_s: f64) {
         if !duration_s.is_finite() {
             return;
@@ -72,19 +72,20 @@ impl Histogram {
         self.max_s = self.max_s.max(duration_s);
     }
 
-    /// Durations counted.
+    /// Number of counted durations.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// The longest one, s.
+    /// The longest duration, s.
     #[must_use]
     pub fn max_s(&self) -> f64 {
         self.max_s
     }
 
-    /// The duration that a share of `quantile` does not exceed, s, to 2.5 %; `None` without durations.
+    /// The duration, s, below which the share `quantile` of all durations lies, accurate to 2.5 %; `None` without
+    /// durations.
     #[must_use]
     pub fn quantile_s(&self, quantile: f64) -> Option<f64> {
         let rank = (quantile.clamp(0.0, 1.0) * self.count as f64).ceil().max(1.0) as u64;
@@ -103,19 +104,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rate_is_what_came_in_the_last_second() {
+    fn a_rate_counts_the_events_of_the_last_second() {
         let mut meter = RateMeter::default();
         for k in 0..2000 {
             meter.note(f64::from(k) / 512.0);
         }
         let end_s = 2000.0 / 512.0;
         assert!((meter.hz(end_s) - 512.0).abs() <= 1.0, "{}", meter.hz(end_s));
-        assert!((meter.hz(end_s + 0.5) - 256.0).abs() <= 52.0, "half of the second is silent by now");
+        assert!((meter.hz(end_s + 0.5) - 256.0).abs() <= 52.0, "half of the second is without events");
         assert_eq!(meter.hz(end_s + 60.0), 0.0);
     }
 
     #[test]
-    fn quantiles_are_true_to_a_bin() {
+    fn quantiles_are_accurate_to_a_bin() {
         let mut histogram = Histogram::default();
         assert_eq!(histogram.quantile_s(0.5), None);
         for k in 1..=1000 {

@@ -1,12 +1,12 @@
-//! The live view of a running service: what its events amount to, as a screen or as plain lines.
+//! The live view of a running service, as a screen or as plain lines.
 //!
 //! ```text
 //! events ─→ Board ─┬→ screen   (a terminal, 20 Hz)
-//!                  └→ plain    (no terminal: a line a second, no escape codes)
+//!                  └→ plain    (no terminal: a line per second, no escape codes)
 //! ```
 //!
-//! Nothing here knows of ROS, Zenoh or threads: whoever owns the threads feeds the [`Board`] and shows copies of
-//! it. Time is an argument throughout.
+//! This module does not depend on ROS, Zenoh or threads: the owner of the threads feeds the [`Board`] and shows copies
+//! of it. Time is always an argument.
 
 mod board;
 pub mod held_log;

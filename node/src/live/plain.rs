@@ -1,9 +1,9 @@
-//! The live view without a terminal: one line, no escape codes.
+//! The live view without a terminal: one line without escape codes.
 
 use super::board::Board;
 use mr_damper_model::sample::Channel;
 
-/// The board in one line.
+/// The board as one line of text.
 #[must_use]
 pub fn line(board: &Board) -> String {
     let mut text = format!("{:5.1} s", board.at_s());

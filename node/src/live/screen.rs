@@ -6,7 +6,7 @@
 //! force: measured, and the estimate in the colour of its mode
 //! residual
 //! modes over the whole run, the last change
-//! where to look from outside
+//! endpoints for other programs
 //! ```
 
 use super::board::{Board, CHART_S, Point};
@@ -20,7 +20,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, LineGauge, Paragraph};
 use std::collections::VecDeque;
 
-/// The modes in the order of their legend. The rest are drawn like these, but seldom seen.
+/// The modes in the legend. The other modes are drawn with the same symbols, but are rare.
 const LEGEND: [Mode; 3] = [Mode::Arx, Mode::ArxCoast, Mode::Model];
 
 /// Draws the board over the whole frame.
@@ -87,7 +87,7 @@ fn now_lines(board: &Board) -> Vec<Line<'static>> {
     ];
     if let Some(residual) = &board.residual {
         lines.push(Line::from(format!(
-            "free run, {:.0} s: {:.1} N, ESR {:.3}",
+            "simulation, {:.0} s: {:.1} N, ESR {:.3}",
             residual.window.get(),
             residual.windowed_rsse.get(),
             residual.windowed_esr
@@ -123,7 +123,7 @@ fn transport_lines(board: &Board) -> Vec<Line<'static>> {
         latency("to the node", &board.to_node),
         latency("round trip", &board.round_trip),
         Line::from(format!("samples    {:>6} of {} taken", counts.taken, counts.sent)),
-        Line::from(format!("estimates  {:>6} of {} heard", counts.heard, counts.estimates)),
+        Line::from(format!("estimates  {:>6} of {} received", counts.heard, counts.estimates)),
         Line::from(vec![
             Span::styled(format!("refused {}", counts.refused), trouble(counts.refused)),
             Span::raw("   "),
@@ -137,7 +137,7 @@ fn draw_force(frame: &mut Frame<'_>, area: Rect, board: &Board) {
     let measured = points(&board.measured, |_| true);
     let by_mode: Vec<_> =
         LEGEND.iter().map(|mode| (*mode, points(&board.estimated, |p| same_colour(p.mode, *mode)))).collect();
-    // Dots, not lines: a line would bridge the time in which another mode spoke.
+    // Dots, not lines: a line would connect points across times with another mode.
     let mut sets = vec![dataset(&measured, Color::Gray)];
     sets.extend(by_mode.iter().map(|(mode, points)| dataset(points, mode_colour(*mode))));
     let mut title =
@@ -151,7 +151,7 @@ fn draw_residual(frame: &mut Frame<'_>, area: Rect, board: &Board) {
     let end_s = board.at_s().max(CHART_S);
     let trail = points(&board.residual_trail, |p| end_s - p.at_s <= CHART_S);
     let bound = trail.iter().map(|p| p.1.abs()).fold(50.0, finite_max);
-    let title = Line::from(" residual, N: measured minus free run ");
+    let title = Line::from(" residual, N: measured minus simulation ");
     draw_chart(frame, area, title, vec![dataset(&trail, Color::LightBlue)], end_s, bound);
 }
 
@@ -201,7 +201,7 @@ fn draw_modes(frame: &mut Frame<'_>, area: Rect, board: &Board) {
     }
     if let Some(alarm) = &board.alarm {
         let text =
-            format!(" ALARM since {:.1} s: {:.1} times what was expected", alarm.at_s, alarm.change.ratio);
+            format!(" ALARM since {:.1} s: {:.1} times the expected error", alarm.at_s, alarm.change.ratio);
         let [_, right] =
             Layout::horizontal([Constraint::Fill(1), Constraint::Length(text.chars().count() as u16)])
                 .areas(last);
@@ -209,14 +209,14 @@ fn draw_modes(frame: &mut Frame<'_>, area: Rect, board: &Board) {
     }
 }
 
-/// The mode that a cell of the strip stands for: the one entered within it, else the one before; `None` where
-/// the run has not come to yet.
+/// The mode for a cell of the strip: the mode entered within it, otherwise the mode before it. `None` for times that
+/// the run has not reached.
 fn mode_in(board: &Board, from_s: f64, to_s: f64) -> Option<Mode> {
     if board.estimate.is_none() || from_s > board.at_s() {
         return None;
     }
     let mut entered = board.changes.iter().filter(|change| change.at_s < to_s);
-    // A short mode (coasting) must not vanish between two long ones.
+    // A short mode (coasting) must stay visible between two long ones.
     let short = entered.clone().filter(|change| change.at_s >= from_s).map(|change| change.transition.to);
     short
         .min_by_key(|mode| u8::from(*mode != Mode::ArxCoast))
@@ -242,7 +242,7 @@ fn dataset(points: &[(f64, f64)], colour: Color) -> Dataset<'_> {
     Dataset::default().marker(Marker::Braille).graph_type(GraphType::Scatter).style(colour).data(points)
 }
 
-/// Rounds a bound up to 1, 2 or 5 times a power of ten.
+/// Rounds a bound up to 1, 1.5, 2, 3, 5 or 10 times a power of ten.
 fn nice_bound(bound: f64) -> f64 {
     let decade = 10.0_f64.powf(bound.log10().floor());
     [1.0, 1.5, 2.0, 3.0, 5.0]

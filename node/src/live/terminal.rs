@@ -1,4 +1,4 @@
-//! The terminal while a screen is on it: put into raw mode, and always put back.
+//! The terminal while a screen is shown: it is put into raw mode and always restored.
 
 use super::board::Board;
 use super::{held_log, screen};
@@ -7,31 +7,31 @@ use ratatui::{DefaultTerminal, Frame};
 use std::io::IsTerminal;
 use std::time::Duration;
 
-/// What a key means.
+/// The meaning of a key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Key {
     /// q, Esc or Ctrl-C: end.
     End,
-    /// Down or right: the next one.
+    /// Down or right: select the next one.
     Next,
-    /// Up or left: the one before.
+    /// Up or left: select the previous one.
     Previous,
-    /// A digit from 1: this one, counted from zero.
+    /// A digit from 1: select this one, counted from zero.
     Pick(usize),
-    /// Space: stop the picture, or go on.
+    /// Space: freeze the screen, or continue.
     Freeze,
 }
 
-/// A terminal with a screen on it. Dropping it, and a panic of any thread, puts the terminal back as it was.
+/// A terminal with a screen on it. Dropping it, or a panic of any thread, restores the terminal.
 #[derive(Debug)]
 pub struct Terminal {
     inner: DefaultTerminal,
-    /// Dropped after the terminal is back, so that the lines it held come out on the ordinary screen.
+    /// Dropped after the terminal is restored, so that the held lines appear on the ordinary screen.
     _held: held_log::Hold,
 }
 
 impl Terminal {
-    /// Takes over the terminal; `None` when standard output is none, or it cannot be had.
+    /// Takes over the terminal; `None` when standard output is not a terminal or it cannot be initialised.
     #[must_use]
     pub fn start() -> Option<Self> {
         if !std::io::stdout().is_terminal() {
@@ -49,7 +49,7 @@ impl Terminal {
         self.draw_with(|frame| screen::draw(frame, board))
     }
 
-    /// Draws what `draw` does.
+    /// Draws with the function `draw`.
     ///
     /// # Errors
     /// When the terminal is gone.
@@ -57,13 +57,13 @@ impl Terminal {
         self.inner.draw(draw).map(drop)
     }
 
-    /// The next key that means something, waiting for at most `timeout`.
+    /// The next key with a meaning; waits for at most `timeout`.
     #[must_use]
     pub fn key(&self, timeout: Duration) -> Option<Key> {
         let Ok(true) = poll(timeout) else { return None };
         let Ok(Event::Key(key)) = read() else { return None };
         Some(match key.code {
-            // Raw mode takes Ctrl-C away from the signal handler.
+            // In raw mode, Ctrl-C does not reach the signal handler.
             KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Key::End,
             KeyCode::Char('q') | KeyCode::Esc => Key::End,
             KeyCode::Down | KeyCode::Right => Key::Next,

@@ -1,4 +1,4 @@
-//! The view of a made-up board, as it is printed and drawn.
+//! Tests of the live view with an artificial board, as a line and as a screen.
 
 use super::*;
 use mr_damper_model::pipeline::{
@@ -8,7 +8,7 @@ use mr_damper_model::sample::{Drive, DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Metre, Newton, Second};
 use ratatui::backend::TestBackend;
 
-/// Six seconds at 100 Hz: force goes at 4 s, and ARX coasts for half a second.
+/// Six seconds at 100 Hz: measured force stops at 4 s, and the ARX model coasts for half a second.
 fn board() -> Board {
     let mut board = Board::new(Headline {
         title: "demo · rig RP-ICPS".to_owned(),
@@ -29,7 +29,7 @@ fn board() -> Board {
 
 fn step(board: &mut Board, k: i64) {
     let at_s = k as f64 * 0.01;
-    // Stamps are large in life, and only their differences count.
+    // Real stamps are large, and only their differences matter.
     let stamp = Stamp::from_nanos(1_700_000_000_000_000_000 + k * 10_000_000);
     let mut see = |event: Event| board.take(&event, at_s);
     let sample = |reading| Event::Input(Sample { stamp, received: stamp.shifted(200_000), reading });
@@ -113,22 +113,22 @@ fn the_screen_fits_the_smallest_usual_terminal() {
 }
 
 #[test]
-fn an_alarm_is_seen_until_it_is_over() {
+fn an_alarm_is_shown_until_it_is_cleared() {
     let mut board = board();
     let stamp = Stamp::from_nanos(1_700_000_002_500_000_000);
     board.take(&Event::Alarm(AlarmChange { stamp, raised: true, ratio: 4.25 }), 6.0);
     let at = |board: &Board| plain::line(board).contains("ALARM since 2.5 s");
     for (width, height) in [(110, 34), (80, 24)] {
-        assert!(drawn(&board, width, height).contains("ALARM since 2.5 s: 4.2 times what was expected"));
+        assert!(drawn(&board, width, height).contains("ALARM since 2.5 s: 4.2 times the expected error"));
     }
     assert!(at(&board));
-    insta::assert_snapshot!(board.alarm.expect("it stands").text(), @"  2.5 s  ALARM (stamp 1700000002.500): the free run's residual is 4.2 times what the model's identification promised");
+    insta::assert_snapshot!(board.alarm.expect("it stands").text(), @"  2.5 s  ALARM (stamp 1700000002.500): the simulation's residual is 4.2 times the model's expected error");
     board.take(&Event::Alarm(AlarmChange { stamp, raised: false, ratio: f64::NAN }), 6.0);
     assert!(!at(&board) && !drawn(&board, 110, 34).contains("ALARM"));
 }
 
 #[test]
-fn no_size_and_no_state_makes_it_panic() {
+fn it_does_not_panic_at_any_size_or_state() {
     let empty = Board::new(Headline::default());
     for (width, height) in [(1, 1), (10, 3), (40, 12), (300, 100)] {
         drawn(&empty, width, height);

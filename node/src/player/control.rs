@@ -1,14 +1,14 @@
-//! What a player is told while it plays, by keys, by services, by whoever holds it.
+//! Control of a player while it plays: by keys, by services, or by the code that owns the player.
 //!
-//! One lock and one condition variable: the playing thread waits for its next sample on them, so that it hears
-//! at once. Nothing here knows of time or ROS.
+//! There is one lock and one condition variable. The playing thread waits on them for its next sample, so it reacts to a
+//! change at once. This module does not depend on time or ROS.
 
 use super::Rate;
 use mr_damper_model::sample::Stamp;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How long a step may take before whoever asked for it is told of what was done until then.
+/// Longest time between two samples of a step; after it, the caller of [`Control::step`] gets the number of samples so far.
 const STEP_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The controls of a player. Any thread may use them.
@@ -18,30 +18,31 @@ pub struct Control {
     changed: Condvar,
 }
 
-/// What is wanted, and what the player is at.
+/// The requests to the player, and its state.
 #[derive(Debug, Default)]
 pub(super) struct State {
     pub(super) paused: bool,
-    /// The speed that was set while it played, which outlives a run; else that of the plan.
+    /// The speed that was set while playing. It stays in effect for later runs.
     set_rate: Option<Rate>,
+    /// The speed of the plan, used if none was set.
     planned_rate: Option<Rate>,
-    /// Samples to play although it is paused.
+    /// Number of samples to play while paused.
     pub(super) steps: u64,
-    /// Samples that were played although it was paused, ever.
+    /// Total number of samples that were played while paused.
     stepped: u64,
-    /// Where to go on.
+    /// Target of a requested jump.
     pub(super) seek: Option<Stamp>,
-    /// First and last stamp of the run that is played.
+    /// First and last stamp of the current run.
     playing: Option<(Stamp, Stamp)>,
 }
 
 impl State {
-    /// The speed in force.
+    /// The current speed.
     pub(super) fn rate(&self) -> Rate {
         self.set_rate.or(self.planned_rate).unwrap_or(Rate::Times(1.0))
     }
 
-    /// A sample was played. Does nothing unless it is paused.
+    /// Counts a played sample as a step, if paused.
     fn count_step(&mut self) {
         if self.paused {
             self.steps = self.steps.saturating_sub(1);
@@ -52,11 +53,11 @@ impl State {
 
 impl Control {
     pub(super) fn lock(&self) -> MutexGuard<'_, State> {
-        // Whoever panicked left a state of plain values behind, any of which is valid.
+        // After a panic the state is still valid, because it consists of independent plain values.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until something changes, for at most `timeout`.
+    /// Waits until the state changes, for at most `timeout`.
     pub(super) fn wait<'a>(&self, state: MutexGuard<'a, State>, timeout: Duration) -> MutexGuard<'a, State> {
         self.changed.wait_timeout(state, timeout).unwrap_or_else(PoisonError::into_inner).0
     }
@@ -66,7 +67,7 @@ impl Control {
         self.changed.notify_all();
     }
 
-    /// A run begins.
+    /// Notes that a run begins.
     pub(super) fn begin(&self, planned: Rate, range: (Stamp, Stamp)) {
         self.change(|state| {
             state.planned_rate = Some(planned);
@@ -74,7 +75,7 @@ impl Control {
         });
     }
 
-    /// The run is over.
+    /// Notes that the run is over.
     pub(super) fn end(&self) {
         self.change(|state| {
             state.playing = None;
@@ -83,7 +84,7 @@ impl Control {
         });
     }
 
-    /// A sample was published.
+    /// Notes that a sample was published.
     pub(super) fn played(&self) {
         let mut state = self.lock();
         if state.paused {
@@ -93,12 +94,12 @@ impl Control {
         }
     }
 
-    /// Pauses; nothing happens when it is paused.
+    /// Pauses the player; does nothing if it is paused.
     pub fn pause(&self) {
         self.change(|state| state.paused = true);
     }
 
-    /// Goes on; nothing happens when it is not paused.
+    /// Resumes playing; does nothing if the player is not paused.
     pub fn resume(&self) {
         self.change(|state| {
             state.paused = false;
@@ -106,7 +107,7 @@ impl Control {
         });
     }
 
-    /// Pauses or goes on, whichever it does not do.
+    /// Pauses if playing, resumes if paused.
     pub fn toggle_paused(&self) {
         self.change(|state| {
             state.paused = !state.paused;
@@ -114,19 +115,19 @@ impl Control {
         });
     }
 
-    /// Whether it is paused.
+    /// True if the player is paused.
     #[must_use]
     pub fn is_paused(&self) -> bool {
         self.lock().paused
     }
 
-    /// The speed in force.
+    /// The current speed.
     #[must_use]
     pub fn rate(&self) -> Rate {
         self.lock().rate()
     }
 
-    /// Sets the speed, as a multiple of the original one; false when it is no positive number.
+    /// Sets the speed, as a multiple of the original speed; false if it is not a positive finite number.
     pub fn set_rate(&self, rate: f64) -> bool {
         let good = rate > 0.0 && rate.is_finite();
         if good {
@@ -135,13 +136,13 @@ impl Control {
         good
     }
 
-    /// Asks for one sample while paused, and does not wait for it.
+    /// Requests one sample while paused, without waiting for it.
     pub fn nudge(&self) {
         self.change(|state| state.steps = state.steps.saturating_add(u64::from(state.paused)));
     }
 
-    /// Plays `count` samples while paused, 0 for all that are left, and waits until they are played; returns how
-    /// many were. None when it is not paused, or nothing plays.
+    /// Plays `count` samples while paused (0 for all that are left) and waits for them; returns the number of samples that
+    /// were played. Plays none if the player is not paused or no run is played.
     pub fn step(&self, count: u64) -> u64 {
         let mut state = self.lock();
         if !state.paused || state.playing.is_none() {
@@ -160,8 +161,7 @@ impl Control {
         }
     }
 
-    /// Goes on from the first sample at or after `to`, paused or not; false when that is not within the run that
-    /// is played.
+    /// Continues at the first sample at or after `to`, paused or not; false if `to` is outside the current run.
     pub fn seek(&self, to: Stamp) -> bool {
         let mut state = self.lock();
         let within = state.playing.is_some_and(|(first, last)| (first..=last).contains(&to));
@@ -180,7 +180,7 @@ mod tests {
     use std::time::Instant;
 
     #[test]
-    fn steps_are_for_a_pause() {
+    fn steps_are_played_only_while_paused() {
         let control = Control::default();
         assert_eq!(control.step(1), 0, "nothing plays");
         let range = (Stamp::from_nanos(10), Stamp::from_nanos(20));
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn a_speed_that_was_set_outlives_the_run() {
+    fn a_set_speed_is_kept_for_the_next_run() {
         let control = Control::default();
         control.begin(Rate::Times(2.0), (Stamp::from_nanos(0), Stamp::from_nanos(1)));
         assert_eq!(control.rate(), Rate::Times(2.0));

@@ -1,4 +1,4 @@
-//! The keyboard while a run plays.
+//! Keyboard control while a run is played.
 
 use super::Rate;
 use super::control::Control;
@@ -9,24 +9,24 @@ use std::cell::Cell;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-/// The keyboard, when there is one: space pauses and resumes, right arrow or s plays one sample while paused, up and
-/// down change the speed by a tenth, q and Ctrl-C end.
+/// The keyboard of the terminal. Space pauses and resumes, right arrow or s plays one sample while paused, up and down
+/// change the speed by a tenth, q and Ctrl-C end the replay.
 pub struct Keys {
     last_look: Cell<Instant>,
 }
 
 impl Keys {
-    /// Spacing of looks at the keyboard: a system call a sample would be too many.
+    /// Interval at which the keyboard is polled: one system call per sample would cost too much.
     const LOOK_EVERY: Duration = super::LOOK_EVERY;
 
-    /// Puts the terminal into raw mode, if there is one on both ends.
+    /// Puts the terminal into raw mode; `None` if stdin or stderr is not a terminal.
     #[must_use]
     pub fn start(quiet: bool) -> Option<Self> {
         let terminal = !quiet && std::io::stdin().is_terminal() && std::io::stderr().is_terminal();
         (terminal && enable_raw_mode().is_ok()).then(|| Self { last_look: Cell::new(Instant::now()) })
     }
 
-    /// Looks at the keyboard and does what was pressed.
+    /// Polls the keyboard and carries out the pressed keys.
     pub(super) fn look(&self, control: &Control, interrupt: &Interrupt) {
         if self.last_look.get().elapsed() < Self::LOOK_EVERY {
             return;
@@ -47,7 +47,7 @@ impl Keys {
         }
     }
 
-    /// The key that was pressed, if it means something.
+    /// The pressed key, if it has a meaning.
     fn pressed() -> Option<Key> {
         let Ok(Event::Key(key)) = read() else { return None };
         match key.code {
@@ -56,7 +56,7 @@ impl Keys {
             KeyCode::Up => Some(Key::Speed(1.1)),
             KeyCode::Down => Some(Key::Speed(1.0 / 1.1)),
             KeyCode::Char('q') | KeyCode::Esc => Some(Key::End),
-            // Raw mode takes Ctrl-C away from the signal handler.
+            // In raw mode, Ctrl-C does not reach the signal handler.
             KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Key::End),
             _ => None,
         }
@@ -65,12 +65,12 @@ impl Keys {
 
 impl Drop for Keys {
     fn drop(&mut self) {
-        // Nothing can be done about a terminal that is gone.
+        // An error means that the terminal is lost; nothing can be done then.
         let _ = disable_raw_mode();
     }
 }
 
-/// What a key means.
+/// Meaning of a key.
 enum Key {
     Pause,
     Step,

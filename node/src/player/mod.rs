@@ -1,6 +1,6 @@
 //! Plays runs onto the node's input topics, with their original spacing.
 //!
-//! A client of the service like any other: it has a participant of its own, and publishes as a recorder's peer would.
+//! The player is an ordinary client of the service: it has its own DDS participant and publishes like a sensor's node.
 
 mod control;
 mod keys;
@@ -26,18 +26,18 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Name of the node, unless it is given another.
+/// Default name of the player's node.
 pub const NODE: &str = "mr_damper_replay";
 
-/// How long the player sleeps at most before it looks for a signal and at the keyboard.
+/// Longest time between checks of signals and keyboard.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
-/// How fast to play.
+/// Speed of playing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Rate {
     /// A multiple of the original speed.
     Times(f64),
-    /// As fast as DDS carries without loss.
+    /// As fast as DDS transmits without loss.
     Max,
 }
 
@@ -55,27 +55,27 @@ impl FromStr for Rate {
     }
 }
 
-/// What was played.
+/// Numbers of samples that were played.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Played {
     /// Samples published.
     pub samples: u64,
-    /// Samples that the middleware did not take.
+    /// Samples that the middleware did not accept.
     pub failed: u64,
 }
 
-/// What part of a run is played, and how.
+/// The part of a run to play, and how to play it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plan {
     /// Speed.
     pub rate: Rate,
-    /// Seconds into the run.
+    /// Start, in seconds into the run.
     pub start: f64,
-    /// Seconds to play; `None`: to the end.
+    /// Duration, s; `None` plays to the end.
     pub duration: Option<f64>,
-    /// Keep stamps, publish /clock.
+    /// Keep the recorded stamps and publish /clock.
     pub clock: bool,
-    /// How often /clock is published, a second of real time; `None`: with each sample, a millisecond apart at least.
+    /// Rate of /clock in Hz of real time; `None` publishes it with each sample, but at least a millisecond apart.
     pub clock_hz: Option<f64>,
 }
 
@@ -103,7 +103,7 @@ pub struct Player {
 }
 
 impl Player {
-    /// The topics that are played onto, as the node calls them; remapping goes by these names.
+    /// The topics that the player publishes, by their names in the node; remapping uses these names.
     pub const TOPICS: [&str; 9] = [
         "displacement",
         "velocity",
@@ -116,7 +116,7 @@ impl Player {
         "/clock",
     ];
 
-    /// The services that it may offer, by names in the node's own namespace.
+    /// The services that the player may offer, by their names relative to the node.
     pub const SERVICES: [&str; 9] = [
         "~/pause",
         "~/resume",
@@ -129,7 +129,7 @@ impl Player {
         "~/seek",
     ];
 
-    /// Joins the domain as `mr_damper_replay`, in the namespace of the ROS arguments; `clock`: to publish /clock.
+    /// Joins the domain as `mr_damper_replay`, in the namespace of the ROS arguments. With `clock` it also publishes /clock.
     ///
     /// # Errors
     /// When ROS does not start.
@@ -158,27 +158,27 @@ impl Player {
     /// `~/is_paused`, `~/get_rate`, `~/set_rate`, `~/play_next`, `~/burst`, `~/seek`.
     ///
     /// # Errors
-    /// When DDS refuses one, or the system gives no thread.
+    /// When DDS refuses a service, or the system cannot start a thread.
     pub fn offer_services(&mut self, ros_args: &RosArgs) -> Result<(), NodeError> {
         self.services = Some(services::offer(&mut self.ros, ros_args, &self.node, &self.control)?);
         Ok(())
     }
 
-    /// An error once nothing that is played goes anywhere.
+    /// Fails once the player can no longer publish.
     ///
     /// # Errors
-    /// Those of [`Ros::check`].
+    /// The errors of [`Ros::check`].
     pub fn check(&self) -> Result<(), NodeError> {
         self.ros.check()
     }
 
-    /// What tells the player to pause, step, jump or change its speed.
+    /// The control for pausing, stepping, jumping and changing the speed.
     #[must_use]
     pub fn control(&self) -> &Control {
         &self.control
     }
 
-    /// Waits until somebody listens on every topic that matters; false after `timeout` or on a signal.
+    /// Waits until displacement, force and a drive have subscribers; false after `timeout` or on a signal.
     pub fn wait_for_listener(&self, timeout: Duration, interrupt: &Interrupt) -> bool {
         let deadline = Instant::now() + timeout;
         let readers = |publisher: GUID| self.ros.readers_of(publisher);
@@ -194,14 +194,14 @@ impl Player {
                 return listened();
             }
         }
-        // Matching is seen on our side first; the peer needs a moment to hear of our writers.
+        // This side sees the match first; the peer needs a moment until it has discovered the writers.
         interrupt.sleep_until(Instant::now() + Duration::from_millis(300))
     }
 
-    /// Plays one run; `at` is told how many seconds of it have been played.
+    /// Plays one run; `at` is called with the number of seconds played so far.
     ///
-    /// Stamps are moved so that the first sample is now, and the first one after a jump too; a pause moves nothing.
-    /// With a clock they stay as they were recorded.
+    /// Stamps are shifted so that the first sample, and the first sample after a jump, are now. A pause does not change the
+    /// shift. With a clock the recorded stamps are kept.
     pub fn play(
         &self,
         run: &Run,
@@ -269,9 +269,9 @@ impl Player {
         let Self { ros, services, displacement, velocity, coil_current, command_voltage, force, .. } = self;
         let Self { temperature, body_velocity, force_request, clock, .. } = self;
         if services.is_some_and(|services| services.stop().is_err()) {
-            tracing::error!("the thread that answers the player's services had panicked");
+            tracing::error!("the thread that answers the player's services has panicked");
         }
-        // What was made on the node goes before it.
+        // Publishers must be dropped before their node.
         drop((displacement, velocity, coil_current, command_voltage, force));
         drop((temperature, body_velocity, force_request, clock));
         ros.stop();
@@ -285,24 +285,24 @@ struct Playing<'a> {
     /// Stamp of the run's first sample.
     first: Stamp,
     pace: Pace,
-    /// The last time that was published with a sample.
+    /// The last /clock time that was published with a sample.
     last_clock: Option<Stamp>,
-    /// When the time is published next, where it is at a rate of its own.
+    /// When /clock is published next, if it has its own rate.
     next_tick: Option<Instant>,
     interrupt: &'a Interrupt,
     keys: Option<&'a Keys>,
 }
 
-/// What comes next.
+/// The player's next action.
 enum Next {
     Play,
-    /// Go on from these seconds.
+    /// Continue at this time of the run, s.
     Jump(f64),
     End,
 }
 
 impl Playing<'_> {
-    /// Plays from `from_s` on to the end, or to where it shall go on elsewhere, which it returns.
+    /// Plays from `from_s` to the end, or until a jump; returns the target of the jump, in seconds.
     fn stretch(&mut self, run: &Run, from_s: f64, played: &mut Played, at: &dyn Fn(f64)) -> Option<f64> {
         let plan = self.plan;
         let to_s = plan.duration.map_or(f64::INFINITY, |duration| plan.start + duration);
@@ -341,7 +341,7 @@ impl Playing<'_> {
         None
     }
 
-    /// Waits until the sample at `next_s` is due, or something else is to be done.
+    /// Waits until the sample at `next_s` is due, or until a jump or the end is requested.
     fn next(&mut self, next_s: f64, played: &mut Played) -> Next {
         let control = &self.player.control;
         loop {
@@ -371,8 +371,8 @@ impl Playing<'_> {
         }
     }
 
-    /// Publishes the time when that is due at a rate of its own; returns how long until it is again. It goes on while
-    /// paused, and stands still then.
+    /// Publishes /clock if it has its own rate and is due; returns the time until it is due again. While paused, the same
+    /// time is published repeatedly.
     fn tick(&mut self, now: Instant, next_s: f64, played: &mut Played) -> Duration {
         let Some(hz) = self.plan.clock_hz.filter(|_| self.plan.clock) else { return LOOK_EVERY };
         let due = *self.next_tick.get_or_insert(now);
@@ -382,7 +382,7 @@ impl Playing<'_> {
         let nanos = (self.pace.position(now, next_s) * 1e9).round() as i64;
         played.failed += u64::from(!self.player.tell_time(self.first.shifted(nanos)));
         let period = Duration::from_secs_f64(1.0 / hz);
-        // Ticks that were missed are not made up for.
+        // Missed ticks are not published later.
         let next = if due + period > now { due + period } else { now + period };
         self.next_tick = Some(next);
         next - now

@@ -1,31 +1,31 @@
-//! When a sample is due: the run's own time against the clock on the wall, through pauses, jumps and other speeds.
+//! Times at which samples are due: maps the time of the run to real time, through pauses, jumps and changes of speed.
 
 use super::Rate;
 use std::time::{Duration, Instant};
 
-/// Messages a second that DDS carries without loss to best effort readers on one machine: a third of what a two-core
-/// machine was seen to carry.
+/// Messages per second that DDS transmits without loss to best-effort readers on one machine: a third of the rate that was
+/// measured on a machine with two cores.
 const MAX_MESSAGES_PER_S: f64 = 4000.0;
 
-/// Keeps the spacing of samples. Time is an argument.
+/// Keeps the spacing of samples. The current time is an argument of its methods.
 #[derive(Debug)]
 pub(super) struct Pace {
     rate: Rate,
-    /// Where the run was, and when; `None` while it is paused.
+    /// Time at which the run was at `position_s`; `None` while paused.
     running_since: Option<Instant>,
     position_s: f64,
-    /// Samples since then, for a speed that is not one of the run's time.
+    /// Samples sent since then; used for [`Rate::Max`].
     sent: u64,
     last_sent: Option<Instant>,
 }
 
 impl Pace {
-    /// Begins at `position_s` of the run, standing still.
+    /// Begins at `position_s` of the run, paused.
     pub(super) fn new(rate: Rate, position_s: f64) -> Self {
         Self { rate, running_since: None, position_s, sent: 0, last_sent: None }
     }
 
-    /// Runs from now on, at this speed.
+    /// Runs at this speed from `now` on.
     pub(super) fn run(&mut self, rate: Rate, now: Instant, next_s: f64) {
         if self.running_since.is_none() || rate != self.rate {
             self.stand(now, next_s);
@@ -35,28 +35,28 @@ impl Pace {
         }
     }
 
-    /// Stands still from now on, before the sample at `next_s`.
+    /// Pauses at `now`, before the sample at `next_s`.
     pub(super) fn stand(&mut self, now: Instant, next_s: f64) {
         self.position_s = self.position(now, next_s);
         self.running_since = None;
     }
 
-    /// Goes on elsewhere.
+    /// Continues at `position_s` of the run.
     pub(super) fn jump(&mut self, position_s: f64) {
         *self = Self::new(self.rate, position_s);
     }
 
-    /// Where the run is, before the sample at `next_s`.
+    /// The position in the run, s, before the sample at `next_s`.
     pub(super) fn position(&self, now: Instant, next_s: f64) -> f64 {
         let gone_s = match (self.running_since, self.rate) {
             (Some(since), Rate::Times(rate)) => now.saturating_duration_since(since).as_secs_f64() * rate,
             _ => 0.0,
         };
-        // Never beyond what is played next, should that be late.
+        // Not beyond the next sample, even if that is late.
         (self.position_s + gone_s).min(next_s.max(self.position_s))
     }
 
-    /// How long until the sample at `next_s` is due. Standing still, as soon as DDS carries it.
+    /// Time until the sample at `next_s` is due. While paused, it is due as soon as DDS can transmit it.
     pub(super) fn left(&self, now: Instant, next_s: f64) -> Duration {
         let due = match (self.running_since, self.rate) {
             (Some(since), Rate::Times(rate)) => Some(since + seconds((next_s - self.position_s) / rate)),
@@ -66,7 +66,7 @@ impl Pace {
         due.map_or(Duration::ZERO, |due| due.saturating_duration_since(now))
     }
 
-    /// The sample at `at_s` was sent.
+    /// Notes that the sample at `at_s` was sent.
     pub(super) fn sent(&mut self, now: Instant, at_s: f64) {
         self.sent += 1;
         self.last_sent = Some(now);
@@ -76,7 +76,7 @@ impl Pace {
     }
 }
 
-/// A duration of no more than a century, and not less than nothing.
+/// A duration, limited to 0 to 3e9 s (about a century).
 fn seconds(seconds: f64) -> Duration {
     Duration::from_secs_f64(seconds.clamp(0.0, 3e9))
 }
@@ -96,15 +96,15 @@ mod tests {
         pace.run(Rate::Times(1.0), at(0), 5.0);
         assert_eq!(left(&pace, 0, 5.0), 0.0);
         assert_eq!(left(&pace, 200, 6.0), 800.0);
-        // Another speed from the middle on: half of the second is left, at twice the speed.
+        // Twice the speed from the middle on: half a second of the run is left.
         pace.run(Rate::Times(2.0), at(500), 6.0);
         assert_eq!(left(&pace, 500, 6.0), 250.0);
-        // A pause costs its length.
+        // A pause delays the run by its length.
         pace.stand(at(600), 6.0);
         assert_eq!(pace.position(at(9000), 6.0), 5.7);
         pace.run(Rate::Times(2.0), at(10_000), 6.0);
         assert_eq!(left(&pace, 10_000, 6.0), 150.0);
-        // A step in a pause takes the run along.
+        // A step while paused moves the position.
         pace.stand(at(10_010), 6.0);
         pace.sent(at(10_020), 6.0);
         pace.run(Rate::Times(1.0), at(11_000), 6.5);
@@ -112,12 +112,12 @@ mod tests {
         pace.jump(1.0);
         pace.run(Rate::Times(1.0), at(12_000), 1.25);
         assert_eq!(left(&pace, 12_000, 1.25), 250.0);
-        // Late samples do not carry the run beyond them.
+        // The position does not pass a late sample.
         assert_eq!(pace.position(at(20_000), 1.25), 1.25);
     }
 
     #[test]
-    fn without_a_speed_samples_are_spaced_evenly() {
+    fn at_max_rate_samples_are_spaced_evenly() {
         let start = Instant::now();
         let mut pace = Pace::new(Rate::Max, 0.0);
         pace.run(Rate::Max, start, 0.0);

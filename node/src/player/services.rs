@@ -1,6 +1,6 @@
-//! The player's services, named and typed as those of `ros2 bag play`, so that its tools work on ours.
+//! The player's services. They have the names and types of the services of `ros2 bag play`, so that its tools work here.
 //!
-//! One thread answers them one after the other; a burst is answered when it is over.
+//! One thread answers the requests one after the other; a burst is answered when it is over.
 
 use super::Rate;
 use super::control::Control;
@@ -17,7 +17,7 @@ use mr_damper_msgs::rosbag2::{
 };
 use std::sync::Arc;
 
-/// The services of one player, while they are put together.
+/// The services of one player, while they are set up.
 struct Offer<'a> {
     desk: Desk<'a>,
     /// Full name of the node.
@@ -26,7 +26,7 @@ struct Offer<'a> {
 }
 
 impl Offer<'_> {
-    /// Offers `~/name`, answered by `act`.
+    /// Offers the service `~/name`; `act` computes the answer.
     fn add<S: Service<Request: Sync, Response: Sync> + 'static>(
         &mut self,
         name: &str,
@@ -37,7 +37,7 @@ impl Offer<'_> {
     }
 }
 
-/// Offers the services below the node called `node`, and starts the thread that answers.
+/// Offers the services below the node `node`, and starts the thread that answers requests.
 pub(super) fn offer(
     ros: &mut Ros,
     args: &RosArgs,

@@ -1,4 +1,4 @@
-//! What a running node answered to `close_loop`, for people: figures and a page, made of the answer's JSON alone.
+//! Presents a running node's answer to `close_loop`: figures and an HTML page, made from the answer's JSON alone.
 
 use super::close::words;
 use super::page::{capital, page, section};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// What counts of an answer.
+/// The fields of an answer that are presented.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 struct Answer {
     verdict: String,
@@ -33,7 +33,7 @@ struct Effect {
     form: Option<String>,
     class: Vec<String>,
     parameters: BTreeMap<String, f64>,
-    /// Ends that are not finite are null.
+    /// 95 % intervals, lower and upper end; an end that is not finite is null.
     ci95: BTreeMap<String, [Option<f64>; 2]>,
     p_adjusted: f64,
 }
@@ -51,50 +51,50 @@ struct Change {
     after: Fit,
 }
 
-/// A closing by a running node, in short.
+/// The result of a diagnosis by a running node, in short.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Answered {
     /// The verdict's name.
     pub verdict: String,
-    /// What was found, in sentences.
+    /// The finding, in sentences.
     pub says: String,
-    /// The effects that were named.
+    /// The named effects.
     pub effects: Vec<NamedEffect>,
-    /// Errors running free, before and after.
+    /// Simulation errors before and after.
     pub errors: Vec<ErrorRow>,
-    /// What was refused, or cannot be told by these runs: title and why.
+    /// Effects that were refused or that these runs cannot test: title and reason.
     pub refused: Vec<[String; 2]>,
-    /// The model file, on the node's machine.
+    /// Path of the model file on the node's machine.
     pub model_file: Option<String>,
-    /// The node runs it already.
+    /// True when the node already runs the new model.
     pub loaded: bool,
-    /// Why it does not, though it was to.
+    /// Why the node did not load the model although that was requested.
     pub load_error: Option<String>,
-    /// The line that swaps it in.
+    /// The command line that loads the model; `None` when it is loaded already.
     pub load_line: Option<String>,
-    /// What is to be known of the runs.
+    /// A remark about the runs.
     pub note: Option<String>,
-    /// All of it, as `mr-damper close` prints it.
+    /// The whole result, as `mr-damper close` prints it.
     pub text: String,
-    /// How long it took, s.
+    /// Duration of the diagnosis, s.
     pub seconds: f64,
 }
 
-/// An effect with its parameters in words.
+/// A named effect, with its parameters as text.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "fields are their own words")]
+#[expect(missing_docs, reason = "the field names say it")]
 pub struct NamedEffect {
     pub id: String,
     pub title: String,
     pub parameters: Vec<String>,
     pub chance: String,
-    /// Others that these runs cannot tell from it.
+    /// Ids of the effects that these runs cannot distinguish from it.
     pub or: Vec<String>,
 }
 
-/// The free run's error on some runs before and after, and what is left of its square.
+/// Simulation error on some runs before and after, and the share of the squared error that remains.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "fields are their own words")]
+#[expect(missing_docs, reason = "the field names say it")]
 pub struct ErrorRow {
     pub runs: &'static str,
     pub before: Fit,
@@ -103,14 +103,14 @@ pub struct ErrorRow {
 }
 
 impl Answered {
-    /// What `report`, the JSON of a node's answer, says; `load_line` swaps its model in.
+    /// Reads `report`, the JSON of a node's answer. `load_line` is the command line that loads its model.
     ///
     /// # Errors
-    /// When the answer is not what a node of this version gives.
+    /// When the JSON does not have the fields that a node of this version sends.
     pub fn of(report: &Value, load_line: Option<String>) -> Result<Self, NodeError> {
         let answer = Answer::deserialize(report).map_err(|error| {
             NodeError::Failed(format!(
-                "the node's report cannot be read: {error}; is the node of another version than this command?"
+                "cannot read the node's report: {error}; does the node have another version than this command?"
             ))
         })?;
         let sealed = answer.test.iter().map(|test| row("sealed part", test.before, test.after));
@@ -134,7 +134,7 @@ impl Answered {
         })
     }
 
-    /// The page, of the damper called `damper`, on `date`.
+    /// The HTML page for the damper named `damper`, made on `date`.
     #[must_use]
     pub fn html(&self, damper: &str, date: &str) -> String {
         let effects: Vec<Vec<String>> = self.effects.iter().map(effect_cells).collect();
@@ -143,31 +143,31 @@ impl Answered {
         let body = html! {
             p { strong { (self.says) } }
             @if !effects.is_empty() {
-                (section("Named", &table(&["=effect", "value and 95 % interval", "=chance", "or one of"], &effects)))
+                (section("Named", &table(&["=effect", "value and 95 % interval", "=chance", "cannot be distinguished from"], &effects)))
             }
             @if !errors.is_empty() {
-                (section("Error running free, each run's mean out",
+                (section("Simulation error, without each run's mean",
                     &table(&["=runs", "#RSSE before, N", "#after, N", "#ESR before", "#after", "#squared error left"], &errors)))
             }
             (section("The model", &html! {
                 @match &self.model_file {
-                    None => p { "Nothing was named: no model file is written." },
+                    None => p { "No effect was named, so no model file was written." },
                     Some(path) => {
-                        p { "The model with it, on the node's machine: " code { (path) } }
-                        @if self.loaded { p { "It is in force." } }
-                        @if let Some(why) = &self.load_error { p { "It was not swapped in: " (why) } }
-                        @if let Some(line) = &self.load_line { p { "To swap it in: " code { (line) } } }
+                        p { "The augmented model, on the node's machine: " code { (path) } }
+                        @if self.loaded { p { "The node runs it." } }
+                        @if let Some(why) = &self.load_error { p { "The node did not load it: " (why) } }
+                        @if let Some(line) = &self.load_line { p { "To load it: " code { (line) } } }
                     },
                 }
             }))
             @if !refused.is_empty() {
-                (section("Refused, or not to be told by these runs", &table(&["=effect", "why"], &refused)))
+                (section("Refused, or not testable with these runs", &table(&["=effect", "why"], &refused)))
             }
-            (section("All of it", &html! { div.scroll { pre { (self.text) } } }))
+            (section("Full text", &html! { div.scroll { pre { (self.text) } } }))
             @if let Some(note) = &self.note { p { (capital(note)) "." } }
         };
-        let lead = format!("{date}, on what the running node remembered, in {:.1} s.", self.seconds);
-        page(&format!("What the model of {damper} lacks"), &lead, &body)
+        let lead = format!("{date}, from the running node's history, in {:.1} s.", self.seconds);
+        page(&format!("Diagnosis of the model of {damper}"), &lead, &body)
     }
 }
 
@@ -183,7 +183,7 @@ fn title(id: &str, form: Option<&str>) -> String {
 fn named(effect: &Effect) -> NamedEffect {
     let parameters = effect.parameters.iter().map(|(name, value)| {
         let (stem, unit) = match name.strip_suffix("_drive") {
-            // The answer does not say which of the two it is.
+            // The answer does not say which of the two units applies.
             Some(stem) => (stem.replace('_', " "), "A or V, as the drive"),
             None => words::quantity(name, None),
         };
@@ -223,7 +223,7 @@ fn error_cells(row: &ErrorRow) -> Vec<String> {
     ]
 }
 
-/// The text up to its first heading, on one line.
+/// The text before the first blank line, on one line.
 fn first_paragraphs(text: &str) -> String {
     let lead = text.split("\n\n").next().unwrap_or_default();
     lead.split_whitespace().collect::<Vec<_>>().join(" ")
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_is_told_with_its_figures_and_nothing_of_it_is_markup() {
+    fn an_answer_is_shown_with_its_figures_and_its_markup_is_escaped() {
         let told = Answered::of(&answer(), Some("ros2 service call".to_owned())).expect("a good answer");
         assert_eq!(told.says, "Explained: coil_lag accounts for nearly all of it.");
         assert_eq!(told.effects[0].parameters, ["tau = 0.0121 s, 95 %: 0.0119 to 0.0123"]);
@@ -272,14 +272,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_force_needs_no_line_and_what_is_no_answer_is_an_error() {
+    fn a_loaded_model_has_no_load_line_and_a_malformed_answer_is_an_error() {
         let mut in_force = answer();
         in_force["loaded"] = true.into();
         let told = Answered::of(&in_force, Some("line".to_owned())).expect("a good answer");
         assert_eq!(told.load_line, None);
-        assert!(told.html("left", "today").contains("It is in force."));
+        assert!(told.html("left", "today").contains("The node runs it."));
         let refused = Answered::of(&serde_json::json!({"verdict": "explained"}), None)
-            .expect_err("no answer")
+            .expect_err("fields are missing")
             .to_string();
         assert!(refused.contains("missing field") && refused.contains("another version"), "{refused}");
     }

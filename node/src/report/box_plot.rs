@@ -1,35 +1,35 @@
-//! Box plots, lying, on a logarithmic axis: one row a name.
+//! Horizontal box plots on a logarithmic axis, one row per name.
 
 use super::log_axis::{log_scale, log_ticks};
 use maud::html;
 use mr_damper_model::compare::BoxPlot;
 use std::fmt::Write;
 
-/// Width in the drawing's own units.
+/// Width in SVG units.
 const WIDTH: f64 = 640.0;
-/// Room for the names: fourteen letters at the size that a telephone gets.
+/// Space for the names: fourteen letters at the font size used on a phone.
 const LEFT: f64 = 168.0;
 const RIGHT: f64 = 16.0;
 const TOP: f64 = 10.0;
 const BOTTOM: f64 = 58.0;
-/// Height of a row, and of the box in it.
+/// Height of a row and of its box.
 const ROW: f64 = 27.0;
 const BOX: f64 = 15.0;
 
-/// One row: a name and its box. Without a box the row says why not.
+/// One row: a name and its box, or a remark that says why the box is missing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoxRow {
     /// The name.
     pub name: String,
-    /// The numbers.
+    /// The numbers of the box; `None` for no box.
     pub numbers: Option<BoxPlot>,
     /// A remark at the right end; empty for none.
     pub remark: String,
-    /// Drawn as a yardstick rather than as one of the field.
+    /// True for a baseline, which is drawn in another style than the models.
     pub yardstick: bool,
 }
 
-/// Every number that rows show, for an axis that several drawings share.
+/// All values that `rows` show. Use it to give several drawings the same axis.
 pub fn values(rows: &[BoxRow]) -> impl Iterator<Item = f64> {
     rows.iter().filter_map(|row| row.numbers.as_ref()).flat_map(|numbers| {
         let ends = [numbers.lower_whisker, numbers.upper_whisker];
@@ -37,7 +37,7 @@ pub fn values(rows: &[BoxRow]) -> impl Iterator<Item = f64> {
     })
 }
 
-/// The drawing of `rows` over an axis labelled `label` that holds the values `span`.
+/// The drawing of `rows` as SVG. The axis is labelled `label` and covers the values `span`.
 #[must_use]
 pub fn svg(description: &str, label: &str, rows: &[BoxRow], span: impl Iterator<Item = f64>) -> String {
     let scale = log_scale(span, LEFT, WIDTH - RIGHT);
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_still_a_drawing() {
+    fn a_drawing_without_rows_is_valid() {
         let svg = svg("", "ESR", &[], std::iter::empty());
         assert!(svg.ends_with("</svg>") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
     }

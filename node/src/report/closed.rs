@@ -1,4 +1,4 @@
-//! How the demo closed the loop: what was named, and the live error before and after.
+//! The demo's diagnosis: the named effects, and the live error before and after.
 
 use super::Recording;
 use super::close::{self, words};
@@ -14,46 +14,46 @@ use mr_damper_model::units::N_PER_LBF;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// What closing the loop came to.
+/// Result of the demo's diagnosis and model augmentation.
 #[derive(Debug, Clone)]
 pub struct Closed {
     /// The diagnosis.
     pub closing: Closing,
     /// Kind of the drive.
     pub drive: Option<DriveKind>,
-    /// How long it took, s.
+    /// Duration of the diagnosis, s.
     pub seconds: f64,
-    /// What it was found on, in words.
+    /// The runs it used, in words.
     pub runs: String,
-    /// What had been put into the rig, in words.
+    /// The effect that the demo simulated in the rig, in words.
     pub truth: String,
-    /// The swap; `None` when nothing was named, or the demo was ended before.
+    /// The swap of the model; `None` when no effect was named or the demo ended before it.
     pub swap: Option<Swap>,
 }
 
-/// The model with the effect in the running service.
+/// The swap to the augmented model in the running service.
 #[derive(Debug, Clone)]
 pub struct Swap {
-    /// Its file.
+    /// File of the augmented model.
     pub model: PathBuf,
-    /// Live figures of the model before, and seconds that they are of.
+    /// Live figures of the previous model, and the seconds that they cover.
     pub before: (Option<Fit>, f64),
-    /// What the service said with the new model in force.
+    /// The service's output with the augmented model loaded.
     pub after: Recording,
-    /// The same run, stepped without ROS with the model before.
+    /// The same run, stepped offline (without ROS) with the previous model.
     pub without: Recording,
-    /// The swap ended the alarm.
+    /// True when the swap ended the alarm.
     pub ended_alarm: bool,
 }
 
 impl Swap {
-    /// The line that runs the new model.
+    /// The command line that runs the new model.
     #[must_use]
     pub fn command(&self) -> String {
         format!("mr-damper node --model {}", self.model.display())
     }
 
-    /// Rows of figures: whose, and the figures.
+    /// Rows of the table of figures: name and figures.
     fn figures(&self) -> Vec<(String, Option<Fit>)> {
         let length_s = self.after.length_s();
         vec![
@@ -66,21 +66,21 @@ impl Swap {
         ]
     }
 
-    /// Squared error with the effect over that without it, on the run after the swap.
+    /// Squared error with the effect divided by the squared error without it, on the run after the swap.
     #[must_use]
     pub fn ratio(&self) -> Option<f64> {
         let (with, without) = (self.after.evaluation().free_run?, self.without.evaluation().free_run?);
         Some((with.rsse_n / without.rsse_n).powi(2))
     }
 
-    /// The alarm from the swap on, in words.
+    /// State of the alarm from the swap on, in words.
     fn alarm(&self) -> String {
-        let ended = if self.ended_alarm { "the swap ended it" } else { "it did not stand at the swap" };
+        let ended = if self.ended_alarm { "the swap ended it" } else { "it was not raised at the swap" };
         match self.after.alarms.iter().find(|change| change.raised) {
             Some(change) => {
                 format!("{ended}; raised AGAIN {:.1} s after it", self.after.seconds(change.stamp))
             }
-            None => format!("{ended}; none since"),
+            None => format!("{ended}; not raised since"),
         }
     }
 }
@@ -95,8 +95,8 @@ pub fn alarms(recording: &Recording) -> Vec<String> {
             let at_s = recording.seconds(change.stamp);
             if change.raised {
                 format!(
-                    "raised {at_s:.2} s into the run (stamp {}): the residual was {:.1} times what the model's \
-                     identification promised",
+                    "raised {at_s:.2} s into the run (stamp {}): the residual's RMSE was {:.1} times the value \
+                     expected from the model's identification",
                     in_seconds(change.stamp),
                     change.ratio
                 )
@@ -107,7 +107,7 @@ pub fn alarms(recording: &Recording) -> Vec<String> {
         .collect()
 }
 
-/// For a terminal.
+/// The result as text for a terminal.
 #[must_use]
 pub fn text(closed: &Closed) -> String {
     // Writing to a string cannot fail.
@@ -118,7 +118,7 @@ pub fn text(closed: &Closed) -> String {
     let Some(swap) = &closed.swap else { return text };
     let figures = swap.figures();
     let width = figures.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    let _ = writeln!(text, "\n{:<width$} {:>18}  {:>8}", "free run in the running service", "RSSE", "ESR");
+    let _ = writeln!(text, "\n{:<width$} {:>18}  {:>8}", "simulation in the running service", "RSSE", "ESR");
     for (name, fit) in figures {
         let cells = fit.map_or_else(
             || "-".to_owned(),
@@ -127,7 +127,7 @@ pub fn text(closed: &Closed) -> String {
         let _ = writeln!(text, "{name:<width$} {cells}");
     }
     if let Some(ratio) = swap.ratio() {
-        let _ = writeln!(text, "with the effect {} of the squared error is left", words::percent(ratio));
+        let _ = writeln!(text, "with the effect, {} of the squared error remains", words::percent(ratio));
     }
     let _ = writeln!(text, "alarm: {}", swap.alarm());
     let _ = writeln!(text, "model: {}", swap.model.display());
@@ -135,7 +135,7 @@ pub fn text(closed: &Closed) -> String {
     text
 }
 
-/// For the report.
+/// The result as a part of the HTML report.
 #[must_use]
 pub fn html(closed: &Closed) -> Markup {
     html! {
@@ -177,22 +177,21 @@ fn before_and_after(swap: &Swap) -> Markup {
         ),
     };
     let plot = Plot {
-        description: "Residual of the free-running model after the swap, with and without the effect"
-            .to_owned(),
+        description: "Residual of the simulation after the swap, with and without the effect".to_owned(),
         x_label: "time since the swap, s".to_owned(),
         y_label: "residual, N".to_owned(),
         x_range: Some(whole_run(&swap.after)),
         series: vec![
-            line("without the effect (the model before, offline)", Ink::Before, &swap.without),
+            line("without the effect (previous model, offline)", Ink::Before, &swap.without),
             line("with the effect (live)", Ink::After, &swap.after),
         ],
         ..Plot::default()
     };
     html! {
         h3 { "The running service, before and after the swap" }
-        (table(&["free run", "#RSSE, N", "#RSSE, lbf", "#ESR"], &rows))
-        (plot.figure("Measured force minus free run, on the run that was played after the model was swapped in: as the \
-                      service said it, and as it would have been with the model before."))
+        (table(&["simulation (free run)", "#RSSE, N", "#RSSE, lbf", "#ESR"], &rows))
+        (plot.figure("Measured force minus simulated force (free run), on the run that was played after the swap: as the \
+                      service published it, and as the previous model gives it offline."))
         p { "Alarm: " (swap.alarm()) ". The new model is " code { (swap.model.display()) } "; run it with "
             code { (swap.command()) } "." }
     }

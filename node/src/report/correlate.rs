@@ -1,15 +1,15 @@
-//! What is left over, against what might explain it: plain correlations, which name no cause.
+//! Correlations of the residual with quantities that might explain it. A correlation does not prove a cause.
 //!
-//! Velocity, acceleration and the current's slope come from least-squares parabolas over a sliding window, which
-//! looks ahead as well as back: this is for looking at a finished run, never for the live path.
+//! Velocity, acceleration and the slope of the current come from least-squares parabolas over a centred sliding window.
+//! The window needs later samples, so this works on finished runs only, not in the live path.
 
 use super::recording::Recording;
 use mr_damper_model::sample::{Channel, Stamp, Trace};
 
-/// Half the width of the sliding window, samples: 15.6 ms at 512 Hz.
+/// Half the width of the sliding window, in samples (8 samples are 15.6 ms at 512 Hz).
 const HALF: usize = 8;
 
-/// The motion at one residual.
+/// One residual with the motion at the same time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftOver {
     /// Displacement, m.
@@ -20,17 +20,17 @@ pub struct LeftOver {
     pub acceleration_m_s2: f64,
     /// The drive, in its unit (A or V).
     pub drive: f64,
-    /// Its slope, per second.
+    /// Slope of the drive, A/s or V/s.
     pub drive_slope: f64,
     /// Measured force, N.
     pub measured_n: f64,
-    /// What the free-running model predicted, N.
+    /// Simulated force (free run), N.
     pub predicted_n: f64,
-    /// The difference, N.
+    /// Measured minus simulated force, N.
     pub residual_n: f64,
 }
 
-/// Every residual of a recording with the motion that it came with. Ends of the record are left out.
+/// Every residual of a recording with the motion at the same time, without those near the ends of the recording.
 #[must_use]
 pub fn left_over(recording: &Recording) -> Vec<LeftOver> {
     let motion = recording.input(Channel::Displacement);
@@ -58,8 +58,8 @@ pub fn left_over(recording: &Recording) -> Vec<LeftOver> {
         .collect()
 }
 
-/// Value, first and second derivative at sample `index`, by a least-squares parabola over even samples; `None`
-/// near an end or a gap. The window reaches `half` samples either way.
+/// Value, first and second derivative at sample `index`, from a least-squares parabola over evenly spaced samples.
+/// The window reaches `half` samples to either side. `None` near an end or a gap.
 pub(super) fn parabola(trace: &Trace, index: usize, half: usize) -> Option<[f64; 3]> {
     let (from, to) = (index.checked_sub(half)?, index + half);
     let span_s = trace.stamps.get(to)?.since(trace.stamps[from]).get();
@@ -84,7 +84,7 @@ pub(super) fn parabola(trace: &Trace, index: usize, half: usize) -> Option<[f64;
     Some([middle, sky / s2 / step_s, 2.0 * curve / (step_s * step_s)])
 }
 
-/// Correlation of the residual with each of the usual suspects, by name.
+/// Correlation of the residual with displacement, velocity, speed, acceleration, current and its slope, by name.
 #[must_use]
 pub fn correlations(points: &[LeftOver]) -> Vec<(String, f64)> {
     type Pick = fn(&LeftOver) -> f64;
@@ -99,7 +99,7 @@ pub fn correlations(points: &[LeftOver]) -> Vec<(String, f64)> {
     suspects.iter().map(|(name, pick)| ((*name).to_owned(), correlation(points, *pick))).collect()
 }
 
-/// Pearson's correlation of the residual with `pick`; zero when one of them never varies.
+/// Pearson's correlation coefficient of the residual and `pick`; zero when one of them is constant.
 fn correlation(points: &[LeftOver], pick: fn(&LeftOver) -> f64) -> f64 {
     let count = points.len().max(1) as f64;
     let mean = |value: &dyn Fn(&LeftOver) -> f64| points.iter().map(value).sum::<f64>() / count;
@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_parabola_is_found_as_it_is() {
+    fn a_parabola_is_recovered_exactly() {
         let trace = Trace {
             stamps: (0..40).map(|k| Stamp::from_nanos(k * 2_000_000)).collect(),
             values: (0..40)
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn correlation_finds_what_was_put_in() {
+    fn a_residual_made_of_speed_correlates_with_speed_only() {
         let points: Vec<LeftOver> = (0..1000)
             .map(|k| {
                 let t = f64::from(k) * 0.01;

@@ -1,4 +1,4 @@
-//! The demo's report: what the service made of one run.
+//! The demo's HTML report: the service's output for one run.
 
 use super::closed::{self, Closed};
 use super::correlate;
@@ -15,70 +15,70 @@ use mr_damper_model::units::N_PER_LBF;
 /// One line of the table of figures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// What was predicted, and how.
+    /// The predicted quantity and the kind of prediction.
     pub name: String,
-    /// From the events that were received.
+    /// Errors computed from the received events.
     pub live: Option<Fit>,
-    /// From the same run, stepped without ROS.
+    /// Errors on the same run, stepped offline (without ROS).
     pub offline: Option<Fit>,
 }
 
-/// Whether the live figures are those of an evaluation without ROS.
+/// Whether the live figures equal the offline figures (computed without ROS).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Agreement {
-    /// Equal to this relative difference, which is below the limit.
+    /// They agree; the largest relative difference is this, below the limit.
     Same(f64),
-    /// They differ by this share, more than the limit.
+    /// They differ by this relative amount, above the limit.
     Differs(f64),
-    /// The live run was disturbed (samples lost, a late delivery), and the figures differ by this share.
+    /// Samples were lost or delivered late in the live run; the figures differ by this relative amount.
     Disturbed(f64),
-    /// Nothing to compare: the run was cut short.
+    /// There is nothing to compare, because the run was cut short.
     NotCompared,
 }
 
 impl Agreement {
-    /// In words.
+    /// The comparison as a sentence.
     #[must_use]
     pub fn text(self) -> String {
         match self {
-            Self::Same(0.0) => "live and offline figures are the same to the last bit".to_owned(),
-            Self::Same(by) => format!("live and offline agree (largest relative difference {by:.1e})"),
-            Self::Differs(by) => format!("live and offline DIFFER, by {by:.1e} of the figure"),
+            Self::Same(0.0) => "live and offline figures are bit-identical".to_owned(),
+            Self::Same(by) => format!("live and offline figures agree (relative difference {by:.1e})"),
+            Self::Differs(by) => format!("live and offline figures DIFFER (relative difference {by:.1e})"),
             Self::Disturbed(by) => format!(
-                "samples were lost or delayed on the way, so live and offline differ, by {by:.1e} of the figure"
+                "samples were lost or delayed in transit, so live and offline figures differ (relative difference {by:.1e})"
             ),
-            Self::NotCompared => "the run was cut short: live figures alone, of what was played".to_owned(),
+            Self::NotCompared => "the run was cut short: live figures of the played part only".to_owned(),
         }
     }
 }
 
-/// All that the report tells.
+/// Everything the report shows.
 #[derive(Debug, Clone, Default)]
 pub struct Outcome {
-    /// What was run, in a sentence or two.
+    /// The run and the models, in a sentence or two.
     pub what: String,
-    /// What the service said.
+    /// The service's output.
     pub recording: Recording,
-    /// Force that the load cell had but the service was not given: s since the first sample, N.
+    /// Measured force that the service was not given: time since the first sample, s, and force, N.
     pub withheld: Vec<(f64, f64)>,
     /// The figures.
     pub figures: Vec<Figure>,
-    /// Whether they agree.
+    /// Whether live and offline figures agree.
     pub agreement: Option<Agreement>,
-    /// How the loop was closed, or why it was not.
+    /// Result of the diagnosis, or why there was none.
     pub closed: Option<Result<Closed, String>>,
     /// Remarks below the figures.
     pub notes: Vec<String>,
-    /// Counts of what went in and out.
+    /// Names and values of the message counters.
     pub counts: Vec<(String, String)>,
     /// Settings of the service.
     pub settings: Vec<(String, String)>,
-    /// Where all of it comes from.
+    /// Names and values that say how the report was made (tool version, seed, files).
     pub provenance: Vec<(String, String)>,
 }
 
-/// Name of the figure of the published estimates in the time without measured force.
-pub const WITHOUT_FORCE: &str = "estimate while measured force was away";
+/// Name of the figure for the estimates published while measured force was withheld.
+pub const WITHOUT_FORCE: &str = "estimate without measured force";
 
 /// The report as one HTML file.
 #[must_use]
@@ -94,12 +94,12 @@ pub fn html(outcome: &Outcome) -> String {
                 Ok(closed) => closed::html(closed),
                 Err(why) => html! { p { (why) } },
             };
-            (section("Closing the loop", &body))
+            (section("Diagnosis and model augmentation", &body))
         }
         (section("Force over time", &force_over_time(outcome)))
         (section("Residual over time", &residual_over_time(outcome)))
         (section("Force over velocity", &force_over_velocity(&points, DriveKind::CoilCurrent)))
-        (section("What is left over", &what_is_left_over(&points, DriveKind::CoilCurrent)))
+        (section("Remaining residual", &what_is_left_over(&points, DriveKind::CoilCurrent)))
         (section("Modes", &modes(&outcome.recording)))
         (section("Traffic", &facts(&outcome.counts)))
         (section("Settings", &facts(&outcome.settings)))
@@ -131,10 +131,11 @@ fn figures(outcome: &Outcome) -> Markup {
         .collect();
     html! {
         (table(&["", "#RSSE, N", "#RSSE, lbf", "#ESR", "#samples", "#ESR offline"], &rows))
-        p { "RSSE is the root mean squared error; ESR is its square over the variance of the measured force, so 0 is "
-            "perfect and 1 is no better than the mean. " em { "Free run" } " knows displacement and current alone; "
-            em { "one step" } " is given the measured force up to the sample before, and " em { "persistence" }
-            " (the force stays what it was) is its yardstick. The two are different tasks: do not compare them." }
+        p { "RSSE is the root mean squared error (RMSE). ESR is the normalised mean squared error (NMSE): the squared RMSE over the "
+            "variance of the measured force; 0 is perfect, 1 is as good as the mean. " em { "Simulation (free run)" } " uses displacement and \
+            current only; "
+            em { "one step ahead" } " is a prediction that also knows the measured force up to the previous sample. Its baseline is "
+            em { "persistence" } ", the previous measured force repeated. Do not compare simulation and prediction errors." }
         @for note in &outcome.notes { p { (note) } }
     }
 }
@@ -182,15 +183,15 @@ fn force_over_time(outcome: &Outcome) -> Markup {
             x_range: Some(range),
             ..whole.clone()
         };
-        // A band outside the picture would only be in its legend.
+        // A band outside the picture would appear in the legend only.
         zoom.bands.retain(|band| band.to > range.0 && band.from < range.1);
         zoom
     });
     html! {
-        (whole.figure("The whole run. While measured force is away the service does not see the dashed line."))
+        (whole.figure("The whole run. The service does not receive the force drawn as a dashed line."))
         @if let Some(zoom) = zoom {
-            (zoom.figure("Two seconds around the loss of measured force: ARX seeded with it, then coasting, then the \
-                          free-running model."))
+            (zoom.figure("Two seconds around the loss of measured force: ARX seeded with measured force, then ARX coasting, \
+                          then the simulated model."))
         }
     }
 }
@@ -210,7 +211,7 @@ fn residual_over_time(outcome: &Outcome) -> Markup {
     };
     let window_s = recording.residuals.last().map_or(0.0, |residual| residual.window.get());
     let plot = Plot {
-        description: "Residual of the free-running model over time".to_owned(),
+        description: "Residual of the simulation over time".to_owned(),
         x_label: "time, s".to_owned(),
         y_label: "residual, N".to_owned(),
         x_range: Some(whole_run(recording)),
@@ -218,13 +219,13 @@ fn residual_over_time(outcome: &Outcome) -> Markup {
         bands: away,
         series: vec![
             Series {
-                name: "measured minus free run".to_owned(),
+                name: "measured minus simulation".to_owned(),
                 ink: Ink::Residual,
                 shape: Shape::Line,
                 points: of(|r| r.residual.get()),
             },
             Series {
-                name: format!("RSSE, forgetting over {window_s:.0} s"),
+                name: format!("RSSE with exponential forgetting over {window_s:.0} s"),
                 ink: Ink::Trend,
                 shape: Shape::Line,
                 points: of(|r| r.windowed_rsse.get()),
@@ -234,7 +235,7 @@ fn residual_over_time(outcome: &Outcome) -> Markup {
     };
     let alarms = closed::alarms(recording);
     html! {
-        (plot.figure("The residual is always the free-running model's: an estimate seeded with measured force would hide it."))
+        (plot.figure("The residual is measured force minus simulated force (free run). An estimate seeded with measured force would hide it."))
         @for alarm in &alarms { p { "Alarm: " (alarm) "." } }
         @if alarms.is_empty() { p { "There was no alarm." } }
     }

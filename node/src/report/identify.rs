@@ -1,4 +1,4 @@
-//! The report of an identification: figures, and each run beside what the model makes of it.
+//! The report of an identification: errors, and measured and simulated force of each run.
 
 use super::correlate;
 use super::page::{page, section};
@@ -11,36 +11,36 @@ use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::{Channel, DriveKind};
 use mr_damper_model::units::N_PER_LBF;
 
-/// Runs that get a picture of their own.
+/// Number of runs that get their own picture.
 const PICTURES: usize = 12;
-/// Length of the pictured part, s, about the run's middle.
+/// Length of the pictured part in the middle of the run, s.
 const PICTURED_S: f64 = 4.0;
 
-/// A run as the pipeline saw it with the identified model.
+/// A run that was stepped through the pipeline with the identified model.
 #[derive(Debug, Clone)]
 pub struct SteppedRun {
-    /// Its name.
+    /// Name of the run.
     pub name: String,
-    /// Held out of the fit.
+    /// True for a validation run, which was held out of the fit.
     pub held_out: bool,
-    /// What came out.
+    /// The pipeline's output.
     pub recording: Recording,
 }
 
-/// All that the report tells.
+/// Everything the report shows.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// The model, in a sentence.
     pub what: String,
-    /// Names of figures, and the figures.
+    /// Errors with their names.
     pub figures: Vec<(String, Fit)>,
-    /// Remarks below them.
+    /// Remarks below the errors.
     pub notes: Vec<String>,
-    /// Kind of drive that the runs hold.
+    /// Kind of drive in the runs.
     pub drive: DriveKind,
-    /// The runs: those fitted, then those held out.
+    /// The runs: first the training runs, then the held-out runs.
     pub runs: Vec<SteppedRun>,
-    /// Where all of it comes from.
+    /// Names and values that say how the report was made (tool version, seed, files).
     pub provenance: Vec<(String, String)>,
 }
 
@@ -51,7 +51,7 @@ pub fn html(outcome: &Outcome) -> String {
     let body = html! {
         (section("Figures", &figures(outcome)))
         (section("Force over velocity", &force_over_velocity(&points, outcome.drive)))
-        (section("What is left over", &what_is_left_over(&points, outcome.drive)))
+        (section("Remaining residual", &what_is_left_over(&points, outcome.drive)))
         (section("Runs", &runs(outcome)))
         (section("Provenance", &facts(&outcome.provenance)))
     };
@@ -70,9 +70,11 @@ fn figures(outcome: &Outcome) -> Markup {
     };
     html! {
         (table(&["", "#RSSE, N", "#RSSE, lbf", "#ESR", "#samples"], &outcome.figures.iter().map(row).collect::<Vec<_>>()))
-        p { "RSSE is the root mean squared error; ESR is its square over the variance of the measured force. "
-            em { "Free run" } " knows displacement and drive alone; " em { "one step" } " is given the measured force up to the "
-            "sample before, and " em { "persistence" } " (the force stays what it was) is its yardstick." }
+        p { "RSSE is the root mean squared error (RMSE); ESR is the normalised mean squared error (NMSE), its square over the variance of \
+             the measured force. "
+            em { "Simulation (free run)" } " uses displacement and drive only; " em { "one step ahead" } " is a prediction that also "
+            "knows the measured force up to the previous sample. Its baseline is " em { "persistence" } ", the previous measured force \
+             repeated." }
         @for note in &outcome.notes { p { (note) } }
     }
 }
@@ -90,8 +92,15 @@ fn runs(outcome: &Outcome) -> Markup {
         ]);
         row
     };
-    let columns = ["run", "", "#ESR free run", "#its mean error out", "#one step", "#persistence (one step)"];
-    // Those held out are the ones to look at.
+    let columns = [
+        "run",
+        "",
+        "#ESR simulation",
+        "#simulation without mean error",
+        "#one step ahead",
+        "#persistence (one step ahead)",
+    ];
+    // Held-out runs come first, because they matter most.
     let mut pictured: Vec<&SteppedRun> = outcome.runs.iter().collect();
     pictured.sort_by_key(|run| !run.held_out);
     html! {
@@ -115,14 +124,14 @@ fn force_over_time(run: &SteppedRun) -> Markup {
         points: with_breaks(points),
     };
     let plot = Plot {
-        description: format!("Measured force and free run of {}", run.name),
+        description: format!("Measured and simulated force of {}", run.name),
         x_label: "time, s".to_owned(),
         y_label: "force, N".to_owned(),
         x_range: Some(((middle_s - 0.5 * PICTURED_S).max(0.0), middle_s + 0.5 * PICTURED_S)),
         height: 220.0,
         series: vec![
             line("measured", Ink::Measured, &recording.points(Channel::Force)),
-            line("free run", Ink::Estimate, &predicted),
+            line("simulation (free run)", Ink::Estimate, &predicted),
         ],
         ..Plot::default()
     };

@@ -1,4 +1,4 @@
-//! How a demanded force was followed: figures, text, page.
+//! Results of force tracking by the inverse controller: JSON, text and page.
 
 use super::page::{capital, page, section};
 use super::plot::{Band, Ink, Plot, Series, Shape};
@@ -11,17 +11,17 @@ use mr_damper_model::units::N_PER_LBF;
 use serde::Serialize;
 use std::fmt::Write;
 
-/// Longest stretch that is drawn, s.
+/// Length of the part that is drawn, s.
 const DRAWN_S: f64 = 4.0;
 
-/// Where a demand was followed.
+/// Where a demanded force was tracked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// On the model itself.
     Model,
-    /// On the rig, fed forward.
+    /// On the virtual rig, with feedforward only.
     Rig,
-    /// On the rig, with its load cell fed back.
+    /// On the virtual rig, with feedback from its load cell.
     RigWithFeedback,
 }
 
@@ -29,39 +29,39 @@ impl Place {
     const fn words(self) -> &'static str {
         match self {
             Self::Model => "on the model itself",
-            Self::Rig => "on the rig, fed forward",
+            Self::Rig => "on the rig, feedforward",
             Self::RigWithFeedback => "on the rig, with force feedback",
         }
     }
 }
 
-/// A demand that was followed somewhere.
+/// Result of tracking the demanded force in one place.
 #[derive(Debug, Clone)]
 pub struct Track {
-    /// Where.
+    /// Where the force was tracked.
     pub place: Place,
-    /// How well.
+    /// Tracking errors.
     pub figures: Figures,
-    /// Sample by sample.
+    /// Demand, command and force at each sample.
     pub points: Vec<Point>,
 }
 
-/// Everything that is reported.
+/// Everything the report shows.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// Name of the model.
     pub model: String,
-    /// Name of the run that the demand is of.
+    /// Name of the run whose force is the demand.
     pub run: String,
     /// Limits of the command.
     pub limits: Limits,
-    /// Where the model's force turns back as the current grows.
+    /// Where the model's force decreases as the current grows; `None` when it does not.
     pub fold: Option<Fold>,
-    /// How currents were found.
+    /// Method that computes the current.
     pub method: Method,
-    /// What that is worth, where it is not the model's own.
+    /// Accuracy of the surrogate inverse; `None` when the model itself is inverted.
     pub fit: Option<SurrogateFit>,
-    /// The demand, followed in several places; the first on the model.
+    /// Results in several places; the first is on the model.
     pub tracks: Vec<Track>,
 }
 
@@ -77,9 +77,9 @@ pub struct Report<'a> {
     method: &'static str,
     #[serde(flatten)]
     on_model: Option<Row>,
-    /// On the rig, fed forward; `null` where it was left out.
+    /// On the rig, feedforward; `null` when it was not run.
     rig: Option<Row>,
-    /// On the rig, with force feedback.
+    /// On the rig, with force feedback; `null` when it was not run.
     rig_with_feedback: Option<Row>,
 }
 
@@ -96,7 +96,7 @@ struct Tracking {
     rsse_n: f64,
     esr: f64,
     esr_achievable: f64,
-    /// Root mean square of the error over that of the demand.
+    /// RMS of the tracking error divided by the RMS of the demand.
     error: f64,
     error_achievable: f64,
 }
@@ -128,13 +128,14 @@ impl Outcome {
         self.tracks.iter().find(|track| track.place == place).map(|track| Row::from(&track.figures))
     }
 
-    /// How currents were found.
+    /// The method that computes the current, and its accuracy.
     fn method_in_words(&self) -> String {
         let method = self.method.name();
         match &self.fit {
             None => format!("currents by {method}"),
             Some(fit) => format!(
-                "currents by the {method} inverse, off by {:.3} A and {:.1} % of the largest force on motions between those it was fitted to",
+                "currents by the {method} inverse; its error on motions between the fitted ones is {:.3} A in current and {:.1} % of the \
+                 largest force",
                 fit.current.get(),
                 100.0 * fit.force_share()
             ),
@@ -143,10 +144,10 @@ impl Outcome {
 
     fn fold_in_words(&self) -> String {
         match self.fold {
-            None => "the model's force grows with the current one way, on a grid of its envelope".to_owned(),
+            None => "the model's force is monotone in the current on a grid of its envelope".to_owned(),
             Some(fold) => format!(
-                "the model's force turns back by {:.0} N beyond {:.2} A (at {:.1} mm, {:.3} m/s): several currents give one force, \
-                 and the nearest to the last was taken",
+                "the model's force decreases by {:.0} N beyond {:.2} A (at {:.1} mm, {:.3} m/s): several currents give the same \
+                 force, and the one nearest to the previous current was used",
                 fold.fall_n,
                 fold.current_a,
                 1e3 * fold.displacement_m,
@@ -156,7 +157,7 @@ impl Outcome {
     }
 }
 
-/// The figures of `outcome`.
+/// The JSON report of `outcome`.
 #[must_use]
 pub fn json(outcome: &Outcome) -> Report<'_> {
     Report {
@@ -173,7 +174,7 @@ pub fn json(outcome: &Outcome) -> Report<'_> {
     }
 }
 
-/// `outcome` for a terminal.
+/// `outcome` as text for a terminal.
 #[must_use]
 pub fn text(outcome: &Outcome) -> String {
     let mut text = format!(
@@ -185,7 +186,7 @@ pub fn text(outcome: &Outcome) -> String {
         outcome.fold_in_words(),
         "rms error over rms demand",
         "all",
-        "what can be met",
+        "achievable part",
         "infeasible",
         "RSSE"
     );
@@ -203,7 +204,7 @@ pub fn text(outcome: &Outcome) -> String {
         if figures.dissipative_violations > 0 {
             let _ = writeln!(
                 text,
-                "    {} commands would have driven the rod: this must not be, please report it",
+                "    {} commands would have driven the rod, which must never happen: please report this as a bug",
                 figures.dissipative_violations
             );
         }
@@ -229,20 +230,24 @@ pub fn html(outcome: &Outcome) -> String {
         })
         .collect();
     let body = html! {
-        (section("How well the demand was followed", &html! {
-            (table(&["", "error, all", "error, what can be met", "cannot be met", "RSSE"], &rows))
-            p { "Error: root mean square of demand less force, over that of the demand. What cannot be met asks for less than the damper \
-                 has without current, for more than it has at its largest, or would drive the rod; then the nearest current is \
-                 commanded. On the rig a command holds from its sample to the next, through a driver and a coil that lag, on a \
-                 damper that the model is not." }
+        (section("Tracking error", &html! {
+            (table(&["", "error, all", "error, achievable part", "not achievable", "RSSE"], &rows))
+            p { "Error: RMS of demanded minus actual force, divided by the RMS of the demand. RSSE is the root mean squared error (RMSE). \
+                 A demand is not achievable when it is below the damper's force without current, above its force at the largest current, or \
+                 when it would drive the rod; then the nearest current is commanded. On the rig a command holds until the next sample and \
+                 passes a driver and a coil with lag, and the rig's damper differs from the model." }
             p { (capital(&outcome.method_in_words())) ". " (capital(&outcome.fold_in_words())) "." }
         }))
         @for track in &outcome.tracks { (pictures(track, outcome.limits.current_max_a)) }
     };
-    page("Following a force", &format!("{} asked for the force of {}.", outcome.model, outcome.run), &body)
+    page(
+        "Tracking of a demanded force",
+        &format!("Model {}; the demand is the force of {}.", outcome.model, outcome.run),
+        &body,
+    )
 }
 
-/// Demand, force and current over the stretch where most is asked for.
+/// Plots of demand, force and current around the largest demand.
 fn pictures(track: &Track, current_max_a: f64) -> Markup {
     let points = stretch(&track.points);
     let series = |name: &str, ink, shape, value: fn(&Point) -> f64| Series {
@@ -257,7 +262,7 @@ fn pictures(track: &Track, current_max_a: f64) -> Markup {
         y_label: "force (N)".to_owned(),
         bands: infeasible(points),
         series: vec![
-            series("largest force there is", Ink::Before, Shape::Dashed, |p| p.command.achievable[1].get()),
+            series("largest achievable force", Ink::Before, Shape::Dashed, |p| p.command.achievable[1].get()),
             series("least", Ink::Before, Shape::Dashed, |p| p.command.achievable[0].get()),
             series("demand", Ink::Measured, Shape::Line, |p| p.command.requested.get()),
             series("force", Ink::Estimate, Shape::Line, |p| p.achieved.get()),
@@ -276,7 +281,7 @@ fn pictures(track: &Track, current_max_a: f64) -> Markup {
     section(&capital(track.place.words()), &html! { (force.figure("")) (current.figure("")) })
 }
 
-/// The stretch of [`DRAWN_S`] around the largest demand.
+/// The points within [`DRAWN_S`] around the largest demand.
 fn stretch(points: &[Point]) -> &[Point] {
     let size = |point: &Point| point.command.requested.get().abs();
     let most =
@@ -287,7 +292,7 @@ fn stretch(points: &[Point]) -> &[Point] {
     &points[at(from_s)..at(from_s + DRAWN_S)]
 }
 
-/// Where the demand cannot be met.
+/// Bands where the demand is not achievable.
 fn infeasible(points: &[Point]) -> Vec<Band> {
     points
         .chunk_by(|a, b| a.command.is_achievable == b.command.is_achievable)
@@ -296,7 +301,7 @@ fn infeasible(points: &[Point]) -> Vec<Band> {
             from: chunk[0].time.get(),
             to: chunk[chunk.len() - 1].time.get(),
             class: "hold",
-            name: "cannot be met".to_owned(),
+            name: "not achievable".to_owned(),
         })
         .collect()
 }

@@ -1,18 +1,18 @@
-//! Logarithmic axes: range and ticks. Places are those of a linear scale over decimal logarithms.
+//! Range and ticks of logarithmic axes. An axis is a linear [`Scale`] over decimal logarithms.
 
 use super::scale::{Scale, range};
 
-/// A scale over the decimal logarithms of `values`, with some air at both ends; values that are not positive have no
-/// place and are passed over.
+/// A scale over the decimal logarithms of `values`, with a margin at both ends. Values that are not positive are
+/// ignored.
 pub(super) fn log_scale(values: impl Iterator<Item = f64>, place_from: f64, place_to: f64) -> Scale {
     let (from, to) = range(values.filter(|value| *value > 0.0).map(f64::log10));
-    // Less than a third of a decade would hold no tick.
+    // Less than a third of a decade might contain no tick.
     let short = (0.35 - (to - from)).max(0.0) / 2.0;
     Scale { from: from - short, to: to + short, place_from, place_to }
 }
 
-/// Round values on a logarithmic scale, as their logarithms, with labels: decades, and 2 and 5 between them where
-/// there is room.
+/// Ticks at round values, as logarithms with labels: decades, with 2 and 5 or finer steps in between where the span is
+/// short.
 pub(super) fn log_ticks(scale: &Scale) -> Vec<(f64, String)> {
     let factors: &[f64] = match scale.to - scale.from {
         span if span <= 0.7 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0],
@@ -28,7 +28,7 @@ pub(super) fn log_ticks(scale: &Scale) -> Vec<(f64, String)> {
         .collect()
 }
 
-/// `factor` times ten to the power of `decade`, written out while that is short.
+/// The label of `factor` × 10^`decade`: written out for decades from -4 to 5, with an exponent beyond.
 fn label(factor: f64, decade: i32) -> String {
     match decade {
         -4..=5 => {
@@ -49,7 +49,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_decades_with_steps_between_where_there_is_room() {
+    fn ticks_are_decades_with_finer_steps_on_short_spans() {
         assert_eq!(labels(&[0.01, 0.3]), ["0.01", "0.02", "0.05", "0.1", "0.2"]);
         assert_eq!(labels(&[0.1, 0.2]), ["0.1", "0.15", "0.2"]);
         assert_eq!(labels(&[0.001, 0.5]), ["0.001", "0.003", "0.01", "0.03", "0.1", "0.3"]);
@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_logarithm_has_no_place() {
+    fn values_without_a_logarithm_are_ignored() {
         let scale = log_scale([0.0, -1.0, f64::NAN].into_iter(), 0.0, 100.0);
         assert!(scale.from < scale.to);
     }

@@ -1,7 +1,7 @@
-//! Reports: one HTML file each, with everything in it, readable without a network.
+//! Reports. Each is one self-contained HTML file that needs no network.
 //!
-//! [`plot`], [`box_plot`] and [`scatter`] draw, [`page`] sets the page, [`table`] its tables; they know nothing of
-//! dampers. One file a report puts them together: [`demo`], [`identify`], [`compare`], [`inverse`].
+//! [`plot`], [`box_plot`] and [`scatter`] draw, [`page`] makes the page and [`table`] its tables; these modules know nothing
+//! about dampers. One module per report combines them: [`demo`], [`identify`], [`compare`], [`inverse`].
 
 pub mod answered;
 pub mod box_plot;

@@ -1,4 +1,5 @@
-//! The page around a report: head, style, sections. One file, no network, light and dark.
+//! The HTML page around a report: head, style sheet, sections. It is a single file that needs no network and follows
+//! the reader's light or dark mode.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
@@ -27,13 +28,13 @@ pub fn page(title: &str, lead: &str, body: &Markup) -> String {
     .into_string()
 }
 
-/// A section with a heading.
+/// A section with the heading `heading`.
 #[must_use]
 pub fn section(heading: &str, body: &Markup) -> Markup {
     html! { section { h2 { (heading) } (body) } }
 }
 
-/// `text` with a capital letter first.
+/// `text` with its first letter in upper case.
 pub(super) fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())

@@ -1,4 +1,4 @@
-//! Panels that more than one report shows.
+//! Panels that several reports share.
 
 use super::correlate::{self, LeftOver};
 use super::plot::{Ink, Plot, Series, Shape, binned_mean};
@@ -7,12 +7,12 @@ use super::table::bars;
 use maud::{Markup, html};
 use mr_damper_model::sample::DriveKind;
 
-/// The time axis of plots over the whole run: from zero to its end, on a tenth of a second.
+/// Range of the time axis for a whole run, s: from zero to its end, rounded up to a tenth of a second.
 pub(super) fn whole_run(recording: &Recording) -> (f64, f64) {
     (0.0, (recording.length_s() * 10.0).ceil().max(1.0) / 10.0)
 }
 
-/// The points with a break (NaN) wherever two neighbours are more than 0.1 s apart.
+/// The points, with a break (NaN) wherever two neighbours are more than 0.1 s apart.
 pub(super) fn with_breaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut broken = Vec::with_capacity(points.len() + 4);
     for point in points {
@@ -24,7 +24,7 @@ pub(super) fn with_breaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     broken
 }
 
-/// Bounds between four levels of drive, equally wide.
+/// Bounds of four equally wide levels of the drive.
 fn level_bounds(points: &[LeftOver]) -> [f64; 5] {
     let (low, high) =
         points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.drive), b.max(p.drive)));
@@ -62,10 +62,10 @@ pub(super) fn force_over_velocity(points: &[LeftOver], drive: DriveKind) -> Mark
     html! {
         div.pair {
             (panel("measured", |p| p.measured_n).figure(""))
-            (panel("free run", |p| p.predicted_n).figure(""))
+            (panel("simulation (free run)", |p| p.predicted_n).figure(""))
         }
-        p.lead { "Colour is the " (what) ". Both panels have the same axes. Velocity is computed after the fact, without "
-            "delay; what the model sees is causal, so late, and its loop is wider for it." }
+        p.lead { "The colour shows the " (what) ". Both panels have the same axes. The velocity shown here is computed offline, without "
+            "delay. The model uses a causal and therefore delayed velocity, which widens its loop." }
     }
 }
 
@@ -87,8 +87,8 @@ pub(super) fn what_is_left_over(points: &[LeftOver], drive: DriveKind) -> Markup
     };
     let (what, unit) = drive_in_words(drive);
     html! {
-        p { "The residual of the free run against what might explain it. These are facts about the residual: none of "
-            "them names a cause. What the load cell's noise alone would leave is not known to the service." }
+        p { "The residual of the simulation against quantities that might explain it. A correlation does not prove a "
+            "cause. The service does not know how much of the residual is noise of the load cell." }
         (bars("residual and", "correlation", &correlate::correlations(points)))
         div.pair {
             (against("velocity, m/s", |p| p.velocity_m_s).figure(""))
@@ -97,7 +97,7 @@ pub(super) fn what_is_left_over(points: &[LeftOver], drive: DriveKind) -> Markup
     }
 }
 
-/// What a drive is, and its unit.
+/// Name and unit of a drive.
 const fn drive_in_words(drive: DriveKind) -> (&'static str, &'static str) {
     match drive {
         DriveKind::CoilCurrent => ("coil current", "A"),

@@ -1,43 +1,43 @@
 //! Plots as inline SVG: lines and dots over shaded bands, with axes and a legend.
 //!
-//! Colours are classes that the page's style sheet knows, so that a plot follows the reader's light or dark
-//! mode. The legend is text of the page, not of the drawing: it wraps on a telephone.
+//! Colours are classes of the page's style sheet, so that a plot follows the reader's light or dark mode. The legend
+//! is text of the page rather than part of the drawing, so that it wraps on a phone.
 
 use super::log_axis::log_ticks;
 use super::scale::{Scale, range, thin_dots, thin_line, ticks};
 use maud::{Markup, PreEscaped, html};
 use std::fmt::Write;
 
-/// Width of a plot in its own units.
+/// Width of a plot in SVG units.
 const WIDTH: f64 = 640.0;
-/// Room for the labels of the y axis, of the x axis and of the title, and at the right edge.
+/// Space for the labels of the y axis, of the x axis and of the title, and at the right edge.
 const LEFT: f64 = 64.0;
 const BOTTOM: f64 = 48.0;
 const TOP: f64 = 30.0;
 const RIGHT: f64 = 14.0;
-/// Columns of a line: finer than a screen shows at this width.
+/// Columns to which a line is thinned: finer than a screen shows at this width.
 const COLUMNS: usize = 640;
-/// Dots of one series.
+/// Most dots that are drawn of one series.
 const DOTS: usize = 1600;
 
-/// Colours, by what they stand for. Every pair that meets in a plot differs in lightness as well.
+/// Colours, named by their meaning. Any two that appear in the same plot differ in lightness too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ink {
-    /// What was measured.
+    /// Measured values.
     Measured,
-    /// What was measured, but withheld from the service.
+    /// Measured values that were withheld from the service.
     Withheld,
-    /// What was estimated.
+    /// Estimated values.
     Estimate,
-    /// What is left over.
+    /// Residuals.
     Residual,
-    /// A summary over what is left over.
+    /// A summary of residuals.
     Trend,
-    /// As it was before something was changed.
+    /// Values before a change.
     Before,
-    /// As it is after it.
+    /// Values after it.
     After,
-    /// One of a few levels, from low (0) to high (3).
+    /// One of four levels, from low (0) to high (3).
     Level(u8),
 }
 
@@ -64,15 +64,15 @@ impl Ink {
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// Points in order of x, connected; one that is not finite breaks the line.
+    /// Points in order of x, connected; a point that is not finite breaks the line.
     Line,
-    /// The same, dashed.
+    /// A dashed line, otherwise like [`Shape::Line`].
     Dashed,
-    /// Points connected in their own order, whichever way that goes; for few points.
+    /// Points connected in the given order; not thinned, so for few points.
     Loop,
-    /// The area within the points; one that is not finite begins another area.
+    /// The area enclosed by the points; a point that is not finite starts another area.
     Area,
-    /// Points alone.
+    /// Unconnected points.
     Dots,
 }
 
@@ -97,7 +97,7 @@ impl Shape {
     }
 }
 
-/// Some points with a name.
+/// Points with a name, a colour and a shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
     /// The name in the legend; empty for none.
@@ -117,7 +117,7 @@ pub struct Band {
     pub from: f64,
     /// Where it ends.
     pub to: f64,
-    /// The class in the style sheet, `band-` before it.
+    /// The class in the style sheet, without its prefix `band-`.
     pub class: &'static str,
     /// The name in the legend.
     pub name: String,
@@ -126,19 +126,20 @@ pub struct Band {
 /// A plot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plot {
-    /// What it shows, for those who cannot see it.
+    /// Text alternative for screen readers.
     pub description: String,
     /// Label of the x axis, with its unit.
     pub x_label: String,
     /// Label of the y axis, with its unit.
     pub y_label: String,
-    /// Range of x; by default what the series span.
+    /// Range of x; by default the range of the series.
     pub x_range: Option<(f64, f64)>,
-    /// Range of y; by default what the series span.
+    /// Range of y; by default the range of the series.
     pub y_range: Option<(f64, f64)>,
-    /// Logarithmic axes, x and y: what is not positive is not drawn. Ranges are then decimal logarithms.
+    /// True for a logarithmic x and y axis. Its range is then in decimal logarithms, and values that are not positive
+    /// are not drawn.
     pub log: (bool, bool),
-    /// Height in units of which the width has 640.
+    /// Height in SVG units; the width is 640.
     pub height: f64,
     /// Shaded spans, behind everything.
     pub bands: Vec<Band>,
@@ -197,7 +198,7 @@ impl Plot {
         }
     }
 
-    /// The drawing alone.
+    /// The drawing as SVG, without legend and caption.
     #[must_use]
     pub fn svg(&self) -> String {
         let series: Vec<Vec<(f64, f64)>> =
@@ -226,7 +227,7 @@ impl Plot {
         svg
     }
 
-    /// The points as the axes have them.
+    /// The points in axis coordinates: decimal logarithms on logarithmic axes, NaN where there is none.
     fn on_axes(&self, points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         let place = |log: bool, value: f64| match log {
             true if value > 0.0 => value.log10(),
@@ -239,7 +240,7 @@ impl Plot {
     fn scales(&self, series: &[Vec<(f64, f64)>]) -> (Scale, Scale) {
         let points = || series.iter().flatten();
         let tight = |range: (f64, f64)| {
-            // Time begins and ends at the edges; `range` has put 4 % of air there.
+            // A line begins and ends at the edges: remove the 4 % that `range` has added there.
             let pad = (range.1 - range.0) * 0.04 / 1.08;
             (range.0 + pad, range.1 - pad)
         };
@@ -313,13 +314,13 @@ impl Plot {
     }
 }
 
-/// A number with a proper minus sign.
+/// A number with a typographic minus sign.
 fn number(value: f64, decimals: usize) -> String {
     // Adding zero turns -0 into 0.
     format!("{:.decimals$}", value + 0.0).replace('-', "\u{2212}")
 }
 
-/// The points within the plot, with one more on either side so that lines run to the edge.
+/// The points within the range of `x`, thinned to [`COLUMNS`].
 fn visible(points: &[(f64, f64)], x: &Scale) -> Vec<(f64, f64)> {
     let first = points.partition_point(|point| point.0 < x.from);
     let last = points.partition_point(|point| point.0 <= x.to);
@@ -340,7 +341,7 @@ fn line_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
     path
 }
 
-/// Closed areas, held to the plot.
+/// Closed areas, clamped to the plot.
 fn area_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
     let mut path = String::new();
     for area in points.split(|point| !point.0.is_finite() || !point.1.is_finite()) {
@@ -359,7 +360,7 @@ fn area_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
     path
 }
 
-/// Dots as strokes of no length with round ends: a tenth of the bytes of circles.
+/// Dots as strokes of zero length with round ends, which take a tenth of the bytes of circles.
 fn dots_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
     let inside: Vec<(f64, f64)> =
         points.iter().filter(|point| x.holds(point.0) && y.holds(point.1)).copied().collect();
@@ -370,8 +371,8 @@ fn dots_path(points: &[(f64, f64)], x: &Scale, y: &Scale) -> String {
     path
 }
 
-/// Means of y in `bins` equally wide bins of x, placed at their middles; bins with fewer than `least` points
-/// break the line.
+/// Means of y in `bins` equally wide bins of x, placed at the middle of each bin. A bin with fewer than `least` points
+/// gives NaN, which breaks the line.
 #[must_use]
 pub fn binned_mean(points: &[(f64, f64)], bins: usize, least: usize) -> Vec<(f64, f64)> {
     let finite = || points.iter().filter(|point| point.0.is_finite() && point.1.is_finite());
@@ -393,11 +394,11 @@ pub fn binned_mean(points: &[(f64, f64)], bins: usize, least: usize) -> Vec<(f64
         .collect()
 }
 
-/// Where y lies in a bin of x: middle of the bin, lower quartile, median, upper quartile.
+/// A bin of x: its middle, and lower quartile, median and upper quartile of y in it.
 pub type Quartiles = (f64, [f64; 3]);
 
-/// Quartiles of y in `bins` equally wide bins of x, over the middle 99 % of x; bins with fewer than `least` points are left
-/// out. Empty where x hardly varies.
+/// Quartiles of y in `bins` equally wide bins over the middle 99 % of x. Bins with fewer than `least` points are left
+/// out. Empty when x is constant.
 #[must_use]
 pub fn binned_quartiles(points: &[(f64, f64)], bins: usize, least: usize) -> Vec<Quartiles> {
     let mut sorted: Vec<(f64, f64)> =
@@ -467,13 +468,13 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_plot_is_still_a_plot() {
+    fn an_empty_plot_is_valid_svg() {
         let svg = Plot::default().svg();
         assert!(svg.starts_with("<svg") && svg.ends_with("</svg>") && !svg.contains("NaN"), "{svg}");
     }
 
     #[test]
-    fn bins_hold_means() {
+    fn each_bin_gives_the_mean_of_its_points() {
         let points: Vec<(f64, f64)> = (0..100).map(|k| (f64::from(k), f64::from(k % 2))).collect();
         let means = binned_mean(&points, 10, 5);
         assert_eq!(means.len(), 10);
@@ -482,15 +483,15 @@ mod tests {
     }
 
     #[test]
-    fn quartiles_are_those_of_their_bin() {
-        // In each bin of ten the values 0 to 100, but for the hundredth at either end that is left out.
+    fn each_bin_gives_the_quartiles_of_its_points() {
+        // Each of the ten bins holds the values 0 to 100, except for the outermost 0.5 % that are left out at either end.
         let points: Vec<(f64, f64)> = (0..10_100).map(|k| (f64::from(k / 101), f64::from(k % 101))).collect();
         let found = binned_quartiles(&points, 10, 5);
         assert_eq!(found.len(), 10);
         assert!(found.iter().all(|(_, [low, middle, high])| (low - 25.0).abs() < 5.0
             && (middle - 50.0).abs() < 5.0
             && (high - 75.0).abs() < 5.0));
-        assert!(binned_quartiles(&[(1.0, 1.0); 50], 10, 1).is_empty(), "x never varies");
+        assert!(binned_quartiles(&[(1.0, 1.0); 50], 10, 1).is_empty(), "x is constant");
         assert!(binned_quartiles(&[], 10, 1).is_empty());
     }
 

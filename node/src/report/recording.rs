@@ -1,4 +1,4 @@
-//! What a watched service said, kept whole for the report.
+//! Recording of a service's output, kept in memory for the report.
 
 use mr_damper_model::evaluate::{Evaluation, Evaluator};
 use mr_damper_model::metrics::{ErrorSum, Fit};
@@ -7,7 +7,7 @@ use mr_damper_model::pipeline::{
 };
 use mr_damper_model::sample::{Channel, Stamp, Trace};
 
-/// Everything that came over a watching inlet.
+/// All events that were received from the service.
 #[derive(Debug, Clone, Default)]
 pub struct Recording {
     inputs: [Trace; Channel::ALL.len()],
@@ -17,31 +17,31 @@ pub struct Recording {
     pub residuals: Vec<Residual>,
     /// Changes of mode, in order.
     pub transitions: Vec<Transition>,
-    /// The alarm's ups and downs, in order.
+    /// Changes of the alarm (raised or ended), in order.
     pub alarms: Vec<AlarmChange>,
     evaluator: Evaluator,
     zero: Option<Stamp>,
 }
 
-/// A time in which the mode stayed the same.
+/// A period in which the mode did not change.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Period {
-    /// Begin and end, s since the first sample.
+    /// Begin and end, in seconds since the first sample.
     pub span_s: (f64, f64),
     /// The mode.
     pub mode: Mode,
     /// Why it was entered.
     pub cause: &'static str,
-    /// Estimates made in it.
+    /// Number of estimates in the period.
     pub estimates: usize,
-    /// The worst validity among them.
+    /// The worst validity of these estimates.
     pub worst: Validity,
-    /// All reasons that they gave.
+    /// All reasons that these estimates gave.
     pub reasons: Reasons,
 }
 
 impl Recording {
-    /// Takes an event.
+    /// Records an event.
     pub fn take(&mut self, event: &Event) {
         self.evaluator.take(event, |_| true);
         match event {
@@ -77,7 +77,7 @@ impl Recording {
         self.estimates.last().map_or(0.0, |last| self.seconds(last.stamp))
     }
 
-    /// Figures over all that was taken.
+    /// Errors over the whole recording.
     #[must_use]
     pub fn evaluation(&self) -> Evaluation {
         self.evaluator.finish()
@@ -89,7 +89,7 @@ impl Recording {
         trace_points(self.input(channel), |stamp| self.seconds(stamp))
     }
 
-    /// The times of one mode each, in order.
+    /// The periods between changes of the mode, in order.
     #[must_use]
     pub fn periods(&self) -> Vec<Period> {
         let mut periods = Vec::with_capacity(self.transitions.len());
@@ -117,10 +117,11 @@ impl Recording {
         periods
     }
 
-    /// How well the published estimates hit forces that the service was not given: `withheld` points, s and N.
+    /// Error of the published estimates against measured force that was withheld from the service. The points of
+    /// `withheld` are times in s and forces in N. `None` without matching estimates.
     #[must_use]
     pub fn fit_to(&self, withheld: &[(f64, f64)]) -> Option<Fit> {
-        /// Stamps of one sample are equal to the nanosecond; times in seconds are to less than this.
+        /// Tolerance for equal times. The stamps of one sample are equal to the nanosecond; times in seconds are rounded.
         const SAME_S: f64 = 1e-6;
         let mut sum = ErrorSum::default();
         let mut estimates = self.estimates.iter().map(|e| (self.seconds(e.stamp), e.force.get())).peekable();

@@ -1,6 +1,6 @@
-//! From values to places on a plot: ranges, round ticks, thinning.
+//! Mapping of values to places on a plot: ranges, round ticks, thinning.
 
-/// A range of values laid over a range of places.
+/// A linear map from a range of values to a range of places.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Scale {
     pub(super) from: f64,
@@ -10,7 +10,7 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// Where `value` lies.
+    /// The place of `value`.
     pub(super) fn place(&self, value: f64) -> f64 {
         let share = (value - self.from) / (self.to - self.from);
         self.place_from + share * (self.place_to - self.place_from)
@@ -21,7 +21,7 @@ impl Scale {
     }
 }
 
-/// The range of the finite values, widened by 4 % on both ends; 0 to 1 without any.
+/// The range of the finite values, widened by 4 % at both ends; 0 to 1 when there are none.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values
         .filter(|value| value.is_finite())
@@ -33,7 +33,7 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (low - pad, high + pad)
 }
 
-/// Round values within `from` to `to`, about `wanted` of them, with the decimals that they need.
+/// About `wanted` round values between `from` and `to`, and the number of decimals that they need.
 pub(super) fn ticks(from: f64, to: f64, wanted: usize) -> (Vec<f64>, usize) {
     let rough = (to - from) / wanted.max(1) as f64;
     if rough <= 0.0 || !rough.is_finite() {
@@ -50,8 +50,8 @@ pub(super) fn ticks(from: f64, to: f64, wanted: usize) -> (Vec<f64>, usize) {
     ((first..=last).map(|k| k as f64 * step).collect(), decimals)
 }
 
-/// A curve with at most two points a column: the extremes of each column, in their order, so that no peak is
-/// lost. A point that is not finite stays, as the break that it is.
+/// Thins a curve to at most two points per column: the extremes of the column, in their order, so that no peak is lost.
+/// A point that is not finite is kept, because it breaks the line.
 pub(super) fn thin_line(points: &[(f64, f64)], columns: usize) -> Vec<(f64, f64)> {
     if points.len() <= 2 * columns {
         return points.to_vec();
@@ -77,7 +77,7 @@ pub(super) fn thin_line(points: &[(f64, f64)], columns: usize) -> Vec<(f64, f64)
     thinned
 }
 
-/// At most `most` points, evenly picked.
+/// At most `most` of the points, evenly spaced.
 pub(super) fn thin_dots(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
     points.iter().step_by(points.len().div_ceil(most.max(1)).max(1)).copied().collect()
 }
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_range_holds_its_values_and_is_never_empty() {
+    fn a_range_covers_its_values_and_is_never_empty() {
         assert_eq!(range(std::iter::empty()), (0.0, 1.0));
         let (low, high) = range([3.0, f64::NAN, 3.0].into_iter());
         assert!(low < 3.0 && high > 3.0);

@@ -1,18 +1,18 @@
-//! Named points on two logarithmic axes, with the front of those that no other point beats on both.
+//! Named points on two logarithmic axes, with the Pareto front: the points that no other point beats on both axes.
 
 use super::log_axis::{log_scale, log_ticks};
 use super::scale::Scale;
 use maud::html;
 use std::fmt::Write;
 
-/// Size in the drawing's own units.
+/// Size in SVG units.
 const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 440.0;
 const LEFT: f64 = 72.0;
 const RIGHT: f64 = 18.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 58.0;
-/// Room that a letter and a line of a name take, at the size that a telephone gets.
+/// Width of a letter and height of a line of a name, at the font size used on a phone.
 const LETTER: f64 = 10.5;
 const LINE: f64 = 20.0;
 
@@ -21,15 +21,15 @@ const LINE: f64 = 20.0;
 pub struct Named {
     /// The name.
     pub name: String,
-    /// What is wanted small: along.
+    /// Horizontal value; smaller is better.
     pub x: f64,
-    /// What is wanted small: up.
+    /// Vertical value; smaller is better.
     pub y: f64,
-    /// The class of its ink in the style sheet.
+    /// Class of its colour in the style sheet.
     pub ink: &'static str,
 }
 
-/// The drawing. Names that would cover one another are left out, those on the front last.
+/// The drawing as SVG. A name that would cover another one is left out; names on the front are placed first.
 #[must_use]
 pub fn svg(description: &str, x_label: &str, y_label: &str, points: &[Named]) -> String {
     let points: Vec<&Named> =
@@ -45,7 +45,7 @@ pub fn svg(description: &str, x_label: &str, y_label: &str, points: &[Named]) ->
     let mut path = String::new();
     for (index, point) in front.iter().enumerate() {
         let (at, up) = (x.place(point.x.log10()), y.place(point.y.log10()));
-        // A staircase: between two points of the front nothing better than the left one is known.
+        // A staircase: between two points of the front the left one is the best known.
         let _ = if index == 0 { write!(path, "M{at:.1} {up:.1}") } else { write!(path, "H{at:.1}V{up:.1}") };
     }
     let _ = write!(svg, "<path class=\"line front\" d=\"{path}\"/>");
@@ -69,7 +69,7 @@ pub fn svg(description: &str, x_label: &str, y_label: &str, points: &[Named]) ->
     svg
 }
 
-/// Points that no other is below in both, by x.
+/// The Pareto front (no other point is smaller in both values), sorted by x.
 fn front<'a>(points: &[&'a Named]) -> Vec<&'a Named> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
@@ -82,7 +82,8 @@ fn front<'a>(points: &[&'a Named]) -> Vec<&'a Named> {
     sorted
 }
 
-/// Class, x, y and area of a label beside `(x, y)` that covers nothing taken.
+/// A free place for the label `name` next to `(x, y)`: its class, x, y and area. `None` when all places
+/// overlap `taken` or are outside.
 fn free_place(
     name: &str,
     (x, y): (f64, f64),
@@ -141,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_holds_what_nothing_beats() {
+    fn the_front_holds_the_points_that_no_other_beats() {
         let all = [named("a", 10.0, 0.3), named("b", 20.0, 0.4), named("c", 30.0, 0.1), named("d", 5.0, 0.9)];
         let names: Vec<&str> =
             front(&all.iter().collect::<Vec<_>>()).iter().map(|p| p.name.as_str()).collect();
@@ -161,6 +162,6 @@ mod tests {
         let svg = svg("", "x", "y", &all);
         let labels = svg.matches("model-").count();
         assert!((3..30).contains(&labels), "{labels}");
-        assert_eq!(svg.matches("h0").count(), 30, "every point is there");
+        assert_eq!(svg.matches("h0").count(), 30, "every point is drawn");
     }
 }

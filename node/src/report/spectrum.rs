@@ -1,7 +1,7 @@
 //! Power densities and coherence of two signals, by Welch's method.
 //!
 //! ```text
-//! X_s, Y_s   transforms of segments that overlap by half, mean out, under a Hann window w
+//! X_s, Y_s   transforms of segments that overlap by half, mean subtracted, with a Hann window w
 //! S_xx = 2 / (f_s sum w²) mean_s |X_s|²            unit² / Hz, over positive frequencies
 //! C_xy = |mean_s X_s* Y_s|² / (mean_s |X_s|²  mean_s |Y_s|²)
 //! ```
@@ -12,7 +12,7 @@ use super::stretch::transform;
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
 
-/// Segments that overlap by half under a Hann window count for this many that do not.
+/// Number of independent segments that one half-overlapping segment with a Hann window counts for.
 const INDEPENDENT: f64 = 1.0 / 1.056;
 
 /// Spectra of two signals.
@@ -20,18 +20,19 @@ const INDEPENDENT: f64 = 1.0 / 1.056;
 pub struct Spectra {
     /// Frequencies above zero, Hz.
     pub hz: Vec<f64>,
-    /// Power density of the first signal at each, unit²/Hz.
+    /// Power density of the first signal at each frequency, unit²/Hz.
     pub first: Vec<f64>,
-    /// Power density of the second signal.
+    /// Power density of the second signal at each frequency, unit²/Hz.
     pub second: Vec<f64>,
-    /// Coherence of both, 0 to 1.
+    /// Coherence of both signals at each frequency, 0 to 1.
     pub coherence: Vec<f64>,
-    /// Segments that were taken.
+    /// Number of segments.
     pub segments: usize,
 }
 
 impl Spectra {
-    /// Of stretches of `(first, second)` at `rate_hz`, in segments of `length` samples; `None` when no stretch holds one.
+    /// The spectra of stretches of pairs `(first, second)` sampled at `rate_hz`, in segments of `length` samples. `None`
+    /// when every stretch is shorter than a segment.
     #[must_use]
     pub fn of(stretches: &[Vec<(f64, f64)>], rate_hz: f64, length: usize) -> Option<Self> {
         if length < 4 {
@@ -75,8 +76,8 @@ impl Spectra {
         })
     }
 
-    /// Coherence that two signals without relation exceed at one frequency in twenty; `None` with fewer than two
-    /// segments, where coherence is one whatever the signals.
+    /// The coherence that two unrelated signals exceed at one frequency in twenty. `None` with fewer than two segments,
+    /// because the coherence of a single segment is always one.
     #[must_use]
     pub fn chance(&self) -> Option<f64> {
         let independent = INDEPENDENT * self.segments as f64;
@@ -84,7 +85,7 @@ impl Spectra {
     }
 }
 
-/// The values without their mean, under the window.
+/// The values without their mean, multiplied by the window.
 fn windowed(values: impl Iterator<Item = f64> + Clone, window: &[f64]) -> Vec<f64> {
     let mean = values.clone().sum::<f64>() / window.len() as f64;
     values.zip(window).map(|(value, w)| (value - mean) * w).collect()
@@ -100,7 +101,7 @@ mod tests {
     #[test]
     fn a_sine_has_its_power_at_its_frequency() {
         let at = |k: usize| (std::f64::consts::TAU * 20.0 * k as f64 / RATE_HZ + 0.4).sin();
-        // An offset is no power at any frequency above zero.
+        // An offset has no power at frequencies above zero.
         let stretch: Vec<(f64, f64)> = (0..8192).map(|k| (3.0 * at(k) + 7.0, at(k))).collect();
         let found = Spectra::of(&[stretch], RATE_HZ, 1024).expect("sixteen segments");
         let bin_hz = found.hz[0];
@@ -118,7 +119,7 @@ mod tests {
         let found = Spectra::of(&[stretch], RATE_HZ, 512).expect("segments");
         let mean = found.first.iter().sum::<f64>() / found.first.len() as f64;
         assert!((mean * RATE_HZ / 2.0 - 1.0).abs() < 0.03, "{mean}");
-        // Two signals without relation: one frequency in twenty above chance.
+        // Two unrelated signals: one frequency in twenty is above the chance level.
         let chance = found.chance().expect("many segments");
         let above =
             found.coherence.iter().filter(|c| **c > chance).count() as f64 / found.coherence.len() as f64;
@@ -126,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_filtered_signal_is_coherent_with_what_it_was_made_of() {
+    fn a_filtered_signal_is_coherent_with_its_source() {
         let mut lag = 0.0;
         let own = noise(4, 32_768);
         let stretch: Vec<(f64, f64)> = noise(3, 32_768)
@@ -137,7 +138,7 @@ mod tests {
             })
             .collect();
         let found = Spectra::of(&[stretch], RATE_HZ, 512).expect("segments");
-        // Of the lag's power |H|² and the noise's 0.01 the coherence is |H|² / (|H|² + 0.01).
+        // The lag has the power |H|² and the noise 0.01, so the coherence is |H|² / (|H|² + 0.01).
         for k in [1_usize, 10, 40, 120] {
             let angle = std::f64::consts::TAU * found.hz[k] / RATE_HZ;
             let h = 0.01 / (1.0 + 0.81 - 1.8 * angle.cos());
@@ -147,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_short_has_no_spectrum() {
+    fn a_stretch_shorter_than_a_segment_has_no_spectrum() {
         let short: Vec<(f64, f64)> = noise(5, 100).zip(noise(6, 100)).collect();
         assert_eq!(Spectra::of(&[short.clone(), Vec::new()], RATE_HZ, 128), None);
         let one = Spectra::of(&[short], RATE_HZ, 100).expect("one segment");

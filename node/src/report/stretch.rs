@@ -1,15 +1,15 @@
-//! Stretches of evenly spaced samples: their transform, and correlation functions over several of them.
+//! Fourier transform and correlation functions of stretches of evenly spaced samples.
 //!
 //! ```text
-//! r_xy(k) = sum_t x_t y_{t+k} / sqrt(sum x² sum y²)        means out; sums within stretches
+//! r_xy(k) = sum_t x_t y_{t+k} / sqrt(sum x² sum y²)        means subtracted; sums within stretches
 //! ```
 //!
-//! | band of 95 % | |
+//! | correlation | 95 % band about zero |
 //! |---|---|
-//! | of one signal with itself | 1.96 / sqrt(N): what white noise stays within |
-//! | of two | 1.96 sqrt(sum_k r_xx(k) r_yy(k) / N): what two signals without relation stay within, each as coloured as it is |
+//! | autocorrelation | 1.96 / sqrt(N), the band for white noise |
+//! | cross-correlation | 1.96 sqrt(sum_k r_xx(k) r_yy(k) / N), the band for two unrelated signals with these autocorrelations |
 //!
-//! Source of the second: M. S. Bartlett, J. R. Stat. Soc. Suppl. 8 (1946) 27-41.
+//! Source of the second band: M. S. Bartlett, J. R. Stat. Soc. Suppl. 8 (1946) 27-41.
 
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
@@ -17,22 +17,22 @@ use realfft::{RealFftPlanner, RealToComplex};
 /// A correlation function.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Correlation {
-    /// At lags -L to L, in samples: positive where the second signal follows the first.
+    /// Coefficients at lags -L to L, in samples. At a positive lag the second signal follows the first.
     pub coefficients: Vec<f64>,
-    /// Half the width of the band of 95 % about zero.
+    /// Half the width of the 95 % band about zero.
     pub band: f64,
 }
 
 impl Correlation {
-    /// Lags with their coefficients, in samples.
+    /// Pairs of lag, in samples, and coefficient.
     pub fn points(&self) -> impl Iterator<Item = (f64, f64)> {
         let reach = (self.coefficients.len() / 2) as f64;
         self.coefficients.iter().enumerate().map(move |(k, r)| (k as f64 - reach, *r))
     }
 }
 
-/// The correlation function of `pairs` up to `reach` lags either way, its band from `colour` lags either way.
-/// `None` where one of them never varies.
+/// The cross-correlation of the paired signals in `stretches` for lags up to `reach` in both directions. Its band uses the
+/// autocorrelations up to lag `colour`. `None` when one of the signals is constant.
 #[must_use]
 pub fn cross(stretches: &[Vec<(f64, f64)>], reach: usize, colour: usize) -> Option<Correlation> {
     let sums = Sums::of(stretches, reach.max(colour))?;
@@ -46,7 +46,8 @@ pub fn cross(stretches: &[Vec<(f64, f64)>], reach: usize, colour: usize) -> Opti
     })
 }
 
-/// The correlation function of a signal with itself, with the band of white noise.
+/// The autocorrelation of a signal for lags up to `reach` in both directions, with the band of white noise. `None` when
+/// the signal is constant.
 #[must_use]
 pub fn auto(stretches: &[Vec<f64>], reach: usize) -> Option<Correlation> {
     let pairs: Vec<Vec<(f64, f64)>> =
@@ -56,13 +57,13 @@ pub fn auto(stretches: &[Vec<f64>], reach: usize) -> Option<Correlation> {
     Some(Correlation { coefficients, band: 1.96 / sums.count.sqrt() })
 }
 
-/// Sums of products, means out.
+/// Sums of products of the signals without their means.
 struct Sums {
     count: f64,
-    /// At lags 0 to L.
+    /// Sums at lags 0 to L.
     xx: Vec<f64>,
     yy: Vec<f64>,
-    /// At lags -L to L.
+    /// Sums at lags -L to L.
     xy: Vec<f64>,
 }
 
@@ -76,7 +77,7 @@ impl Sums {
         let mut sums = Self { count, xx: zero(), yy: zero(), xy: vec![0.0; 2 * reach + 1] };
         let mut planner = RealFftPlanner::<f64>::new();
         for stretch in stretches {
-            // Room for the largest lag, so that the end does not meet the beginning.
+            // Zero padding for the largest lag, so that the circular correlation does not wrap around.
             let length = (stretch.len() + reach + 1).next_power_of_two();
             let plan = planner.plan_fft_forward(length);
             let padded = |value: &dyn Fn(&(f64, f64)) -> f64| {
@@ -89,7 +90,7 @@ impl Sums {
             let lags = |a: &[Complex<f64>], b: &[Complex<f64>]| -> Vec<f64> {
                 let mut product: Vec<Complex<f64>> = a.iter().zip(b).map(|(a, b)| a.conj() * b).collect();
                 let mut lags = back.make_output_vec();
-                // The lengths are the plan's own, so nothing can fail; a spectrum of a real signal is real at both ends.
+                // This cannot fail: the lengths are the plan's own, and the spectrum of a real signal is real at both ends.
                 let _ = back.process(&mut product, &mut lags);
                 lags.iter().map(|lag| lag / length as f64).collect()
             };
@@ -107,10 +108,10 @@ impl Sums {
     }
 }
 
-/// The transform of `values` by a plan of their length.
+/// The Fourier transform of `values`. The plan must have their length.
 pub(super) fn transform(plan: &dyn RealToComplex<f64>, values: &[f64]) -> Vec<Complex<f64>> {
     let (mut input, mut output) = (values.to_vec(), plan.make_output_vec());
-    // The lengths are the plan's own, so nothing can fail.
+    // This cannot fail: the lengths are the plan's own.
     let _ = plan.process(&mut input, &mut output);
     output
 }
@@ -119,7 +120,7 @@ pub(super) fn transform(plan: &dyn RealToComplex<f64>, values: &[f64]) -> Vec<Co
 pub(super) mod tests {
     use super::*;
 
-    /// Repeatable noise of variance one, nearly normal.
+    /// Reproducible, nearly normal noise with a variance of 1.
     pub(crate) fn noise(seed: u64, count: usize) -> impl Iterator<Item = f64> + Clone {
         let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
         let mut uniform = move || {
@@ -139,11 +140,11 @@ pub(super) mod tests {
         let outside =
             found.points().filter(|(lag, r)| *lag > 0.0 && r.abs() > found.band).count() as f64 / 200.0;
         assert!((0.01..0.11).contains(&outside), "{outside}");
-        assert!(auto(&[vec![3.0; 100]], 10).is_none(), "what never varies correlates with nothing");
+        assert!(auto(&[vec![3.0; 100]], 10).is_none(), "a constant signal has no correlation");
     }
 
     #[test]
-    fn a_delay_is_seen_at_its_lag() {
+    fn a_delay_appears_at_its_lag() {
         let x: Vec<f64> = noise(3, 3000).collect();
         let delayed: Vec<(f64, f64)> = (7..x.len()).map(|t| (x[t], x[t - 7])).collect();
         let found = cross(&[delayed], 20, 200).expect("it varies");
@@ -153,7 +154,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn sums_are_those_of_the_definition() {
+    fn the_sums_agree_with_the_definition() {
         let pairs: Vec<(f64, f64)> = noise(4, 50).zip(noise(5, 50)).collect();
         let found = cross(&[pairs[..20].to_vec(), pairs[20..].to_vec()], 3, 3).expect("it varies");
         let mean = |pick: fn(&(f64, f64)) -> f64| pairs.iter().map(pick).sum::<f64>() / 50.0;
@@ -174,7 +175,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn slow_signals_without_relation_stay_within_the_wider_band() {
+    fn unrelated_slow_signals_stay_within_the_wider_band() {
         let slow = |seed: u64| {
             let mut lag = 0.0;
             noise(seed, 20_000).map(move |x| {
@@ -189,6 +190,6 @@ pub(super) mod tests {
             assert!(found.band > 3.0 * 1.96 / 20_000_f64.sqrt(), "{}", found.band);
             outside += usize::from(found.coefficients[0].abs() > found.band);
         }
-        assert!(outside <= 6, "{outside} of 40 outside a band of 95 %");
+        assert!(outside <= 6, "{outside} of 40 are outside the 95 % band");
     }
 }

@@ -6,7 +6,7 @@ use mr_damper_model::metrics::Fit;
 use mr_damper_model::units::N_PER_LBF;
 use std::fmt::Write;
 
-/// The outcome in some lines, each of at most 110 columns.
+/// The outcome in lines of at most 110 columns.
 #[must_use]
 pub fn text(outcome: &Outcome) -> String {
     // Writing to a string cannot fail.
@@ -46,7 +46,7 @@ pub fn text(outcome: &Outcome) -> String {
     for alarm in &alarms {
         let _ = writeln!(text, "  {alarm}");
     }
-    let _ = writeln!(text, "\nwhat is left over: correlation of the free-run residual");
+    let _ = writeln!(text, "\nremaining residual of the simulation: correlation with");
     let found = correlate::correlations(&correlate::left_over(&outcome.recording));
     let facts: Vec<String> = found
         .iter()
@@ -58,7 +58,7 @@ pub fn text(outcome: &Outcome) -> String {
         let _ = writeln!(text, "  {name}: {value}");
     }
     if let Some(closed) = &outcome.closed {
-        let _ = writeln!(text, "\nclosing the loop");
+        let _ = writeln!(text, "\ndiagnosis and model augmentation");
         match closed {
             Ok(closed) => text += &closed::text(closed),
             Err(why) => close::paragraph(&mut text, 2, why),

@@ -2,8 +2,8 @@
 
 use maud::{Markup, html};
 
-/// A table; columns whose name starts with `#` hold numbers and are set to the right, those with `=` are kept on one
-/// line.
+/// A table. A column whose name starts with `#` holds numbers and is right-aligned; the cells of a column whose name
+/// starts with `=` do not wrap.
 #[must_use]
 pub fn table(columns: &[&str], rows: &[Vec<String>]) -> Markup {
     let class = |name: &&str| match name.chars().next() {
@@ -26,7 +26,7 @@ pub fn table(columns: &[&str], rows: &[Vec<String>]) -> Markup {
     }
 }
 
-/// Names and their values, one a line.
+/// A list of names and values, one per line.
 #[must_use]
 pub fn facts(rows: &[(String, String)]) -> Markup {
     html! {
@@ -34,7 +34,7 @@ pub fn facts(rows: &[(String, String)]) -> Markup {
     }
 }
 
-/// A table of values between -1 and 1, each with a bar from the middle.
+/// A table of values between -1 and 1, each with a bar that starts in the middle.
 #[must_use]
 pub fn bars(column: &str, value: &str, rows: &[(String, f64)]) -> Markup {
     html! {

@@ -1,11 +1,11 @@
-//! The demo's report and summary of a short run of the rig.
+//! Tests of the demo's report and summary on a short run of the rig.
 
 use super::*;
 use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use mr_damper_model::preset;
 use mr_damper_model::rig::{self, Channels, Experiment, Plant};
 
-/// Four seconds of the rig, force withheld from 2 s to 3 s.
+/// Four seconds of the rig; the force is withheld from 2 s to 3 s.
 fn outcome() -> Outcome {
     let experiment = Experiment::thesis("RP-ICPS").expect("a known experiment").with_duration_s(4.0);
     let mut run = rig::record(&experiment, &Plant::default(), &Channels::default(), 1);
@@ -16,7 +16,7 @@ fn outcome() -> Outcome {
     force.values.drain(1024..1536);
     let models = Models::alone(preset::load(preset::BEST_FUZZY_TANH).expect("a preset"))
         .with_seeded(preset::load(preset::BEST_ARX).expect("a preset"))
-        .expect("they go together");
+        .expect("the two models match");
     let mut pipeline = Pipeline::new(models, Settings::default()).expect("defaults are fine");
     let mut recording = Recording::default();
     for sample in run.samples() {
@@ -43,7 +43,7 @@ fn outcome() -> Outcome {
     }
 }
 
-/// Opens and closes of elements, checked as a stack.
+/// Asserts that every element that is opened is closed, in the right order.
 pub(super) fn assert_balanced(html: &str) {
     const VOID: [&str; 3] = ["meta", "!DOCTYPE", "br"];
     let mut open: Vec<&str> = Vec::new();
@@ -60,7 +60,7 @@ pub(super) fn assert_balanced(html: &str) {
 }
 
 #[test]
-fn the_report_holds_the_figures_and_nothing_from_elsewhere() {
+fn the_report_shows_the_figures_and_loads_nothing_from_the_network() {
     let outcome = outcome();
     let html = demo::html(&outcome);
     assert_balanced(&html);
@@ -72,7 +72,8 @@ fn the_report_holds_the_figures_and_nothing_from_elsewhere() {
             html.contains(&format!("{:.5}", figure.esr)) && html.contains(&format!("{:.2}", figure.rsse_n))
         );
     }
-    for word in ["&lt;angle brackets&gt; &amp; more", "arx_coast", "FORCE_LOST", "a note", "to the last bit"]
+    for word in
+        ["&lt;angle brackets&gt; &amp; more", "arx_coast", "FORCE_LOST", "a note", "are bit-identical"]
     {
         assert!(html.contains(word), "{word} is missing");
     }
@@ -80,7 +81,7 @@ fn the_report_holds_the_figures_and_nothing_from_elsewhere() {
 }
 
 #[test]
-fn a_report_on_nothing_is_still_a_page() {
+fn a_report_without_data_is_a_valid_page() {
     let html = demo::html(&Outcome::default());
     assert_balanced(&html);
     assert!(!html.contains("NaN"));
@@ -91,6 +92,6 @@ fn a_report_on_nothing_is_still_a_page() {
 fn the_summary_is_text_for_a_terminal() {
     let text = summary::text(&outcome());
     assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");
-    // Forces of the rig differ in the last bits from machine to machine; these digits do not.
+    // The rig's forces differ in the last bits between machines; the digits shown here do not.
     insta::assert_snapshot!(text);
 }

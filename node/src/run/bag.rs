@@ -1,4 +1,4 @@
-//! Runs from rosbag2 bags: topics become channels of one damper, in one pass over the files.
+//! Reads runs from rosbag2 bags: topics become channels of one damper, in one pass over the files.
 
 use super::column::{Column, Quantity, same};
 use super::csv::settle_drive;
@@ -17,7 +17,7 @@ use mr_damper_msgs::{Message, cdr};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Reads the run in files that follow each other; `path` names the whole.
+/// Reads the run in the files of a bag, in order; `path` is the path of the bag.
 pub(super) fn load(
     path: &Path,
     files: &[PathBuf],
@@ -30,8 +30,8 @@ pub(super) fn load(
     let mut left = None;
     for file in files {
         match read(file, &mut bag, notes, hash) {
-            // A recorder that is killed as it begins another file leaves one that is not yet a bag's. The others
-            // are worth reading all the same.
+            // A recorder that is killed while it starts another file leaves a file that is not a valid bag file yet. The
+            // other files are still read.
             Err(error @ RunError::NotABag { .. }) if files.len() > 1 => {
                 notes.push(Note::FileLeft { why: error.to_string() });
                 left.get_or_insert(error);
@@ -45,10 +45,10 @@ pub(super) fn load(
     bag.into_run(path, notes)
 }
 
-/// One channel of the run to be, as far as it is read.
+/// One channel of the run, while it is read.
 struct Series {
     role: Role,
-    /// The map takes it from here, not the topic's name.
+    /// True if the map selects this channel, false if the topic's name does.
     mapped: bool,
     extractor: Extractor,
     convert: Convert,
@@ -59,11 +59,11 @@ struct Series {
 struct Topic {
     name: String,
     namespace: String,
-    /// What its name, or what its recorder noted, says that it holds.
+    /// Its content according to its name, or to its original name if the recorder remapped it.
     role: Option<Role>,
     type_name: String,
     encoding: String,
-    /// Empty when it holds nothing of a run, or its type cannot stand for its role.
+    /// Empty if the topic holds no channel of a run, or its type does not fit its role.
     series: Vec<Series>,
     /// The first message of joint states.
     joints: Option<JointState>,
@@ -113,7 +113,7 @@ impl Topic {
                     continue;
                 }
             };
-            // A stamp of zero is how publishers say that they did not set it.
+            // A stamp of zero means that the publisher did not set it.
             let unset = taken.stamp_ns == Some(0) && log_time != 0;
             is_unset |= unset;
             let stamp = Stamp::from_nanos(taken.stamp_ns.filter(|_| !unset).unwrap_or(log_time));
@@ -160,13 +160,13 @@ impl Topic {
     }
 }
 
-/// A bag while it is read: every namespace is collected, because which one is meant is known at the end only.
+/// A bag while it is read. All namespaces are collected, because the namespace of the run is known only at the end.
 struct Bag<'a> {
     options: &'a LoadOptions,
     topics: Vec<Topic>,
-    /// The topics by the ids of the file at hand.
+    /// Indices of the topics, by their ids in the current file.
     of_file: HashMap<i64, usize>,
-    /// Messages of topics whose description was lost to damage.
+    /// Number of messages whose topic has no description, because of damage.
     stray: u64,
     unpacker: MessageUnpacker,
 }
@@ -195,12 +195,12 @@ impl Sink for Bag<'_> {
 }
 
 fn new_topic(info: TopicInfo, options: &LoadOptions) -> Topic {
-    // What a recorder noted counts only where it names a channel of ours.
+    // The original name that a recorder stored is used only if it names a known channel.
     let noted = info.stands_for.as_deref().filter(|name| matches!(role_of(name), Some((_, Role::Known(_)))));
     let (namespace, role) = match role_of(noted.unwrap_or(&info.name)) {
         Some((namespace, Role::Other(name))) => {
             let column = info.column.clone().unwrap_or(name);
-            // A bag of somebody else may call it `force_n`, which it would be after one conversion.
+            // A foreign bag may have a topic `other/force_n`. After one conversion it would be read as the force.
             (namespace, Column::is_carried(&column).then_some(Role::Other(column)))
         }
         Some((namespace, role)) => (namespace, Some(role)),
@@ -210,7 +210,7 @@ fn new_topic(info: TopicInfo, options: &LoadOptions) -> Topic {
     let mut series = Vec::new();
     if info.encoding == "cdr" {
         series.extend(options.map.all().iter().filter_map(|mapping| mapped_series(mapping, &info)));
-        // What is mapped is not carried through beside that.
+        // A mapped topic is not also carried through.
         let by_name = role.as_ref().filter(|role| series.is_empty() || !matches!(role, Role::Other(_)));
         series.extend(by_name.into_iter().flat_map(|role| series_by_name(role, &info, options)));
     }
@@ -230,7 +230,7 @@ fn new_topic(info: TopicInfo, options: &LoadOptions) -> Topic {
     }
 }
 
-/// What `mapping` takes from the topic; `None` when it names another one, or the topic's type does not fit.
+/// The series that `mapping` reads from the topic; `None` if it names another topic, or the topic's type does not fit.
 fn mapped_series(mapping: &Mapping, info: &TopicInfo) -> Option<Series> {
     let (Channel::Known(quantity, _), Some((topic, part))) = (mapping.channel, mapping.topic()) else {
         return None;
@@ -243,7 +243,7 @@ fn mapped_series(mapping: &Mapping, info: &TopicInfo) -> Option<Series> {
     Some(Series { role, mapped: true, extractor, convert, trace: Trace::default() })
 }
 
-/// What the topic holds by its name.
+/// The series that the topic holds according to its name.
 fn series_by_name(role: &Role, info: &TopicInfo, options: &LoadOptions) -> Vec<Series> {
     let is_joints = info.type_name == JointState::TYPE;
     let joint = options.joint.as_deref().filter(|_| is_joints);
@@ -251,7 +251,7 @@ fn series_by_name(role: &Role, info: &TopicInfo, options: &LoadOptions) -> Vec<S
         let extractor = Extractor::new(dimension, &info.name, &info.type_name, joint).ok()?;
         let series =
             Series { role, mapped: false, extractor, convert: Convert::plain(same), trace: Trace::default() };
-        // A name does not say which axis is meant.
+        // A topic's name does not say which axis to read.
         (!matches!(series.extractor.part, Part::Axis(_))).then_some(series)
     };
     let known = |quantity: Quantity| series(Role::Known(quantity), quantity.dimension());
@@ -262,7 +262,7 @@ fn series_by_name(role: &Role, info: &TopicInfo, options: &LoadOptions) -> Vec<S
             .filter_map(known)
             .collect(),
         Role::Other(_) if matches!(&*info.type_name, Float64::TYPE | Float32::TYPE) => {
-            // A number alone is one of any kind.
+            // A plain number fits any dimension.
             series(role.clone(), Dimension::Length).into_iter().collect()
         }
         Role::Joints | Role::Other(_) => Vec::new(),
@@ -275,7 +275,7 @@ impl Bag<'_> {
         let namespace = self.choose_namespace(path)?;
         let options = self.options;
         let mut run = Run { name: path.display().to_string(), ..Run::default() };
-        // Topics of a quantity's own name come before joint states; the sort is stable.
+        // A topic with the name of a quantity has priority over joint states; the sort is stable.
         self.topics.sort_by_key(|topic| topic.role == Some(Role::Joints));
         let mut by_name = Vec::new();
         let mut take = |quantity| {
@@ -321,7 +321,7 @@ impl Bag<'_> {
         }
         notes.extend(could_serve);
         if self.stray > 0 {
-            let first = "what describes their topic is missing".to_owned();
+            let first = "the description of their topic is missing".to_owned();
             notes.push(Note::Undecodable { topic: "(unknown)".into(), count: self.stray, first });
         }
         settle_drive(path, drives, options, &mut run)?;
@@ -332,7 +332,7 @@ impl Bag<'_> {
         self.topics.iter().map(Topic::seen).collect()
     }
 
-    /// Refuses a map that gave no sample of a channel.
+    /// Refuses a map if one of its channels has no sample.
     fn check_map(&self, path: &Path) -> Result<(), RunError> {
         for mapping in self.options.map.all() {
             if let Err(why) = self.check_mapping(mapping) {
@@ -386,7 +386,7 @@ impl Bag<'_> {
         }
     }
 
-    /// Says which axis was taken where none was named.
+    /// Notes which axis was read if the map names none.
     fn note_axes(&self, notes: &mut Vec<Note>) {
         let unnamed = |mapping: &&Mapping| matches!(mapping.topic(), Some((_, None | Some(""))));
         for mapping in self.options.map.all().iter().filter(unnamed) {
@@ -401,7 +401,7 @@ impl Bag<'_> {
         }
     }
 
-    /// A topic that is not in the run, for force or drive, where these are missing.
+    /// A note with unused topics that may hold the force or the drive, if these are missing in the run.
     fn could_serve(&self, run: &Run, no_drive: bool, namespace: &str) -> Option<Note> {
         let left: Vec<Seen<'_>> = self
             .topics
@@ -416,8 +416,8 @@ impl Bag<'_> {
         (!lines.is_empty()).then_some(Note::CouldServe { lines })
     }
 
-    /// The namespace to read: the one asked for, or the only one with displacement; where that is mapped, the only one with
-    /// any channel that is not.
+    /// The namespace to read: the requested one, or the only one with displacement. If displacement is mapped, the only one
+    /// with a channel that is not mapped.
     fn choose_namespace(&self, path: &Path) -> Result<String, RunError> {
         let map = &self.options.map;
         let displacement_is_mapped = map.of(Quantity::Displacement).is_some();
@@ -443,7 +443,7 @@ impl Bag<'_> {
             (None, []) if displacement_is_mapped => Ok(String::new()),
             (None, [_, ..]) => {
                 let what = if displacement_is_mapped {
-                    "several namespaces have channels that the map leaves open"
+                    "several namespaces have channels that are not mapped"
                 } else {
                     "displacement of several dampers is recorded"
                 };
@@ -454,7 +454,7 @@ impl Bag<'_> {
         }
     }
 
-    /// Why there is no displacement, as exactly as it can be said.
+    /// The error for a missing displacement, with the most specific reason.
     fn no_displacement(&self, path: &Path, asked: Option<&str>, elsewhere: Vec<String>) -> RunError {
         let path = path.to_owned();
         let displacement = |topic: &&Topic| {
@@ -497,14 +497,14 @@ impl Bag<'_> {
     }
 }
 
-/// True when the run, or what is carried through, has something of the topic.
+/// True if the run uses the topic, or carries it through.
 fn is_used(topic: &Topic, namespace: &str, options: &LoadOptions) -> bool {
     topic.series.iter().any(|series| {
         series.mapped || (topic.namespace == namespace && !is_mapped_elsewhere(&series.role, options))
     })
 }
 
-/// True for the role of a channel that the map takes from somewhere.
+/// True if the map has a source for the channel with this role.
 fn is_mapped_elsewhere(role: &Role, options: &LoadOptions) -> bool {
     let quantity = match role {
         Role::Known(quantity) => Some(*quantity),
@@ -514,7 +514,8 @@ fn is_mapped_elsewhere(role: &Role, options: &LoadOptions) -> bool {
     quantity.is_some_and(|quantity| options.map.of(quantity).is_some())
 }
 
-/// The name under which a run carries a series through; `None` when that is a channel of its own, or is mapped.
+/// The name under which a run carries a series through; `None` for a channel of the run, or if the map has another source
+/// for it.
 fn carried_name(role: &Role, mapped: bool, options: &LoadOptions) -> Option<String> {
     if !mapped && is_mapped_elsewhere(role, options) {
         return None;

@@ -1,4 +1,4 @@
-//! The file of a bag that is written at the moment, of either storage.
+//! The file of a bag that is being written, in either storage.
 
 use super::RunError;
 use super::bag_write::{BagOptions, Storage, Topic};
@@ -6,9 +6,9 @@ use super::mcap_write::McapFile;
 use super::sqlite_write::SqliteFile;
 use std::path::Path;
 
-/// A message on its way into a file.
+/// A message to write.
 pub(super) struct Message<'a> {
-    /// Its topic's place in the bag.
+    /// Index of its topic in the bag.
     pub(super) topic: usize,
     pub(super) sequence: u32,
     pub(super) log_time: u64,
@@ -16,7 +16,7 @@ pub(super) struct Message<'a> {
     pub(super) cdr: &'a [u8],
 }
 
-/// The file at hand, of either storage.
+/// The current file, in either storage.
 pub(super) enum OpenFile {
     Mcap(Box<McapFile>),
     Sqlite(SqliteFile),
@@ -58,7 +58,7 @@ impl OpenFile {
         }
     }
 
-    /// Ends it; nothing may be written behind.
+    /// Completes the file; nothing may be written after this.
     pub(super) fn finish(&mut self, metadata: String) -> Result<(), RunError> {
         match self {
             Self::Mcap(file) => file.finish(metadata),

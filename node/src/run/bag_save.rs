@@ -1,4 +1,4 @@
-//! A run as a rosbag2 bag: every column a topic, in order of time.
+//! Writes a run as a rosbag2 bag: one topic per column, messages in order of time.
 
 use super::bag_write::{BagOptions, BagWriter, Topic, TopicId};
 use super::names::Namer;
@@ -8,7 +8,7 @@ use super::{RunError, columns_of, sqlite};
 use mr_damper_model::sample::{Run, Trace};
 use std::path::Path;
 
-/// A column on its way into the bag.
+/// A column that is being written.
 struct Channel<'a> {
     topic: String,
     id: TopicId,
@@ -17,19 +17,19 @@ struct Channel<'a> {
     next: usize,
 }
 
-/// Writes `run` into the new directory `dir`, its topics below `namespace`. Message times are the samples'
-/// stamps. What it began is removed when it fails.
+/// Writes `run` into the new directory `dir`, with topics below `namespace`. Message times are the stamps of the samples.
+/// After an error the directory is removed.
 pub(super) fn save(run: &Run, dir: &Path, namespace: &str, options: BagOptions) -> Result<(), RunError> {
-    // Before anything is created, so that a run that cannot be written leaves nothing.
+    // Checked before anything is created, so that a run that cannot be written leaves no files.
     let columns = columns_of(run, dir)?;
     let writer = BagWriter::create(dir, options)?;
     write(writer, dir, &columns, namespace).inspect_err(|_| {
-        // The directory is ours alone: `create` refuses one that exists. The first error counts.
+        // `create` made this directory, since it refuses an existing one. The first error is the one that is returned.
         let _ = std::fs::remove_dir_all(dir);
     })
 }
 
-/// The same into one file at `path`, without a directory and its `metadata.yaml`.
+/// Writes `run` into one file at `path`, without a directory and without `metadata.yaml`.
 pub(super) fn save_file(
     run: &Run,
     path: &Path,
@@ -44,7 +44,7 @@ pub(super) fn save_file(
     }
     write_beside(path, |part| {
         write(BagWriter::create_file(part, options)?, path, &columns, namespace).inspect_err(|_| {
-            // Journals of a database; the first error counts.
+            // A database may have left journals. The first error is the one that is returned.
             for journal in ["-wal", "-shm"] {
                 let _ = std::fs::remove_file(sqlite::beside(part, journal));
             }
@@ -73,9 +73,8 @@ fn write(
         })?;
         channels.push(Channel { topic, id, encoder, trace, next: 0 });
     }
-    // `min_by_key` takes the first of equals, and displacement, the first column, shall come last of its
-    // stamp: a player that keeps this order hands over everything else before the sample that causes an
-    // estimate.
+    // `min_by_key` takes the first of equals. Displacement is the first column and must come last among equal stamps, so
+    // that a player that keeps this order sends all other inputs before the displacement, which triggers an estimate.
     channels.reverse();
     let mut cdr = Vec::new();
     loop {

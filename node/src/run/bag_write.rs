@@ -1,9 +1,8 @@
-//! Writing rosbag2 bags: files of one storage, and `metadata.yaml`, in a directory of their own.
+//! Writes rosbag2 bags: a directory with files of one storage and `metadata.yaml`.
 //!
-//! Messages wait in a chunk until that is old or big enough; then the operating system has them. When the
-//! process is killed, the bag holds everything up to the last chunk and reads without repair (also without
-//! `metadata.yaml`, which comes at the end). How a chunk becomes durable is the storage's affair:
-//! [`OpenFile`].
+//! Messages are collected in a chunk until it is old or large enough; then the chunk is passed to the operating system. If
+//! the process is killed, the bag holds everything up to the last chunk and can be read without repair, even without
+//! `metadata.yaml`, which is written at the end. [`OpenFile`] writes the chunks of either storage.
 
 use super::RunError;
 use super::bag_file::{Message, OpenFile};
@@ -19,18 +18,18 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What the files of a bag are.
+/// Storage format of the files of a bag.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Storage {
     /// MCAP, the default of ROS 2 since Iron.
     #[default]
     Mcap,
-    /// An SQLite database, the default before that.
+    /// An SQLite database, the default before Iron.
     Sqlite3,
 }
 
 impl Storage {
-    /// The name that `metadata.yaml` and `ros2 bag` have for it.
+    /// Its name in `metadata.yaml` and in `ros2 bag`.
     #[must_use]
     pub fn identifier(self) -> &'static str {
         match self {
@@ -50,7 +49,7 @@ impl Storage {
         [Self::Mcap, Self::Sqlite3].into_iter().find(|storage| storage.identifier() == name)
     }
 
-    /// The storage of a file by its name, packed or not.
+    /// The storage of a file, compressed or not, according to its name.
     pub(super) fn of_file(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let (_, extension) = name.strip_suffix(".zstd").unwrap_or(&name).rsplit_once('.')?;
@@ -61,21 +60,21 @@ impl Storage {
 /// How a bag is written.
 #[derive(Debug, Clone)]
 pub struct BagOptions {
-    /// What its files are.
+    /// Storage format of its files.
     pub storage: Storage,
-    /// The longest time for which a message stays in memory before its chunk is handed to the operating
-    /// system, as long as the writer is called: what a `SIGKILL` can cost at most.
+    /// Longest time for which a message stays in memory before its chunk is passed to the operating system, provided that
+    /// the writer is called often enough. A `SIGKILL` loses at most this much.
     pub chunk_max_age: Duration,
-    /// Size at which a chunk is handed over before its time, in bytes before compression.
+    /// Size at which a chunk is passed on before it reaches that age, in bytes before compression.
     pub chunk_max_bytes: usize,
-    /// Compress with zstd: chunks of MCAP, whole files of sqlite3 once they are complete (mode `FILE`).
+    /// Compress with zstd: in MCAP each chunk, in sqlite3 each complete file (mode `FILE`).
     pub compress: bool,
     /// When data are forced to the disk.
     pub sync: Sync,
-    /// Size at which another file is begun, in bytes as they lie on the disk before files are packed. A file with
-    /// its index may be a little larger; it holds one message at least.
+    /// Size on disk at which another file is started, in bytes before files are compressed. A file with its index may be a
+    /// little larger; it holds at least one message.
     pub max_file_bytes: Option<u64>,
-    /// Duration of log times after which another file is begun.
+    /// Duration in log time after which another file is started.
     pub max_file_duration: Option<Duration>,
 }
 
@@ -95,14 +94,15 @@ impl Default for BagOptions {
 }
 
 impl BagOptions {
-    /// The same for another storage. A database is not packed then, which would have to wait for its end.
+    /// The same options for another storage. If the storage changes, `compress` gets its default for that storage: true for
+    /// MCAP, false for sqlite3, which can be compressed only after the file is complete.
     #[must_use]
     pub fn stored(self, storage: Storage) -> Self {
         let compress = if self.storage == storage { self.compress } else { storage == Storage::Mcap };
         Self { storage, compress, ..self }
     }
 
-    /// Files are packed as a whole.
+    /// True if whole files are compressed.
     fn packs(&self) -> bool {
         self.storage == Storage::Sqlite3 && self.compress
     }
@@ -111,32 +111,31 @@ impl BagOptions {
 /// When written data are forced from the operating system's cache to the disk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sync {
-    /// Once, in [`BagWriter::finish`]. A killed process loses at most the last chunk; a power cut may lose as
-    /// much as the system holds back, typically 5 to 30 s. A chunk costs no wait for the disk (in sqlite3: but for
-    /// one in about 4 MB, when its log is merged).
+    /// Once, in [`BagWriter::finish`]. A killed process loses at most the last chunk. A power failure may lose the data that
+    /// the system has not written yet, typically 5 to 30 s. Writing a chunk does not wait for the disk, except in sqlite3
+    /// about every 4 MB, when the log is merged.
     AtEnd,
-    /// After every chunk. A power cut, too, loses at most the last chunk. A chunk waits for the disk, some
-    /// milliseconds on flash and tens of them on a loaded disk: call the writer on a thread that may wait.
+    /// After every chunk, so that also a power failure loses at most the last chunk. Writing a chunk waits for the disk:
+    /// some milliseconds on flash, tens of milliseconds on a loaded disk. Call the writer on a thread that may wait.
     EveryChunk,
 }
 
-/// A topic to be written.
+/// A topic to write.
 #[derive(Debug, Clone, Copy)]
 pub struct Topic<'a> {
     /// Absolute name, such as `/front_left/displacement`.
     pub name: &'a str,
     /// ROS type, such as `mr_damper_msgs/msg/Displacement`.
     pub type_name: &'a str,
-    /// Definition in `ros2msg` form: the `.msg` text, then each type it uses after a line of 80 `=` and a
-    /// line `MSG: package/Name`.
+    /// Definition in `ros2msg` form: the `.msg` text, then each type that it uses after a line of 80 `=` and a line
+    /// `MSG: package/Name`.
     pub definition: &'a str,
-    /// Hash of the type's description (`RIHS01_...`), or empty when it is not known.
+    /// Hash of the type's description (`RIHS01_...`), or empty if it is not known.
     pub type_hash: &'a str,
-    /// The run's column behind the topic, where the topic's name cannot say it; kept in the channel's
-    /// metadata.
+    /// The run's column, if it differs from the topic's name; stored in the channel's metadata.
     pub column: Option<&'a str>,
-    /// What the topic would be called without a renaming, where it was renamed: `/front_left/displacement`. Kept beside the
-    /// topic, so that it is read as that.
+    /// The topic's original name, such as `/front_left/displacement`, if it was remapped. It is stored with the topic, which
+    /// is then read under that name.
     pub stands_for: Option<&'a str>,
 }
 
@@ -153,17 +152,17 @@ impl<'a> Topic<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TopicId(usize);
 
-/// What was written.
+/// Summary of a written bag.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct BagSummary {
     /// The bag's directory.
     pub path: PathBuf,
-    /// Messages, by topic in the order of their first mention.
+    /// Number of messages of each topic, in the order in which topics were added.
     pub topics: Vec<(String, u64)>,
-    /// How many files it has.
+    /// Number of files.
     pub files: usize,
-    /// Their size in bytes.
+    /// Their total size in bytes.
     pub bytes: u64,
 }
 
@@ -174,8 +173,9 @@ struct TopicState {
     type_hash: String,
     column: Option<String>,
     stands_for: Option<String>,
-    /// Messages in all files, and in those before the one at hand.
+    /// Messages in all files.
     messages: u64,
+    /// Messages in the files before the current one.
     before: u64,
 }
 
@@ -198,11 +198,11 @@ impl TopicState {
     }
 }
 
-/// Where a bag goes.
+/// Where a bag is written.
 enum Place {
-    /// A directory, and what its files' names begin with.
+    /// A directory, and the prefix of its file names.
     Directory(PathBuf, String),
-    /// One file, without a directory of its own and without `metadata.yaml`.
+    /// One file, without a bag directory and without `metadata.yaml`.
     File(PathBuf),
 }
 
@@ -215,26 +215,27 @@ impl Place {
     }
 }
 
-/// Writes one bag. Dropped without [`finish`](Self::finish), it leaves readable files and no `metadata.yaml`.
+/// Writes one bag. If it is dropped without [`finish`](Self::finish), the files are readable, but `metadata.yaml` is missing.
 pub struct BagWriter {
     place: Place,
     path: PathBuf,
     file: OpenFile,
-    /// What the file at hand holds.
+    /// Content of the current file.
     entry: FileEntry,
-    /// Files before it, and those who bring them to the disk, packed or not, and tell their sizes.
+    /// The files before it.
     finished: Vec<FileEntry>,
+    /// Threads that bring these files to the disk, compress them if requested, and return their sizes in bytes.
     settling: Vec<JoinHandle<Result<u64, RunError>>>,
     options: BagOptions,
     topics: Vec<TopicState>,
     by_name: HashMap<String, TopicId>,
-    /// What renamed topics would be called without that, by their names.
+    /// Original names of remapped topics, by their new names.
     stand_for: HashMap<String, String>,
-    /// When the oldest message that is still in memory came, and how many bytes wait.
+    /// Time at which the oldest message in memory was written, and the number of bytes in memory.
     waiting: Option<(Instant, usize)>,
-    /// Size of the file at hand without what waits.
+    /// Size of the current file without the messages in memory.
     flushed_bytes: u64,
-    /// For encoding messages.
+    /// Reused for encoding messages.
     buffer: Vec<u8>,
 }
 
@@ -242,9 +243,9 @@ impl BagWriter {
     /// Creates the directory `dir` and the bag in it.
     ///
     /// # Errors
-    /// When `dir` exists, in whatever form, or cannot be made.
+    /// When `dir` exists, as a directory or anything else, or cannot be created.
     pub fn create(dir: &Path, options: BagOptions) -> Result<Self, RunError> {
-        // The name goes into metadata.yaml as plain text, so it keeps to harmless characters.
+        // The name is written to metadata.yaml as plain text, so it only has characters without a meaning in YAML.
         let stem = dir.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
         let harmless = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '.' | '-') { c } else { '_' };
         let stem = format!("bag_{}", stem.chars().map(harmless).collect::<String>());
@@ -258,7 +259,7 @@ impl BagWriter {
         Self::begin(Place::Directory(dir.to_owned(), stem), options)
     }
 
-    /// Creates one file instead, which is neither split nor packed.
+    /// Creates one file instead, which is not split and not compressed as a whole.
     pub(super) fn create_file(path: &Path, options: BagOptions) -> Result<Self, RunError> {
         let compress = options.compress && !options.packs();
         let options = BagOptions { max_file_bytes: None, max_file_duration: None, compress, ..options };
@@ -285,17 +286,17 @@ impl BagWriter {
         })
     }
 
-    /// Says what the topic `name`, which comes later, would be called without a renaming; nothing where it is called so.
+    /// Notes the original name of the topic `name`, which is added later. If both names are equal, nothing is noted.
     pub fn note_renamed(&mut self, name: &str, stands_for: &str) {
         if name != stands_for {
             self.stand_for.insert(name.to_owned(), stands_for.to_owned());
         }
     }
 
-    /// Adds a topic, or finds it again by its name.
+    /// Adds a topic, or returns the existing topic with that name.
     ///
     /// # Errors
-    /// When the name or the type is not one of ROS 2, or the file cannot hold more.
+    /// When the name or the type is not valid in ROS 2, the topic exists with another type, or the file cannot hold more.
     pub fn topic(&mut self, topic: &Topic<'_>) -> Result<TopicId, RunError> {
         if let Some(&id) = self.by_name.get(topic.name) {
             if self.topics[id.0].type_name != topic.type_name {
@@ -321,12 +322,11 @@ impl BagWriter {
         Ok(id)
     }
 
-    /// Writes one message, given as CDR with its 4-byte header, and hands the chunk to the system when it is
-    /// due. Times are nanoseconds since the epoch: when the message was recorded, and when it was published.
+    /// Writes one message, given as CDR with its 4-byte header, and passes the chunk to the operating system when it is due.
+    /// The times are nanoseconds since the epoch: when the message was recorded, and when it was published.
     ///
     /// # Errors
-    /// When a time is negative, which bags cannot hold, or the disk refuses. After a refusal the writer only
-    /// repeats it.
+    /// When a time is negative, which bags cannot hold, or the write fails. After a failed write every further call fails.
     pub fn write(
         &mut self,
         topic: TopicId,
@@ -358,10 +358,10 @@ impl BagWriter {
         self.flush_if_due()
     }
 
-    /// Writes one message of our own types, adding its topic at the first.
+    /// Writes one message of a known type. The first message of a topic adds the topic.
     ///
     /// # Errors
-    /// Those of [`topic`](Self::topic) and [`write`](Self::write).
+    /// The errors of [`topic`](Self::topic) and [`write`](Self::write).
     pub fn write_message<M: mr_damper_msgs::Message>(
         &mut self,
         name: &str,
@@ -370,7 +370,7 @@ impl BagWriter {
         publish_time_ns: i64,
     ) -> Result<(), RunError> {
         let id = self.topic(&Topic::of::<M>(name))?;
-        // Taken out and put back, so that its memory is reused.
+        // The buffer is taken out and put back, so that its memory is reused.
         let mut buffer = std::mem::take(&mut self.buffer);
         let encoded = cdr::write_into(message, &mut buffer);
         let written = match encoded {
@@ -381,11 +381,11 @@ impl BagWriter {
         written
     }
 
-    /// Hands the chunk to the system when it is old or big enough. A recorder calls this also when no message
-    /// comes, at least every [`BagOptions::chunk_max_age`].
+    /// Passes the chunk to the operating system if it is old or large enough. A recorder must call this at least every
+    /// [`BagOptions::chunk_max_age`], also while no message arrives.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When the write fails.
     pub fn flush_if_due(&mut self) -> Result<(), RunError> {
         match self.waiting {
             Some((since, bytes))
@@ -397,10 +397,10 @@ impl BagWriter {
         }
     }
 
-    /// Ends the chunk at hand and hands it to the system.
+    /// Ends the current chunk and passes it to the operating system.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When the write fails.
     pub fn flush(&mut self) -> Result<(), RunError> {
         self.waiting = None;
         self.file.flush()?;
@@ -410,7 +410,7 @@ impl BagWriter {
         Ok(())
     }
 
-    /// Whether a message of this time belongs into another file.
+    /// True if a message with this log time belongs in another file.
     fn is_full(&self, log_time: u64) -> bool {
         let Some((first, _)) = self.entry.bounds else { return false };
         let waiting = self.waiting.map_or(0, |(_, bytes)| bytes as u64);
@@ -419,7 +419,7 @@ impl BagWriter {
             || self.options.max_file_duration.is_some_and(|most| long >= most.as_nanos())
     }
 
-    /// Ends the file at hand and begins another one with the same topics.
+    /// Completes the current file and starts another one with the same topics.
     fn split(&mut self) -> Result<(), RunError> {
         self.end_file()?;
         self.path = self.place.file(self.finished.len(), self.options.storage);
@@ -444,7 +444,7 @@ impl BagWriter {
         self.finished.push(entry);
         self.waiting = None;
         self.flushed_bytes = 0;
-        // On a thread of its own: the disk may take seconds, and a recorder has more to do meanwhile.
+        // On a separate thread: the disk may take seconds, and the recorder must go on meanwhile.
         let (path, packs) = (self.path.clone(), self.options.packs());
         let settling =
             std::thread::Builder::new().name("bag-settling".into()).spawn(move || settle(&path, packs));
@@ -456,15 +456,15 @@ impl BagWriter {
         Written { storage: self.options.storage, packed: self.options.packs(), files, topics }
     }
 
-    /// Ends the file at hand with its index and writes `metadata.yaml`; all is on the disk when this returns.
+    /// Completes the current file with its index and writes `metadata.yaml`. Everything is on the disk when this returns.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// When a write fails.
     pub fn finish(mut self) -> Result<BagSummary, RunError> {
         self.end_file()?;
         let mut bytes = 0;
         for settling in std::mem::take(&mut self.settling) {
-            let why = || std::io::Error::other("the thread that did it panicked");
+            let why = || std::io::Error::other("the thread that completes the file panicked");
             bytes += settling.join().map_err(|_| RunError::io(&self.path, "end")(why()))??;
         }
         let topics = self.topics.iter().map(|topic| topic.entry(topic.messages)).collect();
@@ -488,7 +488,7 @@ impl BagWriter {
     }
 }
 
-/// Brings a file that is complete to the disk, packed or not; returns its size there.
+/// Brings a complete file to the disk, and compresses it if `packs`; returns its size on disk in bytes.
 fn settle(path: &Path, packs: bool) -> Result<u64, RunError> {
     if packs {
         return pack_file(path);
@@ -498,16 +498,16 @@ fn settle(path: &Path, packs: bool) -> Result<u64, RunError> {
     Ok(file.metadata().map_err(RunError::io(path, "look at"))?.len())
 }
 
-/// What `metadata.yaml` will say of a file, by its name when it is complete.
+/// The entry of a file in `metadata.yaml`, with the name that the file has when it is complete.
 fn entry_of(path: &Path, options: &BagOptions) -> FileEntry {
     let path = if options.packs() { packed_name(path) } else { path.to_owned() };
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     FileEntry { name, bounds: None, messages: 0 }
 }
 
-/// Key of a channel's metadata that names the run's column.
+/// Key in a channel's metadata for the name of the run's column.
 pub(super) const COLUMN_KEY: &str = "mr_damper_column";
-/// Key of a channel's metadata with what its topic would be called without the recorder's renaming.
+/// Key in a channel's metadata for the topic's original name, if the recorder remapped it.
 pub(super) const TOPIC_KEY: &str = "mr_damper_topic";
 
 #[cfg(test)]
@@ -530,7 +530,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_it_cannot_write() {
+    fn invalid_targets_topics_types_and_times_are_refused() {
         let dir = tempfile::tempdir().expect("temporary directory");
         let bag = dir.path().join("bag");
         let mut writer = create(&bag, BagOptions::default());
@@ -555,10 +555,10 @@ mod tests {
     }
 
     #[test]
-    fn chunks_leave_by_age_and_by_size() {
+    fn chunks_are_flushed_by_age_and_by_size() {
         let dir = tempfile::tempdir().expect("temporary directory");
         let length = |writer: &BagWriter| writer.file.bytes().expect("size");
-        // By age: a message alone waits, and leaves without another one.
+        // By age: a single message waits, and is flushed without another message.
         let options = BagOptions { chunk_max_age: Duration::from_millis(30), ..BagOptions::default() };
         let mut writer = create(&dir.path().join("age"), options);
         let id = writer.topic(&FLOAT).expect("added");

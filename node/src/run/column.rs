@@ -1,4 +1,4 @@
-//! The columns of the run format: which quantity a header names, and how its unit becomes SI.
+//! The columns of the run format: the quantity that a header names, and the conversion of its unit to SI.
 
 use crate::extract::Dimension;
 use mr_damper_model::units::{M_PER_IN, N_PER_LBF};
@@ -32,7 +32,7 @@ pub(super) const fn same(value: f64) -> f64 {
     value
 }
 
-// A division by 1000 rounds once; 0.001 is itself rounded, so a product would round twice.
+// A division by 1000 rounds once. A product with 0.001 would round twice, because 0.001 is itself rounded.
 pub(super) const fn from_milli(value: f64) -> f64 {
     value / 1000.0
 }
@@ -111,7 +111,7 @@ impl Quantity {
         }
     }
 
-    /// What kind of physical quantity it is.
+    /// The physical dimension.
     pub(super) const fn dimension(self) -> Dimension {
         match self {
             Self::Displacement | Self::Setpoint => Dimension::Length,
@@ -134,24 +134,24 @@ impl Quantity {
         names.join(", ")
     }
 
-    /// The quantity that a column of SI values with this name holds.
+    /// The quantity whose SI column has this name.
     pub(super) fn of_si_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|quantity| quantity.si_name() == name)
     }
 }
 
-/// What a header cell stands for.
+/// The meaning of a header cell.
 pub(super) enum Column {
     /// `time_s`.
     Time,
     /// A known quantity, with the conversion of its values to SI.
     Known(Quantity, fn(f64) -> f64),
-    /// Anything else: kept as it is.
+    /// Any other column: carried through unchanged.
     Other,
 }
 
 impl Column {
-    /// Reads a header cell. Letter case does not matter: `Force_N` is a force, not an unknown column.
+    /// Parses a header cell, ignoring case: `Force_N` is a force, not an unknown column.
     pub(super) fn of_header(name: &str) -> Self {
         if name.eq_ignore_ascii_case("time_s") {
             return Self::Time;
@@ -164,8 +164,8 @@ impl Column {
         Self::Other
     }
 
-    /// True when a column of SI values may have this name among those that are carried through: one that no reader takes for
-    /// another quantity, or for one in another unit.
+    /// True if a carried column of SI values may have this name: no reader takes it for another quantity or for a quantity
+    /// in another unit.
     pub(super) fn is_carried(name: &str) -> bool {
         match Self::of_header(name) {
             Self::Time => false,
@@ -173,17 +173,17 @@ impl Column {
                 name == quantity.si_name()
             }
             Self::Known(..) => false,
-            // Blanks around a header do not count.
+            // Blanks around a header are ignored when it is read.
             Self::Other => !name.trim().is_empty() && name == name.trim_ascii(),
         }
     }
 
-    /// The quantity that an unknown column seems to mean: its name without a unit (`force`), or with one that
-    /// is not known (`force_kgf`). Such a column is carried but not used, which deserves a word.
+    /// The quantity that an unknown column seems to mean: its name has no unit (`force`) or an unknown unit (`force_kgf`).
+    /// Such a column is carried but not used, so the user gets a note.
     pub(super) fn resembles(name: &str) -> Option<Quantity> {
         let name = name.to_ascii_lowercase();
         Quantity::ALL.into_iter().find(|quantity| {
-            // The SI names end in `_m`, `_c`, ... and the velocity's in `_m_s`.
+            // SI names end in `_m`, `_c`, ..., and the name of velocity in `_m_s`.
             let si = quantity.si_name();
             let stem = si.strip_suffix("_m_s").or_else(|| si.rsplit_once('_').map(|(stem, _)| stem));
             let Some(stem) = stem else { return false };
@@ -195,8 +195,7 @@ impl Column {
     }
 }
 
-/// The columns of the thesis' acquisition files, in order and in their units: inches, pounds-force, amperes,
-/// °C.
+/// The columns of the thesis' acquisition files, in order, with their units: inches, pounds-force, amperes, °C.
 pub(super) const THESIS_ORDER: [&str; 7] =
     ["time_s", "displacement_in", "force_lbf", "current_a", "ambient_temp_c", "case_temp_c", "setpoint_in"];
 
@@ -226,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn names_look_alikes_only() {
+    fn resembles_finds_only_similar_names() {
         assert_eq!(Column::resembles("force"), Some(Quantity::Force));
         assert_eq!(Column::resembles("Force (N)"), Some(Quantity::Force));
         assert_eq!(Column::resembles("velocity_cm_s"), None);

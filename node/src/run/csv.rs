@@ -1,8 +1,9 @@
-//! Runs as CSV: a header row with the unit in every name, or the thesis' acquisition order without header.
+//! Reads runs from CSV: with a header row that has the unit in every name, or in the thesis' acquisition order without
+//! header.
 //!
-//! An empty cell means that the channel has no sample at the row's time. That is how channels of different
-//! rates share one table, so a bag survives the way through CSV; it is noted when read, because in a
-//! hand-made file it is more often a hole.
+//! An empty cell means that the channel has no sample at the row's time. In this way channels with different rates share one
+//! table, and a bag can be converted to CSV and back. Empty cells are reported in a note, because in a hand-made file they
+//! are more often an omission.
 
 use super::column::{Column, Quantity, THESIS_ORDER};
 use super::decimal::{parse_nanos, seconds_text};
@@ -17,10 +18,10 @@ use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
-/// How many faults of skipped rows are kept for the note.
+/// Number of faults of skipped rows that are kept for the note.
 const FAULTS_KEPT: usize = 5;
 
-/// Reads a run from CSV text; `path` is for messages and the run's name.
+/// Reads a run from CSV text; `path` is used in messages and as the run's name.
 pub(super) fn read(
     path: &Path,
     source: impl Read,
@@ -37,7 +38,7 @@ pub(super) fn read(
 
 /// Reads a table with a header row.
 fn read_headed<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> Result<Table<'a>, RunError> {
-    // Rows of the wrong length are ours to report, with line and column: hence `flexible`.
+    // `flexible`, because rows of the wrong length are reported here, with line and column.
     let mut reader =
         ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(source);
     let mut row = ByteRecord::new();
@@ -70,7 +71,7 @@ fn read_row(
     }
 }
 
-/// Reads lines of the thesis' acquisition files: no header, fields split by blanks, tabs or commas.
+/// Reads an acquisition file of the thesis: no header, fields separated by blanks, tabs or commas.
 fn read_thesis<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> Result<Table<'a>, RunError> {
     let header = ByteRecord::from(THESIS_ORDER.to_vec());
     let mut table = Table::from_header(path, 1, &header, options)?;
@@ -106,7 +107,7 @@ fn read_thesis<'a>(path: &'a Path, source: impl Read, options: &LoadOptions) -> 
     Ok(table)
 }
 
-/// What a column is for.
+/// Use of a column.
 #[derive(Debug, Clone, Copy)]
 enum Use {
     Time,
@@ -123,7 +124,7 @@ impl Use {
         }
     }
 
-    /// True for what `map` takes from somewhere.
+    /// True if `map` has a source for this use.
     fn is_mapped(self, map: &Map) -> bool {
         match self {
             Self::Time => map.of_time().is_some(),
@@ -135,7 +136,7 @@ impl Use {
 
 /// One channel while it is read.
 struct Reading {
-    /// Its place in a row.
+    /// Index of its field in a row.
     field: usize,
     /// The header as written, for messages.
     header: String,
@@ -155,16 +156,16 @@ struct Table<'a> {
     path: &'a Path,
     headers: Vec<String>,
     columns: Vec<Reading>,
-    /// Place of the time, and its unit.
+    /// Index of the time field, and its unit.
     time: (usize, TimeUnit),
     skip_bad_rows: bool,
     last: Option<i64>,
-    /// Values of the row at hand: a row enters the traces whole or not at all.
+    /// Values of the current row: a row is added to the traces completely or not at all.
     values: Vec<Option<f64>>,
     kept: u64,
     skipped: u64,
     faults: Vec<String>,
-    /// What was noted of the header.
+    /// Notes on the header.
     notes: Vec<Note>,
 }
 
@@ -220,7 +221,7 @@ impl<'a> Table<'a> {
         Ok(table)
     }
 
-    /// Takes a channel from the column that it is mapped to; returns the column's place.
+    /// Adds the column that a channel is mapped to; returns the index of the column's field.
     fn take_mapped(&mut self, mapping: &Mapping) -> Result<usize, MapFault> {
         let headers = || self.headers.iter().map(String::as_str);
         let source = mapping.source.as_str();
@@ -254,7 +255,7 @@ impl<'a> Table<'a> {
                 let found = Unit::in_column(quantity.dimension(), &header);
                 let taken = unit.or(found).unwrap_or(unit::of(quantity.dimension())[0]);
                 let what = Use::Known(quantity, mapping.convert(taken.to_si));
-                // The unit of a column of ours is agreed.
+                // A column with a name of the run format has a known unit.
                 let given = unit.is_some() || matches!(by_name, Column::Known(..));
                 (taken.name, found.is_some(), given, what)
             }
@@ -266,7 +267,7 @@ impl<'a> Table<'a> {
         Ok(field)
     }
 
-    /// Takes every column as what it is called, but for what the map takes from somewhere.
+    /// Adds every column according to its name, except channels for which the map has a source.
     fn take_by_name(&mut self, by_name: &[Use], mapped: &[usize], map: &Map) {
         for (field, what) in by_name.iter().enumerate() {
             let header = &self.headers[field];
@@ -290,7 +291,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// Takes a row, or refuses it, or drops it when that was asked for.
+    /// Adds a row. A bad row is an error, or is dropped with `skip_bad_rows`.
     fn push(&mut self, line: u64, row: &ByteRecord) -> Result<(), RunError> {
         match self.check(line, row) {
             Ok(nanos) => {
@@ -395,13 +396,13 @@ impl<'a> Table<'a> {
         let mut run = Run { name: path.display().to_string(), ..Run::default() };
         let mut drives: [Option<(String, Trace)>; 2] = [None, None];
         let mut columns = self.columns;
-        // Others in the order of the file, wherever mapped ones are.
+        // Mapped columns were added first; carried columns must be in the order of the file.
         columns.sort_by_key(|column| column.field);
         for Reading { header, what, trace, empty, .. } in columns {
             if empty > 0 && !matches!(what, Use::Time) && !is_slower(&trace, empty) {
                 notes.push(Note::EmptyCells { column: header.clone(), count: empty });
             }
-            // A column of empty cells alone is a channel that was not recorded.
+            // If all cells of a column are empty, the channel was not recorded.
             let recorded = (!trace.is_empty()).then_some(trace.clone());
             match what {
                 Use::Time => {}
@@ -433,8 +434,8 @@ impl<'a> Table<'a> {
     }
 }
 
-/// Puts the recorded drives, current first, into the run: the only one, or the chosen one. The other is
-/// carried under its SI name.
+/// Puts the recorded drive into the run: the only one, or the chosen one. The other one is carried through under its SI name.
+/// `drives` holds the current, then the voltage.
 pub(super) fn settle_drive(
     path: &Path,
     drives: [Option<(String, Trace)>; 2],
@@ -458,7 +459,7 @@ pub(super) fn settle_drive(
     Ok(())
 }
 
-/// The fault of a dropped row without the advice on how to drop it.
+/// The fault of a dropped row, without the advice to drop such rows.
 fn fault_text(fault: &RunError) -> String {
     let text = fault.to_string();
     match text.split_once(';') {
@@ -476,7 +477,7 @@ fn same_column(a_name: &str, a: &Use, b_name: &str, b: &Use) -> bool {
     }
 }
 
-/// The names of the columns, or what is wrong with one.
+/// The names of the columns; the error says what is wrong with one of them.
 fn headers(header: &ByteRecord) -> Result<Vec<String>, String> {
     let name_of = |(index, name): (usize, &[u8])| {
         let name = if index == 0 { name.strip_prefix(b"\xef\xbb\xbf").unwrap_or(name) } else { name };
@@ -484,7 +485,7 @@ fn headers(header: &ByteRecord) -> Result<Vec<String>, String> {
             let shown = String::from_utf8_lossy(name);
             format!("column {} is named `{shown}`, which is not UTF-8: save the file as UTF-8", index + 1)
         })?;
-        // Blanks of any alphabet are no name, nor can they be written as one.
+        // A name of Unicode blanks is refused, because it could not be written again.
         if text.trim().is_empty() {
             return Err(format!("column {} has no name: name it or remove it", index + 1));
         }
@@ -493,12 +494,12 @@ fn headers(header: &ByteRecord) -> Result<Vec<String>, String> {
     header.iter().enumerate().map(name_of).collect()
 }
 
-/// The names of columns for a message.
+/// The names of the columns, for a message.
 fn shown(headers: &[String]) -> String {
     headers.join(", ").chars().take(200).collect()
 }
 
-/// What a header lacks, and the likeliest reason.
+/// A message about what the header lacks, with the likeliest reason.
 fn missing(no_time: bool, headers: &[String]) -> String {
     if headers.iter().all(|name| number(name.as_bytes()).is_some()) {
         return "the first row holds numbers, so the header row is missing: name the columns, or give \
@@ -526,13 +527,13 @@ fn missing(no_time: bool, headers: &[String]) -> String {
     format!("no column {lacks} among: {}{hint}", shown(headers))
 }
 
-/// A decimal number, finite or not; `None` when the text is no number.
+/// A decimal number, finite or not; `None` if the text is not a number.
 fn number(field: &[u8]) -> Option<f64> {
     std::str::from_utf8(field).ok()?.parse().ok()
 }
 
-/// True when a channel was logged evenly at a fraction of the rows' rate, as a thermocouple is: `empty` cells
-/// between its samples are no holes.
+/// True if a channel was logged evenly at a fraction of the rows' rate, like a thermocouple. Then the `empty` cells between
+/// its samples are not omissions.
 fn is_slower(trace: &Trace, empty: u64) -> bool {
     let steps = || trace.stamps.windows(2).map(|pair| pair[1].since(pair[0]).get());
     let (least, most) =

@@ -1,5 +1,5 @@
-//! Writing a run as CSV in canonical form: one fixed order of columns, exact times, shortest round-trip
-//! values. Reading such a file and writing it again yields the same bytes.
+//! Writes a run as CSV in canonical form: a fixed order of columns, exact times, and the shortest decimals that round-trip.
+//! Reading such a file and writing it again gives the same bytes.
 
 use super::column::Quantity;
 use super::decimal::{push_nanos, push_value};
@@ -8,7 +8,7 @@ use mr_damper_model::sample::{Run, Stamp, Trace};
 use std::io::Write;
 use std::path::Path;
 
-/// A trace with how much of it is written.
+/// A trace and the position of the next sample to write.
 struct Cursor<'a> {
     trace: &'a Trace,
     next: usize,
@@ -19,7 +19,7 @@ impl Cursor<'_> {
         self.trace.stamps.get(self.next).copied()
     }
 
-    /// The value at `stamp`, if there is one; moves on.
+    /// The value at `stamp`, if there is one; then advances to the next sample.
     fn take_at(&mut self, stamp: Stamp) -> Option<f64> {
         (self.stamp()? == stamp).then(|| {
             self.next += 1;
@@ -28,11 +28,11 @@ impl Cursor<'_> {
     }
 }
 
-/// Writes `run` as CSV text. Where channels have stamps of their own, a row holds the cells of its stamp and
-/// leaves the others empty. `path` is for messages.
+/// Writes `run` as CSV text. If channels have different stamps, a row has values only for the channels with its stamp; the
+/// other cells are empty. `path` is used in messages.
 ///
 /// # Errors
-/// When the run has no displacement, two columns of one name, or the sink fails.
+/// When the run has no displacement, two columns have the same name, or the sink fails.
 pub(super) fn write(run: &Run, path: &Path, sink: impl Write) -> Result<(), RunError> {
     let columns = columns_of(run, path)?;
     let failed = |error: csv::Error| RunError::io(path, "write")(error.into());
@@ -61,7 +61,7 @@ pub(super) fn write(run: &Run, path: &Path, sink: impl Write) -> Result<(), RunE
     writer.flush().map_err(RunError::io(path, "write"))
 }
 
-/// Where a column stands in a written file: known quantities in their order, then the others as they came.
+/// Position of a column in a written file: known quantities in their fixed order, then all others in their given order.
 pub(super) fn rank(name: &str) -> usize {
     match Quantity::of_si_name(name) {
         Some(quantity) => Quantity::ALL.iter().position(|&q| q == quantity).unwrap_or(Quantity::ALL.len()),

@@ -1,18 +1,17 @@
-//! Numbers as text, without loss: times as whole nanoseconds, values as the shortest round-trip decimal.
+//! Lossless text form of numbers: times as whole nanoseconds, values as the shortest decimals that round-trip.
 //!
-//! A time of 1.7e9 s leaves an `f64` with steps of 238 ns, so times never pass through one: the decimal text
-//! is read into an integer count of nanoseconds, and written back from it.
+//! At 1.7e9 s an `f64` has steps of 238 ns, so times are never converted to `f64`: decimal text is parsed into an integer
+//! number of nanoseconds, and written from it.
 
 use std::fmt::Write as _;
 
-/// Exponents beyond this are refused; they could only say zero or overflow.
+/// Exponents beyond this are refused; such a number could only be zero or overflow.
 const EXPONENT_LIMIT: i32 = 1000;
 
-/// Reads decimal seconds (`12`, `-0.5`, `1.7e9`, `.25`) as nanoseconds, rounded half away from zero; with a `shift`, another
-/// unit: -3 for milliseconds.
+/// Parses decimal seconds (`12`, `-0.5`, `1.7e9`, `.25`) into nanoseconds, rounded half away from zero. A `shift` selects
+/// another unit: -3 for milliseconds.
 ///
-/// `None` when the text is not a finite decimal number or does not fit 64 bits of nanoseconds (about 292
-/// years either way).
+/// `None` if the text is not a finite decimal number or does not fit into 64 bits of nanoseconds (about ±292 years).
 pub(super) fn parse_nanos(text: &str, shift: i32) -> Option<i64> {
     let (negative, rest) = match text.as_bytes().first()? {
         b'-' => (true, &text[1..]),
@@ -31,14 +30,14 @@ pub(super) fn parse_nanos(text: &str, shift: i32) -> Option<i64> {
     if digits().next().is_none() || !digits().all(|b| b.is_ascii_digit()) {
         return None;
     }
-    // How many of the digits count whole nanoseconds; the one after them decides the rounding.
+    // Number of digits that give whole nanoseconds; the next digit decides the rounding.
     let kept = i64::try_from(whole.len()).ok()? + i64::from(exponent + shift) + 9;
     let mut nanos: i64 = 0;
     let mut digits = digits().map(|b| i64::from(b - b'0'));
     for _ in 0..kept.max(0) {
         nanos = nanos.checked_mul(10)?.checked_add(digits.next().unwrap_or(0))?;
     }
-    // With a negative count the first digit stands below a tenth of a nanosecond.
+    // If the number is negative, the first digit is below a tenth of a nanosecond.
     if kept >= 0 && digits.next().unwrap_or(0) >= 5 {
         nanos = nanos.checked_add(1)?;
     }
@@ -66,8 +65,8 @@ pub(super) fn seconds_text(nanos: i64) -> String {
     text
 }
 
-/// Appends the shortest decimal that reads back as exactly `value`, in at most 24 characters; very large and very
-/// small ones get an exponent, so that a denormal does not take 300.
+/// Appends the shortest decimal that parses to exactly `value`, in at most 24 characters. Very large and very small values
+/// get an exponent; without it a denormal would take 300 characters.
 pub(super) fn push_value(text: &mut String, value: f64) {
     let magnitude = value.abs();
     let _ = if magnitude == 0.0 || (1e-5..1e16).contains(&magnitude) {
@@ -83,7 +82,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn reads_times_exactly() {
+    fn times_are_parsed_exactly() {
         for (text, nanos) in [
             ("0", 0),
             ("-0", 0),
@@ -112,8 +111,8 @@ mod tests {
     }
 
     #[test]
-    fn values_stay_short_where_the_exponent_begins() {
-        // Seventeen digits and a sign on either side of both ends of the range without an exponent.
+    fn values_are_short_at_the_limits_of_the_exponent_form() {
+        // Values with 17 digits on both sides of the two limits between the forms with and without an exponent.
         for value in [-1.000_608_361_763_985_1e-5, -9.999_608_361_763_986e-6, -1.0006083617639851e15, -1e16] {
             let mut text = String::new();
             push_value(&mut text, value);

@@ -1,4 +1,4 @@
-//! What can go wrong with a run, and what was noted while reading one.
+//! Errors of reading and writing runs, and notes on a run that was read.
 
 use super::map::flag;
 use super::mcap::at;
@@ -7,16 +7,16 @@ use crate::extract::{Dimension, Unfit};
 use std::fmt;
 use std::path::PathBuf;
 
-/// Why a run could not be read or written. Every message says what, where, and what to do.
+/// Why a run could not be read or written. Every message says what failed, where, and what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{}: cannot {action}: {source}{}", path.display(), advice(source.kind()))]
     Io {
         /// The file or directory.
         path: PathBuf,
-        /// What was tried, as a verb: `open`, `read`, ...
+        /// The action that failed, as a verb: `open`, `read`, ...
         action: &'static str,
         /// The system's reason.
         source: std::io::Error,
@@ -29,15 +29,15 @@ pub enum RunError {
     NotARun {
         /// The path.
         path: PathBuf,
-        /// What it is instead.
+        /// Description of what is at the path.
         why: String,
     },
-    /// SQLite cannot read or write a database, for another reason than its content.
+    /// SQLite cannot read or write a database, for another reason than the content of the database.
     #[error("{}: cannot {action}: {why}", path.display())]
     Database {
         /// The file.
         path: PathBuf,
-        /// What was tried, as a verb.
+        /// The action that failed, as a verb.
         action: &'static str,
         /// SQLite's reason.
         why: String,
@@ -49,10 +49,10 @@ pub enum RunError {
         path: PathBuf,
         /// Line of the header, from 1.
         line: u64,
-        /// What is wrong and what to do.
+        /// The fault, and advice.
         why: String,
     },
-    /// A value that is not a finite number.
+    /// A cell cannot be read as a time or as a finite number.
     #[error(
         "{}, line {line}, column `{column}`: `{value}` {why}; correct it, or drop such rows with \
          --skip-bad-rows",
@@ -67,10 +67,10 @@ pub enum RunError {
         column: String,
         /// The text of the cell.
         value: String,
-        /// What is wrong with it.
+        /// The fault.
         why: &'static str,
     },
-    /// A row with too few or too many fields.
+    /// A row has too few or too many fields.
     #[error(
         "{}, line {line}: {found} fields, {expected} expected ({hint}); correct the row, or drop such rows \
          with --skip-bad-rows",
@@ -81,14 +81,14 @@ pub enum RunError {
         path: PathBuf,
         /// Line, from 1.
         line: u64,
-        /// Fields in the row.
+        /// Number of fields in the row.
         found: usize,
-        /// Fields in the header.
+        /// Number of fields in the header.
         expected: usize,
         /// The first column without a value, or the first surplus value.
         hint: String,
     },
-    /// Time that does not increase.
+    /// Time does not increase.
     #[error(
         "{}, line {line}, column `{column}`: {value} s does not come after {previous} s of the row before; \
          times must increase by 1 ns at least: sort or correct the file, or drop such rows with \
@@ -100,14 +100,14 @@ pub enum RunError {
         path: PathBuf,
         /// Line, from 1.
         line: u64,
-        /// The column of time.
+        /// The column that holds the time.
         column: String,
         /// The time in seconds.
         value: String,
         /// The last accepted time, as exact decimal seconds.
         previous: String,
     },
-    /// Dropping bad rows would drop most of the file.
+    /// More than half of the rows are bad, so they are not dropped.
     #[error(
         "{}: {skipped} bad rows against {kept} good ones, so this is not a run with a few faults; the first: \
          {first}",
@@ -116,22 +116,22 @@ pub enum RunError {
     MostlyBad {
         /// The CSV file.
         path: PathBuf,
-        /// Rows that were dropped.
+        /// Number of bad rows.
         skipped: u64,
-        /// Rows that were kept.
+        /// Number of good rows.
         kept: u64,
         /// The first fault.
         first: String,
     },
-    /// Nothing to read or to write.
+    /// The run has no displacement.
     #[error("{}: no sample of displacement; {hint}", path.display())]
     NoDisplacement {
         /// The run.
         path: PathBuf,
-        /// What was found instead and what to do.
+        /// The reason, and advice.
         hint: String,
     },
-    /// Both kinds of drive were recorded.
+    /// Both kinds of drive were recorded, and none was chosen.
     #[error(
         "{}: both a coil current ({current}) and a command voltage ({command}) are recorded, and a model \
          takes one of them; choose with --drive current_a or --drive command_v",
@@ -145,7 +145,7 @@ pub enum RunError {
         /// Column or topic of the voltage.
         command: String,
     },
-    /// Several dampers in one bag.
+    /// The bag has several dampers, and none was chosen.
     #[error(
         "{}: {what}: {}; choose one with --bag-namespace",
         path.display(), found.join(", ")
@@ -153,12 +153,12 @@ pub enum RunError {
     Namespaces {
         /// The bag.
         path: PathBuf,
-        /// The open choice.
+        /// The ambiguity.
         what: &'static str,
         /// The namespaces.
         found: Vec<String>,
     },
-    /// A topic of a known name with a type that cannot stand for it.
+    /// A topic with a known name has a type that cannot hold its quantity.
     #[error(
         "{}: topic {topic} holds {found}; accepted are {accepted}, in CDR{}",
         path.display(),
@@ -171,43 +171,43 @@ pub enum RunError {
         topic: String,
         /// Its type and message encoding.
         found: String,
-        /// The types that would do.
+        /// The accepted types.
         accepted: Box<str>,
-        /// The flag that maps displacement to a topic, where one could serve.
+        /// The flag that maps displacement to a topic that may hold it, if there is one.
         instead: Option<String>,
     },
-    /// What `--map` says cannot be read from this run.
+    /// A mapping of `--map` cannot be used with this run.
     #[error("{}: --map {map}: {why}", path.display())]
     Map {
         /// The run.
         path: PathBuf,
         /// The mapping.
         map: String,
-        /// Why not.
+        /// The reason.
         why: Box<MapFault>,
     },
     /// `metadata.yaml` cannot be used.
     #[error(
-        "{}: {why}; `ros2 bag reindex` writes it anew, or name the .mcap or .db3 file itself",
+        "{}: {why}; `ros2 bag reindex` rewrites it, or name the .mcap or .db3 file itself",
         path.display()
     )]
     Metadata {
         /// The metadata file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         why: String,
     },
-    /// A file that is not what its name or its beginning promises.
+    /// A file does not have the format that its name or its first bytes indicate.
     #[error("{}: not {format}: {why}", path.display())]
     NotABag {
         /// The file.
         path: PathBuf,
-        /// What it should be: `an MCAP file`, `a rosbag2 database`, ...
+        /// The expected format: `an MCAP file`, `a rosbag2 database`, ...
         format: &'static str,
-        /// What it is instead.
+        /// The reason.
         why: String,
     },
-    /// Compression that this build does not read.
+    /// The bag has a compression that this build cannot read.
     #[error(
         "{}{}: compressed with `{name}`, which is not read (zstd and none are); convert it once with \
          `rosbags-convert --src BAG --dst OUT --dst-storage mcap` (from PyPI: rosbags) or `ros2 bag \
@@ -217,18 +217,18 @@ pub enum RunError {
     Compression {
         /// The file.
         path: PathBuf,
-        /// Byte offset of the chunk; `None` when the whole file is meant.
+        /// Byte offset of the chunk; `None` for the whole file.
         offset: Option<u64>,
-        /// The compression's name.
+        /// Name of the compression.
         name: String,
     },
-    /// The target exists.
+    /// The target exists already.
     #[error("{}: exists already and is not overwritten; remove it or choose another name", path.display())]
     Exists {
         /// The target.
         path: PathBuf,
     },
-    /// A path that no run can be written to.
+    /// The extension of the target names no format.
     #[error(
         "{}: cannot tell what to write: name a .csv, .mcap or .db3 file, or a directory without extension for a \
          rosbag2 bag",
@@ -238,14 +238,14 @@ pub enum RunError {
         /// The target.
         path: PathBuf,
     },
-    /// A run, topic or message that the format cannot hold.
+    /// The format cannot hold a run, topic or message.
     #[error("{}: cannot write {what}: {why}", path.display())]
     Unwritable {
         /// The target.
         path: PathBuf,
         /// The column or topic.
         what: String,
-        /// Why not, and what to do.
+        /// The reason, and advice.
         why: String,
     },
     /// The MCAP writer failed.
@@ -258,7 +258,7 @@ pub enum RunError {
     },
 }
 
-/// Why a channel cannot be read from where it is mapped to.
+/// Why a channel cannot be read from the source that it is mapped to.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MapFault {
@@ -267,28 +267,28 @@ pub enum MapFault {
     NoTopic {
         /// The topic.
         topic: String,
-        /// The one with the nearest name.
+        /// The topic with the most similar name.
         nearest: Option<String>,
-        /// Those that are.
+        /// List of the topics in the bag.
         topics: String,
     },
-    /// A column was named for a bag.
+    /// The source is a column, but the run is a bag.
     #[error(
         "`{column}` is a column, and this run is a bag: name a topic, which begins with a slash; {topics}"
     )]
     ColumnOfBag {
         /// The source as given.
         column: String,
-        /// The topics.
+        /// List of the topics in the bag.
         topics: String,
     },
-    /// Time was mapped for a bag.
+    /// Time is mapped, but the run is a bag.
     #[error("messages of a bag have their stamps: leave out the map of time, which is for CSV files")]
     TimeOfBag,
-    /// The topic's type does not fit.
+    /// The topic's type does not fit the channel.
     #[error("{unfit}{}", instead.as_ref().map(|line| format!("; this bag has {line}")).unwrap_or_default())]
     Unfit {
-        /// Why not.
+        /// The reason.
         unfit: Unfit,
         /// The flag for a topic of this bag that fits.
         instead: Option<String>,
@@ -298,12 +298,12 @@ pub enum MapFault {
     NoJoint {
         /// The joint.
         joint: String,
-        /// The one with the nearest name.
+        /// The joint with the most similar name.
         nearest: Option<String>,
-        /// Those that are.
+        /// The joints in the messages.
         joints: Vec<String>,
     },
-    /// The topic is there and empty.
+    /// The topic is in the bag, but has no message.
     #[error(
         "topic {topic} is in the bag, but no message was recorded: map another topic, or record it again"
     )]
@@ -316,18 +316,20 @@ pub enum MapFault {
     Undecodable {
         /// The topic.
         topic: String,
-        /// The first one's fault.
+        /// The fault of the first message.
         fault: String,
     },
-    /// Messages hold no number.
-    #[error("none of the {messages} messages of {topic} has a finite value of it: map another topic")]
+    /// No message has a finite value.
+    #[error(
+        "none of the {messages} messages of {topic} has a finite value for this channel: map another topic"
+    )]
     NoValue {
         /// The topic.
         topic: String,
-        /// How many there are.
+        /// Number of messages.
         messages: u64,
     },
-    /// Not in CDR.
+    /// The messages are not in CDR.
     #[error("its messages are in `{encoding}`, and only CDR is read")]
     Encoding {
         /// The encoding.
@@ -338,9 +340,9 @@ pub enum MapFault {
     NoColumn {
         /// The column.
         column: String,
-        /// The one with the nearest name.
+        /// The column with the most similar name.
         nearest: Option<String>,
-        /// Those that are.
+        /// List of the columns in the file.
         columns: String,
     },
     /// The column holds another quantity.
@@ -348,14 +350,14 @@ pub enum MapFault {
     Quantity {
         /// The column.
         column: String,
-        /// Its quantity, by its name.
+        /// Its quantity, according to its name.
         found: Dimension,
         /// The channel.
         channel: &'static str,
         /// The channel's quantity.
         wanted: Dimension,
     },
-    /// One column is time and something else.
+    /// The column holds the time.
     #[error("column `{column}` is the time: map another column")]
     IsTime {
         /// The column.
@@ -368,14 +370,14 @@ fn did_you_mean(nearest: &Option<String>) -> String {
 }
 
 impl RunError {
-    /// An adapter for `map_err` on I/O results.
+    /// An adapter for `map_err` of I/O results.
     pub(super) fn io(path: &std::path::Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io { path, action, source }
     }
 }
 
-/// What the system said and what to do, which MCAP's library keeps to itself.
+/// The system's error and advice, which the message of the MCAP library does not contain.
 fn of_mcap(error: &::mcap::McapError) -> String {
     match error {
         ::mcap::McapError::Io(error) => format!(": {error}{}", advice(error.kind())),
@@ -383,130 +385,130 @@ fn of_mcap(error: &::mcap::McapError) -> String {
     }
 }
 
-/// Something that the reader of a run should know, though the run was read.
+/// A fact that the user should know about a run that was read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Note {
-    /// Bad rows of a CSV file were dropped, as asked.
+    /// Bad rows of a CSV file were dropped, as requested.
     RowsSkipped {
-        /// How many.
+        /// Number of rows.
         count: u64,
-        /// What was wrong with the first few.
+        /// The faults of the first few.
         first: Vec<String>,
     },
-    /// Empty cells were taken as "no sample of this channel at this time".
+    /// Empty cells were read as "no sample of this channel at this time".
     EmptyCells {
         /// The column.
         column: String,
-        /// How many.
+        /// Number of cells.
         count: u64,
     },
-    /// A column looks like a known quantity, but its unit is not known; it was carried and not used.
+    /// A column looks like a known quantity, but its unit is not known; it was carried through and not used.
     UnitUnknown {
         /// The column.
         column: String,
         /// The channel that it looks like.
         channel: &'static str,
-        /// Names that would be used.
+        /// The known names of the quantity.
         known: String,
     },
-    /// A bag's file ended or broke before its end; all messages before that were read.
+    /// A file of a bag ended early or was damaged; all messages before that were read.
     CutShort {
         /// The file.
         path: PathBuf,
-        /// Byte offset of the first record that could not be read; of a database, where the file ends.
+        /// Byte offset of the first record that could not be read; for a database the end of the file.
         offset: u64,
-        /// Messages read from the file, of all topics.
+        /// Number of messages read from the file, of all topics.
         messages: u64,
-        /// What was found there.
+        /// The fault at that offset.
         why: String,
     },
-    /// A damaged chunk was passed over; reading went on behind it.
+    /// A damaged chunk was skipped; the data after it were read.
     ChunkDamaged {
         /// The file.
         path: PathBuf,
         /// Byte offset of the chunk.
         offset: u64,
-        /// What is wrong with it.
+        /// The fault.
         why: String,
     },
-    /// Rows of a damaged database were passed over.
+    /// Rows of a damaged database were skipped.
     RowsDamaged {
         /// The file.
         path: PathBuf,
-        /// The first message that could not be read, by its id; `None` for rows that are no messages.
+        /// Id of the first message that could not be read; `None` for rows that are not messages.
         first: Option<i64>,
-        /// The last one; `None` when nothing behind could be read.
+        /// Id of the last one; `None` if no later message could be read.
         last: Option<i64>,
-        /// What is wrong.
+        /// The fault.
         why: String,
     },
-    /// A file of several is none of a bag; the others were read.
+    /// One of several files is not a file of a bag; the others were read.
     FileLeft {
-        /// Which, and what it is instead.
+        /// The file, and the reason.
         why: String,
     },
-    /// A packed file ended or broke before its end; what came out before that was read.
+    /// A compressed file ended early or was damaged; the content before that was read.
     PackedCutShort {
         /// The file.
         path: PathBuf,
-        /// Bytes that came out.
+        /// Number of unpacked bytes.
         bytes: u64,
-        /// What was found there.
+        /// The fault.
         why: String,
     },
-    /// A database whose recorder was killed has a journal beside it, which was taken into account.
+    /// The recorder of a database was killed and left a journal, which was read too.
     Journal {
         /// The database.
         path: PathBuf,
-        /// What the journal's name has more than the database's.
+        /// The suffix of the journal's name.
         journal: &'static str,
     },
     /// Messages that could not be decoded were dropped.
     Undecodable {
         /// The topic.
         topic: String,
-        /// How many.
+        /// Number of messages.
         count: u64,
-        /// The first one's fault.
+        /// The fault of the first message.
         first: String,
     },
     /// Messages with NaN or infinite values were dropped.
     NotFinite {
         /// The topic.
         topic: String,
-        /// How many.
+        /// Number of messages.
         count: u64,
     },
-    /// Messages whose stamp does not come after the one before were dropped.
+    /// Messages whose stamp is not after the previous stamp were dropped.
     NotIncreasing {
         /// The topic.
         topic: String,
-        /// How many.
+        /// Number of messages.
         count: u64,
     },
-    /// Messages without a stamp took the time at which they were recorded.
+    /// Messages without a stamp were given their recording time.
     Unstamped {
         /// The topic.
         topic: String,
-        /// How many.
+        /// Number of messages.
         count: u64,
     },
-    /// Topics of the bag that are no part of the run.
+    /// Topics of the bag that do not belong to the run.
     TopicsLeft {
         /// Their names.
         topics: Vec<String>,
     },
-    /// Topics that were taken by their names, though displacement is mapped.
+    /// Topics that were read by their names, although displacement is mapped.
     TakenByName {
         /// Topic and channel of each.
         topics: Vec<String>,
     },
-    /// No axis was named for a vector.
+    /// No axis was given for a vector.
     AxisTaken {
         /// The topic.
         topic: String,
-        /// The axis.
+        /// The axis that was read.
         axis: String,
     },
     /// Force or drive are missing, and a topic of the bag may hold them.
@@ -514,23 +516,23 @@ pub enum Note {
         /// The flags that would map them.
         lines: Vec<String>,
     },
-    /// No unit was named for a mapped column.
+    /// No unit was given for a mapped column.
     UnitTaken {
         /// The column.
         column: String,
-        /// The unit.
+        /// The unit that was assumed.
         unit: &'static str,
-        /// The column's name says so.
+        /// True if the unit is in the column's name.
         by_name: bool,
     },
-    /// A column that is called as a channel that is mapped to another one.
+    /// A column has the name of a channel that is mapped to another column.
     ColumnReplaced {
         /// The column.
         column: String,
         /// The channel.
         channel: &'static str,
     },
-    /// The bag has no usable `metadata.yaml`: the recorder was killed. Its files were read by name.
+    /// The bag has no `metadata.yaml`, because the recorder was killed. Its files were read in the order of their names.
     NoMetadata {
         /// The bag.
         path: PathBuf,
@@ -561,7 +563,7 @@ impl fmt::Display for Note {
                 write!(f, "{}: chunk at byte {offset} left out: {why}", path.display())
             }
             Self::RowsDamaged { path, first: None, why, .. } => {
-                write!(f, "{}: damaged, and read as far as it goes: {why}", path.display())
+                write!(f, "{}: damaged, and read as far as possible: {why}", path.display())
             }
             Self::RowsDamaged { path, first: Some(first), last: Some(last), why } => {
                 write!(f, "{}: messages {first} to {last} left out: {why}", path.display())
@@ -575,7 +577,7 @@ impl fmt::Display for Note {
             }
             Self::Journal { path, journal } => write!(
                 f,
-                "{0}: its recorder left {0}{journal} (recording cut off, or still on?), which was read with it",
+                "{0}: its recorder left {0}{journal} (recording cut off, or still running?), which was read too",
                 path.display()
             ),
             Self::Undecodable { topic, count, first } => {
@@ -594,22 +596,19 @@ impl fmt::Display for Note {
                 write!(f, "not part of the run: {}", topics.join(", "))
             }
             Self::TakenByName { topics } => {
-                write!(f, "taken by name beside the map: {}", topics.join(", "))
+                write!(f, "read by name, without a map: {}", topics.join(", "))
             }
             Self::AxisTaken { topic, axis } => {
                 write!(f, "topic {topic}: axis {axis} was taken; name another one as in {topic}:x")
             }
-            Self::CouldServe { lines } => write!(f, "what is missing may be read with {}", lines.join(" ")),
+            Self::CouldServe { lines } => write!(f, "missing channels may be read with {}", lines.join(" ")),
             Self::UnitTaken { column, unit, by_name: true } => {
-                write!(
-                    f,
-                    "column `{column}` is read in {unit}, by its name; say unit=... where that is wrong"
-                )
+                write!(f, "column `{column}` is read in {unit}, by its name; give unit=... if that is wrong")
             }
             Self::UnitTaken { column, unit, by_name: false } => {
                 write!(
                     f,
-                    "column `{column}` is read in {unit}, as its name has no unit; say unit=... where that is wrong"
+                    "column `{column}` is read in {unit}, as its name has no unit; give unit=... if that is wrong"
                 )
             }
             Self::ColumnReplaced { column, channel } => {

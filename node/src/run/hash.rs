@@ -1,9 +1,9 @@
-//! SHA-256 of what is read, computed on the way.
+//! SHA-256 of a file, computed while it is read.
 
 use sha2::{Digest, Sha256};
 use std::io::{self, Read};
 
-/// A hash over one or several files, each fed through a [`HashingReader`].
+/// A hash over one or several files, each read through a [`HashingReader`].
 #[derive(Default)]
 pub(super) struct Hash(Sha256);
 
@@ -14,7 +14,7 @@ impl Hash {
     }
 }
 
-/// A reader that hashes and counts what passes.
+/// A reader that hashes all bytes that are read through it.
 pub(super) struct HashingReader<'a, R> {
     inner: R,
     hash: &'a mut Hash,
@@ -25,7 +25,7 @@ impl<'a, R: Read> HashingReader<'a, R> {
         Self { inner, hash }
     }
 
-    /// Reads to the end, so that the hash covers a file whose tail was of no use.
+    /// Reads to the end, so that the hash also covers a part of the file that was not needed.
     pub(super) fn drain(&mut self) -> io::Result<()> {
         io::copy(self, &mut io::sink()).map(|_| ())
     }

@@ -1,13 +1,13 @@
-//! Where the channels of a run come from, when topics or columns have other names: `--map`.
+//! Sources of the channels of a run if topics or columns have other names: `--map`.
 //!
 //! ```text
 //! CHANNEL=TOPIC[:JOINT or AXIS][,sign=-1][,offset=0.01][,unit=mm]     in bags
 //! CHANNEL=COLUMN[,sign=-1][,offset=0.01][,unit=mm]                    in CSV files
 //! ```
 //!
-//! A channel is called as the node's input topic (`displacement`, `measured_force`, ...) or as the column (`force_n`). Its value
-//! is `sign * (raw - offset)`, with raw and offset in SI: the convention of the node's parameters `<input>.sign` and
-//! `<input>.offset`. All other channels are read by their names.
+//! A channel has the name of the node's input topic (`displacement`, `measured_force`, ...) or of the column (`force_n`). Its
+//! value is `sign * (raw - offset)`, with raw value and offset in SI, as with the node's parameters `<input>.sign` and
+//! `<input>.offset`. All channels without a mapping are read by their names.
 
 use super::column::Quantity;
 use super::names::{TOPICS, topic_of};
@@ -16,22 +16,22 @@ use crate::extract::calibrated;
 use std::fmt;
 use std::str::FromStr;
 
-/// The channel of the time, in CSV files.
+/// Name of the time channel of CSV files.
 const TIME_CHANNEL: &str = "time";
 
-/// One channel and where it comes from. It prints as it is written.
+/// One channel and its source. `Display` writes the form that `FromStr` parses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
     pub(super) channel: Channel,
-    /// A topic, with joint or axis behind a colon, or a column: bags have topics, CSV files columns.
+    /// A topic of a bag, with joint or axis after a colon, or a column of a CSV file.
     pub(super) source: String,
-    /// Raw values are subtracted from zero.
+    /// True for sign -1.
     pub(super) negative: bool,
-    /// Subtracted from raw values in SI.
+    /// Offset in SI, subtracted from the raw value before the sign is applied.
     pub(super) offset: f64,
 }
 
-/// A channel, and the unit that was named for it.
+/// A channel, and the unit that was given for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Channel {
     Time(Option<TimeUnit>),
@@ -47,22 +47,22 @@ pub(super) struct Convert {
 }
 
 impl Convert {
-    /// By the unit alone.
+    /// The conversion by the unit only.
     pub(super) const fn plain(to_si: fn(f64) -> f64) -> Self {
         Self { to_si, sign: 1.0, offset: 0.0 }
     }
 
-    /// The value of a raw one.
+    /// Converts a raw value.
     pub(super) fn apply(&self, raw: f64) -> f64 {
         calibrated((self.to_si)(raw), self.sign, self.offset)
     }
 }
 
-/// Why the text of a mapping is none.
+/// Why a text is not a valid mapping.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MapError {
-    /// There is no `=`, or nothing behind it.
+    /// The `=` is missing, or nothing follows it.
     #[error(
         "`{text}` is not a mapping; write CHANNEL=TOPIC or CHANNEL=COLUMN, as in displacement=/fl/susp/pos,unit=mm"
     )]
@@ -70,27 +70,27 @@ pub enum MapError {
         /// The text as given.
         text: String,
     },
-    /// No such channel.
+    /// Unknown channel.
     #[error("`{name}` is not a channel; did you mean {nearest}? Channels are {}", channel_names())]
     Channel {
         /// The text as given.
         name: String,
-        /// The channel whose name is nearest to it.
+        /// The channel with the most similar name.
         nearest: &'static str,
     },
-    /// No such option.
+    /// Unknown option.
     #[error("`{text}` is not an option of a mapping; options are sign=-1, offset=NUMBER and unit=UNIT")]
     Option {
         /// The text as given.
         text: String,
     },
-    /// An option twice.
+    /// An option was given twice.
     #[error("{option} is given twice for one channel; leave one of them out")]
     TwoOptions {
-        /// Which.
+        /// The option.
         option: &'static str,
     },
-    /// Another sign.
+    /// The sign is neither 1 nor -1.
     #[error("sign is `{value}`, but must be 1 or -1")]
     Sign {
         /// The text as given.
@@ -106,7 +106,7 @@ pub enum MapError {
         /// The channel's SI unit.
         unit: &'static str,
     },
-    /// A unit of another quantity, or none.
+    /// The unit is unknown, or belongs to another quantity.
     #[error("unit `{name}` does not fit {channel}, which is a {quantity}; units that fit are {fitting}")]
     Unit {
         /// The text as given.
@@ -115,16 +115,16 @@ pub enum MapError {
         channel: &'static str,
         /// Its quantity.
         quantity: String,
-        /// The units that do.
+        /// The units that fit.
         fitting: String,
     },
-    /// Sign or offset of time.
+    /// Time was given a sign or an offset.
     #[error("time has a unit, but neither sign nor offset: leave out `{text}`")]
     TimeOption {
         /// The text as given.
         text: String,
     },
-    /// One channel from two places.
+    /// A channel was mapped twice.
     #[error("{channel} is mapped twice, to `{first}` and to `{second}`; leave one of them out")]
     Twice {
         /// The channel.
@@ -136,14 +136,14 @@ pub enum MapError {
     },
 }
 
-/// The channels, for messages.
+/// The names of the channels, for messages.
 fn channel_names() -> String {
     let names: Vec<_> = Quantity::ALL.into_iter().map(topic_of).collect();
     format!("{}, and {TIME_CHANNEL} in CSV files", names.join(", "))
 }
 
 impl Channel {
-    /// The channel of this name: that of the topic, or that of the SI column.
+    /// The channel with this name, which is the name of a topic or of an SI column.
     fn named(name: &str) -> Result<Self, MapError> {
         if name == TIME_CHANNEL || name == "time_s" {
             return Ok(Self::Time(None));
@@ -155,7 +155,7 @@ impl Channel {
         }
     }
 
-    /// As it is called in maps.
+    /// Its name in maps.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Time(_) => TIME_CHANNEL,
@@ -178,7 +178,7 @@ impl Channel {
         }
     }
 
-    /// The same with a unit.
+    /// The same channel with a unit.
     fn in_unit(self, name: &str) -> Result<Self, MapError> {
         let (found, quantity, fitting) = match self {
             Self::Time(_) => {
@@ -201,12 +201,12 @@ impl Channel {
     }
 }
 
-/// The channel that `name` is most like, by any of its names.
+/// The channel that has the name most similar to `name`.
 fn nearest_channel(name: &str) -> &'static str {
     let name = name.to_ascii_lowercase();
     let likeness = |quantity: &Quantity| {
         let of = |known: &str| strsim::jaro_winkler(known, &name);
-        // `force` is nearer to `force_request` than to `measured_force`, and to `force_n` than to either.
+        // `force` is more similar to `force_request` than to `measured_force`, and most similar to `force_n`.
         of(topic_of(*quantity)).max(of(quantity.si_name()))
     };
     let nearest = Quantity::ALL.into_iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
@@ -227,7 +227,7 @@ impl FromStr for Mapping {
         };
         let mut parts = rest.split(',').peekable();
         let mut source = parts.next().unwrap_or_default().to_owned();
-        // A column's name may hold commas, a topic's may not.
+        // The name of a column may contain commas, the name of a topic may not.
         while let Some(more) = parts.next_if(|part| !source.starts_with('/') && !part.contains('=')) {
             source = format!("{source},{more}");
         }
@@ -248,7 +248,7 @@ impl FromStr for Mapping {
 }
 
 impl Mapping {
-    /// Takes an option and says which it was.
+    /// Applies an option and returns its name.
     fn take(&mut self, text: &str) -> Result<&'static str, MapError> {
         let no_option = || MapError::Option { text: text.to_owned() };
         let (name, value) = text.split_once('=').ok_or_else(no_option)?;
@@ -281,7 +281,7 @@ impl Mapping {
         }
     }
 
-    /// The topic and what of it, when the source is one.
+    /// The topic, and its joint or axis, if the source is a topic.
     pub(super) fn topic(&self) -> Option<(&str, Option<&str>)> {
         self.source.starts_with('/').then(|| match self.source.split_once(':') {
             Some((topic, part)) => (topic, Some(part)),
@@ -289,7 +289,7 @@ impl Mapping {
         })
     }
 
-    /// How its values become those of the run, with `unit` where none was named.
+    /// The conversion of its raw values; `unit` is used if the mapping names no unit.
     pub(super) fn convert(&self, unit: fn(f64) -> f64) -> Convert {
         let to_si = match self.channel {
             Channel::Known(_, Some(unit)) => unit.to_si,
@@ -315,15 +315,15 @@ impl fmt::Display for Mapping {
     }
 }
 
-/// Where the channels of a run come from; each channel once at most.
+/// The sources of the channels of a run; each channel has at most one.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Map(Vec<Mapping>);
 
 impl Map {
-    /// All of these.
+    /// A map with these mappings.
     ///
     /// # Errors
-    /// [`MapError::Twice`].
+    /// [`MapError::Twice`] if a channel has two sources.
     pub fn new(mappings: Vec<Mapping>) -> Result<Self, MapError> {
         for (index, mapping) in mappings.iter().enumerate() {
             let channel = mapping.channel.name();
@@ -335,11 +335,11 @@ impl Map {
         Ok(Self(mappings))
     }
 
-    /// What the table `[map]` of a TOML text says: `displacement = "/fl/susp/pos,sign=-1,unit=mm"`. Other tables are those of
-    /// others.
+    /// Reads the table `[map]` of a TOML text, with lines such as `displacement = "/fl/susp/pos,sign=-1,unit=mm"`. Other
+    /// tables are ignored.
     ///
     /// # Errors
-    /// In words, when the text is no TOML, has no such table, or the table holds what no mapping is.
+    /// A message when the text is not valid TOML, does not have that table, or the table holds an invalid mapping.
     pub fn from_toml(text: &str) -> Result<Self, String> {
         let whole: toml::Table = toml::from_str(text).map_err(|error| error.to_string())?;
         let Some(toml::Value::Table(table)) = whole.get("map") else {
@@ -362,7 +362,7 @@ impl Map {
         Self::new(mappings).map_err(|error| error.to_string())
     }
 
-    /// The same with all of `other`, which come before those for the same channels.
+    /// This map with all mappings of `other`, which replace mappings of the same channels.
     #[must_use]
     pub fn overridden_by(mut self, other: Self) -> Self {
         self.0.retain(|mapping| other.0.iter().all(|over| over.channel.name() != mapping.channel.name()));
@@ -380,13 +380,13 @@ impl Map {
         self.0.iter().find(|mapping| matches!(mapping.channel, Channel::Time(_)))
     }
 
-    /// All of them.
+    /// All mappings.
     pub(super) fn all(&self) -> &[Mapping] {
         &self.0
     }
 }
 
-/// The text by which a source's channel is mapped, for advice: `--map displacement=/fl/susp/pos`.
+/// The flag that maps a channel to a source, for advice: `--map displacement=/fl/susp/pos`.
 pub(super) fn flag(channel: &str, source: &str) -> String {
     let mapping = format!("{channel}={source}");
     let plain = |c: char| c.is_ascii_alphanumeric() || "=/_-.:,".contains(c);
@@ -409,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn mappings_are_read() {
+    fn mappings_are_parsed() {
         let mapping = parse("displacement=/joint_states:fl_damper,sign=-1,offset=0.01,unit=mm");
         assert_eq!(mapping.topic(), Some(("/joint_states", Some("fl_damper"))));
         assert_eq!((mapping.negative, mapping.offset), (true, 0.01));
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_mapping_is_refused_with_what_would_be() {
+    fn invalid_mappings_are_refused_with_advice() {
         for (text, why) in [
             (
                 "/fl/susp/pos",
@@ -468,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_says_the_same_and_flags_come_before_it() {
+    fn a_file_holds_the_same_mappings_and_flags_override_it() {
         let file = Map::from_toml(
             "[machine.ranges]\ncoil_lag = [0, 1]\n[map]\ndisplacement = \"/a,sign=-1\"\nforce_n = \"/w:x,unit=kN\"\n",
         )
@@ -514,10 +514,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_printed_is_read_back(mapping in mapping()) {
+        fn displayed_mappings_are_parsed_back(mapping in mapping()) {
             let text = mapping.to_string();
             prop_assert_eq!(text.parse::<Mapping>(), Ok(mapping.clone()), "{}", text);
-            // The same in a file, whose text is all behind the first equals sign.
+            // The same in a file, where the text is everything after the first equals sign.
             let (channel, rest) = text.split_once('=').expect("one");
             let mut table = toml::Table::new();
             table.insert(channel.to_owned(), rest.into());

@@ -1,8 +1,9 @@
-//! MCAP records from a byte stream, in memory bounded by the largest chunk, read as far as they go.
+//! Reads MCAP records from a byte stream, up to the first damage that cannot be skipped. Memory is bounded by the largest
+//! chunk.
 //!
-//! The framing of records is read here and the inside of chunks by the `mcap` crate's sans-I/O reader. That
-//! split buys three things: exact byte offsets for notes, a damaged chunk that costs only itself, and
-//! length fields that are checked before the crate (which trusts them in places) sees them.
+//! This module reads the framing of records; the `mcap` crate's sans-I/O reader reads the content of chunks. In this way
+//! notes have exact byte offsets, a damaged chunk loses only its own messages, and length fields are checked before the
+//! crate uses them, which trusts some of them.
 
 use super::bag_write::{COLUMN_KEY, TOPIC_KEY};
 use super::storage::{Sink, TopicInfo, UNPACK_RATIO};
@@ -14,24 +15,25 @@ use std::collections::HashMap;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Records and decompressed chunks above this are taken for damage. Writers make chunks of about 1 MB.
+/// Records and decompressed chunks larger than this, in bytes, count as damaged. Writers make chunks of about 1 MB.
 const RECORD_LIMIT: usize = 256 << 20;
-/// What any chunk may say to unpack to, and have memory for; more than this it has to be worth by its size.
+/// Unpacked size of a chunk, in bytes, that is always allowed. Above it, [`UNPACK_RATIO`] limits the size.
 const UNPACK_FREE: usize = 32 << 20;
-/// Opcode and length.
+/// Length of opcode and length field, in bytes.
 const FRAME: usize = 9;
-/// A chunk up to its compression's name.
+/// Length of a chunk's fields before the name of its compression, in bytes.
 const CHUNK_HEAD: usize = 32;
 
-/// ` at byte N`, or nothing.
+/// `, at byte N`, or an empty text.
 pub(super) fn at(offset: Option<u64>) -> String {
     offset.map(|offset| format!(", at byte {offset}")).unwrap_or_default()
 }
 
-/// Reads a whole MCAP file into `sink`. A file that ends or breaks early gives what came before and a note.
+/// Reads a whole MCAP file into `sink`. If the file ends early or is damaged, the data before that are read, and a note is
+/// added.
 ///
 /// # Errors
-/// When the file does not begin as MCAP, the system fails to read, or a chunk's compression is not built in.
+/// When the file does not begin like MCAP, the system cannot read it, or the compression of a chunk is not supported.
 pub(super) fn read(
     path: &Path,
     source: impl Read,
@@ -49,7 +51,7 @@ pub(super) fn read(
     }
 }
 
-/// Hands records to a sink, with the names of types in place of the ids that the file has for them.
+/// Passes records to a sink, with the names of types in place of the file's type ids.
 struct Records<'a, S> {
     sink: &'a mut S,
     types: HashMap<u16, String>,
@@ -68,7 +70,7 @@ impl<S: Sink> Records<'_, S> {
 
 /// Why reading stopped before the footer.
 enum Stop {
-    /// The data end or break at this offset.
+    /// The data end or are damaged at this offset.
     Damaged(u64, String),
     Failed(RunError),
 }
@@ -76,10 +78,10 @@ enum Stop {
 struct File<'a, R> {
     path: &'a Path,
     source: R,
-    /// Bytes consumed.
+    /// Number of bytes read.
     offset: u64,
     messages: u64,
-    /// The record at hand.
+    /// The current record.
     body: Vec<u8>,
 }
 
@@ -119,7 +121,7 @@ impl<R: Read> File<'_, R> {
         }
     }
 
-    /// Fills `buffer` as far as the file goes and returns how far.
+    /// Fills `buffer`, or less at the end of the file; returns the number of bytes.
     fn fill(&mut self, buffer: &mut [u8]) -> Result<usize, Stop> {
         let mut count = 0;
         while count < buffer.len() {
@@ -138,8 +140,8 @@ impl<R: Read> File<'_, R> {
         Stop::Failed(RunError::io(self.path, "read")(error))
     }
 
-    /// Loads up to `length` bytes into `self.body`. Memory grows with what the file really holds, not with
-    /// what a damaged length field claims.
+    /// Reads up to `length` bytes into `self.body`. Memory grows with the real content of the file, not with the value of a
+    /// damaged length field.
     fn body(&mut self, start: u64, length: u64) -> Result<(), Stop> {
         if length > RECORD_LIMIT as u64 {
             return Err(Stop::Damaged(
@@ -154,7 +156,7 @@ impl<R: Read> File<'_, R> {
         Ok(())
     }
 
-    /// Skips a record that does not matter here: attachment, metadata, index.
+    /// Skips a record that is not needed: attachment, metadata, index.
     fn pass_over(&mut self, start: u64, length: u64) -> Result<(), Stop> {
         let count = io::copy(&mut (&mut self.source).take(length), &mut io::sink());
         let count = count.map_err(|error| self.failed(error))?;
@@ -211,8 +213,8 @@ impl From<McapError> for ChunkFault {
     }
 }
 
-/// Emits a chunk's records; returns how many were messages. A complete chunk with a checksum is checked
-/// before anything is emitted. Of a cut one, all records are taken that still come out whole.
+/// Emits the records of a chunk; returns the number of messages. A complete chunk with a checksum is checked before any
+/// record is emitted. If a chunk is cut off, all complete records in it are emitted.
 fn read_chunk(
     body: &[u8],
     length: u64,
@@ -236,7 +238,7 @@ fn read_chunk(
         while let Some(event) = reader.next_event() {
             match event? {
                 LinearReadEvent::ReadRequest(wanted) => {
-                    // Asking for no more than there is keeps a false length from allocating.
+                    // The request is limited to the available bytes, so that a false length does not allocate memory.
                     let wanted = wanted.clamp(1, FRAME + body.len());
                     // Reading from memory does not fail.
                     let count = rest.read(reader.insert(wanted)).unwrap_or(0);
@@ -255,14 +257,15 @@ fn read_chunk(
     (messages, end)
 }
 
-/// What `packed` bytes may unpack to: the crate takes memory for what a chunk or record says to hold, whatever it holds.
+/// Largest unpacked size of `packed` bytes. The limit is needed because the crate allocates the size that a chunk or record
+/// states, whatever its real size.
 fn unpack_limit(packed: usize) -> usize {
     usize::try_from(UNPACK_RATIO).unwrap_or(1).saturating_mul(packed).clamp(UNPACK_FREE, RECORD_LIMIT)
 }
 
-/// Checks what the crate takes on trust: that the compressed data fit into the record and can be worth what they say,
-/// and that the records of an uncompressed chunk end where it ends. Returns how many bytes are good for the crate: of a cut
-/// chunk that is not compressed, those up to the end of its last whole record.
+/// Checks the length fields that the crate trusts: the compressed data fit into the record, their stated unpacked size is
+/// plausible, and the records of an uncompressed chunk end where the chunk ends. Returns the number of bytes that may be
+/// passed to the crate: for an uncompressed chunk that is cut off, up to the end of its last complete record.
 fn check_chunk(body: &[u8], complete: bool) -> Result<usize, ChunkFault> {
     let damaged = |why: &str| Err(ChunkFault::Damaged(why.to_owned()));
     let Some((head, rest)) = body.split_at_checked(CHUNK_HEAD) else {
@@ -275,14 +278,17 @@ fn check_chunk(body: &[u8], complete: bool) -> Result<usize, ChunkFault> {
     let Some((size, data)) = rest.split_first_chunk() else {
         return damaged("it ends inside its header");
     };
-    // Bytes behind the data are allowed: a later version of the format may put something there.
+    // Bytes after the data are allowed, because a later version of the format may define them.
     let size = usize::try_from(u64::from_le_bytes(*size)).unwrap_or(usize::MAX);
     if complete && size > data.len() {
         return damaged("its length does not fit its record");
     }
     let unpacked = head[16..].first_chunk().map_or(0, |size| u64::from_le_bytes(*size));
     if !name.is_empty() && unpacked > unpack_limit(body.len()) as u64 {
-        return Err(ChunkFault::Damaged(format!("it says to unpack {} bytes to {unpacked}", body.len())));
+        return Err(ChunkFault::Damaged(format!(
+            "it claims to unpack from {} to {unpacked} bytes",
+            body.len()
+        )));
     }
     if !name.is_empty() {
         return Ok(body.len());
@@ -304,7 +310,7 @@ fn check_chunk(body: &[u8], complete: bool) -> Result<usize, ChunkFault> {
     Ok(body.len())
 }
 
-/// Hands one record to the sink; returns 1 for a message. Records that do not matter are not parsed at all.
+/// Passes one record to the sink; returns 1 for a message. Records that are not needed are not parsed.
 fn emit(opcode: u8, data: &[u8], sink: &mut Records<'_, impl Sink>) -> Result<u64, String> {
     if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
         return Ok(0);
@@ -326,7 +332,8 @@ fn emit(opcode: u8, data: &[u8], sink: &mut Records<'_, impl Sink>) -> Result<u6
     Ok(0)
 }
 
-/// Checks the lengths of a schema's or channel's texts, which the crate takes memory for before it looks whether they are there.
+/// Checks the lengths of the texts of a schema or channel. The crate allocates memory for a text before it checks that the
+/// text is there.
 fn check_texts(opcode: u8, data: &[u8]) -> Option<()> {
     fn behind_text(data: &[u8]) -> Option<&[u8]> {
         let (length, rest) = data.split_first_chunk()?;
@@ -335,7 +342,7 @@ fn check_texts(opcode: u8, data: &[u8]) -> Option<()> {
     match opcode {
         op::SCHEMA => behind_text(behind_text(data.get(2..)?)?).map(|_data| ()),
         op::CHANNEL => {
-            // The metadata are texts in a frame of their own.
+            // The metadata are texts with a length field before all of them.
             let (length, rest) = behind_text(behind_text(data.get(4..)?)?)?.split_first_chunk()?;
             let mut texts = rest.get(..usize::try_from(u32::from_le_bytes(*length)).ok()?)?;
             while !texts.is_empty() {
@@ -351,7 +358,7 @@ fn check_texts(opcode: u8, data: &[u8]) -> Option<()> {
 mod tests {
     use super::*;
 
-    /// Counts what arrives.
+    /// Counts messages.
     #[derive(Default)]
     struct Count(u64);
 
@@ -371,7 +378,7 @@ mod tests {
         record(op::MESSAGE, 24, &[0; 24])
     }
 
-    /// A chunk without checksum, so that nothing but its lengths protects the reader.
+    /// A chunk without checksum, so that only the length checks protect the reader.
     fn chunk(compression: &str, uncompressed: u64, compressed: u64, data: &[u8]) -> Vec<u8> {
         let name_length = compression.len() as u32;
         [
@@ -386,7 +393,7 @@ mod tests {
         .concat()
     }
 
-    /// Messages that arrive from a file with these records, and the notes.
+    /// Number of messages read from a file with these records, and the notes.
     fn messages(records: &[u8]) -> (u64, Vec<String>) {
         let (mut count, mut notes) = (Count::default(), Vec::new());
         let bytes = [mcap::MAGIC, records].concat();
@@ -403,7 +410,7 @@ mod tests {
             |body: Vec<u8>| [record(op::CHUNK, body.len() as u64, &body), message(), end.clone()].concat();
 
         assert_eq!(messages(&whole(chunk("", size, size, &two))), (3, vec![]));
-        // Bytes behind the data are for the future.
+        // Bytes after the data are allowed.
         let padded = [two.clone(), vec![9; 50]].concat();
         assert_eq!(messages(&whole(chunk("", size, size, &padded))), (3, vec![]));
         let long_record = [message(), record(op::MESSAGE, 1000, &[0; 24])].concat();
@@ -422,7 +429,7 @@ mod tests {
             chunk("", size, size, &two)[..38].to_vec(),
         ] {
             let (count, notes) = messages(&whole(body));
-            // The damage stays inside the chunk: the message behind it arrives.
+            // Only the chunk is lost: the message after it is read.
             assert_eq!(count, 1, "{notes:?}");
             assert!(notes.len() == 1 && notes[0].contains("chunk at byte 8 left out"), "{notes:?}");
         }
@@ -443,9 +450,9 @@ mod tests {
     }
 
     #[test]
-    fn of_a_cut_chunk_all_whole_records_are_taken_and_no_more() {
+    fn all_complete_records_of_a_cut_chunk_are_read() {
         let size = 2 * message().len() as u64;
-        // The last record is all there, but it reaches beyond the chunk's data: in a cut file, that is the cut.
+        // The long record is complete, but it reaches beyond the chunk's data; in a cut file it counts as cut off.
         let long = record(op::MESSAGE, 24 + 50, &[0; 24 + 50]);
         for (records, whole) in [
             ([message(), message()].concat(), 2),
@@ -461,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn a_text_that_is_longer_than_its_record_is_refused_before_memory_is_taken() {
+    fn a_text_that_is_longer_than_its_record_is_refused_before_memory_is_allocated() {
         let text = |length: u32, text: &[u8]| [&length.to_le_bytes()[..], text].concat();
         let ids = [1, 0, 1, 0];
         let texts = [text(2, b"/x"), text(3, b"cdr")].concat();

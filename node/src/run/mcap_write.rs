@@ -1,7 +1,7 @@
-//! One MCAP file of a bag, while it is written.
+//! Writes one MCAP file of a bag.
 //!
-//! It is written in chunks that are complete when they reach the operating system, and never rewritten: when
-//! the process is killed, the file holds everything up to the last chunk and reads without repair.
+//! The file is written in chunks. A chunk is complete when it reaches the operating system, and it is never rewritten. If
+//! the process is killed, the file holds everything up to the last chunk and can be read without repair.
 
 use super::bag_file::Message;
 use super::bag_write::{BagOptions, COLUMN_KEY, Sync, TOPIC_KEY, Topic};
@@ -18,10 +18,10 @@ use std::path::{Path, PathBuf};
 pub(super) struct McapFile {
     path: PathBuf,
     writer: mcap::Writer<BufWriter<File>>,
-    /// A second handle of the same file: the writer keeps its own to itself.
+    /// A second handle of the same file, because the writer does not give access to its own.
     file: File,
     sync: Sync,
-    /// The file's own ids of the bag's topics.
+    /// Ids of the bag's topics in this file.
     channels: Vec<u16>,
 }
 
@@ -33,10 +33,10 @@ impl McapFile {
             .profile("ros2")
             .library(TOOL)
             .compression(options.compress.then_some(Compression::Zstd))
-            // Worker threads do not pay for chunks of this size.
+            // For chunks of this size worker threads bring no gain.
             .compression_threads(0)
-            // Chunks are ended from outside, by age and size, and put together in memory: the file only ever
-            // grows by whole chunks.
+            // The caller ends chunks, by age and size. They are assembled in memory, so the file only grows by whole
+            // chunks.
             .chunk_size(None)
             .disable_seeking(true)
             .create(BufWriter::new(file))
@@ -46,7 +46,7 @@ impl McapFile {
 
     /// Adds the bag's next topic.
     pub(super) fn topic(&mut self, topic: &Topic<'_>) -> Result<(), RunError> {
-        // rosbag2's own keys, and ours.
+        // Keys of rosbag2 and keys of this project.
         let mut keys = BTreeMap::from([("offered_qos_profiles".into(), metadata::offered_qos().to_owned())]);
         if !topic.type_hash.is_empty() {
             keys.insert("topic_type_hash".into(), topic.type_hash.to_owned());
@@ -73,7 +73,7 @@ impl McapFile {
         self.writer.write_to_known_channel(&header, message.cdr).map_err(|source| self.failed(source))
     }
 
-    /// Ends the chunk at hand and hands it to the system.
+    /// Ends the current chunk and passes it to the operating system.
     pub(super) fn flush(&mut self) -> Result<(), RunError> {
         self.writer.flush().map_err(|source| self.failed(source))?;
         if self.sync == Sync::EveryChunk {
@@ -82,14 +82,14 @@ impl McapFile {
         Ok(())
     }
 
-    /// Bytes that the system has by now.
+    /// Number of bytes that the operating system has so far.
     pub(super) fn bytes(&self) -> Result<u64, RunError> {
         Ok(self.file.metadata().map_err(RunError::io(&self.path, "look at"))?.len())
     }
 
-    /// Ends the file with its index. `metadata` is the bag's.
+    /// Completes the file with its index. `metadata` is the metadata of the bag.
     pub(super) fn finish(&mut self, metadata: String) -> Result<(), RunError> {
-        // rosbag2 keeps a copy inside, so that the bare file can be opened too.
+        // rosbag2 keeps a copy of the metadata in the file, so that the bare file can be opened too.
         let record = Metadata {
             name: "rosbag2".into(),
             metadata: BTreeMap::from([("serialized_metadata".into(), metadata)]),

@@ -1,4 +1,4 @@
-//! `metadata.yaml` of a rosbag2 directory: version 9, as ROS 2 Jazzy writes it, and any version when read.
+//! `metadata.yaml` of a rosbag2 directory: writes version 9, as ROS 2 Jazzy does, and reads any version.
 
 use super::bag_write::Storage;
 use super::{Note, RunError};
@@ -9,14 +9,14 @@ use std::path::{Path, PathBuf};
 /// Name of the file in the bag.
 pub(super) const FILE_NAME: &str = "metadata.yaml";
 
-/// Version of the form that is written.
+/// Version of the format that is written.
 pub(super) const VERSION: u32 = 9;
 
-/// The distribution whose form it is.
+/// The ROS distribution of that format.
 pub(super) const ROS_DISTRO: &str = "jazzy";
 
-/// The offered quality of service that is recorded for every topic: the one that the node publishes with,
-/// and one that `ros2 bag play` can offer to any subscriber. Infinite times are written as rmw does.
+/// The offered quality of service that is recorded for every topic. It is the one that the node publishes with, and
+/// `ros2 bag play` can offer it to any subscriber. Infinite durations are written as in rmw.
 const QOS: &str = "\
 - history: keep_last
   depth: 10
@@ -35,7 +35,7 @@ const QOS: &str = "\
   avoid_ros_namespace_conventions: false
 ";
 
-/// The quality of service as the YAML text that the files carry.
+/// The quality of service as YAML text for the files.
 pub(super) fn offered_qos() -> &'static str {
     QOS.trim_end()
 }
@@ -51,32 +51,32 @@ pub(super) struct TopicEntry<'a> {
 /// A file of a written bag.
 #[derive(Debug, Clone)]
 pub(super) struct FileEntry {
-    /// Its name below the bag's directory.
+    /// Its name in the bag's directory.
     pub(super) name: String,
     /// First and last log time in nanoseconds; `None` without messages.
     pub(super) bounds: Option<(u64, u64)>,
     pub(super) messages: u64,
 }
 
-/// What a written bag holds.
+/// The content of a written bag.
 pub(super) struct Written<'a> {
     pub(super) storage: Storage,
-    /// Its files are packed with zstd.
+    /// True if its files are compressed with zstd.
     pub(super) packed: bool,
     pub(super) files: &'a [FileEntry],
     pub(super) topics: Vec<TopicEntry<'a>>,
 }
 
-/// Start and duration; without messages, rosbag2's own "no time yet" as start.
+/// Start and duration in nanoseconds; without messages the start is rosbag2's value for "no time yet".
 fn start_and_duration(bounds: Option<(u64, u64)>) -> (u64, u64) {
     bounds.map_or((i64::MAX as u64, 0), |(first, last)| (first, last - first))
 }
 
 impl Written<'_> {
-    /// The inner mapping, as the files carry it too. `indent` is put before every line.
+    /// The inner mapping, which is also stored in the files of the bag. Every line begins with `indent`.
     ///
-    /// Written by hand: the form is fixed, and the only free text, topic and type names, is checked before
-    /// and holds no character that YAML cares about.
+    /// The text is built without a YAML library: the structure is fixed, and the only free texts, topic and type names, have
+    /// been checked and contain no special characters of YAML.
     pub(super) fn yaml(&self, indent: &str) -> String {
         let messages: u64 = self.topics.iter().map(|topic| topic.messages).sum();
         let bounds = self.files.iter().filter_map(|file| file.bounds);
@@ -133,7 +133,7 @@ impl Written<'_> {
     }
 }
 
-/// The part of the file that reading needs; the rest differs between versions and is not looked at.
+/// The part of the file that is needed for reading. The rest differs between versions and is ignored.
 #[derive(Deserialize)]
 struct Document {
     rosbag2_bagfile_information: Information,
@@ -149,10 +149,10 @@ struct Information {
     compression_mode: Option<String>,
 }
 
-/// The files of a bag directory, in order. What each of them is, its own beginning says.
+/// The files of a bag directory, in order. The format of each file is found later, from its first bytes.
 ///
-/// Without `metadata.yaml`, which a killed recorder leaves behind, these are the files of one storage sorted by name
-/// (numbers by value, so that `bag_10` follows `bag_9`), and a note says so.
+/// A killed recorder writes no `metadata.yaml`. Then these are the files of one storage sorted by name (numbers by value, so
+/// that `bag_10` follows `bag_9`), and a note says so.
 pub(super) fn files(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, RunError> {
     let path = dir.join(FILE_NAME);
     let text = match std::fs::read_to_string(&path) {
@@ -171,7 +171,7 @@ pub(super) fn files(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, R
     let mode = information.compression_mode.unwrap_or_default().to_ascii_lowercase();
     let format = information.compression_format.unwrap_or_default();
     match mode.as_str() {
-        // The storage's own compression shows in the file.
+        // Compression by the storage is stated in the file itself.
         "" | "none" | "storage" => {}
         "file" | "message" if format == "zstd" => {}
         _ => {
@@ -186,8 +186,8 @@ pub(super) fn files(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, R
         .relative_file_paths
         .iter()
         .map(|relative| {
-            // Bags of old versions name their own directory too. Only the last component counts, which also
-            // keeps a bag from naming files elsewhere.
+            // Bags of old versions include their directory in the path. Only the last component is used, which also keeps a
+            // bag from naming files in other directories.
             let file = Path::new(relative).file_name().map(|name| dir.join(name));
             file.filter(|file| file.is_file())
                 .ok_or_else(|| fail(format!("it names `{relative}`, which is not there")))
@@ -213,12 +213,12 @@ fn files_by_name(dir: &Path, notes: &mut Vec<Note>) -> Result<Vec<PathBuf>, RunE
         [found, none] | [none, found] if none.is_empty() => found,
         _ => {
             return fail(
-                "a directory without metadata.yaml that holds both .mcap and .db3 files; name the one that is \
-                 meant",
+                "a directory without metadata.yaml that holds both .mcap and .db3 files; name the one to \
+                 read",
             );
         }
     };
-    // A recorder that is killed while it packs a file leaves both, and the plain one is whole.
+    // A recorder that is killed while it compresses a file leaves two files; the uncompressed one is complete.
     let whole: Vec<PathBuf> = found.iter().filter(|path| !is_packed_name(path)).cloned().collect();
     found.retain(|path| !is_packed_name(path) || !whole.contains(&path.with_extension("")));
     found.sort_by_key(|path| name_key(path));
@@ -230,7 +230,7 @@ fn is_packed_name(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "zstd")
 }
 
-/// A sorting key in which runs of digits count by length first, hence by value.
+/// A sorting key that compares runs of digits by length first, and so by value.
 fn name_key(path: &Path) -> Vec<(usize, String)> {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let mut key: Vec<(usize, String)> = Vec::new();
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read() {
+    fn written_metadata_is_read_back() {
         let dir = tempfile::tempdir().expect("temporary directory");
         let topic = TopicEntry { name: "/d/force", type_name: "a/msg/B", type_hash: "RIHS01_0", messages: 2 };
         let file = FileEntry { name: "x_0.mcap".into(), bounds: Some((5, 9)), messages: 2 };

@@ -1,8 +1,8 @@
-//! Recorded runs on disk: CSV files and rosbag2 bags, in and out.
+//! Reads and writes recorded runs: CSV files and rosbag2 bags.
 //!
-//! [`load`] reads either into a [`Run`], [`save`] writes one, [`convert`] does both without loss: values keep
-//! every bit, stamps every nanosecond, unknown columns their names. [`BagWriter`] is the writing half alone,
-//! for live recording.
+//! [`load`] reads either format into a [`Run`], [`save`] writes a run, and [`convert`] does both without loss: values stay
+//! bit-identical, stamps keep every nanosecond, unknown columns keep their names. [`BagWriter`] only writes, for live
+//! recording.
 //!
 //! | column | topic below the namespace | type |
 //! |---|---|---|
@@ -17,12 +17,13 @@
 //! | `ambient_temp_c` | `ambient_temperature` | `sensor_msgs/msg/Temperature` |
 //! | any other | `other/<column>` | `std_msgs/msg/Float64`, stamped by its log time |
 //!
-//! Each of these topics may also be of another type that holds such a quantity (`extract.rs`): `std_msgs/msg/Float64`, one joint of
-//! a `sensor_msgs/msg/JointState`, and others. Channels in topics or columns of other names are mapped ([`Map`]). A [`Run`] has no place for variances and frame names, so these are the
-//! parts of a recorded bag that a conversion drops; topics that are no part of a run are named in a note.
+//! Each of these topics may also have another type that holds such a quantity (`extract.rs`): `std_msgs/msg/Float64`, one
+//! joint of a `sensor_msgs/msg/JointState`, and others. Channels in topics or columns with other names need a [`Map`]. A
+//! [`Run`] cannot hold variances and frame names, so a conversion drops them. A note names the topics that do not belong to
+//! the run.
 //!
-//! A bag is a rosbag2 directory or one of its files alone, stored as MCAP or sqlite3, split or not, packed as
-//! rosbag2 does it (`FILE`, `MESSAGE`, chunks of MCAP) or not. `storage.rs` makes one of all these.
+//! A bag is a rosbag2 directory or a single file of one, stored as MCAP or sqlite3, split or not, compressed in one of
+//! rosbag2's ways (`FILE`, `MESSAGE`, chunks of MCAP) or not. `storage.rs` hides these differences.
 
 mod bag;
 mod bag_file;
@@ -67,13 +68,13 @@ pub struct LoadOptions {
     pub skip_bad_rows: bool,
     /// CSV: the thesis' acquisition order without header (`--thesis-txt`).
     pub thesis_txt: bool,
-    /// Which drive to use when both were recorded (`--drive`); the other is carried through.
+    /// Drive to use if both were recorded (`--drive`); the other one is carried through.
     pub drive: Option<DriveKind>,
-    /// Bags: the damper's namespace, such as `/front_left`; needed when a bag holds several.
+    /// Bags: the damper's namespace, such as `/front_left`; required if a bag holds several dampers.
     pub namespace: Option<String>,
-    /// Bags: the joint to take from `sensor_msgs/msg/JointState` topics that are called as ours (`--bag-joint`).
+    /// Bags: the joint to read from `sensor_msgs/msg/JointState` topics that have the node's topic names (`--bag-joint`).
     pub joint: Option<String>,
-    /// Where channels come from whose topics or columns are called otherwise (`--map`).
+    /// Sources of channels whose topics or columns have other names (`--map`).
     pub map: Map,
 }
 
@@ -84,21 +85,21 @@ pub struct SaveOptions {
     pub namespace: String,
     /// Bags: chunks, compression and sync.
     pub bag: BagOptions,
-    /// What of the run is written.
+    /// The part of the run that is written.
     pub part: Part,
 }
 
-/// A part of a run, by the time since its first displacement; by default all of it.
+/// A part of a run, in time since its first displacement; by default the whole run.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Part {
-    /// Where it begins, s.
+    /// Start, s.
     pub start_s: f64,
-    /// How long it is, s; `None`: to the end.
+    /// Duration, s; `None` means to the end of the run.
     pub duration_s: Option<f64>,
 }
 
 impl Part {
-    /// The part of `run`, or what is wrong with it.
+    /// Cuts the part out of `run`. It is an error if the part contains no displacement.
     fn of<'a>(&self, run: &'a Run, path: &Path) -> Result<Cow<'a, Run>, RunError> {
         if *self == Self::default() {
             return Ok(Cow::Borrowed(run));
@@ -114,21 +115,21 @@ impl Part {
             path: path.to_owned(),
             what: format!("the part from {} s on", self.start_s),
             why: format!(
-                "the run has {:.3} s of displacement, and none of it is there",
+                "the run has {:.3} s of displacement, none of it in this part",
                 run.duration().get()
             ),
         })
     }
 }
 
-/// A run with what was noted while reading it.
+/// A run, and the notes on reading it.
 #[derive(Debug, Clone)]
 pub struct Loaded {
     /// The run; its name is the path as given.
     pub run: Run,
-    /// What the user should hear of.
+    /// Notes for the user.
     pub notes: Vec<Note>,
-    /// SHA-256 of the file as it lies on the disk; of several files of a bag, of one after the other
+    /// SHA-256 of the file on disk. For a bag with several files, the hash of all files in order
     /// (`cat *.mcap | sha256sum`).
     pub sha256: [u8; 32],
 }
@@ -141,13 +142,14 @@ impl Loaded {
     }
 }
 
-/// True when a file at `path` is called as a run may be: `.csv` or text, `.mcap` or `.db3`, the latter two packed or not.
+/// True if the name of the file at `path` may be the name of a run: `.csv`, a text file, or `.mcap` or `.db3`, compressed or
+/// not.
 #[must_use]
 pub fn is_named_as_a_run(path: &Path) -> bool {
     Storage::of_file(path).is_some() || matches!(extension(path).as_str(), "csv" | "txt" | "dat" | "tsv")
 }
 
-/// The channels that `run` has, by the names of their columns.
+/// The column names of the channels in `run`.
 #[must_use]
 pub fn channels(run: &Run) -> Vec<&str> {
     let known = [
@@ -163,13 +165,13 @@ pub fn channels(run: &Run) -> Vec<&str> {
     known.map(|(name, _)| name).chain(run.other.iter().map(|(name, _)| name.as_str())).collect()
 }
 
-/// Reads a run from a CSV file, a rosbag2 directory, or a bare `.mcap` or `.db3` file, which may be packed
+/// Reads a run from a CSV file, a rosbag2 directory, or a bare `.mcap` or `.db3` file, which may be compressed
 /// (`.mcap.zstd`, `.db3.zstd`).
 ///
 /// # Errors
-/// When the path is none of these, cannot be read, has faults that were not allowed by
-/// `options`, or leaves a choice open (two drives, several namespaces). A bag that ends or breaks early is no
-/// error: what could be read is in the run, the rest in the notes.
+/// When the path is none of these, cannot be read, has faults that `options` do not allow, or leaves a choice open (two
+/// drives, several namespaces). A bag that ends early or is damaged is not an error: the run holds all data that could be
+/// read, and the notes describe the rest.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
     let mut notes = Vec::new();
     let mut hash = Hash::default();
@@ -200,17 +202,17 @@ fn load_csv(
     notes: &mut Vec<Note>,
     hash: &mut Hash,
 ) -> Result<Run, RunError> {
-    // Both CSV readers buffer by themselves.
+    // Both CSV readers have their own buffer.
     let file = File::open(path).map_err(RunError::io(path, "open"))?;
     csv::read(path, HashingReader::new(file, hash), options, notes)
 }
 
-/// Writes a run: to a `.csv` file in canonical form, to a bare `.mcap` or `.db3` file, or to a new bag directory when
-/// the path has no extension.
+/// Writes a run: to a `.csv` file in canonical form, to a bare `.mcap` or `.db3` file, or to a new bag directory if the
+/// path has no extension.
 ///
 /// # Errors
-/// When the target exists or cannot be written, or the format cannot hold the run (a bag: times before 1970
-/// or after 2038). Nothing is left behind then.
+/// When the target exists or cannot be written, or the format cannot hold the run (a bag: times before 1970 or after 2038).
+/// After an error no partial output remains.
 pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunError> {
     if path.symlink_metadata().is_ok() {
         return Err(RunError::Exists { path: path.to_owned() });
@@ -229,13 +231,13 @@ pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunErro
     }
 }
 
-/// Reads `from` and writes it to `to`; returns what was read. Unlike [`load`], it takes a run with both
-/// drives as it is, and writes both.
+/// Reads `from` and writes it to `to`; returns the run that was read. Unlike [`load`], it accepts a run with both drives,
+/// and writes both.
 ///
 /// # Errors
-/// Those of [`load`] and [`save`].
+/// The errors of [`load`] and [`save`].
 pub fn convert(from: &Path, to: &Path, load: &LoadOptions, save: &SaveOptions) -> Result<Loaded, RunError> {
-    // Either choice carries the other drive through, and both are written under their own names.
+    // With either choice the other drive is carried through, and both are written under their own names.
     let keep_both = LoadOptions { drive: load.drive.or(Some(DriveKind::CoilCurrent)), ..load.clone() };
     let loaded = self::load(from, &keep_both)?;
     self::save(&loaded.run, to, save)?;
@@ -246,10 +248,10 @@ fn extension(path: &Path) -> String {
     path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
 }
 
-/// The columns of a run as they are written, `displacement_m` first.
+/// The columns of a run in the order in which they are written, `displacement_m` first.
 ///
 /// # Errors
-/// When displacement is missing or two columns have one name, so that the result could not be read again.
+/// When displacement is missing or two columns have the same name, because the result could not be read again.
 fn columns_of<'a>(run: &'a Run, path: &Path) -> Result<Vec<(&'a str, &'a Trace)>, RunError> {
     if run.displacement_m.is_empty() {
         let hint = "a run without it cannot be written".to_owned();

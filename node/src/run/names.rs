@@ -1,8 +1,8 @@
-//! Topic names: which column of a run a topic holds, and which topic a column goes to.
+//! Topic names: the column of a run that a topic holds, and the topic that a column is written to.
 
 use super::column::Quantity;
 
-/// Last part of the topics of known quantities. The set point has none: it travels as `other/setpoint_m`.
+/// Last part of the topics of known quantities. The set point has no topic of its own; it is written as `other/setpoint_m`.
 pub(super) const TOPICS: [(Quantity, &str); 9] = [
     (Quantity::Displacement, "displacement"),
     (Quantity::Velocity, "velocity"),
@@ -21,12 +21,12 @@ const OTHER: &str = "other";
 /// Last part of the topics with states of joints.
 const JOINTS: &str = "joint_states";
 
-/// What a channel is called where topics and columns of other names are mapped to it: as the node's topic.
+/// Name of a channel in a map: the name of the node's topic.
 pub(super) fn topic_of(quantity: Quantity) -> &'static str {
     TOPICS.iter().find(|(known, _)| *known == quantity).map_or("setpoint", |(_, topic)| topic)
 }
 
-/// What a topic holds, by its name.
+/// The content of a topic, according to its name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Role {
     Known(Quantity),
@@ -36,7 +36,7 @@ pub(super) enum Role {
     Joints,
 }
 
-/// The namespace (empty for the root) and the role of a topic; `None` when it is no part of a run.
+/// The namespace (empty for the root) and the role of a topic; `None` if it does not belong to a run.
 pub(super) fn role_of(topic: &str) -> Option<(&str, Role)> {
     let (namespace, name) = topic.rsplit_once('/')?;
     if let Some((quantity, _)) = TOPICS.iter().find(|(_, topic)| *topic == name) {
@@ -49,21 +49,21 @@ pub(super) fn role_of(topic: &str) -> Option<(&str, Role)> {
     (level == OTHER && !name.is_empty()).then(|| (above, Role::Other(name.to_owned())))
 }
 
-/// Names topics for columns, each its own.
+/// Gives each column a topic name of its own.
 pub(super) struct Namer {
     namespace: String,
     taken: Vec<String>,
 }
 
 impl Namer {
-    /// Below a namespace, with or without slashes around it.
+    /// A namer for topics below `namespace`, which may have slashes around it.
     pub(super) fn new(namespace: &str) -> Self {
-        // A column that is called as a topic of a known quantity must not be read as one.
+        // A column that has the name of a known topic must not be read as that topic.
         let known = TOPICS.iter().map(|(_, topic)| *topic).chain([JOINTS]);
         Self { namespace: normal_namespace(namespace), taken: known.map(str::to_owned).collect() }
     }
 
-    /// The topic of a column, and whether its name differs from the column's, which then has to be noted.
+    /// The topic of a column, and whether its name differs from the column's. If it does, the column's name must be stored.
     pub(super) fn topic_of(&mut self, column: &str) -> (String, bool) {
         let quantity = Quantity::of_si_name(column);
         if let Some((_, name)) = TOPICS.iter().find(|(known, _)| Some(*known) == quantity) {
@@ -71,7 +71,7 @@ impl Namer {
         }
         let allowed = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
         let mut name: String = column.chars().map(allowed).collect();
-        // ROS 2 allows neither a digit in front nor an empty name.
+        // ROS 2 allows neither a leading digit nor an empty name.
         if !name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {
             name.insert(0, '_');
         }
@@ -88,7 +88,7 @@ impl Namer {
     }
 }
 
-/// A namespace as topics spell it: a leading slash, none behind, and empty for the root.
+/// A namespace as it begins topic names: with a leading slash and without a trailing one; empty for the root.
 pub(super) fn normal_namespace(namespace: &str) -> String {
     let inner = namespace.trim_matches('/');
     if inner.is_empty() { String::new() } else { format!("/{inner}") }
@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn topics_and_columns_map_both_ways() {
+    fn columns_map_to_topics_and_back() {
         let mut namer = Namer::new("front_left/");
         for (column, topic) in [
             ("force_n", "/front_left/measured_force"),
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn only_ros_names_pass() {
+    fn only_ros_names_are_accepted() {
         for (name, good) in
             [("/a", true), ("/a/b_1", true), ("a", false), ("/", false), ("/a/", false), ("/1a", false)]
         {

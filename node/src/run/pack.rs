@@ -1,7 +1,7 @@
-//! zstd around what a bag holds, as rosbag2's compression modes `FILE` and `MESSAGE` put it there.
+//! zstd compression of bags, in rosbag2's modes `FILE` and `MESSAGE`.
 //!
-//! Unpacking goes as far as the data do, in memory bounded by the window of the format (128 MiB) and by the
-//! longest message that is taken (64 MiB).
+//! Damaged data are unpacked up to the damage. Memory is bounded by the window of the format (128 MiB) and by the longest
+//! message that is accepted (64 MiB).
 
 use super::RunError;
 use super::storage::UNPACK_RATIO;
@@ -13,23 +13,23 @@ use zstd::bulk::Decompressor;
 use zstd::stream::read::Decoder;
 use zstd::zstd_safe::get_frame_content_size;
 
-/// What a zstd frame begins with. No CDR message does: its first byte is zero.
+/// First bytes of a zstd frame. A CDR message never begins with them, because its first byte is zero.
 const MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
-/// Messages longer than this are not unpacked; those of a run have some hundred bytes.
+/// Messages longer than this, in bytes, are not unpacked; the messages of a run have some hundred bytes.
 const MESSAGE_LIMIT: usize = 64 << 20;
-/// What any message may unpack to; more than this it has to be worth by its size.
+/// Unpacked size, in bytes, that is allowed for every message. Above it, [`UNPACK_RATIO`] limits the size.
 const MESSAGE_FREE: usize = 1 << 20;
-/// Window sizes up to 2^27 bytes, which every level of zstd but `--ultra --long` keeps to.
+/// Base-2 logarithm of the largest window: 2^27 bytes. All levels of zstd keep to it, except with `--ultra --long`.
 const WINDOW_LOG_MAX: u32 = 27;
-/// zstd's own default: fast, and most of what can be gained.
+/// zstd's own default, which is fast and close to the best compression.
 const LEVEL: i32 = 3;
 
-/// True when `data` begin as zstd.
+/// True if `data` begin like a zstd frame.
 pub(super) fn is_packed(data: &[u8]) -> bool {
     data.starts_with(&MAGIC)
 }
 
-/// The data of a zstd file as far as they go. Damage ends them; [`fault`](Self::fault) tells of it.
+/// The unpacked data of a zstd file. They end at the first damage; [`fault`](Self::fault) returns it.
 pub(super) struct Unpacked<R: BufRead> {
     decoder: Decoder<'static, R>,
     bytes: u64,
@@ -43,7 +43,7 @@ impl<R: BufRead> Unpacked<R> {
         Ok(Self { decoder, bytes: 0, fault: None })
     }
 
-    /// What ended the data before their time, and after how many bytes.
+    /// The fault that ended the data early, and the number of bytes before it.
     pub(super) fn fault(self) -> Option<(u64, String)> {
         self.fault.map(|why| (self.bytes, why))
     }
@@ -59,7 +59,7 @@ impl<R: BufRead> Read for Unpacked<R> {
                 self.bytes += count as u64;
                 Ok(count)
             }
-            // What the system refuses has its number; the rest is what zstd says of the data.
+            // Errors of the system have an error number; all others are zstd's errors about the data.
             Err(error) if error.raw_os_error().is_some() || error.kind() == io::ErrorKind::Interrupted => {
                 Err(error)
             }
@@ -82,18 +82,18 @@ impl MessageUnpacker {
         Self { bulk: None, buffer: Vec::new() }
     }
 
-    /// The message inside `data`, or what is wrong with it.
+    /// Unpacks the message in `data`; the error says what is wrong with it.
     pub(super) fn unpack(&mut self, data: &[u8]) -> Result<&[u8], String> {
         self.buffer.clear();
         let ratio = usize::try_from(UNPACK_RATIO).unwrap_or(1);
-        // Memory is taken for what the frame says to hold.
+        // The frame's stated size decides how much memory is allocated, so it is limited.
         let limit = ratio.saturating_mul(data.len()).clamp(MESSAGE_FREE, MESSAGE_LIMIT);
         let fault = |error: io::Error| format!("zstd: {error}");
         let too_long = || format!("zstd: {} bytes unpack to more than {limit} bytes", data.len());
-        let size =
-            get_frame_content_size(data).map_err(|_| "zstd: the frame's head is damaged".to_owned())?;
+        let size = get_frame_content_size(data)
+            .map_err(|_| "zstd: the header of the frame is damaged".to_owned())?;
         let Some(size) = size else {
-            // A writer that did not know the size when it began.
+            // The writer did not know the size when it began the frame.
             let unpacked = Decoder::with_buffer(data).and_then(|mut decoder| {
                 decoder.window_log_max(WINDOW_LOG_MAX)?;
                 decoder.take(limit as u64 + 1).read_to_end(&mut self.buffer)
@@ -112,15 +112,15 @@ impl MessageUnpacker {
     }
 }
 
-/// The name of a file once it is packed.
+/// The name of a file after it is compressed.
 pub(super) fn packed_name(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".zstd");
     name.into()
 }
 
-/// Packs a whole file and removes it; returns the size of what is left. Until the packed file is complete and
-/// on the disk, it has another name, so that whatever happens one of both is whole.
+/// Compresses a whole file and removes the original; returns the size of the compressed file, in bytes. The compressed file
+/// has a temporary name until it is complete and on the disk, so at any time one of the two files is complete.
 pub(super) fn pack_file(path: &Path) -> Result<u64, RunError> {
     let packed = packed_name(path);
     write_file(&packed, |sink| {
@@ -136,16 +136,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn false_sizes_are_refused_before_memory_is_taken() {
+    fn false_sizes_are_refused_before_memory_is_allocated() {
         let mut unpacker = MessageUnpacker::new();
         let message = [7_u8; 3000];
         let packed = zstd::bulk::compress(&message, LEVEL).expect("compressed");
         assert_eq!(unpacker.unpack(&packed).expect("unpacked"), message);
-        // Without a size in its head.
+        // A frame without a size in its header.
         let unsized_frame = zstd::stream::encode_all(&message[..], LEVEL).expect("compressed");
         assert_eq!(get_frame_content_size(&unsized_frame).ok(), Some(None), "the size is not known");
         assert_eq!(unpacker.unpack(&unsized_frame).expect("unpacked"), message);
-        // A frame of 2^60 bytes, as its head says, and of as much as a message may have at most.
+        // Frames whose headers claim 2^60 bytes and the largest allowed message.
         for size in [1_u64 << 60, MESSAGE_LIMIT as u64] {
             let mut huge = [&MAGIC[..], &[0b1110_0000]].concat();
             huge.extend(size.to_le_bytes());

@@ -1,12 +1,12 @@
-//! sqlite3 bags: topics and messages of a `.db3` file, of any of rosbag2's schemas, read as far as they go.
+//! Reads sqlite3 bags: topics and messages of a `.db3` file with any of rosbag2's schemas, also of a damaged one.
 //!
-//! Nothing is written beside the user's file. A database that stands alone is opened as immutable, which
-//! takes no lock and makes no journal. One that its recorder left in the middle of its work has a journal
-//! beside it (`-wal`, `-journal`); both are copied, and SQLite puts the copy in order.
+//! The reader writes nothing next to the user's file. A database without a journal is opened as immutable, which takes no
+//! lock and makes no journal. If the recorder was killed, the database has a journal (`-wal`, `-journal`); both files are
+//! then copied, and SQLite recovers the copy.
 //!
-//! Schemas differ in what they say of topics (quality of service, type hashes, definitions) and agree in what
-//! is read here, so columns are asked for by name and others passed over. A database is hostile until shown
-//! otherwise: only plain tables are read, lengths are limited, and rows have to come in order.
+//! The schemas differ in their description of topics (quality of service, type hashes, definitions), but have the same
+//! columns for the data that are read here. Columns are selected by name, and others are ignored. The content of a database
+//! is not trusted: only plain tables are read, lengths are limited, and rows must come in order.
 
 use super::storage::{SQLITE_MAGIC, Sink, TopicInfo};
 use super::{Note, RunError};
@@ -20,25 +20,25 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// Rows longer than this are taken for damage, as records of MCAP files are.
+/// Rows longer than this, in bytes, count as damaged, as in MCAP files.
 const LENGTH_LIMIT: i32 = 256 << 20;
-/// Topics that a database may name; MCAP's own bound.
+/// Maximum number of topics in a database; the limit of MCAP.
 const TOPICS_LIMIT: usize = 65_535;
-/// Damaged places after which a file is given up.
+/// Number of damaged places after which the rest of a file is not read.
 const HOLES_LIMIT: usize = 1000;
-/// Journals that a killed recorder leaves: of write-ahead logging and of rolling back.
+/// Suffixes of the journals that a killed recorder leaves: the write-ahead log and the rollback journal.
 const JOURNALS: [&str; 2] = ["-wal", "-journal"];
 
-/// Table of ours that names the run's column behind a topic, where the topic's name cannot say it.
+/// A table of this project. It names the run's column for topics whose name differs from it.
 pub(super) const COLUMNS_TABLE: &str = "mr_damper_columns";
-/// Table of ours with what a topic would be called without the recorder's renaming.
+/// A table of this project. It holds the original names of topics that the recorder remapped.
 pub(super) const TOPICS_TABLE: &str = "mr_damper_topics";
 
-/// Reads a whole database into `sink`; it lies at `file` and is called `path`. What is damaged is left out
-/// with a note.
+/// Reads a whole database into `sink`. The database is at `file`; messages call it `path`. Damaged rows are skipped, with a
+/// note.
 ///
 /// # Errors
-/// When it is no database of rosbag2, or the system fails.
+/// When the file is not a database of rosbag2, or the system fails.
 pub(super) fn read(
     path: &Path,
     file: &Path,
@@ -52,18 +52,18 @@ pub(super) fn read(
     reader.all_messages(sink)?;
     if let Some((length, whole)) = opened.cut {
         let (path, messages) = (path.to_owned(), reader.messages);
-        let why = format!("the file ends, though it says to be {whole} bytes long");
+        let why = format!("the file ends here, but its header says that it has {whole} bytes");
         notes.push(Note::CutShort { path, offset: length, messages, why });
     }
     Ok(())
 }
 
-/// A database, open for reading.
+/// A database that is open for reading.
 struct Opened {
     connection: Connection,
-    /// Its length and the length that it says to have, if that is more.
+    /// Its length and the length in its header, in bytes, if the header's is larger.
     cut: Option<(u64, u64)>,
-    /// Keeps a copy alive.
+    /// The directory of the copy, which is deleted when this is dropped.
     _copy: Option<TempDir>,
 }
 
@@ -89,10 +89,10 @@ impl Opened {
     }
 }
 
-/// Name of the copy of a database that has a journal.
+/// File name of the copy of a database that has a journal.
 const COPY: &str = "bag.db3";
 
-/// Copies a database and its journal where SQLite may write.
+/// Copies a database and its journal to a temporary directory, where SQLite may write.
 fn copied(file: &Path, journal: &str) -> Result<TempDir, RunError> {
     let dir =
         tempfile::tempdir().map_err(RunError::io(&std::env::temp_dir(), "make a temporary directory in"))?;
@@ -103,14 +103,14 @@ fn copied(file: &Path, journal: &str) -> Result<TempDir, RunError> {
     Ok(dir)
 }
 
-/// The journal beside a database, by the end of its name.
+/// The path of a database's journal, given the journal's suffix.
 pub(super) fn beside(file: &Path, journal: &str) -> PathBuf {
     let mut name = file.as_os_str().to_owned();
     name.push(journal);
     name.into()
 }
 
-/// The address by which SQLite opens a file as one that nobody changes.
+/// The URI with which SQLite opens a file as immutable.
 fn immutable(file: &Path) -> String {
     let whole = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let mut address = "file://".to_owned();
@@ -125,7 +125,8 @@ fn immutable(file: &Path) -> String {
     address + "?mode=ro&immutable=1"
 }
 
-/// Refuses what does not begin as a database; returns its length and the one it claims, if that is more.
+/// Refuses a file that does not begin like a database. Returns its length and the length in its header, in bytes, if the
+/// header's is larger.
 fn length_and_claim(path: &Path, file: &Path) -> Result<Option<(u64, u64)>, RunError> {
     let mut source = fs::File::open(file).map_err(RunError::io(path, "open"))?;
     let length = source.metadata().map_err(RunError::io(path, "look at"))?.len();
@@ -144,12 +145,12 @@ fn length_and_claim(path: &Path, file: &Path) -> Result<Option<(u64, u64)>, RunE
         1 => 65_536,
         size => u64::from(size),
     };
-    // Old writers leave the number of pages unset; it counts when the two counters beside it agree.
+    // Old writers do not set the number of pages; it is valid only if the two change counters are equal.
     let claimed = if word(24) == word(92) { page * u64::from(word(28)) } else { 0 };
     Ok((claimed > length).then_some((length, claimed)))
 }
 
-/// What is wrong with a row or a page, against what is wrong with the machine.
+/// True for an error in the data, false for an error of the system.
 fn is_damage(error: &rusqlite::Error) -> bool {
     matches!(
         error.sqlite_error_code(),
@@ -168,12 +169,12 @@ struct Reader<'a> {
     notes: &'a mut Vec<Note>,
 }
 
-/// How far a pass over the messages went.
+/// How a pass over the messages ended.
 enum Pass {
     End,
-    /// The first row that was not read, and why not.
+    /// The first row that could not be read, and the reason.
     Damaged(i64, String),
-    /// Rows that do not come in order: nothing behind can be trusted.
+    /// The first row that is out of order. The rows after it are not trusted.
     Disorder(i64),
 }
 
@@ -181,8 +182,8 @@ impl Reader<'_> {
     fn prepare(&self) -> Result<(), RunError> {
         let limited = self.connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, LENGTH_LIMIT);
         limited.map_err(|error| self.failed(&error))?;
-        // The first keeps a schema from running functions, the second finds damage early, and the third lets
-        // a file be opened that is shorter than it says or has a schema that is damaged elsewhere.
+        // The first setting keeps a schema from running functions, and the second finds damage early. The third allows
+        // opening a file that is shorter than its header says, or whose schema is damaged in other places.
         let settings = "PRAGMA trusted_schema=OFF; PRAGMA cell_size_check=ON; PRAGMA writable_schema=ON;";
         self.connection.execute_batch(settings).map_err(|error| self.failed(&error))?;
         for (table, columns) in
@@ -200,7 +201,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// The columns of a plain table; none when it is not there, or is a view or virtual.
+    /// The columns of a plain table; empty if the table does not exist, or is a view or a virtual table.
     fn columns(&self, table: &str) -> Result<Vec<String>, RunError> {
         let query = || {
             let plain = "SELECT count(*) FROM sqlite_schema WHERE type='table' AND name=?1 AND rootpage>0";
@@ -237,7 +238,7 @@ impl Reader<'_> {
         })
     }
 
-    /// What one of our own tables says of topics, by their ids; nothing where the table is missing.
+    /// The names in one of this project's tables, by topic id; empty if the table does not exist.
     fn names(&mut self, table: &str) -> Result<HashMap<Option<i64>, String>, RunError> {
         let mut names = HashMap::new();
         if !self.columns(table)?.is_empty() {
@@ -248,7 +249,7 @@ impl Reader<'_> {
         Ok(names)
     }
 
-    /// Takes the rows of a small table as far as they go.
+    /// Passes the rows of a small table to `take`, up to the first damage.
     fn few_rows(&mut self, query: &str, mut take: impl FnMut(&Row<'_>)) -> Result<(), RunError> {
         let mut run = || {
             let mut statement = self.connection.prepare(query)?;
@@ -274,7 +275,7 @@ impl Reader<'_> {
         }
     }
 
-    /// All messages in the order in which they were written, around what is damaged.
+    /// Reads all messages in the order in which they were written, and skips damaged rows.
     fn all_messages(&mut self, sink: &mut impl Sink) -> Result<(), RunError> {
         let mut from = i64::MIN;
         for _ in 0..HOLES_LIMIT {
@@ -293,7 +294,7 @@ impl Reader<'_> {
                 }
             }
         }
-        let why = format!("{HOLES_LIMIT} places are damaged, so the rest is left");
+        let why = format!("{HOLES_LIMIT} places are damaged, so the rest is not read");
         self.hole(from, None, why);
         Ok(())
     }
@@ -304,7 +305,7 @@ impl Reader<'_> {
     }
 
     fn messages_from(&mut self, from: i64, sink: &mut impl Sink) -> Result<Pass, RunError> {
-        // Ids count from 1, unless somebody gave them by hand.
+        // Ids start at 1, unless they were assigned by hand.
         let mut next = from.max(1);
         let mut last = None;
         let mut run = || {
@@ -321,7 +322,7 @@ impl Reader<'_> {
                     ValueRef::Integer(nanos) => Ok(nanos),
                     _ => Err(format!("row {id} has no time")),
                 };
-                // What is no blob has no bytes that could be decoded, and counts as such.
+                // A value that is not a blob yields no bytes and counts as undecodable.
                 let data = row.get_ref(3)?.as_bytes().unwrap_or_default();
                 sink.message(integer(row, 1).unwrap_or(-1), log_time, data);
                 self.messages += 1;
@@ -335,8 +336,8 @@ impl Reader<'_> {
         }
     }
 
-    /// The least id behind `row` from which rows can be read again, as far as halving finds it; `None` when there
-    /// is none.
+    /// The lowest id after `row` from which rows can be read again, as found by bisection; `None` if all later rows are
+    /// unreadable.
     fn first_readable_behind(&self, row: i64) -> Result<Option<i64>, RunError> {
         let (mut bad, mut step) = (row, 1_i64);
         let mut good = loop {
@@ -354,7 +355,7 @@ impl Reader<'_> {
         Ok(Some(good))
     }
 
-    /// Whether the first row from `id` on, or the end, can be read.
+    /// True if the first row from `id` on can be read, or if there is no such row.
     fn is_readable(&self, id: i64) -> Result<bool, RunError> {
         let probe = || {
             let mut statement = self.connection.prepare(ROWS)?;
@@ -386,7 +387,7 @@ fn integer(row: &Row<'_>, column: usize) -> Option<i64> {
     row.get_ref(column).ok()?.as_i64().ok()
 }
 
-/// A text as far as it is one.
+/// The text of a column, with invalid UTF-8 replaced; empty if the column holds no text.
 fn text(row: &Row<'_>, column: usize) -> String {
     let bytes = row.get_ref(column).ok().and_then(|value| value.as_bytes().ok()).unwrap_or_default();
     String::from_utf8_lossy(bytes).into_owned()

@@ -1,9 +1,8 @@
-//! One sqlite3 file of a bag, while it is written: rosbag2's schema 4, that of Iron and Jazzy.
+//! Writes one sqlite3 file of a bag, with rosbag2's schema 4 (Iron to Jazzy).
 //!
-//! Messages wait in memory and go into the database together, in one transaction. The database keeps a
-//! write-ahead log until its end, so a transaction that is done is there whatever becomes of the process, and
-//! one that is not leaves nothing behind. The log is merged into the file at the end; until then it lies beside
-//! it, and belongs to it.
+//! Messages are collected in memory and written together in one transaction. The database uses a write-ahead log: a
+//! committed transaction survives the end of the process, and an uncommitted one leaves no trace. The log is a second file
+//! next to the database and is part of it until it is merged at the end.
 
 use super::bag_file::Message;
 use super::bag_write::{BagOptions, Sync, Topic};
@@ -16,7 +15,7 @@ use std::io::ErrorKind;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Tables and index as rosbag2 makes them.
+/// Tables and index, as in rosbag2.
 const SCHEMA: &str = "
     CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
     CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
@@ -32,10 +31,10 @@ const SCHEMA_VERSION: u32 = 4;
 
 /// A message that waits for its transaction.
 struct Waiting {
-    /// Its topic's id in the file.
+    /// Id of its topic in the file.
     topic: i64,
     log_time: i64,
-    /// Where its bytes are.
+    /// Range of its bytes in the data buffer.
     data: Range<usize>,
 }
 
@@ -45,19 +44,19 @@ pub(super) struct SqliteFile {
     connection: Connection,
     waiting: Vec<Waiting>,
     data: Vec<u8>,
-    /// Types whose definition is in the file.
+    /// Types whose definitions are in the file.
     types: Vec<String>,
     topics: i64,
 }
 
 impl SqliteFile {
     pub(super) fn create(path: &Path, options: &BagOptions) -> Result<Self, RunError> {
-        // SQLite takes an empty file for a new database.
+        // SQLite treats an empty file as a new database.
         File::create_new(path).map_err(RunError::io(path, "create"))?;
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let create = || {
             let connection = Connection::open_with_flags(path, flags)?;
-            // `NORMAL` waits for the disk only where the log is merged; `FULL` after every transaction.
+            // `NORMAL` waits for the disk only when the log is merged, `FULL` after every transaction.
             let synchronous = if options.sync == Sync::EveryChunk { "FULL" } else { "NORMAL" };
             connection.execute_batch(&format!(
                 "PRAGMA journal_mode=WAL; PRAGMA synchronous={synchronous}; BEGIN; {SCHEMA} COMMIT;"
@@ -92,7 +91,7 @@ impl SqliteFile {
                     params![topic.type_name, topic.definition, topic.type_hash],
                 )?;
             }
-            // Only where they are needed: rosbag2 knows no such tables.
+            // rosbag2 does not have these tables, so they are created only if they are needed.
             for (table, name) in [(COLUMNS_TABLE, topic.column), (TOPICS_TABLE, topic.stands_for)] {
                 let Some(name) = name else { continue };
                 transaction.execute_batch(&format!(
@@ -117,13 +116,13 @@ impl SqliteFile {
         };
         let begin = self.data.len();
         self.data.extend_from_slice(message.cdr);
-        // Topics come one by one from 1 on, in the bag's order.
+        // Topic ids count from 1, in the order of the bag.
         let topic = message.topic as i64 + 1;
         self.waiting.push(Waiting { topic, log_time, data: begin..self.data.len() });
         Ok(())
     }
 
-    /// Writes what waits in one transaction, after which the system has it.
+    /// Writes the waiting messages in one transaction. They are with the operating system when this returns.
     pub(super) fn flush(&mut self) -> Result<(), RunError> {
         if self.waiting.is_empty() {
             return Ok(());
@@ -144,7 +143,7 @@ impl SqliteFile {
         Ok(())
     }
 
-    /// Bytes that the file has by now, its log merged.
+    /// Size of the file including its log, in bytes.
     pub(super) fn bytes(&self) -> Result<u64, RunError> {
         let size =
             |pragma: &str| self.connection.pragma_query_value(None, pragma, |row| row.get::<_, i64>(0));
@@ -152,7 +151,7 @@ impl SqliteFile {
         pages.map(i64::unsigned_abs).map_err(|error| failed(&self.path, &error))
     }
 
-    /// Ends the file, which stands alone when this returns. `metadata` is the bag's.
+    /// Completes the file, which has no log any more when this returns. `metadata` is the metadata of the bag.
     pub(super) fn finish(&mut self, metadata: &str) -> Result<(), RunError> {
         self.flush()?;
         let end = || {
@@ -160,8 +159,8 @@ impl SqliteFile {
                 "INSERT INTO metadata (metadata_version, metadata) VALUES (?1, ?2)",
                 params![metadata::VERSION, metadata],
             )?;
-            // Merges the log and removes it. Somebody who reads at this moment keeps it from that; then it is
-            // merged when the last of both closes.
+            // Merges the log and removes it. If another process reads the database at this moment, the log is merged when
+            // the last of both closes it.
             self.connection.query_row("PRAGMA journal_mode=DELETE", [], |_| Ok(()))
         };
         end().map_err(|error| failed(&self.path, &error))
@@ -170,7 +169,7 @@ impl SqliteFile {
 
 impl Drop for SqliteFile {
     fn drop(&mut self) {
-        // For a bag that is dropped before its end. Nobody is left to be told of a failure.
+        // For a bag that is dropped before it is complete. An error cannot be returned here.
         let _ = self.flush();
     }
 }

@@ -1,7 +1,7 @@
-//! One file of a bag, of either storage, packed or not, into one sink.
+//! Reads one file of a bag, in either storage, compressed or not, into a sink.
 //!
-//! What a file is, its first bytes say, not its name: bags are renamed. The readers behind this are
-//! [`mcap`](super::mcap) and [`sqlite`](super::sqlite); both go as far as a damaged file goes.
+//! The format is found from the first bytes of the file and not from its name, because bags get renamed. The readers are
+//! [`mcap`](super::mcap) and [`sqlite`](super::sqlite); both read a damaged file as far as possible.
 
 use super::hash::{Hash, HashingReader};
 use super::pack::{Unpacked, is_packed};
@@ -10,40 +10,41 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
 use std::path::Path;
 
-/// A topic as a file describes it.
+/// Description of a topic in a file.
 pub(super) struct TopicInfo {
     pub(super) name: String,
-    /// Empty when the file does not say it.
+    /// Empty if the file does not state it.
     pub(super) type_name: String,
-    /// How its messages are encoded: `cdr`.
+    /// Encoding of its messages, such as `cdr`.
     pub(super) encoding: String,
-    /// The run's column behind it, where its name cannot say that.
+    /// The run's column, if it differs from the topic's name.
     pub(super) column: Option<String>,
-    /// What the topic would be called without the recorder's renaming, where it was renamed.
+    /// The topic's original name, if the recorder remapped it.
     pub(super) stands_for: Option<String>,
 }
 
-/// Takes what matters from the files of a bag, in file order.
+/// Receives topics and messages of the files of a bag, in file order.
 pub(super) trait Sink {
-    /// A file begins: ids of topics hold within one file.
+    /// A file begins. Topic ids are valid within one file.
     fn begin_file(&mut self);
     /// A topic and its id.
     fn topic(&mut self, id: i64, topic: TopicInfo);
-    /// A message: its topic's id, when it was recorded in nanoseconds (or why that is not known), its bytes.
+    /// A message: the id of its topic, its recording time in nanoseconds (or why that is not known), and its bytes.
     fn message(&mut self, topic: i64, log_time: Result<i64, String>, data: &[u8]);
 }
 
-/// What a sqlite3 database begins with.
+/// First bytes of a sqlite3 database.
 pub(super) const SQLITE_MAGIC: &[u8] = b"SQLite format 3\0";
-/// How far what is packed may grow, beyond what is free: no recording shrinks to a thousandth, so more is damage or malice.
+/// Largest ratio of unpacked to packed size, above a size that is always allowed. No recording is compressed to a
+/// thousandth of its size, so a larger ratio means damage or an attack.
 pub(super) const UNPACK_RATIO: u64 = 1000;
-/// What any packed database may grow to.
+/// Unpacked size of a database, in bytes, that is always allowed.
 const UNPACK_FREE: u64 = 1 << 30;
 
-/// Reads a whole file into `sink`. A file that ends or breaks early gives what came before and a note.
+/// Reads a whole file into `sink`. If the file ends early or is damaged, the data before that are read, and a note is added.
 ///
 /// # Errors
-/// When the file begins as neither storage, or the system fails to read or to keep it while it is unpacked.
+/// When the file begins like neither storage, or the system cannot read it or cannot store the unpacked copy.
 pub(super) fn read(
     path: &Path,
     sink: &mut impl Sink,
@@ -65,13 +66,14 @@ pub(super) fn read(
     source.drain().map_err(RunError::io(path, "read"))
 }
 
-/// By its first bytes; a file of that name with other first bytes is for the sqlite3 reader to refuse.
+/// True if the first bytes are SQLite's. Also true for a `.db3` file with unknown first bytes, which the sqlite3 reader
+/// then refuses.
 fn is_sqlite(path: &Path, head: &[u8]) -> bool {
     let named = path.to_string_lossy().trim_end_matches(".zstd").ends_with(".db3");
     head == SQLITE_MAGIC || (named && !head.starts_with(::mcap::MAGIC))
 }
 
-/// The first bytes, as many as there are, at most as many as tell a database.
+/// The first bytes: as many as are needed to recognise a database, or fewer if the file is shorter.
 fn peek(source: &mut impl Read) -> io::Result<Vec<u8>> {
     let mut head = Vec::with_capacity(SQLITE_MAGIC.len());
     source.take(SQLITE_MAGIC.len() as u64).read_to_end(&mut head)?;
@@ -89,14 +91,14 @@ fn read_packed(
     let head = peek(&mut unpacked).map_err(RunError::io(path, "read"))?;
     if head.is_empty() {
         let why = unpacked.fault().map_or_else(
-            || "it is empty inside".to_owned(),
+            || "its unpacked content is empty".to_owned(),
             |(_, why)| format!("nothing can be unpacked: {why}"),
         );
         return Err(RunError::NotABag { path: path.to_owned(), format: "a packed bag", why });
     }
     let whole = (&head[..]).chain(&mut unpacked);
     if is_sqlite(path, &head) {
-        // SQLite reads here and there, so it needs the whole; a file, as it may be larger than the memory.
+        // SQLite needs random access. The unpacked data go to a file, because they may be larger than memory.
         let limit = length.saturating_mul(UNPACK_RATIO).max(UNPACK_FREE);
         let mut copy = tempfile::NamedTempFile::new()
             .map_err(RunError::io(&std::env::temp_dir(), "make a temporary file in"))?;

@@ -1,4 +1,4 @@
-//! Which topic of a bag, or column of a CSV file, a channel could come from: what to type when names are others than ours.
+//! Suggestions for `--map` if a bag or CSV file has other names: the topic or column that a channel could come from.
 
 use super::column::Quantity;
 use super::map::flag;
@@ -7,10 +7,10 @@ use crate::extract::{Carries, DEFAULT_AXIS, Dimension, Extractor, Part};
 use mr_damper_msgs::standard::JointState;
 use std::fmt::Write as _;
 
-/// Topics that a message lists at most.
+/// Maximum number of topics that a message lists.
 const LISTED: usize = 30;
 
-/// A topic as a bag has it.
+/// A topic that was found in a bag.
 pub(super) struct Seen<'a> {
     pub(super) name: &'a str,
     pub(super) type_name: &'a str,
@@ -20,7 +20,7 @@ pub(super) struct Seen<'a> {
     pub(super) joints: Option<&'a JointState>,
 }
 
-/// Parts of names by which a channel's topic or column is guessed.
+/// Parts of names that indicate the topic or column of a channel, the likeliest first.
 const fn words(quantity: Quantity) -> &'static [&'static str] {
     match quantity {
         Quantity::Displacement => &["displ", "susp", "stroke", "lvdt", "pos", "travel", "damper", "rod"],
@@ -33,7 +33,7 @@ const fn words(quantity: Quantity) -> &'static [&'static str] {
     }
 }
 
-/// How likely a name is the channel's.
+/// How likely a name belongs to the channel; 0 if no word matches.
 fn likeness(quantity: Quantity, name: &str) -> usize {
     let name = name.to_ascii_lowercase();
     let words = words(quantity);
@@ -41,7 +41,7 @@ fn likeness(quantity: Quantity, name: &str) -> usize {
 }
 
 impl Seen<'_> {
-    /// How the channel would be mapped to this topic, and how likely that is; `None` when its type cannot hold it.
+    /// How likely this topic holds the channel, and the source for a map; `None` if its type cannot hold the channel.
     fn source(&self, quantity: Quantity) -> Option<(usize, String)> {
         let dimension = quantity.dimension();
         if self.messages == 0 || self.encoding != "cdr" || !dimension.takes(self.type_name) {
@@ -49,7 +49,7 @@ impl Seen<'_> {
         }
         let Some(joints) = self.joints else {
             let extractor = Extractor::new(dimension, self.name, self.type_name, None).ok()?;
-            // A number alone may be anything; the name has to say more.
+            // A plain number may be any quantity, so its name has to decide.
             let kind = if extractor.is_unstamped() { 1 } else { 20 };
             let axis = if matches!(extractor.part, Part::Axis(_)) {
                 format!(":{DEFAULT_AXIS}")
@@ -61,7 +61,7 @@ impl Seen<'_> {
         let joint = |joint: &String| {
             let extractor = Extractor::new(dimension, self.name, self.type_name, Some(joint)).ok()?;
             joints.taken(&extractor.part).ok()?.value?;
-            // An effort is a force first; a joint's name tells the damper by the words of its displacement.
+            // An effort is most likely a force. The name of a joint belongs to a damper if it has a word for displacement.
             let likely = match quantity.dimension() {
                 Dimension::Current | Dimension::Voltage => likeness(quantity, joint),
                 Dimension::Length if likeness(quantity, joint) > 0 => 21 + likeness(quantity, joint),
@@ -69,7 +69,7 @@ impl Seen<'_> {
             };
             Some((likely, format!("{}:{joint}", self.name)))
         };
-        // Of joints that are as likely, the first.
+        // Among equally likely joints the first is used.
         joints.name.iter().filter_map(joint).rev().max_by_key(|(likely, _)| *likely)
     }
 
@@ -83,12 +83,12 @@ impl Seen<'_> {
     }
 }
 
-/// The flag that maps the channel to the likeliest topic; `None` when no type can hold it.
+/// The flag that maps the channel to the likeliest topic; `None` if no topic's type can hold the channel.
 pub(super) fn line_for(quantity: Quantity, topics: &[Seen<'_>]) -> Option<String> {
     likeliest(quantity, topics, 0)
 }
 
-/// The same only where type or name say that it is this channel.
+/// The same, but only if type or name indicate this channel.
 pub(super) fn likely_line_for(quantity: Quantity, topics: &[Seen<'_>]) -> Option<String> {
     likeliest(quantity, topics, 2)
 }
@@ -99,7 +99,7 @@ fn likeliest(quantity: Quantity, topics: &[Seen<'_>], least: usize) -> Option<St
     best.map(|(_, source)| printable(&flag(topic_of(quantity), &source)))
 }
 
-/// The topics, one a line; those that can hold the channel come first and are marked.
+/// The topics, one per line. Topics that can hold the channel come first and are marked.
 pub(super) fn listing(quantity: Quantity, topics: &[Seen<'_>]) -> String {
     let mut sorted: Vec<&Seen<'_>> = topics.iter().collect();
     sorted.sort_by_key(|topic| topic.source(quantity).is_none());
@@ -113,7 +113,7 @@ pub(super) fn listing(quantity: Quantity, topics: &[Seen<'_>]) -> String {
     text
 }
 
-/// The flag that maps the channel to the likeliest of these columns, where there are any.
+/// The flag that maps the channel to the likeliest of these columns; `None` without columns.
 pub(super) fn column_for<'a>(channel: &str, columns: impl Iterator<Item = &'a str>) -> Option<String> {
     let likely = |column: &&str| match Quantity::ALL
         .into_iter()
@@ -126,7 +126,7 @@ pub(super) fn column_for<'a>(channel: &str, columns: impl Iterator<Item = &'a st
     columns.into_iter().rev().max_by_key(likely).map(|column| printable(&flag(channel, column)))
 }
 
-/// The name among `known` that is most like `name`.
+/// The name among `known` that is most similar to `name`; `None` if none is similar enough.
 pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let compared: String = name.chars().take(200).collect();
     known
@@ -138,7 +138,7 @@ pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> O
         .map(|(_, known)| known)
 }
 
-/// Text of a file without what would steer a terminal.
+/// Text of a file with its control characters escaped, so that they cannot control a terminal.
 fn printable(text: &str) -> String {
     text.chars().flat_map(|c| if c.is_control() { c.escape_default().collect() } else { vec![c] }).collect()
 }
@@ -169,7 +169,7 @@ mod tests {
         let line = |quantity, of: &[Seen<'_>]| line_for(quantity, of).unwrap_or_default();
         assert_eq!(line(Quantity::Displacement, &topics), "--map displacement=/joint_states:fl_damper");
         assert_eq!(line(Quantity::Displacement, &topics[..2]), "--map displacement=/susp/pos");
-        // Efforts are not published.
+        // The joints have no efforts.
         assert_eq!(line(Quantity::Force, &topics), "--map measured_force=/wrench:z");
         assert_eq!(likely_line_for(Quantity::Current, &topics), None);
         assert_eq!(line_for(Quantity::Displacement, &topics[4..]), None);

@@ -1,15 +1,15 @@
-//! Units that a channel may be recorded in, by the kind of its quantity.
+//! Units in which a channel may be recorded, for each physical dimension.
 
 use super::column::{from_fahrenheit, from_inch, from_milli, same};
 use crate::extract::Dimension;
 use mr_damper_model::units::N_PER_LBF;
 
-/// A unit and how its values become SI (temperatures: °C).
+/// A unit and its conversion to SI (temperatures: °C).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Unit {
-    /// As it is written: `mm/s`.
+    /// Its name in messages and maps, such as `mm/s`.
     pub(super) name: &'static str,
-    /// How else it may be spelled, as in the names of columns; letter case does not matter.
+    /// Other spellings, as in the names of columns; case is ignored.
     also: &'static [&'static str],
     pub(super) to_si: fn(f64) -> f64,
 }
@@ -51,11 +51,11 @@ const TEMPERATURE: &[Unit] = &[
     unit("K", &["kelvin"], |v| v - 273.15),
 ];
 
-/// A unit of time, with its place among the powers of ten.
+/// A unit of time, as a power of ten of a second.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct TimeUnit {
     pub(super) name: &'static str,
-    /// Powers of ten from it to the second.
+    /// The unit is 10 to this power seconds.
     pub(super) exponent: i32,
 }
 
@@ -84,7 +84,7 @@ impl Unit {
         std::iter::once(self.name).chain(self.also.iter().copied())
     }
 
-    /// The unit of this name, in any letter case.
+    /// The unit with this name, ignoring case.
     pub(super) fn named(dimension: Dimension, name: &str) -> Option<Self> {
         let is_it = |unit: &&Self| unit.spellings().any(|spelling| spelling.eq_ignore_ascii_case(name));
         of(dimension).iter().find(is_it).copied()
@@ -93,7 +93,7 @@ impl Unit {
     /// The unit in the name of a column: `pos_mm`, `pos [mm]`, `pos (mm)`.
     pub(super) fn in_column(dimension: Dimension, column: &str) -> Option<Self> {
         let length = |unit: &Self| unit.spellings().filter_map(|it| name_ends_in(column, it)).max();
-        // `v_mm_s` ends in `_mm_s`; the longest spelling is the one that is meant.
+        // Several spellings may match the end of a name; the longest is the intended one.
         of(dimension)
             .iter()
             .filter_map(|unit| Some((length(unit)?, unit)))
@@ -103,7 +103,7 @@ impl Unit {
 }
 
 impl TimeUnit {
-    /// The unit of this name, in any letter case.
+    /// The unit with this name, ignoring case.
     pub(super) fn named(name: &str) -> Option<Self> {
         TIME.iter().find(|unit| unit.name.eq_ignore_ascii_case(name)).copied()
     }
@@ -114,7 +114,7 @@ impl TimeUnit {
     }
 }
 
-/// The length of `unit` when `column` ends in it, set off as a unit is.
+/// The length of `unit` if `column` ends in it, after `_` or in brackets.
 fn name_ends_in(column: &str, unit: &str) -> Option<usize> {
     let (column, unit) = (column.to_lowercase(), unit.to_lowercase());
     let column = column.trim_end();
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_column_s_name_may_end_in_its_unit() {
+    fn a_unit_is_found_at_the_end_of_a_column_name() {
         let found = |of, column| Unit::in_column(of, column).map(|unit| unit.name);
         for (of, column, unit) in [
             (Dimension::Length, "susp_pos_mm", Some("mm")),
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn units_become_si() {
+    fn units_are_converted_to_si() {
         let si = |of, name: &str, value: f64| (Unit::named(of, name).expect("known").to_si)(value);
         for (of, name, value, expected) in [
             (Dimension::Length, "mm", 25.4, 0.0254),

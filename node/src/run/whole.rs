@@ -1,18 +1,18 @@
-//! Files that are there whole or not at all: written beside their place, put onto the disk, then renamed. A disk that is full, or a
-//! program that is ended, leaves what was there before.
+//! Writes files completely or not at all: to a temporary file in the same directory, which is synced to the disk and then
+//! renamed. If the disk is full or the program is ended, the old file remains.
 
 use super::RunError;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Writes `text` to `path`. What is no file there, as a pipe or `/dev/null`, is written to as it is; a link stays one; a file keeps its
-/// permissions.
+/// Writes `text` to `path`. A pipe or device, such as `/dev/null`, is written directly. A link stays a link, and an existing
+/// file keeps its permissions.
 ///
 /// # Errors
-/// [`RunError::Io`] with what to do.
+/// [`RunError::Io`], with advice.
 pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), RunError> {
-    // Through links, to what they point to.
+    // Links are followed to their target.
     let place = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let there = fs::metadata(&place).ok();
     if there.as_ref().is_some_and(|there| !there.is_file() && !there.is_dir()) {
@@ -25,7 +25,7 @@ pub(crate) fn write_text(path: &Path, text: &str) -> Result<(), RunError> {
     })
 }
 
-/// Writes a file that `content` fills.
+/// Writes a file with the data that `content` writes to the sink.
 pub(super) fn write_file(
     path: &Path,
     content: impl FnOnce(&mut BufWriter<File>) -> Result<(), RunError>,
@@ -44,7 +44,7 @@ fn fill(
     sink.get_ref().sync_all().map_err(RunError::io(part, "write to disk"))
 }
 
-/// The same for what opens its file by itself: `content` is given the temporary name.
+/// The same for a writer that opens the file itself: `content` gets the temporary name.
 pub(super) fn write_beside(
     path: &Path,
     content: impl FnOnce(&Path) -> Result<(), RunError>,
@@ -58,7 +58,7 @@ pub(super) fn write_beside(
         fs::rename(&part, path).map_err(RunError::io(path, "create"))
     })();
     written.inspect_err(|_| {
-        // It may not exist; the first error counts.
+        // The temporary file may not exist. The first error is the one that is returned.
         let _ = fs::remove_file(&part);
     })
 }
@@ -74,7 +74,7 @@ mod tests {
     use std::os::unix::fs::{PermissionsExt, symlink};
 
     #[test]
-    fn a_text_takes_the_place_of_the_old_one_and_leaves_nothing_beside_it() {
+    fn a_text_replaces_the_old_one_and_leaves_no_other_file() {
         let dir = tempfile::tempdir().expect("a directory");
         let (path, link) = (dir.path().join("new/model.toml"), dir.path().join("link"));
         write_text(&path, "old").expect("written, with its directory");
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_file_stays_what_it_is() {
+    fn a_device_is_written_directly_and_stays_a_device() {
         write_text(Path::new("/dev/null"), "gone").expect("written");
         assert!(!fs::metadata("/dev/null").expect("there").is_file());
         let full = write_text(Path::new("/dev/full"), "too much").expect_err("refused");
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_leaves_what_was_there() {
+    fn a_failed_write_keeps_the_old_file() {
         let dir = tempfile::tempdir().expect("a directory");
         let path = dir.path().join("run.csv");
         fs::write(&path, "old").expect("written");
@@ -107,7 +107,7 @@ mod tests {
         assert!(write_file(&path, broken).is_err());
         assert_eq!(fs::read_to_string(&path).expect("there"), "old");
         assert_eq!(fs::read_dir(dir.path()).expect("there").count(), 1);
-        let taken = write_text(dir.path(), "a directory is no place for a text").expect_err("refused");
+        let taken = write_text(dir.path(), "a text cannot replace a directory").expect_err("refused");
         assert!(taken.to_string().contains("cannot create"), "{taken}");
     }
 }

@@ -1,14 +1,14 @@
-//! Values to messages: what the columns of a run are written as.
+//! Encoding of values as messages: the message type for each column of a run.
 
 use super::column::Quantity;
 use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::standard::{Float64, Header, Temperature, Time};
 use mr_damper_msgs::{CdrError, CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity, cdr};
 
-/// Writes one sample as CDR into a buffer that is reused; the error says why it cannot be written.
+/// Writes one sample as CDR into a reused buffer; the error says why it cannot be written.
 type Encode = fn(Stamp, f64, &mut Vec<u8>) -> Result<(), String>;
 
-/// What a column is written as.
+/// The message type of a column, and its encoding function.
 pub(super) struct Encoder {
     pub(super) type_name: &'static str,
     pub(super) definition: &'static str,
@@ -17,8 +17,8 @@ pub(super) struct Encoder {
 }
 
 impl Encoder {
-    /// The encoder for a column of a run, by its SI name. A run knows no variances: they are written as
-    /// unknown, which is zero.
+    /// The encoder for a column of a run, by its SI name. A run has no variances, so they are written as zero, which means
+    /// unknown.
     pub(super) fn of_column(column: &str) -> Self {
         match Quantity::of_si_name(column) {
             Some(Quantity::Displacement) => Self::new::<Displacement>(|stamp, displacement, cdr| {

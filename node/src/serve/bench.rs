@@ -1,18 +1,18 @@
-//! The workshop's way in: what a page may ask for, and who may.
+//! HTTP routes of the workshop (uploads, replays, diagnoses), and the check of who may use them.
 //!
 //! | request | does |
 //! |---|---|
-//! | `GET /runs`, `GET /workshop` | the runs; all that the workshop shows |
-//! | `GET /reports/NAME` | a report, its page or its JSON |
-//! | `POST /runs?name=NAME` | takes the body as a run; `thesis_txt`, `skip_bad_rows`, `drive`, `namespace`, `joint` say how it is read |
+//! | `GET /runs`, `GET /workshop` | lists the runs; returns the whole state of the workshop |
+//! | `GET /reports/NAME` | returns a report, as page or JSON |
+//! | `POST /runs?name=NAME` | uploads the body as a run; `thesis_txt`, `skip_bad_rows`, `drive`, `namespace`, `joint` say how it is read |
 //! | `POST /runs/delete` `{run}` | deletes a run |
-//! | `POST /replay` `{run, model, rate}` | replays a run through a node of the workshop's own |
+//! | `POST /replay` `{run, model, rate}` | replays a run through a separate node |
 //! | `POST /replay/turn` `{turn, rate}` | `pause`, `resume`, `stop`, `rate` |
-//! | `POST /closing` `{damper, history_s}` | has a damper's node close its loop |
-//! | `POST /closing/cancel` `{damper}` | gives that up |
+//! | `POST /closing` `{damper, history_s}` | asks a damper's node for a diagnosis |
+//! | `POST /closing/cancel` `{damper}` | cancels the diagnosis |
 //!
-//! Whatever is POST has to come from this server's own page: by its origin, and by its token. Without a workshop none of these paths
-//! answers. Work is done on threads of its own, so the server's is never waited for.
+//! A POST must come from this server's own page; its origin and its token are checked. Without `--workshop` these paths answer
+//! 404. Work runs on separate threads, so that the server's thread never waits for it.
 
 use super::token::{HEADER, Token};
 use super::{PATIENCE, Shared};
@@ -31,12 +31,12 @@ use serde::de::DeserializeOwned;
 use std::sync::Arc;
 use tokio::sync::oneshot;
 
-/// Bytes of a request that is no upload.
+/// Maximum size of a request that is not an upload, bytes.
 const MOST_WORDS: usize = 16 << 10;
-/// What a report may do in a browser: show itself, with its own style. Its scripts, if it had any, stay dead.
+/// Content security policy of a report: it may show its text and style, but run no scripts.
 const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox; base-uri 'none'; \
                              form-action 'none'; frame-ancestors 'none'";
-/// Where there is nothing without a workshop.
+/// The paths that exist only with `--workshop`.
 const PATHS: [&str; 10] = [
     "/workshop",
     "/workshop.js",
@@ -50,7 +50,7 @@ const PATHS: [&str; 10] = [
     "/reports/{name}",
 ];
 
-/// The paths of a workshop.
+/// The routes of the workshop.
 pub(super) fn routes(shop: &(Arc<Workshop>, Token)) -> Router<Arc<Shared>> {
     let own = from_fn_with_state(shop.1.clone(), from_own_page);
     Router::new()
@@ -60,7 +60,7 @@ pub(super) fn routes(shop: &(Arc<Workshop>, Token)) -> Router<Arc<Shared>> {
         .route("/closing", post(start_closing))
         .route("/closing/cancel", post(cancel_closing))
         .layer(DefaultBodyLimit::max(MOST_WORDS))
-        // The body of an upload is not extracted; its limit is counted as it comes.
+        // The body of an upload is streamed; its size is limited while it is received.
         .route("/runs", get(runs).post(upload))
         .route_layer(own)
         .route("/workshop", get(whole))
@@ -68,15 +68,15 @@ pub(super) fn routes(shop: &(Arc<Workshop>, Token)) -> Router<Arc<Shared>> {
         .with_state(Arc::clone(&shop.0))
 }
 
-/// The same paths where there is no workshop: they say how there would be one.
+/// The same paths without a workshop: they answer how to enable it.
 pub(super) fn closed(router: Router<Arc<Shared>>) -> Router<Arc<Shared>> {
-    let says = "there is no workshop: this page only shows. mr-damper serve --workshop DIR opens one\n";
+    let says = "the workshop is not enabled: this page is read-only. Start mr-damper serve --workshop DIR to enable it\n";
     PATHS.into_iter().fold(router, |router, path| {
         router.route(path, any(move || async move { (StatusCode::NOT_FOUND, says) }))
     })
 }
 
-/// Lets requests through that change nothing, and those of this server's own page.
+/// Passes on read-only requests, and other requests only from this server's own page.
 async fn from_own_page(State(token): State<Token>, request: Request, next: Next) -> Response {
     if request.method().is_safe() {
         return next.run(request).await;
@@ -87,24 +87,26 @@ async fn from_own_page(State(token): State<Token>, request: Request, next: Next)
     }
 }
 
-/// Why a request is not that of this server's own page; `None` when it is.
+/// Why a request does not come from this server's own page; `None` when it does.
 fn stranger(headers: &HeaderMap, token: &Token) -> Option<String> {
     let text = |name: &HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or_default());
     let host = text(&header::HOST).unwrap_or_default();
     let site = text(&HeaderName::from_static("sec-fetch-site"));
-    // A browser says at least one of them, and no page can choose what it says.
+    // A browser sends at least one of these headers, and a page cannot change them.
     match (text(&header::ORIGIN), site) {
         (None, None) => {
             return Some(format!(
-                "this changes something, so it has to say that it comes from here: Origin: http://{host}"
+                "a request that changes something needs the header Origin: http://{host}, which shows that it comes from this page"
             ));
         }
         (Some(origin), _) if origin != format!("http://{host}") => {
-            return Some(format!("{origin} may not change anything here; the page of http://{host} may"));
+            return Some(format!(
+                "{origin} may not change anything here; only the page of http://{host} may"
+            ));
         }
         (_, Some(site)) if site != "same-origin" => {
             return Some(format!(
-                "a {site} request may not change anything here; the page of http://{host} may"
+                "a {site} request may not change anything here; only the page of http://{host} may"
             ));
         }
         _ => {}
@@ -112,9 +114,9 @@ fn stranger(headers: &HeaderMap, token: &Token) -> Option<String> {
     let given = text(&HeaderName::from_static(HEADER)).unwrap_or_default();
     (!token.is(given)).then(|| {
         format!(
-            "the header {HEADER} is {}: it has to be what the page's meta element mr-damper-token holds; reload the page if this \
-             server was started anew",
-            if given.is_empty() { "missing" } else { "not that of this server" }
+            "the header {HEADER} is {}: it must be the content of the page's meta element mr-damper-token; reload the page if this \
+             server was restarted",
+            if given.is_empty() { "missing" } else { "not the token of this server" }
         )
     })
 }
@@ -132,34 +134,32 @@ impl IntoResponse for Refusal {
     }
 }
 
-/// An answer in JSON.
+/// A JSON response.
 fn answer(text: String) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], text).into_response()
 }
 
-/// What `work` comes to, on a thread of its own.
+/// Runs `work` on a separate thread and returns its result.
 async fn aside<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, Refusal> + Send + 'static,
 ) -> Result<T, Refusal> {
     let (done, doing) = oneshot::channel();
     let begun = std::thread::Builder::new().name("workshop-request".to_owned()).spawn(move || {
-        // Whoever asked may have gone.
+        // The client may have disconnected.
         let _ = done.send(work());
     });
-    begun.map_err(|error| Refusal::new(Kind::Failed, format!("the system gives no thread: {error}")))?;
-    doing
-        .await
-        .unwrap_or_else(|_| Err(Refusal::new(Kind::Failed, "it panicked; the server's log says where")))
+    begun.map_err(|error| Refusal::new(Kind::Failed, format!("cannot start a thread: {error}")))?;
+    doing.await.unwrap_or_else(|_| Err(Refusal::new(Kind::Failed, "a panic occurred; see the server's log")))
 }
 
-/// What the body of a request says.
+/// Parses the JSON body of a request.
 fn said<T: DeserializeOwned>(body: &Bytes) -> Result<T, Refusal> {
     serde_json::from_slice(body).map_err(|error| {
-        Refusal::new(Kind::Wrong, format!("the request's body is not the JSON that is wanted: {error}"))
+        Refusal::new(Kind::Wrong, format!("the request's body is not the expected JSON: {error}"))
     })
 }
 
-/// Does something that a request asks for, and answers in words.
+/// Runs the work of a request, and responds with its message.
 async fn done(work: impl FnOnce() -> Result<String, Refusal> + Send + 'static) -> Result<Response, Refusal> {
     aside(work).await.map(|says| answer(json(&serde_json::json!({ "says": says }))))
 }
@@ -239,7 +239,7 @@ async fn report(State(shop): State<Arc<Workshop>>, Path(name): Path<String>) -> 
         .into_response())
 }
 
-/// How an upload is called and read.
+/// Name of an upload, and how it is read.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct OfUpload {
@@ -271,27 +271,27 @@ async fn upload(
         let part = match piece {
             Ok(Some(Ok(bytes))) => Part::Bytes(bytes),
             Ok(None) => Part::End,
-            // Dropped, the queue says that it was cut off.
+            // Dropping the queue marks the upload as cut off.
             Ok(Some(Err(error))) => {
                 return Err(Refusal::new(
                     Kind::Wrong,
-                    format!("the upload was cut off: {error}; nothing of it is kept"),
+                    format!("the upload was cut off and is not kept: {error}"),
                 ));
             }
             Err(_) => {
                 let says =
-                    format!("nothing came for {} s; nothing of the upload is kept", PATIENCE.as_secs());
+                    format!("no data was received for {} s; the upload is not kept", PATIENCE.as_secs());
                 return Err(Refusal::new(Kind::Wrong, says));
             }
         };
         let was_last = matches!(part, Part::End);
-        // A file that takes no more, for its limit or the disk's, says why below.
+        // If the receiver has ended (size limit, full disk), the result below says why.
         if parts.send(part).await.is_err() || was_last {
             break;
         }
     }
     let about = kept.await.unwrap_or_else(|_| {
-        Err(Refusal::new(Kind::Failed, "the server ended, or the upload's thread did; nothing is kept"))
+        Err(Refusal::new(Kind::Failed, "the server or the upload's thread has ended; the upload is not kept"))
     })?;
     Ok(answer(json(&about)))
 }
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn only_its_own_page_changes_anything() {
+    fn only_the_servers_own_page_may_change_anything() {
         let token = Token::new().expect("randomness");
         let (host, own) = ("127.0.0.1:8330", token.text());
         let asked =
@@ -319,10 +319,10 @@ mod tests {
             assert_eq!(asked(good), None, "{good:?}");
         }
         for (bad, says) in [
-            (&[][..], "has to say that it comes from here"),
-            (&[(HEADER, own)], "has to say that it comes from here"),
+            (&[][..], "needs the header Origin"),
+            (&[(HEADER, own)], "needs the header Origin"),
             (&[("origin", "http://127.0.0.1:8330")], "is missing"),
-            (&[("origin", "http://127.0.0.1:8330"), (HEADER, "0123")], "is not that of this server"),
+            (&[("origin", "http://127.0.0.1:8330"), (HEADER, "0123")], "is not the token of this server"),
             (&[("origin", "http://evil.example"), (HEADER, own)], "http://evil.example may not"),
             (&[("origin", "http://127.0.0.1:8331"), (HEADER, own)], "http://127.0.0.1:8331 may not"),
             (&[("origin", "https://127.0.0.1:8330"), (HEADER, own)], "may not"),
@@ -341,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn bodies_say_what_is_wrong_with_them() {
+    fn malformed_bodies_are_refused() {
         assert!(said::<OfRun>(&Bytes::from_static(b"{\"run\": \"a\"}")).is_ok());
         for bad in ["", "{}", "{\"run\": 1}", "{\"run\": \"a\", \"path\": \"/\"}"] {
             let refused = said::<OfRun>(&Bytes::from(bad)).map(|of| of.run).expect_err(bad);

@@ -1,4 +1,4 @@
-//! The stream of a reader: what there is, then batch after batch.
+//! The event stream of a page: first the current state, then batches.
 
 use super::{Batch, MOST_STREAMS, Shared};
 use crate::watch::json;
@@ -15,17 +15,18 @@ use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::watch;
 
-/// After how long a browser comes back that was cut off.
+/// Delay after which a disconnected browser reconnects.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// `GET /events`: `start` (a snapshot with all points), then `batch`es, and `skipped` with a count where some were too many.
+/// `GET /events`: `start` (a snapshot with all points), then `batch` events, and `skipped` with the number of batches that a
+/// slow reader missed.
 pub(super) async fn stream(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response {
     let Ok(place) = Arc::clone(&shared.places).try_acquire_owned() else {
-        let says = format!("{MOST_STREAMS} pages are open already; close one of them and reload this one\n");
+        let says = format!("{MOST_STREAMS} pages are open already; close one of them and reload this page\n");
         return (StatusCode::SERVICE_UNAVAILABLE, says).into_response();
     };
     let live = &shared.live;
-    // Before the start is made, so that no batch falls between the two.
+    // Subscribe before `start` is made, so that no batch in between is missed.
     let batches = live.batches.subscribe();
     let (from, start) = {
         let wall = live.wall();
@@ -38,12 +39,12 @@ pub(super) async fn stream(State(shared): State<Arc<Shared>>, headers: HeaderMap
     Sse::new(events.map(Ok::<_, Infallible>)).into_response()
 }
 
-/// What the workshop shows, now and whenever that changes; nothing where there is none. It ends with nobody, so that it never ends a
-/// stream.
+/// The state of the workshop, now and on every change; nothing without a workshop. This stream never ends, so that it cannot end
+/// the whole event stream.
 fn shop(said: Option<watch::Receiver<Arc<str>>>) -> impl Stream<Item = Event> {
     stream::unfold((said, true), |(mut said, first)| async move {
         let Some(receiver) = &mut said else { return std::future::pending().await };
-        // Changes that come while a reader does not keep up are one.
+        // A slow reader gets several changes as one.
         if !first && receiver.changed().await.is_err() {
             return std::future::pending().await;
         }
@@ -52,7 +53,7 @@ fn shop(said: Option<watch::Receiver<Arc<str>>>) -> impl Stream<Item = Event> {
     })
 }
 
-/// The batches after the one numbered `from`. The place is the reader's as long as the stream lives.
+/// The batches after number `from`. The stream holds the reader's permit `place` until it is dropped.
 fn after(batches: Receiver<Batch>, from: u64, place: OwnedSemaphorePermit) -> impl Stream<Item = Event> {
     stream::unfold((batches, place), move |(mut batches, place)| async move {
         loop {

@@ -1,8 +1,8 @@
-//! Whom the server answers, and what browsers are told of its answers.
+//! Checks the host and origin of requests, and sets the security headers of responses.
 //!
-//! A page of some site on the Web can have its own name point to 127.0.0.1 and then read what is there as if it were its own (DNS
-//! rebinding). It cannot choose what its browser says of the name: so only requests that name this server by its number, or
-//! as localhost, are answered.
+//! A foreign web site can let its own host name point to 127.0.0.1 and then read this server as if it were its own (DNS
+//! rebinding). It cannot change the `Host` header that the browser sends. Therefore only requests that address this server by
+//! IP address or as localhost are answered.
 
 use super::Shared;
 use crate::error::NodeError;
@@ -15,7 +15,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::str::FromStr;
 use std::sync::Arc;
 
-/// The names by which the server may be asked.
+/// The `Host` names under which the server answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Hosts {
     address: SocketAddr,
@@ -23,7 +23,7 @@ pub struct Hosts {
 }
 
 impl Hosts {
-    /// The names of a server that listens on `address`; with `any` also each number that leads to it.
+    /// The names of a server that listens on `address`. With `any` every IP address is allowed.
     #[must_use]
     pub const fn new(address: SocketAddr, any: bool) -> Self {
         Self { address, any }
@@ -36,18 +36,18 @@ impl Hosts {
         if host.contains('@') {
             return false;
         }
-        // Any port: behind a tunnel it is another one, and whoever strays here by name cannot choose the name.
+        // Any port is allowed: it differs behind a tunnel, and the check of the name is sufficient.
         let name = authority.host();
         let number = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);
         match number.parse::<IpAddr>() {
-            // Rebinding takes a name: a number is what it is.
+            // DNS rebinding needs a name; an IP address cannot be rebound.
             Ok(number) => self.any || number.is_loopback() || number == self.address.ip(),
             Err(_) => name.eq_ignore_ascii_case("localhost"),
         }
     }
 }
 
-/// Another page's origin, to which the figures may be read: `http://HOST:PORT` or `https://HOST`, without a path.
+/// Origin of another page that may read the values: `http://HOST:PORT` or `https://HOST`, without a path.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Guest(HeaderValue);
 
@@ -55,7 +55,7 @@ impl FromStr for Guest {
     type Err = &'static str;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        const WANTED: &str = "give an origin as a browser says it, such as http://localhost:8000 or https://example.org: small letters, no \
+        const WANTED: &str = "give an origin as a browser sends it, such as http://localhost:8000 or https://example.org: lower case, no \
                               path, no slash at the end";
         let host = text.strip_prefix("http://").or_else(|| text.strip_prefix("https://"));
         let host = host.filter(|host| {
@@ -67,50 +67,50 @@ impl FromStr for Guest {
     }
 }
 
-/// Paths that guests may read.
+/// Paths that pages of allowed origins may read.
 const FOR_GUESTS: [&str; 2] = ["/events", "/snapshot"];
 
-/// The origin of a request that one of `guests` makes.
+/// The origin of the request, if it is one of the allowed origins `guests`.
 pub(super) fn guest<'a>(guests: &'a [Guest], headers: &HeaderMap) -> Option<&'a HeaderValue> {
     let origin = headers.get(header::ORIGIN)?;
     guests.iter().map(|Guest(allowed)| allowed).find(|allowed| *allowed == origin)
 }
 
-/// Refuses an address beyond loopback that was not asked for twice.
+/// Refuses an address beyond loopback without `--any-host`.
 ///
 /// # Errors
-/// [`NodeError::Usage`], which says what else there is.
+/// [`NodeError::Usage`], which names the alternatives.
 pub fn require_loopback(listen: SocketAddr, any_host: bool) -> Result<(), NodeError> {
     if listen.ip().is_loopback() || any_host {
         return Ok(());
     }
     Err(NodeError::Usage(format!(
-        "--listen {listen} is not on loopback: whoever reaches this machine could watch, without password or encryption. Use a \
+        "--listen {listen} is not on loopback: anyone who can reach this machine could watch, without password or encryption. Use a \
          tunnel (ssh -L {port}:127.0.0.1:{port} THIS_MACHINE, then http://localhost:{port}/ there), or allow it with --any-host",
         port = listen.port()
     )))
 }
 
-/// Refuses a workshop beyond loopback, whatever is allowed besides.
+/// Refuses a workshop beyond loopback, even with `--any-host`.
 ///
 /// # Errors
-/// [`NodeError::Usage`], which says what else there is.
+/// [`NodeError::Usage`], which names the alternative.
 pub fn require_loopback_for_workshop(listen: SocketAddr) -> Result<(), NodeError> {
     if listen.ip().is_loopback() {
         return Ok(());
     }
     Err(NodeError::Usage(format!(
-        "--workshop takes runs and starts work, and --listen {listen} is not on loopback: whoever reaches this machine could, without \
-         password or encryption. There is no flag that allows it; use a tunnel (ssh -L {port}:127.0.0.1:{port} THIS_MACHINE, then \
-         http://localhost:{port}/ there)",
+        "--workshop allows uploads and starts work, but --listen {listen} is not on loopback: anyone who can reach this machine could \
+         use it, without password or encryption. This cannot be allowed by a flag; use a tunnel (ssh -L {port}:127.0.0.1:{port} \
+         THIS_MACHINE, then http://localhost:{port}/ there)",
         port = listen.port()
     )))
 }
 
-/// The header that says who may use an answer.
+/// The header that restricts which origins may use a response.
 const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
 
-/// What every answer says to browsers: nothing but this server's own files, no guessing, no keeping, no framing, no telling.
+/// Security headers of every response: only this server's own files, no MIME sniffing, no caching, no framing, no referrer.
 const HEADERS: [(HeaderName, &str); 5] = [
     (
         header::CONTENT_SECURITY_POLICY,
@@ -123,7 +123,7 @@ const HEADERS: [(HeaderName, &str); 5] = [
     (RESOURCE_POLICY, "same-origin"),
 ];
 
-/// Answers only requests that are meant for this server, and marks all answers.
+/// Answers only requests that are meant for this server, and adds the security headers to all responses.
 pub(super) async fn watch(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     let reads = request.method().is_safe() && FOR_GUESTS.contains(&request.uri().path());
     let guest = guest(&shared.guests, request.headers()).filter(|_| reads).cloned();
@@ -138,7 +138,7 @@ pub(super) async fn watch(State(shared): State<Arc<Shared>>, request: Request, n
         headers.insert(RESOURCE_POLICY, HeaderValue::from_static("cross-origin"));
     }
     for (name, value) in HEADERS {
-        // A report has a policy of its own.
+        // A report sets its own content security policy.
         response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
     }
     response
@@ -149,15 +149,15 @@ fn refusal(hosts: &Hosts, request: &Request, is_guest: bool) -> Option<Response>
     let host = text("host").unwrap_or_default();
     if !hosts.allows(host) {
         let says = format!(
-            "this server is not \"{host}\"; open it by number or as localhost: http://{}/\n",
+            "this server is not \"{host}\"; open it by IP address or as localhost: http://{}/\n",
             hosts.address
         );
         return Some((StatusCode::MISDIRECTED_REQUEST, says).into_response());
     }
-    // Another site cannot read what comes, but could fill the places of those who can.
+    // Another site cannot read the response, but could use up the streams of legitimate readers.
     let foreign = text("sec-fetch-site").is_some_and(|site| site != "same-origin" && site != "none");
     (foreign && !is_guest && request.uri().path() != "/").then(|| {
-        let says = "this is for the page of this server alone; --allow-origin lets another one read /events and /snapshot\n";
+        let says = "only the page of this server may read this; --allow-origin lets another page read /events and /snapshot\n";
         (StatusCode::FORBIDDEN, says).into_response()
     })
 }
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn only_its_own_names_are_answered() {
+    fn only_requests_to_its_own_names_are_answered() {
         let own = Hosts::new(at("127.0.0.1:8330"), false);
         for good in [
             "127.0.0.1:8330",
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_guest_is_an_exact_origin() {
+    fn an_allowed_origin_must_match_exactly() {
         let guests: Vec<Guest> =
             ["http://localhost:8000", "https://example.org"].map(|text| text.parse().expect(text)).into();
         let says = |origin: &'static str| {
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_beyond_loopback_has_to_be_wanted() {
+    fn an_address_beyond_loopback_needs_a_flag() {
         for fine in ["127.0.0.1:8330", "[::1]:1", "127.9.9.9:80"] {
             assert!(require_loopback(at(fine), false).is_ok(), "{fine}");
         }

@@ -1,15 +1,15 @@
-//! The live page: a server of some files and a stream, all of them compiled in or made here.
+//! The web server of the live page: serves files that are compiled in, and an event stream.
 //!
 //! ```text
-//! watch/ ─→ Live ─┬→ GET /snapshot   all figures as JSON
+//! watch/ ─→ Live ─┬→ GET /snapshot   all values as JSON
 //!                 └→ GET /events     server-sent events: start, then a batch every 20 ms
 //!           page/ ──→ GET /          the page, its style and its scripts
-//! workshop/ ←─────→ bench.rs         with --workshop alone: closings, uploads, replays; what changes something is POST
+//! workshop/ ←─────→ bench.rs         only with --workshop: diagnoses, uploads, replays; changes are POST requests
 //! ```
 //!
-//! Read-only unless a workshop is open: without one nothing that a browser sends reaches a damper, and there is no other method than
-//! GET (and HEAD). The server listens on loopback unless it is told otherwise, and answers only whom it was meant for (`guard.rs`). A
-//! reader that does not keep up loses batches, and is told how many; nobody waits for it.
+//! Without `--workshop` the server is read-only: no request of a browser reaches a damper, and only GET and HEAD are served. The
+//! server listens on loopback by default and checks the host and origin of requests (`guard.rs`). A reader that does not keep up
+//! loses batches and gets their number; nothing waits for it.
 
 mod bench;
 mod events;
@@ -40,21 +40,22 @@ use std::time::Duration;
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, broadcast, oneshot};
 
-/// Streams at a time.
+/// Maximum number of simultaneous event streams.
 pub const MOST_STREAMS: usize = 16;
-/// Batches that wait for a reader: more than a second of them.
+/// Batches that are queued for a reader, more than a second of them.
 const BACKLOG: usize = 64;
-/// Connections at a time; others wait to be let in.
+/// Maximum number of simultaneous connections; further ones wait.
 const MOST_CONNECTIONS: usize = 64;
-/// Bytes that the system keeps for a reader, and that we keep besides. Beyond, its batches are skipped: old ones are no use to it.
+/// Bytes that the system buffers for a reader, and bytes that this server buffers in addition. Beyond them the reader's batches are
+/// skipped, because old batches are useless to it.
 const SYSTEM_BUFFER: usize = 32 << 10;
 const OWN_BUFFER: usize = 16 << 10;
-/// A reader that takes nothing for this long is cut off, so that its place is free for another.
+/// A reader that receives nothing for this long is disconnected, so that others can connect.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// So is one that does not say what it wants.
+/// Time limit for a client to send the head of a request.
 const HEAD_WITHIN: Duration = Duration::from_secs(10);
 
-/// What is served: the wall, and the batches that are made of it.
+/// The served data: the view of all dampers, and the batches made from it.
 #[derive(Debug)]
 pub struct Live {
     hall: Arc<Hall>,
@@ -69,48 +70,48 @@ struct Batch {
 }
 
 impl Live {
-    /// Nothing yet, from `origin`.
+    /// An empty view for data from `origin`.
     #[must_use]
     pub fn of(origin: Origin) -> Self {
         Self { hall: Arc::new(Hall::of(origin)), batches: broadcast::channel(BACKLOG).0 }
     }
 
-    /// The wall and its clock, for others who hang something there.
+    /// The shared view of all dampers with its clock, for other writers.
     #[must_use]
     pub fn hall(&self) -> Arc<Hall> {
         Arc::clone(&self.hall)
     }
 
-    /// Seconds since it was made: the clock of everything on the wall.
+    /// Seconds since this was created, the clock of all data in the view.
     #[must_use]
     pub fn now_s(&self) -> f64 {
         self.hall.now_s()
     }
 
-    /// The wall, for a moment.
+    /// Locks the view of all dampers. Hold it only briefly.
     pub fn wall(&self) -> MutexGuard<'_, Wall> {
         self.hall.wall()
     }
 
-    /// Makes a batch and offers it to all streams, if there are any. What is not sent then is in the start of the next one.
+    /// Makes a batch and sends it to all streams. Without streams it does nothing; the next stream begins with all points.
     pub fn send_batch(&self) {
         if self.batches.receiver_count() == 0 {
             return;
         }
         let (number, json) = self.wall().batch(self.now_s());
-        // An error says that nobody listens any more.
+        // An error means that the last stream has just ended.
         let _ = self.batches.send(Batch { number, json: json.into() });
     }
 }
 
-/// What requests are answered from.
+/// State that all request handlers share.
 #[derive(Debug)]
 struct Shared {
     live: Arc<Live>,
     hosts: Hosts,
     guests: Vec<Guest>,
     places: Arc<Semaphore>,
-    /// The workshop, where one is open, and what its page shows to be it.
+    /// The workshop, if enabled, and the token that its page must send.
     shop: Option<(Arc<Workshop>, Token)>,
 }
 
@@ -123,10 +124,12 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens on `address` and serves `live` from a thread of its own, to `guests` too; and what the workshop does, where there is one.
+    /// Listens on `address` and serves `live` from a separate thread, also to the allowed origins `guests`, and the workshop if there is
+    /// one.
     ///
     /// # Errors
-    /// When the address cannot be listened on, as when the port is taken, or the system gives no thread or no randomness.
+    /// When the server cannot listen on the address (for example because the port is in use), or the system provides no thread or no
+    /// randomness.
     pub fn start(
         address: SocketAddr,
         any_host: bool,
@@ -137,7 +140,7 @@ impl Server {
         let shop = workshop.map(|workshop| Token::new().map(|token| (workshop, token))).transpose()?;
         let listening = |error: std::io::Error| {
             NodeError::Failed(format!(
-                "listening on {address}: {error}; is there another mr-damper serve? Choose another port with --listen {}:{}",
+                "cannot listen on {address}: {error}; is another mr-damper serve running? To choose another port, use --listen {}:{}",
                 address.ip(),
                 address.port().wrapping_add(1).max(1024)
             ))
@@ -164,7 +167,7 @@ impl Server {
                     let listener = tokio::net::TcpListener::from_std(listener)?;
                     tokio::select! {
                         () = accept(listener, routes(shared)) => Ok(()),
-                        // The runtime goes with this thread, and with it all streams: nobody is waited for.
+                        // The runtime ends with this thread and takes all streams with it, without waiting.
                         _ = stopped => Ok(()),
                     }
                 })
@@ -173,35 +176,37 @@ impl Server {
         Ok(Self { address, stop, thread })
     }
 
-    /// Where it listens.
+    /// The address on which the server listens.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// True while it serves.
+    /// True while the server runs.
     #[must_use]
     pub fn is_alive(&self) -> bool {
         !self.thread.is_finished()
     }
 
-    /// Ends it, and all streams with it.
+    /// Stops the server and all streams.
     ///
     /// # Errors
-    /// What ended it before, if something did.
+    /// The error that ended the server before, if any.
     pub fn stop(self) -> Result<(), NodeError> {
-        // A thread that has ended does not listen any more; why it has comes next.
+        // Sending fails if the thread has ended already; joining it returns the reason.
         let _ = self.stop.send(());
         match self.thread.join() {
             Ok(ended) => ended.map_err(NodeError::io("serving the page")),
             Err(_) => Err(NodeError::Failed(
-                "the web server's thread panicked; the log above says where. Please report it".to_owned(),
+                "the web server's thread panicked; the log above shows where. Please report this as a bug"
+                    .to_owned(),
             )),
         }
     }
 }
 
-/// Lets readers in, for ever. Not by axum's own loop: that keeps 400 kB for a reader that has stalled, and waits for heads without end.
+/// Accepts connections forever. axum's own loop is not used, because it buffers 400 kB for a stalled reader and has no time limit for
+/// the head of a request.
 async fn accept(listener: tokio::net::TcpListener, router: Router) {
     let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
     let mut http = http1::Builder::new();
@@ -220,40 +225,40 @@ async fn accept(listener: tokio::net::TcpListener, router: Router) {
                     }
                 });
             }
-            // That of a reader which has gone already, or no open file left: others go on meanwhile.
+            // The client has disconnected already, or there are too many open files. Other connections continue meanwhile.
             Err(error) => {
-                tracing::debug!(%error, "a reader could not be let in");
+                tracing::debug!(%error, "cannot accept a connection");
                 tokio::time::sleep(Duration::from_millis(100)).await;
             }
         }
     }
 }
 
-/// Sets up the connection to a reader.
+/// Sets the socket options of a connection.
 fn tune(stream: &TcpStream) {
     let socket = SockRef::from(stream);
     let tuned = socket.set_send_buffer_size(SYSTEM_BUFFER).and_then(|()| socket.set_tcp_nodelay(true));
     #[cfg(target_os = "linux")]
     let tuned = tuned.and_then(|()| socket.set_tcp_user_timeout(Some(PATIENCE)));
     if let Err(error) = tuned {
-        tracing::debug!(%error, "a connection stays as the system makes it");
+        tracing::debug!(%error, "cannot set the options of a connection");
     }
 }
 
-/// The page itself. Its comment `WORKSHOP` marks make place for the workshop.
+/// The page. Its comments `WORKSHOP HEAD` and `WORKSHOP BODY` mark where the parts of the workshop are inserted.
 const PAGE: &str = include_str!("page/page.html");
-/// What stands there when a workshop is open: in the head, and after the dampers.
+/// The inserted parts when the workshop is enabled: in the head, and after the dampers.
 const SHOP_HEAD: &str = "<meta name=\"mr-damper-token\" content=\"TOKEN\">\n<link rel=\"stylesheet\" href=\"/workshop.css\">\n\
                          <script type=\"module\" src=\"/workshop.js\"></script>";
 const SHOP_BODY: &str = include_str!("page/workshop.html");
 
-/// The page's other parts: path, kind, content.
+/// The page's other files: path, content type, content.
 const PARTS: [Piece; 3] = [
     ("/page.css", "text/css; charset=utf-8", include_str!("page/page.css")),
     ("/page.js", "text/javascript; charset=utf-8", include_str!("page/page.js")),
     ("/charts.js", "text/javascript; charset=utf-8", include_str!("page/charts.js")),
 ];
-/// Those of the workshop.
+/// Additional files of the workshop.
 const SHOP_PARTS: [Piece; 2] = [
     ("/workshop.css", "text/css; charset=utf-8", include_str!("page/workshop.css")),
     ("/workshop.js", "text/javascript; charset=utf-8", include_str!("page/workshop.js")),
@@ -261,7 +266,7 @@ const SHOP_PARTS: [Piece; 2] = [
 
 type Piece = (&'static str, &'static str, &'static str);
 
-/// The page as it is sent.
+/// The page as sent, with the workshop if there is a token.
 fn page(token: Option<&Token>) -> String {
     let (head, body) = match token {
         Some(token) => (SHOP_HEAD.replace("TOKEN", token.text()), SHOP_BODY),
@@ -285,7 +290,7 @@ fn routes(shared: Arc<Shared>) -> Router {
         None => bench::closed(router),
     };
     router
-        .fallback(|| async { (StatusCode::NOT_FOUND, "there are /, /events and /snapshot\n") })
+        .fallback(|| async { (StatusCode::NOT_FOUND, "not found; available are /, /events and /snapshot\n") })
         .method_not_allowed_fallback(only_get)
         .layer(from_fn_with_state(Arc::clone(&shared), guard::watch))
         .with_state(shared)
@@ -293,14 +298,16 @@ fn routes(shared: Arc<Shared>) -> Router {
 
 async fn only_get(State(shared): State<Arc<Shared>>, method: Method) -> Response {
     if shared.shop.is_some() {
-        // axum knows which methods there are.
+        // axum adds the allowed methods.
         return (StatusCode::METHOD_NOT_ALLOWED, format!("{method} is not served here\n")).into_response();
     }
-    let says = format!("{method} is not served: this page only shows. With --workshop DIR it does more\n");
+    let says = format!(
+        "{method} is not served: this page is read-only. Start the server with --workshop DIR to enable more\n"
+    );
     (StatusCode::METHOD_NOT_ALLOWED, [(header::ALLOW, "GET, HEAD")], says).into_response()
 }
 
-/// All there is, once.
+/// The response of `/snapshot`.
 #[derive(Serialize)]
 struct Everything<'a> {
     #[serde(flatten)]
@@ -310,7 +317,7 @@ struct Everything<'a> {
 }
 
 impl Shared {
-    /// The workshop, as far as whoever asks with these headers may see it: guests see none.
+    /// The workshop for a request with these headers; `None` without a workshop, and for other allowed origins.
     fn workshop_for(&self, headers: &HeaderMap) -> Option<&Arc<Workshop>> {
         let (workshop, _) = self.shop.as_ref()?;
         guard::guest(&self.guests, headers).is_none().then_some(workshop)

@@ -1,8 +1,8 @@
-//! What a page of this server shows to be it: a number that nobody can guess, made anew at each start.
+//! The token with which this server's own page identifies itself: a random number that is new at every start.
 
 use crate::error::NodeError;
 
-/// The header in which a page sends it back.
+/// The request header that contains the token.
 pub(super) const HEADER: &str = "x-mr-damper-token";
 
 /// A token.
@@ -10,31 +10,31 @@ pub(super) const HEADER: &str = "x-mr-damper-token";
 pub struct Token(String);
 
 impl std::fmt::Debug for Token {
-    /// Nothing of it: logs are read by others.
+    /// Hides the token, because logs are read by others.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Token(..)")
     }
 }
 
 impl Token {
-    /// A new one, of 128 random bits.
+    /// A new token of 128 random bits.
     ///
     /// # Errors
-    /// When the system gives no randomness.
+    /// When the system provides no randomness.
     pub fn new() -> Result<Self, NodeError> {
         let mut bits = [0; 16];
         getrandom::fill(&mut bits)
-            .map_err(|error| NodeError::Failed(format!("the system gives no random token: {error}")))?;
+            .map_err(|error| NodeError::Failed(format!("the system provides no random numbers: {error}")))?;
         Ok(Self(bits.iter().map(|byte| format!("{byte:02x}")).collect()))
     }
 
-    /// Its text, for the page.
+    /// The token as text, for the page.
     #[must_use]
     pub fn text(&self) -> &str {
         &self.0
     }
 
-    /// True when `given` is it. Takes as long wherever the first wrong letter is.
+    /// True when `given` equals the token. The time does not depend on where the first wrong character is.
     #[must_use]
     pub fn is(&self, given: &str) -> bool {
         let wrong = self.0.bytes().zip(given.bytes()).fold(0, |wrong, (own, given)| wrong | (own ^ given));
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_token_is_itself_alone_and_is_not_logged() {
+    fn a_token_equals_only_itself_and_is_not_logged() {
         let [one, other] = [(); 2].map(|()| Token::new().expect("randomness"));
         assert!(one.is(one.text()) && !one.is(other.text()) && !one.is("") && !one.is(&one.text()[1..]));
         assert!(!one.is(&format!("{}0", one.text())));

@@ -1,4 +1,4 @@
-//! Where events go: one ring and one thread a sink.
+//! Sinks for the pipeline's events. Each sink has its own ring and thread.
 
 pub mod ros;
 pub mod zenoh;

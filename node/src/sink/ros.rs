@@ -1,13 +1,13 @@
-//! Events to ROS topics.
+//! Publishes events on ROS topics.
 //!
 //! ```text
 //! estimating thread ─→ ring of commands ─→ [ros-commands] ─→ current_command
 //!                   └→ ring of reports ──→ [ros-sink] ─────→ force_estimate, force_residual, mode
 //! ```
 //!
-//! Publishing allocates and wakes the middleware's thread, so it happens here and never on the estimating thread. Commands have a
-//! ring and a thread of their own: no amount of estimates delays one, and one that is late all the same is dropped. No write waits for
-//! a reader (`ros.rs`, `lagging_readers.rs`), and nothing is logged here, because a log can be slow: `event_log.rs` does that.
+//! Publishing allocates and wakes the middleware's thread, so it runs here and never on the estimating thread. Commands have
+//! their own ring and thread, so that estimates cannot delay them; a command that is late anyway is dropped. No write waits for
+//! a reader (`ros.rs`, `lagging_readers.rs`). These threads do not log, because logging can be slow; `event_log.rs` does that.
 
 use crate::clock::Clock;
 use crate::config::RosArgs;
@@ -26,10 +26,10 @@ use std::sync::{Arc, RwLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-/// How long a thread sleeps when nobody wakes it.
+/// Longest sleep of a thread that is not woken.
 const IDLE: Duration = Duration::from_millis(100);
 
-/// How old a command may be when it is published, where `deadline_s` says nothing: the time for which a request holds by default.
+/// Maximum age of a command when it is published, if `deadline_s` is not set: the default validity time of a request.
 pub const COMMAND_AGE: Duration = Duration::from_millis(100);
 
 /// Counters of the sink.
@@ -43,31 +43,31 @@ pub struct RosSinkCounters {
     pub commands: AtomicU64,
     /// Commands that were not published because they were late.
     pub late_commands: AtomicU64,
-    /// Messages that the middleware did not take.
+    /// Messages that the middleware refused.
     pub failed: AtomicU64,
-    /// From the receipt of a displacement to the publishing of its estimate.
+    /// Time from the receipt of a displacement to the publication of its estimate.
     pub latency: Latency,
-    /// Of that, the making of the message, and its hand-over to the middleware.
+    /// Part of this time that is spent on making the message and passing it to the middleware.
     pub publishing: Latency,
     /// Estimates that were published later than `deadline_s` after the receipt of their displacement.
     pub missed: AtomicU64,
 }
 
-/// The names of the models that run; swapped with them.
+/// Names of the running models; replaced when the models are.
 pub type SharedNames = Arc<RwLock<ModelNames>>;
 
 /// State that both threads share.
 #[derive(Clone)]
 struct Shared {
     clock: Arc<Clock>,
-    /// `deadline_s`, where there is one.
+    /// `deadline_s`, if set.
     deadline: Option<Duration>,
     frame: Frame,
     counters: Arc<RosSinkCounters>,
 }
 
 impl Shared {
-    /// How long ago `received` was. Under simulated time nothing says so.
+    /// Time since `received`; `None` with simulated time, where it is unknown.
     fn age(&self, received: Stamp) -> Option<Duration> {
         self.clock.took_since(received)
     }
@@ -78,11 +78,11 @@ impl Shared {
     }
 }
 
-/// The ends of the rings that the sink reads.
+/// The read ends of the sink's rings.
 pub struct Inlets {
-    /// [`crate::hot::Wanted::Commands`].
+    /// Ring of [`crate::hot::Wanted::Commands`].
     pub commands: Inlet,
-    /// [`crate::hot::Wanted::Reports`].
+    /// Ring of [`crate::hot::Wanted::Reports`].
     pub reports: Inlet,
 }
 
@@ -94,11 +94,11 @@ pub struct RosSink {
 }
 
 impl RosSink {
-    /// Creates the publishers and starts the threads. Estimates older than `deadline` are published all the same, and counted;
-    /// commands older than that, or than [`COMMAND_AGE`] where there is none, are dropped and counted.
+    /// Creates the publishers and starts the threads. Estimates older than `deadline` are published and counted; commands
+    /// older than `deadline` ([`COMMAND_AGE`] when it is `None`) are dropped and counted.
     ///
     /// # Errors
-    /// When a topic cannot be published or the system starts no thread.
+    /// When a topic cannot be published or a thread cannot be started.
     pub fn start(
         ros: &mut Ros,
         args: &RosArgs,
@@ -128,13 +128,13 @@ impl RosSink {
         Ok(Self { commands, reports, counters })
     }
 
-    /// The thread of commands, for waking.
+    /// The thread that publishes commands, to unpark after a push.
     #[must_use]
     pub fn commands_thread(&self) -> Thread {
         self.commands.thread()
     }
 
-    /// The thread of everything else, for waking.
+    /// The thread that publishes everything else, to unpark after a push.
     #[must_use]
     pub fn reports_thread(&self) -> Thread {
         self.reports.thread()
@@ -152,20 +152,20 @@ impl RosSink {
         self.commands.is_alive() && self.reports.is_alive()
     }
 
-    /// Publishes what is left in the rings, ends the threads and drops the publishers. `Err` when one had panicked.
+    /// Publishes the events that are left in the rings, ends the threads and drops the publishers.
     ///
     /// # Errors
-    /// The panic's payload.
+    /// The panic's payload when a thread has panicked.
     pub fn stop(self) -> std::thread::Result<()> {
         let commands = self.commands.stop();
         self.reports.stop().and(commands)
     }
 }
 
-/// Hands on the events of a ring until the end.
+/// Publishes the events of a ring until `stop` is raised.
 fn drain(mut inlet: Inlet, stop: &Stop, mut publish: impl FnMut(&Event)) {
     loop {
-        // Read before draining: what is in the ring when stop is set is still published.
+        // Read before draining, so that events that are in the ring when stop is raised are still published.
         let last_round = stop.is_raised();
         while let Ok(event) = inlet.events.pop() {
             publish(&event);
@@ -196,7 +196,7 @@ impl Commands {
     }
 }
 
-/// True for a command of a motion that is over by now.
+/// True for a command that is too old to be published.
 fn is_late(commanded: &Commanded, shared: &Shared) -> bool {
     shared.age(commanded.known_at).is_some_and(|age| age > shared.deadline.unwrap_or(COMMAND_AGE))
 }
@@ -229,7 +229,7 @@ impl Reports {
 
     fn publish_estimate(&self, estimate: &Estimate) {
         let began = Instant::now();
-        // A poisoned lock only means that a writer panicked between two whole names.
+        // A poisoned lock is harmless: a writer panicked, but the names are always complete.
         let names = self.names.read().unwrap_or_else(std::sync::PoisonError::into_inner);
         let message = wire::force_estimate(estimate, &names, &self.shared.frame.get());
         drop(names);
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_late_after_its_deadline_and_after_a_tenth_of_a_second_without_one() {
+    fn a_command_is_late_after_its_deadline_or_after_100_ms_without_one() {
         let ago = |ms: i64| commanded(system_now().shifted(-ms * 1_000_000));
         for (deadline_ms, in_time_ms, late_ms) in
             [(None, 0, 101), (Some(20), 0, 21), (Some(5000), 4000, 5001)]
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn simulated_time_tells_no_age() {
+    fn with_simulated_time_no_command_is_late() {
         let shared = shared(true, None);
         shared.clock.hear(Stamp::from_nanos(5_000_000_000));
         assert!(!is_late(&commanded(Stamp::from_nanos(0)), &shared));

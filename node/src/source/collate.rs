@@ -1,27 +1,28 @@
-//! Brings samples of one stamp together before their displacement goes on.
+//! Collects the samples of one stamp before their displacement is passed on.
 //!
-//! An estimate is made when displacement arrives, so the drive, velocity and force of its stamp should be there by then.
-//! They travel on topics of their own, and a publisher's middleware may send them in another order than they were
-//! published (ours does, under load: one queue a writer). So a displacement is held back while a channel that
-//! *usually shares its stamps* lacks the reading of this one, for at most a set time.
+//! An estimate is made when displacement arrives, so the drive, velocity and force with the same stamp should have
+//! arrived by then. They travel on separate topics, and a publisher's middleware may send them in another order than
+//! they were published (this project's does so under load, because each writer has its own queue). So a displacement is
+//! held back for a limited time while a channel that *usually shares its stamps* has no reading with this stamp.
 //!
-//! Drive and force are taken to share stamps, and velocity if the model wants it, until one was waited for in vain; and
-//! again once its readings have borne the very stamps of two displacements in a row. So the first displacement waits
-//! for the first drive; a slower drive, one with stamps of its own, or one that stops, costs the wait once.
+//! At first, drive and force are assumed to share stamps, and velocity if the model needs it. A channel loses this
+//! status when displacement has waited for it without result. It regains the status once its readings have had the
+//! stamps of two consecutive displacements. So the first displacement waits for the first drive. A slower drive, one
+//! with its own stamps, or one that stops, causes the wait only once.
 
 use mr_damper_model::sample::{Channel, Sample, Stamp};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Channels that displacement waits for.
+/// The channels that displacement waits for.
 const COMPANIONS: [Channel; 3] = [Channel::Drive, Channel::Velocity, Channel::Force];
-/// Displacement stamps that a reading is compared with to learn whether its channel shares them.
+/// Number of displacement stamps that a reading is compared with, to learn whether its channel shares them.
 const REMEMBERED: usize = 64;
-/// Samples that may be held back: more than five channels at 1 kHz bring in the longest wait that can be set, while
-/// the ring behind holds more.
+/// Number of samples that can be held back. Five channels at 1 kHz deliver fewer in the longest configurable wait, and
+/// the ring behind can hold more.
 const HELD: usize = 8192;
 
-/// What is known of a companion channel.
+/// State of a companion channel.
 #[derive(Debug, Clone, Copy)]
 struct Companion {
     last: Option<Stamp>,
@@ -29,7 +30,7 @@ struct Companion {
 }
 
 impl Companion {
-    /// Notes a reading, given the latest displacement stamps.
+    /// Notes a reading. `displacements` are the latest displacement stamps.
     fn note(&mut self, stamp: Stamp, displacements: &VecDeque<Stamp>) {
         let same = displacements.iter().position(|displacement| *displacement == stamp);
         let previous = same.and_then(|index| index.checked_sub(1)).map(|index| displacements[index]);
@@ -37,19 +38,19 @@ impl Companion {
         self.last = Some(stamp);
     }
 
-    /// True when the reading of `stamp` is still to be expected.
+    /// True if a reading with `stamp` is still expected.
     fn lacks(&self, stamp: Stamp) -> bool {
         self.shares && self.last.is_none_or(|last| last < stamp)
     }
 }
 
-/// Holds displacements back until their companions are there, and what comes after them meanwhile.
+/// Holds displacements back until their companions have arrived, and also the samples after them.
 #[derive(Debug)]
 pub struct Collator {
     wait: Duration,
     wants_velocity: bool,
     companions: [Companion; COMPANIONS.len()],
-    /// Sorted by stamp, then by channel; with the time when it goes on at the latest.
+    /// Sorted by stamp, then by channel; each with the latest time to pass it on.
     held: VecDeque<(Sample, Instant)>,
     stamps: VecDeque<Stamp>,
     incomplete: u64,
@@ -70,7 +71,7 @@ impl Collator {
         }
     }
 
-    /// Whether the model wants measured velocity: then its stamps are taken to be shared too.
+    /// Sets whether the model needs measured velocity; its stamps are then assumed to be shared too.
     pub fn want_velocity(&mut self, wanted: bool) {
         if wanted != self.wants_velocity {
             self.wants_velocity = wanted;
@@ -80,7 +81,8 @@ impl Collator {
         }
     }
 
-    /// Takes a batch of samples that arrived by `now`, in any order, and hands on what is ready, in order of stamps.
+    /// Takes a batch of samples, in any order, that arrived by `now`. Passes the samples that are ready to `on`, in
+    /// order of stamps.
     pub fn take(&mut self, batch: &mut Vec<Sample>, now: Instant, on: impl FnMut(Sample)) {
         batch.sort_by_key(order);
         for sample in batch.iter().filter(|s| s.reading.channel() == Channel::Displacement) {
@@ -100,7 +102,7 @@ impl Collator {
         self.release(now, on);
     }
 
-    /// Hands on what comes before the first displacement that still has to wait.
+    /// Passes on all samples before the first displacement that still has to wait.
     fn release(&mut self, now: Instant, mut on: impl FnMut(Sample)) {
         while let Some((sample, deadline)) = self.held.front() {
             if sample.reading.channel() == Channel::Displacement {
@@ -121,20 +123,21 @@ impl Collator {
         }
     }
 
-    /// Displacements that went on without what was waited for.
+    /// Number of displacements that were passed on without a companion that they had waited for.
     #[must_use]
     pub fn incomplete(&self) -> u64 {
         self.incomplete
     }
 
-    /// True while something is held back: then [`Collator::take`] wants calling, if only with an empty batch.
+    /// True while samples are held back. [`Collator::take`] must then be called again, if necessary with an empty
+    /// batch.
     #[must_use]
     pub fn is_holding(&self) -> bool {
         !self.held.is_empty()
     }
 }
 
-/// What samples are sorted by: a displacement comes after all else of its stamp.
+/// The sort key of samples: a displacement comes after all other samples with its stamp.
 fn order(sample: &Sample) -> (Stamp, Channel) {
     (sample.stamp, sample.reading.channel())
 }
@@ -158,7 +161,7 @@ mod tests {
         Sample { stamp, received: stamp, reading }
     }
 
-    /// Feeds batches such as "i0 x0" at the given times (ms) and writes down what comes out when.
+    /// Feeds batches such as "i0 x0" at the given times (ms), and records what is passed on when.
     fn story(batches: &[(u64, &str)]) -> String {
         let start = Instant::now();
         let mut collator = Collator::new(WAIT);
@@ -188,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_displacement_waits_for_all_channels_for_a_while() {
+    fn the_first_displacement_waits_for_all_channels_for_a_limited_time() {
         insta::assert_snapshot!(story(&[(0, "x0 i0"), (4, "f0"), (10, ""), (11, "x11 i11 f11")]), @"
             0 ms: i0
             4 ms: f0
@@ -214,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_that_stops_costs_the_wait_once() {
+    fn a_drive_that_stops_causes_the_wait_once() {
         let batches =
             [(0, "i0 x0 f0 v0"), (1, "x1 f1 v1"), (5, "x5 f5 v5"), (11, "x11 f11 v11"), (12, "x12 f12 v12")];
         insta::assert_snapshot!(story(&batches), @"

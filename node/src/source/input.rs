@@ -1,4 +1,4 @@
-//! The input topics: which message each carries, and where in it its number is.
+//! The input topics: the message type of each, and where the number is in the message.
 
 use crate::config::{Config, InputConfig, RosArgs};
 use crate::error::NodeError;
@@ -7,7 +7,7 @@ use mr_damper_msgs::{
     CdrError, CoilCurrent, CommandVoltage, Descriptor, Displacement, Force, Message, Velocity, cdr,
 };
 
-/// The input topics. The first one is polled first: see the comment of `ros.rs` on the order.
+/// The input topics. The first one is polled first; `ros.rs` explains the order.
 pub(super) const TOPICS: [&str; 8] = [
     "displacement",
     "coil_current",
@@ -19,12 +19,12 @@ pub(super) const TOPICS: [&str; 8] = [
     "case_temperature",
 ];
 
-/// The number of a message, and what its header says of it.
+/// The number of a message, with stamp and frame from its header.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Number {
-    /// Stamp, ns; zero: none.
+    /// Stamp, ns; 0: none.
     pub(super) stamp_ns: i64,
-    /// As it is in the message.
+    /// The number as it is in the message.
     pub(super) value: f64,
     /// Frame; empty: none.
     pub(super) frame_id: String,
@@ -36,12 +36,12 @@ impl Number {
     }
 }
 
-/// What is taken of a message; `None` when it holds no number for us.
+/// The number read from a message; `None` if the message does not contain it.
 pub(super) type Taken = Option<Number>;
 
-/// A message that holds one number.
+/// A message with one number.
 pub(super) trait Carries: Message {
-    /// That number.
+    /// The message's number.
     fn taken(self) -> Number;
 }
 
@@ -65,7 +65,7 @@ impl Carries for Float64 {
     }
 }
 
-/// The number of one joint: position, velocity or effort, whichever `topic` is about.
+/// The number of one joint: position, velocity or effort, depending on `topic`.
 pub(super) fn of_joint(message: JointState, topic: &str, joint: &str) -> Taken {
     let index = message.name.iter().position(|name| name == joint)?;
     let column = match topic {
@@ -77,10 +77,10 @@ pub(super) fn of_joint(message: JointState, topic: &str, joint: &str) -> Taken {
     Some(Number::new(message.header, value))
 }
 
-/// The joint that `topic` is taken from.
+/// The joint that is read for `topic`.
 ///
 /// # Errors
-/// When none is named.
+/// When no joint is named.
 pub(super) fn joint_of(topic: &str, settings: &InputConfig) -> Result<String, NodeError> {
     if settings.joint.is_empty() {
         return Err(NodeError::Parameter {
@@ -92,20 +92,20 @@ pub(super) fn joint_of(topic: &str, settings: &InputConfig) -> Result<String, No
     Ok(settings.joint.clone())
 }
 
-/// An input as others see it.
+/// An input as it appears in the ROS graph.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InputTopic {
     /// Full name.
     pub topic: String,
     /// DDS name of the messages' type.
     pub dds_type_name: &'static str,
-    /// One publisher is meant to publish it. Joints of one topic may come from several.
+    /// True if the topic should have one publisher only. Joints of one topic may come from several.
     pub has_one_publisher: bool,
-    /// Estimates are made from it.
+    /// True if estimates depend on it.
     pub is_estimated_from: bool,
 }
 
-/// True for an input that estimates are made from: the others only say which current is wanted.
+/// True for an input that estimates depend on. The other inputs only determine the commanded current.
 pub(super) fn is_estimated_from(topic: &str) -> bool {
     !matches!(topic, "body_velocity" | "force_request")
 }
@@ -113,7 +113,7 @@ pub(super) fn is_estimated_from(topic: &str) -> bool {
 /// The inputs of a node, in the order of `TOPICS`.
 ///
 /// # Errors
-/// When a joint is to be taken and none is named.
+/// When an input is of type `JointState` and no joint is named.
 pub fn inputs(args: &RosArgs, config: &Config) -> Result<Vec<InputTopic>, NodeError> {
     let input = |name: &'static str| {
         let of = Reader::of(name, &config.input(name).cloned().unwrap_or_default())?.of;
@@ -130,7 +130,7 @@ pub fn inputs(args: &RosArgs, config: &Config) -> Result<Vec<InputTopic>, NodeEr
 
 type Read = dyn Fn(&[u8]) -> Result<Taken, CdrError> + Send + Sync;
 
-/// Reads the messages of one topic out of their bytes.
+/// Reads the messages of one topic from their bytes.
 pub(super) struct Reader {
     /// The messages' type.
     pub(super) of: Descriptor,
@@ -141,7 +141,7 @@ impl Reader {
     /// The reader of `topic`, one of [`TOPICS`].
     ///
     /// # Errors
-    /// When a joint is to be taken and none is named.
+    /// When the input is of type `JointState` and no joint is named.
     pub(super) fn of(topic: &'static str, settings: &InputConfig) -> Result<Self, NodeError> {
         Ok(match settings.message_type.as_str() {
             Float64::TYPE => Self::plain::<Float64>(),
@@ -168,15 +168,15 @@ impl Reader {
         Self { of: Descriptor::of::<M>(), read: Box::new(read) }
     }
 
-    /// What is taken of a message.
+    /// Reads the number of a message.
     ///
     /// # Errors
-    /// When the bytes are none of this type.
+    /// When the bytes do not decode as this type.
     pub(super) fn read(&self, bytes: &[u8]) -> Result<Taken, CdrError> {
         (self.read)(bytes)
     }
 
-    /// True where messages have no stamp: under simulated time each has to wake the thread that takes them.
+    /// True if messages have no stamp. Under simulated time, each of them must wake the source thread.
     pub(super) fn is_unstamped(&self) -> bool {
         self.of.type_name == Float64::TYPE
     }
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn each_topic_has_its_message_and_its_number() {
+    fn each_topic_is_read_from_its_message_type() {
         let header = Header { stamp: Time { sec: 1, nanosec: 5 }, frame_id: "rig".to_owned() };
         let own = InputConfig::default();
         let number = |value| Number { stamp_ns: 1_000_000_005, value, frame_id: "rig".to_owned() };

@@ -1,10 +1,12 @@
-//! Samples from ROS topics, with what comes by Zenoh among them: from rmw_zenoh's topics, and forces that are asked for.
+//! Samples from ROS topics, combined with samples from Zenoh: inputs from rmw_zenoh, and demanded forces.
 //!
-//! One thread waits on all input topics. Displacement is taken first, everything else after it: what a peer sent
-//! before a displacement is there by then, and is sorted before it. What its middleware sent in another order is
-//! waited for a little (`collate.rs`). So an estimate does not miss a current of its own stamp because of the
-//! order in which topics happen to be sent or polled, and live results are those of a replay. A message without
-//! a stamp gets that of its sending (`stamp.rs`), and two publishers of one input are noticed (`writers.rs`).
+//! One thread waits on all input topics. It polls displacement first and all other topics after it: what a peer sent
+//! before a displacement has arrived by then, and is sorted before it. If the peer's middleware sent messages in
+//! another order, the thread waits a little for them (`collate.rs`). So an estimate does not miss a current with the
+//! same stamp because of the order in which topics are sent or polled, and live results are bit-identical to a replay.
+//!
+//! A message without a stamp gets the time of its sending (`stamp.rs`). Two simultaneous publishers of one input are
+//! detected (`writers.rs`).
 
 use super::collate::Collator;
 use super::input::{Carries, Number, TOPICS, Taken, is_estimated_from, joint_of, of_joint};
@@ -32,33 +34,33 @@ use std::task::{Context, Poll, Wake, Waker};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-/// Messages taken from all topics before they are sorted and handed on.
+/// Maximum number of messages per round; they are then sorted and passed on.
 const BATCH: usize = 512;
-/// Longest sleep: how long a drive or force waits that no displacement comes for.
+/// Longest sleep of the thread. A drive or force without a following displacement waits for so long.
 const NAP: Duration = Duration::from_millis(10);
-/// Sleep while a displacement is held back.
+/// Longest sleep while a displacement is held back.
 const HOLDING_NAP: Duration = Duration::from_millis(1);
-/// How often it is told who publishes the inputs.
+/// Time between two updates of the list of publishers.
 const TELL_EVERY: Duration = Duration::from_millis(200);
-/// Publishers on rmw_zenoh whose nodes' names are kept.
+/// Number of publishers on rmw_zenoh whose nodes' names are kept.
 const NAMED: usize = 64;
 
 /// Counters of the source.
 #[derive(Debug, Default)]
 pub struct SourceCounters {
-    /// Messages taken.
+    /// Received messages.
     pub messages: AtomicU64,
-    /// Messages that could not be used (broken CDR, a joint that is not in the message, no message of rmw_zenoh's).
+    /// Messages that could not be used (broken CDR, a missing joint, a malformed rmw_zenoh message).
     pub unreadable: AtomicU64,
-    /// Displacements that went on without an input of their stamp, though they had waited for it.
+    /// Displacements that were passed on without an input of the same stamp, after waiting for it.
     pub incomplete: AtomicU64,
-    /// Who publishes the inputs, in the order of their topics.
+    /// The publishers of the inputs, in the order of `TOPICS`.
     writers: Mutex<[Writers; TOPICS.len()]>,
-    /// The nodes of publishers on rmw_zenoh.
+    /// The names of the nodes of publishers on rmw_zenoh.
     names: Mutex<BTreeMap<Writer, String>>,
 }
 
-/// One input topic, whatever its message type.
+/// The subscription of an input topic, by message type.
 enum Input {
     Displacement(Subscription<Displacement>),
     Velocity(Subscription<Velocity>),
@@ -70,7 +72,7 @@ enum Input {
     Joint(Subscription<JointState>, String),
 }
 
-/// An input topic and what its numbers mean.
+/// An input topic with its sign and offset.
 struct Channel {
     topic: &'static str,
     input: Input,
@@ -78,7 +80,7 @@ struct Channel {
     offset: f64,
 }
 
-/// What is remembered of a channel's samples.
+/// State that is kept per channel.
 #[derive(Default)]
 struct Past {
     stamper: Stamper,
@@ -92,10 +94,10 @@ pub struct RosSource {
 }
 
 impl RosSource {
-    /// Subscribes to the input topics and to `/clock`, and starts the thread that takes them.
+    /// Subscribes to the input topics and to `/clock`, and starts the thread that receives them.
     ///
     /// # Errors
-    /// When a topic cannot be subscribed or the system starts no thread.
+    /// When a topic cannot be subscribed to or the system cannot start the thread.
     pub fn start(
         ros: &mut Ros,
         args: &RosArgs,
@@ -124,11 +126,11 @@ impl RosSource {
             counters: Arc::clone(&counters),
         };
         let worker = Worker::start("ros-source", move |stop| pump.run(stop))
-            .map_err(NodeError::io("starting the thread that takes ROS messages"))?;
+            .map_err(NodeError::io("starting the thread that receives ROS messages"))?;
         Ok(Self { worker, counters })
     }
 
-    /// The source's thread, for waking.
+    /// The source's thread handle, for waking it.
     #[must_use]
     pub fn thread(&self) -> Thread {
         self.worker.thread()
@@ -172,12 +174,12 @@ fn subscribe(ros: &mut Ros, args: &RosArgs, topic: &str, settings: &InputConfig)
 }
 
 impl Channel {
-    /// True when a message has to wake the thread even if nothing waits for it.
+    /// True if each message must wake the thread even when nothing waits for it.
     fn wakes(&self) -> bool {
         self.topic == "displacement" || matches!(self.input, Input::Float(_) | Input::Joint(..))
     }
 
-    /// The channel's messages as plain numbers. An `Err` is a message that cannot be read.
+    /// The channel's messages as plain numbers. An `Err` is a message that could not be decoded.
     fn values(&self) -> LocalBoxStream<'_, Result<(Taken, Origin), String>> {
         fn messages<M: Message>(of: &Subscription<M>) -> impl Stream<Item = Result<(M, Origin), String>> {
             of.async_stream().map(|taken| {
@@ -221,7 +223,7 @@ impl Channel {
     }
 }
 
-/// What DDS says of a message.
+/// The data of DDS about a message.
 fn origin(info: &MessageInfo) -> Origin {
     Origin {
         writer: info.publisher_gid().to_bytes16(),
@@ -230,7 +232,7 @@ fn origin(info: &MessageInfo) -> Origin {
     }
 }
 
-/// Wakes the thread that it was made on.
+/// A waker that unparks the thread on which it was created.
 struct Unpark(Thread);
 
 impl Wake for Unpark {
@@ -239,11 +241,11 @@ impl Wake for Unpark {
     }
 }
 
-/// The thread: takes messages whenever a topic wakes it, until told to stop.
+/// The source thread. It receives messages whenever a topic wakes it, until it is stopped.
 ///
-/// An estimate is made when displacement arrives, so displacement wakes it. The others do so only when a displacement
-/// waits for them, or when they may have no stamp, and so get the simulated time at which they are taken: at 1 kHz, being woken for
-/// each costs more than the models.
+/// Displacement always wakes it, because an estimate is made when displacement arrives. Other topics wake it only in
+/// two cases: when a displacement waits for them, or when their messages may lack a stamp and get the simulated time at
+/// which they are received. At 1 kHz, waking for each message would cost more than the models.
 struct Pump {
     channels: Vec<Channel>,
     clock: Subscription<Clock>,
@@ -255,7 +257,7 @@ struct Pump {
     counters: Arc<SourceCounters>,
 }
 
-/// What a round of the pump takes, and what it needs to know for that.
+/// The state of one polling round.
 struct Round<'a> {
     channels: &'a [Channel],
     pasts: &'a mut [Past],
@@ -267,7 +269,7 @@ struct Round<'a> {
 }
 
 impl Round<'_> {
-    /// Makes a sample of a number that has come for the channel `index`.
+    /// Converts a number received on channel `index` to a sample.
     fn take(&mut self, index: usize, number: &Number, origin: &Origin) {
         let (channel, past) = (&self.channels[index], &mut self.pasts[index]);
         past.writers.note(origin.writer, self.began);
@@ -298,7 +300,7 @@ impl Pump {
         let (mut ticks, mut told) = (Ticks::default(), Instant::now());
         while !stop.is_raised() {
             hear(&clock, &control, &mut ticks);
-            // What comes before the first simulated time is as old as the system says, and its stamp tells.
+            // Samples before the first simulated time get the system's time of reception.
             let (wall, received) = (system_now(), time.now_or_system());
             let simulated = time.now().filter(|_| time.is_simulated()).map(|now| ticks.at(now));
             let mut round = Round {
@@ -348,7 +350,8 @@ impl Pump {
                 told = now;
                 counters.tell(&pasts);
             }
-            // A full batch may have left messages behind, and what is waited for now must wake: look again before sleeping.
+            // A full batch may have left messages in the queues, and messages that are waited for now must wake the
+            // thread: poll again before sleeping.
             let drained = batch.len() < BATCH;
             let mut pushed = false;
             collator.take(&mut batch, Instant::now(), |sample| {
@@ -361,16 +364,17 @@ impl Pump {
             counters.incomplete.store(collator.incomplete(), Ordering::Relaxed);
             let holding = collator.is_holding();
             if drained && (was_holding || !holding) {
-                // A message that came since its topic was polled has left its wake-up behind: parking returns at once.
+                // A message that arrived since its topic was polled has left a wake-up behind, so parking returns at
+                // once.
                 std::thread::park_timeout(if holding { HOLDING_NAP } else { NAP });
             }
         }
     }
 }
 
-/// Takes what `/clock` has said since the last time.
+/// Takes the new messages of `/clock`.
 fn hear(clock: &Subscription<Clock>, control: &Control, ticks: &mut Ticks) {
-    // What cannot be read is no time.
+    // Messages that cannot be decoded are skipped.
     while let Ok(Some((message, info))) = clock.take() {
         let (now, origin) = (Stamp::from_nanos(message.clock.as_nanos()), origin(&info));
         ticks.hear(now, origin.sent_ns.unwrap_or(origin.arrived_ns));
@@ -379,19 +383,19 @@ fn hear(clock: &Subscription<Clock>, control: &Control, ticks: &mut Ticks) {
 }
 
 impl SourceCounters {
-    /// Who publishes the inputs, in the order of their topics.
+    /// The publishers of the inputs, in the order of `TOPICS`.
     #[must_use]
     pub fn writers(&self) -> [Writers; TOPICS.len()] {
         *self.writers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The node of a publisher on rmw_zenoh.
+    /// The name of the node of a publisher on rmw_zenoh.
     #[must_use]
     pub fn name_of(&self, writer: &Writer) -> Option<String> {
         self.names.lock().unwrap_or_else(PoisonError::into_inner).get(writer).cloned()
     }
 
-    /// Notes the node of a publisher on rmw_zenoh.
+    /// Stores the name of the node of a publisher on rmw_zenoh.
     pub(super) fn name(&self, writer: Writer, node: String) {
         let mut names = self.names.lock().unwrap_or_else(PoisonError::into_inner);
         if names.len() >= NAMED {
@@ -400,14 +404,14 @@ impl SourceCounters {
         names.insert(writer, node);
     }
 
-    /// Tells who publishes the inputs. It does not wait for who reads that: it is told again soon.
+    /// Publishes the list of publishers. It skips the update while a reader holds the lock; the next one follows soon.
     fn tell(&self, pasts: &[Past]) {
         if let Ok(mut writers) = self.writers.try_lock() {
             writers.iter_mut().zip(pasts).for_each(|(told, past)| *told = past.writers);
         }
     }
 
-    /// Counts a message that gave no sample; the log hears of the first and of every doubling.
+    /// Counts a message that gave no sample, and logs the first and every doubling of the count.
     pub(super) fn note_unreadable(&self, topic: &str, why: &str) {
         let count = self.unreadable.fetch_add(1, Ordering::Relaxed) + 1;
         if count.is_power_of_two() {

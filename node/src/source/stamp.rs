@@ -1,56 +1,58 @@
-//! Stamps for samples that come without one, as a `Float64` or with a zero in the header. They get the time of sending.
+//! Stamps for samples that arrive without one: a `Float64`, or a zero in the header. They get the time of sending.
 //!
-//! The middleware carries that time beside each message (`INFO_TS` in DDS, the attachment on rmw_zenoh). The time at which
-//! the node looks for messages would not do: all that it takes in one go would get one stamp, and the gate refuses
-//! a stamp that repeats the one before.
+//! The middleware transmits that time with each message (`INFO_TS` in DDS, the attachment on rmw_zenoh). The time at
+//! which the node polls for messages cannot be used: all messages of one poll would get the same stamp, and the
+//! pipeline refuses repeated stamps.
 //!
-//! | the node's time is | the stamp of a sample |
+//! | the node's clock | the stamp of a sample |
 //! |---|---|
-//! | the system's | when it was sent |
-//! | simulated | the stamp before, plus the time between the two sendings at the rate of the simulation; near `/clock` |
+//! | the system's | the time of sending |
+//! | simulated | the previous stamp, plus the time between the two sendings at the rate of the simulation; near `/clock` |
 //!
-//! When it was sent is what its publisher's middleware says. Where that says nothing, or is off by more than
-//! [`CLOCK_OFF_S`] (a computer whose clock was never set), it is when the middleware here received it. A clock that is off by
-//! less is believed, as stamps in headers are: samples from the past are flagged as late.
+//! The time of sending is the one given by the publisher's middleware. If it is missing, or off by more than
+//! [`CLOCK_OFF_S`] (a computer whose clock was never set), the time of reception is used instead. A smaller offset is
+//! accepted, as for stamps in headers: samples from the past are flagged as late.
 //!
-//! Stamps of one channel never repeat while its publisher's clock does not go back: where two would, the second is one nanosecond later.
+//! Stamps of one channel never repeat as long as its publisher's clock does not go back: an equal stamp becomes one
+//! nanosecond later.
 
 use super::writers::Writer;
 use mr_damper_model::sample::Stamp;
 
-/// How far a publisher's clock may be off, s. No network keeps a sample for so long.
+/// Largest accepted offset of a publisher's clock, s. No network delays a sample for so long.
 const CLOCK_OFF_S: f64 = 60.0;
 
-/// A longer step of `/clock` means that the time was set, ns.
+/// Longest tick of `/clock`, ns. A longer one means that the time was set.
 const LONGEST_TICK_NS: i64 = 10_000_000_000;
-/// Length that the first tick is taken to have, ns.
+/// Assumed length of the first tick, ns.
 const FIRST_TICK_NS: i64 = 100_000_000;
-/// Ticks by which a stamp may be ahead of `/clock`: samples and ticks come unevenly from a busy computer.
+/// Number of ticks that a stamp may be ahead of `/clock`: on a busy computer, samples and ticks arrive unevenly.
 const AHEAD: i64 = 3;
-/// Ticks by which it may be behind: the node may have been kept from taking what waits.
+/// Number of ticks that a stamp may be behind: the node may have been unable to take waiting samples.
 const BEHIND: i64 = 100;
-/// Weight of a tick in the rate of the simulation.
+/// Weight of a new tick in the estimated rate of the simulation.
 const NEWEST: f64 = 0.2;
-/// Share of its distance from a new tick by which a stamp is drawn to it: messages and ticks may arrive in either order.
+/// Divisor of the correction towards a new tick: a stamp moves by 1/8 of its distance. The correction is small, because
+/// messages and ticks can arrive in either order.
 const DRAWN: i64 = 8;
 
-/// The middleware's data about a message.
+/// Data of the middleware about a message.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Origin {
-    /// Its publisher.
+    /// The message's publisher.
     pub(super) writer: Writer,
-    /// When it was sent, by its publisher's clock, ns.
+    /// Time of sending by the publisher's clock, ns.
     pub(super) sent_ns: Option<i64>,
-    /// When the middleware here received it, ns.
+    /// Time of reception by this host's middleware, ns.
     pub(super) arrived_ns: i64,
 }
 
-/// The time of one round, by both clocks.
+/// The time of one polling round by both clocks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Times {
     /// By the system's clock.
     pub(super) wall: Stamp,
-    /// By `/clock`, where the node follows it and it has come.
+    /// The time of `/clock`, if the node follows it and it has arrived.
     pub(super) simulated: Option<Simulated>,
 }
 
@@ -58,16 +60,16 @@ pub(super) struct Times {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Simulated {
     now: Stamp,
-    /// How often the time was set, or went back, before.
+    /// Number of times that the time was set or went back.
     epoch: u64,
-    /// Length of the last tick, ns; `None` where the time was set.
+    /// Length of the last tick, ns; `None` if the time was set.
     step_ns: Option<i64>,
-    /// Simulated seconds in a second of the system's time.
+    /// Simulated seconds per second of the system's time.
     rate: f64,
 }
 
 impl Simulated {
-    /// A time that was set.
+    /// A time without a preceding tick.
     const fn set(now: Stamp, epoch: u64) -> Self {
         Self { now, epoch, step_ns: None, rate: 1.0 }
     }
@@ -110,16 +112,16 @@ impl Ticks {
 /// Stamps the samples of one channel.
 #[derive(Debug, Default)]
 pub(super) struct Stamper {
-    /// When the last sample was sent, ns, and the stamp that it got.
+    /// Time of sending of the last sample, ns, and the stamp that it got.
     last: Option<(i64, Stamp)>,
-    /// The tick of simulated time at which it was taken, after the epoch.
+    /// The epoch and the tick of simulated time at which it was received.
     tick: Option<(u64, Stamp)>,
-    /// The log has been told that the publisher's clock is off.
+    /// True once the log says that the publisher's clock is off.
     said_off: bool,
 }
 
 impl Stamper {
-    /// The stamp of a sample of `topic` that has come without one.
+    /// The stamp for a sample of `topic` that arrived without one.
     pub(super) fn stamp(&mut self, topic: &str, origin: &Origin, times: &Times) -> Stamp {
         let sent_ns = self.sent_ns(topic, origin, times.wall);
         let stamp = match times.simulated {
@@ -139,7 +141,7 @@ impl Stamper {
         stamp
     }
 
-    /// When a sample was sent, as far as that can be believed, ns.
+    /// The time of sending of a sample, ns, or the time of reception if the former is not credible.
     fn sent_ns(&mut self, topic: &str, origin: &Origin, wall: Stamp) -> i64 {
         let Some(sent_ns) = origin.sent_ns else { return origin.arrived_ns };
         let off_s = wall.since(Stamp::from_nanos(sent_ns)).get();
@@ -152,7 +154,7 @@ impl Stamper {
             tracing::warn!(
                 topic,
                 off_s,
-                "the clock of its publisher is off, so its samples are stamped as they arrive; set that computer's clock (NTP, PTP)"
+                "the clock of its publisher is off, so its samples are stamped on arrival; set that computer's clock (NTP, PTP)"
             );
         }
         origin.arrived_ns
@@ -162,7 +164,7 @@ impl Stamper {
         let Simulated { now, epoch, step_ns, rate } = simulated;
         let before = self.tick.replace((epoch, now));
         if before.is_none_or(|(of, _)| of != epoch) {
-            // Earlier samples say nothing of a time that went back or was set.
+            // Earlier samples are useless after the time went back or was set.
             self.last = None;
         }
         let Some((before_ns, last)) = self.last else { return now };
@@ -186,7 +188,7 @@ mod tests {
         Origin { writer: [1; 16], sent_ns, arrived_ns }
     }
 
-    /// The stamps of samples that were sent and received at these times and taken at one time, in ns after `NOW_NS`.
+    /// The stamps of samples with these times of sending and reception, polled at one time; in ns after `NOW_NS`.
     fn stamps(samples: &[(Option<i64>, i64)]) -> Vec<i64> {
         let mut stamper = Stamper::default();
         let times = Times { wall: Stamp::from_nanos(NOW_NS + 5_000_000), simulated: None };
@@ -203,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn stamps_do_not_repeat_where_the_sender_s_clock_is_coarse() {
+    fn stamps_do_not_repeat_if_the_senders_clock_is_coarse() {
         assert_eq!(
             stamps(&[(Some(0), 1), (Some(0), 2), (Some(0), 3), (Some(1), 4), (Some(9), 5)]),
             [0, 1, 2, 3, 9]
@@ -211,29 +213,30 @@ mod tests {
     }
 
     #[test]
-    fn a_sender_s_clock_that_goes_back_is_left_to_the_gate() {
+    fn stamps_follow_a_senders_clock_that_goes_back() {
         assert_eq!(stamps(&[(Some(1_000), 1), (Some(500), 2), (Some(600), 3)]), [1_000, 500, 600]);
     }
 
     #[test]
-    fn a_sample_without_a_time_of_sending_is_stamped_when_it_was_received() {
+    fn a_sample_without_a_time_of_sending_gets_the_time_of_reception() {
         assert_eq!(stamps(&[(None, 10), (None, 10), (None, 25)]), [10, 11, 25]);
     }
 
     #[test]
-    fn a_clock_that_was_never_set_is_not_believed_and_one_that_is_late_is() {
+    fn a_clock_that_was_never_set_is_not_used_but_a_late_one_is() {
         const MINUTE_NS: i64 = 60_000_000_000;
         let [before, after] = [-NOW_NS + 7, 2 * MINUTE_NS];
         assert_eq!(
             stamps(&[(Some(before), 10), (Some(before + 1), 20)]),
             [10, 20],
-            "since it was switched on"
+            "since the computer was switched on"
         );
-        assert_eq!(stamps(&[(Some(after), 10), (Some(after + 5), 20)]), [10, 20], "of the future");
+        assert_eq!(stamps(&[(Some(after), 10), (Some(after + 5), 20)]), [10, 20], "in the future");
         assert_eq!(stamps(&[(Some(-MINUTE_NS / 2), 10)]), [-MINUTE_NS / 2]);
     }
 
-    /// Ticks of `step_ms` every `every_ms`, with a sample each millisecond for three ticks; their stamps, ms after the first tick.
+    /// Stamps of samples, one each millisecond, during three ticks of `step_ms` every `every_ms`; in ms after the first
+    /// tick.
     fn in_ticks(step_ms: i64, every_ms: i64) -> Vec<f64> {
         let (mut ticks, mut stamper) = (Ticks::default(), Stamper::default());
         let at = |ms: i64| NOW_NS + ms * 1_000_000;
@@ -263,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn simulated_time_that_stands_still_or_goes_back_loses_nothing() {
+    fn no_sample_is_lost_when_simulated_time_stands_still_or_goes_back() {
         let mut stamper = Stamper::default();
         let tick = |s: i64| Stamp::from_nanos(s * 1_000_000_000);
         let mut ticks = Ticks::default();
@@ -284,7 +287,7 @@ mod tests {
         assert_eq!(
             stamp(tick(1), 9001, &ticks),
             tick(1),
-            "and once more, to the very tick of the sample before"
+            "and once more, to exactly the tick of the previous sample"
         );
     }
 }

@@ -1,12 +1,12 @@
-//! Finds dampers: each publisher of a `force_estimate` is one.
+//! Finds dampers: every namespace in which `force_estimate` is published is a damper.
 
 use mr_damper_msgs::{ForceEstimate, Message};
 
-/// The topic that makes a damper.
+/// The topic that identifies a damper.
 pub const MARK: &str = "force_estimate";
 
-/// Namespaces of the dampers in the namespace `root` or below it, sorted, of the topics that are `published`: full names with their
-/// DDS types. That of the root itself is empty where it is `/`.
+/// Namespaces of the dampers in the namespace `root` or below it, sorted. `published` contains the full names of the published topics
+/// with their DDS types. The namespace `/` is returned as an empty string.
 #[must_use]
 pub fn namespaces(published: impl IntoIterator<Item = (String, String)>, root: &str) -> Vec<String> {
     let root = root.trim_end_matches('/');

@@ -1,12 +1,12 @@
-//! What is going on, for those who watch: each damper's figures and charts, and how old they are.
+//! Live view of dampers for `mr-damper serve` and `mr-damper top`: values, charts and their ages.
 //!
 //! ```text
-//! ROS topics ───→ ros.rs ───┬→ News ─→ Picture (one a damper) ─→ Wall ─┬→ JSON ─→ serve/
-//! Zenoh mirror ─→ zenoh.rs ─┘                                       └→ screen.rs, the terminal's
+//! ROS topics ───→ ros.rs ───┬→ News ─→ Picture (one per damper) ─→ Wall (all) ─┬→ JSON ─→ serve/
+//! Zenoh mirror ─→ zenoh.rs ─┘                                                  └→ screen.rs, on the terminal
 //! ```
 //!
-//! A watcher is a peer as any other: it subscribes, and nothing of it reaches a node. Only `ros.rs` knows of ROS, and `zenoh.rs` of
-//! Zenoh; the rest is plain data, with time as an argument.
+//! A view is an ordinary subscriber and sends nothing to a node. Only `ros.rs` uses ROS, and only `zenoh.rs` uses Zenoh; the rest is
+//! plain data with time as an argument.
 
 pub mod found;
 mod hall;

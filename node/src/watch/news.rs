@@ -1,4 +1,4 @@
-//! What is heard of a damper, whichever way it came.
+//! Messages of a damper, from ROS or from Zenoh.
 
 use mr_damper_msgs::standard::{Header, Temperature};
 use mr_damper_msgs::{
@@ -6,36 +6,36 @@ use mr_damper_msgs::{
     ModeChange, Velocity,
 };
 
-/// A message of one of a damper's topics.
+/// A message on one of a damper's topics.
 #[derive(Debug, Clone, PartialEq)]
 pub enum News {
-    /// Of `displacement`.
+    /// On `displacement`.
     Displacement(Displacement),
-    /// Of `coil_current`.
+    /// On `coil_current`.
     CoilCurrent(CoilCurrent),
-    /// Of `command_voltage`.
+    /// On `command_voltage`.
     CommandVoltage(CommandVoltage),
-    /// Of `velocity`.
+    /// On `velocity`.
     Velocity(Velocity),
-    /// Of `measured_force`.
+    /// On `measured_force`.
     MeasuredForce(Force),
-    /// Of `case_temperature`.
+    /// On `case_temperature`.
     CaseTemperature(Temperature),
-    /// Of `force_request`.
+    /// On `force_request`.
     ForceRequest(Force),
-    /// Of `body_velocity`.
+    /// On `body_velocity`.
     BodyVelocity(Velocity),
-    /// Of `force_estimate`.
+    /// On `force_estimate`.
     Estimate(ForceEstimate),
-    /// Of `force_residual`.
+    /// On `force_residual`.
     Residual(ForceResidual),
-    /// Of `current_command`.
+    /// On `current_command`.
     Command(CurrentCommand),
-    /// Of `mode`.
+    /// On `mode`.
     Mode(ModeChange),
 }
 
-/// The topics by their names, as the node calls them; [`News::topic`] is an index into it.
+/// Names of the node's topics. [`News::topic`] is an index into this list.
 pub const TOPICS: [&str; 12] = [
     "displacement",
     "coil_current",
@@ -52,7 +52,7 @@ pub const TOPICS: [&str; 12] = [
 ];
 
 impl News {
-    /// Which of [`TOPICS`] it came on.
+    /// Index of the message's topic in [`TOPICS`].
     #[must_use]
     pub const fn topic(&self) -> usize {
         match self {
@@ -71,7 +71,7 @@ impl News {
         }
     }
 
-    /// Its header.
+    /// Header of the message.
     #[must_use]
     pub const fn header(&self) -> &Header {
         match self {

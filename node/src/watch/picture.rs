@@ -1,6 +1,6 @@
-//! What is known of one damper: the newest of each topic and how old it is, rates, changes of mode, points for charts.
+//! The known data of one damper: the newest value of each topic with its age, rates, changes of mode, and points for charts.
 //!
-//! Plain data without a clock: `now_s` is an argument everywhere, in seconds on one clock of the caller's. What grows is bounded.
+//! Plain data without a clock: `now_s` is always an argument, in seconds on the caller's clock. All lists are bounded.
 
 use super::news::{News, TOPICS};
 use super::slope::Slope;
@@ -12,14 +12,15 @@ use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
 use serde::Serialize;
 use std::collections::VecDeque;
 
-/// What is older than this is no picture of the present, s.
+/// Age from which a value is stale, s.
 pub const STALE_S: f64 = 1.0;
-/// A stamp that is further back than this is time that was set back, and not a late message, s.
+/// A stamp that is older than the newest one by more than this, in seconds, means that time was set back; otherwise the message is
+/// late.
 const SET_BACK_S: f64 = 1.0;
-/// Changes of mode that are kept.
+/// Number of changes of mode that are kept.
 const CHANGES: usize = 8;
 
-/// Something that was heard, and when, s.
+/// A received value with its time of arrival, s.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Heard<T> {
     pub(super) what: T,
@@ -27,18 +28,18 @@ pub(super) struct Heard<T> {
 }
 
 impl<T> Heard<T> {
-    /// How old it is, s.
+    /// Age, s.
     pub(super) fn age_s(&self, now_s: f64) -> f64 {
         (now_s - self.at_s).max(0.0)
     }
 
-    /// True when it says nothing of the present any more.
+    /// True when the value is too old to describe the present.
     pub(super) fn is_stale(&self, now_s: f64) -> bool {
         self.age_s(now_s) > STALE_S
     }
 }
 
-/// Measured force as the node uses it, or as its topic has it.
+/// Measured force as the node uses it, or as published on its topic.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Measured {
     pub(super) stamp_ns: i64,
@@ -50,11 +51,11 @@ pub(super) struct Measured {
 pub(super) struct Drive {
     pub(super) stamp_ns: i64,
     pub(super) value: f64,
-    /// In volts; else in amperes.
+    /// True for volts, false for amperes.
     pub(super) is_voltage: bool,
 }
 
-/// The lines of the charts. Times are seconds since the first sample.
+/// The points of the charts. Times are in seconds since the first sample.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Trails {
     /// Force, lower and upper end of its band, number of its mode.
@@ -62,30 +63,30 @@ struct Trails {
     measured: Trail<1>,
     residual: Trail<1>,
     velocity: Trail<1>,
-    /// Force requested, force expected.
+    /// Requested force, expected force.
     command: Trail<2>,
 }
 
-/// How far somebody has read the lines of a picture.
+/// A reader's position in the points of a picture.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Cursor([u64; 5]);
 
-/// Points of the lines that are new to somebody, each with its time first.
+/// Points that are new to a reader. Each begins with its time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Points<'a> {
     /// Name of the damper.
     pub name: &'a str,
-    /// Counts how often time was set back: points of another era do not go with these.
+    /// Number of times that time was set back. Points of different eras cannot be combined.
     pub era: u32,
-    /// Force, its band from low to high, N, and the number of its mode.
+    /// Estimated force and lower and upper end of its band, N, and the number of the mode.
     pub estimate: Vec<Point<4>>,
     /// Measured force, N.
     pub measured: Vec<Point<1>>,
-    /// Measured minus predicted by the free run, N.
+    /// Measured minus simulated force (free run), N.
     pub residual: Vec<Point<1>>,
     /// Velocity, m/s, from displacement.
     pub velocity: Vec<Point<1>>,
-    /// Force that was requested and force that is expected, N.
+    /// Requested and expected force, N.
     pub command: Vec<Point<2>>,
 }
 
@@ -93,7 +94,7 @@ pub struct Points<'a> {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Picture {
     name: String,
-    /// The stamp that times of points count from.
+    /// The stamp at which the times of the points are zero.
     zero: Option<Stamp>,
     newest: Option<Stamp>,
     era: u32,
@@ -110,7 +111,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// An empty picture of the damper called `name`.
+    /// An empty picture of the damper named `name`.
     #[must_use]
     pub fn new(name: &str) -> Self {
         Self { name: name.to_owned(), ..Self::default() }
@@ -122,7 +123,7 @@ impl Picture {
         &self.name
     }
 
-    /// Takes a message that came at `now_s`.
+    /// Records a message received at `now_s`.
     pub fn take(&mut self, news: News, now_s: f64) {
         self.rates[news.topic()].note(now_s);
         let stamp = Stamp::from_nanos(news.header().stamp.as_nanos());
@@ -143,7 +144,7 @@ impl Picture {
                 let what = Drive { stamp_ns, value: message.voltage, is_voltage: true };
                 self.drive = Some(Heard { what, at_s: now_s });
             }
-            // As it is published, before the node's sign and offset: only where the node says nothing of it.
+            // The published value, before the node's sign and offset: used only if the node does not report the force.
             News::MeasuredForce(message) => {
                 if self.residual.as_ref().is_none_or(|residual| residual.is_stale(now_s)) {
                     self.take_measured(stamp, message.force, now_s);
@@ -191,7 +192,8 @@ impl Picture {
         stamp.since(*self.zero.get_or_insert(stamp)).get()
     }
 
-    /// Follows the node's time, that of displacement. Where it was set back all lines begin anew, since they run forward.
+    /// Follows the node's time, which is the time of displacement. If it was set back, all points are cleared, because their times
+    /// must increase.
     fn follow(&mut self, stamp: Stamp) {
         let newest = *self.newest.get_or_insert(stamp);
         if newest.since(stamp).get() <= SET_BACK_S {
@@ -209,19 +211,19 @@ impl Picture {
         command.clear();
     }
 
-    /// Messages a second on a topic, over the last second.
+    /// Messages per second on a topic, over the last second.
     #[must_use]
     pub fn rate_hz(&self, topic: usize, now_s: f64) -> f64 {
         self.rates[topic].hz(now_s)
     }
 
-    /// The figures, as they are at `now_s`.
+    /// The values at `now_s`.
     #[must_use]
     pub fn state(&self, now_s: f64) -> State {
         state::of(self, now_s)
     }
 
-    /// The points that are new since `cursor`, which moves on; `None` when there are none.
+    /// The points that are new since `cursor`, which is advanced; `None` without new points.
     pub fn points(&self, cursor: &mut Cursor) -> Option<Points<'_>> {
         let before = cursor.clone();
         let [estimate, measured, residual, velocity, command] = &mut cursor.0;

@@ -1,7 +1,7 @@
-//! What is heard of dampers on ROS topics: everything that goes in and out of their nodes.
+//! Source of data from ROS topics: subscribes to all inputs and outputs of dampers.
 //!
-//! Dampers are named, or found: whoever publishes a `force_estimate` in the domain is one, also when it comes later. Readers are best
-//! effort and stand beside those of the node, which neither waits for them nor knows of them.
+//! Dampers are given by name, or found: every publisher of `force_estimate` in the domain is one, also if it appears later. The
+//! subscriptions are best effort, so that no publisher waits for them.
 
 use super::found::{self, MARK};
 use super::news::News;
@@ -13,20 +13,20 @@ use crate::ros::Ros;
 use mr_damper_msgs::Message;
 use ros2_client::{NodeOptions, Subscription};
 
-/// How often the domain is looked through for dampers, s.
+/// Interval at which the domain is searched for dampers, s.
 const LOOK_EVERY_S: f64 = 1.0;
 
-/// Subscriptions to all topics of the dampers that are watched.
+/// Subscriptions to all topics of the watched dampers.
 pub struct RosSource {
     ros: Ros,
     args: RosArgs,
-    /// Dampers are looked for; else they were named.
+    /// True when dampers are searched for, false when they were given by name.
     finds: bool,
     looked_s: f64,
     dampers: Vec<Tapped>,
-    /// Namespaces that are not looked into: whoever lives there is watched by somebody else.
+    /// Namespaces that are ignored, because their dampers are watched elsewhere.
     left_out: Vec<String>,
-    /// There were more dampers than are watched, and that was said.
+    /// True after a warning that there are more dampers than can be watched.
     is_full: bool,
 }
 
@@ -38,11 +38,11 @@ struct Tapped {
 }
 
 impl RosSource {
-    /// Joins the domain as the node called `name` and subscribes to the topics of the dampers in the namespaces `names`; where there
-    /// are none, of all dampers that are found in the node's namespace or below it.
+    /// Joins the domain as the node named `name` and subscribes to the topics of the dampers in the namespaces `names`. If `names` is
+    /// empty, it subscribes to all dampers that are found in the node's namespace or below it.
     ///
     /// # Errors
-    /// When ROS does not start, or a name is none.
+    /// When ROS does not start, or a name is invalid.
     pub fn start(config: &Config, args: &RosArgs, name: &str, names: &[String]) -> Result<Self, NodeError> {
         let namespaces = names.iter().map(|name| namespace_of(args, name)).collect::<Result<Vec<_>, _>>()?;
         files::allow(names.len().max(4));
@@ -55,8 +55,8 @@ impl RosSource {
         Ok(source)
     }
 
-    /// Joins the domain as the node called `name` and subscribes to the topics of the damper in the namespace of `args` alone, whose
-    /// picture is called `label`.
+    /// Joins the domain as the node named `name` and subscribes only to the topics of the damper in the namespace of `args`. Its
+    /// picture gets the name `label`.
     ///
     /// # Errors
     /// When ROS does not start.
@@ -79,20 +79,20 @@ impl RosSource {
         }
     }
 
-    /// Never finds the damper in `namespace`.
+    /// Ignores the damper in `namespace`.
     pub fn leave_out(&mut self, namespace: &str) {
         self.left_out.push(namespace.to_owned());
     }
 
-    /// The dampers that are watched: name and namespace.
+    /// Names and namespaces of the watched dampers.
     pub fn watched(&self) -> impl ExactSizeIterator<Item = (&str, &str)> {
         self.dampers.iter().map(|damper| (damper.name.as_str(), damper.namespace.as_str()))
     }
 
-    /// Subscribes to the topics of dampers that have come, once a second, and hangs a picture of each on `wall`.
+    /// Subscribes to the topics of new dampers, once a second, and adds them to the view `wall`.
     ///
     /// # Errors
-    /// When DDS refuses a subscription.
+    /// When a subscription fails.
     pub fn look(&mut self, wall: &mut Wall, now_s: f64) -> Result<(), NodeError> {
         if now_s - self.looked_s < LOOK_EVERY_S {
             return Ok(());
@@ -107,7 +107,7 @@ impl RosSource {
         Ok(())
     }
 
-    /// Namespaces of dampers that are published and not watched yet.
+    /// Namespaces of new dampers, which are not watched yet.
     fn found(&self) -> Vec<String> {
         let mut found = found::namespaces(self.ros.published(), &self.args.namespace());
         found.retain(|namespace| {
@@ -122,7 +122,7 @@ impl RosSource {
             if !self.is_full {
                 tracing::warn!(
                     namespace,
-                    "more than {MOST_DAMPERS} dampers: not all are watched; name those to watch with --dampers"
+                    "there are more than {MOST_DAMPERS} dampers, so not all are watched; select dampers with --dampers"
                 );
                 self.is_full = true;
             }
@@ -135,7 +135,7 @@ impl RosSource {
         Ok(())
     }
 
-    /// Puts everything that has come into the pictures on `wall`.
+    /// Records all received messages in the view `wall`.
     pub fn drain(&self, wall: &mut Wall, now_s: f64) {
         for damper in &self.dampers {
             if let Some(picture) = wall.picture(&damper.name) {
@@ -151,10 +151,10 @@ impl RosSource {
         }
     }
 
-    /// An error once the node is no more.
+    /// Checks that the ROS node is still running.
     ///
     /// # Errors
-    /// Those of [`Ros::check`].
+    /// Errors of [`Ros::check`].
     pub fn check(&self) -> Result<(), NodeError> {
         self.ros.check()
     }
@@ -167,7 +167,7 @@ impl RosSource {
     }
 }
 
-/// The namespace of the damper called `name`, below that of the process.
+/// The namespace of the damper named `name`, below the namespace of the process.
 fn namespace_of(args: &RosArgs, name: &str) -> Result<String, NodeError> {
     let is_word = |word: &str| {
         word.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
@@ -178,12 +178,12 @@ fn namespace_of(args: &RosArgs, name: &str) -> Result<String, NodeError> {
         Ok(format!("{}/{path}", args.namespace().trim_end_matches('/')))
     } else {
         Err(NodeError::Usage(format!(
-            "--dampers: \"{name}\" is no namespace; give names of letters, digits and _, as in --dampers front_left,front_right"
+            "--dampers: \"{name}\" is not a namespace; use letters, digits and _, for example --dampers front_left,front_right"
         )))
     }
 }
 
-/// The name of the damper in `namespace`, as on Zenoh.
+/// The name of the damper in `namespace`, equal to its name on Zenoh.
 fn name_of(namespace: &str) -> String {
     match namespace.trim_matches('/') {
         "" => RosArgs::default().node_name().to_owned(),
@@ -191,9 +191,9 @@ fn name_of(namespace: &str) -> String {
     }
 }
 
-/// A subscribed topic, whatever its type.
+/// A subscription to a topic of any type.
 trait Tap {
-    /// The next message that has come; `Some(None)` for one that could not be read.
+    /// The next received message; `Some(None)` for a message that could not be read.
     fn take(&self) -> Option<Option<News>>;
 }
 
@@ -208,14 +208,14 @@ impl<M: Message> Tap for TypedTap<M> {
         match self.subscription.take() {
             Ok(taken) => taken.map(|(message, _)| Some((self.news)(message))),
             Err(error) => {
-                tracing::debug!(topic = self.topic, %error, "a message cannot be read");
+                tracing::debug!(topic = self.topic, %error, "cannot read a message");
                 Some(None)
             }
         }
     }
 }
 
-/// Taps on everything that goes in and out of a node. Inputs come first: an estimate is younger than what it was made of.
+/// Subscriptions to all inputs and outputs of a node. Inputs come first, because an estimate is newer than its inputs.
 fn taps(ros: &mut Ros, topic: &dyn Fn(&str) -> String) -> Result<Vec<Box<dyn Tap + Send>>, NodeError> {
     fn tap<M: Message>(
         ros: &mut Ros,
@@ -253,7 +253,7 @@ mod tests {
         assert_eq!(of(&vehicle, "/front/left/").as_deref(), Ok("/car/front/left"));
         for bad in ["", "/", "front-left", "a b", "9a", "a//b"] {
             let refused = of(&vehicle, bad).expect_err(bad);
-            assert!(refused.contains(&format!("\"{bad}\" is no namespace")), "{refused}");
+            assert!(refused.contains(&format!("\"{bad}\" is not a namespace")), "{refused}");
         }
         assert_eq!([name_of("/car/left"), name_of("")], ["car/left", "mr_damper"]);
     }

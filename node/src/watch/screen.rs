@@ -1,4 +1,4 @@
-//! All dampers on a terminal: a row each, and below it more of the one that is selected.
+//! Terminal view of all dampers: one row per damper, and details of the selected one below.
 
 use super::picture::Points;
 use super::state::{Aged, Level, State};
@@ -9,21 +9,21 @@ use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Cell, Chart, Dataset, GraphType, Paragraph, Row, Table, Wrap};
 
-/// Seconds of force in the chart.
+/// Time span of the chart of force, s.
 const CHART_S: f64 = 5.0;
 
-/// What is on the screen.
+/// Contents of the screen.
 #[derive(Debug)]
 pub struct View<'a> {
     /// All dampers.
     pub states: &'a [State],
-    /// Which of them has its chart.
+    /// Index of the selected damper.
     pub selected: usize,
-    /// The points of its chart.
+    /// The points of the selected damper's chart.
     pub points: Option<&'a Points<'a>>,
-    /// Seconds since the screen was frozen, where it is.
+    /// Seconds since the screen was frozen; `None` when it is live.
     pub frozen_s: Option<f64>,
-    /// Where the news come from.
+    /// Origin of the data, as text.
     pub origin: &'a str,
 }
 
@@ -56,7 +56,7 @@ fn draw_top(frame: &mut Frame<'_>, area: Rect, view: &View<'_>) {
     let mut spans =
         vec![Span::from(" mr-damper top ").bold().reversed(), Span::from(format!(" {}", view.origin))];
     if let Some(frozen_s) = view.frozen_s {
-        let text = format!("  FROZEN {frozen_s:.0} s ago: what is shown is of then ");
+        let text = format!("  FROZEN {frozen_s:.0} s ago: values are from that time ");
         spans.push(Span::from(text).fg(Color::Black).bg(Color::Yellow));
     }
     frame.render_widget(Line::from(spans), area);
@@ -64,10 +64,7 @@ fn draw_top(frame: &mut Frame<'_>, area: Rect, view: &View<'_>) {
 
 fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View<'_>) {
     if view.states.is_empty() {
-        frame.render_widget(
-            Line::from("no damper has been found yet: nobody publishes force_estimate here"),
-            area,
-        );
+        frame.render_widget(Line::from("no damper found yet: force_estimate is not published"), area);
         return;
     }
     let rows = view.states.iter().enumerate().map(|(index, state)| row(state, index == view.selected));
@@ -88,7 +85,7 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View<'_>) {
     frame.render_widget(table, area);
 }
 
-/// A damper's row. What is old is left out of it: a dash cannot be mistaken for the present.
+/// A damper's row. A stale value is replaced by a dash, so that it cannot be mistaken for a current one.
 fn row(state: &State, is_selected: bool) -> Row<'static> {
     let style = level_style(state.level);
     let estimate = state.estimate.as_ref().filter(|estimate| !estimate.stale).map(|estimate| &estimate.value);
@@ -140,13 +137,13 @@ fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &State) {
     if let Some(residual) = fresh(state.residual.as_ref()) {
         let [rsse, esr] = [(residual.windowed_rsse_n, 1), (residual.windowed_esr, 3)]
             .map(|(value, digits)| figure(Some(value), digits));
-        lines.push(format!("free run {} N", figure(Some(residual.predicted_n), 1)));
+        lines.push(format!("simulated force {} N", figure(Some(residual.predicted_n), 1)));
         lines.push(format!("RSSE {rsse} N, ESR {esr} over {:.0} s", residual.window_s));
     }
     if let Some(command) = fresh(state.command.as_ref()) {
         let ends = [command.achievable_min_n, command.achievable_max_n].map(|end| figure(Some(end), 0));
         let asked = figure(Some(command.force_requested_n), 0);
-        lines.push(format!("asked {asked} of {} to {} N, limit {}", ends[0], ends[1], command.limited_by));
+        lines.push(format!("demand {asked} of {} to {} N, limit {}", ends[0], ends[1], command.limited_by));
     }
     let now = Paragraph::new(lines.join("\n")).block(Block::bordered().title(" now "));
     frame.render_widget(now, left);
@@ -178,7 +175,7 @@ fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&Points<'_>>, is
         Dataset::default().marker(Marker::Braille).graph_type(GraphType::Scatter).style(colour).data(data)
     };
     let title = Line::from(vec![
-        Span::raw(if is_silent { " force before it fell silent, N: " } else { " force, N: " }),
+        Span::raw(if is_silent { " force before the silence, N: " } else { " force, N: " }),
         Span::styled("• measured  ", colours[0]),
         Span::styled("• estimate ", colours[1]),
     ]);
@@ -197,7 +194,7 @@ fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&Points<'_>>, is
     frame.render_widget(chart, area);
 }
 
-/// A damper in one line, for where there is no terminal.
+/// A damper in one line, for output that is not a terminal.
 #[must_use]
 pub fn line(state: &State) -> String {
     let mut text = format!("{}: {}", state.name, state.status);

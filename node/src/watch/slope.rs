@@ -1,12 +1,12 @@
-//! The velocity that a loop of force over velocity needs, from displacement alone: the slope over a short window, at its middle.
+//! Velocity from displacement, for the chart of force over velocity: the slope over a short window, at the middle of the window.
 
 use std::collections::VecDeque;
 
-/// Length of the window, s: short beside a rod's motion, long beside a sensor's noise.
+/// Length of the window, s: short compared with the motion of a rod, long enough to average the sensor's noise.
 const WINDOW_S: f64 = 0.02;
-/// Fewest samples that a slope is taken over, where they are further apart.
+/// Minimum number of samples for a slope, even if they span more than the window.
 const FEWEST: usize = 3;
-/// Most samples that are kept.
+/// Maximum number of samples that are kept.
 const MOST: usize = 64;
 /// Samples further apart than this belong to different motions, s.
 const GAP_S: f64 = 0.5;
@@ -18,7 +18,8 @@ pub(super) struct Slope {
 }
 
 impl Slope {
-    /// Takes a displacement in m at `at_s`; gives the time in the middle of the window and the velocity there, m/s.
+    /// Adds a displacement, m, at `at_s`. Returns the mean time of the window, s, and the velocity there, m/s. `None` for a repeated
+    /// time or a value that is not finite, and while there are too few samples.
     pub(super) fn take(&mut self, at_s: f64, displacement_m: f64) -> Option<(f64, f64)> {
         let last_s = self.samples.back().map_or(f64::NEG_INFINITY, |sample| sample.0);
         if !displacement_m.is_finite() || at_s == last_s {
@@ -53,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sine_s_velocity_is_found_in_the_middle_of_the_window() {
+    fn the_velocity_of_a_sine_is_found_in_the_middle_of_the_window() {
         for rate_hz in [50.0, 512.0, 4000.0] {
             let (omega, mut slope, mut worst) = (2.0 * std::f64::consts::PI * 2.0, Slope::default(), 0.0_f64);
             for k in 0..4000 {
@@ -68,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_repeats_and_rubbish_make_no_velocity() {
+    fn gaps_repeats_and_invalid_values_give_no_velocity() {
         let mut slope = Slope::default();
         for (at_s, displacement_m) in [(0.0, 0.0), (0.001, 0.0), (0.001, 9.0), (0.002, f64::NAN)] {
             assert_eq!(slope.take(at_s, displacement_m), None);

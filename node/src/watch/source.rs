@@ -1,4 +1,4 @@
-//! Where dampers are heard, as whoever starts a view says.
+//! Source of the data for a view: ROS topics or the Zenoh mirror, as the command line says.
 
 use super::ros::RosSource;
 use super::wall::{Origin, Wall};
@@ -9,54 +9,54 @@ use crate::error::NodeError;
 use crate::ros;
 use std::path::PathBuf;
 
-/// What is watched.
+/// Options that select the dampers to watch.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SourceArgs {
-    /// Watch these dampers alone, by their namespaces, e.g. front_left,front_right.
+    /// Watch only these dampers, given by their namespaces, e.g. front_left,front_right.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub dampers: Vec<String>,
-    /// Watch the Zenoh mirror at this address, e.g. tcp/127.0.0.1:7447, and not ROS. The mirror thins what it sends to
-    /// zenoh.web_rate_hz.
+    /// Watch the Zenoh mirror at this address, e.g. tcp/127.0.0.1:7447, instead of ROS. The mirror limits the rate of each
+    /// topic to zenoh.web_rate_hz.
     #[arg(long, value_name = "ENDPOINT", conflicts_with = "domain_id")]
     pub zenoh: Option<String>,
-    /// Zenoh's own configuration file (JSON5), as the node's parameter zenoh.config: user and password, certificates.
+    /// Zenoh configuration file (JSON5) with user, password and certificates, like the node's parameter zenoh.config.
     #[arg(long, value_name = "FILE")]
     pub zenoh_config: Option<PathBuf>,
-    /// ROS domain; by default ROS_DOMAIN_ID, else 0.
+    /// ROS domain; by default ROS_DOMAIN_ID, or 0 if that is not set.
     #[arg(long, value_name = "ID", default_value_t = -1, value_parser = ros::domain_flag)]
     pub domain_id: i64,
 }
 
 impl SourceArgs {
-    /// Where news will come from.
+    /// Origin of the data.
     #[must_use]
     pub const fn origin(&self) -> Origin {
         if self.zenoh.is_some() { Origin::Zenoh } else { Origin::Ros }
     }
 }
 
-/// Where dampers are heard.
+/// A source of data.
 pub enum Source {
-    /// On ROS topics.
+    /// ROS topics.
     Ros(Box<RosSource>),
-    /// On the Zenoh mirror.
+    /// The Zenoh mirror.
     Zenoh(ZenohSource),
 }
 
 impl Source {
-    /// Begins to listen; in ROS as the node called `name`, unless it is given another.
+    /// Starts the source. In ROS it is a node named `name`, unless the ROS arguments give another name.
     ///
     /// # Errors
-    /// Those of [`RosSource::start`] and [`ZenohSource::start`].
+    /// Errors of [`RosSource::start`] and [`ZenohSource::start`].
     pub fn start(args: &SourceArgs, around: &Surroundings, name: &str) -> Result<Self, NodeError> {
         if let Some(endpoint) = &args.zenoh {
             return ZenohSource::start(endpoint, args.zenoh_config.as_deref(), &args.dampers)
                 .map(Self::Zenoh);
         }
-        // clap's own `requires` gives way where --zenoh conflicts with something that was given.
+        // Checked here, because clap's `requires` is not enforced when --zenoh conflicts with another given option.
         if let Some(file) = &args.zenoh_config {
             return Err(NodeError::Usage(format!(
-                "--zenoh-config {} goes with --zenoh ENDPOINT, which is missing: ROS is watched without it",
+                "--zenoh-config {} needs --zenoh ENDPOINT, which is missing: without it, ROS is watched",
                 file.display()
             )));
         }
@@ -66,10 +66,10 @@ impl Source {
             .map(|source| Self::Ros(Box::new(source)))
     }
 
-    /// Brings what has come onto the wall.
+    /// Records all received messages in the view `wall`.
     ///
     /// # Errors
-    /// When DDS refuses a subscription, or ROS has ended.
+    /// When a subscription fails, or ROS has ended.
     pub fn bring(&mut self, wall: &mut Wall, now_s: f64) -> Result<(), NodeError> {
         match self {
             Self::Ros(source) => {
@@ -77,7 +77,7 @@ impl Source {
                 source.drain(wall, now_s);
                 source.check()?;
             }
-            // It connects again by itself.
+            // Zenoh reconnects by itself.
             Self::Zenoh(source) => {
                 source.look(wall, now_s);
                 source.drain(wall, now_s);
@@ -86,14 +86,14 @@ impl Source {
         Ok(())
     }
 
-    /// Never shows the damper in the ROS namespace `namespace`. The mirror on Zenoh has its own names.
+    /// Ignores the damper in the ROS namespace `namespace`. This has no effect on a Zenoh source.
     pub fn leave_out(&mut self, namespace: &str) {
         if let Self::Ros(source) = self {
             source.leave_out(namespace);
         }
     }
 
-    /// The dampers that can be asked for something, by ROS: name and namespace. Through the mirror on Zenoh there are none.
+    /// Names and namespaces of the dampers that can be asked for a diagnosis over ROS; none with a Zenoh source.
     #[must_use]
     pub fn askable(&self) -> Vec<(String, String)> {
         match self {
@@ -104,7 +104,7 @@ impl Source {
         }
     }
 
-    /// Ends it.
+    /// Stops the source.
     pub fn stop(self) {
         match self {
             Self::Ros(source) => source.stop(),

@@ -1,4 +1,4 @@
-//! The figures of a picture as they go to a reader: values in SI, ages, and in words what to make of them.
+//! The values of a damper as sent to readers: SI values, ages, and the status in words.
 
 use super::news::TOPICS;
 use super::picture::{Heard, Picture};
@@ -10,11 +10,11 @@ use std::collections::BTreeMap;
 /// A value with its age.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Aged<T> {
-    /// Its stamp, ns; of an estimate that of the displacement that caused it.
+    /// Stamp, ns. An estimate has the stamp of the displacement that caused it.
     pub stamp_ns: i64,
-    /// Seconds since it came.
+    /// Time since it was received, s.
     pub age_s: f64,
-    /// It is too old to say anything of the present.
+    /// True when it is too old to describe the present.
     pub stale: bool,
     /// The value itself.
     #[serde(flatten)]
@@ -23,7 +23,7 @@ pub struct Aged<T> {
 
 /// The newest estimate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "fields are those of the message ForceEstimate")]
+#[expect(missing_docs, reason = "same fields as the message ForceEstimate")]
 pub struct Estimate {
     pub force_n: f64,
     pub std_dev_n: f64,
@@ -39,7 +39,7 @@ pub struct Estimate {
 
 /// The newest measured force.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "the field is its own word")]
+#[expect(missing_docs, reason = "the field name says it")]
 pub struct Measured {
     pub force_n: f64,
 }
@@ -55,7 +55,7 @@ pub struct Drive {
 
 /// The newest residual.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "fields are those of the message ForceResidual")]
+#[expect(missing_docs, reason = "same fields as the message ForceResidual")]
 pub struct Residual {
     pub measured_n: f64,
     pub predicted_n: f64,
@@ -69,7 +69,7 @@ pub struct Residual {
 
 /// The newest current command.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "fields are those of the message CurrentCommand")]
+#[expect(missing_docs, reason = "same fields as the message CurrentCommand")]
 pub struct Command {
     pub current_a: f64,
     pub force_requested_n: f64,
@@ -83,7 +83,7 @@ pub struct Command {
 
 /// A change of mode.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "fields are those of the message ModeChange")]
+#[expect(missing_docs, reason = "same fields as the message ModeChange")]
 pub struct Change {
     pub stamp_ns: i64,
     pub age_s: f64,
@@ -92,28 +92,28 @@ pub struct Change {
     pub reason: String,
 }
 
-/// How a damper is.
+/// Condition of a damper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// As good as the model.
+    /// The estimate is VALID, without alarm.
     Good,
-    /// To be looked at.
+    /// The estimate needs attention.
     Warning,
-    /// No force to be used.
+    /// The estimate must not be used.
     Bad,
-    /// Nothing comes: what is shown is of the past.
+    /// No estimates are received; the values are old.
     Silent,
 }
 
-/// All figures of a damper.
+/// All values of a damper.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct State {
     /// Name of the damper.
     pub name: String,
-    /// How it is.
+    /// Condition of the damper.
     pub level: Level,
-    /// The same in words.
+    /// The condition in words.
     pub status: String,
     /// The newest estimate.
     pub estimate: Option<Aged<Estimate>>,
@@ -125,15 +125,15 @@ pub struct State {
     pub residual: Option<Aged<Residual>>,
     /// The newest current command.
     pub command: Option<Aged<Command>>,
-    /// The last changes of mode, the newest first.
+    /// The last changes of mode, newest first.
     pub changes: Vec<Change>,
-    /// Messages a second of each topic over the last second; topics that are silent are left out.
+    /// Messages per second of each topic over the last second, without silent topics.
     pub rates_hz: BTreeMap<&'static str, f64>,
     /// Messages that could not be read.
     pub unreadable: u64,
 }
 
-/// The figures of `picture` at `now_s`.
+/// The values of `picture` at `now_s`.
 pub(super) fn of(picture: &Picture, now_s: f64) -> State {
     let (level, status) = words(picture, now_s);
     let rates = TOPICS.iter().enumerate().map(|(index, name)| (*name, picture.rate_hz(index, now_s)));
@@ -214,7 +214,7 @@ fn change(heard: &Heard<mr_damper_msgs::ModeChange>, now_s: f64) -> Change {
     }
 }
 
-/// Names of numbers that a newer node may send are the numbers.
+/// Name of a mode. An unknown number, for example from a newer node, is shown as a number.
 fn mode(number: u8) -> String {
     Mode::try_from(number).map_or_else(|unknown| unknown.to_string(), |mode| mode.name().to_owned())
 }
@@ -232,19 +232,19 @@ fn reasons(reasons: Reasons) -> Vec<String> {
     names
 }
 
-/// How the damper is, in words. Silence comes before all else: what was heard last says nothing then.
+/// The condition of the damper, also in words. Silence has priority, because older values then say nothing about the present.
 fn words(picture: &Picture, now_s: f64) -> (Level, String) {
     let moves = picture.rate_hz(0, now_s) > 0.0;
     let Some(estimate) = &picture.estimate else {
         let why = if moves {
-            "displacement comes: is the node active?"
+            "displacement is received: is the node active?"
         } else {
-            "nor does displacement: is the node up, and does a sensor publish?"
+            "no displacement either: is the node running, and does a sensor publish?"
         };
-        return (Level::Silent, format!("no estimate has come yet; {why}"));
+        return (Level::Silent, format!("no estimate received yet; {why}"));
     };
     if estimate.is_stale(now_s) {
-        let beside = if moves { "though displacement comes" } else { "and no displacement either" };
+        let beside = if moves { "although displacement is received" } else { "and no displacement either" };
         return (Level::Silent, format!("no estimate for {}, {beside}", span(estimate.age_s(now_s))));
     }
     let message = &estimate.what;
@@ -266,7 +266,7 @@ fn words(picture: &Picture, now_s: f64) -> (Level, String) {
     (level, text)
 }
 
-/// A time for people.
+/// A duration as text.
 fn span(seconds: f64) -> String {
     if seconds < 100.0 { format!("{seconds:.1} s") } else { format!("{:.0} min", seconds / 60.0) }
 }

@@ -1,4 +1,4 @@
-//! Pictures from messages: figures, words, ages, charts.
+//! Tests of the view of dampers: values, status, ages, charts.
 
 use super::*;
 use mr_damper_model::sample::Stamp;
@@ -8,7 +8,7 @@ use mr_damper_msgs::{
 };
 use serde_json::json as expected;
 
-/// Seconds after the first stamp, as a header has them.
+/// A header with a stamp `at_s` seconds after the first one.
 fn header(at_s: f64) -> mr_damper_msgs::standard::Header {
     crate::wire::header(Stamp::from_nanos(1_700_000_000_000_000_000).shifted((at_s * 1e9).round() as i64), "")
 }
@@ -51,7 +51,7 @@ fn force(at_s: f64, force: f64) -> News {
     News::MeasuredForce(Force { header: header(at_s), force, variance: 0.0 })
 }
 
-/// How the damper is, as the page says it.
+/// The condition of the damper as the page shows it.
 fn says(picture: &Picture, now_s: f64) -> String {
     let state = picture.state(now_s);
     let level = serde_json::to_string(&state.level).expect("JSON");
@@ -59,7 +59,7 @@ fn says(picture: &Picture, now_s: f64) -> String {
 }
 
 #[test]
-fn what_a_damper_does_is_said_in_words_and_silence_comes_first() {
+fn the_status_describes_the_damper_and_silence_has_priority() {
     let mut picture = Picture::new("left");
     let mut said = vec![says(&picture, 0.0)];
     picture.take(displacement(0.0, 0.0), 0.1);
@@ -89,22 +89,22 @@ fn what_a_damper_does_is_said_in_words_and_silence_comes_first() {
     assert_eq!(
         said,
         [
-            "0 silent: no estimate has come yet; nor does displacement: is the node up, and does a sensor publish?",
-            "0.3 silent: no estimate has come yet; displacement comes: is the node active?",
+            "0 silent: no estimate received yet; no displacement either: is the node running, and does a sensor publish?",
+            "0.3 silent: no estimate received yet; displacement is received: is the node active?",
             "1.5 good: VALID, mode arx",
             "2 good: VALID, mode arx",
             "2.001 silent: no estimate for 1.0 s, and no displacement either",
             &format!("3.5 warning: VALID, mode model; residual alarm: {}", crate::diagnostics::ALARM_ADVICE),
             "4.5 warning: DEGRADED, mode model: late, sensor stuck",
             "5 bad: INVALID, mode fault: displacement lost, 0x80000000",
-            "8.2 silent: no estimate for 3.2 s, though displacement comes",
+            "8.2 silent: no estimate for 3.2 s, although displacement is received",
             "305 silent: no estimate for 5 min, and no displacement either",
         ]
     );
 }
 
 #[test]
-fn figures_are_those_of_the_messages_with_their_ages() {
+fn values_equal_those_in_the_messages_and_have_ages() {
     let mut picture = Picture::new("left");
     picture.take(estimate(0.5, Mode::Arx, Validity::Valid, Reasons::NONE), 1.0);
     picture.take(residual(0.25, false), 1.25);
@@ -168,12 +168,12 @@ fn figures_are_those_of_the_messages_with_their_ages() {
 }
 
 #[test]
-fn measured_force_is_the_node_s_where_the_node_speaks_of_it() {
+fn measured_force_is_taken_from_the_node_if_the_node_reports_it() {
     let mut picture = Picture::new("left");
     let shown =
         |picture: &Picture, now_s| picture.state(now_s).measured.map(|measured| measured.value.force_n);
     picture.take(force(0.0, 118.0), 0.0);
-    assert_eq!(shown(&picture, 0.0), Some(118.0), "as its topic has it");
+    assert_eq!(shown(&picture, 0.0), Some(118.0), "as published on its topic");
     picture.take(residual(0.1, false), 0.1);
     picture.take(force(0.2, 118.0), 0.2);
     assert_eq!(shown(&picture, 0.2), Some(-118.0), "with the node's sign");
@@ -186,7 +186,7 @@ fn measured_force_is_the_node_s_where_the_node_speaks_of_it() {
 }
 
 #[test]
-fn charts_go_on_from_batch_to_batch_and_begin_anew_when_time_is_set_back() {
+fn charts_continue_from_batch_to_batch_and_restart_when_time_is_set_back() {
     let mut wall = Wall::default();
     wall.add("right");
     wall.add("left");
@@ -207,15 +207,15 @@ fn charts_go_on_from_batch_to_batch_and_begin_anew_when_time_is_set_back() {
     assert_eq!((number, &first["batch"], &first["points"][0]["era"]), (1, &expected!(1), &expected!(0)));
     assert_eq!(first["dampers"][0]["name"], "left", "in the order of names, each once");
     assert_eq!(first["dampers"].as_array().map(Vec::len), Some(2));
-    assert_eq!(first["points"].as_array().map(Vec::len), Some(1), "the right one is silent");
+    assert_eq!(first["points"].as_array().map(Vec::len), Some(1), "the right damper is silent");
     assert_eq!(first["points"][0]["estimate"][3], expected!([0.03, -120.5, -140.0, null, 2.0]));
-    // A slope of a half over three samples is known in their middle.
+    // The slope of 0.5 over three samples is assigned to the middle sample.
     assert_eq!(first["points"][0]["velocity"][0], expected!([0.01, 0.5]));
     assert_eq!(first["points"][0]["estimate"].as_array().map(Vec::len), Some(10));
 
     play(&mut wall, 10, 13);
     let second = parsed(&wall.batch(0.13).1);
-    assert_eq!(second.get("dampers"), None, "figures come with every fifth batch");
+    assert_eq!(second.get("dampers"), None, "values are sent with every fifth batch");
     assert_eq!(second["points"][0]["residual"], expected!([[0.1, 2.5], [0.11, 2.5], [0.12, 2.5]]));
     assert_eq!(parsed(&wall.batch(0.14).1), expected!({"now_s": 0.14, "batch": 3}), "nothing is new");
 
@@ -223,7 +223,7 @@ fn charts_go_on_from_batch_to_batch_and_begin_anew_when_time_is_set_back() {
     play(&mut wall, 100, 102);
     let anew = parsed(&wall.batch(4.0).1);
     assert_eq!(anew["points"][0]["era"], 1);
-    assert_eq!(anew["points"][0]["estimate"].as_array().map(Vec::len), Some(2), "those of before are gone");
+    assert_eq!(anew["points"][0]["estimate"].as_array().map(Vec::len), Some(2), "earlier points are removed");
     assert_eq!(anew["points"][0]["estimate"][0][0], 0.0);
     let start = serde_json::to_value(wall.start(4.0)).expect("JSON");
     assert_eq!(start["points"][0]["estimate"], anew["points"][0]["estimate"]);
@@ -242,7 +242,7 @@ fn on_screen(wall: &Wall, now_s: f64, selected: usize, frozen_s: Option<f64>, si
     terminal.backend().to_string()
 }
 
-/// Two dampers: one speaks until 3 s, the other has fallen silent at 1 s.
+/// Two dampers: one publishes until 3 s, the other only until 1 s.
 fn vehicle() -> Wall {
     let mut wall = Wall::default();
     wall.add("front_left");
@@ -262,7 +262,7 @@ fn vehicle() -> Wall {
 }
 
 #[test]
-fn a_terminal_shows_what_is_and_leaves_out_what_was() {
+fn a_terminal_shows_current_values_and_leaves_out_stale_ones() {
     let wall = vehicle();
     insta::assert_snapshot!(on_screen(&wall, 3.0, 0, None, (80, 24)));
     let silent = on_screen(&wall, 3.0, 1, Some(4.2), (110, 30));

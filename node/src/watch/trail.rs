@@ -1,28 +1,28 @@
-//! The points of a chart's line: the last seconds of them, thinned, in bounded space.
+//! The points of one line of a chart, limited to the last seconds, thinned, in bounded memory.
 
 use serde::ser::{Serialize, SerializeSeq, Serializer};
 use std::collections::VecDeque;
 
-/// Seconds of points that are kept.
+/// Points are kept for this time, s.
 pub const KEPT_S: f64 = 10.0;
-/// Least spacing of points, s: some 250 a second, which is more than a chart has columns.
+/// Smallest spacing of points, s. It gives about 250 points per second, more than a chart has columns.
 const SPACING_S: f64 = 0.0039;
-/// Points at most, whatever their stamps: those of the time above, and a few.
+/// Maximum number of points at any stamps: a few more than fit into [`KEPT_S`].
 const MOST: usize = 2600;
 
-/// A point: seconds since the first sample, and `N` values at that time. In JSON, a list of all of them.
+/// A point: seconds since the first sample, and `N` values at that time. In JSON it is a list of these numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point<const N: usize> {
     /// Seconds since the first sample.
     pub at_s: f64,
-    /// The values; NaN where one is not known.
+    /// The values; NaN when unknown.
     pub values: [f32; N],
 }
 
 impl<const N: usize> Serialize for Point<N> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut list = serializer.serialize_seq(Some(N + 1))?;
-        // A tenth of a millisecond is less than a chart shows, and short.
+        // A resolution of 0.1 ms is finer than a chart shows, and keeps the text short.
         list.serialize_element(&((self.at_s * 1e4).round() / 1e4))?;
         self.values.iter().try_for_each(|value| list.serialize_element(value))?;
         list.end()
@@ -33,12 +33,12 @@ impl<const N: usize> Serialize for Point<N> {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trail<const N: usize> {
     points: VecDeque<Point<N>>,
-    /// Points ever added.
+    /// Number of points added since the start.
     added: u64,
 }
 
 impl<const N: usize> Trail<N> {
-    /// Adds a point, unless it is too near to the one before or lies in its past.
+    /// Adds a point, unless it is too close to the previous one or earlier.
     pub fn push(&mut self, at_s: f64, values: [f64; N]) {
         if self.points.back().is_some_and(|last| at_s - last.at_s < SPACING_S) {
             return;
@@ -51,12 +51,12 @@ impl<const N: usize> Trail<N> {
         }
     }
 
-    /// Forgets all points.
+    /// Removes all points.
     pub fn clear(&mut self) {
         self.points.clear();
     }
 
-    /// The points that were added since `cursor` and are still kept; the cursor moves on.
+    /// The points that were added since `cursor` and are still kept. The cursor is advanced.
     pub fn since(&self, cursor: &mut u64) -> Vec<Point<N>> {
         let fresh = usize::try_from(self.added.saturating_sub(*cursor)).unwrap_or(usize::MAX);
         *cursor = self.added;
@@ -80,7 +80,7 @@ mod tests {
         assert!(kept.windows(2).all(|pair| pair[1].at_s - pair[0].at_s >= SPACING_S));
         assert!(kept[0].at_s >= 59.9 - KEPT_S);
         trail.push(1.0, [f64::NAN]);
-        assert_eq!(trail.since(&mut cursor), [], "a point of the past");
+        assert_eq!(trail.since(&mut cursor), [], "a point in the past");
         trail.push(60.5, [1.0]);
         trail.push(60.6, [2.0]);
         assert_eq!(trail.since(&mut cursor).len(), 2);
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_is_a_short_list_and_unknown_is_null() {
+    fn a_point_is_a_short_list_and_unknown_values_are_null() {
         let point = Point { at_s: 1.234_567_89, values: [-0.1, f32::NAN] };
         assert_eq!(serde_json::to_string(&point).expect("JSON"), "[1.2346,-0.1,null]");
     }

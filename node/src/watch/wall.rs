@@ -1,9 +1,9 @@
-//! The pictures of all dampers, and the JSON of them that readers get.
+//! The view of all dampers, and its JSON for readers.
 //!
 //! ```text
-//! news ─→ Wall ─┬→ snapshot   all figures, once
-//!               ├→ start      the same with all points: what a reader begins with
-//!               └→ batch      the points since the batch before, and now and then the figures
+//! messages ─→ Wall ─┬→ snapshot   all current values
+//!                   ├→ start      the same with all points of the charts, for a new reader
+//!                   └→ batch      the points since the previous batch, and from time to time the values
 //! ```
 
 use super::news::News;
@@ -11,43 +11,43 @@ use super::picture::{Cursor, Picture, Points};
 use super::state::State;
 use serde::Serialize;
 
-/// What the JSON calls itself.
+/// Name of the JSON schema.
 pub const SCHEMA: &str = "mr-damper/serve/1";
-/// Figures go with every so many batches: nobody reads faster.
+/// Values are sent with every fifth batch, because nobody reads faster.
 const FIGURES_EVERY: u64 = 5;
-/// Dampers at most: two vehicles of eight.
+/// Maximum number of dampers: two vehicles with eight each.
 pub const MOST_DAMPERS: usize = 16;
 
-/// Where news come from.
+/// Origin of the data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Origin {
-    /// From ROS topics: all there is.
+    /// ROS topics, with all messages.
     #[default]
     Ros,
-    /// From the Zenoh mirror, thinned for pages.
+    /// The Zenoh mirror, with a reduced rate.
     Zenoh,
 }
 
-/// All figures of all dampers.
+/// All values of all dampers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Snapshot<'a> {
     /// [`SCHEMA`].
     pub schema: &'static str,
-    /// Where they come from.
+    /// Origin of the data.
     pub source: Origin,
-    /// Seconds since the watch began.
+    /// Current time on the view's clock, s.
     pub now_s: f64,
-    /// Batches made so far.
+    /// Number of batches made so far.
     pub batch: u64,
-    /// The dampers, by name.
+    /// The dampers, sorted by name.
     pub dampers: Vec<State>,
-    /// The points of their charts, where they are asked for.
+    /// The points of their charts; empty unless requested.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<Points<'a>>,
 }
 
-/// What is new.
+/// The data since the previous batch.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Batch<'a> {
     now_s: f64,
@@ -58,7 +58,7 @@ struct Batch<'a> {
     points: Vec<Points<'a>>,
 }
 
-/// The pictures, in the order of their names.
+/// The pictures of all dampers, sorted by name.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Wall {
     origin: Origin,
@@ -67,46 +67,46 @@ pub struct Wall {
 }
 
 impl Wall {
-    /// An empty wall for news from `origin`.
+    /// An empty view for data from `origin`.
     #[must_use]
     pub fn of(origin: Origin) -> Self {
         Self { origin, ..Self::default() }
     }
 
-    /// Pictures on the wall.
+    /// Number of dampers.
     #[must_use]
     pub fn len(&self) -> usize {
         self.pictures.len()
     }
 
-    /// True while there is none.
+    /// True without dampers.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.pictures.is_empty()
     }
 
-    /// Hangs up an empty picture for the damper called `name`, unless there is one.
+    /// Adds an empty picture for the damper named `name`, unless it has one already.
     pub fn add(&mut self, name: &str) {
         if let Err(place) = self.place(name) {
             self.pictures.insert(place, (Picture::new(name), Cursor::default()));
         }
     }
 
-    /// Takes the picture of the damper called `name` down, if there is one.
+    /// Removes the picture of the damper named `name`, if it has one.
     pub fn remove(&mut self, name: &str) {
         if let Ok(place) = self.place(name) {
             self.pictures.remove(place);
         }
     }
 
-    /// Takes what was heard of the damper called `name` at `now_s`; of one that has no picture it is dropped.
+    /// Records a message of the damper named `name`, received at `now_s`. Messages of a damper without picture are dropped.
     pub fn take(&mut self, name: &str, news: News, now_s: f64) {
         if let Some(picture) = self.picture(name) {
             picture.take(news, now_s);
         }
     }
 
-    /// The picture of the damper called `name`.
+    /// The picture of the damper named `name`.
     pub fn picture(&mut self, name: &str) -> Option<&mut Picture> {
         let place = self.place(name).ok()?;
         Some(&mut self.pictures[place].0)
@@ -125,7 +125,7 @@ impl Wall {
         self.pictures.iter().map(|(picture, _)| picture.state(now_s)).collect()
     }
 
-    /// All figures as they are at `now_s`.
+    /// All values at `now_s`.
     #[must_use]
     pub fn snapshot(&self, now_s: f64) -> Snapshot<'_> {
         Snapshot {
@@ -138,8 +138,8 @@ impl Wall {
         }
     }
 
-    /// The same with all points. The batches behind [`Snapshot::batch`] go on from it; the first may repeat the newest points,
-    /// which a reader knows by their times.
+    /// Like [`Wall::snapshot`], with all points. The batches after number [`Snapshot::batch`] continue it. The first of them may
+    /// repeat the newest points, which a reader can detect by their times.
     #[must_use]
     pub fn start(&self, now_s: f64) -> Snapshot<'_> {
         let points = self.pictures().filter_map(|picture| picture.points(&mut Cursor::default())).collect();
@@ -157,6 +157,6 @@ impl Wall {
 
 /// `value` as JSON.
 pub fn json(value: &impl Serialize) -> String {
-    // Its keys are texts and its values numbers, texts and lists of them: nothing that JSON has not.
-    serde_json::to_string(value).expect("figures go into JSON")
+    // This cannot fail: all keys are strings, and all values are numbers, strings and lists of these.
+    serde_json::to_string(value).expect("values are valid JSON")
 }

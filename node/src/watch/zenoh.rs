@@ -1,6 +1,6 @@
-//! What is heard of dampers on the Zenoh mirror: `mr_damper/<damper>/web/<topic>`, JSON that is thinned for pages.
+//! Source of data from the Zenoh mirror: subscribes to `mr_damper/<damper>/web/<topic>`, which is JSON at a reduced rate.
 //!
-//! Rates are those of the mirror (`zenoh.web_rate_hz`), not of the node. Dampers are found by their keys.
+//! Rates are limited by the mirror (`zenoh.web_rate_hz`) and are not the node's rates. Dampers are found by their keys.
 
 use super::news::News;
 use super::wall::{MOST_DAMPERS, Wall};
@@ -19,18 +19,18 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
 use zenoh::Wait;
 
-/// Keys of all dampers; names may be paths.
+/// Keys of all dampers. A damper's name may contain `/`.
 const KEYS: &str = "mr_damper/**/web/*";
-/// Samples that wait to be looked at: more than a second of sixteen dampers'.
+/// Maximum number of queued samples: more than a second of sixteen dampers.
 const BACKLOG: usize = 16_384;
-/// How often connections are counted, s.
+/// Interval at which connections are counted, s.
 const LOOK_EVERY_S: f64 = 1.0;
-/// When it is said that nobody is there, s.
+/// Time without connection after which a warning is logged, s.
 const PATIENCE_S: f64 = 3.0;
-/// What a name that is not known here becomes: no number of the interface.
+/// Number for unknown names, which the interface does not use.
 const UNKNOWN: u8 = u8::MAX;
 
-/// A sample as it came: key and payload.
+/// A received sample: key and payload.
 type Raw = (String, Vec<u8>);
 
 /// A subscription to the mirror of all dampers.
@@ -41,19 +41,19 @@ pub struct ZenohSource {
     lost: Arc<AtomicU64>,
     names: Vec<String>,
     looked_s: f64,
-    /// Nobody was there yet, and that was said.
+    /// True after a warning that there was no connection yet.
     is_alone: bool,
     connected: Option<usize>,
 }
 
 impl ZenohSource {
-    /// Connects to the mirror at `endpoint`, now or as soon as it is there, with what Zenoh's own configuration `file` says of users and
-    /// certificates; `names`: watch these dampers alone.
+    /// Connects to the mirror at `endpoint`, now or as soon as it is available, with the users and certificates of the Zenoh
+    /// configuration `file`. If `names` is not empty, only these dampers are watched.
     ///
     /// # Errors
-    /// When the endpoint is none, the file cannot be used, or Zenoh opens no session.
+    /// When the endpoint is invalid, the file cannot be used, or Zenoh cannot open a session.
     pub fn start(endpoint: &str, file: Option<&Path>, names: &[String]) -> Result<Self, NodeError> {
-        // A connection that was asked for by its address may go anywhere.
+        // The user gave the address explicitly, so it need not be on loopback.
         let config = ZenohConfig {
             file: file.map(Path::to_owned),
             connect: vec![endpoint.to_owned()],
@@ -72,7 +72,7 @@ impl ZenohSource {
             .declare_subscriber(KEYS)
             .callback(move |sample| {
                 let raw = (sample.key_expr().as_str().to_owned(), sample.payload().to_bytes().into_owned());
-                // Zenoh's threads never wait for us.
+                // Zenoh's threads must not wait for this queue.
                 if sender.try_send(raw).is_err() {
                     dropped.fetch_add(1, Ordering::Relaxed);
                 }
@@ -93,7 +93,7 @@ impl ZenohSource {
         })
     }
 
-    /// Hangs up pictures of the dampers that were named, and says when the mirror comes and goes. Once a second.
+    /// Adds the dampers given by name to the view `wall`, and logs when the connection to the mirror is missing or lost. Once a second.
     pub fn look(&mut self, wall: &mut Wall, now_s: f64) {
         if now_s - self.looked_s < LOOK_EVERY_S {
             return;
@@ -103,30 +103,33 @@ impl ZenohSource {
         let connected = self.link.connected();
         let before = self.connected.replace(connected);
         match (before, connected) {
-            // The first looks are too early to complain.
+            // On the first looks it is too early for a warning.
             (None, 0) => {
                 self.connected = None;
                 if now_s > PATIENCE_S && !self.is_alone {
                     self.is_alone = true;
                     tracing::warn!(
-                        "no Zenoh mirror or router at {} yet, or it lets nobody in like this; trying on: is it running, does it want a \
-                         user or a certificate (--zenoh-config)?",
+                        "cannot connect to a Zenoh mirror or router at {}, retrying: is it running, and does it require a user or a \
+                         certificate (--zenoh-config)?",
                         self.endpoint
                     );
                 }
             }
             (None, _) => {}
             (Some(before), now) if before == now => {}
-            (Some(_), 0) => tracing::warn!("nobody is at {} any more; trying on", self.endpoint),
+            (Some(_), 0) => tracing::warn!("lost the connection to {}, retrying", self.endpoint),
             (Some(_), _) => {}
         }
         let lost = self.lost.swap(0, Ordering::Relaxed);
         if lost > 0 {
-            tracing::warn!(samples = lost, "samples came faster than they were looked at, and were dropped");
+            tracing::warn!(
+                samples = lost,
+                "samples arrived faster than they were processed, and were dropped"
+            );
         }
     }
 
-    /// Puts everything that has come into the pictures on `wall`.
+    /// Records all received samples in the view `wall`.
     pub fn drain(&self, wall: &mut Wall, now_s: f64) {
         while let Ok((key, payload)) = self.samples.try_recv() {
             let Some((damper, topic)) = parts(&key) else { continue };
@@ -142,7 +145,7 @@ impl ZenohSource {
                 Ok(Some(news)) => picture.take(news, now_s),
                 Ok(None) => {}
                 Err(error) => {
-                    tracing::debug!(key, %error, "a sample cannot be read");
+                    tracing::debug!(key, %error, "cannot read a sample");
                     picture.note_unreadable();
                 }
             }
@@ -160,7 +163,7 @@ fn parts(key: &str) -> Option<(&str, &str)> {
     key.strip_prefix("mr_damper/")?.rsplit_once("/web/")
 }
 
-/// A payload of any topic: what is not in it stays `None`, as null does.
+/// A payload of any topic. Fields that are missing or null are `None`.
 #[derive(Debug, Deserialize)]
 struct Payload {
     stamp_ns: i64,
@@ -199,11 +202,10 @@ struct Payload {
     reason: Option<String>,
 }
 
-/// The message that a sample of `topic` stands for, given as the JSON of the mirror's `web/` keys; none where the page has no use for
-/// the topic.
+/// Converts a sample of `topic`, the JSON of the mirror's `web/` keys, to a message. `None` for topics that the view does not use.
 ///
 /// # Errors
-/// When the payload is none of the mirror's.
+/// When the payload is not a payload of the mirror.
 pub fn news(topic: &str, payload: &[u8]) -> Result<Option<News>, serde_json::Error> {
     if !super::TOPICS.contains(&topic) {
         return Ok(None);
@@ -277,13 +279,13 @@ fn mode(name: Option<&str>) -> u8 {
     find(Mode::ALL, Mode::name, name)
 }
 
-/// The number of a name. Case is the mirror's own.
+/// The number of a name, ignoring case; [`UNKNOWN`] for an unknown name.
 fn find<T: Copy + Into<u8>>(all: &[T], name_of: fn(T) -> &'static str, name: Option<&str>) -> u8 {
     let is_it = |value: &&T| name.is_some_and(|name| name_of(**value).eq_ignore_ascii_case(name));
     all.iter().find(is_it).map_or(UNKNOWN, |value| (*value).into())
 }
 
-/// The bits of names; one that is not known here is some bit that is not known either.
+/// The bits of names. An unknown name gives a bit that is unknown too.
 fn reasons(names: &[String]) -> Reasons {
     let bit = |name: &String| {
         let known = Reasons::ALL.iter().find(|(known, _)| known == name);
@@ -297,11 +299,11 @@ mod tests {
     use super::*;
 
     fn read(topic: &str, payload: &str) -> News {
-        news(topic, payload.as_bytes()).expect("it is read").expect("a topic of ours")
+        news(topic, payload.as_bytes()).expect("it is read").expect("a known topic")
     }
 
     #[test]
-    fn payloads_are_the_messages_they_were_made_of() {
+    fn payloads_are_converted_back_to_their_messages() {
         let estimate = r#"{"seq": 1, "stamp_ns": 7, "validity": "EXTRAPOLATING", "force_n": 119.0, "std_dev_n": null,
             "model": "m", "mode": "arx_coast", "reasons": ["OUTSIDE_ENVELOPE", "OF_A_NEWER_NODE"], "input_age_s": 0.002,
             "band_low_n": 1.0, "band_high_n": 2.0, "band_calibrated": true}"#;
@@ -349,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn other_topics_are_left_and_rubbish_is_an_error() {
+    fn other_topics_are_ignored_and_invalid_payloads_are_errors() {
         assert!(matches!(news("refused", b"{"), Ok(None)));
         assert!(news("displacement", b"{}").is_err() && news("mode", b"\xff").is_err());
         assert_eq!(parts("mr_damper/front/left/web/mode"), Some(("front/left", "mode")));

@@ -1,4 +1,4 @@
-//! A closing that is started from the page: a running damper's node closes its loop, and the report is kept.
+//! Diagnoses that are started from the page: asks a running damper's node (action `close_loop`) and keeps the report.
 
 use super::folder::Folder;
 use super::refusal::{Kind, Refusal};
@@ -12,20 +12,20 @@ use crate::provenance;
 use crate::report::answered::Answered;
 use std::sync::{Arc, PoisonError};
 
-/// What the asking node is called; dampers are told apart by a number behind it.
+/// Name of the ROS node that asks; a number is appended, so that several diagnoses can run at the same time.
 const NODE: &str = "mr_damper_serve_close";
 
-/// Where a damper's node is.
+/// How to reach a damper's node.
 struct Asked {
     config: Config,
     args: RosArgs,
 }
 
 impl Workshop {
-    /// Has the node of the damper called `damper` close its loop, on its last `history_s` seconds or on all that it remembers.
+    /// Asks the node of the damper named `damper` for a diagnosis of its last `history_s` seconds, or of its whole history.
     ///
     /// # Errors
-    /// When the damper cannot be asked, or its loop is being closed from here already.
+    /// When the damper cannot be asked, or a diagnosis of it is already running here.
     pub fn start_closing(self: &Arc<Self>, damper: &str, history_s: Option<f64>) -> Result<String, Refusal> {
         let history_s = history_s.unwrap_or(asking::ALL_S);
         if !(history_s > 0.0 && history_s.is_finite()) {
@@ -44,7 +44,7 @@ impl Workshop {
         };
         self.change(|state| {
             if state.closings.get(damper).is_some_and(|closing| closing.state.is_under_way()) {
-                let says = format!("a closing of {damper} is under way; wait for it, or cancel it");
+                let says = format!("a diagnosis of {damper} is under way; wait for it, or cancel it");
                 return Err(Refusal::new(Kind::Busy, says));
             }
             state.closings.insert(damper.to_owned(), begun);
@@ -57,29 +57,29 @@ impl Workshop {
             shop.end_closing(&damper, id, found);
         });
         begun.inspect_err(|_| self.change(|state| drop(state.closings.remove(&name))))?;
-        Ok(format!("the node of {name} is asked to close its loop"))
+        Ok(format!("asked the node of {name} for a diagnosis"))
     }
 
-    /// Tells the closing of the damper called `damper` to give up.
+    /// Cancels the diagnosis of the damper named `damper`.
     ///
     /// # Errors
-    /// When there is none.
+    /// When no diagnosis of it is running.
     pub fn cancel_closing(&self, damper: &str) -> Result<String, Refusal> {
         let id = self.change(|state| match state.closings.get_mut(damper) {
             Some(closing) if closing.state.is_under_way() => {
                 closing.state = Course::Cancelling;
-                closing.says = "giving up".to_owned();
+                closing.says = "being cancelled".to_owned();
                 Ok(closing.id)
             }
-            _ => Err(Refusal::new(Kind::Missing, format!("no closing of {damper} is under way"))),
+            _ => Err(Refusal::new(Kind::Missing, format!("no diagnosis of {damper} is under way"))),
         })?;
         let works = self.works.lock().unwrap_or_else(PoisonError::into_inner);
         let name = format!("workshop-closing-{id}");
         works.iter().filter(|work| work.name == name).for_each(|work| work.interrupt.raise());
-        Ok(format!("the closing of {damper} is told to give up"))
+        Ok(format!("the diagnosis of {damper} is being cancelled"))
     }
 
-    /// Where the node of the damper called `damper` is.
+    /// How to reach the node of the damper named `damper`.
     fn node_of(&self, damper: &str) -> Result<Asked, Refusal> {
         if let Some(namespace) = self.own_namespace(damper) {
             return Ok(Asked { config: self.own_config(), args: RosArgs::in_namespace(&namespace) });
@@ -90,10 +90,10 @@ impl Workshop {
         let askable = self.askable.lock().unwrap_or_else(PoisonError::into_inner);
         let namespace = askable
             .get(damper)
-            .ok_or_else(|| Refusal::new(Kind::Missing, format!("no damper called {damper} is watched")))?;
+            .ok_or_else(|| Refusal::new(Kind::Missing, format!("no damper named {damper} is watched")))?;
         let config = Config { domain_id: self.domain_id, ..Config::default() };
         let mut args = self.ros_args.below(namespace);
-        // A name that was given is the watching node's.
+        // A node name that was given on the command line belongs to the watching node.
         args.node = None;
         Ok(Asked { config, args })
     }
@@ -110,7 +110,7 @@ impl Workshop {
         let Asked { config, args } = asked;
         let say = |stage: &str, progress: f32| {
             self.change_closing(damper, id, |closing| {
-                // Once it was cancelled, stages are no news.
+                // Ignore stages after the diagnosis was cancelled.
                 if closing.state == Course::Working {
                     (closing.says, closing.progress) = (stage.to_owned(), progress);
                 }
@@ -123,7 +123,7 @@ impl Workshop {
     }
 
     fn end_closing(&self, damper: &str, id: u64, found: Result<(String, Answered), NodeError>) {
-        // What it wrote may be a model of the workshop's own.
+        // The diagnosis may have written a model file into the models directory.
         self.look_for_models();
         let reports = self.folder.reports();
         self.change(|state| {
@@ -163,7 +163,7 @@ impl Workshop {
     }
 }
 
-/// Writes `report` of the damper called `damper`, and what was `found` as a page; returns the page's name.
+/// Writes `report` on the damper named `damper` as JSON and `found` as a page; returns the page's name.
 fn keep(
     folder: &Folder,
     damper: &str,

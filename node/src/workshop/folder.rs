@@ -1,11 +1,11 @@
-//! The workshop's directory: runs, models and reports, and how files come into it and leave it.
+//! The directory given with `--workshop`: runs, models and reports, and how files are added and removed.
 //!
 //! ```text
-//! DIR/runs/NAME          a run, and NAME.about.json: how it is read and what is in it
-//! DIR/incoming/          what is being uploaded; emptied at the start
-//! DIR/models/*.toml      models to replay with; closings of the workshop's own damper write here
-//! DIR/reports/           a closing's report: NAME-DATE.json and .html
-//! DIR/.lock              held while a server has the directory open
+//! DIR/runs/NAME          a run, and NAME.about.json: how it is read and what it contains
+//! DIR/incoming/          uploads in progress; emptied at the start
+//! DIR/models/*.toml      models to replay with; diagnoses of the replayed damper write here
+//! DIR/reports/           reports of diagnoses: NAME-DATE.json and .html
+//! DIR/.lock              held while a server uses the directory
 //! ```
 
 use super::refusal::{Kind, Refusal};
@@ -17,24 +17,24 @@ use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 use tempfile::{NamedTempFile, TempPath};
 
-/// Letters of a name at most, so that what is put before and behind still makes a name of a file.
+/// Maximum number of characters of a name. It leaves room for prefixes and suffixes within the limit for file names.
 const LONGEST: usize = 120;
-/// What the file that says how a run is read is called, behind the run's name.
+/// Suffix of the file that describes a run.
 const ABOUT: &str = ".about.json";
 
-/// How a run is to be read, where its file leaves that open.
+/// How a run is read, if its file leaves that open.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Reading {
-    /// Columns as in the thesis, without header.
+    /// Columns in the order of the thesis, without header.
     pub thesis_txt: bool,
-    /// Bad rows are dropped and counted.
+    /// Drop bad rows and count them.
     pub skip_bad_rows: bool,
-    /// `current_a` or `command_v`, where there are both.
+    /// `current_a` or `command_v`, for runs that contain both.
     pub drive: Option<String>,
-    /// The damper's namespace in a bag of several.
+    /// The damper's namespace in a bag with several dampers.
     pub namespace: Option<String>,
-    /// The joint of JointState topics.
+    /// The joint to read from JointState topics.
     pub joint: Option<String>,
 }
 
@@ -42,7 +42,7 @@ impl Reading {
     /// The loader's options.
     ///
     /// # Errors
-    /// When the drive is none.
+    /// When the drive is neither `current_a` nor `command_v`.
     pub fn options(&self) -> Result<LoadOptions, Refusal> {
         let drive = match self.drive.as_deref() {
             None => None,
@@ -64,26 +64,26 @@ impl Reading {
     }
 }
 
-/// What is in a run.
+/// Description of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct About {
-    /// Its name in the workshop.
+    /// Name of the run in the directory.
     pub name: String,
-    /// Its size, bytes.
+    /// Size of the file, bytes.
     pub bytes: u64,
-    /// Length of displacement, s.
+    /// Length of the displacement, s.
     pub length_s: f64,
-    /// Mean rate of displacement, Hz.
+    /// Mean rate of the displacement, Hz.
     pub rate_hz: Option<f64>,
-    /// Samples of displacement.
+    /// Number of displacement samples.
     pub samples: usize,
-    /// Its channels, by the names of their columns.
+    /// Channels, by the names of their columns.
     pub channels: Vec<String>,
-    /// What the loader noted.
+    /// Notes of the loader.
     pub notes: Vec<String>,
     /// SHA-256 of the file.
     pub sha256: String,
-    /// How it is read.
+    /// How the run is read.
     pub reading: Reading,
 }
 
@@ -104,26 +104,26 @@ impl About {
     }
 }
 
-/// The directory, held by this process.
+/// The directory, locked by this process.
 #[derive(Debug)]
 pub(super) struct Folder {
     root: PathBuf,
-    /// Held open: the lock goes with it.
+    /// Kept open, because closing it releases the lock.
     _lock: File,
 }
 
 impl Folder {
-    /// Opens the directory at `root`, made where it is missing.
+    /// Opens the directory at `root`, and creates it if it is missing.
     ///
     /// # Errors
-    /// When it cannot be made or written, or another server has it open.
+    /// When it cannot be created or written, or another server uses it.
     pub(super) fn open(root: &Path) -> Result<Self, NodeError> {
         let failed =
             |what: &str, path: &Path| NodeError::io(format!("--workshop: {what} {}", path.display()));
         let root = std::path::absolute(root).map_err(failed("finding", root))?;
         for part in ["runs", "incoming", "models", "reports"] {
             let part = root.join(part);
-            fs::create_dir_all(&part).map_err(failed("making the directory", &part))?;
+            fs::create_dir_all(&part).map_err(failed("creating the directory", &part))?;
         }
         let lock_path = root.join(".lock");
         let lock = File::create(&lock_path).map_err(failed("making", &lock_path))?;
@@ -131,19 +131,19 @@ impl Folder {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 return Err(NodeError::Failed(format!(
-                    "--workshop: another mr-damper serve has {} open; end that, or give another directory",
+                    "--workshop: another mr-damper serve has {} open; stop that server, or give another directory",
                     root.display()
                 )));
             }
             Err(TryLockError::Error(error)) => return Err(failed("locking", &lock_path)(error)),
         }
         let folder = Self { root, _lock: lock };
-        // What a server that was killed has left.
+        // A server that was killed may have left incomplete uploads.
         folder.sweep();
         Ok(folder)
     }
 
-    /// Removes what is left of uploads.
+    /// Removes incomplete uploads.
     pub(super) fn sweep(&self) {
         let left = self.entries("incoming").unwrap_or_else(|error| {
             tracing::warn!("{error}");
@@ -152,20 +152,20 @@ impl Folder {
         for (path, _) in left {
             match fs::remove_file(&path) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    tracing::warn!(path = %path.display(), %error, "what is left of an upload cannot be removed");
+                    tracing::warn!(path = %path.display(), %error, "cannot remove an incomplete upload");
                 }
                 _ => {}
             }
         }
     }
 
-    /// Where it is.
+    /// Path of the directory.
     #[must_use]
     pub(super) fn root(&self) -> &Path {
         &self.root
     }
 
-    /// Where models are.
+    /// Path of the directory of models.
     #[must_use]
     pub(super) fn models_dir(&self) -> PathBuf {
         self.root.join("models")
@@ -180,7 +180,7 @@ impl Folder {
         Ok(names.filter(|name| name.ends_with(".toml")).collect())
     }
 
-    /// Names of the reports' pages, the newest first.
+    /// Names of the pages of reports, newest first.
     ///
     /// # Errors
     /// When the directory cannot be read.
@@ -201,7 +201,7 @@ impl Folder {
         Ok(names.filter(|name| !name.ends_with(ABOUT)).collect())
     }
 
-    /// What is in a part of the directory, sorted by name; names that the workshop would not give are left alone.
+    /// The entries of a subdirectory, sorted by name. Entries with names that [`safe_name`] would change or refuse are ignored.
     fn entries(&self, part: &str) -> Result<Vec<(PathBuf, String)>, NodeError> {
         let path = self.root.join(part);
         let reading = || NodeError::io(format!("reading {}", path.display()));
@@ -218,33 +218,34 @@ impl Folder {
         Ok(all)
     }
 
-    /// Where the run called `name` is.
+    /// Path of the run named `name`.
     #[must_use]
     pub(super) fn run(&self, name: &str) -> PathBuf {
         self.root.join("runs").join(name)
     }
 
-    /// A file for an upload that will be called `name`; it is gone with what is returned, unless it is kept.
+    /// Creates a temporary file for an upload that will be named `name`. Dropping the result deletes the file unless it was
+    /// kept.
     ///
     /// # Errors
-    /// When it cannot be made.
+    /// When the file cannot be created.
     pub(super) fn incoming(&self, name: &str) -> Result<NamedTempFile, NodeError> {
         let part = self.root.join("incoming");
-        // The end of the name says what it is.
+        // The loader needs the extension at the end of the name.
         let file = tempfile::Builder::new().prefix("upload-").suffix(&format!("-{name}")).tempfile_in(&part);
-        file.map_err(NodeError::io(format!("making a file in {}", part.display())))
+        file.map_err(NodeError::io(format!("creating a file in {}", part.display())))
     }
 
-    /// Opens an upload that is complete, and keeps it as the run called `name`, or with a number where there is one of that name.
+    /// Loads a complete upload and keeps it as the run named `name`; a number is added to the name if it exists already.
     ///
     /// # Errors
-    /// What the loader says of a run that cannot be used; then nothing is kept.
+    /// The loader's error when the run cannot be used; then nothing is kept.
     pub(super) fn keep(&self, upload: TempPath, name: &str, reading: &Reading) -> Result<About, Refusal> {
         let options = reading.options()?;
         let loaded = run::load(&upload, &options).map_err(|error| {
-            // The loader knows it by a name that its owner has never seen.
+            // Replace the temporary name, which the user does not know.
             let says = error.to_string().replace(&upload.display().to_string(), name);
-            Refusal::new(Kind::Wrong, format!("{says}. It is not kept"))
+            Refusal::new(Kind::Wrong, format!("{says}. The upload is not kept"))
         })?;
         let bytes =
             fs::metadata(&upload).map_err(NodeError::io(format!("reading {}", upload.display())))?.len();
@@ -259,22 +260,22 @@ impl Folder {
                     return Ok(found);
                 }
                 Err(taken) if taken.error.kind() == std::io::ErrorKind::AlreadyExists => upload = taken.path,
-                Err(failed) => return Err(NodeError::io(format!("keeping {name}"))(failed.error).into()),
+                Err(failed) => return Err(NodeError::io(format!("saving {name}"))(failed.error).into()),
             }
         }
-        Err(Refusal::new(Kind::Failed, format!("there are too many runs called {name}; delete some")))
+        Err(Refusal::new(Kind::Failed, format!("there are too many runs named {name}; delete some")))
     }
 
-    /// What is in the run called `name`: as it was written down when it came, or by opening it.
+    /// Description of the run named `name`: from the file written at its upload, or by loading the run.
     ///
     /// # Errors
-    /// When it cannot be used.
+    /// When the description or the run cannot be read.
     pub(super) fn about(&self, name: &str) -> Result<About, NodeError> {
         let path = self.root.join("runs").join(format!("{name}{ABOUT}"));
         if let Ok(text) = fs::read_to_string(&path) {
             let about: About = serde_json::from_str(&text).map_err(|error| NodeError::File {
                 path: path.clone(),
-                message: format!("{error}; delete it, and the run is looked at anew"),
+                message: format!("{error}; delete this file, and the run is loaded to describe it again"),
             })?;
             return Ok(about);
         }
@@ -284,7 +285,7 @@ impl Folder {
         Ok(About::of(name, bytes, &run::load(&path, &LoadOptions::default())?, &reading))
     }
 
-    /// Deletes the run called `name`.
+    /// Deletes the run named `name`.
     ///
     /// # Errors
     /// When it cannot be deleted.
@@ -292,12 +293,12 @@ impl Folder {
         let path = self.run(name);
         let gone = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
         gone.map_err(NodeError::io(format!("deleting {}", path.display())))?;
-        // A run that was put here by hand has none.
+        // A run that was copied here by hand has no description.
         let _ = fs::remove_file(self.root.join("runs").join(format!("{name}{ABOUT}")));
         Ok(())
     }
 
-    /// Writes a report of the damper called `damper`, as JSON and as a page, and returns the page's name.
+    /// Writes a report on the damper named `damper`, as JSON and as a page, and returns the page's name.
     ///
     /// # Errors
     /// When a file cannot be written.
@@ -316,12 +317,12 @@ impl Folder {
         Ok(format!("{name}.html"))
     }
 
-    /// The report called `name`.
+    /// The report named `name`.
     ///
     /// # Errors
-    /// When there is none.
+    /// When it does not exist.
     pub(super) fn report(&self, name: &str) -> Result<Vec<u8>, Refusal> {
-        let missing = || Refusal::new(Kind::Missing, format!("there is no report {name}"));
+        let missing = || Refusal::new(Kind::Missing, format!("a report named {name} does not exist"));
         if safe_name(name).as_deref() != Ok(name) {
             return Err(missing());
         }
@@ -329,7 +330,7 @@ impl Folder {
     }
 }
 
-/// `name` with a number from two on before its extension.
+/// `name` with `number` before its extension, unless `number` is one.
 fn numbered(name: &str, number: u32) -> String {
     if number == 1 {
         return name.to_owned();
@@ -338,31 +339,31 @@ fn numbered(name: &str, number: u32) -> String {
     format!("{stem}-{number}{extension}")
 }
 
-/// `name` as the name of a file: letters, digits, `.`, `_` and `-` of ASCII; what else there is becomes `_`.
+/// `name` as a safe file name: ASCII letters, digits, `.`, `_` and `-`; other characters become `_`.
 ///
 /// # Errors
-/// When it is none, is hidden, names a path, or is too long.
+/// When the name is empty, begins with a dot, contains a path, or is too long.
 pub fn safe_name(name: &str) -> Result<String, String> {
     if name.is_empty() {
         return Err("a run needs a name: POST /runs?name=run.csv".to_owned());
     }
     if name.contains(['/', '\\', '\0']) {
-        return Err(format!("\"{name}\" names a path: give the name of a file alone"));
+        return Err(format!("\"{name}\" names a path: give a file name without directories"));
     }
     if name.starts_with('.') {
         return Err(format!("\"{name}\" begins with a dot: give it another name"));
     }
     if name.chars().count() > LONGEST {
-        return Err(format!("the name has more than {LONGEST} letters: give it a shorter one"));
+        return Err(format!("the name has more than {LONGEST} characters: give a shorter one"));
     }
     let safe = |c: char| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '_' };
     Ok(name.chars().map(safe).collect())
 }
 
-/// The same for a run, whose name has to say what it is.
+/// Like [`safe_name`], for the name of a run, which must have the extension of a run file.
 ///
 /// # Errors
-/// Those of [`safe_name`]; when no run is called so.
+/// Errors of [`safe_name`]; when the extension is not known.
 pub fn run_name(name: &str) -> Result<String, Refusal> {
     let name = safe_name(name).map_err(|why| Refusal::new(Kind::Wrong, why))?;
     if run::is_named_as_a_run(Path::new(&name)) && !name.ends_with(ABOUT) {
@@ -371,8 +372,8 @@ pub fn run_name(name: &str) -> Result<String, Refusal> {
     Err(Refusal::new(
         Kind::Wrong,
         format!(
-            "{name} is not called as a run is: a CSV file (.csv, .txt, .dat, .tsv), or a bag's file (.mcap, .db3, or either with \
-             .zstd); of a bag's directory, upload the file in it"
+            "{name} does not have the extension of a run: give a CSV file (.csv, .txt, .dat, .tsv) or a bag file (.mcap, .db3, or either \
+             with .zstd); from a bag directory, upload the file in it"
         ),
     ))
 }
@@ -416,9 +417,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_is_never_written_over_and_what_is_not_leaves_nothing() {
+    fn runs_are_never_overwritten_and_refused_uploads_leave_no_file() {
         let dir = tempfile::tempdir().expect("a directory");
-        let folder = Folder::open(&dir.path().join("new/shop")).expect("it is made");
+        let folder = Folder::open(&dir.path().join("new/shop")).expect("it is created");
         let upload = |text: &str, reading: &Reading| {
             let file = folder.incoming("run.csv").expect("room");
             fs::write(file.path(), text).expect("room");
@@ -433,15 +434,15 @@ mod tests {
         assert_eq!(fs::read_to_string(folder.run("run.csv")).expect("kept"), good);
         assert_eq!(folder.about("run-2.csv").expect("written down"), second);
 
-        let refused =
-            upload("time_s,displacement_m\n0,0\n0,1\n", &Reading::default()).expect_err("time stands");
+        let refused = upload("time_s,displacement_m\n0,0\n0,1\n", &Reading::default())
+            .expect_err("time does not increase");
         assert!(
-            refused.says.starts_with("run.csv, line 3") && refused.says.ends_with("It is not kept"),
+            refused.says.starts_with("run.csv, line 3") && refused.says.ends_with("The upload is not kept"),
             "{}",
             refused.says
         );
         let odd = Reading { drive: Some("steam".to_owned()), ..Reading::default() };
-        assert!(upload(good, &odd).expect_err("no drive").says.contains("\"steam\""));
+        assert!(upload(good, &odd).expect_err("not a drive").says.contains("\"steam\""));
         assert_eq!(folder.runs().expect("readable"), ["run-2.csv", "run.csv"]);
         assert_eq!(folder.entries("incoming").expect("readable").len(), 0);
 
@@ -449,12 +450,12 @@ mod tests {
         assert_eq!(
             fs::read_dir(dir.path().join("new/shop/runs")).expect("readable").count(),
             2,
-            "a run and what is in it"
+            "a run and its description"
         );
     }
 
     #[test]
-    fn one_server_has_it_and_what_a_killed_one_left_goes() {
+    fn one_server_uses_the_directory_and_incomplete_uploads_are_removed_at_the_start() {
         let dir = tempfile::tempdir().expect("a directory");
         let folder = Folder::open(dir.path()).expect("made");
         let refused = Folder::open(dir.path()).expect_err("it is open").to_string();
@@ -466,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn reports_are_read_by_their_names_alone() {
+    fn only_names_without_paths_read_reports() {
         let dir = tempfile::tempdir().expect("a directory");
         let folder = Folder::open(dir.path()).expect("made");
         let name = folder.write_report("workshop: a/b.csv", "20260101T000000Z", "{}", "<p>").expect("room");

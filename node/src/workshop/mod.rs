@@ -1,15 +1,15 @@
-//! The workshop of the live page: closings of running dampers, runs that are uploaded, and replays of them.
+//! Uploads, replays and diagnoses from the live page (`mr-damper serve --workshop DIR`).
 //!
 //! ```text
-//! POST ─→ serve/bench.rs ─→ Workshop ─┬→ upload.rs    a thread an upload: file, loader, shelf
-//!                                     ├→ closing.rs   a thread a closing: the action close_loop of the damper's node, report
-//!                                     └→ replay.rs    a thread: a node, a player and a watcher of its own; another for the figures
+//! POST ─→ serve/bench.rs ─→ Workshop ─┬→ upload.rs    one thread per upload: file, loader, list of runs
+//!                                     ├→ closing.rs   one thread per diagnosis: action close_loop of the damper's node, report
+//!                                     └→ replay.rs    one thread with its own node, player and watcher; another for the errors
 //!                                          │
 //! page ←── state, on each change ←─────────┴→ State (state.rs: plain data)          folder.rs: the directory
 //! ```
 //!
-//! Nothing here is on a thread of the web server, and nothing of a watched node is touched but by its own action. What is replayed
-//! goes through a node that lives here, in a namespace that no other process has.
+//! Nothing here runs on a thread of the web server. A watched node is affected only through its own action. Runs are replayed
+//! through a node in this process, in a namespace that no other process uses.
 
 mod closing;
 mod folder;
@@ -39,27 +39,27 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// How long threads may take to end once they were told, when the server does: Ctrl-C ends within a second.
+/// Time that threads have to end when the server stops, so that Ctrl-C ends the process within a second.
 const END_WITHIN: Duration = Duration::from_millis(800);
 
-/// What a workshop is opened with.
+/// Settings of a workshop.
 #[derive(Debug)]
 pub struct Opening {
-    /// The directory; made where it is missing.
+    /// The directory; created if it is missing.
     pub folder: PathBuf,
     /// The largest upload, bytes.
     pub upload_limit_bytes: u64,
-    /// Where pictures of dampers hang.
+    /// The shared view of all dampers.
     pub hall: Arc<Hall>,
     /// ROS domain; negative: `ROS_DOMAIN_ID`, else 0.
     pub domain_id: i64,
     /// The ROS arguments of the process.
     pub ros_args: RosArgs,
-    /// Why no closing can be started on the dampers that are watched; `None` where it can.
+    /// Why no diagnosis of the watched dampers can be started; `None` when it can.
     pub no_closing: Option<String>,
 }
 
-/// The workshop.
+/// The part of the server that takes uploads and starts replays and diagnoses.
 #[derive(Debug)]
 pub struct Workshop {
     folder: Folder,
@@ -68,14 +68,14 @@ pub struct Workshop {
     ros_args: RosArgs,
     state: Mutex<State>,
     said: watch::Sender<Arc<str>>,
-    /// Namespaces of the dampers that can be asked for something, by name.
+    /// Namespaces of the dampers that can be asked for a diagnosis, by name.
     askable: Mutex<BTreeMap<String, String>>,
     replay: Mutex<Option<replay::Held>>,
     works: Mutex<Vec<Work>>,
     ids: AtomicU64,
 }
 
-/// A thread of the workshop, and what tells it to end.
+/// A thread of the workshop, and the interrupt that ends it.
 #[derive(Debug)]
 struct Work {
     name: String,
@@ -84,10 +84,10 @@ struct Work {
 }
 
 impl Workshop {
-    /// Opens the workshop, and looks at the runs that are there on a thread of its own.
+    /// Opens the workshop. A separate thread loads the descriptions of the existing runs.
     ///
     /// # Errors
-    /// When the directory cannot be had.
+    /// When the directory cannot be opened.
     pub fn open(opening: Opening) -> Result<Arc<Self>, NodeError> {
         let folder = Folder::open(&opening.folder)?;
         let runs = folder.runs()?;
@@ -120,7 +120,7 @@ impl Workshop {
                     Ok(about) => Shelved::Ready(Box::new(about)),
                     Err(error) => Shelved::Unusable { name: name.clone(), why: error.to_string() },
                 };
-                // It may have been deleted meanwhile.
+                // The run may have been deleted meanwhile.
                 looking.change(|state| {
                     state
                         .runs
@@ -133,33 +133,33 @@ impl Workshop {
         Ok(workshop)
     }
 
-    /// What the page shows, as JSON; it changes whenever something does.
+    /// The state that the page shows, as JSON; a new value is sent on every change.
     #[must_use]
     pub fn said(&self) -> watch::Receiver<Arc<str>> {
         self.said.subscribe()
     }
 
-    /// What the page shows.
+    /// Locks the state that the page shows.
     pub fn state(&self) -> MutexGuard<'_, State> {
-        // Plain data, of which any mixture can be shown.
+        // Plain data: even after a panic in the middle of a change it can be shown.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Changes what the page shows.
+    /// Changes the state that the page shows, and sends it.
     fn change<T>(&self, how: impl FnOnce(&mut State) -> T) -> T {
         let mut state = self.state();
         let done = how(&mut state);
-        // Within the lock, so that the last change is the last that is said.
+        // Send within the lock, so that changes are sent in their order.
         self.said.send_replace(json(&*state).into());
         done
     }
 
-    /// Learns which dampers can be asked for something: names and namespaces.
+    /// Sets the dampers that can be asked for a diagnosis: names and namespaces.
     pub fn know(&self, askable: Vec<(String, String)>) {
         *self.askable.lock().unwrap_or_else(PoisonError::into_inner) = askable.into_iter().collect();
     }
 
-    /// Looks for models that were put into the directory, or taken out.
+    /// Updates the list of models after files were added to or removed from the directory.
     pub fn look_for_models(&self) {
         match models(&self.folder) {
             Ok(found) if self.state().models == found => {}
@@ -168,24 +168,27 @@ impl Workshop {
         }
     }
 
-    /// The report called `name`.
+    /// The report named `name`.
     ///
     /// # Errors
-    /// When there is none.
+    /// When it does not exist.
     pub fn report(&self, name: &str) -> Result<Vec<u8>, Refusal> {
         self.folder.report(name)
     }
 
-    /// Deletes the run called `name`.
+    /// Deletes the run named `name`.
     ///
     /// # Errors
-    /// When there is none, it is being replayed or opened, or the file cannot be deleted.
+    /// When it does not exist, is being replayed or opened, or its file cannot be deleted.
     pub fn delete_run(&self, name: &str) -> Result<String, Refusal> {
         let mut state = self.state();
         match state.runs.iter().find(|run| run.name() == name) {
-            None => return Err(Refusal::new(Kind::Missing, format!("there is no run called {name}"))),
+            None => return Err(Refusal::new(Kind::Missing, format!("a run named {name} does not exist"))),
             Some(Shelved::Opening { .. }) => {
-                return Err(Refusal::new(Kind::Busy, format!("{name} is being opened; wait for that")));
+                return Err(Refusal::new(
+                    Kind::Busy,
+                    format!("{name} is being opened; wait until that is done"),
+                ));
             }
             Some(_) => {}
         }
@@ -198,12 +201,12 @@ impl Workshop {
         Ok(format!("{name} is deleted"))
     }
 
-    /// A number that nothing else here has.
+    /// A new unique number.
     fn next_id(&self) -> u64 {
         self.ids.fetch_add(1, Ordering::Relaxed)
     }
 
-    /// Does something on a thread of its own, until it is done or the interrupt that it gets is raised.
+    /// Runs `work` on a new thread. It should end early when its interrupt, which is also returned, is raised.
     fn work(
         &self,
         name: String,
@@ -219,15 +222,15 @@ impl Workshop {
         Ok(interrupt)
     }
 
-    /// Tells all work to end, and returns until when that is waited for.
+    /// Interrupts all work, and returns the deadline for [`Workshop::close`].
     pub fn interrupt(&self) -> Instant {
         let works = self.works.lock().unwrap_or_else(PoisonError::into_inner);
         works.iter().for_each(|work| work.interrupt.raise());
         Instant::now() + END_WITHIN
     }
 
-    /// Waits for all work to end, and says what did not by `deadline`: that ends with the process. Of uploads nothing is left in any
-    /// case.
+    /// Waits for all work to end until `deadline`, and logs threads that did not; they end with the process. Incomplete uploads are
+    /// removed in any case.
     pub fn close(&self, deadline: Instant) {
         let works = std::mem::take(&mut *self.works.lock().unwrap_or_else(PoisonError::into_inner));
         for Work { name, thread, .. } in works {
@@ -237,21 +240,23 @@ impl Workshop {
             match thread.is_finished().then(|| thread.join()) {
                 Some(Ok(())) => {}
                 Some(Err(_)) => tracing::error!(thread = name, "had panicked"),
-                None => tracing::info!(thread = name, "did not end in time and is left"),
+                None => tracing::info!(thread = name, "did not end in time; it ends with the process"),
             }
         }
         self.folder.sweep();
     }
 }
 
-/// The models of the thesis, and those in the directory.
+/// Names of the models in the directory, followed by the presets.
 fn models(folder: &Folder) -> Result<Vec<String>, NodeError> {
     Ok(folder.models()?.into_iter().chain(preset::names()).collect())
 }
 
-/// What `work` comes to; a panic is a failure, so that nobody waits for its end for ever.
+/// Runs `work` and turns a panic into an error, so that its end is always reported.
 fn guarded<T>(work: impl FnOnce() -> Result<T, NodeError>) -> Result<T, NodeError> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| {
-        Err(NodeError::Failed("it panicked; the log says where. Please report it".to_owned()))
+        Err(NodeError::Failed(
+            "this task panicked; the log shows where. Please report this as a bug".to_owned(),
+        ))
     })
 }

@@ -1,33 +1,33 @@
-//! Why something that was asked of the workshop is not done.
+//! Refusals of requests to the workshop.
 
 use crate::error::NodeError;
 
-/// What kind of refusal it is.
+/// Kind of a refusal; it determines the HTTP status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// The request itself is wrong.
+    /// The request is invalid.
     Wrong,
-    /// There is no such thing.
+    /// The requested object does not exist.
     Missing,
-    /// Not now: something else is going on.
+    /// The request is not possible while something else is running.
     Busy,
-    /// More than is taken.
+    /// The upload is too large.
     TooMuch,
-    /// It was tried, and failed.
+    /// The request was tried and failed.
     Failed,
 }
 
-/// A refusal, in words.
+/// A refusal with its reason.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
-    /// What kind.
+    /// The kind.
     pub kind: Kind,
-    /// Why, and what to do.
+    /// The reason, and what to do.
     pub says: String,
 }
 
 impl Refusal {
-    /// A refusal of some kind.
+    /// A refusal of the given kind and reason.
     pub fn new(kind: Kind, says: impl Into<String>) -> Self {
         Self { kind, says: says.into() }
     }

@@ -1,7 +1,7 @@
-//! A replay: a recorded run through a node of the workshop's own, over real DDS that does not leave this machine.
+//! Replays a recorded run through a separate node in this process, over real DDS that does not leave this machine.
 //!
-//! Node, player and watcher live in a namespace that is this process's alone, so nothing that is played reaches another damper. They stay
-//! when the run has been played, for the node's history is what a closing works on; the next replay, or a stop, ends them.
+//! Node, player and watcher use a namespace that belongs to this process only, so played samples do not reach another damper.
+//! They stay after the end of the run, because a diagnosis uses the node's history; the next replay, or a stop, ends them.
 
 use super::folder::Reading;
 use super::refusal::{Kind, Refusal};
@@ -28,47 +28,47 @@ pub const RATES: RangeInclusive<f64> = 0.1..=10.0;
 
 /// Name of the watching node.
 const WATCHER: &str = "mr_damper_serve_replay";
-/// How long the node may take to listen to its player.
+/// Time limit for the node to discover its player.
 const LISTEN_WITHIN: Duration = Duration::from_secs(10);
-/// How often messages are looked for.
+/// Interval at which received messages are read.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
-/// How often it is said how far the run has come.
+/// Interval at which the progress is updated.
 const SAY_EVERY: Duration = Duration::from_millis(200);
-/// What a node remembers at least and at most (`history.duration_s`), s.
+/// Minimum and maximum length of the node's history (`history.duration_s`), s.
 const HISTORY_S: (f64, f64) = (120.0, 3600.0);
 
-/// What holds a replay from outside.
+/// Handle to a running replay.
 #[derive(Debug)]
 pub(super) struct Held {
     id: u64,
     interrupt: Interrupt,
 }
 
-/// A turn that a replay is to take.
+/// A command to a running replay.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Turn {
-    /// Wait.
+    /// Pause.
     Pause,
-    /// Go on.
+    /// Continue after a pause.
     Resume,
-    /// At another speed.
+    /// Change the speed, as a multiple of the original.
     Rate(f64),
-    /// End, with its node.
+    /// Stop the replay and its node.
     Stop,
 }
 
-/// What is played.
+/// The run to replay, and how.
 struct Piece {
     id: u64,
     run: String,
     reading: Reading,
-    /// As the configuration has it: preset or path.
+    /// The model as in the node's configuration: name of a preset, or path.
     model: String,
     label: String,
     rate: f64,
 }
 
-/// A node, what plays to it, and what watches it.
+/// A node with its player and its watcher.
 struct Stage {
     service: Service,
     player: Player,
@@ -86,7 +86,7 @@ impl Stage {
         }
     }
 
-    /// Ends all three at a time, for Ctrl-C waits for it.
+    /// Stops all three in parallel, because Ctrl-C waits for it.
     fn strike(self) -> Result<(), NodeError> {
         let Self { service, player, source } = self;
         std::thread::scope(|scope| {
@@ -98,13 +98,13 @@ impl Stage {
 }
 
 impl Workshop {
-    /// Replays the run called `run` with a model of the list, at `rate` times the original speed.
+    /// Replays the run named `run` with a listed model, at `rate` times the original speed.
     ///
     /// # Errors
-    /// When there is no such run or model, the rate is none, or another replay is under way.
+    /// When the run or model does not exist, the rate is out of range, or another replay is running.
     pub fn start_replay(self: &Arc<Self>, run: &str, model: &str, rate: f64) -> Result<String, Refusal> {
         check(rate)?;
-        // One that has ended, or is about to, makes room; its node has to be gone from the namespace first.
+        // A previous replay that has ended, or is ending, is replaced; its node must leave the namespace first.
         let mut held = self.replay.lock().unwrap_or_else(PoisonError::into_inner);
         let piece = self.piece(run, model, rate)?;
         let before = held.take().map(|before| {
@@ -134,25 +134,25 @@ impl Workshop {
         Ok(format!("{run} is being replayed"))
     }
 
-    /// What is to be played, which is shown from now on.
+    /// Prepares the replay and shows it on the page.
     fn piece(&self, run: &str, model: &str, rate: f64) -> Result<Piece, Refusal> {
         let id = self.next_id();
         self.change(|state| {
             if let Some(replay) = state.replay.as_ref().filter(|replay| replay.state.is_under_way()) {
-                let says = format!("{} is being replayed; stop that first: there is one replay at a time", replay.run);
+                let says = format!("{} is being replayed; stop that first: only one replay at a time is possible", replay.run);
                 return Err(Refusal::new(Kind::Busy, says));
             }
             let about = match state.runs.iter().find(|shelved| shelved.name() == run) {
                 Some(Shelved::Ready(about)) => about,
                 Some(Shelved::Opening { .. }) => {
-                    return Err(Refusal::new(Kind::Busy, format!("{run} is being opened; wait for that")));
+                    return Err(Refusal::new(Kind::Busy, format!("{run} is being opened; wait until that is done")));
                 }
                 Some(Shelved::Unusable { why, .. }) => return Err(Refusal::new(Kind::Wrong, why.clone())),
-                None => return Err(Refusal::new(Kind::Missing, format!("there is no run called {run}"))),
+                None => return Err(Refusal::new(Kind::Missing, format!("a run named {run} does not exist"))),
             };
             if !state.models.iter().any(|known| known == model) {
                 let says = format!(
-                    "there is no model called {model}; give a preset (`mr-damper presets`) or a .toml file in {}/models",
+                    "a model named {model} does not exist; give a preset (`mr-damper presets`) or a .toml file in {}/models",
                     state.folder
                 );
                 return Err(Refusal::new(Kind::Missing, says));
@@ -175,7 +175,7 @@ impl Workshop {
                 damper: label,
                 namespace: self.namespace(),
                 state: Playing::Starting,
-                says: "starting a node of its own".to_owned(),
+                says: "starting a separate node".to_owned(),
                 at_s: 0.0,
                 length_s: about.length_s,
                 rate,
@@ -185,10 +185,10 @@ impl Workshop {
         })
     }
 
-    /// Has the replay take a turn.
+    /// Sends a command to the replay.
     ///
     /// # Errors
-    /// When there is none, or the rate is none.
+    /// When no replay is running, the command does not fit its state, or the rate is out of range.
     pub fn turn_replay(&self, turn: Turn) -> Result<String, Refusal> {
         if let Turn::Rate(rate) = turn {
             check(rate)?;
@@ -203,7 +203,7 @@ impl Workshop {
                 Turn::Stop => {
                     held.interrupt.raise();
                     state.replay = None;
-                    return Ok("the replay is stopped, and its node ends".to_owned());
+                    return Ok("the replay is stopped, and its node is ending".to_owned());
                 }
                 Turn::Rate(rate) => replay.rate = rate,
                 Turn::Pause if playing == Playing::Playing => replay.state = Playing::Paused,
@@ -221,24 +221,24 @@ impl Workshop {
         })
     }
 
-    /// The namespace of the workshop's own node: no other process of this machine has it, and nothing leaves the machine.
+    /// The namespace of the replay's node. It contains the process id, so no other process of this machine uses it.
     #[must_use]
     pub fn namespace(&self) -> String {
         format!("/workshop_{}", std::process::id())
     }
 
-    /// The namespace of the damper called `damper` where that is the one that is replayed.
+    /// The namespace of the damper named `damper`, if it is the replayed one.
     pub(super) fn own_namespace(&self, damper: &str) -> Option<String> {
         let state = self.state();
         state.replay.as_ref().filter(|replay| replay.damper == damper).map(|replay| replay.namespace.clone())
     }
 
-    /// How whoever has to do with the workshop's own node joins its domain.
+    /// Configuration to join the domain of the replay's node, limited to this machine.
     pub(super) fn own_config(&self) -> Config {
         Config { domain_id: self.domain_id, discovery_range: "localhost".to_owned(), ..Config::default() }
     }
 
-    /// Waits until the work called `name` has ended.
+    /// Waits until the thread named `name` has ended.
     fn await_end(&self, name: &str, interrupt: &Interrupt) {
         let is_there = || {
             let works = self.works.lock().unwrap_or_else(PoisonError::into_inner);
@@ -247,7 +247,7 @@ impl Workshop {
         while is_there() && interrupt.sleep_until(Instant::now() + LOOK_EVERY) {}
     }
 
-    /// Plays the run, and keeps its node until it is stopped.
+    /// Plays the run, and keeps its node running until it is interrupted.
     fn play(self: &Arc<Self>, piece: &Piece, interrupt: &Interrupt) -> Result<(), NodeError> {
         let options = piece.reading.options().map_err(|refusal| NodeError::Failed(refusal.says))?;
         let run = Arc::new(run::load(&self.folder.run(&piece.run), &options)?.run);
@@ -259,7 +259,7 @@ impl Workshop {
             ..self.own_config()
         };
         let mut args = RosArgs::in_namespace(&self.namespace());
-        // The log of this process is that of the page's server, not of a damper.
+        // The log of this process belongs to the web server, not to a damper.
         args.rosout_logs = false;
         let mut stage = Stage::set(&config, &args, &piece.label)?;
         let played = self.watch_and_play(piece, &run, &mut stage, interrupt);
@@ -292,7 +292,7 @@ impl Workshop {
                 source.drain(&mut self.hall.wall(), now_s);
                 let dead = service.dead_thread().map(|thread| {
                     NodeError::Failed(format!(
-                        "the replay's node has lost its thread {thread}; the log says why"
+                        "the thread {thread} of the replay's node has died; the log shows why"
                     ))
                 });
                 let over = playing.take_if(|playing| playing.is_finished()).map_or(Ok(()), join);
@@ -306,13 +306,13 @@ impl Workshop {
                 }
                 std::thread::sleep(LOOK_EVERY);
             };
-            // The player ends with what it is part of.
+            // The player ends together with the replay.
             interrupt.raise();
             ended.and(playing.map_or(Ok(()), join))
         })
     }
 
-    /// Plays the run once the node listens.
+    /// Waits for the node to listen, and plays the run.
     fn run_player(
         &self,
         piece: &Piece,
@@ -325,7 +325,7 @@ impl Workshop {
             return match interrupt.is_raised() {
                 true => Ok(()),
                 false => Err(NodeError::Failed(format!(
-                    "the replay's own node was not heard within {} s: does this machine let DDS (UDP) pass over loopback?",
+                    "the replay's node did not appear within {} s: does this machine allow DDS (UDP) over loopback?",
                     LISTEN_WITHIN.as_secs()
                 ))),
             };
@@ -339,15 +339,12 @@ impl Workshop {
         let mut played = Played::default();
         player.play(run, &plan, &mut played, interrupt, None, &at);
         if played.failed > 0 {
-            return Err(NodeError::Failed(format!(
-                "{} samples were not taken by the middleware",
-                played.failed
-            )));
+            return Err(NodeError::Failed(format!("the middleware refused {} samples", played.failed)));
         }
         Ok(())
     }
 
-    /// Brings the player to what is wanted of it, and says how far it is.
+    /// Applies the requested pause and speed to the player, and updates the progress.
     fn follow(&self, id: u64, player: &Player, at_s: f64, is_over: bool) {
         let control = player.control();
         self.change_replay(id, |replay| {
@@ -366,7 +363,7 @@ impl Workshop {
         });
     }
 
-    /// Computes the figures of the whole run on a thread of its own: as `mr-damper evaluate`, without DDS and at once.
+    /// Computes the errors over the whole run offline, like `mr-damper evaluate`, on a separate thread.
     fn compute_figures(self: &Arc<Self>, piece: &Piece, run: &Arc<Run>) -> Result<(), NodeError> {
         let (shop, run) = (Arc::clone(self), Arc::clone(run));
         let (id, name, model) = (piece.id, piece.run.clone(), piece.model.clone());
@@ -389,23 +386,25 @@ impl Workshop {
     }
 }
 
-/// How a replay is, in words.
+/// State of a replay in words.
 fn in_words(replay: &Replay) -> String {
     match replay.state {
-        Playing::Starting => "starting a node of its own".to_owned(),
+        Playing::Starting => "starting a separate node".to_owned(),
         Playing::Playing => "playing".to_owned(),
         Playing::Paused => "paused".to_owned(),
         Playing::Ended => {
-            "played to its end; its node remembers the run, so its loop can be closed".to_owned()
+            "played to its end; its node has the run in its history, so the model can be diagnosed".to_owned()
         }
         Playing::Failed => replay.says.clone(),
     }
 }
 
-/// What a player that has ended came to.
+/// Result of a player's thread that has ended.
 fn join(playing: ScopedJoinHandle<'_, Result<(), NodeError>>) -> Result<(), NodeError> {
     playing.join().unwrap_or_else(|_| {
-        Err(NodeError::Failed("the player panicked; the log says where. Please report it".to_owned()))
+        Err(NodeError::Failed(
+            "the player panicked; the log shows where. Please report this as a bug".to_owned(),
+        ))
     })
 }
 

@@ -1,4 +1,4 @@
-//! What the workshop shows: plain data, which goes to the page as JSON.
+//! State of the workshop: plain data that is sent to the page as JSON.
 
 use super::folder::About;
 use crate::command::evaluate::RunReport;
@@ -6,51 +6,51 @@ use crate::report::answered::Answered;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// All of it.
+/// The whole state.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct State {
     /// The directory.
     pub folder: String,
     /// The largest upload, bytes.
     pub upload_limit_bytes: u64,
-    /// Why no closing can be started on dampers other than the workshop's own; `None` where it can.
+    /// Why no diagnosis can be started on dampers other than the replayed one; `None` when it can.
     pub no_closing: Option<String>,
     /// The runs.
     pub runs: Vec<Shelved>,
-    /// Uploads that come in.
+    /// Uploads in progress.
     pub uploads: Vec<Incoming>,
     /// Models to replay with.
     pub models: Vec<String>,
-    /// The run that is replayed, or was last.
+    /// The current or last replay.
     pub replay: Option<Replay>,
-    /// The last closing of each damper.
+    /// The last diagnosis of each damper.
     pub closings: BTreeMap<String, Closing>,
-    /// Pages of reports, the newest first.
+    /// Pages of reports, newest first.
     pub reports: Vec<String>,
 }
 
-/// A run on the shelf.
+/// A run in the directory.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "state")]
 pub enum Shelved {
-    /// It is being opened.
+    /// The run is being opened.
     Opening {
-        /// Its name.
+        /// Name of the run.
         name: String,
     },
-    /// It can be replayed.
+    /// The run can be replayed.
     Ready(Box<About>),
-    /// It lies there and cannot be used.
+    /// The run cannot be used.
     Unusable {
-        /// Its name.
+        /// Name of the run.
         name: String,
-        /// Why.
+        /// The reason.
         why: String,
     },
 }
 
 impl Shelved {
-    /// Its name.
+    /// Name of the run.
     #[must_use]
     pub fn name(&self) -> &str {
         match self {
@@ -60,124 +60,124 @@ impl Shelved {
     }
 }
 
-/// An upload.
+/// An upload in progress.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Incoming {
-    /// Tells it from others.
+    /// Unique number of the upload.
     pub id: u64,
-    /// The name that it will have.
+    /// The name that the run will have.
     pub name: String,
-    /// Bytes that have come.
+    /// Bytes received.
     pub bytes: u64,
-    /// Bytes that were announced.
+    /// Bytes announced by the sender.
     pub of: Option<u64>,
-    /// All has come, and the loader opens it.
+    /// True when all bytes were received and the loader opens the run.
     pub opening: bool,
 }
 
-/// How a replay is.
+/// State of a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Playing {
     /// Node and player start.
     Starting,
-    /// Samples are played.
+    /// Samples are being played.
     Playing,
-    /// They wait.
+    /// Playing is paused.
     Paused,
-    /// All were played; the node remembers them.
+    /// All samples were played; the node has them in its history.
     Ended,
-    /// It came to nothing.
+    /// The replay failed.
     Failed,
 }
 
 impl Playing {
-    /// True while samples are played or will be.
+    /// True while samples are being played or still will be.
     #[must_use]
     pub const fn is_under_way(self) -> bool {
         matches!(self, Self::Starting | Self::Playing | Self::Paused)
     }
 }
 
-/// A run that is replayed through a node of the workshop's own.
+/// A replay of a run through a separate node.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Replay {
-    /// Tells it from others.
+    /// Unique number of the replay.
     pub id: u64,
     /// The run.
     pub run: String,
     /// The model.
     pub model: String,
-    /// What the page calls the damper.
+    /// Name of the damper on the page.
     pub damper: String,
-    /// Its ROS namespace.
+    /// ROS namespace of the node.
     pub namespace: String,
-    /// How it is.
+    /// State of the replay.
     pub state: Playing,
-    /// The same in words.
+    /// The state in words.
     pub says: String,
     /// Seconds of the run that were played.
     pub at_s: f64,
-    /// Its length, s.
+    /// Length of the run, s.
     pub length_s: f64,
     /// Speed, as a multiple of the original.
     pub rate: f64,
-    /// The figures of the whole run, offline.
+    /// Errors over the whole run, computed offline.
     pub figures: Figures,
 }
 
-/// Error figures of a whole run, as `mr-damper evaluate` has them.
+/// Errors over a whole run, as in `mr-damper evaluate`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "state")]
 pub enum Figures {
-    /// They are computed.
+    /// The errors are being computed.
     Computing,
-    /// They are there.
+    /// The errors.
     Done(RunReport),
-    /// There are none.
+    /// The errors could not be computed.
     None {
-        /// Why.
+        /// The reason.
         why: String,
     },
 }
 
-/// How a closing is.
+/// State of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Course {
-    /// The node is asked, or works.
+    /// The node was asked, or is working.
     Working,
-    /// It was told to give up.
+    /// Cancelling was requested.
     Cancelling,
-    /// It gave up.
+    /// The diagnosis was cancelled.
     Cancelled,
-    /// The report is there.
+    /// The report has arrived.
     Done,
-    /// It came to nothing.
+    /// The diagnosis failed.
     Failed,
 }
 
 impl Course {
-    /// True while it goes on.
+    /// True until the diagnosis has ended.
     #[must_use]
     pub const fn is_under_way(self) -> bool {
         matches!(self, Self::Working | Self::Cancelling)
     }
 }
 
-/// A closing by a running node.
+/// A diagnosis by a running node.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Closing {
-    /// Tells it from others.
+    /// Unique number of the diagnosis.
     pub id: u64,
-    /// How it is.
+    /// State of the diagnosis.
     pub state: Course,
-    /// The stage, or how it ended, in words.
+    /// The stage, or the result, in words.
     pub says: String,
-    /// About how much is done, from 0 to 1.
+    /// Approximate progress, from 0 to 1.
     pub progress: f32,
-    /// The page of the report.
+    /// Name of the report's page.
     pub report: Option<String>,
-    /// What it found.
+    /// The result.
     pub found: Option<Box<Answered>>,
 }

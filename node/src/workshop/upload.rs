@@ -1,7 +1,7 @@
-//! An upload: from the web server's thread to a file, by a thread of its own.
+//! Uploads: a separate thread writes the data received by the web server to a file.
 //!
-//! The web server hands over pieces through a short queue, so memory is bounded and a slow disk slows the sender. A queue that ends
-//! without saying so was cut off, and leaves nothing.
+//! The web server passes the data through a short queue, so memory is bounded and a slow disk slows the sender. A queue that
+//! closes without [`Part::End`] means that the upload was cut off; then nothing is kept.
 
 use super::folder::Reading;
 use super::refusal::{Kind, Refusal};
@@ -14,32 +14,32 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot};
 
-/// Pieces that wait for the disk.
+/// Maximum number of pieces that wait to be written.
 const BACKLOG: usize = 8;
-/// Uploads at a time.
+/// Maximum number of simultaneous uploads.
 const MOST: usize = 2;
-/// How often it is said how far an upload has come.
+/// Interval at which the progress is updated.
 const SAY_EVERY: Duration = Duration::from_millis(200);
 
-/// What comes of an upload.
+/// A part of an upload.
 #[derive(Debug)]
 pub enum Part {
-    /// Some of it.
+    /// The next bytes.
     Bytes(Bytes),
-    /// That was all.
+    /// The end of the upload.
     End,
 }
 
 /// The sending end of an upload.
 #[derive(Debug)]
 pub struct Upload {
-    /// Takes its parts.
+    /// Queue for the parts of the upload.
     pub parts: mpsc::Sender<Part>,
-    /// What became of it.
+    /// Result of the upload.
     pub kept: oneshot::Receiver<Result<About, Refusal>>,
 }
 
-/// How an upload ended.
+/// How receiving an upload ended.
 enum Received {
     All,
     CutOff,
@@ -47,10 +47,10 @@ enum Received {
 }
 
 impl Workshop {
-    /// Begins to take an upload that will be the run called `name`, of so many bytes where that was announced.
+    /// Starts an upload that will become the run named `name`. `of` is its announced size in bytes, if known.
     ///
     /// # Errors
-    /// When it announces too much, too many come in already, or no file can be made.
+    /// When the announced size is too large, too many uploads are running, or the file cannot be created.
     pub fn take_upload(
         self: &Arc<Self>,
         name: &str,
@@ -67,7 +67,7 @@ impl Workshop {
         let incoming = Incoming { id, name: name.clone(), bytes: 0, of, opening: false };
         self.change(|state| {
             if state.uploads.len() >= MOST {
-                let says = format!("{MOST} uploads come in already; wait for one of them");
+                let says = format!("{MOST} uploads are running already; wait until one of them has ended");
                 return Err(Refusal::new(Kind::Busy, says));
             }
             state.uploads.push(incoming);
@@ -80,9 +80,9 @@ impl Workshop {
             let taken = guarded(|| shop.receive(id, limit, &mut file, &mut queue));
             let kept = match taken {
                 Ok(Received::All) => shop.open_upload(id, file.into_temp_path(), &name, &reading),
-                // Dropped, the file is gone.
+                // Dropping the file deletes it.
                 Ok(Received::CutOff) => {
-                    Err(Refusal::new(Kind::Failed, "the upload was cut off; nothing of it is kept"))
+                    Err(Refusal::new(Kind::Failed, "the upload was cut off and is not kept"))
                 }
                 Ok(Received::TooMuch) => Err(too_much(limit)),
                 Err(error) => Err(error.into()),
@@ -94,14 +94,14 @@ impl Workshop {
                     state.runs.insert(place, Shelved::Ready(Box::new(about.clone())));
                 }
             });
-            // Whoever sent it may be gone.
+            // The sender may have disconnected.
             let _ = keep.send(kept);
         });
         begun.inspect_err(|_| self.change(|state| state.uploads.retain(|incoming| incoming.id != id)))?;
         Ok(Upload { parts, kept })
     }
 
-    /// Writes what comes.
+    /// Writes the received data to the file.
     fn receive(
         &self,
         id: u64,
@@ -138,7 +138,7 @@ impl Workshop {
     ) -> Result<About, Refusal> {
         self.change_upload(id, |incoming| incoming.opening = true);
         let mut kept = None;
-        // The loader is given whatever somebody sends.
+        // Guarded, because the loader reads arbitrary data here.
         guarded(|| {
             kept = Some(self.folder.keep(path, name, reading));
             Ok(())
@@ -157,8 +157,8 @@ impl Workshop {
 
 fn too_much(limit: u64) -> Refusal {
     let says = format!(
-        "the upload is larger than {} MB, which is the most that is taken; start with a larger --upload-limit-mb, or cut the run: \
-         mr-damper convert",
+        "the upload is larger than the limit of {} MB; restart the server with a larger --upload-limit-mb, or shorten the run \
+         (mr-damper convert)",
         limit >> 20
     );
     Refusal::new(Kind::TooMuch, says)

@@ -10,15 +10,15 @@ use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long an answer may take: a first call can take three seconds (see ros2.md).
+/// Longest time for an answer: a first call can take three seconds.
 const PATIENCE: Duration = Duration::from_secs(15);
 
-/// The configuration of a node on a domain of its own.
+/// The configuration of a node on the domain `domain`.
 pub(crate) fn config(domain: i64) -> Config {
     Config { domain_id: domain, align_wait_s: 0.5, ..Config::default() }
 }
 
-/// Waits until `is` so, for at most 10 s.
+/// Waits at most 10 s until `is` returns true.
 pub(crate) fn wait_until(what: &str, mut is: impl FnMut() -> bool) {
     let deadline = Instant::now() + Duration::from_secs(10);
     while !is() {
@@ -27,7 +27,7 @@ pub(crate) fn wait_until(what: &str, mut is: impl FnMut() -> bool) {
     }
 }
 
-/// Tells what runs on another thread to end when the test does, by a failed assertion too: a scope waits for its threads.
+/// Tells another thread to end when the test ends, also after a failed assertion: a scope waits for its threads.
 pub(crate) struct Ended<'a>(pub(crate) &'a AtomicBool);
 
 impl Drop for Ended<'_> {
@@ -36,12 +36,12 @@ impl Drop for Ended<'_> {
     }
 }
 
-/// What `task` comes to, which it must in this time.
+/// The result of `task`, which must be ready within `limit`.
 pub(crate) fn within<T>(limit: Duration, task: impl Future<Output = T>) -> T {
     let (sender, late) = futures::channel::oneshot::channel::<()>();
     std::thread::spawn(move || {
         std::thread::sleep(limit);
-        // Nobody waits any more when it came in time.
+        // If the task was ready in time, nobody waits any more.
         let _ = sender.send(());
     });
     match block_on(select(pin!(task), late)) {
@@ -50,7 +50,7 @@ pub(crate) fn within<T>(limit: Duration, task: impl Future<Output = T>) -> T {
     }
 }
 
-/// The answer of a service that was found.
+/// The response of a discovered service.
 pub(crate) fn answer<S: Service>(client: &ClientOf<S>, request: S::Request) -> S::Response {
     within(PATIENCE, client.async_call_service(Part(request))).expect("an answer that can be read").0
 }
@@ -67,7 +67,7 @@ impl Caller {
         Self { ros }
     }
 
-    /// The answer of the service `name` below `node`.
+    /// The response of the service `name` below `node`.
     pub(crate) fn call<S: Service>(&mut self, node: &str, name: &str, request: S::Request) -> S::Response {
         let client = self.ros.client::<S>(&format!("{node}/{name}")).expect("a client");
         wait_until(&format!("{node}/{name}"), || self.ros.reaches(&client));

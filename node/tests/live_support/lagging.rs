@@ -1,4 +1,4 @@
-//! A damper whose coil lags, and a model that was not told of it.
+//! A damper whose coil lags, and a model that does not include the lag.
 
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
@@ -11,7 +11,7 @@ use std::path::Path;
 /// The lag, s.
 pub(crate) const LAG_S: f64 = 0.012;
 
-/// A run of a damper whose coil lags by so much.
+/// A run of a damper whose coil lags by `lag_s`.
 pub(crate) fn run(seconds: f64, lag_s: f64, seed: u64) -> Run {
     let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(seconds);
     let channels = Channels::default().with_fine_displacement();

@@ -1,4 +1,4 @@
-//! What the tests of the real service share. Each takes what it needs.
+//! Helpers that the tests of the real service share. Each test uses a part of them.
 
 #![allow(dead_code, unused_imports, reason = "every test file is a crate of its own and uses its part")]
 

@@ -1,11 +1,11 @@
-//! A run put through the same pipeline without any ROS.
+//! Runs the same pipeline offline, without ROS.
 
 use mr_damper_model::pipeline::{Event, Pipeline};
 use mr_damper_model::sample::Run;
 use mr_damper_node::config::Config;
 use mr_damper_node::models;
 
-/// What `of` takes of the events when `run` is put through the same pipeline without any ROS.
+/// Steps `run` through the same pipeline without ROS, and collects what `of` takes from its events.
 pub(crate) fn offline<T>(config: &Config, run: &Run, of: impl Fn(Event) -> Option<T>) -> Vec<T> {
     let (models, _) = models::from_config(config).expect("it loads");
     let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);

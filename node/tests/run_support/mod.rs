@@ -1,4 +1,4 @@
-//! What the tests of runs on disk share; none of them uses all of it.
+//! Helpers that the tests of runs on disk share; each test uses a part of them.
 
 #![allow(dead_code)]
 
@@ -49,12 +49,12 @@ pub(crate) fn files_of(bag: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Every file below a directory with its bytes, to see whether anything was touched.
+/// Every file in a directory with its bytes, to check that nothing was changed.
 pub(crate) fn contents(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     files_of(dir).into_iter().map(|path| (path.clone(), std::fs::read(path).expect("read"))).collect()
 }
 
-/// A CSV text in canonical form with all known columns, both drives, others, and cells left empty.
+/// A CSV text in canonical form with all known columns, both drives, other columns, and empty cells.
 pub(crate) fn canonical(rows: usize) -> String {
     let mut text =
         "time_s,displacement_m,velocity_m_s,force_n,current_a,command_v,case_temp_c,ambient_temp_c,\
@@ -71,7 +71,7 @@ pub(crate) fn canonical(rows: usize) -> String {
     text
 }
 
-/// True when every channel of `part` is a beginning of that of `whole`.
+/// True if every channel of `part` is a prefix of the same channel of `whole`.
 pub(crate) fn is_prefix(part: &Run, whole: &Run) -> bool {
     let force = |run: &Run| run.force_n.clone().unwrap_or_default();
     whole.displacement_m.stamps.starts_with(&part.displacement_m.stamps)
@@ -80,12 +80,12 @@ pub(crate) fn is_prefix(part: &Run, whole: &Run) -> bool {
         && force(whole).values.starts_with(&force(part).values)
 }
 
-/// Writes 1000 samples of displacement and force, 1 ms apart, each of them `sin(step)`.
+/// Writes 1000 samples of displacement and force, 1 ms apart, each with the value `sin(step)`.
 pub(crate) fn thousand(dir: &Path, options: BagOptions) {
     samples(dir, options, 1000);
 }
 
-/// The same with another number of samples.
+/// Like [`thousand`], with another number of samples.
 pub(crate) fn samples(dir: &Path, options: BagOptions, count: i64) {
     bag(dir, options, |writer| {
         for step in 1..=count {
@@ -98,7 +98,7 @@ pub(crate) fn samples(dir: &Path, options: BagOptions, count: i64) {
     });
 }
 
-/// Options for a database that is not packed.
+/// Options for an uncompressed database.
 pub(crate) fn sqlite() -> BagOptions {
     BagOptions::default().stored(Storage::Sqlite3)
 }
@@ -111,7 +111,7 @@ pub(crate) fn displacement(nanos: i64, displacement: f64) -> Displacement {
     Displacement { header: at(nanos), displacement, variance: 0.0 }
 }
 
-/// Writes a bag by hand.
+/// Writes a bag message by message.
 pub(crate) fn bag(
     dir: &Path,
     options: BagOptions,
@@ -127,8 +127,9 @@ pub(crate) fn small_chunks(compress: bool) -> BagOptions {
     BagOptions { chunk_max_bytes: 2000, compress, ..BagOptions::default() }
 }
 
-/// Cuts a file whose run is `all` every `step` bytes: what comes before the cut is read, more the later it lies, and `noted` finds
-/// a note on it (it gets the notes, the length, and the samples). Returns the most samples that a cut file had.
+/// Cuts a file whose run is `all` every `step` bytes. Checks that the part before the cut is read, and that later cuts never give
+/// fewer samples. `noted` gets the notes, the length and the number of samples, and must find a note on the cut. Returns the largest
+/// number of samples of a cut file.
 pub(crate) fn read_cut_short(
     whole: &[u8],
     all: &Run,

@@ -1,4 +1,4 @@
-//! A page that is served by a process of its own, and its readers over plain TCP.
+//! A page served by its own process, and its readers over plain TCP.
 
 #![allow(dead_code, reason = "every test file is a crate of its own and uses its part")]
 
@@ -9,10 +9,10 @@ use std::net::{SocketAddr, TcpStream};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// For an answer, on a busy machine.
+/// Timeout of an answer on a busy machine.
 const ANSWER: Duration = Duration::from_secs(10);
 
-/// `mr-damper serve` on a free port. Ends with the test, whatever becomes of that.
+/// `mr-damper serve` on a free port. It is killed at the end of the test, even if the test fails.
 pub(crate) struct Page {
     pub(crate) child: Child,
     address: SocketAddr,
@@ -39,12 +39,12 @@ impl Page {
         Self { child, address }
     }
 
-    /// What its own address is called.
+    /// The page's own host name and port.
     pub(crate) fn host(&self) -> String {
         self.address.to_string()
     }
 
-    /// The answer to `request` (method and path) that is meant for `host`.
+    /// Sends `request` (method and path) with `host` in its header, and returns the answer.
     pub(crate) fn ask(&self, request: &str, host: &str, headers: &str) -> Answer {
         let mut stream = TcpStream::connect(self.address).expect("it listens");
         stream.set_read_timeout(Some(ANSWER)).expect("a time");
@@ -52,7 +52,7 @@ impl Page {
             .expect("sent");
         let mut reader = BufReader::new(stream);
         let (status, head) = head(&mut reader);
-        // A stream has no end, and its answer is in its head.
+        // An event stream has no end, so only its head is read.
         let mut body = String::new();
         if !head.contains("text/event-stream") {
             reader.read_to_string(&mut body).expect("text");
@@ -60,25 +60,26 @@ impl Page {
         Answer { status, head, body }
     }
 
-    /// What its page shows to be it: the token of its workshop.
+    /// The token that a page of `serve --workshop` contains and sends with its requests.
     pub(crate) fn token(&self) -> String {
         let whole = self.ask("GET / ", &self.host(), "").body;
         let rest = whole.split("mr-damper-token\" content=\"").nth(1).expect("a workshop's page");
         rest.split('"').next().expect("a token").to_owned()
     }
 
-    /// The answer to a POST with this body, asked as the page asks.
+    /// The answer to a POST with this body, with the headers that the page sends.
     pub(crate) fn post(&self, path: &str, body: &[u8]) -> Answer {
         let headers = format!("Origin: http://{}\r\nX-Mr-Damper-Token: {}\r\n", self.host(), self.token());
         self.post_with(path, &headers, body)
     }
 
-    /// The same with these headers alone.
+    /// Like [`Self::post`], with only these headers.
     pub(crate) fn post_with(&self, path: &str, headers: &str, body: &[u8]) -> Answer {
         Self::finish_post(self.begin_post(path, headers, body.len()), body)
     }
 
-    /// The same with a body in chunks, as they stand, whose length nothing announces.
+    /// Like [`Self::post_with`], with a body that is already in chunks, so that no header announces its
+    /// length.
     pub(crate) fn post_chunked(&self, path: &str, headers: &str, chunks: &[u8]) -> Answer {
         let mut stream = TcpStream::connect(self.address).expect("it listens");
         stream.set_read_timeout(Some(6 * ANSWER)).expect("a time");
@@ -89,17 +90,17 @@ impl Page {
     }
 
     fn finish_post(mut stream: TcpStream, body: &[u8]) -> Answer {
-        // A server that refuses does not read on.
+        // A server that refuses a request does not read the rest.
         let _ = stream.write_all(body);
         let mut reader = BufReader::new(stream);
         let (status, head) = head(&mut reader);
         let mut text = String::new();
-        // What it did not read makes the end of the connection a hard one; the answer has come before that.
+        // Unread data resets the connection at its end, but the answer has arrived before that.
         let _ = reader.read_to_string(&mut text);
         Answer { status, head, body: text }
     }
 
-    /// A POST that announces so many bytes, and has sent none of them.
+    /// Begins a POST that announces `length` bytes, without sending any of them.
     pub(crate) fn begin_post(&self, path: &str, headers: &str, length: usize) -> TcpStream {
         let mut stream = TcpStream::connect(self.address).expect("it listens");
         stream.set_read_timeout(Some(6 * ANSWER)).expect("a time");
@@ -109,12 +110,12 @@ impl Page {
         stream
     }
 
-    /// What the workshop shows.
+    /// The part of the snapshot about `--workshop`: uploads, runs, replay and diagnoses.
     pub(crate) fn workshop(&self) -> Json {
         self.snapshot()["workshop"].clone()
     }
 
-    /// What the workshop shows, as soon as it is so.
+    /// Like [`Self::workshop`], once `is` returns true.
     pub(crate) fn workshop_once(&self, what: &str, within: Duration, is: impl Fn(&Json) -> bool) -> Json {
         let deadline = Instant::now() + within;
         loop {
@@ -127,7 +128,7 @@ impl Page {
         }
     }
 
-    /// All figures.
+    /// The whole snapshot.
     pub(crate) fn snapshot(&self) -> Json {
         let answer = self.ask("GET /snapshot ", &self.host(), "");
         assert_eq!(answer.status, 200, "{}", answer.head);
@@ -169,7 +170,7 @@ impl Stream {
         Self::over(TcpStream::connect(page.address).expect("it listens"), page)
     }
 
-    /// One that can hold but little of what it does not read.
+    /// A stream with a small receive buffer, so that it can stall.
     pub(crate) fn open_with_small_buffer(page: &Page) -> Self {
         let socket = Socket::new(Domain::IPV4, Type::STREAM, None).expect("a socket");
         socket.set_recv_buffer_size(4096).expect("a size");
@@ -179,7 +180,7 @@ impl Stream {
 
     fn over(mut stream: TcpStream, page: &Page) -> Self {
         stream.set_read_timeout(Some(ANSWER)).expect("a time");
-        // As HTTP/1.0 the stream comes as it is, not in chunks.
+        // With HTTP/1.0 the stream is not chunked.
         write!(stream, "GET /events HTTP/1.0\r\nHost: {}\r\n\r\n", page.host()).expect("sent");
         let mut reader = BufReader::new(stream);
         let (status, head) = head(&mut reader);
@@ -188,7 +189,7 @@ impl Stream {
         Self(reader)
     }
 
-    /// Reads on as fast as anybody.
+    /// Enlarges the receive buffer, so that the reader catches up.
     pub(crate) fn widen(&self) {
         SockRef::from(self.0.get_ref()).set_recv_buffer_size(1 << 20).expect("a size");
     }

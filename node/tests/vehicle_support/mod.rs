@@ -1,4 +1,4 @@
-//! A node with several dampers in a process of its own, and a peer that drives and hears them.
+//! A node with several dampers in its own process, and a peer that publishes their inputs and receives their estimates.
 
 #![allow(dead_code, reason = "every test file and example is a crate of its own and uses its part")]
 
@@ -15,22 +15,22 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 pub(crate) const CORNERS: [&str; 4] = ["front_left", "front_right", "rear_left", "rear_right"];
-/// The least pause between two samples of the peer, of the interval: a quarter.
+/// Shortest pause between two samples of the peer, as a share of the sample interval.
 const CATCH_UP: f64 = 0.25;
 
-/// A corner as the peer sees it.
+/// One damper of the vehicle, as the peer sees it.
 pub(crate) struct Corner {
     pub(crate) displacement: Output<Displacement>,
     pub(crate) current: Output<CoilCurrent>,
     pub(crate) estimates: Subscription<ForceEstimate>,
 }
 
-/// Ends the node when a test fails before it does.
+/// Kills the node when it is dropped, for example because a test failed.
 pub(crate) struct Node(pub(crate) Child);
 
 impl Drop for Node {
     fn drop(&mut self) {
-        // It has ended, where all went well.
+        // If the test passed, the process has already ended.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
@@ -48,14 +48,14 @@ pub(crate) fn start(program: &Path, names: &[&str], domain: i64, parameters: &[S
     Node(node.expect("the node starts"))
 }
 
-/// The other side.
+/// The peer of the node.
 pub(crate) struct Peer {
     pub(crate) ros: Ros,
     pub(crate) corners: Vec<Corner>,
 }
 
 impl Peer {
-    /// Joins `domain`, and waits until the node of the dampers called `names` is there.
+    /// Joins `domain`, and waits until the node with the dampers `names` is discovered.
     pub(crate) fn start(names: &[&str], domain: i64) -> Self {
         let config = Config { domain_id: domain, ..Config::default() };
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
@@ -80,8 +80,8 @@ fn corners(ros: &mut Ros, names: &[&str]) -> Vec<Corner> {
     names.iter().map(corner).collect()
 }
 
-/// Sends motion at `rate_hz` for `seconds`, and returns the stamps and the largest lateness. After the machine stood still
-/// it catches up at a few times the rate: a burst of all that is late would overrun what any middleware keeps.
+/// Sends motion at `rate_hz` for `seconds`, and returns the stamps and the largest lateness. After a stall of the machine
+/// it catches up at four times the rate: a burst of all late samples would overrun the queues of any middleware.
 pub(crate) fn drive(corners: &[Corner], rate_hz: f64, seconds: f64) -> (Vec<i64>, Duration) {
     let (begin, first) = (Instant::now(), system_now());
     let mut stamps = Vec::with_capacity((rate_hz * seconds) as usize);
@@ -91,24 +91,24 @@ pub(crate) fn drive(corners: &[Corner], rate_hz: f64, seconds: f64) -> (Vec<i64>
         let (due, now) = (Duration::from_secs_f64(at_s), begin.elapsed());
         latest = latest.max(now.saturating_sub(due));
         std::thread::sleep(due.saturating_sub(now).max(Duration::from_secs_f64(CATCH_UP / rate_hz)));
-        // On the grid, as those of a sampling card are: what is sent late was not sampled late.
+        // Stamps are on the sampling grid, as from a sampling card: a sample sent late was not taken late.
         let stamp = first.shifted((at_s * 1e9).round() as i64);
         for (index, corner) in corners.iter().enumerate() {
-            // Whole cycles a second, so that a second drive goes on where the first ended.
+            // There are whole cycles per second, so that a second drive continues where the first one ended.
             let phase = std::f64::consts::TAU * 2.0 * at_s + index as f64;
             let (displacement, current) = (0.01 * phase.sin(), if at_s % 2.0 < 1.0 { 0.4 } else { 0.8 });
             let header = header(stamp, "");
             let current = CoilCurrent { header: header.clone(), current, variance: 0.0 };
             let sent = corner.current.publish(current).is_ok()
                 && corner.displacement.publish(Displacement { header, displacement, variance: 0.0 }).is_ok();
-            assert!(sent, "the middleware takes what is paced");
+            assert!(sent, "the middleware accepts samples at this pace");
         }
         stamps.push(stamp.nanos());
     }
     (stamps, latest)
 }
 
-/// Takes estimates until `done`, and then for a moment more; the stamps of each corner's.
+/// Collects the stamps of each damper's estimates until `done`, and half a second longer.
 pub(crate) fn hear(corners: &[Corner], done: &AtomicBool) -> Vec<BTreeSet<i64>> {
     let mut heard = vec![BTreeSet::new(); corners.len()];
     let mut end = None;

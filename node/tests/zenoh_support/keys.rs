@@ -1,4 +1,4 @@
-//! Certificates of an authority of the test's own, the ready configurations with their paths, and sessions that use them.
+//! Certificates of a test authority, the ready configurations with their paths, and sessions that use them.
 
 use super::sessions::session;
 use mr_damper_node::sink::zenoh::ZenohConfig;
@@ -8,11 +8,11 @@ use std::time::Duration;
 use tempfile::TempDir;
 use zenoh::{Session, Wait};
 
-/// A directory as the ready configurations want it: `certs/` and `users.txt`.
+/// A directory with the files that the ready configurations expect: `certs/` and `users.txt`.
 pub(crate) struct Keys(TempDir);
 
 impl Keys {
-    /// Certificates of `node`, `supervisor` and `reader`, and of a `stranger` whose authority is another one.
+    /// Certificates of `node`, `supervisor` and `reader`, and of `stranger`, which is signed by another authority.
     pub(crate) fn new() -> Self {
         let folder = TempDir::new().expect("a directory");
         std::fs::create_dir(folder.path().join("certs")).expect("an empty directory");
@@ -52,7 +52,7 @@ impl Keys {
         self.0.path().join(name)
     }
 
-    /// Settings with the ready configuration `name`, its paths made absolute, listening at `endpoint`.
+    /// Settings with the ready configuration `name`, with absolute paths, listening at `endpoint`.
     pub(crate) fn ready(&self, name: &str, endpoint: &str) -> ZenohConfig {
         let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../launch-configs/zenoh").join(name);
         let text = std::fs::read_to_string(&source).expect("it is in the repository");
@@ -65,7 +65,8 @@ impl Keys {
         ZenohConfig { file: Some(path), listen: vec![endpoint.to_owned()], ..ZenohConfig::default() }
     }
 
-    /// A session that connects with TLS as `who` (no certificate: `None`), trusting the authority `trusted`.
+    /// A session that connects with TLS and the certificate of `who` (`None`: no certificate), trusting the authority
+    /// `trusted`.
     pub(crate) fn tls(&self, endpoint: &str, who: Option<&str>, trusted: &str) -> Session {
         let quoted = |name: String| format!("{:?}", self.path(&name).to_str().expect("UTF-8"));
         let mut settings =
@@ -79,13 +80,13 @@ impl Keys {
     }
 }
 
-/// A session that connects with a name and a password.
+/// A session that connects with a user name and a password.
 pub(crate) fn with_password(endpoint: &str, user: &str, password: &str) -> Session {
     let both = format!("{{ user: \"{user}\", password: \"{password}\" }}");
     session(endpoint, &[("transport/auth/usrpwd", both)])
 }
 
-/// How many others a session is connected to after some tries.
+/// Number of other sessions that a session is connected to after 1.5 s of tries.
 pub(crate) fn connected(session: &Session) -> usize {
     std::thread::sleep(Duration::from_millis(1500));
     session.info().peers_zid().wait().count() + session.info().routers_zid().wait().count()

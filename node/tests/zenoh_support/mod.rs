@@ -1,4 +1,4 @@
-//! A mirror with a ring to push into, and what is on the other side of it: sessions, certificates, a consumer that stalls.
+//! A mirror with a ring to push events into, and its clients: sessions, certificates, a consumer that stalls.
 
 #![allow(dead_code, unused_imports, reason = "each test binary uses a part of it")]
 
@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 use zenoh::sample::Sample as ZenohSample;
 use zenoh::{Session, Wait};
 
-/// Generous: a loaded machine must not fail a test.
+/// Long, because a loaded machine must not fail a test.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 pub(crate) const RING: usize = 8192;
 pub(crate) const DAMPER: &str = "front_left";
@@ -36,7 +36,7 @@ pub(crate) fn names() -> ModelNames {
     ModelNames { free: "thesis/fuzzy-tanh/rp3-cs".into(), seeded: None, hash: "0123abcd".into() }
 }
 
-/// The producing side, as the estimating thread has it.
+/// The producing side of the ring, as in the estimating thread.
 pub(crate) struct Feeder {
     ring: rtrb::Producer<Event>,
     pub(crate) dropped: Arc<AtomicU64>,
@@ -51,7 +51,7 @@ impl Feeder {
         self.waker.unpark();
     }
 
-    /// Pushes what `make` gives, at `rate_hz`; catches up after a delay, as a source does.
+    /// Pushes the events of `make` at `rate_hz`; catches up after a delay, as a source does.
     pub(crate) fn run(&mut self, count: u32, rate_hz: f64, make: impl Fn(u32) -> Vec<Event>) {
         let start = Instant::now();
         for k in 0..count {
@@ -92,7 +92,7 @@ pub(crate) fn mirror(link: &Link, damper: &str) -> (Mirror, Feeder) {
     let waker = mirror.waker();
     (mirror, Feeder { ring, dropped, waker })
 }
-/// What was received, in order.
+/// Received samples, in order.
 #[derive(Clone, Default)]
 pub(crate) struct Inbox(Arc<Mutex<Vec<ZenohSample>>>);
 
@@ -116,7 +116,7 @@ impl Inbox {
     }
 }
 
-/// Subscribes, and returns once the mirror knows of it: a query behind the declaration was answered.
+/// Subscribes, and returns once the mirror knows of it: a query sent after the declaration was answered.
 pub(crate) fn subscribe(session: &Session, key: &str) -> Inbox {
     let inbox = Inbox::default();
     let to = inbox.clone();
@@ -130,13 +130,13 @@ pub(crate) fn subscribe(session: &Session, key: &str) -> Inbox {
     inbox
 }
 
-/// Asks until there is an answer, and returns it as JSON.
+/// Queries until there is an answer, and returns it as JSON.
 pub(crate) fn ask(session: &Session, question: &str) -> serde_json::Value {
-    let sample = ask_raw(session, question).expect("the question is a right one");
+    let sample = ask_raw(session, question).expect("the query is valid");
     serde_json::from_slice(&sample.payload().to_bytes()).expect("answers are JSON by default")
 }
 
-/// The reply, or the text of the error.
+/// The reply, or the text of the error reply.
 pub(crate) fn ask_raw(session: &Session, question: &str) -> Result<ZenohSample, String> {
     let selector = format!("mr_damper/{DAMPER}/{question}");
     let patience = Instant::now() + PATIENCE;
@@ -155,7 +155,7 @@ pub(crate) fn ask_raw(session: &Session, question: &str) -> Result<ZenohSample, 
 pub(crate) fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
     let patience = Instant::now() + PATIENCE;
     while !done() {
-        assert!(Instant::now() < patience, "in vain: {what}");
+        assert!(Instant::now() < patience, "timed out waiting for: {what}");
         thread::sleep(Duration::from_millis(5));
     }
 }
@@ -209,7 +209,7 @@ pub(crate) fn residual(nanos: i64, residual_n: f64) -> Event {
     })
 }
 
-/// One event for each topic; the residual is that of the estimate.
+/// One event for each topic; the residual belongs to the estimate.
 pub(crate) fn one_of_each() -> Vec<Event> {
     vec![
         displacement(1),

@@ -1,4 +1,4 @@
-//! A consumer that stops reading, as one does that is stopped or whose link is down.
+//! A consumer that stops reading, like one that is suspended or has lost its link.
 
 use std::io::{Read, Write};
 use std::sync::Arc;
@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-/// Passes bytes between a consumer and the mirror; from `stalled` on, it does not read the mirror's any more.
-/// Returns its endpoint.
+/// Forwards bytes between a consumer and the mirror. Once `stalled` is set, it no longer reads from the
+/// mirror. Returns its endpoint.
 pub(crate) fn proxy(to: &str, stalled: &Arc<AtomicBool>) -> String {
     let to = to.trim_start_matches("tcp/").to_owned();
     let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback has a free port");

@@ -1,4 +1,4 @@
-//! Endpoints of the tests' own, and Zenoh sessions at them.
+//! Endpoints of the tests, and Zenoh sessions at them.
 
 use zenoh::{Session, Wait};
 
@@ -9,7 +9,7 @@ pub(crate) fn endpoint() -> String {
     format!("tcp/127.0.0.1:{port}")
 }
 
-/// A session that connects to `endpoint` and nowhere else.
+/// A session that connects only to `endpoint`.
 pub(crate) fn session(endpoint: &str, settings: &[(&str, String)]) -> Session {
     let mut config = zenoh::Config::default();
     for (key, value) in [

@@ -1,4 +1,5 @@
-//! CDR of every message. The first byte of the input says which type; the rest is the payload with its four header bytes.
+//! CDR of every message. The first byte of the input selects the type; the rest is the payload with its four header
+//! bytes.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -122,7 +123,7 @@ fuzz_target!(|bytes: &[u8]| {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         let missing = MESSAGES.iter().find(|of| ALL.iter().all(|(name, _)| *name != of.type_name));
-        assert!(missing.is_none(), "{missing:?} is not among the types that are tried");
+        assert!(missing.is_none(), "{missing:?} is not among the tested types");
     });
     if let Some((which, payload)) = bytes.split_first() {
         let (_, check) = ALL[usize::from(*which) % ALL.len()];
@@ -130,7 +131,7 @@ fuzz_target!(|bytes: &[u8]| {
     }
 });
 
-/// What is read can be written, that is read as the same, one byte less is refused.
+/// A message that was read can be written, the result reads as the same message, and without its last byte it is refused.
 fn comes_back<M: Message>(payload: &[u8]) {
     let message: M = match cdr::from_slice(payload) {
         Ok(message) => message,
@@ -138,12 +139,12 @@ fn comes_back<M: Message>(payload: &[u8]) {
     };
     let written = cdr::to_vec(&message).expect("what was read can be written");
     let again: M = cdr::from_slice(&written).unwrap_or_else(|error| panic!("our own bytes: {error}"));
-    // By bytes, since a message may hold NaN.
+    // Compares bytes, because a message may hold NaN.
     assert_eq!(cdr::to_vec(&again).expect("written before"), written);
     assert!(
         cdr::from_slice::<M>(&written[..written.len() - 1]).is_err(),
-        "{message:?} is whole without its last byte"
+        "{message:?} is accepted without its last byte"
     );
-    // Text and lists take no more memory than the bytes that they came from are worth.
+    // Strings and lists take no more memory than the input justifies.
     assert!(written.len() <= 2 * payload.len() + 8, "{} bytes became {}", payload.len(), written.len());
 }

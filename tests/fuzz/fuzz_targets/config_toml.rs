@@ -1,4 +1,5 @@
-//! The configuration file: every setting in its range or refused with the file's name, and written again it says the same.
+//! The configuration file: every setting is in its range or refused with the file's name, and a written file has the same
+//! settings.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -9,7 +10,7 @@ fuzz_target!(|bytes: &[u8]| {
     let path = file("node.toml", bytes);
     if let Err(error) = dampers(Some(&path), &RosArgs::default(), &[]) {
         let text = error.to_string();
-        // What several settings make together is told by their names.
+        // Errors about combinations of settings name the settings instead of the file.
         assert!(
             text.contains("node.toml") || text.contains("dampers") || text.contains("differ in"),
             "{text}"

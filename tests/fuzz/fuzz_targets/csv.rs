@@ -1,4 +1,5 @@
-//! A run as CSV: finite values in order of time, through the pipeline, and the same again by way of CSV and a bag.
+//! A run as CSV: finite values with increasing stamps, which go through the pipeline, and are unchanged through
+//! CSV and a bag.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

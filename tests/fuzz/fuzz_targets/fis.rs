@@ -1,4 +1,5 @@
-//! MATLAB's `.fis`: written and read again it is the same, and what makes a model survives the model file.
+//! MATLAB's `.fis`: written and read again, it is unchanged, and a system that forms a model survives the
+//! model file.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,5 +1,5 @@
-//! The journals that a killed recorder leaves beside its database: a good bag with a hostile one. The first byte of the input says
-//! which kind it is (even: `-wal`); the rest is the journal.
+//! Journals left by a killed recorder next to its database: a good bag with a hostile journal. The first byte of the input selects
+//! the kind (even: `-wal`); the rest is the journal.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -7,7 +7,7 @@ use mr_damper_fuzz::{check_csv_of, check_pipeline_of, file, load_run};
 use mr_damper_node::run::LoadOptions;
 use std::path::Path;
 
-/// A database of 40 displacements, in mode of write-ahead logging.
+/// A database of 40 displacements, in write-ahead logging mode.
 const DATABASE: &[u8] = include_bytes!("../data/wal.db3");
 
 fuzz_target!(|bytes: &[u8]| {

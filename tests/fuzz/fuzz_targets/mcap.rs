@@ -1,4 +1,5 @@
-//! A bag's file in MCAP, packed or not: what can be read is a run, which goes through the pipeline and to CSV and back.
+//! A bag file in MCAP, compressed or not: a readable file gives a run, which goes through the pipeline and to CSV and
+//! back.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

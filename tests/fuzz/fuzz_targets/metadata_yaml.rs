@@ -1,4 +1,4 @@
-//! `metadata.yaml` of a bag: it names files of the bag's own directory, or is refused.
+//! `metadata.yaml` of a bag: it names only files in the bag's directory, or is refused.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -23,6 +23,6 @@ fuzz_target!(|bytes: &[u8]| {
     });
     std::fs::write(dir.join("metadata.yaml"), bytes).expect("written");
     if let Ok(loaded) = load_run(&dir, &LoadOptions::default()) {
-        assert_eq!(loaded.run.displacement_m.len(), 10, "there is no other run in that directory");
+        assert_eq!(loaded.run.displacement_m.len(), 10, "the directory has only this run");
     }
 });

@@ -1,4 +1,4 @@
-//! A model file: written and read again it is the same, and as a pipeline's model it gives numbers, or says that it has none.
+//! A model file: written and read again, it is unchanged, and its pipeline gives finite numbers or marks the estimate invalid.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -13,11 +13,11 @@ fuzz_target!(|text: &str| {
     let again =
         ModelFile::from_toml(&written).unwrap_or_else(|error| panic!("our own file: {error}\n{written}"));
     assert_eq!(again, read, "{written}");
-    // A model may need what this motion has not, or more than a search can do for it: that is refused, and no panic.
+    // A model may need inputs that this motion lacks, or more than a search can solve: then it is refused, without a panic.
     let _ = run_pipeline(read.model, motion(read.model.force.drive()));
 });
 
-/// A tenth of a second of a sine of 10 mm and 2 Hz at 500 Hz, with everything that can be measured, and a force that is asked for.
+/// A tenth of a second of a sine of 10 mm and 2 Hz at 500 Hz, with every measurable quantity and a requested force.
 fn motion(drive: Option<DriveKind>) -> impl Iterator<Item = Sample> {
     let drive = drive.unwrap_or(DriveKind::CoilCurrent);
     (0..50_u32).flat_map(move |k| {

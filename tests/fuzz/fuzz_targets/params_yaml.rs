@@ -1,4 +1,5 @@
-//! A parameter file of ROS 2: what it says of three nodes stays in its range, and is the same as a configuration file.
+//! A ROS 2 parameter file: its parameters for three nodes are in their ranges, and equal a configuration file written
+//! from them.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

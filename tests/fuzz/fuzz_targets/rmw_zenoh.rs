@@ -1,4 +1,4 @@
-//! What nodes on rmw_zenoh send beside their messages: attachments, and the tokens that tell who publishes.
+//! Data that nodes on rmw_zenoh send besides messages: attachments, and liveliness tokens of publishers.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

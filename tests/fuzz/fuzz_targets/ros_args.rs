@@ -1,4 +1,5 @@
-//! A command line with `--ros-args`, one argument a line: names that ROS can have, parameters in their range.
+//! A command line with `--ros-args`, one argument per line: names are valid ROS names, and parameters are in
+//! their ranges.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -8,7 +9,7 @@ use mr_damper_node::config::RosArgs;
 fuzz_target!(|text: &str| {
     let mut before = "";
     let arguments = text.split('\n').take(64).map(|argument| {
-        // Whatever files this machine has are not for this test.
+        // Files of this machine must not be read.
         let is_file = std::mem::replace(&mut before, argument) == "--params-file";
         if is_file { scratch("none.yaml").to_string_lossy().into_owned() } else { argument.to_owned() }
     });
@@ -24,7 +25,7 @@ fuzz_target!(|text: &str| {
             };
             assert!(
                 is_root || (parts[0].is_empty() && parts[1..].iter().all(good)),
-                "{name} is no name of ROS"
+                "{name} is not a valid ROS name"
             );
         }
         check_config(None, &args);

@@ -1,4 +1,5 @@
-//! A bag's database, packed or not: as MCAP, and nothing is written to it or beside it.
+//! A bag's database, compressed or not: checked like MCAP, and nothing is written to it or next to
+//! it.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -13,7 +14,7 @@ fuzz_target!(|bytes: &[u8]| {
     for journal in ["-wal", "-journal", "-shm"] {
         assert!(
             !path.with_extension(format!("db3{journal}")).exists(),
-            "there is a {journal} beside the file"
+            "there is a {journal} next to the file"
         );
     }
     if let Ok(loaded) = loaded {

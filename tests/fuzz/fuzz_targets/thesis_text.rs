@@ -1,4 +1,5 @@
-//! The thesis' acquisition files, `--thesis-txt`: as CSV, and never a header taken for a row.
+//! The acquisition files of the thesis (`--thesis-txt`): checked like CSV, and a header is never
+//! taken for a row.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,4 @@
-//! Commands that come by Zenoh. The first byte says which and how encoded; the rest is the payload.
+//! Commands from Zenoh. The first byte selects the command and its encoding; the rest is the payload.
 #![no_main]
 
 use ciborium::Value;
@@ -21,14 +21,14 @@ fuzz_target!(|bytes: &[u8]| {
         }
         Err(refusal) => {
             assert!(!refusal.to_string().is_empty());
-            // Its number is still free, whatever it was.
+            // Its sequence number, whatever it was, is still free.
             let (json, _) = written(kind, &Order::Mode("auto".to_owned()));
             assert!(judge.judge(kind, &json, false, NOW).is_ok(), "a refused command took the number 1");
         }
     }
 });
 
-/// The same order in either encoding is obeyed alike.
+/// The same command has the same effect in either encoding.
 fn obeyed_is_what_was_meant(kind: Kind, order: &Order) {
     if let Order::Force(_, force) = order {
         assert!(force.get().is_finite(), "{force:?}");
@@ -42,7 +42,7 @@ fn obeyed_is_what_was_meant(kind: Kind, order: &Order) {
     }
 }
 
-/// A command of that kind which holds `order`, or else something that the kind takes, with the number 1: as JSON and as CBOR.
+/// A command of that kind with `order`, or with a value that the kind accepts, and sequence number 1, as JSON and as CBOR.
 fn written(kind: Kind, order: &Order) -> (Vec<u8>, Vec<u8>) {
     let (name, value) = match (kind, order) {
         (Kind::ForceRequest, Order::Force(_, force)) => ("force_n", Value::from(force.get())),

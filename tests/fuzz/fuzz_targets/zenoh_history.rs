@@ -1,4 +1,4 @@
-//! `_time` of a query for a damper's history: a range of times, or an error that quotes it.
+//! `_time` of a query for a damper's history: it is a range of times, or gives an error that quotes it.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -15,7 +15,7 @@ fuzz_target!(|text: &str| {
     for at_ns in [i64::MIN, 0, NOW, i64::MAX, range.from_ns, range.to_ns] {
         assert_eq!(range.contains(at_ns), range.from_ns <= at_ns && at_ns <= range.to_ns, "{range:?}");
     }
-    // Bounds that are left out are as far away as can be, and one that is not counted is the next to it.
+    // A missing bound is the extreme value, and an open bound excludes only the bound itself.
     let inner = &text[1..text.len() - 1];
     assert!(!inner.starts_with("..") || range.from_ns == i64::MIN, "{range:?}");
     assert!(!inner.ends_with("..") || range.to_ns == i64::MAX, "{range:?}");

@@ -1,5 +1,5 @@
-//! What `mr-damper serve` and `top` hear of a mirror: samples, one a line, topic (first byte) and JSON. The page gets JSON of it, bounded
-//! in size.
+//! Samples that `mr-damper serve` and `top` receive from a mirror, one per line: topic (first byte) and JSON. The page gets JSON of
+//! bounded size.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -16,8 +16,8 @@ fuzz_target!(|bytes: &[u8]| {
             wall.take("front", heard.expect("one of the topics"), now_s);
         }
         let (_, batch) = wall.batch(now_s);
-        serde_json::from_str::<serde_json::Value>(&batch).expect("what the page gets is JSON");
+        serde_json::from_str::<serde_json::Value>(&batch).expect("the page gets valid JSON");
         assert!(batch.len() < 8192 + 4 * line.len(), "a sample of {} bytes makes {batch}", line.len());
     }
-    serde_json::from_str::<serde_json::Value>(&json(&wall.start(now_s))).expect("what the page gets is JSON");
+    serde_json::from_str::<serde_json::Value>(&json(&wall.start(now_s))).expect("the page gets valid JSON");
 });

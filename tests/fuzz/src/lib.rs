@@ -1,4 +1,4 @@
-//! What the fuzz targets share: memory with a limit, a place for files, and what must hold of whatever was read.
+//! Shared by the fuzz targets: an allocator with a limit, a directory for files, and checks of everything that was read.
 
 use cap::Cap;
 use mr_damper_model::model::Model;
@@ -11,24 +11,24 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use tempfile::TempDir;
 
-/// Bytes that a target may have at once: some of the 32 MiB that a packed chunk may always have. Inputs are a thousand times
-/// smaller, so who asks for more has believed a length field.
+/// Bytes that a target may have allocated at once. It includes the 32 MiB that a compressed chunk may always use. Inputs are a
+/// thousand times smaller, so code that allocates more has trusted a length field.
 const MEMORY_LIMIT: usize = 128 << 20;
 
-/// Counts all that Rust code asks for; SQLite and zstd have libFuzzer's `-rss_limit_mb`.
+/// Counts all allocations of Rust code; for SQLite and zstd there is libFuzzer's `-rss_limit_mb`.
 #[global_allocator]
 static MEMORY: Cap<System> = Cap::new(System, MEMORY_LIMIT);
 
-/// Where inputs that are read as files lie; below `TMPDIR`, which `run.sh` puts into memory.
+/// Directory for inputs that are read as files; below `TMPDIR`, which `run.sh` places in memory.
 static SCRATCH: LazyLock<TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary directory"));
 
-/// A path in a directory of this process.
+/// A path in this process's directory.
 #[must_use]
 pub fn scratch(name: &str) -> PathBuf {
     SCRATCH.path().join(name)
 }
 
-/// Writes `bytes` to the file `name` of this process, and says where that is.
+/// Writes `bytes` to the file `name` of this process, and returns its path.
 #[must_use]
 pub fn file(name: &str, bytes: &[u8]) -> PathBuf {
     let path = scratch(name);
@@ -36,10 +36,10 @@ pub fn file(name: &str, bytes: &[u8]) -> PathBuf {
     path
 }
 
-/// Loads a run; where both drives were recorded, with the current.
+/// Loads a run; if both drives were recorded, with the current.
 ///
 /// # Errors
-/// Those of [`load`], which name the file.
+/// As [`load`]; checks that the error names the file.
 pub fn load_run(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
     let loaded = match load(path, options) {
         Err(RunError::BothDrives { .. }) => {
@@ -58,7 +58,7 @@ pub fn load_run(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> 
     loaded
 }
 
-/// What every run that was read keeps: finite values, one a stamp, stamps that increase.
+/// Checks that a run has finite values, one value per stamp, and increasing stamps.
 pub fn check_run(run: &Run) {
     assert!(!run.displacement_m.is_empty(), "a run without displacement");
     for (name, trace) in traces(run) {
@@ -82,7 +82,7 @@ fn traces(run: &Run) -> impl Iterator<Item = (&str, &Trace)> {
     known.chain(run.other.iter().map(|(name, trace)| (name.as_str(), trace)))
 }
 
-/// Runs a run through the pipeline of a published model, and whatever follows from it has to be a number or to say that it is none.
+/// Runs a run through the pipeline of a published model, and checks that results are finite or marked as invalid.
 pub fn check_pipeline_of(run: &Run) {
     static MODEL: LazyLock<Model> =
         LazyLock::new(|| mr_damper_model::preset::load("thesis/fuzzy-tanh/rp3-cs").expect("a preset"));
@@ -92,7 +92,7 @@ pub fn check_pipeline_of(run: &Run) {
 /// Runs samples through the pipeline of a model, and checks each event.
 ///
 /// # Errors
-/// When the model is none that can run.
+/// If the model cannot run.
 pub fn run_pipeline(
     model: Model,
     samples: impl Iterator<Item = Sample>,
@@ -126,17 +126,17 @@ fn check_event(event: &Event) {
     }
 }
 
-/// Writes a run as CSV and reads it again, which has to give the same to the bit; so has writing that.
+/// Writes a run as CSV and reads it again: the result must be bit-identical, and writing it again gives the same text.
 pub fn check_csv_of(run: &Run) {
     let [first, second] = ["first.csv", "second.csv"].map(scratch);
     let again = saved_and_loaded(run, &first).expect("what was read can be written as CSV");
     assert_same(run, &again);
     let _ = saved_and_loaded(&again, &second).expect("what was read can be written as CSV");
     let texts = [first, second].map(|path| std::fs::read(path).expect("written"));
-    assert!(texts[0] == texts[1], "CSV that was read is written otherwise");
+    assert!(texts[0] == texts[1], "CSV changes when it is read and written again");
 }
 
-/// Writes a run as a bag of the storage that `name` tells and reads it again, where its times can stand in a bag.
+/// Writes a run as a bag of the storage that `name` implies, and reads it again, if a bag can hold its times.
 pub fn check_bag_of(run: &Run, name: &str) {
     match saved_and_loaded(run, &scratch(name)) {
         Ok(again) => assert_same(run, &again),
@@ -146,14 +146,14 @@ pub fn check_bag_of(run: &Run, name: &str) {
 }
 
 fn saved_and_loaded(run: &Run, path: &Path) -> Result<Run, RunError> {
-    // From an input before.
+    // It may exist from a previous input.
     let _ = std::fs::remove_file(path);
     save(run, path, &SaveOptions::default())?;
     let options = LoadOptions { drive: run.drive_kind(), ..LoadOptions::default() };
     Ok(load(path, &options).unwrap_or_else(|error| panic!("our own file: {error}")).run)
 }
 
-/// Panics where two runs differ in more than their name and the order of columns that are carried through.
+/// Panics if two runs differ in more than their name and the order of unused columns.
 fn assert_same(left: &Run, right: &Run) {
     let bits = |run: &Run| {
         let mut all: Vec<_> = traces(run)
@@ -168,8 +168,8 @@ fn assert_same(left: &Run, right: &Run) {
     assert_eq!(bits(left), bits(right));
 }
 
-/// What `--config`, `--ros-args` and nothing else make of it: every setting in its range, and all of it can be written as a
-/// configuration file that says the same.
+/// Checks the configuration from `--config` and `--ros-args`: every setting is in its range, and a configuration file written from
+/// it has the same settings.
 pub fn check_config(file: Option<&Path>, args: &RosArgs) {
     let Ok(dampers) = dampers(file, args, &[]) else { return };
     assert!(!dampers.is_empty());

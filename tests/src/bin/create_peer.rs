@@ -1,7 +1,7 @@
-//! Creates topics in one thread and readers and writers in another, for some seconds, with DDS-Security.
+//! Creates topics in one thread and readers and writers in another thread, for some seconds, with DDS-Security.
 //!
 //! Usage: `create_peer SECONDS`, with `ROS_DOMAIN_ID`, `ROS_SECURITY_*` and the feature `mr-damper-node/security`. Prints one line of
-//! JSON: how many `topics` and `endpoints` it created, and whether the threads are `stuck`: whether one still waits `PATIENCE` after
+//! JSON: the numbers of `topics` and `endpoints` that it created, and `stuck`: whether a thread has still not ended `PATIENCE` after
 //! the end.
 
 use mr_damper_node::security::Enclave;
@@ -13,10 +13,10 @@ use std::time::{Duration, Instant};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
-/// Between two creations of a thread. Without it, the topics fill RustDDS' queue of discovery commands (1024): another deadlock, of its
-/// discovery and its event loop, which no program meets that creates what it needs.
+/// Pause between two creations of a thread. Without it, the topics fill RustDDS' queue of discovery commands (1024), which causes
+/// another deadlock between its discovery and its event loop. A program that creates only what it needs does not meet that deadlock.
 const PAUSE: Duration = Duration::from_millis(5);
-/// A thread that is not stuck ends its last creation within this time, also on a busy machine.
+/// A thread that is not stuck finishes its last creation within this time, also on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 fn main() -> Outcome<()> {
@@ -50,7 +50,7 @@ fn main() -> Outcome<()> {
     }
     let count = |of: &AtomicU64| of.load(Ordering::Relaxed);
     println!("{}", json!({"topics": count(&topics), "endpoints": count(&endpoints), "stuck": stuck}));
-    // Threads that are stuck would keep the participant's destructor waiting.
+    // Stuck threads would block the participant's destructor.
     std::process::exit(0)
 }
 

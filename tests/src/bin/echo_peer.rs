@@ -1,9 +1,9 @@
-//! The yardstick of the round trip: what ros2-client costs with nothing in between.
+//! The reference for the round trip: the cost of ros2-client without a node in between.
 //!
-//! Takes `displacement`, publishes a `force_estimate` with the same stamp, and does nothing else: no model, no
-//! threads to hand over to. It takes `coil_current` and `measured_force` too and forgets them, so that a peer has the same
-//! work with it as with the node: a sample that nobody takes is never sent. It sets DDS up as the node does (one participant on loopback, the same QoS), so
-//! the node's round trip over this one's is the price of the node.
+//! Receives `displacement`, publishes a `force_estimate` with the same stamp, and does nothing else: no model, no
+//! hand-over between threads. It also receives and discards `coil_current` and `measured_force`, so that a peer has the
+//! same work as with the node: a sample without a reader is never sent. It sets DDS up like the node (one participant on
+//! loopback, the same QoS), so the ratio of the node's round trip to this one is the cost of the node.
 //!
 //! Usage: `echo_peer`, with `ROS_DOMAIN_ID` as in any ROS 2 program. It ends on SIGINT and SIGTERM.
 
@@ -34,7 +34,7 @@ fn main() -> Outcome<()> {
     let spinner = node.spinner()?;
     let spinner = std::thread::spawn(move || block_on(spinner.spin()));
 
-    // The node's own: best effort in, so that any publisher matches; reliable out.
+    // The node's QoS: best effort for inputs, so that any publisher matches; reliable for outputs.
     let taking = QosProfile::subscription_default().history(History::KeepLast { depth: 256 });
     let giving = QosProfile::publisher_default().history(History::KeepLast { depth: 10 });
     let topic = |name: &str, message: &str, qos: &QosProfile| {
@@ -59,7 +59,7 @@ fn main() -> Outcome<()> {
                 let answer = match received {
                     Ok((message, _)) => ForceEstimate { header: message.header, ..ForceEstimate::default() },
                     Err(error) => {
-                        eprintln!("echo_peer: a displacement did not arrive: {error}");
+                        eprintln!("echo_peer: a displacement could not be read: {error}");
                         continue;
                     }
                 };
@@ -75,11 +75,11 @@ fn main() -> Outcome<()> {
         pin_mut!(all);
         match select(stop, all).await {
             Either::Left(_) => {}
-            Either::Right(_) => eprintln!("echo_peer: the subscription ended by itself"),
+            Either::Right(_) => eprintln!("echo_peer: the subscription ended unexpectedly"),
         }
     });
 
-    // In this order, and with the spinner awaited, peers see the node leave at once.
+    // In this order, and with the spinner joined, peers see the node leave at once.
     drop((publisher, subscription, current, force));
     drop(node);
     if spinner.join().is_err() {

@@ -1,19 +1,20 @@
-//! A sender and hearer that forgets nothing, for the tests under faults: it tells each sample that it sent and each estimate that
-//! came, and judges none.
+//! A sender and receiver that records everything, for the tests under faults: it reports each sample that it sent and each estimate
+//! that it received, without checking them.
 //!
-//! Usage: `fault_peer --out FILE [--rate HZ] [--loopback]`, with `ROS_DOMAIN_ID` as in any ROS 2 program. It sends displacement,
-//! coil current and measured force of one stamp, at a fixed rate. Commands are lines on standard
-//! input, each answered with a line of JSON:
+//! Usage: `fault_peer --out FILE [--rate HZ] [--loopback]`, with `ROS_DOMAIN_ID` as in any ROS 2 program. It sends displacement, coil
+//! current and measured force with one stamp, at a fixed rate. Commands are lines on standard input, each answered with a line of
+//! JSON:
 //!
 //! ```text
-//! phase NAME     what comes from now on belongs to NAME
-//! send / quiet   begins and stops sending
-//! jump SECONDS   stamps are so much later from now on, or earlier
+//! phase NAME     everything from now on belongs to phase NAME
+//! send / quiet   starts and stops sending
+//! jump SECONDS   shifts stamps from now on, later or earlier
 //! ```
 //!
-//! When standard input closes, it writes FILE: `sent` as `[stamp, sent at, displacement, current, force, phase]` (values as bits), `estimates` as
-//! `[stamp, heard at, force as bits, mode, validity, reasons, input age or null, phase]` (times in ns; phases by number), `phases` as
-//! `[name, begun at]`, and `diagnostics`: the node's statuses as `[heard at, level, message, {key: value}]`.
+//! When standard input closes, it writes FILE: `sent` as `[stamp, sent at, displacement, current, force, phase]` (values as bits),
+//! `estimates` as `[stamp, received at, force as bits, mode, validity, reasons, input age or null, phase]` (times in ns; phases by
+//! number), `phases` as `[name, begun at]`, and `diagnostics`: the node's status messages as `[received at, level, message, {key:
+//! value}]`.
 
 use futures::executor::block_on;
 use mr_damper_msgs::standard::DiagnosticArray;
@@ -31,11 +32,11 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
-/// Samples that may wait on either side: none is to be lost here.
+/// Depth of the queues on either side: nothing may be lost here.
 const DEPTH: i32 = 8192;
-/// How long the node may take to be found.
+/// Longest time to discover the node.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// From found by us to having found us.
+/// Time from discovering the node to being discovered by it.
 const SETTLE: Duration = Duration::from_millis(500);
 
 struct Args {
@@ -48,18 +49,18 @@ fn args() -> Outcome<Args> {
     let mut args = Args { out: String::new(), rate_hz: 100.0, loopback: false };
     let mut given = std::env::args().skip(1);
     while let Some(name) = given.next() {
-        let mut value = || given.next().ok_or_else(|| format!("{name} wants a value"));
+        let mut value = || given.next().ok_or_else(|| format!("{name} needs a value"));
         match name.as_str() {
             "--out" => args.out = value()?,
             "--rate" => args.rate_hz = value()?.parse()?,
             "--loopback" => args.loopback = true,
-            _ => return Err(format!("{name}: known are --out, --rate and --loopback").into()),
+            _ => return Err(format!("unknown option {name}; use --out, --rate or --loopback").into()),
         }
     }
     if args.out.is_empty() { Err("--out FILE is missing".into()) } else { Ok(args) }
 }
 
-/// The four topics of the node that are used here, and its diagnostics.
+/// The topics of the node that are used here, with its diagnostics.
 struct Topics {
     displacement: Publisher<Displacement>,
     current: Publisher<CoilCurrent>,
@@ -91,7 +92,7 @@ impl Topics {
         })
     }
 
-    /// True once all ends have met.
+    /// True once all publishers and subscriptions are matched.
     fn are_found(&self, node: &Node) -> bool {
         self.displacement.get_subscription_count(node) > 0
             && self.current.get_subscription_count(node) > 0
@@ -101,7 +102,7 @@ impl Topics {
     }
 }
 
-/// All that was sent and heard.
+/// Everything that was sent and received.
 #[derive(Default)]
 struct Told {
     phases: Vec<Value>,
@@ -146,7 +147,7 @@ fn unix_ns() -> i64 {
     i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
 }
 
-/// Sends the motion's sample at `t` seconds: a sine of 8 mm and 2 Hz, a current that steps, and the force of no particular damper.
+/// Sends the sample at `t` seconds: a sine of 8 mm and 2 Hz, a stepped current, and a force of no particular damper.
 fn send(topics: &Topics, t: f64, stamp_ns: i64, told: &mut Told) -> Outcome<()> {
     let omega = 4.0 * std::f64::consts::PI;
     let displacement = 0.008 * (omega * t).sin();
@@ -156,13 +157,13 @@ fn send(topics: &Topics, t: f64, stamp_ns: i64, told: &mut Told) -> Outcome<()> 
     topics.current.publish(CoilCurrent { header: header.clone(), current, variance: 0.0 })?;
     topics.force.publish(Force { header: header.clone(), force, variance: 0.0 })?;
     topics.displacement.publish(Displacement { header, displacement, variance: 0.0 })?;
-    // As text, a number may lose its last bit.
+    // As text, a number might lose its last bit.
     let bits = [displacement, current, force].map(f64::to_bits);
     told.sent.push(json!([stamp_ns, unix_ns(), bits[0], bits[1], bits[2], told.phase()]));
     Ok(())
 }
 
-/// Sends and hears until the commands end.
+/// Sends and receives until the commands end.
 fn work(topics: &Topics, rate_hz: f64, commands: &Receiver<String>, told: &mut Told) -> Outcome<()> {
     let (begin, first_ns) = (Instant::now(), unix_ns());
     let (mut due_s, mut sending, mut jumped_ns) = (0.0_f64, false, 0_i64);
@@ -174,7 +175,7 @@ fn work(topics: &Topics, rate_hz: f64, commands: &Receiver<String>, told: &mut T
                     ("send", _) => sending = true,
                     ("quiet", _) => sending = false,
                     ("jump", seconds) => jumped_ns += (seconds.parse::<f64>()? * 1e9) as i64,
-                    _ => return Err(format!("{line}: known are phase, send, quiet and jump").into()),
+                    _ => return Err(format!("unknown command {line}; use phase, send, quiet or jump").into()),
                 }
                 println!("{}", json!({ "done": line }));
             }
@@ -183,8 +184,8 @@ fn work(topics: &Topics, rate_hz: f64, commands: &Receiver<String>, told: &mut T
         }
         let elapsed_s = begin.elapsed().as_secs_f64();
         if elapsed_s >= due_s {
-            // What was due while this process was held up is not sent afterwards, and the next sample keeps its distance: a wire
-            // that lets frames overtake each other by less leaves each topic its order.
+            // Samples that were due while this process was delayed are skipped, and the next sample keeps its distance: frames that
+            // overtake each other by less do not change the order of samples on a topic.
             due_s = due_s.max(elapsed_s - 0.1 / rate_hz) + 1.0 / rate_hz;
             if sending {
                 let stamp_ns = first_ns + (elapsed_s * 1e9) as i64 + jumped_ns;
@@ -212,7 +213,7 @@ fn main() -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
     while !topics.are_found(&node) {
         if Instant::now() > deadline {
-            return Err(format!("no node with its topics in domain {domain} within {PATIENCE:?}").into());
+            return Err(format!("no node with these topics in domain {domain} within {PATIENCE:?}").into());
         }
         std::thread::sleep(Duration::from_millis(20));
     }
@@ -221,7 +222,7 @@ fn main() -> Outcome<()> {
 
     let (lines, commands) = channel();
     std::thread::spawn(move || {
-        // Ends with the input, and its end is how the work learns of that.
+        // Ends with the input; the closed channel tells the main loop that the input has ended.
         for line in std::io::stdin().lock().lines().map_while(Result::ok) {
             if lines.send(line).is_err() {
                 break;

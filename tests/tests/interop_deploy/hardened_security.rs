@@ -1,4 +1,4 @@
-//! DDS-Security in the hardened build: what RustDDS alone does not do (decision 0004).
+//! DDS-Security in the hardened build: functions that RustDDS alone lacks (decision 0004).
 
 use super::security::{keystores, secured};
 use crate::PEER;
@@ -10,15 +10,15 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// How long the CycloneDDS peer continues once it is matched, s.
+/// Time for which the CycloneDDS peer continues once it is matched, s.
 const SECONDS: &str = "6";
-/// Rows of the run that is replayed, at 100 Hz.
+/// Rows of the replayed run, at 100 Hz.
 const ROWS: u32 = 600;
-/// The session id of every message of RustDDS 0.15.1.
+/// The session id in every message of RustDDS 0.15.1.
 const CONSTANT_SESSION: &str = "01030307";
 
 #[test]
-fn cyclonedds_peers_send_and_hear_whichever_side_begins_the_handshake() {
+fn cyclonedds_peers_send_and_receive_whichever_side_begins_the_handshake() {
     interop("security with CycloneDDS", |lab| {
         let (binary, peer) = match (hardened_secure_binary(), optional_environment("cyclone")) {
             (Ok(binary), Ok(folder)) => (binary, folder.join("secure_cyclone")),
@@ -45,12 +45,12 @@ fn cyclonedds_peers_send_and_hear_whichever_side_begins_the_handshake() {
         assert_eq!((count(&stranger, "/heard"), count(&stranger, "/readers")), (0, 0), "{stranger:#}");
         node.signal("INT");
         assert!(node.wait(PEER).success());
-        Outcome::Passed(heard.join(", ") + "; none to a stranger")
+        Outcome::Passed(heard.join(", ") + "; none to a peer of another authority")
     });
 }
 
 #[test]
-fn our_recorder_gets_the_estimates_and_no_initialization_vector_occurs_twice() {
+fn our_recorder_gets_the_estimates_and_no_initialization_vector_repeats() {
     interop("security between our own programs", |lab| {
         let binary = match hardened_secure_binary() {
             Ok(binary) => binary,
@@ -79,23 +79,27 @@ fn our_recorder_gets_the_estimates_and_no_initialization_vector_occurs_twice() {
         for (sender, seen) in senders {
             let sessions = seen["sessions"].as_array().expect("a list");
             assert!(sessions.iter().all(|session| session != CONSTANT_SESSION), "{sender}: {watched:#}");
-            // Each message takes at most three vectors (payload, submessage, whole), and some messages are not for this interface.
+            // Each message uses at most three vectors (payload, submessage, whole message), and some messages do not pass this
+            // interface.
             let (messages, span) = (count(seen, "/messages"), number(seen, "/span"));
-            assert!(span < 4.0 * messages as f64 + 1000.0, "{sender} does not count: {watched:#}");
+            assert!(
+                span < 4.0 * messages as f64 + 1000.0,
+                "the vectors of {sender} are not counted up: {watched:#}"
+            );
         }
         let (sent, estimates) = (sent_estimates(lab), recorded(&bag, "/force_estimate"));
-        // The node may send some before the recorder has its keys.
+        // The node may send some estimates before the recorder has its keys.
         let late = u64::from(ROWS) / 10;
         assert!(sent > 100 && estimates + late >= sent, "{estimates} of {sent} estimates recorded");
         Outcome::Passed(format!(
-            "{estimates} estimates recorded, {} senders without a vector twice",
+            "{estimates} estimates recorded, {} senders without a repeated vector",
             senders.len()
         ))
     });
 }
 
 #[test]
-fn topics_and_endpoints_are_created_by_two_threads_at_a_time() {
+fn two_threads_create_topics_and_endpoints_without_deadlock() {
     interop("security and two threads that create", |lab| {
         let binary = match hardened_secure_binary() {
             Ok(binary) => binary.with_file_name("create_peer"),
@@ -109,7 +113,7 @@ fn topics_and_endpoints_are_created_by_two_threads_at_a_time() {
     });
 }
 
-/// Starts a program with the enclave that may do what a node may.
+/// Starts a program with the enclave that has the permissions of a node.
 fn tool(lab: &Lab, binary: &Path, keystores: &Path, arguments: &[&str]) -> Program {
     let keystore = keystores.join("ours");
     let on = [
@@ -120,7 +124,7 @@ fn tool(lab: &Lab, binary: &Path, keystores: &Path, arguments: &[&str]) -> Progr
     lab.start_with(&format!("{} {arguments:?}", binary.display()), binary, arguments, &on)
 }
 
-/// A run of displacements and currents.
+/// A run with displacement and current.
 fn sine(folder: &Path) -> PathBuf {
     let mut text = "time_s,displacement_m,current_a\n".to_owned();
     for row in 0..ROWS {
@@ -132,7 +136,7 @@ fn sine(folder: &Path) -> PathBuf {
     path
 }
 
-/// How many messages of a topic a bag holds, by its metadata.
+/// Number of messages of a topic in a bag, from its metadata.
 fn recorded(bag: &Path, topic: &str) -> u64 {
     let metadata = std::fs::read_to_string(bag.join("metadata.yaml")).expect("a whole bag");
     let after = metadata.split_once(&format!("name: {topic}\n")).map_or("", |(_, after)| after);
@@ -140,7 +144,7 @@ fn recorded(bag: &Path, topic: &str) -> u64 {
     messages.map_or(0, |number| number.parse().expect("a number"))
 }
 
-/// How many estimates the node sent, by its last line.
+/// Number of estimates that the node sent, from its last log line.
 fn sent_estimates(lab: &Lab) -> u64 {
     let log = lab.last_log("mr-damper node of /node");
     let after = log.rsplit_once(" estimates=").map_or("", |(_, after)| after);

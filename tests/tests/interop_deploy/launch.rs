@@ -1,6 +1,6 @@
 //! The ROS package, installed by its CMake, and its launch files.
 //!
-//! `launch_files.py` stands in for `ros2 launch`, which no wheel carries; tests/interop/README.md says how far it goes.
+//! `launch_files.py` replaces `ros2 launch`, which no wheel contains; tests/interop/README.md describes its limits.
 
 use super::super::PEER;
 use crate::interop_support::gate::{Outcome, binary, interop};
@@ -13,7 +13,7 @@ use std::process::Command;
 use std::time::Duration;
 
 const CORNERS: [&str; 4] = ["front_left", "front_right", "rear_left", "rear_right"];
-/// From SIGINT to the end of all processes; `ros2 launch` kills after 5 s.
+/// Longest time from SIGINT to the end of all processes; `ros2 launch` kills after 5 s.
 const SHUTDOWN: Duration = Duration::from_secs(2);
 
 #[test]
@@ -63,11 +63,11 @@ fn launch_files_start_a_vehicle() {
 }
 
 #[test]
-fn systemd_takes_the_unit() {
+fn systemd_accepts_the_unit() {
     interop("systemd unit", |lab| {
         let unit = script("../../launch-configs/systemd/mr-damper@.service");
         let text = std::fs::read_to_string(unit).expect("the unit is there");
-        // Whether the program is at its place on this machine is none of the unit's faults.
+        // The unit names a path that may not exist on this machine, so the path is replaced.
         let here = lab.folder().join("mr-damper@front_left.service");
         let with_program =
             text.replace("/usr/local/bin/mr-damper", utf8(&binary().canonicalize().expect("a path")));
@@ -77,17 +77,17 @@ fn systemd_takes_the_unit() {
             Some((command.status.success(), String::from_utf8_lossy(&command.stderr).into_owned()))
         };
         let Some((clean, says)) = analyze(&["verify"]) else {
-            return Outcome::Skipped("there is no systemd-analyze on this machine".to_owned());
+            return Outcome::Skipped("systemd-analyze is not installed".to_owned());
         };
         assert!(clean && says.is_empty(), "{says}");
-        // In tenths; systemd calls up to 2.0 "OK" the best that what reaches a network gets.
+        // In tenths; systemd calls exposures up to 2.0 "OK", the best level for a service with network access.
         let (hard, says) = analyze(&["security", "--offline=true", "--threshold=20"]).expect("as before");
         assert!(hard, "{says}");
-        Outcome::Passed("systemd-analyze verify says nothing, and the exposure is below 2.0".to_owned())
+        Outcome::Passed("systemd-analyze verify reports nothing, and the exposure is below 2.0".to_owned())
     });
 }
 
-/// The package as it lies on a disk of its own.
+/// The package, installed in its own directory.
 struct Package<'a> {
     lab: &'a Lab,
     prefix: PathBuf,
@@ -118,7 +118,8 @@ impl<'a> Package<'a> {
         self.lab.ros(Distro::Jazzy, "launch_files.py", &all)
     }
 
-    /// Launches `file`, asks the `nodes` for parameters, ends it by SIGINT; what they told, and the codes of its processes.
+    /// Launches `file`, reads the parameters of `nodes`, stops it by SIGINT; returns the parameters, and the exit codes of
+    /// its processes.
     fn launch(&self, file: &str, arguments: &[&str], nodes: &[&str]) -> (Value, Vec<i64>) {
         let mut launched = self.started(file, &[], arguments);
         let pids = launched.json_line(PEER);
@@ -133,7 +134,7 @@ impl<'a> Package<'a> {
         (found(&saw, "/nodes").clone(), codes.map(|code| code.as_i64().expect("a code")).collect())
     }
 
-    /// Both forms of a launch file come to the same commands, and there are some.
+    /// Checks that both forms of a launch file give the same commands, and at least one.
     fn both_forms_say(&self, name: &str, arguments: &[&str]) {
         let [python, xml] = ["py", "xml"]
             .map(|form| self.started(&format!("{name}.launch.{form}"), &["--print"], arguments).json(PEER));

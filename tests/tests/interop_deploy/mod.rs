@@ -1,4 +1,4 @@
-//! How the service is brought to a vehicle: the ROS package with its launch files, DDS-Security (and what of it takes the hardened build).
+//! Deployment to a vehicle: the ROS package with its launch files, and DDS-Security (also what needs the hardened build).
 
 mod hardened_security;
 mod launch;

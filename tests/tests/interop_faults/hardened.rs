@@ -1,4 +1,4 @@
-//! The faults that the hardened build survives and the default build does not (decision 0010).
+//! Faults that the hardened build survives and the default build does not (decision 0010).
 
 use super::NO_ARX;
 use super::malformed::bad_rtps;
@@ -10,15 +10,15 @@ use crate::interop_support::process::resident_mib;
 use crate::interop_support::{Distro, Lab};
 use std::time::Duration;
 
-/// Growth of the node's memory for a packet that lies about its size, at most, MiB.
+/// Largest growth of the node's memory for a packet with a wrong size, MiB.
 const GROWTH_MIB: u64 = 48;
-/// From the end of a stop to the first VALID estimate, at most, s.
+/// Longest time from the end of a stop to the first VALID estimate, s.
 const BACK_S: f64 = 1.0;
 /// Rate of the peer that is served while another reader is dead, Hz.
 const RATE_HZ: &str = "500";
-/// Longer than the 8192 samples at which a RustDDS writer of the default build blocks, s.
+/// Longer than 8192 samples take, after which a RustDDS writer of the default build blocks, s.
 const DEAD_S: f64 = 20.0;
-/// 99 of 100 estimates take no longer from input to output, on a busy machine, s.
+/// Limit of the 99th percentile of the delay from input to output, on a busy machine, s.
 const P99_S: f64 = 0.1;
 
 #[test]
@@ -28,7 +28,8 @@ fn a_hardened_node_survives_hostile_packets() {
             Ok(node) => node,
             Err(why) => return Outcome::Skipped(why),
         };
-        // The packets go to the ports of the domain's first participant, so the node is alone until they are sent.
+        // The packets go to the ports of the domain's first participant, so only the node may run until they are
+        // sent.
         std::thread::sleep(Duration::from_secs(2));
         let before = resident_mib(node.id());
         for kind in ["heartbeat", "gap", "datafrag", "nackfrag"] {
@@ -53,7 +54,7 @@ fn a_hardened_node_survives_hostile_packets() {
 }
 
 #[test]
-fn a_hardened_node_goes_on_after_it_was_stopped() {
+fn a_hardened_node_continues_after_it_was_stopped() {
     interop("hardened: suspended node", |lab| {
         let mut node = match lab.hardened_node(NO_ARX) {
             Ok(node) => node,
@@ -85,11 +86,11 @@ fn p99_s(told: &Told, phase: &str) -> f64 {
     delays[delays.len() * 99 / 100]
 }
 
-/// The peer got every estimate, and in time, while another reader was dead.
+/// Checks that the peer got every estimate in time while another reader was dead.
 fn was_served(told: &Told, phase: &str) -> String {
     told.is_sound();
     let p99_s = p99_s(told, phase);
-    assert_eq!(told.answered(phase), 1.0, "none is lost for a dead reader: {}", told.summary());
+    assert_eq!(told.answered(phase), 1.0, "a dead reader causes no loss: {}", told.summary());
     assert!(p99_s < P99_S, "99 % within {p99_s:.3} s: {}", told.summary());
     format!("none lost, 99 % within {:.1} ms", 1e3 * p99_s)
 }
@@ -99,7 +100,7 @@ fn dead_s() -> Duration {
 }
 
 #[test]
-fn a_hardened_node_waits_for_no_reader_that_is_dead() {
+fn a_hardened_node_does_not_wait_for_a_dead_reader() {
     interop("hardened: dead reader", |lab| {
         let mut node = match lab.hardened_node(NO_ARX) {
             Ok(node) => node,
@@ -121,7 +122,7 @@ fn a_hardened_node_waits_for_no_reader_that_is_dead() {
 }
 
 #[test]
-fn a_hardened_node_waits_for_no_host_that_is_gone() {
+fn a_hardened_node_does_not_wait_for_a_lost_host() {
     interop("hardened: host that is gone", |lab: &Lab| {
         let (far, mut wire) = match lab.behind_a_bad_wire(5) {
             Ok(both) => both,

@@ -1,5 +1,5 @@
-//! Malformed RTPS on the node's ports (`bad_rtps.py`): what is noise changes nothing, and what the DDS library does not survive
-//! ends the node, which says why.
+//! Malformed RTPS on the node's ports (`bad_rtps.py`): noise changes nothing, and packets that the DDS library does not survive end the
+//! node with an explanation.
 
 use super::NO_ARX;
 use super::told::{FaultPeer, Told};
@@ -11,12 +11,12 @@ use serde_json::Value;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Growth of the node's memory under a storm of some ten thousand packets, at most, MiB: strangers stay in discovery's books until
-/// their leases end, and a fragment that says to be of a mebibyte is given that much, where a reader takes it. (Ten at most were seen.)
+/// Largest growth of the node's memory under a storm of about ten thousand packets, MiB: discovery keeps unknown participants until
+/// their leases expire, and a reader that accepts a fragment allocates its claimed size of up to one MiB. (At most ten MiB were seen.)
 const GROWTH_MIB: u64 = 128;
-/// From a storm's end to the first VALID estimate, at most, s.
+/// Longest time from the end of a storm to the first VALID estimate, s.
 const BACK_S: f64 = 1.0;
-/// From a packet that takes all memory to the end of the process.
+/// Longest time from a packet that exhausts the memory to the end of the process.
 const END: Duration = Duration::from_secs(30);
 
 pub(super) fn bad_rtps(lab: &Lab, args: &[&str]) -> Program {
@@ -26,14 +26,14 @@ pub(super) fn bad_rtps(lab: &Lab, args: &[&str]) -> Program {
     lab.start_with("bad_rtps.py", Path::new("/usr/bin/env"), &[&["python3"], all.as_slice()].concat(), &[])
 }
 
-/// A storm of so many seconds over a node and its peer; what the peer tells, the storm's figures, and the node's growth, MiB.
+/// Sends a storm of `seconds` to a node with a peer; returns the peer's records, the storm's counts, and the node's growth in MiB.
 fn storm(lab: &Lab, node: &Program, play: &str, seconds: u32) -> (Told, Value, u64) {
     let mut peer = FaultPeer::start(lab, &format!("fault_peer {play}"), &["--loopback"]);
     peer.tell("phase before");
     peer.tell("send");
     let seconds_text = seconds.to_string();
     let bad = bad_rtps(lab, &["--as", play, "--seconds", &seconds_text, "--seed", "7"]);
-    std::thread::sleep(Duration::from_millis(1700)); // it listens first
+    std::thread::sleep(Duration::from_millis(1700)); // it captures packets first
     let before = resident_mib(node.id());
     peer.tell("phase storm");
     let sent = bad.json(Duration::from_secs(30 + u64::from(seconds)));
@@ -48,7 +48,7 @@ fn malformed_packets_change_nothing_for_a_peer() {
         let mut node = lab.node(PRESET, NO_ARX);
         let seconds = if long() { 300 } else { 4 };
         let (told, sent, grown) = storm(lab, &node, "stranger", seconds);
-        assert!(node.is_running(), "the node lives");
+        assert!(node.is_running(), "the node still runs");
         told.is_sound();
         let answered = told.answered("storm");
         assert!(answered > 0.95, "{answered:.3} answered: {}", told.summary());
@@ -57,9 +57,9 @@ fn malformed_packets_change_nothing_for_a_peer() {
         assert!(grown < GROWTH_MIB, "{grown} MiB");
         assert!(count(&sent, "/mutated") > 1000 && count(&sent, "/crafted") > 1000, "{sent:#}");
 
-        // In a peer's name, that peer may be harmed: it takes DDS-Security to know it from others. The next one is served.
+        // Packets in a peer's name may harm that peer, because only DDS-Security can tell them apart. The next peer must be served.
         let (forged, more, grown_more) = storm(lab, &node, "peer", seconds);
-        assert!(node.is_running(), "the node lives");
+        assert!(node.is_running(), "the node still runs");
         assert!(forged.heard.iter().all(|heard| heard.force_n.is_finite() || heard.reasons.0 != 0));
         assert!(grown_more < GROWTH_MIB, "{grown_more} MiB");
         let mut next = FaultPeer::start(lab, "fault_peer next", &["--loopback"]);
@@ -69,7 +69,7 @@ fn malformed_packets_change_nothing_for_a_peer() {
         let next = next.told();
         assert!(next.answered("next") > 0.99, "{}", next.summary());
         Outcome::Passed(format!(
-            "{} packets of strangers ({} lethal ones held back): {:.1} % answered meanwhile, {grown} MiB; {} in the peer's name: \
+            "{} packets of unknown participants ({} lethal ones not sent): {:.1} % answered meanwhile, {grown} MiB; {} in the peer's name: \
              {grown_more} MiB, the next peer {:.1} % answered",
             count(&sent, "/mutated") + count(&sent, "/crafted") + count(&sent, "/noise"),
             count(&sent, "/lethal"),
@@ -81,7 +81,7 @@ fn malformed_packets_change_nothing_for_a_peer() {
 }
 
 #[test]
-fn a_packet_that_takes_all_memory_ends_the_node_which_says_why() {
+fn a_packet_that_exhausts_the_memory_ends_the_node_with_an_explanation() {
     interop("lethal RTPS", |lab| {
         if let Some(skipped) = survives() {
             return skipped;

@@ -1,4 +1,4 @@
-//! The node under faults: of the wire, of peers, of what comes on its ports.
+//! The node under faults of the wire, of peers, and of packets on its ports.
 
 mod hardened;
 mod malformed;
@@ -7,5 +7,5 @@ mod stopped;
 mod told;
 mod wire;
 
-/// ARX models want the rate that they were identified at, which is none of these tests' business.
+/// ARX models need the rate they were identified at, which these tests do not use.
 const NO_ARX: &[&str] = &["-p", "arx_model:=none"];

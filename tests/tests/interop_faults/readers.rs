@@ -1,4 +1,4 @@
-//! Readers that fail: the others lose nothing. `tests/interop/fault_table.py` is the long form, with every case.
+//! Failing readers: the other readers lose nothing. `tests/interop/fault_table.py` runs all cases.
 
 use crate::interop_support::gate::{Outcome, binary, ecu_peer_binary, hardened_binary, interop};
 use crate::interop_support::process::script;
@@ -6,14 +6,14 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// Rate, case and seconds. The reader that stops outlasts RustDDS's own queue of 8192 samples; the one that never acknowledges joins after
-/// as many, and stays for nine times as many.
+/// Rate, case and seconds. The reader that stops lasts longer than RustDDS's queue of 8192 samples; the reader that never acknowledges
+/// joins after as many samples, and stays for nine times as many.
 type Case = (&'static str, &'static str, &'static str);
 const DEFAULT: [Case; 2] = [("1000", "rclpy-stop", "14"), ("2000", "mute", "36")];
-/// The gate builds the hardened node without optimisation.
+/// CI builds the hardened node without optimisation, so the rate is lower.
 const HARDENED: [Case; 2] = [("1000", "rclpy-stop", "14"), ("1000", "mute", "14")];
 
-/// Rows of the table for one build of the node; `None` where this needs root.
+/// Rows of the table for one build of the node; `None` if root is needed.
 fn rows(node: &Path, build: &str, cases: &[Case]) -> Option<Vec<Value>> {
     let mut all = Vec::new();
     for (rate, case, seconds) in cases {
@@ -34,7 +34,7 @@ fn rows(node: &Path, build: &str, cases: &[Case]) -> Option<Vec<Value>> {
             .lines()
             .last()
             .and_then(|line| serde_json::from_str(line).ok())
-            .unwrap_or_else(|| panic!("fault_table.py gave no table: {said}"));
+            .unwrap_or_else(|| panic!("fault_table.py printed no table: {said}"));
         all.extend(json["rows"].as_array().expect("rows").iter().cloned());
     }
     Some(all)
@@ -42,7 +42,7 @@ fn rows(node: &Path, build: &str, cases: &[Case]) -> Option<Vec<Value>> {
 
 fn nobody_else_loses(node: &Path, build: &str, cases: &[Case]) -> Outcome {
     let Some(rows) = rows(node, build, cases) else {
-        return Outcome::Skipped("network namespaces and raw sockets take root".to_owned());
+        return Outcome::Skipped("network namespaces and raw sockets need root".to_owned());
     };
     assert_eq!(rows.len(), cases.len(), "{rows:?}");
     let told: Vec<_> = rows
@@ -57,12 +57,12 @@ fn nobody_else_loses(node: &Path, build: &str, cases: &[Case]) -> Outcome {
 }
 
 #[test]
-fn a_reader_that_stops_or_never_acknowledges_costs_the_others_nothing() {
+fn a_reader_that_stops_or_never_acknowledges_does_not_affect_the_others() {
     interop("readers that fail", |_| nobody_else_loses(&binary(), "default", &DEFAULT));
 }
 
 #[test]
-fn nor_does_it_with_the_hardened_build() {
+fn nor_does_it_affect_them_with_the_hardened_build() {
     interop("readers that fail, hardened build", |_| match hardened_binary() {
         Ok(node) => nobody_else_loses(&node, "hardened", &HARDENED),
         Err(why) => Outcome::Skipped(why),

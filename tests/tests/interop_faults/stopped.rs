@@ -1,4 +1,4 @@
-//! Peers and nodes that stop without a word, die in the middle of one, or are there twice.
+//! Peers and nodes that stop silently, are killed in the middle of a message, or run twice.
 
 use super::NO_ARX;
 use super::told::{FaultPeer, Told};
@@ -10,17 +10,18 @@ use crate::interop_support::{Distro, Lab, PRESET};
 use mr_damper_model::pipeline::{Mode, Settings};
 use std::time::Duration;
 
-/// From the end of a stop to the first VALID estimate, at most, s.
+/// Longest time from the end of a stop to the first VALID estimate, s.
 const BACK_S: f64 = 1.0;
-/// From estimate to peer on loopback, on a busy machine, s.
+/// Longest time from an estimate to its arrival at the peer, on loopback and a busy machine, s.
 const WAY_S: f64 = 0.3;
-/// Growth of the node's memory for a reader that does not read, at most, MiB: a topic's history of 1024 estimates is less than one.
+/// Largest growth of the node's memory for a reader that does not read, MiB: a topic's history of 1024 estimates takes less than
+/// one.
 const GROWTH_MIB: u64 = 8;
 
-/// The same for peers that sent messages of a megabyte each, at most: what they left is kept until their leases end.
+/// The same for peers that sent messages of a megabyte each, MiB: their remains are kept until their leases expire.
 const LONG_MIB: u64 = 256;
 
-/// When a peer of rclpy that was killed is forgotten, and more.
+/// Longer than the time until a killed rclpy peer is forgotten.
 const LEASE: Duration = Duration::from_secs(30);
 
 /// Stops a program for a while.
@@ -30,16 +31,16 @@ fn stop_for(seconds: f64, signal: impl Fn(&str)) {
     signal("CONT");
 }
 
-/// No VALID estimate is of a displacement that was older than `input_timeout_s` when the estimate came.
+/// Checks that no VALID estimate was older than `input_timeout_s` on arrival; returns the largest age in s.
 fn none_is_stale(told: &Told) -> f64 {
     let valid = told.heard.iter().filter(|heard| heard.is_valid());
     let oldest_s = valid.map(|heard| (heard.at_ns - heard.stamp_ns) as f64 * 1e-9).fold(0.0, f64::max);
     let limit_s = Settings::default().input_timeout_s + WAY_S;
-    assert!(oldest_s <= limit_s, "a VALID estimate that was {oldest_s:.2} s old: {}", told.summary());
+    assert!(oldest_s <= limit_s, "a VALID estimate was {oldest_s:.2} s old: {}", told.summary());
     oldest_s
 }
 
-/// The modes of the estimates that bridged silence in a phase, each once.
+/// The modes of the estimates that bridged silence in a phase, without repetitions.
 fn bridging(told: &Told, phase: &str) -> Vec<u8> {
     let (number, _) = told.phase(phase);
     let silent = told.heard.iter().filter(|heard| heard.phase == number && !heard.is_live());
@@ -48,7 +49,7 @@ fn bridging(told: &Told, phase: &str) -> Vec<u8> {
     modes
 }
 
-/// A peer of rclpy that sends, or hears; ready. (One of RustDDS would not survive a stop.)
+/// Starts an rclpy peer that sends or receives, and waits until it is ready. (A RustDDS peer would not survive a stop.)
 fn steady(lab: &Lab, args: &[&str]) -> Program {
     let mut peer = lab.ros_told(Distro::Jazzy, "steady_peer.py", args);
     assert_eq!(text(&peer.json_line(PEER), "/event"), "ready");
@@ -56,7 +57,7 @@ fn steady(lab: &Lab, args: &[&str]) -> Program {
 }
 
 #[test]
-fn a_sender_and_a_reader_may_stop_and_go_on() {
+fn a_sender_and_a_reader_may_stop_and_continue() {
     interop("suspended sender and reader", |lab| {
         let node = lab.node(PRESET, NO_ARX);
         let mut peer = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
@@ -66,7 +67,7 @@ fn a_sender_and_a_reader_may_stop_and_go_on() {
         stop_for(2.5, |signal| sender.signal(signal));
         peer.phase("sender_back", 1.0);
         sender.close();
-        // Another sender now, and a reader that is reliable and silent: nothing may wait for it, nor be kept for it without bound.
+        // Now another sender, and a reliable reader that stops: nothing may wait for the reader, or be kept for it without a bound.
         let reader = steady(lab, &["--hear"]);
         peer.phase("between", 0.5);
         peer.tell("send");
@@ -85,7 +86,7 @@ fn a_sender_and_a_reader_may_stop_and_go_on() {
         let first = told.heard.iter().find(|heard| heard.is_valid() && heard.phase == phase);
         let back_s = (first.expect("VALID again").at_ns - back_ns) as f64 * 1e-9;
         assert!(back_s < BACK_S, "{back_s:.2} s: {}", told.summary());
-        assert_eq!(told.answered("no_reader"), 1.0, "a reader that stalls costs the others nothing");
+        assert_eq!(told.answered("no_reader"), 1.0, "a stalled reader causes no loss for others");
         assert!(grown <= GROWTH_MIB, "{grown} MiB for a reader that does not read");
         Outcome::Passed(format!(
             "sender stopped: hold, fault, VALID again after {:.0} ms; reader stopped: {grown} MiB, none lost to others",
@@ -95,7 +96,7 @@ fn a_sender_and_a_reader_may_stop_and_go_on() {
 }
 
 #[test]
-fn programs_that_were_stopped_and_go_on_say_that_their_dds_library_did_not() {
+fn stopped_programs_report_that_their_dds_library_did_not_continue() {
     interop("suspended node and recorder", |lab| {
         if let Some(skipped) = survives() {
             return skipped;
@@ -137,7 +138,7 @@ fn programs_that_were_stopped_and_go_on_say_that_their_dds_library_did_not() {
     });
 }
 
-/// Kills peers one after the other while they send messages of megabytes, in fragments.
+/// Kills peers one after another while they send messages of a megabyte, in fragments.
 fn kill_in_the_middle(lab: &Lab, times: u64) {
     for turn in 0..times {
         let mut peer = lab.ros(Distro::Jazzy, "long_peer.py", &[]);
@@ -149,7 +150,7 @@ fn kill_in_the_middle(lab: &Lab, times: u64) {
 }
 
 #[test]
-fn peers_that_are_killed_in_the_middle_of_long_messages_harm_nobody() {
+fn peers_killed_in_the_middle_of_long_messages_harm_nobody() {
     interop("peers killed in the middle", |lab| {
         let mut node = lab.node(PRESET, NO_ARX);
         let mut sender = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
@@ -173,14 +174,14 @@ fn peers_that_are_killed_in_the_middle_of_long_messages_harm_nobody() {
         assert!(told.answered("killing") > 0.95 && told.answered("after") > 0.99, "{}", told.summary());
         assert!(grown <= LONG_MIB, "{grown} MiB");
         Outcome::Passed(format!(
-            "{:.1} % answered while peers died in fragments of long requests, {grown} MiB",
+            "{:.1} % answered while peers were killed while sending long requests, {grown} MiB",
             1e2 * told.answered("killing")
         ))
     });
 }
 
 #[test]
-fn two_nodes_of_one_name_both_say_so() {
+fn two_nodes_with_the_same_name_both_report_it() {
     interop("two nodes of one name", |lab| {
         let first = lab.node(PRESET, NO_ARX);
         let sender = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
@@ -200,7 +201,7 @@ fn two_nodes_of_one_name_both_say_so() {
             told.diagnostics.iter().map(|status| text(&status[3], "/other_publishers")).collect();
         assert!(warned.contains(&"1"), "{warned:?}");
         let message = told.diagnostics.last().and_then(|status| status[2].as_str()).expect("a message");
-        assert!(message.contains("end the other node of this name"), "{message}");
+        assert!(message.contains("stop the other node of this name"), "{message}");
         drop((first, second));
         Outcome::Passed(message.to_owned())
     });

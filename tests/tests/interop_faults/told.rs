@@ -1,4 +1,4 @@
-//! What `fault_peer` sent and heard, and what has to hold of it whatever went wrong in between.
+//! The records of `fault_peer`, and the checks that must hold under any fault.
 
 use crate::interop_support::Lab;
 use crate::interop_support::gate::fault_peer_binary;
@@ -10,7 +10,7 @@ use std::collections::HashSet;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// From start to its first word: discovery, on a loaded machine.
+/// Longest time from start to its first output: discovery on a loaded machine.
 const READY: Duration = Duration::from_secs(30);
 
 /// A running `fault_peer`.
@@ -20,7 +20,7 @@ pub(super) struct FaultPeer {
 }
 
 impl FaultPeer {
-    /// Starts one that has found the node.
+    /// Starts a peer and waits until it has discovered the node.
     pub(super) fn start(lab: &Lab, name: &str, args: &[&str]) -> Self {
         let out = lab.folder().join(format!("{name}.json"));
         let mut all = vec!["--out", out.to_str().expect("UTF-8 path")];
@@ -30,18 +30,18 @@ impl FaultPeer {
         Self { program, out }
     }
 
-    /// Gives it a command.
+    /// Sends it a command.
     pub(super) fn tell(&mut self, command: &str) {
         self.program.tell(command);
     }
 
-    /// Begins a phase and lets it last.
+    /// Begins a phase and waits for `seconds`.
     pub(super) fn phase(&mut self, name: &str, seconds: f64) {
         self.tell(&format!("phase {name}"));
         std::thread::sleep(Duration::from_secs_f64(seconds));
     }
 
-    /// Has it fall silent, waits until all is through and said in /diagnostics, and reads what it tells.
+    /// Stops sending, waits until everything has arrived and is reported in /diagnostics, and reads the records.
     pub(super) fn told(mut self) -> Told {
         self.phase("end", 0.3);
         self.tell("quiet");
@@ -49,7 +49,7 @@ impl FaultPeer {
         self.heard_by_now()
     }
 
-    /// Ends it, and reads what it tells.
+    /// Ends the peer, and reads its records.
     pub(super) fn heard_by_now(self) -> Told {
         let Self { program, out } = self;
         program.close();
@@ -79,7 +79,7 @@ pub(super) struct Heard {
 }
 
 impl Heard {
-    /// Made for a displacement, and not to bridge silence.
+    /// True for an estimate computed from a displacement; false for one that bridges silence.
     pub(super) fn is_live(&self) -> bool {
         !self.reasons.has(Reasons::DISPLACEMENT_LOST)
     }
@@ -89,7 +89,7 @@ impl Heard {
     }
 }
 
-/// All that it tells.
+/// All records of the peer.
 pub(super) struct Told {
     phases: Vec<(String, i64)>,
     pub(super) sent: Vec<Sent>,
@@ -135,14 +135,14 @@ impl Told {
         }
     }
 
-    /// The number of a phase and when it began.
+    /// The number of a phase, and the time when it began.
     pub(super) fn phase(&self, name: &str) -> (usize, i64) {
         let number = self.phases.iter().position(|(known, _)| known == name);
         let number = number.unwrap_or_else(|| panic!("no phase {name} in {:?}", self.phases));
         (number, self.phases[number].1)
     }
 
-    /// The estimates of displacements that were sent in a phase, as a share of these.
+    /// The share of displacements sent in a phase that have an estimate.
     pub(super) fn answered(&self, name: &str) -> f64 {
         let (phase, _) = self.phase(name);
         let answered: HashSet<i64> = self.heard.iter().filter(|h| h.is_live()).map(|h| h.stamp_ns).collect();
@@ -151,7 +151,7 @@ impl Told {
         hits as f64 / of_phase.len().max(1) as f64
     }
 
-    /// From the beginning of a phase to its first VALID estimate of a displacement that was sent in it, s.
+    /// Time from the beginning of a phase to its first VALID estimate of a displacement sent in that phase, s.
     pub(super) fn valid_after_s(&self, name: &str) -> f64 {
         let (phase, began_ns) = self.phase(name);
         let sent_ns: HashSet<i64> =
@@ -161,15 +161,15 @@ impl Told {
         (first.at_ns - began_ns) as f64 * 1e-9
     }
 
-    /// The last status of the node; a figure of it.
+    /// A count in the last status of the node.
     pub(super) fn status(&self, key: &str) -> u64 {
         let status = self.diagnostics.last().expect("diagnostics come once a second");
         text(&status[3], &format!("/{key}")).parse().expect("a count")
     }
 
-    /// What holds whatever goes wrong: each estimate is of a displacement that was sent, one a displacement, in the order of
-    /// stamps; there is a force in it, or it says that there is none; what is VALID rests on inputs that are not old and that were
-    /// sent; and the node knows what became of each message.
+    /// Checks what must hold under any fault. Each estimate belongs to a displacement that was sent, one per displacement, in the
+    /// order of stamps. It has a finite force or is INVALID. A VALID estimate uses recent inputs that were sent. The node's
+    /// counters of messages add up.
     pub(super) fn is_sound(&self) {
         let timeout_s = Settings::default().input_timeout_s;
         let sent: HashSet<i64> = self.sent.iter().map(|sent| sent.stamp_ns).collect();
@@ -177,27 +177,30 @@ impl Told {
         for heard in &self.heard {
             assert!(
                 sent.contains(&heard.stamp_ns),
-                "an estimate of a displacement that nobody sent: {heard:?}"
+                "an estimate of a displacement that was not sent: {heard:?}"
             );
             if heard.is_live() {
-                assert!(heard.stamp_ns > last_ns, "out of order, or a second one: {heard:?} after {last_ns}");
+                assert!(heard.stamp_ns > last_ns, "out of order or repeated: {heard:?} after {last_ns}");
                 last_ns = heard.stamp_ns;
             }
             let gives = heard.validity != Validity::Invalid as u8;
             assert_eq!(
                 heard.force_n.is_finite(),
                 gives,
-                "a force, or the word that there is none: {heard:?}"
+                "a finite force exactly if the estimate is not INVALID: {heard:?}"
             );
             if !heard.is_valid() {
-                assert!(heard.reasons != Reasons::NONE, "a reason is said: {heard:?}");
+                assert!(
+                    heard.reasons != Reasons::NONE,
+                    "an estimate that is not VALID has a reason: {heard:?}"
+                );
                 continue;
             }
-            assert!(heard.is_live(), "what bridges silence is not VALID: {heard:?}");
+            assert!(heard.is_live(), "an estimate that bridges silence is not VALID: {heard:?}");
             let age_s = heard.age_s.unwrap_or_else(|| panic!("VALID without a drive: {heard:?}"));
             assert!((0.0..=timeout_s).contains(&age_s), "an old drive: {heard:?}");
             let drive_ns = heard.stamp_ns - (age_s * 1e9).round() as i64;
-            assert!(sent.contains(&drive_ns), "its drive is one that was sent: {heard:?}");
+            assert!(sent.contains(&drive_ns), "its drive sample was sent: {heard:?}");
         }
         let known = ["unreadable", "dropped", "idle", "refused", "used"].map(|key| self.status(key));
         assert_eq!(
@@ -207,7 +210,7 @@ impl Told {
         );
     }
 
-    /// Figures for people.
+    /// A summary for messages.
     pub(super) fn summary(&self) -> String {
         let mut text = format!("{} sent, {} heard; ", self.sent.len(), self.heard.len());
         for (number, (name, _)) in self.phases.iter().enumerate() {
@@ -224,7 +227,7 @@ impl Told {
     }
 }
 
-/// What the wire did in a phase: frames lost, repeated, overtaken.
+/// Counts of the wire in a phase: frames lost, repeated, overtaken.
 pub(super) fn done(wire: &Value, name: &str) -> [u64; 3] {
     ["lost", "repeated", "overtaken"].map(|what| count(wire, &format!("/{name}/{what}")))
 }

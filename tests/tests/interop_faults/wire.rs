@@ -1,4 +1,4 @@
-//! A wire that loses, delays, reorders, repeats and cuts, between the node and its peer (`bad_wire.py`).
+//! A wire with loss, delay, reordering, duplication and cuts between the node and its peer (`bad_wire.py`).
 
 use super::NO_ARX;
 use super::told::{FaultPeer, Told, done};
@@ -11,19 +11,19 @@ use mr_damper_model::units::{Metre, Newton};
 use mr_damper_node::config::{Config, Value as Setting};
 use mr_damper_node::models;
 
-/// From a wire that is whole again to the first VALID estimate, at most, s.
+/// Longest time from the end of a fault to the first VALID estimate, s.
 const BACK_S: f64 = 1.0;
 
 /// The node on one host, and a peer on the other.
 fn wired(lab: &Lab, seed: u64) -> Result<(Lab, Program, Program), String> {
     let (far, wire) = lab.behind_a_bad_wire(seed)?;
-    // The wait of a busy machine, as in node/tests/live.rs.
+    // The wait for a busy machine, as in node/tests/live.rs.
     let node =
         lab.node(PRESET, &[NO_ARX, &["-p", "discovery_range:=subnet", "-p", "align_wait_s:=0.3"]].concat());
     Ok((far, wire, node))
 }
 
-/// The estimates of the samples that were sent, computed here.
+/// The estimates of the samples that were sent, computed offline.
 fn offline(told: &Told) -> Vec<Estimate> {
     let mut config = Config::default();
     for (name, value) in [("model", PRESET), ("arx_model", "none")] {
@@ -50,14 +50,15 @@ fn offline(told: &Told) -> Vec<Estimate> {
 }
 
 #[test]
-fn what_is_delayed_repeated_and_overtaken_by_other_topics_gives_the_same_bits() {
+fn delays_duplicates_and_reordering_between_topics_give_bit_identical_estimates() {
     interop("wire: delay, jitter, duplicates", |lab| {
         let (far, mut wire, _node) = match wired(lab, 11) {
             Ok(all) => all,
             Err(why) => return Outcome::Skipped(why),
         };
         let mut peer = FaultPeer::start(&far, "fault_peer", &["--rate", "20"]);
-        // Less than the spacing of 50 ms by far, so that a topic keeps its order and topics do not.
+        // Much less than the sample spacing of 50 ms, so that each topic keeps its order while topics
+        // overtake each other.
         wire.tell(r#"{"name": "crooked", "delay_ms": 20, "jitter_ms": 8, "duplicate": 0.2}"#);
         peer.tell("phase crooked");
         peer.tell("send");
@@ -69,7 +70,7 @@ fn what_is_delayed_repeated_and_overtaken_by_other_topics_gives_the_same_bits() 
         assert_eq!(told.status("received"), 3 * told.sent.len() as u64, "each message once");
         let expected = offline(&told);
         let live: Vec<_> = told.heard.iter().filter(|heard| heard.is_live()).collect();
-        assert_eq!(live.len(), told.sent.len(), "one estimate a displacement: {}", told.summary());
+        assert_eq!(live.len(), told.sent.len(), "one estimate per displacement: {}", told.summary());
         for (heard, expected) in live.iter().zip(&expected) {
             assert_eq!(heard.stamp_ns, expected.stamp.nanos());
             assert_eq!(heard.force_n.to_bits(), expected.force.get().to_bits(), "{heard:?} {expected:?}");
@@ -78,14 +79,14 @@ fn what_is_delayed_repeated_and_overtaken_by_other_topics_gives_the_same_bits() 
         let [lost, repeated, overtaken] = done(&wire, "crooked");
         assert!(lost == 0 && repeated > 50 && overtaken > 50, "{wire:#}");
         Outcome::Passed(format!(
-            "{} estimates to the bit, with {repeated} frames repeated and {overtaken} overtaken",
+            "{} bit-identical estimates, with {repeated} frames repeated and {overtaken} overtaken",
             live.len()
         ))
     });
 }
 
 #[test]
-fn loss_bursts_disorder_and_a_cut_are_flagged_and_gone_when_the_wire_is_whole() {
+fn loss_bursts_disorder_and_a_cut_are_flagged_and_estimates_recover() {
     interop("wire: loss, bursts, disorder, cut", |lab| {
         let (far, mut wire, node) = match wired(lab, 12) {
             Ok(all) => all,
@@ -127,7 +128,7 @@ fn loss_bursts_disorder_and_a_cut_are_flagged_and_gone_when_the_wire_is_whole() 
         let [lost, ..] = done(&wire, "loss");
         assert!(lost > 30 && done(&wire, "bursts")[0] > 20 && done(&wire, "cut")[0] > 100, "{wire:#}");
         assert!(done(&wire, "disorder")[2] > 100, "{wire:#}");
-        // The longest silence ends in FAULT, and the first estimates after it are not VALID without more ado.
+        // The longest silence ends in FAULT, and the first estimates after it are not VALID at once.
         assert!(told.heard.iter().any(|heard| !heard.is_live()), "the cut was noticed: {}", told.summary());
         Outcome::Passed(figures.join("; "))
     });

@@ -1,4 +1,4 @@
-//! Runs on disk against readers that are not ours: bags both ways, and the error of measured runs as subscribers see it.
+//! Runs on disk with independent readers: bags in both directions, and the error of measured runs as subscribers see it.
 
 use crate::PEER;
 use crate::interop_support::gate::{Outcome, data, interop};
@@ -7,9 +7,9 @@ use crate::interop_support::{Distro, Lab};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Relative difference between the ESR of subscribers and that of `evaluate`, at most.
+/// Largest relative difference between the subscribers' ESR and the ESR of `evaluate`.
 const ESR_DIFFERENCE: f64 = 1e-9;
-/// Bags that are written for `rosbags` and `mcap`, and how.
+/// Bags that are written for `rosbags` and `mcap`, with their options.
 const OUR_BAGS: [(&str, &[&str]); 8] = [
     ("bag", &[]),
     ("plain", &["--compression", "none"]),
@@ -20,7 +20,7 @@ const OUR_BAGS: [(&str, &[&str]); 8] = [
     ("bare.mcap", &[]),
     ("bare.db3", &[]),
 ];
-/// Bags that `rosbags` writes, by the names that `check_bags.py` gives them.
+/// Bags that `rosbags` writes, with the names of `check_bags.py`.
 const THEIR_BAGS: [&str; 9] = [
     "v8",
     "v9",
@@ -33,7 +33,7 @@ const THEIR_BAGS: [&str; 9] = [
     "sqlite-message",
 ];
 
-/// How the bags with other names and types are read.
+/// The map for bags with other names and types.
 const FOREIGN_MAP: [&str; 4] = [
     "displacement=/joint_states:fl_damper,sign=-1",
     "measured_force=/load_cell:z",
@@ -42,7 +42,7 @@ const FOREIGN_MAP: [&str; 4] = [
 ];
 
 #[test]
-fn bags_go_both_ways_with_rosbags_and_mcap() {
+fn bags_are_exchanged_with_rosbags_and_mcap_in_both_directions() {
     interop("bags", |lab| {
         let path = |name: &str| utf8(&lab.folder().join(name)).to_owned();
         let mut text = "time_s,displacement_m,force_n,current_a,setpoint_m\n".to_owned();
@@ -53,7 +53,7 @@ fn bags_go_both_ways_with_rosbags_and_mcap() {
                 0.01 * (6.0 * t).sin(),
                 300.0 * (6.0 * t).cos(),
                 0.5 + 0.1 * t,
-                // A number in single precision, as a range is.
+                // A number in single precision, because a range is one.
                 f64::from(k) / 1024.0
             );
         }
@@ -61,7 +61,7 @@ fn bags_go_both_ways_with_rosbags_and_mcap() {
         let convert = |from: &str, to: &str| {
             lab.mr_damper(&["--quiet", "convert", &path(from), &path(to)]).output(PEER);
         };
-        // The canonical form, in which equal runs are equal bytes.
+        // The canonical form: equal runs have equal bytes.
         convert("run.csv", "ours.csv");
         let mut told = Vec::new();
         for (name, arguments) in OUR_BAGS {
@@ -74,17 +74,14 @@ fn bags_go_both_ways_with_rosbags_and_mcap() {
         for name in THEIR_BAGS {
             convert(&format!("theirs/{name}"), &format!("{name}.csv"));
             let theirs = std::fs::read(path(&format!("{name}.csv"))).expect("readable");
-            assert!(ours == theirs, "{name}: a run that rosbags wrote comes back otherwise");
+            assert!(ours == theirs, "{name}: a run that rosbags wrote is read differently");
         }
         lab.peer("check_bags.py", &["--write-foreign", &path("theirs"), &path("ours.csv")]).output(PEER);
         for name in ["foreign-humble", "foreign-jazzy"] {
             let (from, to) = (path(&format!("theirs/{name}")), path(&format!("{name}.csv")));
             let maps = FOREIGN_MAP.iter().flat_map(|mapping| ["--map", mapping]).collect::<Vec<_>>();
             lab.mr_damper(&[&["--quiet", "convert", &from, &to], &maps[..]].concat()).output(PEER);
-            assert!(
-                ours == std::fs::read(to).expect("readable"),
-                "{name}: a mapped run comes back otherwise"
-            );
+            assert!(ours == std::fs::read(to).expect("readable"), "{name}: a mapped run is read differently");
         }
         let read = format!("{} of ours; {} of theirs\n{}", told.len(), THEIR_BAGS.len(), told.join("\n"));
         Outcome::Passed(read.replace('\n', "; "))
@@ -92,7 +89,7 @@ fn bags_go_both_ways_with_rosbags_and_mcap() {
 }
 
 #[test]
-fn subscribers_see_the_esr_of_evaluate_fuzzy_tanh_on_measured_sines() {
+fn subscribers_compute_the_esr_of_evaluate_for_fuzzy_tanh_on_measured_sines() {
     interop("ESR of fuzzy-tanh on utfsm-mr", |lab| {
         let folder = match data("utfsm-mr") {
             Ok(folder) => folder,
@@ -106,13 +103,13 @@ fn subscribers_see_the_esr_of_evaluate_fuzzy_tanh_on_measured_sines() {
 }
 
 #[test]
-fn subscribers_see_the_esr_of_evaluate_arx_on_measured_random_motion() {
+fn subscribers_compute_the_esr_of_evaluate_for_arx_on_measured_random_motion() {
     interop("ESR of arx on nees-mr", |lab| {
         let folder = match data("nees-mr") {
             Ok(folder) => folder,
             Err(why) => return Outcome::Skipped(why),
         };
-        // The node and our recorder take all of 3004.8 Hz in four channels; a subscriber in Python does not.
+        // The node and our recorder keep up with 3004.8 Hz in four channels; a Python subscriber does not.
         let run = every_tenth_row(&folder.join("ranran-50.csv"), lab.folder());
         let model = identify(lab, "arx", std::slice::from_ref(&run), &["--velocity", "measured"]);
         compare_with_evaluate(lab, &model, &run, "one_step", "estimate")
@@ -129,13 +126,13 @@ pub(crate) fn identify(lab: &Lab, model: &str, runs: &[PathBuf], more: &[&str]) 
     out
 }
 
-/// Replays `run` through a node with `model`, and holds the ESR that a subscriber works out against `evaluate`:
-/// the free run by the residuals, and the `figure` that the model is identified for by what `seen` names.
+/// Replays `run` through a node with `model`, and compares the ESR that a subscriber computes with `evaluate`: the
+/// simulation (free run) from the residuals, and `figure`, the error that the model is identified for, from `seen`.
 fn compare_with_evaluate(lab: &Lab, model: &str, run: &Path, figure: &str, seen: &str) -> Outcome {
     let evaluated = lab.mr_damper(&["--quiet", "evaluate", model, utf8(run), "--json", "-"]).json(PEER);
     let rows = count(&evaluated, "/runs/0/free_run/samples");
 
-    // What smooths a change of mode is in what a subscriber sees, and no error of a model.
+    // The smoothing of mode changes would add to the subscriber's error, and is not part of the model's error.
     let node = lab.node(model, &["-p", "bumpless_tau_s:=0.0"]);
     let mut subscriber = lab.ros(Distro::Jazzy, "esr_peer.py", &["--expect", &rows.to_string()]);
     assert_eq!(text(&subscriber.json_line(PEER), "/event"), "ready");

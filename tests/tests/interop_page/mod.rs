@@ -1,4 +1,4 @@
-//! The live page in a browser: what stands in its table is what the server says, its workshop works, and a page of somebody else reads
+//! The live page in a browser: its table shows the server's values, `serve --workshop` works, and a page of another site reads only
 //! what it may.
 
 use crate::interop_files::utf8;
@@ -18,9 +18,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 const PAGE: &str = "http://127.0.0.1:8330/";
-/// What a browser is called, where one is.
+/// Names of browsers to look for on PATH.
 const BROWSERS: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
-/// Figures of the page with their digits; `None`: texts.
+/// Values of the page with their number of digits; `None` for text.
 const FIGURES: [(&str, Option<usize>); 10] = [
     ("estimate.force_n", Some(1)),
     ("estimate.band_low_n", Some(1)),
@@ -35,7 +35,7 @@ const FIGURES: [(&str, Option<usize>); 10] = [
 ];
 
 #[test]
-fn a_browser_s_table_says_what_the_server_says() {
+fn the_browsers_table_shows_the_servers_values() {
     interop("live page in a browser", |lab| {
         let Some(browser) = browser() else {
             return Outcome::Skipped(format!("none of {} is on PATH", BROWSERS.join(", ")));
@@ -49,7 +49,7 @@ fn a_browser_s_table_says_what_the_server_says() {
             .expect("room in the temporary directory");
         let replay = ["--quiet", "replay", utf8(&run), "--wait", "20", "--ros-args"];
         lab.mr_damper(&[&replay[..], &namespace].concat()).output(PEER);
-        // From now on nothing moves, and the page has to say so.
+        // From now on nothing moves, and the page must say so.
         node.signal("INT");
         node.wait(SHUTDOWN);
         std::thread::sleep(Duration::from_millis(1500));
@@ -65,7 +65,7 @@ fn a_browser_s_table_says_what_the_server_says() {
             match (digits, said.as_f64()) {
                 (None, _) => assert_eq!((value, shown), (text(said, ""), text(said, "")), "{path}"),
                 (Some(digits), Some(said)) => {
-                    // serde_json reads the last of seventeen digits by one off at times.
+                    // serde_json sometimes reads the last of seventeen digits off by one.
                     let off = value.parse::<f64>().map(|value| (value - said).abs() / said.abs().max(1e-300));
                     assert!(off.is_ok_and(|off| off < 1e-15), "{path}: {value}, {said}");
                     assert_eq!(shown.replace('−', "-"), format!("{said:.digits$}"), "{path}");
@@ -75,23 +75,23 @@ fn a_browser_s_table_says_what_the_server_says() {
         }
         let status = text(&saw, "/status");
         assert!(status.starts_with("no estimate for "), "{status}");
-        assert!(text(&saw, "/classes").contains("silent"), "it is greyed: {saw:#}");
-        assert_eq!(count(&saw, "/wide"), 0, "nothing sticks out: {saw:#}");
+        assert!(text(&saw, "/classes").contains("silent"), "the card is greyed: {saw:#}");
+        assert_eq!(count(&saw, "/wide"), 0, "the page fits the window width: {saw:#}");
         assert_eq!(texts(&saw, "/errors"), [""; 0], "{saw:#}");
         let own = |name: &&str| name.starts_with(PAGE);
         assert!(texts(&saw, "/fetched").iter().all(own), "nothing is fetched from elsewhere: {saw:#}");
         let drawn = found(&saw, "/drawn").as_array().expect("a list of charts");
         assert!(drawn.len() == 3 && drawn.iter().all(|chart| *chart == true), "{saw:#}");
 
-        // A telephone, in the dark, by its keys.
+        // A telephone's size, in dark mode, controlled by keys.
         let frozen = look(lab, &browser, &["--size", "360x740", "--dark", "--keys", "space ?"]);
         assert!(text(&frozen, "/banner").starts_with("Frozen at ") && truth(&frozen, "/help"), "{frozen:#}");
-        // Ages are of then: none says "now" or "ago".
-        let of_then = |age: &&str| *age == "never" || *age == "of then" || age.ends_with(" before");
+        // While frozen, ages refer to the time of freezing: none says "now" or "ago".
+        let of_then = |age: &&str| *age == "never" || *age == "at that time" || age.ends_with(" before");
         let ages = texts(&frozen, "/ages");
         assert!(ages.len() > 20 && ages.iter().all(of_then), "{ages:?}");
-        assert_eq!(count(&frozen, "/wide"), 0, "nothing sticks out at 360 pixels: {frozen:#}");
-        Outcome::Passed(format!("{} figures of the table are those of /snapshot; {status}", FIGURES.len()))
+        assert_eq!(count(&frozen, "/wide"), 0, "the page fits a width of 360 pixels: {frozen:#}");
+        Outcome::Passed(format!("{} values of the table equal /snapshot; {status}", FIGURES.len()))
     });
 }
 
@@ -101,32 +101,32 @@ fn browser() -> Option<PathBuf> {
     all.into_iter().find(|file| file.is_file())
 }
 
-/// All figures, by an HTTP client that is not ours.
+/// The whole snapshot, fetched by an independent HTTP client.
 fn snapshot(lab: &Lab) -> Value {
     let script = format!("import urllib.request as u; print(u.urlopen('{PAGE}snapshot').read().decode())");
     lab.start_with("snapshot", Path::new("python3"), &["-c", &script], &[]).json(PEER)
 }
 
-/// What stands on the page after some seconds of the browser's.
+/// The content of the page after some seconds in the browser.
 fn look(lab: &Lab, browser: &Path, arguments: &[&str]) -> Value {
     look_at(lab, browser, PAGE, arguments)
 }
 
-/// The same of another page.
+/// Like [`look`], for another page.
 fn look_at(lab: &Lab, browser: &Path, page: &str, arguments: &[&str]) -> Value {
     let (peer, profile) = (script("page_peer.py"), lab.folder().join("profile"));
     let peer = [utf8(&peer), utf8(browser), page, utf8(&profile)];
     lab.start_with("page_peer.py", Path::new("python3"), &[&peer, arguments].concat(), &[]).json(PEER)
 }
 
-/// A minute of a damper whose coil lags, or does not.
+/// A run of a damper with a coil lag of `lag_s`.
 fn run(seconds: f64, lag_s: f64, seed: u64) -> Run {
     let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(seconds);
     let channels = Channels::default().with_fine_displacement();
     record(&experiment, &Plant::quasi_static().with_coil_lag_s(lag_s), &channels, seed)
 }
 
-/// A model that was not told of the lag, as a file.
+/// A model file of the damper without the lag.
 fn base() -> String {
     let options = Options {
         conditioning: Conditioning { velocity: VelocitySource::ThreePoint, ..Conditioning::default() },
@@ -140,7 +140,7 @@ fn base() -> String {
 }
 
 #[test]
-fn a_browser_uploads_a_run_replays_it_closes_its_loop_and_shows_the_report() {
+fn a_browser_uploads_a_run_replays_it_diagnoses_it_and_shows_the_report() {
     interop("workshop in a browser", |lab| {
         let Some(browser) = browser() else {
             return Outcome::Skipped(format!("none of {} is on PATH", BROWSERS.join(", ")));
@@ -153,7 +153,7 @@ fn a_browser_uploads_a_run_replays_it_closes_its_loop_and_shows_the_report() {
         let told =
             |id: &str, text: &str| format!("document.querySelector('{id}')?.textContent.includes('{text}')");
         let steps = [
-            told("#upload-told", "lags.csv is taken"),
+            told("#upload-told", "lags.csv is uploaded"),
             "(() => { const [model, rate] = ['#model', '#rate'].map((id) => document.querySelector(id)); \
              [model.value, rate.value] = ['base.toml', 10]; return model.value === 'base.toml'; })()"
                 .to_owned(),
@@ -171,11 +171,11 @@ fn a_browser_uploads_a_run_replays_it_closes_its_loop_and_shows_the_report() {
         assert!(summary.contains("coil lag") && summary.contains("tau = 0.01"), "{saw:#}");
         assert!(summary.contains("squared error left") && summary.contains("/load_model"), "{saw:#}");
         assert!(summary.contains("among the models to replay with"), "{saw:#}");
-        assert_eq!(count(&saw, "/wide"), 0, "nothing sticks out: {saw:#}");
+        assert_eq!(count(&saw, "/wide"), 0, "the page fits the window width: {saw:#}");
         assert_eq!(texts(&saw, "/errors"), [""; 0], "{saw:#}");
         let own = |name: &&str| name.starts_with(PAGE);
         assert!(texts(&saw, "/fetched").iter().all(own), "nothing is fetched from elsewhere: {saw:#}");
-        // The report is a page of its own; another look at the live one finds all as it was, on a telephone too.
+        // The report is a separate page; opening the live page again shows the same state, also at a telephone's size.
         let again = look(lab, &browser, &["--size", "360x740", "--dark"]);
         assert_eq!((text(&again, "/found"), count(&again, "/wide")), (summary, 0), "{again:#}");
         let report = format!("{}{}", PAGE.trim_end_matches('/'), text(&saw, "/report"));
@@ -189,7 +189,7 @@ fn a_browser_uploads_a_run_replays_it_closes_its_loop_and_shows_the_report() {
 }
 
 #[test]
-fn a_browser_shows_the_force_on_somebody_else_s_page_where_it_is_allowed() {
+fn a_browser_shows_the_force_on_another_sites_page_if_allowed() {
     interop("somebody else's page in a browser", |lab| {
         let Some(browser) = browser() else {
             return Outcome::Skipped(format!("none of {} is on PATH", BROWSERS.join(", ")));
@@ -208,8 +208,8 @@ fn a_browser_shows_the_force_on_somebody_else_s_page_where_it_is_allowed() {
         let url = "http://127.0.0.1:8000/live_in_browser.html";
         let shows = r"/front_left: −?-?[\d.]+ N, VALID/.test(document.body.innerText) && document.querySelector('#link').textContent === 'live'";
         let saw = look_at(lab, &browser, url, &["--step", shows]);
-        // The other server was not told of that page.
-        let refused = "document.querySelector('#link').textContent.startsWith('no word from the server')";
+        // The other server does not allow that page.
+        let refused = "document.querySelector('#link').textContent.startsWith('no data from the server')";
         look_at(
             lab,
             &browser,

@@ -1,18 +1,19 @@
-//! Only the hardened build gives peers on other hosts long answers, type hashes and the enclave (decisions 0005, 0006).
+//! Only the hardened build gives peers on other hosts long responses, type hashes and the enclave (decisions 0005,
+//! 0006).
 
 use crate::PEER;
 use crate::interop_support::gate::{Outcome, interop};
 use crate::interop_support::json::{count, found, text, texts};
 use crate::interop_support::{Distro, NODE};
 
-/// Parameters of the node, at least: their list alone is longer than a datagram.
+/// Smallest number of parameters of the node: even their list is longer than a datagram.
 const PARAMETERS: u64 = 80;
 
 #[test]
-fn a_hardened_node_answers_at_length_to_another_host_and_announces_its_types() {
+fn a_hardened_node_sends_long_responses_to_another_host_and_announces_its_types() {
     interop("hardened: two hosts", |lab| {
         let Some(far) = lab.neighbour() else {
-            return Outcome::Skipped("two network namespaces cannot be wired: that takes root".to_owned());
+            return Outcome::Skipped("two network namespaces cannot be connected without root".to_owned());
         };
         let _node = match lab.hardened_node(&["-p", "discovery_range:=subnet"]) {
             Ok(node) => node,
@@ -22,7 +23,7 @@ fn a_hardened_node_answers_at_length_to_another_host_and_announces_its_types() {
         let listed = count(&saw, "/listed");
         assert!(listed >= PARAMETERS, "{saw:#}");
         assert_eq!(count(&saw, "/described"), listed, "all are described in one call: {saw:#}");
-        assert_eq!(count(&saw, "/got"), listed, "all are got in one call: {saw:#}");
+        assert_eq!(count(&saw, "/got"), listed, "all are read in one call: {saw:#}");
         for topic in ["displacement", "force_estimate", "mode"] {
             let own = texts(&saw, &format!("/own_hashes/{topic}"));
             assert!(own.len() == 1 && own[0].starts_with("RIHS01_"), "{saw:#}");
@@ -30,7 +31,7 @@ fn a_hardened_node_answers_at_length_to_another_host_and_announces_its_types() {
         }
         assert_eq!(text(&saw, "/enclave"), "/");
         Outcome::Passed(format!(
-            "{listed} parameters listed, described and got over a cable ({:#}); type hashes and enclave seen",
+            "{listed} parameters listed, described and read over a cable ({:#}); type hashes and enclave seen",
             found(&saw, "/seconds")
         ))
     });

@@ -1,4 +1,4 @@
-//! A manager in rclpy uses what every good node offers: states, parameters, mode, log, time, types, actions.
+//! An rclpy manager uses everything that a ROS 2 node should offer: states, parameters, mode, log, time, types, actions.
 
 use crate::interop_support::gate::{Outcome, interop};
 use crate::interop_support::json::{count, found, number, text, texts, truth};
@@ -16,9 +16,10 @@ fn rclpy_kilted_manages_the_node() {
     interop("manager with rclpy kilted", |lab| manager(lab, Distro::Kilted));
 }
 
-/// The first request of a new client often comes before the node knows the client's writer. It took 3 s then, for 4 to 13 of 60.
+/// The first request of a new client often arrives before the node knows the client's writer. That used to take 3 s, for 4 to 13
+/// of 60 clients.
 #[test]
-fn a_new_client_of_fast_dds_has_its_first_answer_at_once() {
+fn a_new_fast_dds_client_gets_its_first_response_at_once() {
     interop("new clients of rclpy jazzy", |lab| {
         let _node = lab.node(PRESET, &[]);
         let saw = lab.ros(Distro::Jazzy, "new_clients.py", &["--clients", "80"]).json(PEER);
@@ -29,7 +30,7 @@ fn a_new_client_of_fast_dds_has_its_first_answer_at_once() {
     });
 }
 
-/// A manager in rclpy uses what every good node offers: states, parameters, mode, log, time, types, actions.
+/// An rclpy manager uses everything that a ROS 2 node should offer.
 fn manager(lab: &Lab, distro: Distro) -> Outcome {
     let params = lab.folder().join("params.yaml");
     let sections = "/**/damper:\n  ros__parameters:\n    autostart: false\n    coast_s: 0.3\n\
@@ -67,7 +68,7 @@ fn manager(lab: &Lab, distro: Distro) -> Outcome {
     }
     node.signal("INT");
     let status = node.wait(SHUTDOWN);
-    assert!(status.success(), "a node that was shut down ends well: {status}");
+    assert!(status.success(), "a node that was shut down exits with success: {status}");
     Outcome::Passed(format!(
         "{} transitions, {} lines of log, identified: {}",
         found(&saw, "/events").as_array().map_or(0, Vec::len),
@@ -115,7 +116,7 @@ fn parameters_are_described_and_set(saw: &Value) {
         !truth(saw, "/refused/successful") && text(saw, "/refused/reason").contains("hold_s is -1"),
         "{saw:#}"
     );
-    assert_eq!(number(saw, "/after_refusal"), 0.3, "what the file said, for this node, stays");
+    assert_eq!(number(saw, "/after_refusal"), 0.3, "the file's value for this node is unchanged");
     assert!(truth(saw, "/set/successful"), "{:#}", found(saw, "/set"));
     assert!(text(saw, "/model_when_active/reason").contains("load_model"), "{saw:#}");
     let event = serde_json::json!(["/corner/damper", ["coast_s", "current.safe_a"]]);
@@ -127,10 +128,10 @@ fn parameters_are_described_and_set(saw: &Value) {
 
 fn mode_and_time_are_kept(saw: &Value) {
     assert!(truth(saw, "/mode_fault") && truth(saw, "/mode_auto") && truth(saw, "/reset"), "{saw:#}");
-    assert_eq!(found(saw, "/held/modes"), &serde_json::json!([4]), "fault, as asked for");
-    assert!(text(saw, "/mode_hold").contains("cannot be asked for"), "{saw:#}");
+    assert_eq!(found(saw, "/held/modes"), &serde_json::json!([4]), "the mode is fault, as requested");
+    assert!(text(saw, "/mode_hold").contains("cannot be requested"), "{saw:#}");
     assert!(truth(saw, "/type/successful"), "{:#}", found(saw, "/type"));
-    assert_eq!(found(saw, "/type/fields"), found(saw, "/fields_here"), "as rosidl has them");
+    assert_eq!(found(saw, "/type/fields"), found(saw, "/fields_here"), "the fields equal rosidl's");
     assert_eq!(texts(saw, "/type/sources").len(), 3);
     for phase in ["simulated", "again"] {
         let told = found(saw, &format!("/{phase}"));
@@ -152,14 +153,15 @@ fn a_model_was_identified(saw: &Value) {
     let identified = found(saw, "/identified");
     assert_eq!(text(identified, "/status"), "succeeded", "{identified:#}");
     assert!(
-        truth(identified, "/success") && text(identified, "/message").contains("held out, free run"),
+        truth(identified, "/success")
+            && text(identified, "/message").contains("held out, simulation (free run)"),
         "{identified:#}"
     );
     let stages = found(identified, "/stages").as_array().expect("a list");
     assert!(stages.len() >= 3, "feedback arrives: {stages:#?}");
     let progress: Vec<f64> = stages.iter().filter_map(|stage| stage[1].as_f64()).collect();
     assert!(progress.is_sorted() && progress.iter().all(|share| (0.0..=1.0).contains(share)), "{stages:#?}");
-    assert!(truth(saw, "/loaded/success"), "what was identified runs: {:#}", found(saw, "/loaded"));
+    assert!(truth(saw, "/loaded/success"), "the identified model was loaded: {:#}", found(saw, "/loaded"));
     let cancelled = found(saw, "/identify_cancelled");
     assert_eq!(
         (text(cancelled, "/status"), truth(cancelled, "/success")),

@@ -1,4 +1,4 @@
-//! What ROS 2 tools expect of a node, and where it is found.
+//! What ROS 2 tools expect of a node, and on which hosts it is discovered.
 
 mod hardened;
 mod hosts;

@@ -1,4 +1,4 @@
-//! Whether a test runs, one at a time, and how its outcome is told.
+//! Decides whether a test runs, runs one at a time, and reports its outcome.
 
 use super::Lab;
 use std::io::Write;
@@ -6,15 +6,15 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// Says a line past the test runner's capture.
+/// Prints a line that the test runner does not capture.
 pub(crate) fn say(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// Runs an interop test in a fresh laboratory, or skips it and says so.
+/// Runs an interop test in a new lab, or skips it with a message.
 ///
-/// `body` gives the figures to print. With `MR_DAMPER_INTEROP=1` everything must be there; without it
-/// nothing runs, so that `cargo test` needs neither Python nor ROS.
+/// `body` returns the text to print. With `MR_DAMPER_INTEROP=1` all requirements must be installed; without it nothing runs, so
+/// that `cargo test` needs neither Python nor ROS.
 pub(crate) fn interop(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     if std::env::var("MR_DAMPER_INTEROP").as_deref() != Ok("1") {
@@ -37,7 +37,7 @@ pub(crate) fn interop(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
         }
         Err(panic) => {
             say(&format!("interop FAILED {name}"));
-            // Kept by the test runner, which tells it once more with the failure, at the end.
+            // Captured by the test runner, which prints it again with the failure at the end.
             eprint!("{}", lab.logs());
             record("failed", name);
             resume_unwind(panic);
@@ -45,15 +45,15 @@ pub(crate) fn interop(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
     }
 }
 
-/// How a test ended that did not panic.
+/// Outcome of a test that did not panic.
 pub(crate) enum Outcome {
-    /// It holds; the figures are printed.
+    /// The test passed; the text is printed.
     Passed(String),
-    /// Something that may be absent is absent.
+    /// An optional requirement is missing.
     Skipped(String),
 }
 
-/// Appends to the file that `.ci/run` counts.
+/// Appends to the results file that `.ci/run` counts.
 fn record(outcome: &str, name: &str) {
     if let Ok(path) = std::env::var("MR_DAMPER_INTEROP_RESULTS") {
         let file = std::fs::OpenOptions::new().create(true).append(true).open(&path);
@@ -62,22 +62,22 @@ fn record(outcome: &str, name: &str) {
     }
 }
 
-/// The `mr-damper` binary: `MR_DAMPER_BIN`, or the release build beside this test.
+/// The `mr-damper` binary: `MR_DAMPER_BIN`, or the release build in this test's target directory.
 pub(crate) fn binary() -> PathBuf {
     built("MR_DAMPER_BIN", "mr-damper", "cargo build --release")
 }
 
-/// The echo: `MR_DAMPER_ECHO`, or the release build beside this test.
+/// The echo: `MR_DAMPER_ECHO`, or the release build in this test's target directory.
 pub(crate) fn echo_binary() -> PathBuf {
     built("MR_DAMPER_ECHO", "echo_peer", "cargo build --release --workspace --bins")
 }
 
-/// The peer under faults: `MR_DAMPER_FAULT_PEER`, or the release build beside this test.
+/// The peer under faults: `MR_DAMPER_FAULT_PEER`, or the release build in this test's target directory.
 pub(crate) fn fault_peer_binary() -> PathBuf {
     built("MR_DAMPER_FAULT_PEER", "fault_peer", "cargo build --release --workspace --bins")
 }
 
-/// The ECU beside readers that fail: `MR_DAMPER_ECU_PEER`, or the release build beside this test.
+/// The ECU for tests of failing readers: `MR_DAMPER_ECU_PEER`, or the release build in this test's target directory.
 pub(crate) fn ecu_peer_binary() -> PathBuf {
     built("MR_DAMPER_ECU_PEER", "ecu_peer", "cargo build --release --workspace --bins")
 }
@@ -90,7 +90,7 @@ pub(crate) fn secure_binary() -> Result<PathBuf, String> {
         Ok(path)
     } else {
         Err(format!(
-            "{} is missing; `cargo build --release --features security --target-dir target/secure` makes it, or name \
+            "{} is missing; build it with `cargo build --release --features security --target-dir target/secure`, or name \
              another in MR_DAMPER_SECURE_BIN",
             path.display()
         ))
@@ -101,28 +101,29 @@ pub(crate) fn secure_binary() -> Result<PathBuf, String> {
 pub(crate) fn hardened_binary() -> Result<PathBuf, String> {
     let path = std::env::var_os("MR_DAMPER_HARDENED_BIN").map(PathBuf::from).unwrap_or_default();
     if path.is_file() {
-        assert!(is_hardened(&path), "MR_DAMPER_HARDENED_BIN: {} is of the default build", path.display());
+        assert!(is_hardened(&path), "MR_DAMPER_HARDENED_BIN: {} is a default build", path.display());
         Ok(path)
     } else {
         Err(format!(
-            "MR_DAMPER_HARDENED_BIN names no file ({:?}); `node/hardened/build build --release --bins` makes \
+            "MR_DAMPER_HARDENED_BIN does not name a file ({:?}); `node/hardened/build build --release --bins` builds \
              target/hardened/release/mr-damper",
             path.display()
         ))
     }
 }
 
-/// True when an `mr-damper` is of the hardened build, by its version.
+/// True if an `mr-damper` is a hardened build, according to its version text.
 fn is_hardened(binary: &Path) -> bool {
     let version = std::process::Command::new(binary).arg("--version").output();
     let version = version.unwrap_or_else(|error| panic!("{} --version: {error}", binary.display()));
     String::from_utf8_lossy(&version.stdout).contains("hardened")
 }
 
-/// Why a test of what the default build does not survive has nothing to test; `None` when the binary under test is a default one.
+/// The reason to skip a test of faults that the default build does not survive; `None` if the binary under test is a default
+/// build.
 pub(crate) fn survives() -> Option<Outcome> {
     let why =
-        "the binary under test is of the hardened build, which survives this: interop_faults/hardened.rs";
+        "the binary under test is a hardened build, which survives this: see interop_faults/hardened.rs";
     is_hardened(&binary()).then(|| Outcome::Skipped(why.to_owned()))
 }
 
@@ -130,13 +131,13 @@ pub(crate) fn survives() -> Option<Outcome> {
 pub(crate) fn hardened_secure_binary() -> Result<PathBuf, String> {
     let path = std::env::var_os("MR_DAMPER_HARDENED_SECURE_BIN").map(PathBuf::from).ok_or(
         "MR_DAMPER_HARDENED_SECURE_BIN is not set; `node/hardened/build build --profile quick -p mr-damper-node -p \
-         mr-damper-tests --bins --features mr-damper-node/security` makes that mr-damper",
+         mr-damper-tests --bins --features mr-damper-node/security` builds it",
     )?;
     assert!(path.is_file(), "{} is missing; MR_DAMPER_HARDENED_SECURE_BIN names it", path.display());
     Ok(path)
 }
 
-/// The directory of a part that tests/interop/setup.sh prepares only when it is named.
+/// The directory of an optional part of tests/interop/setup.sh.
 pub(crate) fn optional_environment(part: &str) -> Result<PathBuf, String> {
     let path = environments().join(part);
     if path.join("stamp").is_file() {
@@ -151,48 +152,56 @@ fn environments() -> PathBuf {
         .map_or_else(|| PathBuf::from("/var/tmp/mr-damper-interop"), PathBuf::from)
 }
 
-/// An example of the node, built beside this test.
+/// An example of the node, built in this test's target directory.
 pub(crate) fn example(name: &str) -> PathBuf {
     let me = std::env::current_exe().expect("the path of this test");
     let path = me
         .ancestors()
         .nth(2)
-        .expect("a test lies two levels into its profile's directory")
+        .expect("a test is two levels inside its profile's directory")
         .join("examples")
         .join(name);
-    assert!(path.is_file(), "{} is missing; `cargo build --workspace --examples` makes it", path.display());
+    assert!(
+        path.is_file(),
+        "{} is missing; build it with `cargo build --workspace --examples`",
+        path.display()
+    );
     path
 }
 
 fn built(variable: &str, file: &str, how: &str) -> PathBuf {
     let path = std::env::var_os(variable).map_or_else(|| target().join("release").join(file), PathBuf::from);
-    assert!(path.is_file(), "{} is missing; `{how}` makes it, or name another in {variable}", path.display());
+    assert!(
+        path.is_file(),
+        "{} is missing; build it with `{how}`, or set {variable} to another file",
+        path.display()
+    );
     path
 }
 
-/// The target directory that this test was built into: the test is TARGET/PROFILE/deps/interop-HASH.
+/// The target directory of this test's build: the test is TARGET/PROFILE/deps/interop-HASH.
 fn target() -> PathBuf {
     let me = std::env::current_exe().expect("the path of this test");
-    me.ancestors().nth(3).expect("a test lies three levels into the target directory").to_owned()
+    me.ancestors().nth(3).expect("a test is three levels inside the target directory").to_owned()
 }
 
-/// The directory of one part that tests/interop/setup.sh prepared.
+/// The directory of a part prepared by tests/interop/setup.sh.
 pub(crate) fn environment(part: &str) -> PathBuf {
     optional_environment(part).unwrap_or_else(|why| panic!("{why}"))
 }
 
-/// Measured runs, if they are on this machine: `MR_DAMPER_DATA`, or shared/data beside the repository.
+/// Measured runs, if they exist on this machine: `MR_DAMPER_DATA`, or shared/data next to the repository.
 pub(crate) fn data(set: &str) -> Result<PathBuf, String> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     let path = std::env::var_os("MR_DAMPER_DATA").map_or(beside, PathBuf::from).join(set);
     if path.is_dir() {
         Ok(path)
     } else {
-        Err(format!("no measured runs in {}; name their folder in MR_DAMPER_DATA", path.display()))
+        Err(format!("no measured runs in {}; set MR_DAMPER_DATA to their folder", path.display()))
     }
 }
 
-/// True when the long forms are asked for: `MR_DAMPER_LONG=1`.
+/// True if the long tests are requested: `MR_DAMPER_LONG=1`.
 pub(crate) fn long() -> bool {
     std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1")
 }

@@ -1,7 +1,7 @@
-//! A laboratory for interop tests: a network namespace of its own, programs in it, and their JSON.
+//! A lab for interop tests: a separate network namespace, the programs in it, and their JSON output.
 //!
-//! Everything that is started is ended by process id when its handle goes, and the kernel ends it when this
-//! process is killed. Failure messages carry the end of what every program of the laboratory said.
+//! Every program is ended by its process id when its handle is dropped, and the kernel ends it if this process is killed. Failure
+//! messages include the last log lines of every program of the lab.
 
 pub(crate) mod gate;
 pub(crate) mod json;
@@ -14,14 +14,14 @@ use std::process::{Child, Command, Stdio};
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// The node's fully qualified name when nothing renames it.
+/// The node's fully qualified name without remapping.
 pub(crate) const NODE: &str = "/mr_damper";
-/// A preset that launches with nothing else said.
+/// A preset with which the node starts without further settings.
 pub(crate) const PRESET: &str = "thesis/fuzzy-tanh/rp3-cs";
-/// Where the Zenoh mirror listens in tests.
+/// Endpoint of the Zenoh mirror in tests.
 pub(crate) const ZENOH_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
-/// Which ROS 2 a peer comes from.
+/// The ROS 2 distribution of a peer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Distro {
     Jazzy,
@@ -37,7 +37,7 @@ impl Distro {
     }
 }
 
-/// A network namespace with loopback alone and a ROS domain, and a directory for files.
+/// A network namespace with only loopback, a ROS domain, and a directory for files.
 pub(crate) struct Lab {
     holder: Child,
     domain: u32,
@@ -47,14 +47,14 @@ pub(crate) struct Lab {
 
 impl Lab {
     pub(crate) fn new() -> Self {
-        // Fast DDS shares memory by domain id across network namespaces, so each laboratory has another one,
-        // also beside a second run of these tests.
+        // Fast DDS shares memory by domain id, even across network namespaces, so each lab has a different id, also when these
+        // tests run twice at the same time.
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let domain = 1 + (std::process::id() * 7 + NEXT.fetch_add(1, Ordering::Relaxed)) % 100;
         Self::of(domain, Rc::default())
     }
 
-    /// Another host in the same domain, at the other end of a cable; `None` when only root can have one.
+    /// Another host in the same domain, at the other end of a cable; `None` if only root can create it.
     pub(crate) fn neighbour(&self) -> Option<Self> {
         let other = Self::of(self.domain, Rc::clone(&self.logs));
         let ends = [self.holder.id(), other.holder.id()].map(|id| id.to_string());
@@ -62,8 +62,8 @@ impl Lab {
         wired.is_ok_and(|status| status.success()).then_some(other)
     }
 
-    /// Another host in the same domain, behind a router that carries no multicast; with the router, which has to stay. `None` when
-    /// only root can have one.
+    /// Another host in the same domain, behind a router that carries no multicast, together with that router, which must be kept.
+    /// `None` if only root can create them.
     pub(crate) fn behind_a_router(&self) -> Option<[Self; 2]> {
         let [router, other] = [(); 2].map(|()| Self::of(self.domain, Rc::clone(&self.logs)));
         let all = [self.holder.id(), router.holder.id(), other.holder.id()].map(|id| id.to_string());
@@ -71,15 +71,15 @@ impl Lab {
         wired.is_ok_and(|status| status.success()).then_some([router, other])
     }
 
-    /// Another host in the same domain, at the other end of a cable that can be told to be bad (`bad_wire.py`), and the cable.
+    /// Another host in the same domain, at the other end of a cable with controllable faults (`bad_wire.py`), and the cable.
     ///
     /// # Errors
-    /// Why there is none: it takes root, and TAP devices.
+    /// Why it cannot be created: it needs root and TAP devices.
     pub(crate) fn behind_a_bad_wire(&self, seed: u64) -> Result<(Self, Program), String> {
         let other = Self::of(self.domain, Rc::clone(&self.logs));
         let [near, far] = [self.holder.id(), other.holder.id()].map(|id| id.to_string());
         if !Path::new("/dev/net/tun").exists() {
-            return Err("there is no /dev/net/tun; `modprobe tun` may make it".to_owned());
+            return Err("/dev/net/tun is missing; try `modprobe tun`".to_owned());
         }
         let mut command = Command::new("python3");
         command.arg(script("bad_wire.py")).args([&near, &far, "--seed", &seed.to_string()]);
@@ -87,7 +87,7 @@ impl Lab {
         let said = wire.json_line(std::time::Duration::from_secs(10));
         match json::text(&said, "/event") {
             "up" => Ok((other, wire)),
-            _ => Err(format!("no TAP device can be made: {}", json::text(&said, "/why"))),
+            _ => Err(format!("cannot create a TAP device: {}", json::text(&said, "/why"))),
         }
     }
 
@@ -106,17 +106,17 @@ impl Lab {
             line.trim(),
             holder.id().to_string(),
             "no network namespace: `tests/interop/netns.sh hold` should print its process id and wait; \
-             its message above says what it lacks"
+             its message above gives the cause"
         );
         Self { holder, domain, folder, logs }
     }
 
-    /// A directory that goes with the laboratory.
+    /// A directory that is removed with the lab.
     pub(crate) fn folder(&self) -> &Path {
         self.folder.path()
     }
 
-    /// Starts the node with `-p model:=MODEL` and the further ROS arguments.
+    /// Starts the node with `-p model:=MODEL` and additional ROS arguments.
     pub(crate) fn node(&self, model: &str, ros_args: &[&str]) -> Program {
         let model = format!("model:={model}");
         let mut args = vec!["node", "--ros-args", "-p", &model];
@@ -124,10 +124,10 @@ impl Lab {
         self.mr_damper(&args)
     }
 
-    /// The same with an `mr-damper` of the hardened build.
+    /// Like [`Self::node`], with an `mr-damper` of the hardened build.
     ///
     /// # Errors
-    /// Why there is none.
+    /// Why there is no hardened build.
     pub(crate) fn hardened_node(&self, ros_args: &[&str]) -> Result<Program, String> {
         let model = format!("model:={PRESET}");
         let args = [&["node", "--ros-args", "-p", &model], ros_args].concat();
@@ -144,7 +144,7 @@ impl Lab {
         self.start("echo_peer", &gate::echo_binary(), &[])
     }
 
-    /// Starts a script of tests/interop under a real ROS 2.
+    /// Starts a script of tests/interop with a real ROS 2.
     pub(crate) fn ros(&self, distro: Distro, file: &str, args: &[&str]) -> Program {
         let file = script(file);
         let mut all = vec![distro.name(), file.to_str().expect("UTF-8 path")];
@@ -152,7 +152,7 @@ impl Lab {
         self.start(&format!("{} {}", distro.name(), all[1]), &script("ros-python.sh"), &all)
     }
 
-    /// The same for one that ends with its standard input.
+    /// Like [`Self::ros`], for a script that ends when its standard input closes.
     pub(crate) fn ros_told(&self, distro: Distro, file: &str, args: &[&str]) -> Program {
         let name = file;
         let file = script(file);
@@ -161,7 +161,7 @@ impl Lab {
         self.start_told(name, &script("ros-python.sh"), &all)
     }
 
-    /// Starts a script of tests/interop under the Python of CycloneDDS and Zenoh.
+    /// Starts a script of tests/interop with the Python environment of CycloneDDS and Zenoh.
     pub(crate) fn peer(&self, file: &str, args: &[&str]) -> Program {
         let script = script(file);
         let mut all = vec![script.to_str().expect("UTF-8 path")];
@@ -173,7 +173,7 @@ impl Lab {
         self.start_with(name, program, args, &[])
     }
 
-    /// Starts another program, with variables of its own.
+    /// Starts another program, with its own environment variables.
     pub(crate) fn start_with(
         &self,
         name: &str,
@@ -191,7 +191,7 @@ impl Lab {
         Program::spawn_told(name, self.command(program, args, &[]), &log)
     }
 
-    /// Where the next program's standard error goes.
+    /// A log file for the standard error of the next program.
     fn log(&self, name: &str) -> PathBuf {
         let mut logs = self.logs.borrow_mut();
         let log = self.folder().join(format!("{}.log", logs.len()));
@@ -214,14 +214,14 @@ impl Lab {
         command
     }
 
-    /// The last lines that the program that was last started under this name wrote to stderr.
+    /// The last stderr lines of the program that was last started with this name.
     pub(crate) fn last_log(&self, program: &str) -> String {
         let logs = self.logs.borrow();
         let last = logs.iter().rfind(|(name, _)| name == program);
         last.map(|(_, path)| process::tail(path)).unwrap_or_else(|| panic!("{program} was not started"))
     }
 
-    /// The last lines that each program wrote to stderr.
+    /// The last stderr lines of each program.
     pub(crate) fn logs(&self) -> String {
         let mut text = String::new();
         for (name, path) in self.logs.borrow().iter() {

@@ -1,4 +1,4 @@
-//! Programs of a laboratory: their JSON lines, their end.
+//! Programs of a lab: their JSON lines and their exit.
 
 use serde_json::Value;
 use std::fs::File;
@@ -9,7 +9,7 @@ use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-/// How long a program gets to end before it is killed.
+/// Time that a program gets to end before it is killed.
 const GRACE: Duration = Duration::from_secs(5);
 
 /// A file of tests/interop.
@@ -17,31 +17,31 @@ pub(crate) fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("interop").join(name)
 }
 
-/// The last lines of a log file, and what panicked before them.
+/// The last lines of a log file, and the panic messages before them.
 pub(crate) fn tail(path: &Path) -> String {
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let lines: Vec<_> = text.lines().collect();
     let (before, last) = lines.split_at(lines.len().saturating_sub(25));
-    // Where it panicked, and the message below that.
+    // A panic's location, and the message on the next line.
     let panics = before.iter().zip(before.iter().skip(1)).filter(|(line, _)| line.contains("panicked at"));
     let panics = panics.flat_map(|(line, message)| [line, message]);
     panics.chain(last).map(|line| format!("{line}\n")).collect()
 }
 
-/// What a process holds in memory, MiB.
+/// Resident memory of a process, MiB.
 pub(crate) fn resident_mib(process: u32) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).expect("it runs");
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("a line of /proc");
     line.split_whitespace().next().and_then(|kib| kib.parse::<u64>().ok()).expect("a number") / 1024
 }
 
-/// A running program. Dropping it ends it.
+/// A running program. Dropping it ends the program.
 pub(crate) struct Program {
     name: String,
     child: Child,
     lines: Receiver<String>,
     status: Option<ExitStatus>,
-    /// Of a program that takes commands.
+    /// Open for a program that takes commands.
     stdin: Option<ChildStdin>,
 }
 
@@ -82,7 +82,7 @@ impl Program {
         match self.lines.recv_timeout(timeout) {
             Ok(line) => serde_json::from_str(&line)
                 .unwrap_or_else(|error| panic!("{}: no JSON line ({error}): {line}", self.name)),
-            Err(RecvTimeoutError::Timeout) => panic!("{} said nothing for {timeout:?}", self.name),
+            Err(RecvTimeoutError::Timeout) => panic!("{} printed nothing for {timeout:?}", self.name),
             Err(RecvTimeoutError::Disconnected) => {
                 let status = self.wait(GRACE);
                 panic!("{} ended without a result: {status}", self.name)
@@ -90,14 +90,15 @@ impl Program {
         }
     }
 
-    /// Writes a line to standard input, and takes the line of JSON that answers it.
+    /// Writes a line to standard input, and returns the line of JSON that answers it.
     pub(crate) fn tell(&mut self, line: &str) -> Value {
         let stdin = self.stdin.as_mut().expect("a program that takes commands");
         writeln!(stdin, "{line}").unwrap_or_else(|error| panic!("{} takes no command: {error}", self.name));
         self.json_line(GRACE)
     }
 
-    /// Closes standard input, which ends a program that takes commands; its last line, as JSON, and its good end.
+    /// Closes standard input, which ends a program that takes commands. Returns its last line as JSON, and checks
+    /// that it succeeded.
     pub(crate) fn close(mut self) -> Value {
         self.stdin = None;
         let said = self.json_line(GRACE);
@@ -105,25 +106,25 @@ impl Program {
         said
     }
 
-    /// Waits for a program to end well; all of its standard output is one JSON text.
+    /// Waits for a program to succeed; its whole standard output is one JSON text.
     pub(crate) fn json(mut self, timeout: Duration) -> Value {
         let text = self.output(timeout);
         serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: no JSON ({error}): {text}", self.name))
     }
 
-    /// Waits for a program to end well, and gives what it wrote to standard output.
+    /// Waits for a program to succeed, and returns its standard output.
     pub(crate) fn output(&mut self, timeout: Duration) -> String {
         let status = self.wait(timeout);
         assert!(status.success(), "{} failed: {status}", self.name);
         self.lines.iter().collect::<Vec<_>>().join("\n")
     }
 
-    /// Waits for the end.
+    /// Waits for the program to end.
     pub(crate) fn wait(&mut self, timeout: Duration) -> ExitStatus {
         self.try_wait(timeout).unwrap_or_else(|| panic!("{} still runs after {timeout:?}", self.name))
     }
 
-    /// True until it has ended.
+    /// True while the program runs.
     pub(crate) fn is_running(&mut self) -> bool {
         self.try_wait(Duration::ZERO).is_none()
     }
@@ -147,14 +148,14 @@ impl Program {
         self.child.id()
     }
 
-    /// Sends a signal, `INT`, `TERM`, `STOP` or the like, to the program alone.
+    /// Sends a signal such as `INT`, `TERM` or `STOP` to the program only.
     pub(crate) fn signal(&self, signal: &str) {
         let sent = self.send(signal, &self.child.id().to_string());
         assert!(sent, "SIG{signal} could not be sent to {}", self.name);
     }
 
     fn send(&self, signal: &str, target: &str) -> bool {
-        // Without `--`: dash takes that for a process.
+        // Without `--`, which dash takes for a process.
         let shell = format!("kill -{signal} {target} 2>/dev/null");
         Command::new("sh").args(["-c", &shell]).status().is_ok_and(|status| status.success())
     }
@@ -166,7 +167,7 @@ impl Drop for Program {
         if self.status.is_none() && self.send("TERM", &self.child.id().to_string()) {
             self.try_wait(GRACE);
         }
-        // Until it is waited for, its process id, and with it the group's, is nobody else's.
+        // Until the process has been waited for, its id and its group's id cannot be reused.
         if self.status.is_none() {
             self.send("KILL", &format!("-{}", self.child.id()));
             let _ = self.child.wait();

@@ -1,4 +1,4 @@
-//! Zenoh from Python, with the ready configurations of `launch-configs/zenoh`.
+//! Zenoh clients in Python, with the ready configurations of `launch-configs/zenoh`.
 
 mod rmw;
 
@@ -42,18 +42,18 @@ fn zenoh_commands_with_a_password() {
         assert!(found(&saw, "/with_a_wrong_password").is_null(), "{saw:#}");
         assert!(texts(&saw, "/last").iter().all(|key| key.contains("/state/")), "{saw:#}");
         Outcome::Passed(
-            "3 commands obeyed, 4 refused with their reason, a wrong password hears nothing".to_owned(),
+            "3 commands obeyed, 4 refused with a reason, no data with a wrong password".to_owned(),
         )
     });
 }
 
 #[test]
-fn the_example_in_python_prints_what_it_hears() {
+fn the_python_example_prints_what_it_receives() {
     interop("zenoh example in Python", |lab| {
-        // It is there first, and waits.
+        // The example starts before the node, and waits.
         let mut example = lab.peer("../../node/examples/zenoh_estimates.py", &[ZENOH_ENDPOINT, "20"]);
         std::thread::sleep(std::time::Duration::from_secs(1));
-        assert!(example.is_running(), "it gave up on a node that is not there yet");
+        assert!(example.is_running(), "the example did not wait for the node");
         let listen = format!("zenoh.listen:=['{ZENOH_ENDPOINT}']");
         let _node = lab.node(PRESET, &["-p", &listen]);
         let sender = lab.ros(Distro::Jazzy, "ros_peer.py", &["--node", NODE, "--seconds", "8"]);
@@ -71,14 +71,14 @@ fn ready(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../launch-configs/zenoh").join(name)
 }
 
-/// A router with a storage, by the ready configuration, which listens on [`ZENOH_ENDPOINT`].
+/// A router with a storage, with the ready configuration, listening on [`ZENOH_ENDPOINT`].
 fn storing_router(lab: &Lab) -> Result<Program, String> {
     let program = gate::optional_environment("router")?.join("fleet-router");
     Ok(lab.start_with("fleet-router", &program, &[ready("storage.json5").to_str().expect("UTF-8")], &[]))
 }
 
 #[test]
-fn a_router_s_storage_has_the_last_values_of_a_vehicle_that_has_gone() {
+fn a_routers_storage_has_the_last_values_of_a_stopped_vehicle() {
     interop("zenoh storage", |lab| {
         let _router = match storing_router(lab) {
             Ok(router) => router,
@@ -90,21 +90,23 @@ fn a_router_s_storage_has_the_last_values_of_a_vehicle_that_has_gone() {
         assert_eq!(text(&reader.json_line(PEER), "/event"), "ready");
         let arguments = ["--node", "/truck/front_left/mr_damper", "--seconds", "4"];
         let _ = lab.ros(Distro::Jazzy, "ros_peer.py", &arguments).json(PEER);
-        // How long the sender takes to leave is not the node's affair: it ends when it has said that its inputs have gone.
+        // The sender may take any time to leave: the node is ended once it has reported that its inputs are gone.
         assert_eq!(text(&reader.json_line(PEER), "/event"), "given up");
         node.signal("INT");
         assert_eq!(node.wait(SHUTDOWN).code(), Some(0));
         let saw = reader.json(PEER);
 
-        assert!(truth(&saw, "/gone"), "the liveliness token went: {saw:#}");
+        assert!(truth(&saw, "/gone"), "the liveliness token disappeared: {saw:#}");
         let (heard, stored) = (found(&saw, "/heard"), found(&saw, "/stored"));
         let keys = heard.as_object().map_or(0, serde_json::Map::len);
         assert!(keys >= 4, "{saw:#}");
-        // Nobody finds an old force here.
+        // No old force may be found in the storage.
         let last = &heard["mr_damper/truck/front_left/web/force_estimate"];
         assert!(last["validity"] == "INVALID" && last["force_n"].is_null(), "{saw:#}");
-        assert_eq!(stored, heard, "what was said last is kept, each key of it");
-        Outcome::Passed(format!("{keys} keys, each with its last value, from a router alone"))
+        assert_eq!(stored, heard, "the storage has the last value of each key");
+        Outcome::Passed(format!(
+            "{keys} keys, each with its last value, from the router after the vehicle stopped"
+        ))
     });
 }
 
@@ -131,9 +133,9 @@ fn a_small_fleet_loses_nothing_through_a_router() {
 
         assert_eq!((count(&told, "/dampers"), count(&told, "/lost")), (40, 0), "{told:#}");
         let rate = number(&told, "/sent_per_s");
-        assert!(rate > 40.0 * 20.0, "each damper says something 20 times a second: {told:#}");
+        assert!(rate > 40.0 * 20.0, "each damper sends at least 20 messages per second: {told:#}");
         Outcome::Passed(format!(
-            "{rate:.0} messages a second of 40 dampers, none lost, {:.0} us of the router's processor for each",
+            "{rate:.0} messages per second of 40 dampers, none lost, {:.0} us of the router's processor time for each",
             number(&told, "/router_us_per_message")
         ))
     });

@@ -1,4 +1,5 @@
-//! Among nodes on rmw_zenoh, with the ready configuration `rmw.toml`: pyzeros, an implementation that is not ours, beyond a router.
+//! The node on rmw_zenoh, with the ready configuration `rmw.toml`: the peer is pyzeros, an independent implementation, behind a
+//! router.
 
 use crate::PEER;
 use crate::interop_support::gate::{Outcome, interop};
@@ -13,16 +14,16 @@ use mr_damper_node::models;
 use serde_json::Value;
 
 #[test]
-fn pyzeros_sees_the_node_feeds_it_and_gets_the_estimates_of_a_replay() {
+fn pyzeros_sees_the_node_feeds_it_and_gets_bit_identical_estimates() {
     interop("rmw_zenoh with pyzeros", |lab| {
         let config = script("../../launch-configs/zenoh/rmw.toml");
         let config = config.to_str().expect("UTF-8");
-        // A busy machine may stop a thread for longer than the usual wait, and one sample out of order is another result.
+        // A busy machine may stop a thread for longer than the default wait, and one sample out of order changes the result.
         let _node = lab.mr_damper(&["node", "--config", config, "--ros-args", "-p", "align_wait_s:=0.5"]);
         let saw = lab.peer("rmw_peer.py", &[ZENOH_ENDPOINT, "4"]).json(PEER);
 
         let (seen, expected) = (texts(&saw, "/tokens/seen"), texts(&saw, "/tokens/expected"));
-        assert_eq!(seen, expected, "tokens are those that pyzeros would declare");
+        assert_eq!(seen, expected, "tokens equal the tokens that pyzeros would declare");
         for (kind, tokens) in [("/NN/", 1), ("/MP/", 4), ("/MS/", 8)] {
             assert_eq!(seen.iter().filter(|token| token.contains(kind)).count(), tokens, "{kind}: {seen:#?}");
         }
@@ -40,7 +41,7 @@ fn pyzeros_sees_the_node_feeds_it_and_gets_the_estimates_of_a_replay() {
         assert_eq!(got.len(), expected.len(), "one for each displacement");
         for (index, (got, expected)) in got.iter().zip(&expected).enumerate() {
             let got: Vec<_> = got.as_array().expect("a list").iter().filter_map(Value::as_u64).collect();
-            assert_eq!(got, figures(expected), "estimate {index}, to the bit");
+            assert_eq!(got, figures(expected), "estimate {index} must be bit-identical");
         }
         assert!(texts(&saw, "/models").contains(&PRESET), "{:#}", found(&saw, "/models"));
 
@@ -49,12 +50,12 @@ fn pyzeros_sees_the_node_feeds_it_and_gets_the_estimates_of_a_replay() {
         for what in ["/lost", "/refused", "/dropped"] {
             assert_eq!(count(status, what), 0, "{status:#}");
         }
-        assert_eq!(count(status, "/mismatched"), 1, "a type of another hash: {status:#}");
+        assert_eq!(count(status, "/mismatched"), 1, "one type with another hash: {status:#}");
         let logs = lab.logs();
-        assert_eq!(logs.matches("and is not heard").count(), 1, "it is said, once: {logs}");
+        assert_eq!(logs.matches("and is ignored").count(), 1, "the mismatch is logged once: {logs}");
         let age_ms = |share: &str| 1e3 * number(&saw, &format!("/outputs/force_estimate/age_s/{share}"));
         Outcome::Passed(format!(
-            "{} tokens as pyzeros writes them, {} of {} estimates to the bit, {:.2} ms old in the median, {:.2} at 99 %; not heard: {}",
+            "{} tokens as pyzeros writes them, {} of {} estimates bit-identical, median age {:.2} ms, 99th percentile {:.2} ms; ignored: {}",
             seen.len(),
             got.len(),
             expected.len(),
@@ -65,7 +66,7 @@ fn pyzeros_sees_the_node_feeds_it_and_gets_the_estimates_of_a_replay() {
     });
 }
 
-/// What the peer has sent: stamp and the bits of displacement, current and force, as samples in the order of a replay.
+/// The samples that the peer sent (stamp and the bits of displacement, current and force), in the order of a replay.
 fn samples(sent: &Value) -> Vec<Sample> {
     let mut samples = Vec::new();
     for row in sent.as_array().expect("a list") {
@@ -100,7 +101,7 @@ fn estimates(samples: &[Sample]) -> Vec<Estimate> {
     estimates
 }
 
-/// What the peer tells of an estimate.
+/// The values that the peer reports of an estimate.
 fn figures(of: &Estimate) -> Vec<u64> {
     let stamp = u64::try_from(of.stamp.nanos()).expect("a time of this century");
     let [low, high] = of.band;

@@ -1,4 +1,4 @@
-//! Each effect's response against a closed form, or by hand.
+//! The response of each effect against a closed form or values computed by hand.
 
 use super::*;
 use crate::condition::{LowPass, LowPassState};
@@ -15,7 +15,7 @@ fn drive_as_force() -> ForceModel {
     law(Law::Sp, drive, &[0.0, 0.0, 1e3, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 }
 
-/// What a model that gives its drive as force is given: this drive, evenly spaced.
+/// Inputs with this drive at a constant step, for [`drive_as_force`].
 fn driven(drive: impl IntoIterator<Item = f64>, dt_s: f64) -> Vec<Inputs> {
     let at = |(k, drive): (usize, f64)| Inputs {
         dt_s: (k > 0).then_some(dt_s),
@@ -28,7 +28,7 @@ fn driven(drive: impl IntoIterator<Item = f64>, dt_s: f64) -> Vec<Inputs> {
     drive.into_iter().enumerate().map(at).collect()
 }
 
-/// What `effect` makes of a force or drive that goes like this.
+/// Response of `effect` to this force or drive signal.
 fn made_of(effect: EffectModel, signal: impl IntoIterator<Item = f64>, dt_s: f64) -> Vec<f64> {
     let mut forces = run(&augmented(drive_as_force(), &[effect]), &driven(signal, dt_s));
     forces.iter_mut().for_each(|f| *f -= OFFSET_N);
@@ -47,7 +47,7 @@ fn at(x: f64, v: f64, a: f64) -> Inputs {
     }
 }
 
-/// Change of the first force of a dashpot of 900 N s/m by `effect`.
+/// Change that `effect` makes to the first force of a dashpot of 900 N s/m.
 fn added(effect: EffectModel, inputs: Inputs) -> f64 {
     run(&augmented(dashpot(900.0), &[effect]), &[inputs])[0] - OFFSET_N - 900.0 * inputs.velocity_m_s
 }
@@ -62,7 +62,7 @@ fn lagged_step(from: f64, to: f64, tau: f64, h: f64, t: f64) -> f64 {
 }
 
 #[test]
-fn first_order_lags_answer_a_step_as_the_closed_form() {
+fn the_step_response_of_first_order_lags_is_the_closed_form() {
     for h in [0.0005, 0.002, 0.05] {
         let step = (0..200).map(|k| if k == 0 { 0.2 } else { 1.7 });
         for effect in [with(Effect::CoilLag, &[0.012]), with(Effect::CoilLagRiseFall, &[0.012, 0.03])] {
@@ -81,7 +81,7 @@ fn first_order_lags_answer_a_step_as_the_closed_form() {
     }
 }
 
-/// A rate that changes on the way is no special case: halving some steps of a ramp changes nothing.
+/// The sampling rate may change within a run: splitting some steps of a ramp does not change the result.
 #[test]
 fn lags_do_not_depend_on_the_steps() {
     let model = augmented(drive_as_force(), &[with(Effect::CoilLag, &[0.02])]);
@@ -100,7 +100,7 @@ fn lags_do_not_depend_on_the_steps() {
 }
 
 #[test]
-fn lag_makes_up_for_samples_that_are_not_known() {
+fn a_lag_covers_the_time_of_samples_that_are_not_finite() {
     let model = augmented(drive_as_force(), &[with(Effect::CoilLag, &[0.02])]);
     let mut inputs = driven((0..20).map(|k| 0.1 * f64::from(k)), DT_S);
     inputs[8..12].iter_mut().for_each(|at| at.drive = f64::NAN);
@@ -112,7 +112,7 @@ fn lag_makes_up_for_samples_that_are_not_known() {
 #[test]
 fn remanence_is_a_play_operator() {
     let current = [0.5, 0.55, 0.8, 0.75, 0.65, 0.5, 0.2, 0.25, 0.5];
-    // By hand, half width 0.1: stays within, is dragged beyond.
+    // Computed by hand for a half width of 0.1: constant within the width, following beyond.
     let field = [0.5, 0.5, 0.7, 0.7, 0.7, 0.6, 0.3, 0.3, 0.4];
     let found = made_of(with(Effect::Remanence, &[0.1]), current, DT_S);
     for (a, b) in found.iter().zip(field) {
@@ -121,7 +121,7 @@ fn remanence_is_a_play_operator() {
 }
 
 #[test]
-fn delay_is_a_shift_of_samples() {
+fn a_delay_is_a_shift_of_samples() {
     let signal = |t: f64| (40.0 * t).sin() + 0.3 * (170.0 * t).cos();
     let times = || (0..400).map(|k| f64::from(k) * DT_S);
     for samples in [0_usize, 1, 3, 5] {
@@ -131,7 +131,7 @@ fn delay_is_a_shift_of_samples() {
             close(found[k], signal(then), 1e-9);
         }
     }
-    // Half way between two samples: their mean. Before the first: the first.
+    // Half way between two samples the result is their mean; before the first sample it is the first.
     let found = made_of(with(Effect::SensorDelay, &[2.5 * DT_S]), times().map(signal), DT_S);
     for (k, found) in found.iter().enumerate().skip(3) {
         let (a, b) = (signal((k - 2) as f64 * DT_S), signal((k - 3) as f64 * DT_S));
@@ -140,9 +140,9 @@ fn delay_is_a_shift_of_samples() {
     close(found[2], signal(0.0), 1e-12);
 }
 
-/// Beyond 6.2 kHz the memory is thinned, but reaches as far back: a ramp has no error from that at all.
+/// Above 6.2 kHz the memory keeps fewer samples but covers the same time. A ramp is not affected, because it is linear.
 #[test]
-fn delay_reaches_back_at_any_rate() {
+fn the_longest_delay_works_at_any_rate() {
     for rate_hz in [100.0, 1e3, 6e3, 7e3, 2e4, 1e5] {
         let count = (0.05 * rate_hz) as usize + 3;
         let ramp = (0..count).map(|k| k as f64 / rate_hz);
@@ -153,7 +153,7 @@ fn delay_reaches_back_at_any_rate() {
 }
 
 #[test]
-fn an_early_force_is_that_of_inputs_advanced_to_first_order() {
+fn an_early_force_uses_inputs_extrapolated_to_first_order() {
     let (d, at) = (-0.005, at(0.01, 0.2, -3.0));
     let found = run(&augmented(tanh(), &[with(Effect::SensorDelay, &[d])]), &[at])[0];
     let (x, v) = (0.01_f64 + 0.005 * 0.2, 0.2_f64 + 0.005 * -3.0);
@@ -162,7 +162,7 @@ fn an_early_force_is_that_of_inputs_advanced_to_first_order() {
 }
 
 #[test]
-fn a_filter_is_the_low_pass_of_that_delay() {
+fn anti_alias_mismatch_is_a_low_pass_with_that_delay() {
     let signal: Vec<f64> = (0..500).map(|k| (0.05 * f64::from(k)).sin() + f64::from(k % 50) / 50.0).collect();
     let found = made_of(with(Effect::AntiAliasMismatch, &[0.016]), signal.iter().copied(), DT_S);
     let filter = LowPass::new(Hertz(1.0 / (std::f64::consts::TAU * 0.008)));
@@ -170,19 +170,19 @@ fn a_filter_is_the_low_pass_of_that_delay() {
     for (k, u) in signal.iter().enumerate() {
         close(found[k], filter.step(&mut state, (k > 0).then_some(DT_S), *u), 1e-9);
     }
-    // In the long run a ramp is late by the delay.
+    // In steady state a ramp is late by the delay.
     let found =
         made_of(with(Effect::AntiAliasMismatch, &[0.016]), (0..500).map(|k| f64::from(k) * DT_S), DT_S);
     close(found[499], 499.0 * DT_S - 0.016, 1e-9);
 }
 
 #[test]
-fn static_effects_are_their_equations() {
+fn static_effects_match_their_equations() {
     close(added(with(Effect::GasSpring, &[5e3]), at(-0.02, 0.1, 0.0)), -100.0, 1e-10);
     close(added(with(Effect::Inertia, &[2.0]), at(0.0, 0.1, -7.0)), -14.0, 1e-10);
     close(added(with(Effect::Friction, &[80.0]), at(0.0, -0.005, 0.0)), -80.0 * 1.0_f64.tanh(), 1e-10);
     close(added(with(Effect::Friction, &[80.0]), at(0.0, 0.5, 0.0)), 80.0, 1e-10);
-    // 90 N of the dashpot, a tenth more and less; the offset is left alone.
+    // The dashpot's 90 N grow or fall by a tenth; the offset is not scaled.
     close(added(with(Effect::Asymmetry, &[0.1]), at(0.0, 0.1, 0.0)), 9.0, 1e-10);
     close(added(with(Effect::Asymmetry, &[0.1]), at(0.0, -0.1, 0.0)), 9.0, 1e-10);
     close(added(with(Effect::PositionDependence, &[-5.0]), at(0.02, 0.1, 0.0)), -9.0, 1e-10);
@@ -193,8 +193,8 @@ fn static_effects_are_their_equations() {
     close(added(stop, at(-0.012, 0.1, 0.0)), -200.0, 1e-9);
     let fade = with(Effect::ThermalFade, &[-0.002]);
     close(added(fade, Inputs { case_temp_c: 65.0, ..at(0.0, 0.1, 0.0) }), -0.08 * 90.0, 1e-10);
-    assert!(added(fade, at(0.0, 0.1, 0.0)).is_nan(), "no temperature, no force");
-    // Never the other way round, however hot.
+    assert!(added(fade, at(0.0, 0.1, 0.0)).is_nan(), "a sample without a temperature has no force");
+    // The force falls to zero at most: it does not change sign at any temperature.
     close(
         added(with(Effect::ThermalFade, &[-0.01]), Inputs { case_temp_c: 400.0, ..at(0.0, 0.1, 0.0) }),
         -90.0,
@@ -203,11 +203,11 @@ fn static_effects_are_their_equations() {
 }
 
 #[test]
-fn drift_grows_with_the_time_of_the_run() {
+fn drift_grows_with_the_time_since_the_start_of_the_run() {
     let found = made_of(with(Effect::LoadCellDrift, &[0.5]), [1.0; 1001], 0.01);
     close(found[0], 1.0, 1e-12);
     close(found[1000], 1.0 + 0.5 * 10.0, 1e-9);
-    // Time goes on while the force is not known.
+    // Time also advances while the force is not finite.
     let mut signal = [1.0; 1001];
     signal[200..400].fill(f64::NAN);
     close(made_of(with(Effect::LoadCellDrift, &[0.5]), signal, 0.01)[1000], 1.0 + 0.5 * 10.0, 1e-9);
@@ -215,7 +215,7 @@ fn drift_grows_with_the_time_of_the_run() {
 
 /// A triangle wave of 0.1 m/s and 10 mm through 2 mm of play: 20 ms without force after each reversal.
 #[test]
-fn a_dead_zone_takes_the_force_away_for_its_length() {
+fn a_dead_zone_removes_the_force_over_its_length() {
     let (speed, gap_m, h) = (0.1, 2e-3, 0.001);
     let model = augmented(dashpot(900.0), &[with(Effect::Deadzone, &[gap_m])]);
     let mut x = 0.0;
@@ -230,14 +230,14 @@ fn a_dead_zone_takes_the_force_away_for_its_length() {
         let plain_n = 900.0 * inputs[k].velocity_m_s;
         let crossing = k >= 100 && k % 100 < 20;
         let expected = if crossing { 0.0 } else { plain_n };
-        // The sample in which the other side is met may be shared.
+        // At the two samples around the end of the gap the force may be partial.
         if k % 100 != 19 && k % 100 != 20 {
             close(force_n - OFFSET_N, expected, 1e-6);
         }
     }
 }
 
-/// Maxwell: F = C (v - c dF/dt). With backward differences (C v + (C c/h) F before) / (1 + C c/h).
+/// Maxwell element: F = C (v - c dF/dt); with backward differences (C v + (C c/h) F before) / (1 + C c/h).
 #[test]
 fn a_spring_and_a_dashpot_are_a_maxwell_element() {
     let (damping, compliance) = (20e3, 8e-6);
@@ -256,7 +256,7 @@ fn a_spring_and_a_dashpot_are_a_maxwell_element() {
         close(found - OFFSET_N, expected, 1e-7 * damping);
         before = Some(expected);
     }
-    // In the limit of small steps, a sine: C v0 / sqrt(1 + (omega C c)^2).
+    // For a sine with small steps the amplitude is C v0 / sqrt(1 + (omega C c)^2).
     let (omega, h, compliance) = (40.0_f64, 2e-5, 1e-6);
     let model = augmented(dashpot(damping), &[with(Effect::SeriesSpring, &[compliance])]);
     let sine: Vec<Inputs> = (0..20_000)
@@ -271,7 +271,7 @@ fn a_spring_and_a_dashpot_are_a_maxwell_element() {
     close(amplitude / exact, 1.0, 1e-3);
 }
 
-/// Whatever the model, rod and piston agree: the force is the model's at where the spring puts the piston.
+/// Rod and piston agree at every sample: the force is the model's force at the piston's position and velocity.
 #[test]
 fn a_spring_balances_a_stiff_model_at_every_sample() {
     let compliance = 2e-7;
@@ -290,10 +290,10 @@ fn a_spring_balances_a_stiff_model_at_every_sample() {
     }
 }
 
-/// The same damper as current-fuzzy tanh, which a spring takes in one evaluation where it can, and as a law over fuzzy sets, which it
-/// takes by secants to the last digit; noise in the velocity, and every softness.
+/// The same damper in two forms, with noise in the velocity and springs from stiff to soft. The fuzzy tanh model is solved by Newton
+/// steps, with one evaluation where possible; the force law over fuzzy sets is solved by secants to full precision.
 #[test]
-fn one_evaluation_is_as_good_as_all_of_them() {
+fn newton_steps_agree_with_the_full_solution() {
     let sets = FuzzySets::new(Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 }, &[0.4, 1.2, 2.0]);
     let sets = sets.expect("sets");
     let rows = [[300.0, 700.0, 30.0, 3.0], [700.0, 900.0, 40.0, 4.0], [1100.0, 1300.0, 45.0, 3.0]];
@@ -316,15 +316,15 @@ fn one_evaluation_is_as_good_as_all_of_them() {
         let wrong = off(&quick, &all);
         let share = size(&wrong) / size(&all);
         assert!(share < 1e-3, "{compliance}: root mean square differs by {share:.1e}");
-        assert!(wrong.iter().all(|n| n.abs() < 6.0), "of some 1300 N");
-        // What scores are made of: as smooth in the parameter as by secants.
+        assert!(wrong.iter().all(|n| n.abs() < 6.0), "less than 6 N off, of about 1300 N");
+        // The derivative by the compliance, from which scores are computed, agrees with the full solution.
         let [fine, exact] = [(fuzzy, &quick), (plain, &all)].map(|(force, at)| off(&forces(force, 1e-5), at));
         let share = size(&off(&fine, &exact)) / size(&exact);
         assert!(share < 2e-2, "{compliance}: scores differ by {share:.1e}");
     }
 }
 
-/// A spring as soft as they come before laws with memory and with branches: no sample without a force.
+/// A soft spring in series with every force law, including laws with state and with branches: every sample has a force.
 #[test]
 fn a_soft_spring_finds_a_force_for_every_law() {
     let inputs = motion(2000);

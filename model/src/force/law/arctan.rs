@@ -1,5 +1,5 @@
 //! Semi-phenomenological law with an arctangent in place of the hyperbolic tangent (the thesis' outlook; the
-//! step is that of Cesmeci and Engin, thesis 2.6).
+//! step is taken from Cesmeci and Engin, thesis 2.6).
 //!
 //! ```text
 //! f = (2/pi) A1 atan(A3 u) + A2 u,      u = v + kappa x,      kappa = V0/X0
@@ -13,8 +13,10 @@
 //! | V0, X0 | `coupling_velocity_m_s`, `coupling_stroke_m` | m/s, m | width of the loop, as their ratio |
 //! | x, v | inputs | m, m/s | displacement and velocity, positive in extension |
 //!
-//! Parameters are those of [`sp`](super::sp). An arctangent reaches its height more slowly (as 1/u) than a
-//! tanh: a rounder knee.
+//! The parameters are the same as in [`sp`](super::sp). An arctangent approaches its limit more slowly (as
+//! 1/u) than a tanh, which gives a rounder knee.
+//!
+//! Source: `[cesmeci2010]` in the bibliography (node/docs/guide/bibliography.md), equation 2.6 of the thesis.
 
 use super::{Inputs, Scalar};
 use std::f64::consts::FRAC_2_PI;

@@ -1,4 +1,4 @@
-//! Modified Bouc-Wen law (Spencer et al. 1997; thesis 2.2): the law that remembers.
+//! Modified Bouc-Wen law (Spencer et al. 1997; thesis 2.2): the force law with memory.
 //!
 //! ```text
 //! f  = c1 y' + k1 x
@@ -9,7 +9,7 @@
 //! | symbol | parameter | unit | meaning |
 //! |---|---|---|---|
 //! | c0 | `high_velocity_damping_n_s_m` | N·s/m | viscous damping at high velocity |
-//! | c1 | `low_velocity_damping_n_s_m` | N·s/m | dashpot that rounds the force off at low velocity |
+//! | c1 | `low_velocity_damping_n_s_m` | N·s/m | dashpot that rounds off the force at low velocity |
 //! | k0 | `high_velocity_stiffness_n_m` | N/m | stiffness at high velocity |
 //! | k1 | `accumulator_stiffness_n_m` | N/m | spring of the gas chamber |
 //! | alpha | `hysteresis_force_n` | N | force of the hysteresis at z = 1 |
@@ -19,28 +19,30 @@
 //! | A | `hysteresis_slope_per_m` | 1/m | slope of z over displacement at z = 0 |
 //! | x, v | inputs | m, m/s | displacement and velocity, positive in extension |
 //!
-//! Nine parameters. The source's tenth, x0, only adds the constant -k1 x0, which is the force offset of the
-//! session that every model here has. z has no unit, so that no parameter has a broken one: the source's z is
-//! a length, and its alpha times that unit of length is ours. The scale of z is free: s z for z, with
-//! alpha/s, s A, and gamma and beta times s^(1-n), is the same damper, so A is a gauge. z stays bounded, by
-//! (A/(beta + gamma))^(1/n), only when beta + gamma > 0. As in the source, only alpha, c0 and c1 follow the drive
-//! when that is by polynomials: the others make the loop's shape, and a beta + gamma that crosses zero between two
-//! currents would let z grow without bound.
+//! The law has nine parameters. The source's tenth, x0, only adds the constant -k1 x0, which is the session's force
+//! offset that every model here has. z is dimensionless, so that no parameter has a unit with a fractional power.
+//! The source's z is a length; its alpha times that unit of length is our alpha. The scale of z is free: s z in
+//! place of z, with alpha/s, s A, and gamma and beta times s^(1-n), describes the same damper, so A is a gauge. z
+//! is bounded, by (A/(beta + gamma))^(1/n), only if beta + gamma > 0. As in the source, only alpha, c0 and c1
+//! depend on the drive in a polynomial dependence. The others determine the shape of the loop, and if beta + gamma
+//! crossed zero between two currents, z could grow without bound.
 //!
 //! # Integration
-//! The hidden variables are r = x - y, z, and the velocity of the sample before; r' = v - y' needs no
-//! displacement. Between samples the velocity is a straight line. At speed, z reaches its bound within a
+//! The hidden variables are r = x - y, z, and the velocity of the sample before; r' = v - y' does not depend on
+//! displacement. Between samples the velocity is interpolated linearly. At speed, z reaches its bound within a
 //! fraction of a sample (the published damper yields within 0.02 mm: time constants down to 0.02 ms), so an
-//! explicit scheme would need hundreds of steps. This one is ROS2 (Verwer et al. 1999): second order,
-//! L-stable, linearly implicit, one 2 by 2 solution a step and no iteration. A sample takes one step for each
-//! [`LONGEST_S`], at most [`STEPS`].
+//! explicit scheme would need hundreds of steps. The scheme used is ROS2 (Verwer et al. 1999): second order,
+//! L-stable, linearly implicit, with one 2 by 2 system per step and no iteration. A sample takes one step per
+//! [`LONGEST_S`], at most [`STEPS`] steps.
+//!
+//! Source: `[spencer1996]` in the bibliography (node/docs/guide/bibliography.md), equation 2.2 of the thesis; integration `[verwer1999]`.
 
 use super::jet::Real;
 use super::{Inputs, MAX_HIDDEN, Parameter, Scale};
 
-/// Longest step, as long as [`STEPS`] of them last a sample, s.
+/// Longest step, s, unless a sample would need more than [`STEPS`] of them.
 const LONGEST_S: f64 = 0.5e-3;
-/// Most steps a sample.
+/// Largest number of steps per sample.
 const STEPS: u32 = 8;
 /// Diagonal of ROS2, 1 - 1/sqrt(2).
 const DIAGONAL: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
@@ -55,7 +57,8 @@ pub(super) const PARAMETERS: [Parameter; 9] = [
         .at_any_drive(),
     Parameter::linear("accumulator_stiffness_n_m", Scale::new(1, -1, 0, 0), [-0.2, 0.2]).at_any_drive(),
     Parameter::nonlinear("hysteresis_force_n", Scale::new(1, 0, 0, 0), [0.1, 1.0]).within(0.0, 10.0),
-    // Near half the slope, together they hold z near one, and the hysteretic force near its parameter.
+    // Start values of gamma and beta near half of the slope keep z near one, and the hysteretic force near
+    // `hysteresis_force_n`.
     Parameter::nonlinear("hysteresis_gamma_per_m", Scale::new(0, -1, 0, 0), [20.0, 200.0])
         .within(1e-2, 1e4)
         .at_any_drive(),
@@ -68,8 +71,8 @@ pub(super) const PARAMETERS: [Parameter; 9] = [
         .at_any_drive(),
 ];
 
-/// One sample: the force, and `hidden` advanced. With an input that is not finite the force is NaN and
-/// `hidden` stays; the next sample integrates on from it.
+/// Computes one sample: the force, N, and `hidden` advanced. If an input is not finite, the force is NaN and
+/// `hidden` is unchanged; the next sample continues from it.
 #[inline]
 pub(super) fn step<D: Real>(p: &[D], inputs: &Inputs, hidden: &mut [D; MAX_HIDDEN]) -> D {
     let (x, v) = (inputs.displacement_m, D::from(inputs.velocity_m_s));
@@ -92,7 +95,7 @@ pub(super) fn step<D: Real>(p: &[D], inputs: &Inputs, hidden: &mut [D; MAX_HIDDE
     damper.c1 * (v - damper.slip(r, z, v)) + damper.k1 * x
 }
 
-/// The parameters as the step wants them.
+/// The parameters, prepared for a step.
 #[derive(Clone, Copy)]
 struct Damper<D> {
     c1: D,
@@ -105,7 +108,7 @@ struct Damper<D> {
     a: D,
     /// 1/(c0 + c1).
     mobility: D,
-    /// What |z| tends to, (A/(beta + gamma))^(1/n); infinite when there is no such bound.
+    /// Bound of |z|, (A/(beta + gamma))^(1/n); infinite if z is not bounded.
     bound: D,
 }
 
@@ -134,20 +137,20 @@ impl<D: Real> Damper<D> {
         (self.c1 * v - self.alpha * z - self.k0 * r) * self.mobility
     }
 
-    /// |z|^(n-1), and beta + gamma or beta - gamma, whichever holds at this slip.
+    /// |z|^(n-1), and beta + gamma or beta - gamma, depending on the sign of slip and z.
     #[inline]
     fn shape(&self, slip: D, z: D) -> (D, D) {
         let (magnitude, loading) = match z.re() {
             re if re > 0.0 => (z, slip.re() >= 0.0),
             re if re < 0.0 => (-z, slip.re() < 0.0),
-            // Whatever multiplies this holds another factor z.
+            // z = 0: z' multiplies the power by |z|, so its value does not matter.
             _ => return (D::from(0.0), self.beta),
         };
         let power = ((self.n - D::from(1.0)) * magnitude.ln()).exp();
         (power, if loading { self.beta + self.gamma } else { self.beta - self.gamma })
     }
 
-    /// One step of `h` seconds of ROS2 from [r, z], with the velocity running from `v[0]` to `v[1]`:
+    /// One ROS2 step of `h` seconds from [r, z], with a velocity that changes linearly from `v[0]` to `v[1]`:
     ///
     /// ```text
     /// W k1 = f(s)      W k2 = f(s + h k1) - 2 k1      s + h (3 k1 + k2) / 2,      W = 1 - d h df/ds
@@ -163,8 +166,9 @@ impl<D: Real> Damper<D> {
         let bend = shape * self.n * power * slip;
         let rate_by_r = growth * slip_by_r;
         let dh = DIAGONAL * h;
-        // Where beta > gamma, z unloads ever faster for a while. With all of that in W, W can be singular and r fly
-        // away; the scheme keeps its order with any matrix in place of df/ds.
+        // If beta > gamma, the unloading of z accelerates for a while. With the whole Jacobian in W, W could become
+        // singular and r diverge. The scheme keeps its order with any matrix in place of df/ds, so this term is
+        // limited.
         let decay = if z.re() < 0.0 { -bend } else { bend };
         let least = -0.5 / dh;
         let decay = if decay.re() > least { decay } else { D::from(least) };
@@ -185,8 +189,8 @@ impl<D: Real> Damper<D> {
         [r + (k1[0] * 3.0 + k2[0]) * (0.5 * h), self.bounded(z_next, magnitude)]
     }
 
-    /// z held within its bound, which the exact solution never crosses outwards. Where the slope of z is
-    /// steep, a step from z = 0 (its curvature is not in df/ds there) would fly far beyond.
+    /// Limits z to its bound, which the exact solution never crosses outwards. If the slope of z is steep, a step
+    /// from z = 0 (whose curvature is not in df/ds there) would overshoot far.
     #[inline]
     fn bounded(&self, z: D, before: D) -> D {
         let limit = if before.re() > self.bound.re() { before } else { self.bound };

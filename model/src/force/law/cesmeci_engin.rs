@@ -10,11 +10,13 @@
 //! | fy | `yield_force_n` | N | height of the step |
 //! | kp | `steepness_s_m` | s/m | steepness of the step |
 //! | v0 | `hysteretic_velocity_m_s` | m/s | half the width of the loop |
-//! | m | `effective_mass_kg` | kg | inertia of what moves |
+//! | m | `effective_mass_kg` | kg | moving mass |
 //! | v, a | inputs | m/s, m/s² | velocity and acceleration, positive in extension |
 //!
-//! The source's sixth parameter f0 is the force offset of the session, which every model here has. a = 0
-//! counts as rising; where the acceleration is not known (NaN), nor is the force.
+//! The source's sixth parameter f0 is the session's force offset, which every model here has. a = 0 counts as
+//! rising. If the acceleration is not known (NaN), the force is NaN.
+//!
+//! Source: `[cesmeci2010]` in the bibliography (node/docs/guide/bibliography.md), equation 2.6 of the thesis.
 
 use super::{Branch, Inputs, Parameter, Scalar, Scale};
 use std::f64::consts::FRAC_2_PI;
@@ -27,7 +29,7 @@ pub(super) const PARAMETERS: [Parameter; 5] = [
     Parameter::linear("effective_mass_kg", Scale::new(1, 0, 0, -1), [-0.1, 0.1]),
 ];
 
-/// sgn(a), with sgn(0) = 1; NaN when the acceleration is not known.
+/// sgn(a), with sgn(0) = 1; NaN if the acceleration is not known.
 #[inline]
 fn direction(inputs: &Inputs) -> f64 {
     match Branch::of(inputs) {

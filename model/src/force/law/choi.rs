@@ -1,4 +1,5 @@
-//! Polynomial of the velocity, one for rising and one for falling velocity (Choi et al.; thesis 2.7).
+//! Polynomial of the velocity, with one branch for rising and one for falling velocity (Choi et al.; thesis
+//! 2.7).
 //!
 //! ```text
 //! f = b0 + b1 v + b2 v^2 + ... + b6 v^6        with one set of seven for a >= 0, another for a < 0
@@ -6,18 +7,20 @@
 //!
 //! | symbol | parameter, after `rising_` (a >= 0) or `falling_` (a < 0) | unit | meaning |
 //! |---|---|---|---|
-//! | b0 | `b0_n` | N | where the branch crosses v = 0 |
+//! | b0 | `b0_n` | N | force of the branch at v = 0 |
 //! | bj | `bj_n_sj_mj` | N·(s/m)^j | coefficient of v^j, j = 1 to 6 |
 //! | v, a | inputs | m/s, m/s² | velocity and acceleration, positive in extension |
 //!
-//! In the source each b is linear in the current, which is this law under a polynomial dependence of degree
-//! 1: 28 numbers (the thesis counts one branch, 14). The force is linear in all of them. A constant added to
-//! both b0 is the session's force offset. Outside the velocities that it was identified on, v^6 runs away. a
-//! = 0 is on the rising branch; where the acceleration is not known (NaN), nor is the force.
+//! In the source each b is linear in the current, which is this law with a polynomial dependence of degree 1:
+//! 28 coefficients (the thesis counts one branch, 14). The force is linear in all of them. A constant added
+//! to both b0 is the session's force offset. Outside the velocities of the identification, v^6 diverges. The
+//! rising branch includes a = 0. If the acceleration is not known (NaN), the force is NaN.
+//!
+//! Source: `[choi2001]` in the bibliography (node/docs/guide/bibliography.md), equation 2.7 of the thesis.
 
 use super::{Branch, Inputs, Parameter, Scalar, Scale};
 
-/// Coefficients of a branch.
+/// Number of coefficients of a branch.
 const TERMS: usize = 7;
 const START: [f64; 2] = [-1.0, 1.0];
 

@@ -1,12 +1,11 @@
-//! A value with its derivatives in several directions at once, for sensitivities of a law with memory.
+//! A value with its derivatives in several directions at once, for the sensitivities of a law with memory.
 //!
-//! The dual numbers of `num-dual` carry one direction when built without its linear algebra, so that a step
-//! would be taken once for each parameter. Here all directions share one pass, with its powers and
-//! logarithms.
+//! Without its linear algebra, `num-dual` has dual numbers with one direction, so that each parameter would
+//! need its own pass. Here all directions share one pass, including its powers and logarithms.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// What the step of a law with memory is written over: `f64` when it runs, [`Jet`] when it is identified.
+/// Number type of a step: `f64` in a simulation, [`Jet`] in an identification.
 pub(super) trait Real:
     Copy
     + From<f64>
@@ -56,14 +55,15 @@ impl<const N: usize> Jet<N> {
         jet
     }
 
-    /// The value `re` whose derivatives are a times this one's.
+    /// A value `re` whose derivatives are `a` times the derivatives of `self`.
     #[inline]
     fn chain(mut self, re: f64, a: f64) -> Self {
         self.by.iter_mut().for_each(|d| *d *= a);
         Self { re, by: self.by }
     }
 
-    /// The value `re` whose derivatives are a times this one's plus b times those of `other`.
+    /// A value `re` whose derivatives are `a` times the derivatives of `self` plus `b` times the derivatives
+    /// of `other`.
     #[inline]
     fn blend(mut self, other: &Self, re: f64, a: f64, b: f64) -> Self {
         for (d, e) in self.by.iter_mut().zip(&other.by) {

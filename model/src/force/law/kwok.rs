@@ -13,8 +13,10 @@
 //! | delta | `loop_width` | 1 | half the width of the loop, in units of beta v |
 //! | x, v | inputs | m, m/s | displacement and velocity, positive in extension |
 //!
-//! The source's sixth parameter f0 is the force offset of the session, which every model here has. sign(0) is
-//! 0. The force jumps where x passes zero; displacement counts from the middle of the stroke.
+//! The source's sixth parameter f0 is the session's force offset, which every model here has. sign(0) is
+//! 0. The force jumps where x passes zero; displacement is measured from the middle of the stroke.
+//!
+//! Source: `[kwok2006]` in the bibliography (node/docs/guide/bibliography.md), equation 2.4 of the thesis.
 
 use super::{Inputs, Parameter, Scalar, Scale, sign};
 

@@ -14,8 +14,10 @@
 //! | kr | `stiffness_n_m` | N/m | spring of the gas chamber |
 //! | x, v, a | inputs | m, m/s, m/s² | displacement, velocity, acceleration, positive in extension |
 //!
-//! Ten parameters, as the source counts: a stiffness on each branch. a = 0 is on the rising branch; where the
-//! acceleration is not known (NaN), nor is the force.
+//! The law has ten parameters, as in the source, with a stiffness on each branch. a = 0 belongs to the rising
+//! branch. If the acceleration is not known (NaN), the force is NaN.
+//!
+//! Source: `[li2009]` in the bibliography (node/docs/guide/bibliography.md), equation 2.5 of the thesis.
 
 use super::{Branch, Inputs, Parameter, Scalar, Scale};
 use std::ops::Range;
@@ -39,7 +41,7 @@ pub(super) const PARAMETERS: [Parameter; 10] = [
     Parameter::linear("falling_stiffness_n_m", STIFFNESS, [-0.2, 0.2]),
 ];
 
-/// Where the parameters of the branch stand; `None` when the acceleration is not known.
+/// Index range of the branch's parameters; `None` if the acceleration is not known.
 #[inline]
 fn branch(inputs: &Inputs) -> Option<Range<usize>> {
     Branch::of(inputs).map(|branch| match branch {

@@ -1,4 +1,4 @@
-//! Laws of force, and how their parameters follow the drive.
+//! Force laws, and the dependence of their parameters on the drive.
 //!
 //! ```text
 //! without drive   F = f(p; x, v, a) + F0
@@ -6,13 +6,15 @@
 //! fuzzy           F = sum_s w_s(i) f(p_s; x, v, a) + F0,  w_s: Gaussian sets, see [`FuzzySets`]
 //! ```
 //!
-//! A **law** f is a force of an MR damper at one current: one file each, with its equation and the meaning of
-//! its parameters p. It knows nothing of current. How current enters is the **dependence**, one mechanism
-//! that any law can use: polynomials on the parameters (thesis 4.5) or fuzzy sets over the outputs (thesis
-//! 4.8).
+//! A **force law** f gives the force of an MR damper at one current. Each law has its own file, with its
+//! equation and the meaning of its parameters p. A law does not depend on current. Current enters through the
+//! **dependence**, one mechanism for every law: polynomials in the parameters (thesis 4.5) or fuzzy sets over
+//! the outputs (thesis 4.8).
 //!
-//! Every law has its derivatives by its parameters written out; tests hold them against automatic
+//! Every law has explicit derivatives with respect to its parameters. Tests compare them with automatic
 //! differentiation of the same equation.
+//!
+//! Source: `[thesis]` in the bibliography (node/docs/guide/bibliography.md), equations 4.5 (polynomials) and 4.8 (sets) of the thesis.
 
 mod arctan;
 mod bouc_wen;
@@ -31,9 +33,9 @@ use crate::error::Error;
 use jet::Jet;
 use num_dual::DualNum;
 
-/// What an equation is written over: `f64`, or a dual number in tests of its derivatives.
+/// Number type of the equations: `f64`, or a dual number in tests of the derivatives.
 trait Scalar: DualNum<Primitive = f64> + Copy {
-    /// The quick tanh of a number, the library's of a dual one.
+    /// tanh: the fast one for `f64`, the library's for dual numbers.
     #[inline]
     fn bend(self) -> Self {
         self.tanh()
@@ -47,21 +49,22 @@ impl Scalar for f64 {
     }
 }
 
-/// The most parameters that a law has.
+/// Largest number of parameters of a law.
 pub const MAX_PARAMETERS: usize = 14;
-/// The most coefficients of one model: parameters times sets, or times powers of the drive.
+/// Largest number of coefficients of a model: parameters times sets, or times powers of the drive.
 pub const MAX_COEFFICIENTS: usize = 160;
-/// The most hidden variables that a law has.
+/// Largest number of hidden variables of a law.
 pub const MAX_HIDDEN: usize = 3;
-/// Directions in which a law with memory is differentiated: its parameters, then its hidden variables.
+/// Number of directions in which a law with memory is differentiated: its parameters, then its hidden
+/// variables.
 const DIRECTIONS: usize = bouc_wen::PARAMETERS.len() + MAX_HIDDEN;
 
-/// A law of force at one current.
+/// A force law at one current.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Law {
     /// Semi-phenomenological hyperbolic tangent (Guo et al.).
     Sp,
-    /// Modified Bouc-Wen (Spencer et al.): the law with memory.
+    /// Modified Bouc-Wen (Spencer et al.): the only law with memory.
     BoucWen,
     /// Hyperbolic tangent with hysteresis from the sign of displacement (Kwok et al.).
     Kwok,
@@ -71,27 +74,28 @@ pub enum Law {
     CesmeciEngin,
     /// Polynomial of the velocity, one branch for rising and one for falling velocity (Choi et al.).
     Choi,
-    /// Semi-phenomenological with an arctangent.
+    /// Semi-phenomenological law with an arctangent.
     Arctan,
 }
 
-/// One parameter of a law: its name with the unit, and where to look for it.
+/// One parameter of a law: its name with the unit, and its bounds and start values for the identification.
 ///
-/// Bounds and starts are given in the data's own scales, because dampers differ by orders of magnitude: a
-/// yield force of 0.5 to 2 means 0.5 to 2 times the largest force in the runs.
+/// Bounds and starts are given in multiples of the data's own scales, because dampers differ by orders of
+/// magnitude. A yield force of 0.5 to 2 means 0.5 to 2 times the largest force in the runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
     /// Name as in the model file, with its unit.
     pub name: &'static str,
-    /// The natural scale that bounds and starts are multiples of.
+    /// Natural scale: the unit of bounds and starts.
     pub scale: Scale,
-    /// Range within which the parameter means anything; infinite ends are allowed.
+    /// Valid range of the parameter; ends may be infinite.
     pub bounds: [f64; 2],
-    /// Range that random starts are drawn from; by ratio when both ends are positive.
+    /// Range of random starts; they are drawn by ratio if both ends are positive.
     pub start: [f64; 2],
-    /// How the force depends on it.
+    /// Kind of dependence of the force on the parameter.
     pub kind: Kind,
-    /// False when polynomials leave it alone: it belongs to the damper, and not to the fluid in the field.
+    /// False if polynomials do not apply to it: it is a property of the damper, not of the fluid in the
+    /// field.
     pub follows_drive: bool,
 }
 
@@ -100,43 +104,43 @@ impl Parameter {
         Self { name, scale, bounds: [f64::NEG_INFINITY, f64::INFINITY], start, kind, follows_drive: true }
     }
 
-    /// One that force is linear in, without bounds.
+    /// A parameter in which force is linear, without bounds.
     const fn linear(name: &'static str, scale: Scale, start: [f64; 2]) -> Self {
         Self::new(name, scale, start, Kind::Linear)
     }
 
-    /// One that force is not linear in, without bounds.
+    /// A parameter in which force is not linear, without bounds.
     const fn nonlinear(name: &'static str, scale: Scale, start: [f64; 2]) -> Self {
         Self::new(name, scale, start, Kind::Nonlinear)
     }
 
-    /// One that others make up for, without bounds.
+    /// A gauge parameter, without bounds.
     const fn gauge(name: &'static str, scale: Scale, start: [f64; 2]) -> Self {
         Self::new(name, scale, start, Kind::Gauge)
     }
 
-    /// The same at any drive.
+    /// The same parameter, independent of the drive.
     const fn at_any_drive(mut self) -> Self {
         self.follows_drive = false;
         self
     }
 
-    /// The same with bounds.
+    /// The same parameter with bounds.
     const fn within(mut self, lower: f64, upper: f64) -> Self {
         self.bounds = [lower, upper];
         self
     }
 }
 
-/// How the force depends on a parameter.
+/// Kind of dependence of the force on a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// Force is linear in it: its start is solved for.
+    /// Force is linear in it: its start is computed, not drawn.
     Linear,
-    /// Force is not linear in it: its start is drawn.
+    /// Force is not linear in it: its start is drawn at random.
     Nonlinear,
-    /// Only its change with the drive matters, since another one makes up for it (they come as a ratio): the
-    /// constant part stays at its start, the middle of the range.
+    /// Only its change with the drive matters, because another parameter compensates its size (the two enter
+    /// as a ratio). Its constant part keeps its start, the middle of the range.
     Gauge,
 }
 
@@ -155,7 +159,7 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// No unit: bounds are taken as they are.
+    /// Dimensionless: bounds are used as they are.
     pub const ONE: Self = Self { force: 0, displacement: 0, velocity: 0, acceleration: 0 };
 
     /// A scale from powers of force, displacement, velocity and acceleration.
@@ -165,7 +169,7 @@ impl Scale {
     }
 }
 
-/// Hidden variables of a law that has memory, from sample to sample; a law without keeps zeros.
+/// Hidden variables of a law with memory, from sample to sample; zeros for a law without memory.
 pub type Hidden = [f64; MAX_HIDDEN];
 
 impl Law {
@@ -193,7 +197,7 @@ impl Law {
         Self::ALL.into_iter().find(|law| law.name() == name)
     }
 
-    /// The parameters, in the order in which every list of them stands.
+    /// The parameters, in the order that every list of them uses.
     #[must_use]
     pub const fn parameters(self) -> &'static [Parameter] {
         match self {
@@ -207,14 +211,14 @@ impl Law {
         }
     }
 
-    /// True when the force depends on what was before.
+    /// True if the force depends on earlier samples.
     #[must_use]
     pub const fn has_memory(self) -> bool {
         matches!(self, Self::BoucWen)
     }
 
-    /// Force in newtons with parameters `p` (as many as [`Law::parameters`]), advancing `hidden` by one
-    /// sample. Not finite when an input that the law needs is not; `hidden` then stays.
+    /// Force, N, with parameters `p` (as many as [`Law::parameters`]), advancing `hidden` by one sample. Not
+    /// finite if a needed input is not finite; `hidden` is then unchanged.
     #[inline]
     #[must_use]
     pub fn force_n(self, p: &[f64], inputs: &Inputs, hidden: &mut Hidden) -> f64 {
@@ -229,9 +233,9 @@ impl Law {
         }
     }
 
-    /// Force in newtons, and its derivatives by the parameters into `gradient` (at least as long as
-    /// [`Law::parameters`]). A law with memory is taken at the first sample after a start; what comes after
-    /// is for [`Law::sensitivity`].
+    /// Force, N; its derivatives with respect to the parameters are written to `gradient` (at least as long
+    /// as [`Law::parameters`]). A law with memory is evaluated at the first sample after a start; for later
+    /// samples use [`Law::sensitivity`].
     #[inline]
     pub fn gradient(self, p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
         match self {
@@ -250,11 +254,10 @@ impl Law {
         }
     }
 
-    /// Force in newtons, advancing `hidden` by one sample as [`Law::force_n`] does, with the derivatives of
-    /// both.
+    /// Force, N, advancing `hidden` by one sample as [`Law::force_n`] does, with the derivatives of both.
     ///
-    /// Along a run, with S the derivatives of the hidden variables by the parameters (zero before the first
-    /// sample): `dF = force_by_parameter + force_by_hidden S`, then
+    /// Along a run, let S be the derivatives of the hidden variables with respect to the parameters (zero
+    /// before the first sample). Then `dF = force_by_parameter + force_by_hidden S`, and afterwards
     /// `S = hidden_by_parameter + hidden_by_hidden S`.
     #[inline]
     #[must_use]
@@ -284,23 +287,24 @@ impl Law {
     }
 }
 
-/// One sample of a law with its derivatives; see [`Law::sensitivity`]. Entries beyond the law's parameters,
-/// and all that concern hidden variables of a law without memory, are zero.
+/// One sample of a law with its derivatives; see [`Law::sensitivity`]. Entries beyond the law's parameters
+/// are zero, and so are all entries for hidden variables of a law without memory.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sensitivity {
     /// Force, N.
     pub force_n: f64,
-    /// Derivatives of the force by the parameters, the hidden variables before the sample held.
+    /// Derivatives of the force with respect to the parameters, with the hidden variables before the sample
+    /// held constant.
     pub force_by_parameter: [f64; MAX_PARAMETERS],
-    /// Derivatives of the force by the hidden variables before the sample.
+    /// Derivatives of the force with respect to the hidden variables before the sample.
     pub force_by_hidden: [f64; MAX_HIDDEN],
-    /// Derivatives of each hidden variable after the sample by the parameters.
+    /// Derivatives of each hidden variable after the sample with respect to the parameters.
     pub hidden_by_parameter: [[f64; MAX_PARAMETERS]; MAX_HIDDEN],
-    /// Derivatives of each hidden variable after the sample by those before it.
+    /// Derivatives of each hidden variable after the sample with respect to the hidden variables before it.
     pub hidden_by_hidden: [[f64; MAX_HIDDEN]; MAX_HIDDEN],
 }
 
-/// The side of the loop that a law with two branches is on.
+/// Branch of the hysteresis loop, for laws with two branches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Branch {
     /// Acceleration positive, or exactly zero.
@@ -310,7 +314,7 @@ enum Branch {
 }
 
 impl Branch {
-    /// `None` when the acceleration is not known.
+    /// `None` if the acceleration is not known.
     #[inline]
     fn of(inputs: &Inputs) -> Option<Self> {
         let a = inputs.acceleration_m_s2;
@@ -324,29 +328,29 @@ fn sign(x: f64) -> f64 {
     if x == 0.0 { 0.0 } else { x.signum() }
 }
 
-/// A law with its coefficients and its dependence on the drive: a model that can run.
+/// A force law with its coefficients and its dependence on the drive: a complete model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LawModel {
     law: Law,
     dependence: Dependence,
     force_offset_n: f64,
-    /// Copy by copy: all parameters' constants, then all first powers, ...; or set by set.
+    /// Copy by copy: all constants, then all first powers, ...; or set by set.
     coefficients: [f64; MAX_COEFFICIENTS],
 }
 
-/// What a [`LawModel`] remembers: the hidden variables of each set.
+/// State of a [`LawModel`]: the hidden variables of each set.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LawState {
     hidden: [Hidden; MAX_FUNCTIONS],
 }
 
 impl LawModel {
-    /// A model of `law`. `coefficients` stand copy by copy: for a polynomial all constants in the order of
-    /// [`Law::parameters`], then all coefficients of i, and so on; for fuzzy sets the parameters of the first
-    /// set, then those of the second.
+    /// A model of `law`. `coefficients` are in order copy by copy. For a polynomial, these are all constants
+    /// in the order of [`Law::parameters`], then all coefficients of i, and so on. For fuzzy sets, these are
+    /// the parameters of the first set, then of the second, and so on.
     ///
     /// # Errors
-    /// When the number of coefficients is not parameters times copies, is beyond [`MAX_COEFFICIENTS`], the
+    /// When the number of coefficients is not parameters times copies or exceeds [`MAX_COEFFICIENTS`], the
     /// degree is not 1 to [`super::MAX_DEGREE`], or a number is not finite.
     pub fn new(
         law: Law,
@@ -378,13 +382,13 @@ impl LawModel {
         Ok(model)
     }
 
-    /// The law.
+    /// The force law.
     #[must_use]
     pub const fn law(&self) -> Law {
         self.law
     }
 
-    /// How the parameters follow the drive.
+    /// How the parameters depend on the drive.
     #[must_use]
     pub const fn dependence(&self) -> &Dependence {
         &self.dependence
@@ -415,7 +419,7 @@ impl LawModel {
         self
     }
 
-    /// Parameters at drive `i` of a model with polynomials, or of a passive one.
+    /// Parameters at drive `i`, for a model with polynomials or a passive one.
     #[inline]
     fn parameters_at(&self, i: f64) -> [f64; MAX_PARAMETERS] {
         let n = self.law.parameters().len();
@@ -429,8 +433,7 @@ impl LawModel {
         p
     }
 
-    /// Force in newtons at `inputs`, advancing `state` by one sample. Not finite when an input that the model
-    /// needs is not.
+    /// Force, N, at `inputs`, advancing `state` by one sample. Not finite if a needed input is not finite.
     #[inline]
     #[must_use]
     pub fn force_n(&self, inputs: &Inputs, state: &mut LawState) -> f64 {
@@ -444,7 +447,8 @@ impl LawModel {
             Dependence::Fuzzy(sets) if self.law.has_memory() => {
                 let weights = sets.weights(inputs.drive);
                 let functions = self.coefficients().chunks_exact(n).zip(&mut state.hidden);
-                // A set without weight has no say, whatever it would say; but what it remembers goes on.
+                // A set with zero weight does not contribute, even if its force is not finite; but its hidden
+                // variables advance.
                 let said = |((p, hidden), weight): ((&[f64], &mut Hidden), f64)| {
                     let own_n = self.law.force_n(p, inputs, hidden);
                     if weight == 0.0 { 0.0 } else { weight * own_n }

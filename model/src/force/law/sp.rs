@@ -9,13 +9,15 @@
 //! | A1 | `yield_force_n` | N | height of the tanh step |
 //! | A2 | `post_yield_damping_n_s_m` | N·s/m | slope beyond the yield |
 //! | A3 | `pre_yield_slope_s_m` | s/m | steepness of the step |
-//! | V0 | `coupling_velocity_m_s` | m/s | displacement X0 counts as much velocity: the width of the loop |
+//! | V0 | `coupling_velocity_m_s` | m/s | velocity that is equivalent to the displacement X0: the width of the loop |
 //! | X0 | `coupling_stroke_m` | m | see V0 |
 //! | x, v | inputs | m, m/s | displacement and velocity, positive in extension |
 //!
-//! Only the ratio V0/X0 matters, so one of five parameters is redundant at one current; with polynomials over the
-//! current the ratio is a rational function, which is why both stand here. The thesis' columns are headed the
-//! other way round; the printed numbers need the reading above (see `preset`).
+//! Only the ratio V0/X0 matters, so one of the five parameters is redundant at one current. With polynomials over
+//! the current the ratio is a rational function, so both are kept. The thesis' column heads are swapped; the
+//! printed numbers need the definition above (see `preset`).
+//!
+//! Source: `[guo2006]` in the bibliography (node/docs/guide/bibliography.md), equations 2.3 and 4.5 of the thesis.
 
 use super::{Inputs, Parameter, Scalar, Scale};
 

@@ -1,4 +1,4 @@
-//! What holds for every law: derivatives, dependence on the drive, one gauge of names.
+//! Tests of every law: derivatives, dependence on the drive, parameter names.
 
 use super::*;
 use crate::force::{FuzzySets, Membership};
@@ -17,11 +17,11 @@ fn on_duals(law: Law, p: &[Dual64], inputs: &Inputs) -> Dual64 {
         Law::CesmeciEngin => cesmeci_engin::force_n(p, inputs),
         Law::Choi => choi::force_n(p, inputs),
         Law::Arctan => arctan::force_n(p, inputs),
-        Law::BoucWen => unreachable!("its sensitivities are held against differences"),
+        Law::BoucWen => unreachable!("its sensitivities are compared with differences"),
     }
 }
 
-/// Values of all parameters that mean something on a damper of 1 kN, 20 mm, 0.3 m/s and 5 m/s².
+/// Realistic values of all parameters for a damper of 1 kN, 20 mm, 0.3 m/s and 5 m/s².
 fn sensible(law: Law, share: &[f64]) -> Vec<f64> {
     let size = |s: Scale| {
         1000f64.powi(s.force)
@@ -38,7 +38,7 @@ fn sensible(law: Law, share: &[f64]) -> Vec<f64> {
 
 proptest! {
     #[test]
-    fn derivatives_are_those_of_automatic_differentiation(
+    fn derivatives_agree_with_automatic_differentiation(
         law in prop::sample::select(Law::ALL.to_vec()),
         share in prop::collection::vec(0.05..0.95, MAX_PARAMETERS),
         x in -0.02..0.02, v in -0.3..0.3, a in -5.0..5.0,
@@ -100,7 +100,7 @@ fn names_are_unique_and_carry_units() {
 }
 
 #[test]
-fn a_polynomial_is_a_polynomial() {
+fn a_polynomial_dependence_follows_its_equation() {
     // yield_force = 100 + 50 i - 4 i^2, all else constant.
     let constants = [100.0, 0.0, 50.0, -0.1, 0.02];
     let first = [50.0, 0.0, 0.0, 0.0, 0.0];
@@ -155,7 +155,7 @@ fn without_acceleration_laws_that_need_it_have_no_force() {
         assert_eq!(force.is_nan(), needs, "{}", law.name());
         let mut gradient = [0.0; MAX_PARAMETERS];
         assert_eq!(law.gradient(&p, &inputs(f64::NAN), &mut gradient).is_nan(), needs, "{}", law.name());
-        // Exactly zero is on the rising branch.
+        // An acceleration of exactly zero is on the rising branch.
         let at = |a| law.force_n(&p, &inputs(a), &mut Hidden::default());
         assert_eq!(at(0.0), at(f64::MIN_POSITIVE), "{}", law.name());
     }

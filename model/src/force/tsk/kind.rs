@@ -1,4 +1,7 @@
-//! The TSK models by name: which inputs they take, with how many memberships of which shape.
+//! The named TSK models: their inputs, and the number and shape of the memberships.
+//!
+//! Source: `[schurter2000]`, `[atray2003]`, `[ahn2008]`, `[duzhang2006]` and `[wanghu2009]` in the bibliography
+//! (node/docs/guide/bibliography.md), section 2.1.4 of the thesis.
 
 use super::{Order, Shape, Signal};
 use crate::sample::DriveKind;
@@ -6,8 +9,8 @@ use crate::sample::DriveKind;
 /// A TSK model of the thesis or its literature review.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum TskKind {
-    /// ANFIS (thesis 4.5, appendix C): 3 Gaussians each over displacement, velocity, drive; first order. As a
-    /// name it also stands for any other grid, such as one read from a `.fis` file.
+    /// ANFIS (thesis 4.5, appendix C): 3 Gaussians each over displacement, velocity, drive; first order. The
+    /// name is also used for any other grid, such as one read from a `.fis` file.
     Anfis,
     /// Schurter and Roschke: 2, 4, 3 Gaussians over displacement, velocity, drive; first order.
     SchurterRoschke,
@@ -17,13 +20,13 @@ pub enum TskKind {
     Ahn,
     /// Wang and Hu: 3, 3, 3 Gaussians over velocity, acceleration, drive; first order.
     WangHu,
-    /// Du and Zhang: the structure of ANFIS, its memberships found by an evolutionary algorithm. The source
-    /// of this review does not state their structure.
+    /// Du and Zhang: the structure of ANFIS, with memberships found by an evolutionary algorithm. The thesis'
+    /// review does not state their structure.
     Evolved,
 }
 
 impl TskKind {
-    /// All of them.
+    /// All models.
     pub const ALL: [Self; 6] =
         [Self::Anfis, Self::SchurterRoschke, Self::Atray, Self::Ahn, Self::WangHu, Self::Evolved];
 
@@ -46,8 +49,8 @@ impl TskKind {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
-    /// Its inputs with their numbers of memberships. Without a drive it is the passive form: the same without
-    /// the last input.
+    /// The inputs with their numbers of memberships. Without a drive it is the passive form, which lacks the
+    /// last input.
     #[must_use]
     pub fn structure(self, drive: Option<DriveKind>) -> Vec<(Signal, usize)> {
         let (x, v, a) = (Signal::Displacement, Signal::Velocity, Signal::Acceleration);
@@ -61,7 +64,7 @@ impl TskKind {
         motion.into_iter().chain(drive.map(|kind| (Signal::Drive(kind), drive_sets))).collect()
     }
 
-    /// Shape of its memberships.
+    /// Shape of the memberships.
     #[must_use]
     pub const fn shape(self) -> Shape {
         match self {
@@ -70,7 +73,7 @@ impl TskKind {
         }
     }
 
-    /// Order of its conclusions.
+    /// Order of the conclusions.
     #[must_use]
     pub const fn order(self) -> Order {
         match self {

@@ -1,4 +1,4 @@
-//! Memberships of one input of a TSK model, and how strongly they fire.
+//! Memberships of one input of a TSK model, and their firing strengths.
 //!
 //! ```text
 //! u      = (raw - mean) / std_dev
@@ -7,21 +7,22 @@
 //! w_j(u) = g_j / sum_k g_k
 //! ```
 //!
-//! Strengths of Gaussians are taken relative to the strongest one: far outside all of them the exponentials
-//! underflow and a plain quotient would be 0/0, while relative to the strongest the weights go over to that
-//! set alone: the nearest one, or very far out the widest. Triangles are shoulders at the ends: below its peak
-//! the first is one, and so is the last above its peak. In a gap that no triangle reaches, the set with the
-//! nearest peak counts alone.
+//! Strengths of Gaussians are computed relative to the strongest one. Far outside all of them the exponentials
+//! underflow and a plain quotient would be 0/0. Relative to the strongest, only one set counts: the nearest,
+//! or very far out the widest. Triangles become shoulders at the ends: the first is one below its peak, and
+//! the last is one above its peak. In a gap that no triangle covers, only the set with the nearest peak
+//! counts.
 
 use super::Signal;
 use crate::error::Error;
 
-/// The most memberships of one input.
+/// Largest number of memberships of one input.
 pub const MAX_SETS: usize = 5;
-/// Least width of a Gaussian in standard deviations of its input: below it a set is a spike between samples.
+/// Smallest sigma of a Gaussian, in standard deviations of its input. A narrower set is a spike between
+/// samples.
 const LEAST_SIGMA: f64 = 1e-6;
-/// Beyond this many standard deviations the weights no longer change: their differences would be lost in the
-/// digits of a double.
+/// Beyond this many standard deviations the weights are held constant: their differences would be lost to
+/// rounding.
 const FARTHEST: f64 = 1e6;
 
 /// One membership function, over the normalised input.
@@ -29,28 +30,28 @@ const FARTHEST: f64 = 1e6;
 pub enum TskSet {
     /// exp(-(u - centre)^2 / (2 sigma^2)).
     Gaussian {
-        /// Where it is one.
+        /// Position of the maximum.
         centre: f64,
-        /// Its standard deviation.
+        /// Standard deviation.
         sigma: f64,
     },
     /// One at the peak, zero at the feet, linear between.
     Triangle {
-        /// Foot on the left; without meaning for the first set, which is a shoulder.
+        /// Left foot; unused for the first set, which is a shoulder.
         left: f64,
-        /// Where it is one.
+        /// Position of the maximum.
         peak: f64,
-        /// Foot on the right; without meaning for the last set.
+        /// Right foot; unused for the last set.
         right: f64,
     },
 }
 
-/// The shape of an input's memberships.
+/// Shape of an input's memberships.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
     /// Gaussian bells.
     Gaussian,
-    /// Triangles, shoulders at the ends.
+    /// Triangles, with shoulders at the ends.
     Triangle,
 }
 
@@ -62,17 +63,17 @@ pub struct TskInput {
     std_dev: f64,
     shape: Shape,
     len: usize,
-    /// Centre, sigma and nothing; or left foot, peak, right foot.
+    /// Centre, sigma and zero; or left foot, peak, right foot.
     pub(super) numbers: [[f64; 3]; MAX_SETS],
 }
 
-/// Weights of one input's sets, and how they change with the sets' numbers.
+/// Weights of one input's sets, and their derivatives with respect to the sets' numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Firing {
-    /// w_j: positive or zero, with sum one.
+    /// w_j: not negative, with sum one.
     pub(crate) weights: [f64; MAX_SETS],
-    /// Derivative of g_j over its own numbers, divided by sum_k g_k. With A_j what the rules under set j alone
-    /// would give and F the output, dF/dp_j = (A_j - F) times this.
+    /// Derivative of g_j with respect to its own numbers, divided by sum_k g_k. Let A_j be the output of the
+    /// rules of set j alone and F the output; then dF/dp_j = (A_j - F) times this.
     pub(crate) slopes: [[f64; 3]; MAX_SETS],
 }
 
@@ -99,9 +100,7 @@ impl TskInput {
         for (j, (set, slot)) in sets.iter().zip(&mut numbers).enumerate() {
             if set.shape() != shape {
                 return Err(Error::Data {
-                    message: format!(
-                        "{name}_sets[{j}] is of another shape than {name}_sets[0]; use one shape"
-                    ),
+                    message: format!("{name}_sets[{j}] has another shape than {name}_sets[0]; use one shape"),
                 });
             }
             *slot = set.numbers();
@@ -116,38 +115,38 @@ impl TskInput {
         Ok(Self { signal, mean, std_dev, shape, len: sets.len(), numbers })
     }
 
-    /// Which signal it is.
+    /// The signal.
     #[must_use]
     pub const fn signal(&self) -> Signal {
         self.signal
     }
 
-    /// Mean that is taken out, in the signal's unit.
+    /// Mean that is subtracted, in the signal's unit.
     #[must_use]
     pub const fn mean(&self) -> f64 {
         self.mean
     }
 
-    /// Standard deviation that the signal is divided by, in its unit.
+    /// Standard deviation that the signal is divided by, in the signal's unit.
     #[must_use]
     pub const fn std_dev(&self) -> f64 {
         self.std_dev
     }
 
-    /// Shape of its memberships.
+    /// Shape of the memberships.
     #[must_use]
     pub const fn shape(&self) -> Shape {
         self.shape
     }
 
-    /// Number of its memberships.
+    /// Number of memberships.
     #[must_use]
     #[expect(clippy::len_without_is_empty, reason = "there is always one set")]
     pub const fn len(&self) -> usize {
         self.len
     }
 
-    /// Its memberships.
+    /// The memberships.
     pub fn sets(&self) -> impl Iterator<Item = TskSet> + '_ {
         self.numbers[..self.len].iter().map(|n| match self.shape {
             Shape::Gaussian => TskSet::Gaussian { centre: n[0], sigma: n[1] },
@@ -155,15 +154,14 @@ impl TskInput {
         })
     }
 
-    /// `raw`, in the signal's unit, as the memberships take it.
+    /// `raw`, in the signal's unit, normalised for the memberships.
     #[inline]
     #[must_use]
     pub fn normalise(&self, raw: f64) -> f64 {
         (raw - self.mean) / self.std_dev
     }
 
-    /// Weights of the sets at the normalised value `u`: positive or zero, with sum one; NaN when `u` is not
-    /// finite.
+    /// Weights of the sets at the normalised value `u`: not negative, with sum one; NaN if `u` is not finite.
     #[inline]
     #[must_use]
     pub fn weights(&self, u: f64) -> [f64; MAX_SETS] {
@@ -216,20 +214,20 @@ impl TskInput {
         (strengths, sum)
     }
 
-    /// The triangle whose peak is nearest to `u`.
+    /// Index of the triangle whose peak is nearest to `u`.
     fn nearest_peak(&self, u: f64) -> usize {
         let distance = |j: usize| (u - self.numbers[j][1]).abs();
         (1..self.len).fold(0, |best, j| if distance(j) < distance(best) { j } else { best })
     }
 
-    /// Weights with their slopes at the normalised value `u`.
+    /// Weights and slopes at the normalised value `u`.
     #[inline]
     pub(crate) fn fire(&self, u: f64) -> Firing {
         let (strengths, sum) = self.strengths(u);
         let mut firing = Firing { weights: strengths, ..Firing::default() };
         for (j, weight) in firing.weights[..self.len].iter_mut().enumerate() {
             *weight /= sum;
-            // A set that stands alone always counts one, and one that does not fire has no slope.
+            // A single set always has weight one, and a set that does not fire has slope zero.
             if self.len > 1 && *weight > 0.0 {
                 firing.slopes[j] = match self.shape {
                     Shape::Gaussian => {
@@ -245,7 +243,7 @@ impl TskInput {
         firing
     }
 
-    /// Derivatives of triangle j over its left foot, peak and right foot.
+    /// Derivatives of triangle j with respect to its left foot, peak and right foot.
     fn side_slopes(&self, j: usize, u: f64) -> [f64; 3] {
         let [left, peak, right] = self.numbers[j];
         if u <= peak && j > 0 && left < u {
@@ -261,7 +259,7 @@ impl TskInput {
 }
 
 impl TskSet {
-    /// Its shape.
+    /// The shape.
     #[must_use]
     pub const fn shape(&self) -> Shape {
         match self {
@@ -270,7 +268,7 @@ impl TskSet {
         }
     }
 
-    /// Where it is one: the centre or the peak.
+    /// Position of the maximum: the centre or the peak.
     #[must_use]
     pub const fn top(&self) -> f64 {
         match *self {
@@ -286,7 +284,7 @@ impl TskSet {
         }
     }
 
-    /// Checks the numbers; a shoulder's outer foot may lie on its peak.
+    /// Checks the numbers. The outer foot of a shoulder may equal its peak.
     fn check(&self, name: &str, left_counts: bool, right_counts: bool) -> Result<(), Error> {
         match *self {
             Self::Gaussian { centre, sigma } => {

@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Mcg;
 
 const AMPERES: DriveKind = DriveKind::CoilCurrent;
 
-/// The numbers of a model as plain lists, for the copy below that is written straight from the equations.
+/// The numbers of a model as plain lists, for a reference implementation written directly from the equations.
 #[derive(Clone)]
 struct Plain<T> {
     shapes: Vec<Shape>,
@@ -15,7 +15,7 @@ struct Plain<T> {
 }
 
 impl<T: DualNum<Primitive = f64> + Copy> Plain<T> {
-    /// Normalised output: products, their sum, and the quotient, with no care for underflow.
+    /// Normalised output: products, their sum, and the quotient, without protection against underflow.
     fn output(&self, u: &[f64]) -> T {
         let strength = |i: usize, j: usize| -> T {
             let [a, b, c] = self.sets[i][j];
@@ -63,7 +63,7 @@ fn positive<T: DualNum<Primitive = f64>>(value: T) -> T {
     if value.re() > 0.0 { value } else { T::zero() }
 }
 
-/// A model with random numbers, its sets spread evenly with some disorder.
+/// A model with random numbers and sets at slightly irregular distances.
 fn random_model(counts: &[usize], shape: Shape, order: Order, seed: u64) -> Tsk {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
@@ -134,7 +134,7 @@ const STRUCTURES: [(&[usize], Shape, Order); 6] = [
 
 proptest! {
     #[test]
-    fn force_and_gradient_are_those_of_automatic_differentiation(
+    fn force_and_gradient_agree_with_automatic_differentiation(
         structure in 0_usize..6, seed in 0_u64..1000, x in -3.0..3.0, v in -3.0..3.0, i in -3.0..3.0,
     ) {
         let (counts, shape, order) = STRUCTURES[structure];
@@ -170,7 +170,7 @@ proptest! {
     }
 
     #[test]
-    fn weights_are_a_partition_anywhere(u in proptest::num::f64::NORMAL, seed in 0_u64..50) {
+    fn weights_are_nonnegative_and_sum_to_one_everywhere(u in proptest::num::f64::NORMAL, seed in 0_u64..50) {
         for shape in [Shape::Gaussian, Shape::Triangle] {
             let model = random_model(&[4, 5, 1], shape, Order::Constant, seed);
             for input in model.inputs() {
@@ -183,7 +183,7 @@ proptest! {
 }
 
 #[test]
-fn far_outside_the_outermost_set_counts_alone() {
+fn far_outside_only_the_outermost_set_counts() {
     for shape in [Shape::Gaussian, Shape::Triangle] {
         let mut sets = Vec::new();
         for centre in [-1.0, 0.0, 1.0] {
@@ -219,7 +219,7 @@ fn a_force_is_known_only_when_all_inputs_are() {
             let known = [broken, 0.2, 0.3];
             assert!(!model.force_n(&at(known[0], known[1], known[2])).is_finite(), "{counts:?} {shape:?}");
         }
-        // What a model does not take does not matter.
+        // An input that the model does not use has no effect.
         assert_eq!(model.force_n(&at(0.1, 0.2, f64::NAN)).is_finite(), counts.len() < 3);
     }
 }
@@ -250,10 +250,10 @@ fn errors_name_the_field() {
         Tsk::new(kind, inputs, Order::First, conclusions, output, 0.0).expect_err("no model").to_string()
     };
     assert!(model(&[], &[], TskKind::Anfis).contains("inputs has 0 values"));
-    assert!(model(&[one, one], &[0.0; 3], TskKind::Anfis).contains("inputs[1] is velocity once more"));
+    assert!(model(&[one, one], &[0.0; 3], TskKind::Anfis).contains("inputs[1] repeats velocity"));
     assert!(model(&[one], &[0.0; 3], TskKind::Anfis).contains("conclusions has 3 values, but 2"));
     assert!(model(&[one], &[0.0, f64::NAN], TskKind::Anfis).contains("conclusions[1] is NaN"));
-    assert!(model(&[one], &[0.0; 2], TskKind::Ahn).contains("not those of tsk-555"));
+    assert!(model(&[one], &[0.0; 2], TskKind::Ahn).contains("do not match tsk-555"));
 }
 
 #[test]

@@ -11,7 +11,7 @@ static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn made(apply_to: ApplyTo) -> (Vec<Dataset>, Memberships) {
     let trace = |f: &dyn Fn(f64) -> f64| Trace {
-        // Steps of two lengths: the filter's coefficients change on the way.
+        // Steps of two lengths, so that the filter's coefficients change.
         stamps: (0..900).map(|k| Stamp::from_nanos(k * 1_000_000 + (k % 2) * 300_000)).collect(),
         values: (0..900).map(|k| f(f64::from(k) * 1e-3)).collect(),
     };
@@ -38,7 +38,7 @@ fn columns(datasets: &[Dataset], memberships: &Memberships) -> TanhColumns {
 const POINT: [f64; 12] = [80.0, 400.0, 3.9, -0.5, 300.0, 600.0, 3.2, 1.5, 650.0, -200.0, 2.5, 4.0];
 
 #[test]
-fn the_gradient_is_that_of_the_cost() {
+fn gradient_matches_differences_of_the_cost() {
     for apply_to in [ApplyTo::None, ApplyTo::Inputs, ApplyTo::Output] {
         let (datasets, memberships) = made(apply_to);
         let problem = RowProblem::new(&datasets, columns(&datasets, &memberships), &NEVER);
@@ -59,8 +59,8 @@ fn the_gradient_is_that_of_the_cost() {
 }
 
 #[test]
-fn the_square_is_that_of_the_jacobian() {
-    // Residuals at shifted parameters, from the model itself, give the Jacobian by central differences.
+fn square_matches_a_numerical_jacobian() {
+    // Residuals of the model at shifted parameters give the Jacobian by central differences.
     let (datasets, memberships) = made(ApplyTo::None);
     let problem = RowProblem::new(&datasets, columns(&datasets, &memberships), &NEVER);
     let here = problem.normal(&POINT).expect("not cancelled");

@@ -1,6 +1,8 @@
-//! Memberships bred by differential evolution (Storn and Price 1997, rand/1/bin), as in Du and Zhang's
-//! evolutionary TSK model. Each individual is a list of the memberships' numbers; its conclusions are solved
-//! for by least squares, and its cost is that of the fit on a sample of the rows.
+//! Differential evolution of memberships (Storn and Price 1997, rand/1/bin), as in Du and Zhang's
+//! evolutionary TSK model. Each individual is a list of the memberships' parameters. Its conclusions are
+//! solved by least squares, and its cost is the error of that fit on a sample of the rows.
+//!
+//! Source: `[storn1997]` and `[duzhang2006]` in the bibliography (node/docs/guide/bibliography.md).
 
 use super::sums::{Rows, Sums};
 use super::{Data, Progress, Watch};
@@ -12,17 +14,17 @@ use rayon::prelude::*;
 /// Settings of the evolution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Evolution {
-    /// Individuals; at least four.
+    /// Number of individuals; at least four.
     pub population: usize,
-    /// Generations.
+    /// Number of generations.
     pub generations: usize,
     /// Weight of the difference of two individuals that is added to a third.
     pub difference: f64,
-    /// Share of numbers that a child takes from that sum.
+    /// Share of parameters that a child takes from that sum.
     pub crossover: f64,
-    /// Rows of the sample.
+    /// Number of rows in the sample.
     pub rows: usize,
-    /// Seed. The same seed and rows give the same model, on any number of threads.
+    /// Seed. The same seed and rows give the same model on any number of threads.
     pub seed: u64,
 }
 
@@ -32,7 +34,7 @@ impl Default for Evolution {
     }
 }
 
-/// Breeds memberships within their bounds and returns the best; pushes the lowest cost of each generation,
+/// Evolves memberships within their bounds and returns the best. Appends the lowest cost of each generation,
 /// scaled to all rows, to `costs`.
 pub(super) fn evolve(
     data: &Data,
@@ -51,14 +53,14 @@ pub(super) fn evolve(
     let cost = |parameters: &[f64]| -> Option<f64> {
         let inputs = data.premises.inputs(parameters).ok()?;
         let solved = data.solve(&sample, &inputs, ridge)?;
-        // What the targets have less what is explained.
+        // Power of the targets minus the explained power.
         Some(sample.power() - solved.linear.rhs.dot(&solved.conclusions))
     };
     let size = settings.population.max(4);
     let first = |index: usize| {
         let mut random = stream(settings.seed, 0, index);
         let start = data.premises.start();
-        // The first individual is the uniform grid, the others are spread over the bounds.
+        // The first individual is the uniform grid; the others are spread over the bounds.
         let parameters: Vec<f64> = if index == 0 {
             start
         } else {
@@ -88,13 +90,13 @@ pub(super) fn evolve(
     Ok(best(&population).0.clone())
 }
 
-/// The individual of lowest cost; of equals the first.
+/// The individual with the lowest cost; the first of equals.
 fn best(population: &[(Vec<f64>, f64)]) -> &(Vec<f64>, f64) {
     population.iter().fold(&population[0], |best, one| if one.1 < best.1 { one } else { best })
 }
 
 /// A child of individual `index`: a third individual plus the difference of two others, crossed with the
-/// parent. What leaves the bounds comes to rest half way between parent and bound.
+/// parent. A parameter outside its bounds is moved half way between the parent's value and the bound.
 fn breed(
     population: &[(Vec<f64>, f64)],
     index: usize,
@@ -132,13 +134,13 @@ fn breed(
     (0..parent.len()).map(number).collect()
 }
 
-/// Random numbers of one individual in one generation.
+/// Random numbers for one individual in one generation.
 fn stream(seed: u64, generation: usize, index: usize) -> Pcg64Mcg {
     let own = ((generation as u64) << 32 | index as u64).wrapping_add(1);
     Pcg64Mcg::seed_from_u64(seed ^ own.wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
-/// One row at random from every so many of each run, their means taken out anew.
+/// One random row from each group of rows of each run, with the mean of the targets removed again.
 fn sample<'a>(data: &Data<'a>, settings: &Evolution) -> Sums<'a> {
     let stride = data.sums.rows().div_ceil(settings.rows.max(1)).max(1);
     let pick = |(index, run): (usize, &Rows)| {

@@ -1,30 +1,30 @@
-//! The memberships of a TSK model as a list of free numbers, and back.
+//! Converts the memberships of a TSK model to a list of free parameters, and back.
 //!
-//! - Gaussians: centre and ln sigma of each set, 2 n numbers an input. The width enters by its logarithm: it
-//!   is positive, and steps in it are ratios.
-//! - Triangles: they share their feet with their neighbours' peaks and span the range of the data, so that
-//!   n - 2 numbers an input are free: the logarithms of the gaps between peaks, relative to the first gap.
-//!   Peaks stay in order whatever the numbers are.
+//! - Gaussians: centre and ln sigma of each set, 2 n parameters per input. The logarithm is used because the
+//!   width is positive, so that steps are ratios.
+//! - Triangles: their feet are the neighbours' peaks, and they span the range of the data, so that n - 2
+//!   parameters per input are free: the logarithms of the gaps between peaks, relative to the first gap.
+//!   Peaks stay in order for any parameters.
 
 use crate::error::Error;
 use crate::force::{Shape, Signal, TskInput, TskSet};
 
-/// How far a centre may roam from its place in the uniform grid, in spacings of the grid.
+/// Largest distance of a centre from its place in the uniform grid, in spacings of the grid.
 const ROAM: f64 = 0.5;
-/// Factor by which a width may differ from that of the uniform grid, either way.
+/// Largest factor between a width and the uniform grid's width, either way.
 const STRETCH: f64 = 2.0;
-/// Factor between gaps of peaks.
+/// Largest factor between the gaps of peaks.
 const GAP_RATIO: f64 = 20.0;
-/// Sigma over spacing at which Gaussians of a uniform grid cross at one half: 1 / (2 sqrt(2 ln 2)).
+/// Ratio of sigma to spacing at which Gaussians of a uniform grid cross at one half: 1 / (2 sqrt(2 ln 2)).
 const CROSS_AT_HALF: f64 = 0.424_660_900_144_009_5;
 
-/// One input before its memberships are known.
+/// One input without its memberships.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Axis {
     pub(super) signal: Signal,
     pub(super) mean: f64,
     pub(super) std_dev: f64,
-    /// Range of the data, normalised.
+    /// Range of the normalised data.
     pub(super) range: [f64; 2],
     /// Number of sets.
     pub(super) sets: usize,
@@ -37,7 +37,7 @@ pub(super) struct Premises {
     pub(super) shape: Shape,
 }
 
-/// One term of d number / d parameter.
+/// One term of the derivative of a set's number with respect to a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Link {
     pub(super) parameter: usize,
@@ -52,7 +52,7 @@ impl Axis {
         (self.range[1] - self.range[0]) / (self.sets.max(2) - 1) as f64
     }
 
-    /// Free numbers of this input.
+    /// Number of free parameters of this input.
     fn free(&self, shape: Shape) -> usize {
         match shape {
             _ if self.sets == 1 => 0,
@@ -61,7 +61,7 @@ impl Axis {
         }
     }
 
-    /// Peaks of triangles whose gaps are `gaps`, relative to the first.
+    /// Peaks of triangles, given the logarithms `gaps` of the gaps relative to the first.
     fn peaks(&self, gaps: &[f64]) -> Vec<f64> {
         let gaps: Vec<f64> = std::iter::once(1.0).chain(gaps.iter().map(|g| g.exp())).collect();
         let [low, high] = self.range;
@@ -75,7 +75,7 @@ impl Axis {
         peaks
     }
 
-    /// Its memberships for its share of the parameters.
+    /// Memberships of this input for its part of the parameters.
     fn sets(&self, shape: Shape, parameters: &[f64]) -> Vec<TskSet> {
         let middle = f64::midpoint(self.range[0], self.range[1]);
         match shape {
@@ -92,7 +92,7 @@ impl Axis {
             Shape::Triangle => {
                 let peaks = self.peaks(parameters);
                 let last = peaks.len() - 1;
-                // The outer feet of the shoulders mean nothing; they mirror the inner ones.
+                // The outer feet of the shoulders have no effect; they mirror the inner feet.
                 let foot = |j: usize, before: bool| match (j, before) {
                     (0, true) => 2.0 * peaks[0] - peaks[1],
                     (_, true) => peaks[j - 1],
@@ -108,7 +108,7 @@ impl Axis {
 }
 
 impl Premises {
-    /// The uniform grid over the range of the data: where learning starts.
+    /// The uniform grid over the range of the data, where learning starts.
     pub(super) fn start(&self) -> Vec<f64> {
         let mut start = Vec::new();
         for axis in self.axes.iter().filter(|axis| axis.sets > 1) {
@@ -123,7 +123,7 @@ impl Premises {
         start
     }
 
-    /// Bounds of the parameters: the sets stay near the data and apart from spikes.
+    /// Bounds of the parameters, which keep the sets near the data and prevent spikes.
     pub(super) fn bounds(&self) -> Vec<[f64; 2]> {
         let start = self.start();
         let mut bounds = Vec::with_capacity(start.len());
@@ -141,7 +141,7 @@ impl Premises {
         bounds
     }
 
-    /// The inputs with their memberships.
+    /// The inputs with the memberships of `parameters`.
     pub(super) fn inputs(&self, parameters: &[f64]) -> Result<Vec<TskInput>, Error> {
         let mut rest = parameters;
         let one = |axis: &Axis| {
@@ -152,7 +152,7 @@ impl Premises {
         self.axes.iter().map(one).collect()
     }
 
-    /// How the numbers of the sets follow from the parameters.
+    /// Derivatives of the sets' numbers with respect to the parameters.
     pub(super) fn links(&self, parameters: &[f64]) -> Vec<Link> {
         let mut links = Vec::new();
         let mut first = 0;
@@ -174,7 +174,7 @@ impl Premises {
     }
 }
 
-/// A gap moves all peaks but the outermost two; a peak is also a foot of both its neighbours.
+/// A gap moves all peaks except the two outermost; a peak is also a foot of both neighbours.
 fn triangle_links(axis: &Axis, input: usize, first: usize, gaps: &[f64], links: &mut Vec<Link>) {
     let peaks = axis.peaks(gaps);
     let (low, span) = (peaks[0], peaks[peaks.len() - 1] - peaks[0]);
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn links_are_the_derivatives_of_the_sets() {
+    fn links_match_numerical_derivatives_of_the_sets() {
         for (shape, counts) in
             [(Shape::Gaussian, [3, 2]), (Shape::Triangle, [5, 4]), (Shape::Triangle, [2, 3])]
         {
@@ -228,7 +228,7 @@ mod tests {
                 for (input, sets) in up.iter().enumerate() {
                     for (set, n) in sets.iter().enumerate() {
                         for number in 0..3 {
-                            // The outer feet of shoulders are not used, and not linked.
+                            // The outer feet of shoulders are unused and have no links.
                             let outer = (set == 0 && number == 0) || (set + 1 == sets.len() && number == 2);
                             if shape == Shape::Triangle && outer {
                                 continue;
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn the_uniform_grid_crosses_at_one_half() {
+    fn uniform_grid_crosses_at_one_half() {
         let premises = Premises { axes: vec![axis(3)], shape: Shape::Gaussian };
         let inputs = premises.inputs(&premises.start()).expect("in range");
         let weights = inputs[0].weights(-1.75);

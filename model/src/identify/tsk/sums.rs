@@ -1,4 +1,4 @@
-//! Sums over rows for the fit of a TSK model: the normal equations of its conclusions, and of its memberships
+//! Sums over rows for the fit of a TSK model: normal equations of its conclusions, and of its memberships
 //! with the conclusions eliminated.
 //!
 //! ```text
@@ -6,12 +6,12 @@
 //! products        phi_(a,r) phi_(b,s) = (z_a z_b) (w_1j w_1j') (w_2k w_2k') (w_3l w_3l')
 //! ```
 //!
-//! A product depends on unordered pairs of sets of each input only. For 3x3x3 rules of four numbers that makes
-//! 10 x 6 x 6 x 6 = 2160 different sums in place of 108 x 109 / 2 = 5886, and nothing is lost. Of triangles at
-//! most two sets an input fire, so their few products are added one by one instead.
+//! A product depends only on an unordered pair of sets per input. For 3x3x3 rules of four numbers this gives
+//! 10 x 6 x 6 x 6 = 2160 different sums instead of 108 x 109 / 2 = 5886, without any loss. With triangles, at
+//! most two sets per input are active, so their few products are added one by one instead.
 //!
-//! Rows are taken in fixed chunks whose sums are added in order: results do not depend on the number of
-//! threads.
+//! Rows are divided into fixed chunks whose sums are added in order, so results do not depend on the number
+//! of threads.
 
 use super::premises::Link;
 use crate::force::tsk::Firing;
@@ -21,35 +21,35 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Rows whose outer products are summed at once.
+/// Number of rows whose outer products are summed together.
 const GROUP: usize = 4;
 /// Rows of one unit of parallel work.
 const CHUNK: usize = 1024;
 
-/// The rows of one run, normalised.
+/// The normalised rows of one run.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Rows {
-    /// Inputs; zero where there are fewer than three.
+    /// Inputs; unused ones are zero.
     pub(super) u: Vec<[f64; MAX_INPUTS]>,
-    /// What the rules are to give, with mean zero over the run.
+    /// Target of the rules, with mean zero over the run.
     pub(super) target: Vec<f64>,
 }
 
-/// All rows, and the shape of what is fitted to them.
+/// All rows, and the dimensions of the fitted model.
 pub(super) struct Sums<'a> {
     pub(super) runs: Vec<Rows>,
-    /// Sets of each input; one for an input that is not there.
+    /// Number of sets of each input; one for an unused input.
     pub(super) counts: [usize; MAX_INPUTS],
-    /// Numbers of one conclusion.
+    /// Number of values of one conclusion.
     pub(super) width: usize,
-    /// Whether sets are triangles, most of which do not fire.
+    /// Whether sets are triangles, most of which are inactive.
     pub(super) sparse: bool,
-    /// Rows in parallel; off while whole fits are.
+    /// Whether rows are processed in parallel; off while whole fits run in parallel.
     pub(super) parallel: bool,
     pub(super) cancel: &'a AtomicBool,
 }
 
-/// The normal equations of the conclusions at fixed memberships, each run's mean taken out.
+/// Normal equations of the conclusions at fixed memberships, with each run's mean removed.
 pub(super) struct Linear {
     pub(super) square: DMatrix<f64>,
     pub(super) rhs: DVector<f64>,
@@ -57,7 +57,8 @@ pub(super) struct Linear {
     pub(super) run_sums: Vec<DVector<f64>>,
 }
 
-/// Sums over the derivatives of the output over the memberships' parameters, each run's mean taken out.
+/// Sums over the derivatives of the output with respect to the memberships' parameters, with each run's mean
+/// removed.
 pub(super) struct Nonlinear {
     /// Sum of squared residuals.
     pub(super) cost: f64,
@@ -85,7 +86,7 @@ struct Group {
     pairs: Vec<f64>,
     /// Products of pairs of regressors.
     products: Vec<f64>,
-    /// Regressors, and the same times the target.
+    /// Regressors, and regressors times the target.
     plain: Vec<f64>,
     times: Vec<f64>,
 }
@@ -95,8 +96,8 @@ impl Sums<'_> {
         self.counts.iter().product()
     }
 
-    /// Number of conclusions' numbers. They are ordered coefficient by coefficient here: all rules' first
-    /// slopes, then all rules' second slopes, and the constants last.
+    /// Number of unknowns of all conclusions. Here they are ordered by coefficient: all rules' first slopes,
+    /// all rules' second slopes, and so on; the constants are last.
     pub(super) fn len(&self) -> usize {
         self.rules() * self.width
     }
@@ -110,7 +111,7 @@ impl Sums<'_> {
         self.runs.iter().flat_map(|run| &run.target).map(|t| t * t).sum()
     }
 
-    /// Does `one` on every chunk, in order. `None`: cancelled.
+    /// Calls `one` for every chunk, in order; `None` if cancelled.
     fn chunks<T: Send>(&self, one: impl Fn(usize, Range<usize>) -> T + Sync) -> Option<Vec<T>> {
         let mut work = Vec::new();
         for (run, rows) in self.runs.iter().enumerate() {
@@ -123,7 +124,7 @@ impl Sums<'_> {
         if self.parallel { work.par_iter().map(one).collect() } else { work.iter().map(one).collect() }
     }
 
-    /// Sums for the conclusions. `None`: cancelled.
+    /// Sums for the conclusions; `None` if cancelled.
     pub(super) fn linear(&self, inputs: &[TskInput]) -> Option<Linear> {
         let parts = self.chunks(|run, range| {
             if self.sparse {
@@ -141,7 +142,7 @@ impl Sums<'_> {
             rhs.iter_mut().zip(&part.rhs).for_each(|(total, s)| *total += s);
             run_sums[part.run].iter_mut().zip(&part.sums).for_each(|(total, s)| *total += s);
         }
-        // Targets have mean zero in each run, so the right side is centred as it stands.
+        // Targets have mean zero in each run, so the right side is already centred.
         let mut square = if self.sparse { DMatrix::from_vec(n, n, square) } else { self.unfold(&square) };
         for (rows, sums) in self.runs.iter().zip(&run_sums) {
             square.ger(-1.0 / rows.target.len().max(1) as f64, sums, sums, 1.0);
@@ -173,7 +174,7 @@ impl Sums<'_> {
                 let plain = &mut group.plain[k * width..][..width];
                 let times = &mut group.times[k * width..][..width];
                 if from + k >= range.end {
-                    // A row that is not there counts as nothing.
+                    // A missing row contributes nothing.
                     own.fill(0.0);
                     plain.fill(0.0);
                     times.fill(0.0);
@@ -213,7 +214,7 @@ impl Sums<'_> {
         part
     }
 
-    /// Regressors that are not zero, with their places.
+    /// Non-zero regressors and their positions.
     fn fired(
         &self,
         weights: &[[f64; MAX_SETS]; MAX_INPUTS],
@@ -243,7 +244,7 @@ impl Sums<'_> {
         }
     }
 
-    /// The same for pairs of sets.
+    /// Products as in `outer`, for pairs of sets.
     #[inline]
     fn pair_outer(&self, w: &[[f64; MAX_SETS]; MAX_INPUTS], pairs: &mut [f64]) {
         let mut own = [[0.0; pair_count(MAX_SETS)]; MAX_INPUTS];
@@ -260,7 +261,7 @@ impl Sums<'_> {
         }
     }
 
-    /// The full matrix from sums over pairs.
+    /// The full matrix from the sums over pairs.
     fn unfold(&self, square: &[f64]) -> DMatrix<f64> {
         let rules = self.rules();
         let [_, n1, n2] = self.counts;
@@ -274,8 +275,8 @@ impl Sums<'_> {
         })
     }
 
-    /// Sums for the memberships, whose parameters act by `links`, at the `conclusions` that go with them.
-    /// `None`: cancelled.
+    /// Sums for the memberships, whose parameters act by `links`, at the given `conclusions`; `None` if
+    /// cancelled.
     pub(super) fn nonlinear(
         &self,
         inputs: &[TskInput],
@@ -317,7 +318,7 @@ impl Sums<'_> {
         })
     }
 
-    /// `square`: E'E, `rhs`: z D over the weights.
+    /// In the result, `square` is E'E and `rhs` is z D times the weights.
     fn slope_part(
         &self,
         inputs: &[TskInput],
@@ -374,7 +375,7 @@ impl Sums<'_> {
         part
     }
 
-    /// The output, and what the rules under each set alone would give.
+    /// The output, and for each set the output of the rules under it alone.
     #[inline]
     fn under(
         &self,
@@ -404,12 +405,12 @@ impl Sums<'_> {
     }
 }
 
-/// Whether inputs of this shape leave most rules without weight.
+/// True if most rules have zero weight for memberships of this shape.
 pub(super) fn is_sparse(shape: Shape) -> bool {
     shape == Shape::Triangle
 }
 
-/// (u_1, ..., u_m, 1) with `width` numbers.
+/// The first `width` - 1 inputs, followed by 1.
 #[inline]
 fn regressors(u: &[f64; MAX_INPUTS], width: usize) -> [f64; MAX_INPUTS + 1] {
     let mut z = [1.0; MAX_INPUTS + 1];
@@ -417,7 +418,7 @@ fn regressors(u: &[f64; MAX_INPUTS], width: usize) -> [f64; MAX_INPUTS + 1] {
     z
 }
 
-/// Weights of all inputs; one for an input that is not there.
+/// Weights of all inputs; 1 for an unused input.
 #[inline]
 fn weights(inputs: &[TskInput], u: &[f64; MAX_INPUTS]) -> [[f64; MAX_SETS]; MAX_INPUTS] {
     let mut weights = [[1.0; MAX_SETS]; MAX_INPUTS];
@@ -427,7 +428,7 @@ fn weights(inputs: &[TskInput], u: &[f64; MAX_INPUTS]) -> [[f64; MAX_SETS]; MAX_
     weights
 }
 
-/// The same with slopes.
+/// Weights of all inputs, and their slopes.
 #[inline]
 fn fire(inputs: &[TskInput], u: &[f64; MAX_INPUTS]) -> [Firing; MAX_INPUTS] {
     let mut firing = [Firing { weights: [1.0; MAX_SETS], ..Firing::default() }; MAX_INPUTS];
@@ -437,12 +438,12 @@ fn fire(inputs: &[TskInput], u: &[f64; MAX_INPUTS]) -> [Firing; MAX_INPUTS] {
     firing
 }
 
-/// Unordered pairs of `n` things, each with itself too.
+/// Number of unordered pairs of `n` items, including each item with itself.
 const fn pair_count(n: usize) -> usize {
     n * (n + 1) / 2
 }
 
-/// Place of the pair (j, k) of `n` things, in the order of [`pair_products`].
+/// Index of the pair (j, k) of `n` items, in the order of [`pair_products`].
 const fn pair_index(j: usize, k: usize, n: usize) -> usize {
     let (low, high) = if j < k { (j, k) } else { (k, j) };
     low * n - low * (low + 1) / 2 + high

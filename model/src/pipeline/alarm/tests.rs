@@ -4,10 +4,10 @@ use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-/// Samples a second of the noise.
+/// Sample rate of the noise, Hz.
 const RATE: i64 = 100;
 
-/// A detector fed at [`RATE`] with residuals over the expected RSSE.
+/// A detector that gets samples at [`RATE`]: residuals as ratios to the expected RMSE.
 struct Fed {
     alarm: Alarm,
     settings: Settings,
@@ -41,7 +41,7 @@ enum Noise {
     White,
     /// Student's t with 4 degrees of freedom: its fourth moment is infinite.
     HeavyTails,
-    /// One sample in 200 holds all the power: many blocks have none, some have four times what they may.
+    /// One sample in 200 holds all the power: many blocks have none, some have four times the mean power.
     Clicks,
     /// First order with a time constant of 0.1 s.
     Coloured,
@@ -78,7 +78,7 @@ impl Source {
     }
 }
 
-/// Power a block, and what the alarm says: rising late or soon, falling, restarts.
+/// A script of powers per block, and the alarm's reaction: it rises late or soon, falls, and restarts.
 #[test]
 fn a_script_as_text() {
     let settings = Settings { alarm_ratio: 1.5, false_alarm_interval_s: 1000.0, ..Settings::default() };
@@ -124,22 +124,22 @@ fn a_script_as_text() {
 }
 
 #[test]
-fn a_restart_forgets_the_evidence_and_says_whether_the_alarm_stood() {
+fn a_restart_clears_the_evidence_and_returns_whether_the_alarm_was_raised() {
     let mut fed = Fed::new(Settings { false_alarm_interval_s: 1000.0, ..Settings::default() });
     let until_raised = |fed: &mut Fed| (0..).find(|_| fed.add(3.0).is_some()).expect("it rises");
     let first = until_raised(&mut fed);
     assert!(fed.alarm.restart() && !fed.alarm.is_raised());
     assert!(!fed.alarm.restart());
-    // The first time, the sample that raised it began a block; after the restart it does not.
-    assert_eq!(until_raised(&mut fed), first, "as from the start");
+    // Before the restart, the sample that raised the alarm had begun a block. After the restart, no block is open.
+    assert_eq!(until_raised(&mut fed), first, "the detector restarts from zero evidence");
 }
 
-/// At the very bound, where an alarm is not wanted yet, and with a stated interval that is short enough to be tried.
+/// At the very bound, where an alarm is not wanted yet, with an interval that is short enough to be tested.
 #[test]
-fn false_alarms_are_no_oftener_than_stated() {
+fn false_alarms_are_not_more_frequent_than_stated() {
     let interval_s = 500.0;
     let (intervals, mut most, mut table) = (60.0, 0.0_f64, String::new());
-    // Noise that is correlated from block to block breaks the assumption at the very bound: it stays a tenth below.
+    // Noise that is correlated from block to block breaks the assumption at the bound, so its level is a tenth below.
     for (noise, level) in [
         (Noise::White, 1.5),
         (Noise::HeavyTails, 1.5),
@@ -153,7 +153,7 @@ fn false_alarms_are_no_oftener_than_stated() {
         while fed.seconds() < intervals * interval_s {
             if fed.add(level * source.next()) == Some(Edge::Rising) {
                 alarms += 1.0;
-                // The time to an alarm is what is stated: the next one starts anew.
+                // The bound is on the time to an alarm, so the detector is reset after each.
                 fed.alarm.restart();
             }
         }
@@ -164,23 +164,24 @@ fn false_alarms_are_no_oftener_than_stated() {
     assert!(most <= intervals, "{table}");
 }
 
-/// With the default settings: once a day at most, and a residual of twice the expected one is found in half a minute.
+/// With the default settings there is at most one false alarm per day, and a residual of twice the expected one is
+/// detected in half a minute.
 #[test]
-fn a_residual_of_twice_the_expected_one_is_noticed() {
+fn a_residual_of_twice_the_expected_one_is_detected() {
     for noise in [Noise::White, Noise::HeavyTails, Noise::Coloured] {
         let mut worst_s = 0.0_f64;
         for seed in 0..100 {
             let mut fed = Fed::new(Settings::default());
             let mut source = Source::new(noise, seed);
             while fed.seconds() < 60.0 {
-                assert_eq!(fed.add(source.next()), None, "{noise:?}, seed {seed}: nothing is wrong yet");
+                assert_eq!(fed.add(source.next()), None, "{noise:?}, seed {seed}: false alarm");
             }
             while fed.add(2.0 * source.next()) != Some(Edge::Rising) {
-                assert!(fed.seconds() < 120.0, "{noise:?}, seed {seed}: not noticed in a minute");
+                assert!(fed.seconds() < 120.0, "{noise:?}, seed {seed}: not detected in a minute");
             }
             worst_s = worst_s.max(fed.seconds() - 60.0);
         }
-        println!("{noise:?}: noticed after {worst_s:.1} s at most");
+        println!("{noise:?}: detected after {worst_s:.1} s at most");
         assert!(
             worst_s < if matches!(noise, Noise::Coloured) { 45.0 } else { 30.0 },
             "{noise:?}: {worst_s} s"

@@ -5,7 +5,7 @@ use crate::force::{ForceModel, Inputs};
 fn anfis(name: &str) -> Tsk {
     match load(name).expect("a preset").force {
         ForceModel::Tsk(model) => model,
-        other => panic!("{} is no ANFIS", other.name()),
+        other => panic!("{} is not an ANFIS model", other.name()),
     }
 }
 
@@ -35,7 +35,7 @@ fn all_eight_have_27_rules_and_126_numbers() {
 }
 
 #[test]
-fn the_surfaces_are_those_of_a_damper() {
+fn force_grows_with_velocity_and_current() {
     for (name, model) in all() {
         for i in [0.8, 1.2, 1.6] {
             assert!(force_n(&model, 0.0, 0.0, i).abs() < 40.0, "{name}: no force at rest");
@@ -51,7 +51,7 @@ fn the_surfaces_are_those_of_a_damper() {
 
 #[test]
 fn scales_agree_with_the_fuzzy_tanh_models_of_the_same_data() {
-    // The two were identified apart from each other: a wrong scale of force, velocity or current would show.
+    // The two were identified independently, so a wrong scale of force, velocity or current would show here.
     for (k, name) in EXPERIMENTS[5..].iter().enumerate() {
         let (anfis, tanh) = (anfis(&format!("thesis/anfis/{name}")), fuzzy_rows::model(k).expect("a model"));
         for i in [0.8, 1.6, 2.5] {
@@ -64,8 +64,8 @@ fn scales_agree_with_the_fuzzy_tanh_models_of_the_same_data() {
 }
 
 #[test]
-fn values_are_those_of_the_printed_numbers() {
-    // Worked out from the tables by a plain sum over the rules, in another language.
+fn values_match_the_printed_numbers() {
+    // Computed from the tables by a plain sum over the rules, in another language.
     for (name, x, v, i, expected) in VALUES {
         let found = force_n(&anfis(&format!("thesis/anfis/{name}")), x, v, i);
         assert!((found - expected).abs() < 1e-9 * expected.abs(), "{name}: {found} {expected}");

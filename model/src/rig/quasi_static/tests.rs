@@ -1,4 +1,4 @@
-//! The quasi-static valve against forces by hand, energy, play, and an integration of its own.
+//! The quasi-static valve against forces computed by hand, energy, play, and an independent integration.
 
 use super::super::inject::inject;
 use super::super::plant::SUB_STEPS;
@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 
 const FORM: QuasiStatic = QuasiStatic { yield_velocity_m_s: 0.025, coupling_per_s: 3.0 };
 
-/// A plant whose driver does not lag, so that the current in the fluid is the command.
+/// A plant without driver lag, so that the current in the fluid equals the command.
 fn plant() -> Plant {
     Plant { valve_form: ValveForm::QuasiStatic(FORM), driver_lag_s: 0.0, ..Plant::quasi_static() }
 }
@@ -25,7 +25,7 @@ fn motion(samples: usize, at: impl Fn(f64) -> (f64, f64)) -> Motion {
     motion
 }
 
-/// A sine of 12 mm from its lower end, at 1.5 Hz unless said otherwise, two periods of it.
+/// Two periods of a sine of 12 mm amplitude, starting at its lower end.
 fn sine(hz: f64) -> Motion {
     let omega = TAU * hz;
     motion((2.0 * RATE_HZ / hz) as usize, |t| {
@@ -38,7 +38,7 @@ fn respond(plant: &Plant, motion: &Motion, current_a: f64) -> Vec<f64> {
     plant.respond(motion, &vec![current_a; motion.displacement_m.len()], SUB_STEPS).force_n
 }
 
-/// The valve's force written out, at the reference temperature.
+/// The equation of the valve's force, at the reference temperature.
 fn by_hand_n(plant: &Plant, current_a: f64, s_m: f64, rate_m_s: f64) -> f64 {
     let (fy, c0) = (plant.yield_n.at(current_a), plant.viscous_n_s_m.at(current_a));
     fy * f64::tanh((rate_m_s + 3.0 * s_m) / 0.025) + c0 * rate_m_s
@@ -50,7 +50,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 #[test]
-fn points_of_the_force_velocity_map_are_those_of_the_equation() {
+fn points_of_the_force_velocity_map_match_the_equation() {
     let plant = plant();
     for current_a in [0.0, 0.7, 2.5] {
         for speed_m_s in [-0.2, -0.01, 0.0, 0.02, 0.3] {
@@ -61,7 +61,7 @@ fn points_of_the_force_velocity_map_are_those_of_the_equation() {
             }
         }
     }
-    // The thesis' damper at 6 in/s is 39 lbf without current and 264 lbf at 2.5 A: this one is of its size.
+    // The thesis' damper has 39 lbf at 6 in/s without current and 264 lbf at 2.5 A; this one is of similar size.
     let at_6_in_s = |current_a: f64| by_hand_n(&plant, current_a, 0.0, 0.1524) / 4.448;
     assert!((25.0..60.0).contains(&at_6_in_s(0.0)), "{}", at_6_in_s(0.0));
     assert!((180.0..300.0).contains(&at_6_in_s(2.5)), "{}", at_6_in_s(2.5));
@@ -78,7 +78,7 @@ proptest! {
             plant.force_n(&state, x, v)
         };
         prop_assert!(force(v + faster, i) > force(v, i));
-        // Where displacement does not turn the sign.
+        // Only where displacement does not change the sign of the force.
         if v.abs() > 3.0 * x.abs() {
             prop_assert!(force(v, i + more).abs() > force(v, i).abs());
             prop_assert!(force(v, i) * v > 0.0);
@@ -87,7 +87,7 @@ proptest! {
 }
 
 #[test]
-fn the_valve_takes_energy_and_its_heat_is_that_energy() {
+fn the_valve_dissipates_energy_and_its_heat_is_that_energy() {
     let spring = Plant { series_stiffness_n_m: 1e6, ..plant() };
     let play = Plant { free_play_m: 1e-3, ..plant() };
     let both = Plant { free_play_m: 1e-3, ..spring };
@@ -106,13 +106,13 @@ fn the_valve_takes_energy_and_its_heat_is_that_energy() {
 }
 
 #[test]
-fn within_the_gap_there_is_no_force_and_beyond_it_the_piston_s_own() {
+fn the_force_is_zero_within_the_gap_and_the_pistons_force_beyond_it() {
     let gap_m = 2e-3;
     let plant = Plant { free_play_m: gap_m, ..plant() };
     let motion = sine(1.5);
     let force = respond(&plant, &motion, 1.5);
     let (mut without, mut with) = (0, 0);
-    // From the lower end on; the piston starts in the middle of its gap.
+    // The motion starts at the lower end, with the piston in the middle of its gap.
     for (k, force) in force.iter().enumerate().skip(1) {
         let (x, v) = (motion.displacement_m[k], motion.velocity_m_s[k]);
         let turned_m = if v > 0.0 { -0.012 } else { 0.012 };
@@ -132,7 +132,7 @@ fn within_the_gap_there_is_no_force_and_beyond_it_the_piston_s_own() {
     assert!(without > 100 && with > 400, "{without} {with}");
 }
 
-/// Force through a spring, one value a sample: Heun's method on F' = ks (v - w(F)), with w by halving, at 2 us.
+/// Force through a spring, one value per sample: Heun's method on F' = ks (v - w(F)) with a step of 2 us, w by bisection.
 fn sprung_by_hand_n(plant: &Plant, current_a: f64, hz: f64, samples: usize) -> Vec<f64> {
     let (ks, omega) = (plant.series_stiffness_n_m, TAU * hz);
     let x = |t: f64| -0.012 * (omega * t).cos();
@@ -164,7 +164,7 @@ fn sprung_by_hand_n(plant: &Plant, current_a: f64, hz: f64, samples: usize) -> V
 }
 
 #[test]
-fn a_spring_in_series_is_that_of_an_integration_of_its_own() {
+fn a_spring_in_series_matches_an_independent_integration() {
     for (series_stiffness_n_m, current_a) in [(2e5, 0.3), (1e6, 2.0)] {
         let plant = Plant { series_stiffness_n_m, ..plant() };
         let samples = 300;
@@ -179,7 +179,7 @@ fn a_spring_in_series_is_that_of_an_integration_of_its_own() {
 }
 
 #[test]
-fn the_stiffest_spring_is_rigid_and_no_spring_needs_finer_steps() {
+fn a_very_stiff_spring_is_rigid_and_the_sub_step_is_fine_enough() {
     let motion = sine(3.0);
     let rigid = respond(&plant(), &motion, 1.0);
     let stiff = respond(&Plant { series_stiffness_n_m: 1e10, ..plant() }, &motion, 1.0);
@@ -198,7 +198,7 @@ fn the_stiffest_spring_is_rigid_and_no_spring_needs_finer_steps() {
 }
 
 #[test]
-fn a_spring_is_put_in_and_taken_away_by_its_compliance() {
+fn a_spring_is_added_and_removed_by_its_compliance() {
     let (mut plant, mut channels) = (Plant::quasi_static(), Channels::PERFECT);
     let mut after = |size| inject("series_spring", size, &mut plant, &mut channels).map(|()| plant);
     assert_eq!(after(5e-7), Ok(Plant { series_stiffness_n_m: 1.0 / 5e-7, ..Plant::quasi_static() }));
@@ -210,7 +210,7 @@ fn a_spring_is_put_in_and_taken_away_by_its_compliance() {
 }
 
 #[test]
-fn valves_that_cannot_be_are_refused_by_field() {
+fn invalid_valves_are_rejected_with_the_field_name() {
     assert_eq!(Plant::quasi_static().check(), Ok(()));
     let refused = |plant: Plant| plant.check().err().map(|e| e.to_string()).unwrap_or_default();
     let form = |yield_velocity_m_s, coupling_per_s| {
@@ -221,5 +221,8 @@ fn valves_that_cannot_be_are_refused_by_field() {
     assert!(refused(form(0.02, 1e4)).starts_with("coupling_per_s"));
     assert!(refused(Plant { series_stiffness_n_m: 0.0, ..plant() }).starts_with("series_stiffness_n_m"));
     let infinite = Plant { series_stiffness_n_m: f64::INFINITY, ..Plant::default() };
-    assert!(refused(infinite).starts_with("series_stiffness_n_m"), "Bouc-Wen has a compliance");
+    assert!(
+        refused(infinite).starts_with("series_stiffness_n_m"),
+        "a Bouc-Wen valve needs a finite stiffness"
+    );
 }

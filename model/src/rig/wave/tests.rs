@@ -1,4 +1,4 @@
-//! The defining property of each wave, away from its fades.
+//! The defining property of each wave, outside its fades.
 
 use super::*;
 use crate::rig::signal::FADE_S;
@@ -13,7 +13,7 @@ fn motion(wave: Wave, seed: u64) -> Motion {
     wave.motion(SAMPLES, &mut Pcg64Mcg::seed_from_u64(seed))
 }
 
-/// Samples clear of the fades.
+/// Samples outside the fades.
 fn clear() -> std::ops::Range<usize> {
     let fade = (FADE_S * RATE_HZ) as usize;
     fade..SAMPLES - fade
@@ -37,7 +37,8 @@ fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
 }
 
-/// True when each velocity is the slope of the displacements beside it, rests at both ends, and has no mean.
+/// Checks that each velocity is the slope of the neighbouring displacements, that the motion rests at both ends, and that the mean
+/// displacement is zero.
 fn is_sound(motion: &Motion, tolerance_m_s: f64) -> Result<(), TestCaseError> {
     let (x, v) = (&motion.displacement_m, &motion.velocity_m_s);
     prop_assert_eq!((x.len(), v.len()), (SAMPLES, SAMPLES));
@@ -65,7 +66,7 @@ proptest! {
         let motion = motion(wave, seed);
         is_sound(&motion, 0.02 * amplitude_m * TAU * carrier_hz)?;
         let x = &motion.displacement_m;
-        // The highest displacement of each period, as a sample of the envelope.
+        // The highest displacement of each period is a sample of the envelope.
         let period = (RATE_HZ / carrier_hz).ceil() as usize;
         let crests = x[clear()].chunks_exact(period).map(|one| extremes(one.iter().copied()).1);
         let (low, high) = extremes(crests);
@@ -86,7 +87,7 @@ proptest! {
         let motion = motion(wave, seed);
         is_sound(&motion, 0.05 * amplitude_m * TAU * (carrier_hz + deviation_hz))?;
         let (low, high) = extremes(frequencies(&motion).into_iter().map(|(_, f)| f));
-        // At the lowest frequencies the modulation goes on within a period.
+        // At the lowest frequencies the modulation changes within a period.
         prop_assert!((low - (carrier_hz - deviation_hz)).abs() < 0.15, "lowest {low} Hz");
         prop_assert!((high - (carrier_hz + deviation_hz)).abs() < 0.06, "highest {high} Hz");
         let (_, crest) = extremes(motion.displacement_m[clear()].iter().copied());
@@ -109,13 +110,13 @@ proptest! {
     fn each_step_of_frequency_has_its_share_of_the_run(steps in 1u32..8, seed: u64) {
         let wave = Wave::SteppedFrequency { amplitude_m: 0.002, low_hz: 2.0, high_hz: 9.0, steps };
         let motion = motion(wave, seed);
-        // Acceleration jumps from step to step, which a central difference shows as a quarter of a sample of it.
+        // Acceleration jumps between steps; a central difference is off there by a quarter of a sample times the jump.
         is_sound(&motion, 0.004)?;
         let found = frequencies(&motion);
         for wanted in spread(2.0, 9.0, steps) {
             let time: f64 = found.iter().filter(|(_, f)| (f / wanted - 1.0).abs() < 0.02).map(|(_, f)| 1.0 / f).sum();
             let share = RUN_S / f64::from(steps);
-            // Fades and the periods in which the frequency changes are missing.
+            // The fades and the periods in which the frequency changes are not counted.
             prop_assert!(time <= share + 0.6 && time > share - 2.2, "{wanted} Hz: {time} s of {share} s");
         }
     }
@@ -134,14 +135,14 @@ proptest! {
                 prop_assert!(held > 20, "{wanted} m/s is held for {held} samples");
             }
         }
-        // Corners last 40 ms of strokes of 120 ms at least.
+        // Corners take 40 ms of each stroke, and a stroke takes at least 120 ms.
         let constant = v.windows(2).filter(|v| (v[1] - v[0]).abs() < 1e-9).count();
         prop_assert!(constant > v.len() / 2, "{constant} of {}", v.len());
     }
 }
 
 #[test]
-fn waves_that_cannot_be_are_refused_by_field() {
+fn invalid_waves_are_rejected_with_the_field_name() {
     let refused = |wave: Wave| wave.check().err().map(|e| e.to_string()).unwrap_or_default();
     let chirp = |amplitude_m, to_hz| Wave::Chirp { amplitude_m, from_hz: 1.0, to_hz };
     assert_eq!(chirp(0.01, 2.0).check(), Ok(()));
@@ -159,7 +160,7 @@ fn waves_that_cannot_be_are_refused_by_field() {
 }
 
 #[test]
-fn other_seeds_give_other_waves_but_for_the_chirp() {
+fn different_seeds_give_different_waves_except_for_the_chirp() {
     let am = Wave::AmplitudeModulated { amplitude_m: 0.01, depth: 0.5, carrier_hz: 2.0, modulation_hz: 0.1 };
     assert_eq!(motion(am, 1), motion(am, 1));
     assert_ne!(motion(am, 1), motion(am, 2));

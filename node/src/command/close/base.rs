@@ -1,4 +1,4 @@
-//! The base of a closing: a model file, a preset, or a name that is identified first.
+//! The base model of a diagnosis: a model file, a preset, or a named model that is identified first.
 
 use super::roles::Given;
 use super::{RecordedArgs, interrupted};
@@ -13,26 +13,26 @@ use mr_damper_model::model_file::{Role, TrainingRun};
 use mr_damper_model::sample::{DriveKind, Run};
 use std::path::Path;
 
-/// Most rows that a base is finished on when it is identified here; the closing refits it anyway.
+/// Maximum number of rows in the final fit of a base that is identified here. The diagnosis refits the base anyway.
 const MOST_ROWS: usize = 30_000;
 
-/// What the closing starts from.
+/// The base that was asked for.
 pub(super) enum Base {
-    /// A model that is there.
+    /// An existing model.
     Model(Box<Identified>),
-    /// One to identify on the estimate runs.
+    /// A model that is first identified on the training or reference runs.
     Name(ModelSpec),
 }
 
-/// A base that can run.
+/// A base model that is ready to use.
 pub(super) struct Identified {
     /// The model.
     pub(super) model: Model,
-    /// Where it comes from, in a few words.
+    /// Its origin, for messages and the report.
     pub(super) source: String,
-    /// Runs that it was made from before this closing.
+    /// Runs from which it was identified before this diagnosis.
     pub(super) runs: Vec<TrainingRun>,
-    /// Restarts that this closing made to identify it.
+    /// Number of restarts in its identification by this command; 0 for an existing model.
     pub(super) restarts: u32,
 }
 
@@ -40,7 +40,7 @@ impl Base {
     /// The base that `args` ask for.
     ///
     /// # Errors
-    /// When there is no such file, preset or name, or flags are given that it leaves nothing to say.
+    /// When the file, preset or model does not exist, or a flag is given that does not apply to an existing model.
     pub(super) fn of(args: &RecordedArgs) -> Result<Self, NodeError> {
         let names: Vec<&str> = Structure::all().into_iter().map(Structure::name).collect();
         if names.contains(&args.base.as_str()) {
@@ -51,15 +51,14 @@ impl Base {
         let file = path.exists() || path.extension().is_some() || args.base.starts_with("thesis/");
         if !file {
             return Err(NodeError::Failed(format!(
-                "--base {}: there is no such file, and no such model; models are {}, presets those that `mr-damper \
-                 presets` lists",
+                "--base {}: there is no such file and no such model. Models are {}; `mr-damper presets` lists the presets",
                 args.base,
                 names.join(", ")
             )));
         }
         if let Some(flag) = superfluous(args) {
             return Err(NodeError::Usage(format!(
-                "{flag} does not go with --base {}: a model that is there holds its own form, filter and derivative. \
+                "{flag} cannot be combined with --base {}: an existing model holds its own form, filter and derivative. \
                  Leave {flag} out, or name a model to identify (--base fuzzy-tanh)",
                 args.base
             )));
@@ -73,7 +72,7 @@ impl Base {
         Ok(Self::Model(Box::new(Identified { model, source: args.base.clone(), runs, restarts: 0 })))
     }
 
-    /// The drive that the base wants, where that is known before it is identified.
+    /// The drive that the base needs, if it is known before the identification.
     pub(super) fn drive(&self) -> Option<DriveKind> {
         match self {
             Self::Model(base) => base.model.force.drive(),
@@ -81,7 +80,7 @@ impl Base {
         }
     }
 
-    /// True when runs must hold a drive.
+    /// True if the runs must contain a drive.
     pub(super) fn wants_drive(&self) -> bool {
         match self {
             Self::Model(base) => base.model.force.drive().is_some(),
@@ -89,7 +88,7 @@ impl Base {
         }
     }
 
-    /// Refuses a sealed run that the base was made from, and warns of a confirm run.
+    /// Refuses a test run from which the base was identified, and warns about such a validation run.
     ///
     /// # Errors
     /// [`NodeError::File`] with the run.
@@ -100,8 +99,8 @@ impl Base {
             Role::Test if known => Err(NodeError::File {
                 path: given.path.clone(),
                 message: format!(
-                    "given with --test, but {} was made with this very run (SHA-256 {}...): a sealed run is one that \
-                     nothing has touched. Give another run, or another base",
+                    "given with --test, but {} was made with this very run (SHA-256 {}...): a test run must not have been \
+                     used before. Give another run, or another base",
                     base.source,
                     &given.sha256[..12]
                 ),
@@ -109,7 +108,7 @@ impl Base {
             Role::Confirm if known => {
                 tracing::warn!(
                     run = %given.path.display(),
-                    "the base was made with this confirm run: it confirms less than one that is new to it"
+                    "the base was made with this validation run, which validates less than a new run would"
                 );
                 Ok(())
             }
@@ -117,10 +116,10 @@ impl Base {
         }
     }
 
-    /// The base itself; one that is named is identified on the estimate runs first.
+    /// The base model. A named model is identified here, on the reference runs if there are any, else on the training runs.
     ///
     /// # Errors
-    /// When the estimate runs do not carry the model; [`NodeError::Interrupted`].
+    /// When the model cannot be identified from these runs; [`NodeError::Interrupted`].
     pub(super) fn identified(
         self,
         given: &[Given],
@@ -132,7 +131,7 @@ impl Base {
             Self::Model(base) => return Ok(*base),
             Self::Name(spec) => spec,
         };
-        // What is healthy says how a healthy damper behaves.
+        // Reference runs show how the healthy damper behaves.
         let (role, whose) = match args.reference.is_empty() {
             true => (Role::Estimate, "estimate"),
             false => (Role::Reference, "reference"),
@@ -141,7 +140,7 @@ impl Base {
             given.iter().filter(|given| given.role == role).map(|given| given.run.clone()).collect();
         let options = Options {
             conditioning: args.conditioning.conditioning(FilterArg::Output, VelocityArg::ThreePoint)?,
-            // A derivative that is late as the damper is late would take the lag for its own.
+            // A delayed derivative could absorb a lag of the damper.
             choose_velocity: false,
             dataset: args.conditioning.dataset(),
             most_rows: Some(MOST_ROWS),
@@ -165,7 +164,7 @@ impl Base {
     }
 }
 
-/// The first flag that only a base to be identified leaves open.
+/// The first given flag that applies only to a base that is identified here.
 fn superfluous(args: &RecordedArgs) -> Option<&'static str> {
     let own = [("--passive", args.passive), ("--restarts", args.restarts.is_some())];
     args.conditioning.given().or(own.into_iter().find_map(|(flag, given)| given.then_some(flag)))

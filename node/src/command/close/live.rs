@@ -1,4 +1,4 @@
-//! `mr-damper close --live`: has a running node name what its model lacks, by the node's action `close_loop`.
+//! `mr-damper close --live`: asks a running node to diagnose its own model, through the node's action `close_loop`.
 
 use crate::closing::asking::{self, ALL_S};
 use crate::command::Surroundings;
@@ -9,18 +9,18 @@ use crate::error::NodeError;
 use serde_json::Value;
 use std::fmt::Write;
 
-/// Name of the node, unless it is given another.
+/// Default name of this command's node.
 pub const NODE: &str = "mr_damper_close";
 
-/// What a closing on a running node needs.
+/// Arguments for a diagnosis on a running node.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "On a running node")]
 pub struct LiveArgs {
-    /// Have a running node do it, by its action close_loop: with the model that it runs, on the input that it remembers.
-    /// --ros-args -r __ns:=/front_left names its namespace.
+    /// Let a running node do the diagnosis, through its action close_loop: for the model that it runs, on its input
+    /// history. Give the node's namespace with --ros-args -r __ns:=/front_left.
     #[arg(long, conflicts_with_all = [super::GROUP, "ConditioningArgs", "RunArgs", "report"])]
     pub live: bool,
-    /// Seconds of history to use; by default all that the node keeps (its parameter history.duration_s).
+    /// Seconds of history to use; default: all that the node keeps (its parameter history.duration_s).
     #[arg(long, value_name = "S", requires = "live", conflicts_with = super::GROUP, allow_hyphen_values = true, value_parser = seconds)]
     pub history: Option<f64>,
     /// ROS domain; by default ROS_DOMAIN_ID, else 0.
@@ -35,11 +35,11 @@ fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Sends the goal, tells its stages, and prints what came out.
+/// Sends the goal, shows its stages, and prints the result.
 ///
 /// # Errors
-/// When no node answers, the goal is rejected or comes to nothing, or the JSON cannot be written;
-/// [`NodeError::Interrupted`], with the goal cancelled.
+/// When no node answers, the goal is rejected or fails, or the JSON cannot be written;
+/// [`NodeError::Interrupted`], after the goal was cancelled.
 pub(super) fn run(args: &LiveArgs, output: &OutputArgs, around: &Surroundings) -> Result<(), NodeError> {
     let mut config = Config::default();
     around.ros_args.apply(&mut config)?;
@@ -53,22 +53,22 @@ pub(super) fn run(args: &LiveArgs, output: &OutputArgs, around: &Surroundings) -
     output.figures(&report, || text(&report, load_line.as_deref()))
 }
 
-/// The report's words, what was written, and what to do with it.
+/// The text of the report, and where the model file is and how to load it.
 fn text(report: &Value, load_line: Option<&str>) -> String {
     let words = |key: &str| report[key].as_str();
     let mut text = words("text").unwrap_or_default().to_owned();
     text.push('\n');
     match words("model_file") {
-        None => text.push_str("nothing was named: no model file is written\n"),
+        None => text.push_str("no effect was found: no model file is written\n"),
         Some(path) => {
             let _ = writeln!(text, "model file, on the node's machine: {path}");
             if report["loaded"] == true {
-                text.push_str("It is in force.\n");
+                text.push_str("The node has loaded it.\n");
             } else {
                 if let Some(why) = words("load_error") {
-                    let _ = writeln!(text, "It was not swapped in: {why}");
+                    let _ = writeln!(text, "The node has not loaded it: {why}");
                 }
-                let _ = writeln!(text, "To swap it in:\n  {}", load_line.unwrap_or_default());
+                let _ = writeln!(text, "To load it:\n  {}", load_line.unwrap_or_default());
             }
         }
     }

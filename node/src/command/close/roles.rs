@@ -1,4 +1,4 @@
-//! The runs of a closing by what they are for, and what forbids one.
+//! The runs of a diagnosis by role, and the checks that refuse a run.
 
 use super::RecordedArgs;
 use super::base::Base;
@@ -9,7 +9,7 @@ use mr_damper_model::model_file::Role;
 use mr_damper_model::sample::Run;
 use std::path::{Path, PathBuf};
 
-/// A run with what it is for.
+/// A run and its role.
 pub(super) struct Given {
     pub(super) role: Role,
     pub(super) path: PathBuf,
@@ -41,22 +41,22 @@ fn paths(args: &RecordedArgs) -> Vec<(Role, &Path)> {
     lists.into_iter().flat_map(|(role, paths)| paths.iter().map(move |path| (role, path.as_path()))).collect()
 }
 
-/// Refuses what needs no file to be seen wrong.
+/// Checks the numbers of runs, before any file is read.
 ///
 /// # Errors
-/// [`NodeError::Usage`] without confirm runs, with one replicate, or with reference runs that are not one for each run.
+/// [`NodeError::Usage`] without a validation run, with only one replicate, or without a reference run for each other run.
 pub(super) fn check_counts(args: &RecordedArgs) -> Result<(), NodeError> {
     if args.confirm.is_empty() {
         return Err(NodeError::Usage(
-            "there is no confirm run: a name that was not checked on another run is a guess. Give at least one with \
-             --confirm, recorded apart from the estimate runs"
+            "there is no validation run: an effect that was not checked on another run is a guess. Give at least one with \
+             --confirm, recorded separately from the training runs"
                 .to_owned(),
         ));
     }
     if args.replicates.len() == 1 {
         return Err(NodeError::Usage(format!(
-            "{} is the only replicate: noise is what two runs of one pattern differ by. Give more with --replicates, or \
-             the floor itself with --noise-floor",
+            "{} is the only replicate: the noise floor comes from the difference between runs of one pattern. Give at \
+             least two with --replicates, or the floor itself with --noise-floor",
             args.replicates[0].display()
         )));
     }
@@ -64,8 +64,8 @@ pub(super) fn check_counts(args: &RecordedArgs) -> Result<(), NodeError> {
         (args.reference.len(), args.estimate.len() + args.confirm.len() + args.test.len());
     if references > 0 && references != runs {
         return Err(NodeError::Usage(format!(
-            "there are {references} reference runs for {runs} runs ({} to estimate, {} to confirm, {} to test): give \
-             --reference one healthy run of the same excitation for each, in that order",
+            "there are {references} reference runs for {runs} runs ({} --estimate, {} --confirm, {} --test): give \
+             --reference one healthy run with the same excitation for each of them, in that order",
             args.estimate.len(),
             args.confirm.len(),
             args.test.len()
@@ -77,8 +77,8 @@ pub(super) fn check_counts(args: &RecordedArgs) -> Result<(), NodeError> {
 /// Reads all runs.
 ///
 /// # Errors
-/// When a run does not load, is there twice by content, is driven otherwise than `base` or the other runs, or is to be
-/// sealed and `base` knows it.
+/// When a run does not load, has the same content as another, has another kind of drive than `base` or the other runs, or
+/// is a test run from which `base` was identified.
 pub(super) fn load(
     args: &RecordedArgs,
     base: &Base,
@@ -103,12 +103,12 @@ pub(super) fn load(
     Ok(all)
 }
 
-/// Refuses a run that was given before, whatever its name.
+/// Refuses a run whose content was given before, also under another name.
 fn check_once(given: &Given, before: &[Given]) -> Result<(), NodeError> {
     let Some(same) = before.iter().find(|other| other.sha256 == given.sha256) else { return Ok(()) };
     let message = format!(
-        "given with {}, holds the same as {}, given with {} (SHA-256 {}...): no run may serve twice, or it would \
-         confirm itself. Give another run, or leave it out",
+        "given with {}, has the same content as {}, given with {} (SHA-256 {}...): a run that is used twice would \
+         validate itself. Give another run, or leave it out",
         flag(given.role),
         same.path.display(),
         flag(same.role),
@@ -117,7 +117,7 @@ fn check_once(given: &Given, before: &[Given]) -> Result<(), NodeError> {
     Err(NodeError::File { path: given.path.clone(), message })
 }
 
-/// Refuses a run with another drive than the base wants, or than the first run has.
+/// Refuses a run whose drive is not the drive that the base needs, or not the first run's if the base is not identified yet.
 fn check_drives(base: &Base, all: &[Given]) -> Result<(), NodeError> {
     if !base.wants_drive() {
         return Ok(());
@@ -125,18 +125,18 @@ fn check_drives(base: &Base, all: &[Given]) -> Result<(), NodeError> {
     let Some(first) = all.first() else { return Ok(()) };
     let wanted = base.drive().or(first.run.drive_kind());
     let who = || match base.drive() {
-        Some(_) => "the base wants".to_owned(),
+        Some(_) => "the base needs".to_owned(),
         None => format!("{} has", first.path.display()),
     };
     for given in all {
         let message = match (given.run.drive_kind(), wanted) {
             (None, wanted) => format!(
-                "has no {}, which the base needs: record it, or take a base without the drive (a name with --passive)",
+                "has no {}, which the base needs: record it, or use a base without the drive (a model's name with --passive)",
                 wanted.map_or("current_a or command_v", |kind| kind.name())
             ),
             (Some(found), Some(wanted)) if found != wanted => format!(
-                "is driven by {found}, but {} {wanted}: leave the run out, or say with --drive which column counts where \
-                 it holds both",
+                "is driven by {found}, but {} {wanted}: leave the run out, or choose the column with --drive if the run \
+                 holds both",
                 who()
             ),
             _ => continue,

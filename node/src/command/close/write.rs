@@ -1,4 +1,4 @@
-//! What a closing gives out: model file, JSON, report, text.
+//! Output of a diagnosis: model file, JSON, report, text.
 
 use super::base::Identified;
 use super::roles::Given;
@@ -14,7 +14,7 @@ use mr_damper_model::model_file::{Role, TrainingRun};
 use serde::Serialize;
 use std::path::Path;
 
-/// All that came out, and what it came from.
+/// The result of a diagnosis and its inputs.
 pub(super) struct Done<'a> {
     pub(super) closing: Closing,
     pub(super) base: Identified,
@@ -30,17 +30,20 @@ struct RunRow<'a> {
     sha256: &'a str,
 }
 
-/// Refuses files that could not be written when the work is done, or that would be lost.
+/// Checks, before the work starts, that the output files can be written and that the base is not overwritten.
 ///
 /// # Errors
-/// When a folder is not there, or the base would be overwritten.
+/// When a folder does not exist, or the base would be overwritten.
 pub(super) fn check_targets(args: &RecordedArgs, output: &OutputArgs) -> Result<(), NodeError> {
     for target in std::iter::once(args.out.as_path()).chain(output.files()) {
         let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             return Err(NodeError::File {
                 path: target.to_owned(),
-                message: format!("cannot be written: there is no folder {}; make it first", folder.display()),
+                message: format!(
+                    "cannot be written: there is no folder {}; create it first",
+                    folder.display()
+                ),
             });
         }
     }
@@ -48,14 +51,13 @@ pub(super) fn check_targets(args: &RecordedArgs, output: &OutputArgs) -> Result<
     match (whole(&args.out), whole(Path::new(&args.base))) {
         (Some(out), Some(base)) if out == base => Err(NodeError::File {
             path: args.out.clone(),
-            message: "is the base itself: --out needs another name, so that what was found can be undone"
-                .to_owned(),
+            message: "is the base itself: give --out another name, so that the base is kept".to_owned(),
         }),
         _ => Ok(()),
     }
 }
 
-/// Writes all that is asked for.
+/// Writes the model file, the report, the JSON and the text, as requested.
 ///
 /// # Errors
 /// When a file cannot be written; [`NodeError::Interrupted`].
@@ -82,7 +84,7 @@ pub(super) fn all(
     output.figures(&written, || report::text(&done.closing, drive) + &ending(args, done))
 }
 
-/// What the report tells: of the sealed runs, or of the confirm runs where there are none.
+/// The content of the report. It shows the test runs; without test runs it shows the validation runs.
 fn outcome<'a>(
     args: &RecordedArgs,
     done: &'a Done<'_>,
@@ -110,7 +112,7 @@ fn outcome<'a>(
     }));
     Ok(report::Outcome {
         what: format!(
-            "What the base lacks ({}): runs to find it on {}, to confirm it {}, sealed {}.",
+            "Effects that the base model ({}) lacks. Training runs: {}, validation runs: {}, test runs: {}.",
             done.base.source,
             count(Role::Estimate),
             count(Role::Confirm),
@@ -125,22 +127,22 @@ fn outcome<'a>(
 
 const fn role_in_words(role: Role) -> &'static str {
     match role {
-        Role::Base => "run of the base",
-        Role::Estimate => "estimate run",
-        Role::Confirm => "confirm run",
-        Role::Test => "sealed run",
+        Role::Base => "training run of the base",
+        Role::Estimate => "training run",
+        Role::Confirm => "validation run",
+        Role::Test => "test run",
         Role::Reference => "reference run",
         Role::Replicate => "replicate",
     }
 }
 
-/// What was written, and how long it took.
+/// Lines on the model file that was written and on the time taken.
 fn ending(args: &RecordedArgs, done: &Done<'_>) -> String {
     let out = args.out.display();
     let model = match (done.closing.effects.is_empty(), args.out.exists()) {
         (false, _) => format!("model file: {out}"),
-        (true, true) => format!("nothing was named: no model file is written, {out} stays as it was"),
-        (true, false) => "nothing was named: no model file is written".to_owned(),
+        (true, true) => format!("no effect was found: no model file is written, {out} is unchanged"),
+        (true, false) => "no effect was found: no model file is written".to_owned(),
     };
     format!("\n{model}\n{:.1} s\n", done.seconds)
 }
@@ -149,7 +151,7 @@ fn run_row(given: &Given) -> RunRow<'_> {
     RunRow { role: given.role, run: given.path.display().to_string(), sha256: &given.sha256 }
 }
 
-/// All runs of this closing, then those of the base that it did not have.
+/// All runs of this diagnosis, then the runs of the base that are not among them.
 fn training_runs(done: &Done<'_>) -> Vec<TrainingRun> {
     let own = done.given.iter().zip(closing::training_runs(&done.closing, &done.runs)).map(|(given, run)| {
         TrainingRun { name: given.path.display().to_string(), sha256: given.sha256.clone(), ..run }

@@ -1,4 +1,4 @@
-//! `mr-damper compare`: every model on every experiment, each tested on all others.
+//! `mr-damper compare`: identifies every model on every experiment and tests it on all others.
 
 mod output;
 mod pictures;
@@ -29,32 +29,32 @@ use work::in_parallel;
 
 /// Identify every model on every experiment and test it on all others.
 ///
-/// RUNS_DIR holds run files: those that differ in a trailing -NN alone (rp-icps-01.csv, rp-icps-02.csv) are replicates
-/// of one experiment, and so are the runs of a sub-folder. Each model is identified on the first replicate of each
-/// experiment and tested on every other run. What is done is kept in a file while it works: after Ctrl-C the same
-/// command goes on where it was.
+/// RUNS_DIR holds run files. Files whose names differ only in a trailing -NN (rp-icps-01.csv, rp-icps-02.csv) are
+/// replicates of one experiment, and so are the runs of a sub-folder. Each model is identified on the first replicate of
+/// each experiment and tested on every other run. Finished work is kept in a file: after Ctrl-C the same command continues
+/// where it stopped.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Folder with runs.
     #[arg(value_name = "RUNS_DIR", required_unless_present = "train")]
     pub runs: Option<PathBuf>,
-    /// In place of a folder: runs that each model is identified on, all together.
+    /// In place of a folder: runs on which each model is identified, all runs together.
     #[arg(long, value_name = "RUN", num_args = 1.., conflicts_with_all = ["runs", "experiments"], requires = "test")]
     pub train: Vec<PathBuf>,
-    /// Runs that it is tested on.
+    /// Runs on which each model is tested.
     #[arg(long, value_name = "RUN", num_args = 1.., requires = "train")]
     pub test: Vec<PathBuf>,
     /// Models to compare; by default all.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = PossibleValuesParser::new(names()))]
     pub models: Vec<String>,
-    /// Only the forms without the drive.
+    /// Compare only the forms without the drive.
     #[arg(long, conflicts_with = "semi_active_only")]
     pub passive_only: bool,
-    /// Only the forms with the drive.
+    /// Compare only the forms with the drive.
     #[arg(long)]
     pub semi_active_only: bool,
-    /// Laws of force under fuzzy sets with free centres and widths too, which cost half as much again. (fuzzy-tanh
-    /// comes in that form anyway.)
+    /// Also compare force laws whose fuzzy sets have free centres and widths, which takes half as much time again.
+    /// (fuzzy-tanh is always compared in that form too.)
     #[arg(long, conflicts_with = "passive_only")]
     pub free_sets: bool,
     /// Experiments to take, by name in any case; by default all.
@@ -66,17 +66,17 @@ pub struct Args {
     /// Seed of the starting points.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Most rows that a nonlinear fit is finished on; a longer run is sampled. Tests always take all rows.
+    /// Maximum number of rows in the final nonlinear fit; a longer run is sampled. Tests always use all rows.
     #[arg(long, value_name = "N", default_value_t = 30_000)]
     pub most_rows: usize,
     /// How runs become rows.
     #[command(flatten)]
     pub conditioning: ConditioningArgs,
-    /// Where the results go.
+    /// Output files.
     #[command(flatten)]
     pub output: OutputArgs,
-    /// File that keeps finished work, for going on after an interrupt, and stays there; by default
-    /// compare.partial.jsonl beside the JSON or the report, which goes when all is done.
+    /// File that keeps finished work, so that the command can continue after an interrupt; it is not deleted. By default
+    /// compare.partial.jsonl next to the JSON or the report, which is deleted when all is done.
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
     /// How runs are read.
@@ -89,7 +89,7 @@ fn names() -> Vec<&'static str> {
     Structure::all().into_iter().map(Structure::name).collect()
 }
 
-/// All that is compared.
+/// The models, experiments and options of a comparison.
 struct Work {
     specs: Vec<ModelSpec>,
     experiments: Vec<Experiment>,
@@ -98,7 +98,7 @@ struct Work {
     threads: usize,
 }
 
-/// Compares and reports.
+/// Compares the models and writes the results.
 ///
 /// # Errors
 /// When the folder holds no runs, a run does not load or cannot be conditioned, or a file cannot be written; when
@@ -111,7 +111,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     let lines = match do_cells(&work, &state, around) {
         Err(NodeError::Interrupted) => {
             let text =
-                format!("what is done is kept in {}: the same command goes on from there", path.display());
+                format!("finished work is kept in {}: the same command continues from there", path.display());
             eprintln!("{}", shown::line(&text));
             return Err(NodeError::Interrupted);
         }
@@ -133,13 +133,13 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The thesis' figures, when one of the experiments bears the name of one of its own.
+/// The figures of the thesis, if one of the experiments has the name of a thesis experiment.
 fn published(experiments: &[Experiment]) -> Option<Published> {
     let thesis = Published::thesis();
     experiments.iter().any(|experiment| thesis.knows(&experiment.name)).then_some(thesis)
 }
 
-/// Where finished work is kept.
+/// The file that keeps finished work.
 fn state_path(args: &Args) -> PathBuf {
     const NAME: &str = "compare.partial.jsonl";
     let beside = args.output.files().next();
@@ -175,12 +175,14 @@ fn prepare(args: &Args, around: &Surroundings) -> Result<Work, NodeError> {
     )?;
     bar.finish_and_clear();
     if files == 1 {
-        tracing::warn!("there is one run alone: models are identified, but nothing is left to test them on");
+        tracing::warn!(
+            "there is only one run: models are identified, but they cannot be tested on another run"
+        );
     }
     Ok(Work { specs, experiments, sources, options, threads })
 }
 
-/// The models that are asked for, in every form that is asked for.
+/// The requested models in all requested forms.
 fn specs(args: &Args) -> Result<Vec<ModelSpec>, NodeError> {
     let wanted = |spec: &ModelSpec| {
         let named = args.models.is_empty() || args.models.iter().any(|name| name == spec.structure().name());
@@ -203,7 +205,7 @@ fn specs(args: &Args) -> Result<Vec<ModelSpec>, NodeError> {
     Ok(specs)
 }
 
-/// The experiments that are asked for.
+/// The requested experiments.
 fn chosen(planned: Vec<Planned>, names: &[String]) -> Result<Vec<Planned>, NodeError> {
     let known = |name: &String| planned.iter().any(|p| p.name.eq_ignore_ascii_case(name));
     if let Some(unknown) = names.iter().find(|name| !known(name)) {
@@ -223,7 +225,7 @@ fn bar(around: &Surroundings, length: usize, template: &str) -> ProgressBar {
     bar
 }
 
-/// Does all cells, or takes them from `state`; in the order of [`compare::cells`].
+/// Computes all cells, or takes them from `state`. The result is in the order of [`compare::cells`].
 fn do_cells(work: &Work, state: &State, around: &Surroundings) -> Result<Vec<Line>, NodeError> {
     let cells = compare::cells(&work.specs, &work.experiments);
     let ground = Ground::new(&work.options, &work.sources);
@@ -231,7 +233,7 @@ fn do_cells(work: &Work, state: &State, around: &Surroundings) -> Result<Vec<Lin
         cells.iter().map(|cell| ground.key(cell.spec, &work.experiments[cell.experiment].name)).collect();
     let known = keys.iter().filter(|key| state.get(key).is_some()).count();
     if known > 0 {
-        tracing::info!(done = known, of = cells.len(), "going on with what an earlier run has done");
+        tracing::info!(done = known, of = cells.len(), "continuing the work of an earlier call");
     }
     let bar = bar(around, cells.len(), "{msg} [{bar:40}] {pos}/{len}, {prefix} left");
     let left = TimeLeft::new(&cells, &keys, state, work.threads);
@@ -274,17 +276,17 @@ fn do_cell(work: &Work, cell: Cell, key: &str, around: &Surroundings) -> Result<
     })
 }
 
-/// Time left: what each model took on the experiments that are done is what it will take on the others.
+/// Estimate of the time left: each model is expected to take as long on the open experiments as on the finished ones.
 struct TimeLeft<'a> {
     cells: &'a [Cell],
     threads: usize,
     so_far: Mutex<SoFar>,
 }
 
-/// What is known of the time that cells take.
+/// The times of the finished cells.
 #[derive(Default)]
 struct SoFar {
-    /// Which cells are done.
+    /// True for each finished cell.
     done: Vec<bool>,
     /// Seconds and number of the finished cells of each model.
     took: HashMap<ModelSpec, (f64, f64)>,
@@ -296,7 +298,7 @@ impl SoFar {
         *of = (of.0 + seconds, of.1 + 1.0);
     }
 
-    /// Seconds that a cell of `spec` will take; as the mean of all where none is done.
+    /// Expected time of a cell of `spec`, s: the mean over its finished cells; without any, over all finished cells.
     fn estimate(&self, spec: ModelSpec) -> f64 {
         let all = || self.took.values().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
         let (seconds, cells) = self.took.get(&spec).copied().unwrap_or_else(all);
@@ -316,7 +318,7 @@ impl<'a> TimeLeft<'a> {
         Self { cells, threads, so_far: Mutex::new(so_far) }
     }
 
-    /// In words, after cell `index` took `seconds`.
+    /// The time left as text, after cell `index` took `seconds`.
     fn after(&self, index: usize, seconds: f64) -> String {
         let mut so_far = self.so_far.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         so_far.done[index] = true;

@@ -1,4 +1,4 @@
-//! What a comparison gives out: JSON, the report, tables on the terminal.
+//! Output of a comparison: JSON, the report, tables on the terminal.
 
 use super::state::Line;
 use super::{Args, Work, pictures, tables};
@@ -12,7 +12,7 @@ use mr_damper_model::model::Model;
 use mr_damper_model::model_file::ModelFile;
 use serde::Serialize;
 
-/// All that came out.
+/// The results of a comparison.
 pub(super) struct Done {
     pub(super) lines: Vec<Line>,
     pub(super) cells: Vec<Finished>,
@@ -83,7 +83,7 @@ struct CrossRow<'a> {
     note: Option<&'a str>,
 }
 
-/// Persistence on an experiment: mean over its replicates, and each of them.
+/// Persistence on an experiment: the mean over its replicates, and each replicate.
 #[derive(Debug, Serialize)]
 struct PersistenceRow<'a> {
     experiment: &'a str,
@@ -92,10 +92,10 @@ struct PersistenceRow<'a> {
     replicates: Vec<&'a Persistence>,
 }
 
-/// Writes what is asked for.
+/// Writes the report, the JSON and the tables, as requested.
 ///
 /// # Errors
-/// When a file cannot be written, or a kept model does not read.
+/// When a file cannot be written, or a stored model cannot be read.
 pub(super) fn write(args: &Args, work: &Work, done: &Done) -> Result<(), NodeError> {
     let models = done.lines.iter().map(model).collect::<Result<Vec<_>, _>>()?;
     let times = step_times(work, done, &models);
@@ -107,7 +107,7 @@ fn model(line: &Line) -> Result<Option<Model>, NodeError> {
     Ok(line.model.as_deref().map(ModelFile::from_toml).transpose()?.map(|file| file.model))
 }
 
-/// Each model once, as trained on the first experiment that gave one.
+/// Time per step of each model, as identified on the first experiment that gave a model.
 fn step_times(work: &Work, done: &Done, models: &[Option<Model>]) -> Vec<StepTime> {
     let Some(first) = work.experiments.first().and_then(|e| e.replicates.first()) else { return Vec::new() };
     let mut once: Vec<(&str, &str, &Model)> = Vec::new();
@@ -149,7 +149,11 @@ fn outcome<'a>(
                 "runs",
                 match &args.runs {
                     Some(dir) => dir.display().to_string(),
-                    None => format!("{} train together, {} test", args.train.len(), args.test.len()),
+                    None => format!(
+                        "{} training runs, fitted together; {} test runs",
+                        args.train.len(),
+                        args.test.len()
+                    ),
                 },
             ),
             fact(
@@ -163,11 +167,11 @@ fn outcome<'a>(
             ),
             fact(
                 "rows that count",
-                if work.options.dataset.moving_only { "those in which the damper moves" } else { "all" }
+                if work.options.dataset.moving_only { "rows in which the damper moves" } else { "all" }
                     .to_owned(),
             ),
             fact("restarts", format!("{}, seed {}", args.restarts, args.seed)),
-            fact("most rows of a nonlinear fit", args.most_rows.to_string()),
+            fact("maximum rows of a nonlinear fit", args.most_rows.to_string()),
             fact("time", format!("{:.0} s on {} threads", done.seconds, work.threads)),
             fact("made by", TOOL.to_owned()),
         ],

@@ -1,4 +1,4 @@
-//! What the report draws: the best models beside measured force, over time and over velocity.
+//! Plots of the report: the force of the best models and the measured force, over time and over velocity.
 
 use crate::report::compare::order::name;
 use crate::report::compare::{Curve, Picture, StepTime};
@@ -11,19 +11,21 @@ use std::hint::black_box;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// Models in a picture.
+/// Number of models in a plot.
 const MODELS: usize = 3;
-/// Length of a picture over time, s.
+/// Length of a plot over time, s.
 const TIME_S: f64 = 2.0;
-/// Currents that get a picture over velocity.
+/// Number of currents for which force is plotted over velocity.
 const CURRENTS: usize = 6;
-/// Dots of one such picture.
+/// Maximum number of measured points in a plot over velocity.
 const DOTS: usize = 700;
-/// Bins of velocity that a model's line goes through, and points that a bin wants.
+/// Number of velocity bins of a model's line.
 const BINS: usize = 40;
+/// Minimum number of points in a bin.
 const PER_BIN: usize = 5;
-/// Rows that a step is timed over, and how often.
+/// Maximum number of rows over which a step is timed.
 const TIMED_ROWS: usize = 20_480;
+/// Number of timing passes; their median counts.
 const PASSES: usize = 7;
 
 /// A model to draw.
@@ -32,15 +34,15 @@ pub(super) struct Drawn {
     model: Model,
 }
 
-/// The models that are best at running free, each as trained on its best experiment; `find` gives a model by name,
-/// form and training experiment.
+/// The best models in simulation, each as identified on its best experiment. `find` returns a model by name, form and
+/// training experiment.
 pub(super) fn best(summaries: &[Summary], find: impl Fn(&str, &str, &str) -> Option<Model>) -> Vec<Drawn> {
     let free = summaries.iter().filter(|s| s.class.predictor == Predictor::FreeRun);
     let mut seen: Vec<&str> = Vec::new();
     let drawn = free.filter_map(|summary| {
         let (class, row) = (&summary.class, summary.best()?);
         let model = find(&class.model, &class.form, &row.trained_on)?;
-        // One form of each: the others would cover it.
+        // Only one form of each model: the curves of the others would cover it.
         if seen.contains(&class.model.as_str()) {
             return None;
         }
@@ -73,7 +75,7 @@ pub(super) fn force_time(experiments: &[Experiment], drawn: &[Drawn]) -> Vec<Pic
     if drawn.is_empty() { Vec::new() } else { pictures.collect() }
 }
 
-/// What a free run of the model makes of the rows that `pick` takes.
+/// Simulates the model and returns the points that `pick` makes of the rows.
 fn predicted(
     drawn: &Drawn,
     data: &Dataset,
@@ -90,8 +92,8 @@ fn predicted(
     points
 }
 
-/// Force over velocity at six currents, and what they are: steps of the current in the experiment that has most of
-/// them, or bins of it where no experiment has any.
+/// Force over velocity at up to six currents, and a caption. The currents are the levels of the experiment with the most
+/// current levels, or ranges of the current if no experiment has at least three levels.
 pub(super) fn force_velocity(experiments: &[Experiment], drawn: &[Drawn]) -> (Vec<Picture>, String) {
     let Some((experiment, replicate, ranges, stepped)) = currents(experiments) else {
         return (Vec::new(), String::new());
@@ -119,18 +121,18 @@ pub(super) fn force_velocity(experiments: &[Experiment], drawn: &[Drawn]) -> (Ve
         Picture { title, measured, models: drawn.iter().map(curve).collect() }
     };
     let caption = format!(
-        "{}, replicate {}, {}. Dots are measured; each model has two lines, the means of what it says while velocity \
-         rises and while it falls, so that a loop shows as the gap between them.",
+        "{}, replicate {}, {}. Dots are measured. Each model has two lines: its mean force while velocity rises and while \
+         it falls; the gap between the lines is the hysteresis.",
         experiment.name,
         replicate.number,
-        if stepped { "at steps of its drive" } else { "in equal ranges of its drive (it is never held)" }
+        if stepped { "at levels of its drive" } else { "in equal ranges of its drive (which has no levels)" }
     );
     (ranges.iter().map(picture).collect(), caption)
 }
 
 type Currents<'a> = (&'a Experiment, &'a Replicate, Vec<[f64; 2]>, bool);
 
-/// The run to draw force over velocity of, and the ranges of its drive.
+/// The run for the plots of force over velocity, and the ranges of its drive.
 fn currents(experiments: &[Experiment]) -> Option<Currents<'_>> {
     let counted =
         |data: &Dataset| data.rows.iter().filter(|row| row.counts).map(|row| row.drive).collect::<Vec<_>>();
@@ -147,7 +149,7 @@ fn currents(experiments: &[Experiment]) -> Option<Currents<'_>> {
     if let Some((levels, experiment, found)) = stepped {
         let gap = found.sets.centres().windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
         let of = levels.min(CURRENTS);
-        // Six of seven: the middle one is left out.
+        // Of seven levels, six are taken: the middle one is left out.
         let pick = |k: usize| found.sets.centres()[(k * (levels - 1) + (of - 1) / 2) / (of - 1).max(1)];
         let ranges = (0..of).map(|k| [pick(k) - 0.25 * gap, pick(k) + 0.25 * gap]).collect();
         return Some((experiment, experiment.replicates.first()?, ranges, true));
@@ -168,7 +170,7 @@ fn currents(experiments: &[Experiment]) -> Option<Currents<'_>> {
     Some((longest, first, ranges, false))
 }
 
-/// Time of a step of each model running free on this thread: the median of several passes over the same rows.
+/// Time per step of each model in simulation, ns, on this thread: the median of several passes over the same rows.
 pub(super) fn step_times<'a>(
     models: impl Iterator<Item = (&'a str, &'a str, &'a Model)>,
     data: &Dataset,

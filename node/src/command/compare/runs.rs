@@ -1,4 +1,4 @@
-//! Which runs make which experiment, and the runs as rows.
+//! Assignment of run files to experiments, and the runs as rows.
 
 use super::work::in_parallel;
 use crate::command::run_args::RunArgs;
@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Extensions of files that are taken for runs.
+/// Extensions of run files.
 const EXTENSIONS: [&str; 5] = ["csv", "tsv", "txt", "mcap", "db3"];
 
 /// The runs of one experiment, first replicate first.
@@ -21,11 +21,11 @@ pub(super) struct Planned {
     pub(super) name: String,
     /// Number and path of each replicate.
     pub(super) replicates: Vec<(u32, PathBuf)>,
-    /// How many of them, from the first, train.
+    /// Number of training runs: the first so many replicates.
     pub(super) training: usize,
 }
 
-/// A run with what it was read from.
+/// The origin of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Source {
     /// Name of the experiment.
@@ -36,11 +36,11 @@ pub(super) struct Source {
     pub(super) sha256: String,
 }
 
-/// Experiments in `dir`: run files that differ in a trailing `-NN` alone, and sub-folders with run files. Those of
-/// the thesis come first and in its order, the others by name.
+/// Experiments in `dir`: run files that differ only in a trailing `-NN`, and sub-folders with run files. The experiments of
+/// the thesis come first, in its order; the others follow by name.
 ///
 /// # Errors
-/// When the folder cannot be read, holds no run, or two runs claim one number.
+/// When the folder cannot be read or holds no run, or two runs have the same number.
 pub(super) fn discover(dir: &Path) -> Result<Vec<Planned>, NodeError> {
     let mut groups: BTreeMap<String, Vec<(Option<u32>, PathBuf)>> = BTreeMap::new();
     for path in entries(dir)? {
@@ -59,7 +59,7 @@ pub(super) fn discover(dir: &Path) -> Result<Vec<Planned>, NodeError> {
         return Err(NodeError::File {
             path: dir.to_owned(),
             message: "holds no runs: put the replicates of an experiment there as NAME-01.csv, NAME-02.csv, ..., or \
-                      as a sub-folder of run files (`mr-damper simulate --experiment all --out DIR` makes some)"
+                      as a sub-folder of run files (`mr-damper simulate --experiment all --out DIR` writes examples)"
                 .to_owned(),
         });
     }
@@ -70,17 +70,17 @@ pub(super) fn discover(dir: &Path) -> Result<Vec<Planned>, NodeError> {
     Ok(planned)
 }
 
-/// One experiment of all of `train`, and one for each of `test`.
+/// One experiment with all runs of `train`, and one for each run of `test`.
 ///
 /// # Errors
-/// When a run is on both sides, or twice on one.
+/// When a run is given twice, in one list or in both.
 pub(super) fn given(train: &[PathBuf], test: &[PathBuf]) -> Result<Vec<Planned>, NodeError> {
     let mut seen = BTreeSet::new();
     for path in train.iter().chain(test) {
         let whole = path.canonicalize().map_err(NodeError::io(format!("opening {}", path.display())))?;
         if !seen.insert(whole) {
             return Err(NodeError::Failed(format!(
-                "{} is named twice: a run either trains or tests, once",
+                "{} is named twice: give each run once, either with --train or with --test",
                 path.display()
             )));
         }
@@ -96,7 +96,7 @@ pub(super) fn given(train: &[PathBuf], test: &[PathBuf]) -> Result<Vec<Planned>,
 }
 
 fn plan(dir: &Path, name: &str, runs: Vec<(Option<u32>, PathBuf)>) -> Result<Planned, NodeError> {
-    // Without a number in every name, the order of names numbers them.
+    // Unless every name has a number, the replicates are numbered in the order of their names.
     let numbered = runs.iter().all(|(number, _)| number.is_some());
     let mut replicates: Vec<(u32, PathBuf)> = (1..)
         .zip(runs)
@@ -118,7 +118,7 @@ fn plan(dir: &Path, name: &str, runs: Vec<(Option<u32>, PathBuf)>) -> Result<Pla
     Ok(Planned { name: known.unwrap_or(name).to_owned(), replicates, training: 1 })
 }
 
-/// What a folder holds, by name, but for hidden files.
+/// The entries of a folder, sorted by name, without hidden ones.
 fn entries(dir: &Path) -> Result<Vec<PathBuf>, NodeError> {
     let failed = |source| NodeError::Io { what: format!("reading {}", dir.display()), source };
     let mut paths = Vec::new();
@@ -132,19 +132,19 @@ fn entries(dir: &Path) -> Result<Vec<PathBuf>, NodeError> {
     Ok(paths)
 }
 
-/// A run file, or a bag's directory.
+/// True for a run file or the directory of a bag.
 fn is_run(path: &Path) -> bool {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if path.is_dir() { path.join("metadata.yaml").exists() } else { EXTENSIONS.contains(&extension.as_str()) }
 }
 
-/// Name without extension; a folder's name is whole.
+/// The name of a file without its extension, or the full name of a folder.
 fn stem(path: &Path) -> String {
     let stem = if path.is_dir() { path.file_name() } else { path.file_stem() };
     stem.unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Name of the experiment, and number of the replicate where the name ends in `-NN`.
+/// Name of the experiment, and number of the replicate if the name ends in `-NN`.
 fn name_and_number(path: &Path) -> (String, Option<u32>) {
     let stem = stem(path);
     let digits = |text: &str| (2..=4).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_digit());
@@ -154,11 +154,11 @@ fn name_and_number(path: &Path) -> (String, Option<u32>) {
     }
 }
 
-/// Reads and conditions all runs, `threads` at a time; the runs themselves are dropped on the way, so that memory
-/// holds the rows alone. `done` is called after each.
+/// Reads and conditions all runs, `threads` at a time, and calls `done` after each. A run is dropped when its rows are made,
+/// so that only the rows stay in memory.
 ///
 /// # Errors
-/// The first run's that does not load or cannot be conditioned; [`NodeError::Interrupted`].
+/// The error of the first run that does not load or cannot be conditioned; [`NodeError::Interrupted`].
 pub(super) fn load(
     planned: &[Planned],
     read: &RunArgs,
@@ -219,7 +219,7 @@ mod tests {
         let found = discover(dir.path()).expect("runs");
         let short: Vec<(&str, Vec<u32>)> =
             found.iter().map(|p| (p.name.as_str(), p.replicates.iter().map(|r| r.0).collect())).collect();
-        // One digit is part of the name: -NN has two.
+        // A single digit is part of the name: a replicate's number has at least two digits.
         let wanted = [
             ("RP-ICPS", vec![10]),
             ("RP1-CS", vec![1, 2]),
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_without_runs_and_a_number_used_twice_are_errors() {
+    fn a_folder_without_runs_and_a_repeated_number_are_errors() {
         let dir = tempfile::tempdir().expect("a temporary directory");
         let error = discover(dir.path()).expect_err("nothing there").to_string();
         assert!(error.contains("NAME-01.csv"), "{error}");

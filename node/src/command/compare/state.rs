@@ -1,7 +1,7 @@
-//! Cells that are done, on disk: one line of JSON each, so that an interrupted comparison goes on where it was.
+//! Finished cells on disk, one line of JSON each, so that an interrupted comparison can continue.
 //!
-//! A line is known by a key: the hash of everything that the cell's figures follow from (the program, the model, the
-//! options, every run). A changed run or option changes the key, and the line is not used.
+//! A line is identified by a key: the hash of everything that determines the cell's figures (the program, the model, the
+//! options, every run). If a run or option changes, the key changes, and the line is not used.
 
 use super::runs::Source;
 use crate::error::NodeError;
@@ -15,20 +15,20 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// A cell that is done.
+/// A finished cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Line {
-    /// What it follows from.
+    /// Hash of everything that determines the figures.
     pub(super) key: String,
-    /// Time that identification and tests took, s.
+    /// Time of identification and tests, s.
     pub(super) seconds: f64,
     /// The figures.
     pub(super) cell: Finished,
-    /// The model as a model file, where there is one.
+    /// The model as a model file, if there is one.
     pub(super) model: Option<String>,
 }
 
-/// The file.
+/// The file of finished cells.
 #[derive(Debug)]
 pub(super) struct State {
     path: PathBuf,
@@ -37,10 +37,10 @@ pub(super) struct State {
 }
 
 impl State {
-    /// Opens or begins the file at `path`. A last line that a crash cut short is passed over.
+    /// Opens the file at `path`, or creates it. A line that a crash cut short is ignored.
     ///
     /// # Errors
-    /// When it cannot be read or written.
+    /// When the file cannot be read or written.
     pub(super) fn open(path: &Path) -> Result<Self, NodeError> {
         let failed = |what: &str| NodeError::io(format!("{what} {}", path.display()));
         let text = match std::fs::read_to_string(path) {
@@ -62,20 +62,20 @@ impl State {
         self.known.get(key)
     }
 
-    /// Appends a line; it is in the hands of the system when this returns.
+    /// Appends a line. It has been passed to the operating system when this returns.
     ///
     /// # Errors
     /// When the file cannot be written.
     pub(super) fn add(&self, line: &Line) -> Result<(), NodeError> {
         let mut text = serde_json::to_string(line)
-            .map_err(|e| NodeError::Failed(format!("a cell does not go into JSON: {e}")))?;
+            .map_err(|e| NodeError::Failed(format!("a finished cell cannot be written as JSON: {e}")))?;
         text.push('\n');
         let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         file.write_all(text.as_bytes()).map_err(NodeError::io(format!("writing {}", self.path.display())))
     }
 }
 
-/// What a cell follows from, besides its model and its training run.
+/// Everything that determines the figures of a cell, except its model and its training experiment.
 #[derive(Debug, Serialize)]
 pub(super) struct Ground {
     program: String,
@@ -84,7 +84,7 @@ pub(super) struct Ground {
 }
 
 impl Ground {
-    /// This program with `options` on `sources`.
+    /// Of this program, with `options`, on `sources`.
     pub(super) fn new(options: &Options, sources: &[Source]) -> Self {
         let runs = sources.iter().map(|s| (s.experiment.clone(), s.replicate, s.sha256.clone()));
         Self { program: program(), options: format!("{options:?}"), runs: runs.collect() }
@@ -97,7 +97,7 @@ impl Ground {
     }
 }
 
-/// Version and build of this program: another build may compute something else under the same version.
+/// Version, size and time of this executable: another build of the same version may compute other figures.
 fn program() -> String {
     let built = std::env::current_exe().and_then(std::fs::metadata).map(|found| {
         let when = found.modified().ok().and_then(|at| at.duration_since(std::time::UNIX_EPOCH).ok());
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_come_back_and_a_cut_one_does_no_harm() {
+    fn lines_are_read_back_and_a_cut_line_is_ignored() {
         let dir = tempfile::tempdir().expect("a temporary directory");
         let path = dir.path().join("state.jsonl");
         let state = State::open(&path).expect("a new file");
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_key_follows_options_runs_model_and_experiment() {
+    fn key_depends_on_options_runs_model_and_experiment() {
         let source =
             |sha256: &str| Source { experiment: "a".to_owned(), replicate: 1, sha256: sha256.to_owned() };
         let options = Options::default();

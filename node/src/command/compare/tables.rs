@@ -1,4 +1,4 @@
-//! Tables on the terminal. Figures of each predictor stand in a table of their own.
+//! Tables on the terminal. Each predictor has its own tables.
 
 use super::output::Done;
 use crate::report::compare::StepTime;
@@ -6,7 +6,7 @@ use mr_damper_model::compare::{Class, Predictor, Summary};
 use mr_damper_model::units::N_PER_LBF;
 use std::fmt::Write;
 
-/// What is compared, in a line.
+/// The numbers of models, experiments and runs, in one line.
 pub(super) fn headline(models: usize, experiments: usize, runs: usize) -> String {
     let plural = |count: usize, one: &str| format!("{count} {one}{}", if count == 1 { "" } else { "s" });
     format!("{} on {}, {}", plural(models, "model"), plural(experiments, "experiment"), plural(runs, "run"))
@@ -16,9 +16,9 @@ pub(super) fn headline(models: usize, experiments: usize, runs: usize) -> String
 pub(super) fn text(done: &Done, times: &[StepTime]) -> String {
     let mut text = String::new();
     for (predictor, heading) in [
-        (Predictor::FreeRun, "running free"),
-        (Predictor::OneStep, "one step ahead of measured force"),
-        (Predictor::SameInstant, "given the measured force of the same instant (no prediction)"),
+        (Predictor::FreeRun, "simulation (free run)"),
+        (Predictor::OneStep, "one step ahead, from measured force"),
+        (Predictor::SameInstant, "from the measured force of the same instant (no prediction)"),
     ] {
         if done.cells.iter().any(|c| c.identification.iter().any(|f| f.predictor == predictor)) {
             let _ = writeln!(text, "\nIdentification, {heading}");
@@ -142,7 +142,7 @@ fn cross_validation_line(summary: &Summary, done: &Done, times: &[StepTime]) -> 
     if summary.without > 0 {
         let _ = write!(
             line,
-            "  {} of {} tests without figure",
+            "  {} of {} tests have no figure",
             summary.without,
             summary.without + summary.esr.len()
         );

@@ -1,8 +1,8 @@
-//! The end of the demo: the loop is closed around the model that the alarm was raised on.
+//! The end of the demo: diagnosis of the model that raised the alarm.
 //!
 //! ```text
-//! history of the service + a fresh run ─→ estimate ┐
-//! two more fresh runs ─────→ confirm, sealed ──────┴→ diagnosis ─→ model+.toml ─→ swapped into the running service
+//! history of the service + a fresh run ─→ training ─┐
+//! two more fresh runs ─────→ validation, test ──────┴→ diagnosis ─→ model+.toml ─→ loaded by the running service
 //! ```
 
 use super::Args;
@@ -20,25 +20,25 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-/// A live run that is shorter than this is joined by one more fresh run to find the effect on, s.
+/// If the live run is shorter than this, s, one more fresh run is added to the training runs.
 const ENOUGH_S: f64 = 20.0;
-/// Longest run that is played with the new model, and the shortest, s.
+/// Shortest and longest run that is played with the new model, s.
 const AFTER_S: (f64, f64) = (4.0, 10.0);
 
-/// Fresh runs of the same damper.
+/// Fresh runs of the same damper: training, validation and test runs for the diagnosis.
 pub(super) struct Fresh {
     estimate: Vec<Run>,
     confirm: [Run; 1],
     sealed: [Run; 1],
-    /// What is played with the new model in force.
+    /// The run that is played after the new model is loaded.
     pub(super) after: Run,
 }
 
 impl Fresh {
-    /// Begins to make them, on another thread.
+    /// Starts a thread that generates the runs.
     ///
     /// # Errors
-    /// When the system starts no thread.
+    /// When the system cannot start a thread.
     pub(super) fn begin(args: &Args) -> Result<JoinHandle<Result<Self, NodeError>>, NodeError> {
         let (seconds, seed) = (args.seconds, args.seed);
         std::thread::Builder::new()
@@ -63,20 +63,20 @@ impl Fresh {
     }
 }
 
-/// What was found.
+/// The result of the diagnosis.
 pub(super) struct Found {
     pub(super) closing: Closing,
-    /// The model with the effect; `None` when nothing was named.
+    /// Path of the model with the effect; `None` if no effect was found.
     pub(super) model: Option<PathBuf>,
     pub(super) seconds: f64,
-    /// What it was found on, in words.
+    /// Description of the runs that were used.
     pub(super) runs: String,
 }
 
-/// Finds what `base` lacks, on what the service remembers and on fresh runs, and writes the model with it to `path`.
+/// Finds the effects that `base` lacks, using the service's history and fresh runs, and writes the augmented model to `path`.
 ///
 /// # Errors
-/// Those of [`diagnose::close`]; when the file cannot be written; [`NodeError::Interrupted`].
+/// The errors of [`diagnose::close`]; when the file cannot be written; [`NodeError::Interrupted`].
 pub(super) fn close(
     base: &Model,
     history: &[Run],
@@ -86,7 +86,7 @@ pub(super) fn close(
     path: &Path,
 ) -> Result<Found, NodeError> {
     let started = Instant::now();
-    // A piece of the live run without measured force, or at rest, has nothing to say.
+    // Pieces of the live run without measured force, or with the damper at rest, carry no information.
     let remembered: Vec<Dataset> = history
         .iter()
         .filter_map(|run| rows(std::slice::from_ref(run), base).ok())
@@ -98,7 +98,7 @@ pub(super) fn close(
     estimate.extend(rows(&fresh.estimate, base)?);
     let (confirm, sealed) = (rows(&fresh.confirm, base)?, rows(&fresh.sealed, base)?);
     let runs = Runs { estimate: &estimate, confirm: &confirm, test: &sealed, ..Runs::default() };
-    // What the model left over of the healthy damper is no news: the same yardstick as the alarm's.
+    // The model's error on the healthy damper counts as noise, as it does for the alarm.
     let floor_n = base.expected.free_run_rsse_n;
     let settings = Settings { noise_floor_n: floor_n, seed: args.seed, ..Settings::default() };
     let watch = Watch { cancel: Some(around.interrupt.flag()), progress: None };
@@ -119,12 +119,12 @@ pub(super) fn close(
         model: named.then(|| path.to_owned()),
         seconds: started.elapsed().as_secs_f64(),
         runs: format!(
-            "found on {remembered_s:.0} s that the service remembers and {} fresh run{} of {BENCH_S:.0} s, confirmed on \
-             another, proved on one more that nothing had touched{}",
+            "found on {remembered_s:.0} s of the service's history and {} fresh run{} of {BENCH_S:.0} s, validated on \
+             another run, and tested on one more that was not used before{}",
             fresh.estimate.len(),
             if fresh.estimate.len() == 1 { "" } else { "s" },
             floor_n.map_or_else(String::new, |floor_n| format!(
-                "; what the model left over in health, {floor_n:.1} N, counts as noise"
+                "; the model's RMSE on the healthy damper, {floor_n:.1} N, counts as noise"
             )),
         ),
     })

@@ -1,4 +1,4 @@
-//! The demo's damper in health and with its coil lag, and the models that were identified on it in health.
+//! The demo's virtual damper, healthy and with a coil lag, and the models that are identified on the healthy one.
 
 use crate::command::Surroundings;
 use crate::error::NodeError;
@@ -13,40 +13,41 @@ use mr_damper_model::rig::{Channels, Experiment, Plant, inject, record};
 use mr_damper_model::sample::Run;
 use std::path::Path;
 
-/// The effect that the models are not told of, as the rig calls it.
+/// Id of the effect that the models do not include.
 pub(super) const EFFECT: &str = "coil_lag";
 /// Its size: the lag of the coil, s.
 pub(super) const LAG_S: f64 = 0.012;
 /// Length of the runs that are not played, s.
 pub(super) const BENCH_S: f64 = 31.0;
-/// Random road and random steps of the current, several a second: they excite a lag of the coil.
+/// Random road and random steps of the current, several per second: they excite a coil lag.
 const EXPERIMENT: &str = "RP-APRBS";
-/// Restarts of the fuzzy-tanh model's search.
+/// Number of restarts when a model is identified.
 const RESTARTS: u32 = 5;
 
-/// What a run is for. Each has its own road, currents and sensor noise.
+/// Purpose of a run. Each purpose has its own road, currents and sensor noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
-    /// Played; the first has the demo's own seed.
+    /// Played to the service before the diagnosis; its seed is the demo's own.
     Played = 0,
-    /// Healthy: the models are identified on it.
+    /// Healthy damper: the models are identified on this run.
     Identify,
-    /// Healthy: says which error to expect of them.
+    /// Healthy damper: gives the error that is expected of the models.
     Validate,
-    /// The effect is sought on it, beside what the service remembers.
+    /// Training run of the diagnosis, besides the service's history.
     Estimate,
-    /// The same.
+    /// A second training run, for a short demo.
     EstimateToo,
-    /// Decides whether a finding holds.
+    /// Validation run of the diagnosis.
     Confirm,
-    /// Read once, at the end.
+    /// Test run of the diagnosis: read once, at the end.
     Sealed,
-    /// Played when the model with the effect is in force.
+    /// Played to the service after it has loaded the model with the effect.
     PlayedAfter,
 }
 
 impl Purpose {
-    /// Seeds of other demos are not met: theirs are next to each other.
+    /// Seed of the run. The large step between purposes avoids the seeds of other demos, which are likely to be
+    /// neighbours of `demo`.
     const fn seed(self, demo: u64) -> u64 {
         demo.wrapping_add((self as u64).wrapping_mul(1_000_003))
     }
@@ -57,29 +58,29 @@ fn run(purpose: Purpose, seconds: f64, seed: u64, lag_s: f64) -> Result<Run, Nod
         .ok_or_else(|| NodeError::Failed(format!("the rig has no experiment {EXPERIMENT}")))?
         .with_duration_s(seconds);
     let mut plant = Plant::quasi_static();
-    // So fine that velocity needs no filter, which would make the force late.
+    // A fine resolution of displacement makes a velocity filter, which would delay the force, unnecessary.
     let mut channels = Channels::default().with_fine_displacement();
     inject::inject(EFFECT, lag_s, &mut plant, &mut channels)?;
     Ok(record(&experiment, &plant, &channels, purpose.seed(seed)))
 }
 
-/// A run of the damper in health.
+/// A run of the healthy damper.
 ///
 /// # Errors
-/// When the rig does not know the experiment.
+/// When the rig does not have the experiment.
 pub(super) fn healthy(purpose: Purpose, seconds: f64, seed: u64) -> Result<Run, NodeError> {
     run(purpose, seconds, seed, 0.0)
 }
 
-/// A run of the damper as it is by now.
+/// A run of the damper with a coil lag of [`LAG_S`].
 ///
 /// # Errors
-/// Those of [`healthy`].
+/// When the rig does not have the experiment.
 pub(super) fn lagging(purpose: Purpose, seconds: f64, seed: u64) -> Result<Run, NodeError> {
     run(purpose, seconds, seed, LAG_S)
 }
 
-/// Identifies both models on a healthy run, and writes them to `free` and `seeded`.
+/// Identifies both models on a healthy run, and writes the simulating model to `free` and the ARX model to `seeded`.
 ///
 /// # Errors
 /// When a fit fails or a file cannot be written; [`NodeError::Interrupted`].

@@ -1,4 +1,4 @@
-//! The demo while it runs: service, player, collector and listener, and what is shown meanwhile.
+//! The running demo: service, player, event collector and listener, and the live screen.
 
 use super::Args;
 use crate::clock::system_now;
@@ -22,20 +22,20 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Spacing of the screen's pictures.
+/// Interval between frames of the screen.
 const FRAME: Duration = Duration::from_millis(50);
-/// Spacing of plain lines.
+/// Interval between plain lines.
 const LINE: Duration = Duration::from_secs(1);
-/// Spacing of looks into the ring of events, which holds three seconds of them.
+/// Interval at which the event ring is polled. The ring holds three seconds of events.
 const COLLECT: Duration = Duration::from_millis(2);
-/// How long the player waits for the service to be found.
+/// How long the player waits until it has discovered the service.
 const FIND: Duration = Duration::from_secs(10);
 /// How long the last samples may take to arrive.
 const ARRIVE: Duration = Duration::from_secs(1);
-/// How long what they cause may be on its way through listener, collector and history.
+/// How long the results of a sample may take to reach the listener, the collector and the history.
 const SETTLE: Duration = Duration::from_millis(150);
 
-/// What was seen of one run.
+/// The observations of one run.
 pub(super) struct Shown {
     pub(super) recording: Recording,
     pub(super) counts: Counts,
@@ -45,7 +45,7 @@ pub(super) struct Shown {
 }
 
 impl Shown {
-    /// Counts and latencies in words.
+    /// Counts and latencies as text.
     pub(super) fn traffic(&self) -> Vec<(String, String)> {
         let c = &self.counts;
         let row = |name: &str, value: String| (name.to_owned(), value);
@@ -56,23 +56,26 @@ impl Shown {
                 p99_s * 1e3,
                 h.max_s() * 1e3
             ),
-            _ => "nothing came".to_owned(),
+            _ => "no message arrived".to_owned(),
         };
         vec![
             row("samples", format!("{} published, {} taken, {} refused", c.sent, c.taken, c.refused)),
-            row("estimates", format!("{} published, {} heard by a subscriber", c.estimates, c.heard)),
+            row("estimates", format!("{} published, {} received by a subscriber", c.estimates, c.heard)),
             row("lost in full queues", c.lost.to_string()),
-            row("estimated without an input of their stamp, waited for in vain", c.incomplete.to_string()),
+            row(
+                "estimated without an input of the same stamp, which did not arrive in time",
+                c.incomplete.to_string(),
+            ),
             row("from stamp to node", latency(&self.to_node)),
             row("from stamp to a subscriber's estimate", latency(&self.round_trip)),
         ]
     }
 }
 
-/// What the threads share.
+/// State that the threads share.
 struct Shared {
     board: Mutex<Board>,
-    /// What came since somebody took it last.
+    /// Events since the recording was last taken.
     recording: Mutex<Recording>,
     sent: AtomicU64,
     heard: AtomicU64,
@@ -105,12 +108,12 @@ impl Shared {
     }
 }
 
-/// Each change of what is shared is whole: a panic elsewhere does not spoil it.
+/// Locks `mutex`, also after a panic of another thread: each change of the shared state is complete in itself.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The service with all who play, listen and watch: it goes on from run to run.
+/// The service with its player, listener and collector. They keep running from one run to the next.
 pub(super) struct Live<'a> {
     service: Service,
     player: Player,
@@ -122,10 +125,10 @@ pub(super) struct Live<'a> {
 }
 
 impl<'a> Live<'a> {
-    /// Starts all of them, and waits until the player has found the service.
+    /// Starts the service, its player, listener and collector, and waits until the player has discovered the service.
     ///
     /// # Errors
-    /// When one does not start, or the service is not found over DDS.
+    /// When one of them does not start, or the service is not discovered over DDS.
     pub(super) fn start(
         config: &Config,
         args: &'a Args,
@@ -133,7 +136,7 @@ impl<'a> Live<'a> {
     ) -> Result<Self, NodeError> {
         let (service, inlet) = Service::start(config, &around.ros_args, true)?;
         let inlet =
-            inlet.ok_or_else(|| NodeError::Failed("the service gave no events to watch".to_owned()))?;
+            inlet.ok_or_else(|| NodeError::Failed("the service provides no event ring".to_owned()))?;
         let shared = Arc::new(Shared {
             board: Mutex::default(),
             recording: Mutex::default(),
@@ -156,12 +159,13 @@ impl<'a> Live<'a> {
         }
         live.stop()?;
         Err(NodeError::Failed(format!(
-            "the demo's service was not found over DDS within {} s; is multicast allowed on the loopback interface?",
+            "the demo's service was not discovered over DDS within {} s; is multicast allowed on the loopback interface? \
+             `mr-damper doctor` checks it",
             FIND.as_secs()
         )))
     }
 
-    /// Plays `run` and shows it.
+    /// Plays `run` and shows it on the screen.
     ///
     /// # Errors
     /// When a thread dies.
@@ -181,7 +185,7 @@ impl<'a> Live<'a> {
         shown?;
         let played = played?;
         if played.failed > 0 {
-            tracing::warn!(failed = played.failed, "samples were not taken by the middleware");
+            tracing::warn!(failed = played.failed, "the middleware did not accept all samples");
         }
         let board = shared.board();
         Ok(Shown {
@@ -193,16 +197,16 @@ impl<'a> Live<'a> {
         })
     }
 
-    /// What the service remembers, as runs.
+    /// The service's history as runs.
     pub(super) fn history(&self) -> Vec<Run> {
         let config = self.service.control().config();
         lock(&self.service.history()).runs(config.history_duration_s, config.settings.gap_s)
     }
 
-    /// Swaps the model in, as `load_model` does; returns what that did to the alarm.
+    /// Loads the model, as the service `load_model` does; returns the changes of the alarm that followed.
     ///
     /// # Errors
-    /// Those of [`crate::control::Control::load_model`].
+    /// The errors of [`crate::control::Control::load_model`].
     pub(super) fn load_model(&self, path: &str) -> Result<Vec<AlarmChange>, NodeError> {
         drop(self.shared.take_recording());
         self.service.control().load_model(path)?;
@@ -210,10 +214,10 @@ impl<'a> Live<'a> {
         Ok(self.shared.take_recording().alarms)
     }
 
-    /// Ends all of them: the listener first, so that the service need not wait for it.
+    /// Stops everything, the listener before the service, so that the service need not wait for it.
     ///
     /// # Errors
-    /// When a thread had died.
+    /// When a thread has died.
     pub(super) fn stop(self) -> Result<(), NodeError> {
         self.player.stop();
         let ended = self.listener.stop().and(self.service.stop());
@@ -221,7 +225,7 @@ impl<'a> Live<'a> {
         self.collector.join().map_err(|_| died("collecting")).and(ended)
     }
 
-    /// Shows the board until the player has finished, somebody ends it, or a thread of the service dies.
+    /// Shows the board until the player has finished, the user ends the demo, or a thread of the service dies.
     fn show(&self, before: Counts, finished: &dyn Fn() -> bool) -> Result<(), NodeError> {
         let (shared, around) = (&self.shared, self.around);
         let counters = self.service.counters();
@@ -243,7 +247,7 @@ impl<'a> Live<'a> {
                 Some(terminal) => {
                     let drawn = terminal.draw(&board);
                     if drawn.is_err() || terminal.key(FRAME) == Some(Key::End) {
-                        // A terminal that is gone ends the demo as its user would have.
+                        // A lost terminal ends the demo, as the key does.
                         around.interrupt.raise();
                     }
                 }
@@ -268,10 +272,11 @@ impl<'a> Live<'a> {
 }
 
 fn died(what: &str) -> NodeError {
-    NodeError::Failed(format!("the thread that was {what} died; the log above says why. Please report it"))
+    NodeError::Failed(format!("the {what} thread has died; the log above says why. Please report it"))
 }
 
-/// Plays the run, and waits until the service has taken it, `before` being what it had taken by then.
+/// Plays the run and waits until the service has taken all its samples. `before` is the number of samples that the service
+/// had taken before.
 fn play_and_wait(
     player: &Player,
     run: &Run,
@@ -290,12 +295,12 @@ fn play_and_wait(
     while taken() < played.samples && Instant::now() < deadline {
         std::thread::sleep(Duration::from_millis(10));
     }
-    // What the last samples caused is still on its way to listener and history.
+    // The results of the last samples are still on their way to the listener and the history.
     std::thread::sleep(SETTLE);
     played
 }
 
-/// Takes events out of the ring until the service has ended and the ring is empty.
+/// Moves events from the ring to the recording and the board until the service has ended and the ring is empty.
 fn collect(mut inlet: Inlet, shared: &Shared) {
     loop {
         let last_round = shared.done.load(Ordering::Acquire);
@@ -314,7 +319,7 @@ fn collect(mut inlet: Inlet, shared: &Shared) {
     }
 }
 
-/// A subscriber like any other: it hears the estimates over DDS.
+/// An ordinary subscriber that receives the estimates over DDS.
 struct Listener {
     listening: Task,
     ros: Ros,

@@ -6,10 +6,10 @@ use mr_damper_model::rig::inject::EFFECTS;
 use mr_damper_model::rig::{Current, Displacement, Experiment, Wave};
 use std::io::Write;
 
-/// Prints all to stdout.
+/// Prints experiments and effects to stdout.
 pub(super) fn print() -> Result<(), NodeError> {
     match std::io::stdout().lock().write_all(text().as_bytes()) {
-        // A reader that has seen enough (`| head`) is no failure.
+        // A closed pipe (`| head`) is not an error.
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(NodeError::io("writing to stdout")(error))
         }
@@ -35,7 +35,7 @@ fn text() -> String {
     group("the first paper's (paper1)", paper);
     text += "from flags (--amplitude, --frequency, --to-frequency, --current, --duration)\n  ";
     text += &OWN.join(", ");
-    text += "\n\neffects (--effect ID=SIZE; size 0 takes one away)\n";
+    text += "\n\neffects (--effect ID=SIZE; size 0 removes one)\n";
     for e in EFFECTS {
         let range = format!("{} to {}", e.range.0, e.range.1);
         text += &format!("  {:<20} {:<8} {range:<14} {}\n", e.id, e.unit, e.what);

@@ -1,4 +1,4 @@
-//! `simulate.toml`: what the runs of a directory are.
+//! `simulate.toml`: the description of the runs in a directory.
 
 use crate::error::NodeError;
 use crate::run::write_text;
@@ -18,20 +18,20 @@ pub(super) struct Manifest {
     runs: Vec<Entry>,
 }
 
-/// One run: enough to make it again.
+/// One run, with all that is needed to reproduce it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Entry {
-    /// File or bag, in the manifest's directory.
+    /// File or bag in the manifest's directory.
     pub(super) file: String,
-    /// Experiment, by its name.
+    /// Name of the experiment.
     pub(super) experiment: String,
     /// Number of the replicate, from 1.
     pub(super) replicate: u32,
     /// `--seed`.
     pub(super) seed: u64,
-    /// Seed of this run, from the above.
+    /// Seed of this run, derived from `seed`.
     pub(super) run_seed: u64,
-    /// Seed of its excitation: runs of one experiment that have the same are replicates in the strict sense.
+    /// Seed of its excitation. Runs of one experiment with the same pattern seed are replicates in the strict sense.
     pub(super) pattern_seed: u64,
     /// Duration in seconds.
     pub(super) duration_s: f64,
@@ -57,14 +57,14 @@ pub(super) struct Entry {
     pub(super) force_noise_n: f64,
     /// Temperature of the damper at the start, °C.
     pub(super) start_temp_c: f64,
-    /// What wrote it.
+    /// Name and version of the program that wrote it.
     pub(super) tool: String,
-    /// Effects that were put in, by id, with their sizes.
+    /// Sizes of the added effects, by id.
     pub(super) effects: BTreeMap<String, f64>,
 }
 
 impl Manifest {
-    /// The manifest of `dir`; an empty one where there is none. Runs that are gone are left out.
+    /// Reads the manifest of `dir`; without a file it is empty. Runs whose file no longer exists are left out.
     pub(super) fn read(dir: &Path) -> Result<Self, NodeError> {
         let path = dir.join(FILE);
         let text = match fs::read_to_string(&path) {
@@ -78,8 +78,8 @@ impl Manifest {
             path: path.clone(),
             message: format!("{why}: move it away, or give another --out"),
         };
-        let mut manifest: Self =
-            toml::from_str(&text).map_err(|e| refuse(format!("is no manifest of runs ({})", e.message())))?;
+        let mut manifest: Self = toml::from_str(&text)
+            .map_err(|e| refuse(format!("is not a manifest of runs ({})", e.message())))?;
         if manifest.schema != SCHEMA {
             return Err(refuse(format!("has the schema {}, not {SCHEMA}", manifest.schema)));
         }
@@ -87,7 +87,7 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// Adds a run, in the place of one with its file.
+    /// Adds a run, or replaces the entry with the same file.
     pub(super) fn add(&mut self, entry: Entry) {
         match self.runs.iter_mut().find(|old| old.file == entry.file) {
             Some(old) => *old = entry,
@@ -95,13 +95,13 @@ impl Manifest {
         }
     }
 
-    /// Writes the manifest to `dir`, whole or not at all; none when there are no runs.
+    /// Writes the manifest to `dir`, completely or not at all. Without runs it writes nothing.
     pub(super) fn write(&self, dir: &Path) -> Result<(), NodeError> {
         if self.runs.is_empty() {
             return Ok(());
         }
         let text = toml::to_string(self)
-            .map_err(|e| NodeError::Failed(format!("the manifest does not go into TOML: {e}")))?;
+            .map_err(|e| NodeError::Failed(format!("the manifest cannot be written as TOML: {e}")))?;
         let head = "# Runs of the virtual rig, as `mr-damper simulate` wrote them.\n";
         Ok(write_text(&dir.join(FILE), &format!("{head}{text}"))?)
     }

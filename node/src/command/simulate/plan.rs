@@ -1,4 +1,4 @@
-//! What the arguments ask for, run by run.
+//! The runs that the arguments ask for.
 
 use super::manifest::Entry;
 use super::{Args, Format};
@@ -9,18 +9,18 @@ use mr_damper_model::rig::{
 };
 use std::collections::BTreeMap;
 
-/// Which experiments.
+/// The experiments that `--experiment` selects.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Selection {
     /// The eight of the thesis.
     Thesis,
     /// The ten of the first paper.
     Paper1,
-    /// One of them, by its own name, or `sine`, `chirp`, `road`.
+    /// One experiment by its name, or `sine`, `chirp`, `road`.
     One(String),
 }
 
-/// Experiments that are made from flags.
+/// Experiments that are defined by flags.
 pub(super) const OWN: [&str; 3] = ["sine", "chirp", "road"];
 
 /// An effect with its size.
@@ -30,12 +30,12 @@ pub(super) struct EffectArg {
     size: f64,
 }
 
-/// One run to be made.
+/// One run to simulate.
 pub(super) struct Job {
     pub(super) experiment: Experiment,
     pub(super) plant: Plant,
     pub(super) channels: Channels,
-    /// Where it goes and what it is.
+    /// Its entry in the manifest, with its file name.
     pub(super) entry: Entry,
 }
 
@@ -44,7 +44,7 @@ fn names() -> impl Iterator<Item = &'static str> {
     Experiment::names().chain(Experiment::paper1_names()).chain(OWN)
 }
 
-/// Reads `--experiment`.
+/// Parses `--experiment`.
 pub(super) fn selection(text: &str) -> Result<Selection, String> {
     match text.to_ascii_lowercase().as_str() {
         "all" | "thesis" => return Ok(Selection::Thesis),
@@ -60,7 +60,7 @@ pub(super) fn selection(text: &str) -> Result<Selection, String> {
     Err(format!("the nearest is {nearest}; `mr-damper simulate --list` lists all"))
 }
 
-/// Reads `--effect ID=SIZE`, and tries it on the default rig.
+/// Parses `--effect ID=SIZE` and checks it on the default rig.
 pub(super) fn effect(text: &str) -> Result<EffectArg, String> {
     let (id, size) = text.split_once('=').ok_or("give ID=SIZE, e.g. friction=60")?;
     let size = size.parse().map_err(|_| format!("\"{size}\" is not a number"))?;
@@ -99,7 +99,7 @@ pub(super) fn jobs(args: &Args, selection: &Selection) -> Result<Vec<Job>, NodeE
     Ok(jobs)
 }
 
-/// An experiment that is made from flags.
+/// An experiment that is defined by flags.
 fn own(args: &Args, name: &str) -> Vec<Experiment> {
     let current_a = args.current.unwrap_or(1.2);
     let frequency = |default| args.frequency.unwrap_or(default);
@@ -112,11 +112,11 @@ fn own(args: &Args, name: &str) -> Vec<Experiment> {
         }
         _ => Experiment::road(current_a, 30.0),
     };
-    // The file is called after it.
+    // The file gets this name.
     vec![Experiment { name: name.to_owned(), ..experiment }]
 }
 
-/// A flag that does nothing would be taken to have done something.
+/// Refuses flags that would do nothing for the selected experiments.
 fn refuse_unused(args: &Args, selection: &Selection, experiments: &[Experiment]) -> Result<(), NodeError> {
     let is = |name: &str| *selection == Selection::One(name.to_owned());
     let constant = |e: &Experiment| matches!(e.current, Current::Constant { .. });
@@ -137,7 +137,7 @@ fn refuse_unused(args: &Args, selection: &Selection, experiments: &[Experiment])
     Ok(())
 }
 
-/// The experiment with what flags change, and the servo of the bench.
+/// The experiment with the changes from flags and with the servo of the rig.
 fn adjusted(mut experiment: Experiment, args: &Args) -> Experiment {
     if let (Some(current), Current::Constant { current_a }) = (args.current, &mut experiment.current) {
         *current_a = current;
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn all_are_the_43_runs_of_the_thesis_and_no_two_share_a_pattern() {
+    fn all_gives_the_43_runs_of_the_thesis_with_different_patterns() {
         let jobs = planned(&["--experiment", "all"]).expect("a plan");
         assert_eq!(jobs.len(), 43);
         assert_eq!(
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_do_nothing_or_cannot_be_is_refused() {
+    fn unused_flags_and_impossible_values_are_refused() {
         for (flags, word) in [
             (&["--experiment=RP-IPCS"][..], "the nearest is RP-ICPS"),
             (&["--experiment=RP-ICPS", "--current=1"], "constant current"),

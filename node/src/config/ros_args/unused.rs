@@ -1,10 +1,10 @@
-//! ROS arguments that a command would not use: they are refused, so that nobody believes in them.
+//! Refuses ROS arguments that a command would ignore, so that the user notices them.
 
 use super::{Named, ParameterSource, RosArgs, Rule};
 use crate::error::NodeError;
 
 impl RosArgs {
-    /// Refuses what is for a ROS node, as `command` starts none.
+    /// Refuses arguments for a ROS node, because `command` starts none.
     ///
     /// # Errors
     /// [`NodeError::Usage`] naming the argument.
@@ -23,8 +23,8 @@ impl RosArgs {
         )))
     }
 
-    /// Refuses parameters, as the node that `command` starts has none. A file may be for other nodes, so it is only said that
-    /// nothing of it is used.
+    /// Refuses parameters, because the node of `command` does not have any. A file may be for other nodes, so it only causes a
+    /// warning that it is ignored.
     ///
     /// # Errors
     /// [`NodeError::Usage`] naming the parameter.
@@ -39,14 +39,14 @@ impl RosArgs {
                     )));
                 }
                 ParameterSource::File(path) => {
-                    tracing::warn!(file = %path.display(), "the node of `{command}` has no parameters: nothing of the file is used");
+                    tracing::warn!(file = %path.display(), "the node of `{command}` has no parameters: the file is ignored");
                 }
             }
         }
         Ok(())
     }
 
-    /// Refuses renamings of what the node called `node` does not have; `topics` and `services` are what it has.
+    /// Refuses rules for names that the node called `node` does not have. `topics` and `services` are its names.
     ///
     /// # Errors
     /// [`NodeError::Usage`] naming the rule.
@@ -75,7 +75,7 @@ impl RosArgs {
         )))
     }
 
-    /// Fully qualified name that `name` has without any renaming.
+    /// Fully qualified name of `name` without any remapping.
     #[must_use]
     pub fn unrenamed(&self, name: &str) -> String {
         self.qualified(name)
@@ -83,7 +83,7 @@ impl RosArgs {
 }
 
 impl Rule {
-    /// As it was given.
+    /// The rule as it was given.
     fn text(&self) -> String {
         let node = self.node.as_ref().map(|node| format!("{node}:")).unwrap_or_default();
         let of = match self.of {
@@ -94,7 +94,7 @@ impl Rule {
         format!("-r {node}{of}{}:={}", self.from, self.to)
     }
 
-    /// Advice for a renamed topic: the same as a map of a bag.
+    /// Advice for a remapped topic: the equivalent `--map` for a bag.
     fn as_map(&self) -> String {
         let channel = self.from.rsplit('/').next().unwrap_or_default();
         let mapping = format!("{channel}={}", self.to);
@@ -106,7 +106,7 @@ impl Rule {
 }
 
 impl ParameterSource {
-    /// As it was given.
+    /// The source as it was given.
     fn text(&self) -> String {
         match self {
             Self::Given { node, name, .. } => {
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_for_a_node_is_refused_where_there_is_none() {
+    fn arguments_for_a_node_are_refused_without_one() {
         for (line, says) in [
             (
                 "-r /fl/displacement:=/susp/pos",
@@ -146,14 +146,14 @@ mod tests {
                 "{message}"
             );
         }
-        // What works without a node is taken.
+        // Arguments that also work without a node are accepted.
         args("--log-level debug --disable-stdout-logs")
             .refuse_for_no_node("evaluate")
             .expect("nothing of a node");
     }
 
     #[test]
-    fn renamings_of_nothing_and_parameters_are_refused() {
+    fn rules_for_unknown_names_and_parameters_are_refused() {
         let (topics, services) = (["displacement", "/clock"], ["~/pause"]);
         let strays = |line: &str| args(line).refuse_stray_rules("mr_damper_replay", &topics, &services);
         for line in [

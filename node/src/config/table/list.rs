@@ -1,4 +1,4 @@
-//! The parameters themselves: node, command, plausibility, inputs, mirror.
+//! The entries of the parameter table: node, command, plausibility, inputs, mirror.
 
 use super::Change::{Never, Running, Unconfigured};
 use super::{Kind, Parameter};
@@ -11,15 +11,20 @@ const NODE: [Parameter; 3] = [
     truth!(
         "autostart",
         Never,
-        "true: configure and activate the node at once; false: wait for change_state, as a lifecycle manager wants it",
+        "true: configure and activate the node at once; false: wait for change_state, as lifecycle managers need",
         autostart
     ),
-    truth!("use_sim_time", Running, "true: the time is what /clock says; false: the system's", use_sim_time),
+    truth!(
+        "use_sim_time",
+        Running,
+        "true: use the time of /clock; false: use the system's time",
+        use_sim_time
+    ),
     Parameter {
         name: "mode",
         kind: Kind::Choice(&["auto", "arx", "model", "fault"]),
         change: Running,
-        doc: "auto: the best mode that its conditions allow; else only that one, or fault where it cannot be (fault: no estimates)",
+        doc: "auto: the best mode whose conditions are met; otherwise only the given mode, or fault if its conditions are not met (fault: no estimates)",
         get: |c| Value::Text(c.settings.only_mode.map_or("auto", Mode::name).to_owned()),
         set: |c, v| {
             if let Value::Text(t) = v {
@@ -33,28 +38,28 @@ const NODE: [Parameter; 3] = [
 const MAIN: [Parameter; 26] = [
     list!(
         "dampers",
-        "names of several dampers, each a node in a namespace of its own with parameters below its name (front_left.model); none: the node is the damper",
+        "names of several dampers; each is a node in its own namespace, with parameters below its name (front_left.model); empty: the node itself is the damper",
         dampers
     ),
     text!(
         "model",
         Kind::Text,
         Unconfigured,
-        "free-running model: a preset (`mr-damper presets`) or a model file",
+        "model for simulation (free run): a preset (`mr-damper presets`) or a model file",
         model
     ),
     text!(
         "arx_model",
         Kind::Text,
         Unconfigured,
-        "ARX model that measured force seeds: a preset, a model file, none, or auto (the thesis' best ARX beside a thesis preset, else none)",
+        "ARX model, seeded with measured force: a preset, a model file, none, or auto (the thesis' best ARX model if model is a thesis preset, else none)",
         arx_model
     ),
     Parameter {
         name: "use_measured_force",
         kind: Kind::Choice(&["auto", "never", "observer"]),
         change: Running,
-        doc: "auto: measured force seeds the ARX model while it is fresh; observer: it corrects the free-running model through a bias; never: it serves the residual alone",
+        doc: "auto: measured force seeds the ARX model while it is fresh; observer: it corrects the simulation by a bias; never: it is used for the residual only",
         get: |c| Value::Text(use_force_name(c.settings.use_measured_force).to_owned()),
         set: |c, v| {
             if let Value::Text(t) = v {
@@ -112,7 +117,7 @@ const MAIN: [Parameter; 26] = [
         "gap_s",
         0.001..=3600.0,
         Running,
-        "gap between displacements beyond which history starts anew, s",
+        "gap between displacements beyond which the history restarts, s",
         settings.gap_s
     ),
     double!(
@@ -126,28 +131,28 @@ const MAIN: [Parameter; 26] = [
         "residual.alarm_ratio",
         1.0..=1000.0,
         Running,
-        "factor over the model's expected RSSE that is no fault yet; a residual that stays above it raises the alarm",
+        "factor over the model's expected RMSE (RSSE) that is still normal; a residual that stays above it raises the alarm",
         settings.alarm_ratio
     ),
     double!(
         "residual.alarm_block_s",
         0.05..=10.0,
         Running,
-        "length of the blocks over which the alarm takes the residual's power, s",
+        "length of the blocks over which the alarm computes the residual's power, s",
         settings.alarm_block_s
     ),
     double!(
         "residual.false_alarm_interval_s",
         60.0..=1e9,
         Running,
-        "mean time between false alarms, at least, s",
+        "minimum of the mean time between false alarms, s",
         settings.false_alarm_interval_s
     ),
     double!(
         "history.duration_s",
         10.0..=3600.0,
         Running,
-        "length of the raw input that is kept for the action close_loop, s; 30 s of motion are the least that names anything",
+        "length of the raw input that is kept for the action close_loop, s; naming an effect needs at least 30 s of motion",
         history_duration_s
     ),
     text!(
@@ -160,42 +165,42 @@ const MAIN: [Parameter; 26] = [
     truth!(
         "close_loop.auto_load",
         Running,
-        "true: swap the model that the action close_loop has found in, unasked; false: load_model does, when somebody calls it",
+        "true: load the model that the action close_loop has found automatically; false: it is loaded only by a call of load_model",
         close_loop_auto_load
     ),
     text!(
         "filter.apply_to",
         Kind::Choice(&["model", "inputs", "output", "none"]),
         Running,
-        "where the low-pass sits: on displacement, on the model's output (and the force it is compared with), nowhere, or as the model file says",
+        "where the low-pass acts: as in the model file (model), on displacement (inputs), on the model's output and the force it is compared with (output), or nowhere (none)",
         filter_apply_to
     ),
     double!(
         "filter.cutoff_hz",
         0.0..=10000.0,
         Running,
-        "corner of the low-pass, Hz, when filter.apply_to is set; 0: the model file's",
+        "corner frequency of the low-pass, Hz, if filter.apply_to is set; 0: as in the model file",
         filter_cutoff_hz
     ),
     double!(
         "align_wait_s",
         0.0..=1.0,
         Never,
-        "how long a displacement waits for drive, velocity and force of its stamp, where they share stamps, s",
+        "how long a displacement waits for drive, velocity and force with the same stamp, if these share stamps, s",
         align_wait_s
     ),
     double!(
         "deadline_s",
         0.0..=10.0,
         Never,
-        "how long after the receipt of its displacement an estimate has to be published, s; later ones are counted as missed_deadlines on /diagnostics; 0: no deadline",
+        "longest time from the receipt of a displacement to the publication of its estimate, s; later estimates are counted as missed_deadlines on /diagnostics; 0: no deadline",
         deadline_s
     ),
     integer!(
         "realtime_priority",
         0..=99,
         Never,
-        "SCHED_FIFO priority of the threads that every sample passes, DDS's among them; where the system refuses, the node runs without and says so; 0: none",
+        "SCHED_FIFO priority of the threads on the path of every sample, including the DDS library's; if the system refuses it, the node runs without it and reports that; 0: none",
         realtime_priority
     ),
     integer!(
@@ -207,14 +212,14 @@ const MAIN: [Parameter; 26] = [
     ),
     list!(
         "discovery_peers",
-        "hosts (IPv4 addresses or names) that are told of the node where no multicast reaches them; the node then leaves this machine; none: ROS_STATIC_PEERS",
+        "hosts (IPv4 addresses or names) to which the node announces itself where multicast does not reach; the node is then reachable from the network; empty: ROS_STATIC_PEERS",
         discovery_peers
     ),
     text!(
         "discovery_range",
         Kind::Choice(&["system_default", "localhost", "subnet"]),
         Never,
-        "who may find the node; system_default: ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_LOCALHOST_ONLY, else localhost",
+        "which machines can find the node; system_default: ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_LOCALHOST_ONLY, else localhost",
         discovery_range
     ),
 ];
@@ -224,14 +229,15 @@ const COMMAND: [Parameter; 14] = [
         "law",
         Kind::Choice(&["off", "follow", "skyhook", "groundhook", "fixed"]),
         Running,
-        "what current is commanded: none at all; that of a force_request, once one has come; that of a damper between body and sky, or wheel and ground (both want body_velocity); a fixed one",
+        "control law for the current; off: no current; follow: the current for the force_request, once one has arrived; skyhook, groundhook: \
+         the current for a damper between body and sky, or wheel and ground (both need body_velocity); fixed: fixed.current_a",
         law
     ),
     Parameter {
         name: "inverse.method",
         kind: Kind::Choice(&["search", "polynomial", "fuzzy"]),
         change: Running,
-        doc: "how the current for a force is found: a search on the model, or a polynomial or fuzzy inverse that is fitted to it when it is loaded",
+        doc: "how the current for a demanded force is found: by a search on the model, or by a polynomial or fuzzy inverse that is fitted to the model when it is loaded",
         get: |c| Value::Text(c.settings.method.name().to_owned()),
         set: |c, v| {
             if let Value::Text(t) = v {
@@ -253,26 +259,26 @@ const COMMAND: [Parameter; 14] = [
         "damping between wheel and ground, N s/m",
         groundhook_n_s_m
     ),
-    double!("fixed.current_a", 0.0..=100.0, Running, "current of the law fixed, A", fixed_a),
+    double!("fixed.current_a", 0.0..=100.0, Running, "current of the control law fixed, A", fixed_a),
     double!(
         "request_timeout_s",
         0.001..=3600.0,
         Running,
-        "age beyond which a force_request, body_velocity or displacement commands nothing any more, s",
+        "age beyond which a force_request, body_velocity or displacement has no effect any more, s",
         settings.request_timeout_s
     ),
     double!(
         "current.max_a",
         0.001..=100.0,
         Running,
-        "largest current that the driver makes, A; none above it is commanded, and a measured one far above it is flagged",
+        "largest current of the driver, A; no larger current is commanded, and a measured current far above it is flagged",
         settings.limits.current_max_a
     ),
     Parameter {
         name: "current.rate_max_a_s",
         kind: Kind::Double(0.0, 1e9),
         change: Running,
-        doc: "largest rate at which the driver's current changes, A/s; 0: not known, none is kept to",
+        doc: "largest rate of change of the driver's current, A/s; 0: unknown, so the rate is not limited",
         get: |c| Value::Double(finite_or_zero(c.settings.limits.rate_max_a_s)),
         set: |c, v| {
             if let Value::Double(x) = v {
@@ -284,14 +290,14 @@ const COMMAND: [Parameter; 14] = [
         "current.safe_a",
         0.0..=100.0,
         Running,
-        "current to go to when nobody asks for anything any more or the motion is not known, A",
+        "safe current, A; commanded when no force is demanded any more or the motion is unknown",
         settings.limits.safe_a
     ),
     double!(
         "current.safe_after_s",
         0.0..=60.0,
         Running,
-        "how long that takes, s",
+        "time to reach the safe current, s",
         settings.limits.safe_after_s
     ),
     double!(
@@ -305,7 +311,7 @@ const COMMAND: [Parameter; 14] = [
         "current.lead_s",
         0.0..=60.0,
         Running,
-        "time constant to which a coil's lag that the model knows is led, s",
+        "time constant of the coil current with lead compensation, s; used if the model includes a coil lag",
         settings.limits.lead_s
     ),
     double!(
@@ -319,7 +325,7 @@ const COMMAND: [Parameter; 14] = [
         "current.feedback_gain",
         0.0..=5.0,
         Running,
-        "how much of what the measured force misses is asked for on top, 1; 0 for none",
+        "gain of the feedback of demanded minus measured force, 1; 0: no feedback",
         settings.limits.feedback_gain
     ),
 ];
@@ -329,35 +335,35 @@ const PLAUSIBLE: [Parameter; 5] = [
         "plausible.displacement_max_m",
         1e-6..=1e9,
         Running,
-        "largest displacement either way, m; more is refused",
+        "largest displacement in either direction, m; larger values are refused",
         settings.plausible.displacement_max_m
     ),
     double!(
         "plausible.speed_max_m_s",
         1e-6..=1e9,
         Running,
-        "largest speed of the rod, m/s; a measured one above it is refused, and a displacement that would need more, until three agree",
+        "largest speed of the rod, m/s; a higher measured speed is refused, and so is a displacement that would need a higher speed, until three agree",
         settings.plausible.speed_max_m_s
     ),
     double!(
         "plausible.force_max_n",
         1e-6..=1e9,
         Running,
-        "largest force either way, N; more is refused, measured or asked for",
+        "largest force in either direction, N; larger values are refused, measured or demanded",
         settings.plausible.force_max_n
     ),
     double!(
         "plausible.stuck_s",
         1e-6..=1e9,
         Running,
-        "how long displacement stands still, while the rod is known to move, before it is flagged, s",
+        "how long displacement can stand still, while the rod is known to move, before it is flagged, s",
         settings.plausible.stuck_s
     ),
     double!(
         "plausible.passive_window_s",
         1e-6..=1e9,
         Running,
-        "time constant over which measured force must take energy, s",
+        "time constant over which the measured force must absorb energy, s",
         settings.plausible.passive_window_s
     ),
 ];
@@ -365,7 +371,7 @@ const PLAUSIBLE: [Parameter; 5] = [
 const ZENOH: [Parameter; 11] = [
     list!(
         "zenoh.listen",
-        "endpoints that the Zenoh mirror listens on, e.g. ['tcp/127.0.0.1:7447']; none: it does not listen",
+        "endpoints that the Zenoh mirror listens on, e.g. ['tcp/127.0.0.1:7447']; empty: it does not listen",
         zenoh.listen
     ),
     list!("zenoh.connect", "endpoints of Zenoh routers or peers that the mirror connects to", zenoh.connect),
@@ -373,35 +379,35 @@ const ZENOH: [Parameter; 11] = [
         "zenoh.mode",
         Kind::Choice(&["", "peer", "client", "router"]),
         Never,
-        "how to take part in the Zenoh network; empty: as zenoh.config says, else peer",
+        "role in the Zenoh network; empty: as in zenoh.config, else peer",
         zenoh.mode
     ),
     text!(
         "zenoh.config",
         Kind::Text,
         Never,
-        "configuration file of Zenoh's own (JSON5) for TLS, users, access control, downsampling; endpoints and mode given here are \
-         stronger; launch-configs/zenoh/ has some",
+        "Zenoh's own configuration file (JSON5) for TLS, users, access control, downsampling; endpoints and mode given here \
+         override it; examples are in launch-configs/zenoh/",
         zenoh.config
     ),
     list!(
         "zenoh.commands",
-        "commands that are taken from Zenoh: force_request, load_model, set_mode; none: nobody commands by Zenoh",
+        "commands that are accepted from Zenoh: force_request, load_model, set_mode; empty: none",
         zenoh.commands
     ),
     text!(
         "zenoh.model_dir",
         Kind::Text,
         Never,
-        "directory of the model files that the Zenoh command load_model may name; empty: presets only",
+        "directory of the model files that the Zenoh command load_model can load; empty: presets only",
         zenoh.model_dir
     ),
     text!(
         "zenoh.rmw",
         Kind::Choice(&Rmw::NAMES),
         Never,
-        "what nodes on rmw_zenoh in the same domain see; publish: the node and its outputs; both: its inputs too, which are then taken \
-         from them as over DDS; off: nothing",
+        "visibility for nodes on rmw_zenoh in the same domain; publish: they see the node and its outputs; both: also its inputs, \
+         which they can then publish as over DDS; off: nothing",
         zenoh.rmw
     ),
     text!(
@@ -416,7 +422,7 @@ const ZENOH: [Parameter; 11] = [
         "zenoh.history_s",
         0.0..=600.0,
         Never,
-        "length of the history that a late joiner can ask for, s",
+        "length of the history that late joiners can query, s",
         zenoh.history_s
     ),
     truth!(
@@ -437,7 +443,7 @@ const INPUTS: [[Parameter; 4]; 7] = [
     input!(force_request, "mr_damper_msgs/msg/Force", "N"),
 ];
 
-/// All of them.
+/// All parameters.
 pub(super) fn all() -> impl Iterator<Item = Parameter> {
     NODE.into_iter()
         .chain(MAIN)
@@ -447,7 +453,7 @@ pub(super) fn all() -> impl Iterator<Item = Parameter> {
         .chain(ZENOH)
 }
 
-/// A number that says "none" by being infinite, as one that says it by being zero.
+/// Converts an infinite number, which means "none", to zero, which means the same in a parameter.
 fn finite_or_zero(number: f64) -> f64 {
     if number.is_finite() { number } else { 0.0 }
 }

@@ -1,4 +1,4 @@
-//! A closing as JSON, `mr-damper/close/1`: what the command prints and the action answers.
+//! A diagnosis as JSON, schema `mr-damper/close/1`: printed by the command and returned by the action.
 
 use super::words;
 use crate::provenance::TOOL;
@@ -43,7 +43,7 @@ struct Floor {
     esr: f64,
 }
 
-/// The report and where it comes from: the whole of what the command writes, and the most of what the action answers.
+/// The report with its provenance. The command writes exactly this; the action's answer has some more fields.
 #[derive(Debug, Serialize)]
 pub struct Written<'a, R> {
     #[serde(flatten)]
@@ -52,12 +52,13 @@ pub struct Written<'a, R> {
     seed: u64,
     seconds: f64,
     runs: Vec<R>,
-    /// The model file; `null` when nothing was named.
+    /// The model file; `null` when no effect was named.
     model_file: Option<&'a Path>,
 }
 
 impl<'a, R: Serialize> Written<'a, R> {
-    /// What `closing` found on `runs` in `seconds`, from `seed`; its model is in `model_file`.
+    /// The report on `closing`, which took `seconds` on `runs` with the random seed `seed` and whose model is in
+    /// `model_file`.
     #[must_use]
     pub fn new(
         closing: &'a Closing,
@@ -71,7 +72,7 @@ impl<'a, R: Serialize> Written<'a, R> {
     }
 }
 
-/// An effect and its form, where it has more than one.
+/// Id of an effect, and its form where it has several.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct Name {
     id: &'static str,
@@ -143,7 +144,7 @@ struct CandidateRow {
 }
 
 impl<'a> Report<'a> {
-    /// All that `closing` found.
+    /// Everything that `closing` found.
     #[must_use]
     pub fn of(closing: &'a Closing) -> Self {
         let (base, floor, left) = (&closing.before.force, &closing.noise_floor, &closing.left_over);

@@ -1,4 +1,4 @@
-//! What a closing of the loop found: JSON, text for a terminal, one HTML file.
+//! Result of a diagnosis (`mr-damper close`) as JSON, as text for a terminal and as one HTML file.
 
 pub mod json;
 mod page;

@@ -1,4 +1,4 @@
-//! The report of a closing as one HTML file.
+//! The report of a diagnosis as one HTML file.
 
 use super::pictures::Pictures;
 use super::traces::RunTrace;
@@ -11,18 +11,18 @@ use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::DriveKind;
 use mr_damper_model::units::N_PER_LBF;
 
-/// All that the report tells.
+/// Everything the report shows.
 #[derive(Debug, Clone)]
 pub struct Outcome<'a> {
-    /// Base and runs, in a sentence.
+    /// Base model and runs, in a sentence.
     pub what: String,
-    /// What was found.
+    /// The result of the diagnosis.
     pub closing: &'a Closing,
-    /// Kind of drive that the runs hold.
+    /// Kind of drive in the runs.
     pub drive: Option<DriveKind>,
-    /// The sealed runs before and after; the confirm runs where there are no sealed ones.
+    /// Residuals of the test runs before and after; without test runs, of the validation runs (`--confirm`).
     pub traces: Vec<RunTrace>,
-    /// Where all of it comes from.
+    /// Names and values that say how the report was made (tool version, seed, files).
     pub provenance: Vec<(String, String)>,
 }
 
@@ -37,14 +37,14 @@ pub fn html(outcome: &Outcome<'_>) -> String {
         (section("Error before and after", &errors(closing)))
         (section("What each effect explains", &rounds(closing)))
         (section("Refused, and not testable", &reasons(closing)))
-        (section("What is left over", &left_over(closing)))
+        (section("Remaining error", &left_over(closing)))
         @if closing.test.is_none() {
-            p.verdict.bad { "There are no sealed runs: the pictures below are of the confirm runs, which had a say." }
+            p.verdict.bad { "Without test runs the pictures below are of the confirm runs (validation runs), which decided on the effects." }
         }
         (pictures.sections())
         (section("Provenance", &facts(&outcome.provenance)))
     };
-    page("MR damper: closing the loop", &outcome.what, &body)
+    page("MR damper: diagnosis of the model", &outcome.what, &body)
 }
 
 fn summary(closing: &Closing) -> Markup {
@@ -57,15 +57,22 @@ fn summary(closing: &Closing) -> Markup {
             @if let Some(next) = words::next_step(closing) { " " (next) }
         }
         @if let Some(paired) = words::paired(closing.mode) {
-            p { (paired) " In the pictures " em { "before" } " is the healthy run's force, and " em { "after" } " what the effects make of it." }
+            p { (paired) " In the pictures " em { "before" } " is the healthy run's force, and " em { "after" } " is that force with the effects." }
         }
         @if tells { p.verdict.bad[!proved] { (words::proof(closing.test.as_ref())) } }
     }
 }
 
 pub(in crate::report) fn found(closing: &Closing, drive: Option<DriveKind>) -> Markup {
-    let columns =
-        ["effect", "=parameter", "#95 %", "#physical range", "#p", "#removed, estimate", "#removed, confirm"];
+    let columns = [
+        "effect",
+        "=parameter",
+        "#95 %",
+        "#physical range",
+        "#p",
+        "#removed, training",
+        "#removed, validation",
+    ];
     let rows: Vec<Vec<String>> = closing.effects.iter().flat_map(|named| parameters(named, drive)).collect();
     html! {
         @if closing.effects.is_empty() {
@@ -73,14 +80,14 @@ pub(in crate::report) fn found(closing: &Closing, drive: Option<DriveKind>) -> M
         } @else {
             div.named { (table(&columns, &rows)) }
             ul { @for named in &closing.effects { li { (sentence(named)) } } }
-            p.lead { "Intervals come from sums over blocks of seconds, since neighbouring samples are no independent evidence; p is "
-                "after correction for all effects that were tried. " em { "Removed, estimate" } " is the share of the error that noise "
-                "does not explain, " em { "removed, confirm" } " the mean share of all squared error." }
+            p.lead { "Intervals come from sums over blocks of seconds, because neighbouring samples are not independent; p is "
+                "corrected for all effects that were tried. " em { "Removed, training" } " is the share of the reducible error (above the noise "
+                "floor) on the training runs, " em { "removed, validation" } " the mean share of the squared error on the validation runs." }
         }
     }
 }
 
-/// One row a parameter; what belongs to the effect stands in its first row.
+/// One row per parameter; cells that belong to the effect as a whole are filled in its first row only.
 fn parameters(named: &Named, drive: Option<DriveKind>) -> Vec<Vec<String>> {
     let row = |(index, found): (usize, &mr_damper_model::diagnose::Found)| {
         let (name, unit) = words::quantity(found.name, drive);
@@ -100,12 +107,12 @@ fn parameters(named: &Named, drive: Option<DriveKind>) -> Vec<Vec<String>> {
     named.parameters.iter().enumerate().map(row).collect()
 }
 
-/// What the effect is, and what else it could be.
+/// Describes the effect, and names the effects that the runs cannot distinguish from it.
 fn sentence(named: &Named) -> Markup {
     html! {
         b { (words::title(&named.effect)) } ": " (named.effect.effect().what()) "."
         @if let Some((others, settles)) = words::class(named) {
-            " These runs cannot tell it from " (others) ". What would:"
+            " These runs cannot tell it from " (others) ". Excitation that would:"
             ul { @for (id, excitation) in settles { li { (id) ": " (excitation) } } }
         }
     }
@@ -125,7 +132,7 @@ fn errors(closing: &Closing) -> Markup {
     let mut rows = Vec::new();
     if let Some(test) = &closing.test {
         let interval = words::percents(test.ratio_ci95);
-        rows.push(row("all sealed runs", "sealed", &test.before, &test.after, interval));
+        rows.push(row("all test runs", "sealed", &test.before, &test.after, interval));
         rows.extend(test.runs.iter().map(|c| row(&c.run, "sealed", &c.before, &c.after, String::new())));
     }
     rows.extend(closing.confirm.iter().map(|c| row(&c.run, "confirm", &c.before, &c.after, String::new())));
@@ -143,9 +150,10 @@ fn errors(closing: &Closing) -> Markup {
     ];
     html! {
         (table(&columns, &rows))
-        p { "The models run free: displacement and drive alone, never the measured force. Each run's mean error is taken out. RSSE is "
-            "the root mean squared error; ESR is its square over the variance of the measured force. The interval is from a "
-            "bootstrap over blocks." }
+        p { "Roles: \"sealed\" is a test run (--test, read once), \"confirm\" a validation run. The models are simulated from displacement and "
+            "drive, without the measured force; each run's mean error is subtracted. RSSE is the root mean squared error (RMSE); ESR is the "
+            "normalised mean squared error (NMSE), its square over the variance of the measured force. The interval is from a bootstrap \
+             over blocks." }
         p { (capital(&words::noise_floor(&closing.noise_floor))) "." }
     }
 }
@@ -162,9 +170,9 @@ fn rounds(closing: &Closing) -> Markup {
         @if last == 0 {
             p { "No effect was tried." }
         } @else {
-            p { "Shares of the error that noise does not explain. " em { "Promises" } ": by its score, taken as straight; "
-                em { "removes" } ": after base and effect were fitted together. " em { "Told apart" } ": the share of the effect "
-                "that neither the base nor the effects before it have as well." }
+            p { "Shares of the reducible error (above the noise floor). " em { "Promises" } ": predicted from the effect's score, linearised; "
+                em { "removes" } ": found by a joint refit of base and effect. " em { "Identifiable share" } ": the part of the effect's score "
+                "that neither the base nor the effects already in the model can reproduce." }
             p.legend {
                 span { i.key style="background:var(--soft);opacity:.55" {} "promises" }
                 span { i.key style="background:var(--estimate)" {} "removes" }
@@ -174,12 +182,12 @@ fn rounds(closing: &Closing) -> Markup {
     }
 }
 
-/// The candidates of a round: those beyond chance, and the others folded away.
+/// The candidates of a round: the significant ones, and the others in a collapsed section.
 fn one_round(all: &[&Candidate], closing: &Closing) -> Markup {
     let (significant, others): (Vec<&Candidate>, Vec<&Candidate>) =
         all.iter().partition(|c| is_significant(c));
     html! {
-        @if significant.is_empty() { p { "No score is beyond chance." } } @else { (candidates(&significant, closing)) }
+        @if significant.is_empty() { p { "No effect has a significant score." } } @else { (candidates(&significant, closing)) }
         @if !others.is_empty() {
             details {
                 summary { (others.len()) " more that may be chance" }
@@ -197,7 +205,7 @@ fn candidates(all: &[&Candidate], closing: &Closing) -> Markup {
     html! {
         div.scroll { table.shares {
             thead { tr {
-                th { "effect" } th.num { "told apart" } th.num { "p" } th.num { "promises" } th.num { "removes" } th {} th { "outcome" }
+                th { "effect" } th.num { "identifiable share" } th.num { "p" } th.num { "promises" } th.num { "removes" } th {} th { "outcome" }
             } }
             tbody { @for candidate in all { tr {
                 td.keep { (candidate.effect.title()) }
@@ -220,11 +228,11 @@ fn share(class: &str, share: f64) -> Markup {
     html! { div.share { i class=(class) style=(format!("width:{width:.1}%")) {} } }
 }
 
-/// What became of a candidate in its round.
+/// Outcome for a candidate in its round.
 fn became(candidate: &Candidate, closing: &Closing) -> &'static str {
     let forms = [Some(candidate.effect), candidate.effect.refined()];
     let named = closing.effects.iter().any(|named| forms.contains(&Some(named.effect.effect())));
-    // Once it is in the model it is no candidate any more.
+    // An effect that is in the model is not a candidate in later rounds.
     let again = closing.candidates.iter().any(|c| c.effect == candidate.effect && c.round > candidate.round);
     match (named, again, candidate.removes) {
         (true, false, _) => "named",
@@ -242,14 +250,14 @@ fn reasons(closing: &Closing) -> Markup {
     };
     html! {
         @if refused.is_empty() {
-            p { "No effect that looked like it was refused." }
+            p { "No candidate was refused." }
         } @else {
-            p { "Looked like it, and refused:" } (list(&refused))
+            p { "Candidates that were refused:" } (list(&refused))
         }
         @if closing.untestable.is_empty() {
             p { "Every effect of the library could be tested." }
         } @else {
-            p { "These runs can neither show nor deny:" } (list(&closing.untestable.iter().collect::<Vec<_>>()))
+            p { "These runs cannot test these effects:" } (list(&closing.untestable.iter().collect::<Vec<_>>()))
         }
     }
 }
@@ -260,13 +268,13 @@ fn left_over(closing: &Closing) -> Markup {
         left.correlates_with.iter().map(|c| (c.with.to_owned(), c.coefficient)).collect();
     html! {
         p { "Lack of fit (the share of the squared residual that is not noise) is "
-            (words::figure(left.lof)) " after " (words::figure(left.lof_before)) " with the base alone; "
-            (words::percent(left.share)) " of the error that noise does not explain is left. Sums were taken over "
+            (words::figure(left.lof)) " with the effects, " (words::figure(left.lof_before)) " with the base alone; "
+            (words::percent(left.share)) " of the reducible error (above the noise floor) remains. Sums were taken over "
             (closing.blocks) " blocks." }
         @if with.is_empty() {
-            p { "It goes with nothing that was measured, beyond chance." }
+            p { "The remaining residual correlates with no measured signal beyond chance." }
         } @else {
-            p { "It goes with, beyond chance:" }
+            p { "The remaining residual correlates beyond chance with:" }
             (bars("residual and", "correlation", &with))
         }
     }

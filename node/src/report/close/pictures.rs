@@ -1,4 +1,4 @@
-//! Pictures of the residual before and after.
+//! Pictures of the residual before and after augmentation.
 
 use super::traces::{Point, RunTrace};
 use crate::report::page::section;
@@ -8,29 +8,29 @@ use crate::report::stretch::{self, Correlation};
 use maud::{Markup, html};
 use mr_damper_model::sample::DriveKind;
 
-/// Runs that get pictures of their own.
+/// Number of runs that get their own pictures.
 const PICTURES: usize = 4;
-/// Length of the part that is shown as force over time, s, and of the loop in it.
+/// Length of the part that is shown as force over time, s, and of the part shown as force over velocity, s.
 const PART_S: f64 = 3.0;
 const LOOP_S: f64 = 1.0;
-/// Bins of what the residual is held against.
+/// Bins on the x axis of the plots of the residual against a signal.
 const BINS: usize = 30;
-/// Length of a segment of the spectra, s, and least number of its samples.
+/// Length of a segment of the spectra, s, and its minimum number of samples.
 const SEGMENT_S: f64 = 2.0;
 const SHORTEST: usize = 64;
-/// Reach of the correlation functions, s, and of the colour that widens their bands.
+/// Largest lag of the correlation functions, s, and largest lag of the autocorrelations that widen their bands, s.
 const REACH_S: f64 = 0.25;
 const COLOUR_S: f64 = 1.0;
 
 type Pick = fn(&Point) -> f64;
 
-/// One side of the comparison: its name, its ink, its residual.
+/// One side of the comparison: its name, colour and residual.
 type Side = (&'static str, Ink, Pick);
 
 const BEFORE: Side = ("before", Ink::Before, |point| point.before_n);
 const AFTER: Side = ("after", Ink::After, |point| point.after_n);
 
-/// The residuals of some runs, and whether something was named: then there is an after.
+/// The residuals of some runs. Curves "after" are drawn only when an effect was `named`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pictures<'a> {
     pub(super) runs: &'a [RunTrace],
@@ -38,10 +38,10 @@ pub(super) struct Pictures<'a> {
 }
 
 impl Pictures<'_> {
-    /// All of them, as sections; a line where there is nothing to draw.
+    /// All pictures as sections, or a sentence when there is nothing to draw.
     pub(super) fn sections(&self) -> Markup {
         if self.runs.iter().all(|run| run.points().next().is_none()) {
-            return html! { p { "There is no residual to draw." } };
+            return html! { p { "The runs have no residual to draw." } };
         }
         html! {
             (section("Force over time and velocity", &self.forces()))
@@ -85,13 +85,13 @@ impl Pictures<'_> {
                 h3 { (run.run) }
                 (plot(part, "time, s", |p| p.time_s, Shape::Line, 240.0).figure(""))
                 (plot(round, "velocity, m/s", |p| p.velocity_m_s, Shape::Loop, 340.0).figure(&format!(
-                    "The middle second of it, over velocity ({:.2} to {:.2} s).",
+                    "The middle second of this part, over velocity ({:.2} to {:.2} s).",
                     round.first().map_or(0.0, |p| p.time_s), round.last().map_or(0.0, |p| p.time_s)
                 )))
             })
         };
         html! {
-            p.lead { "Of each run the part that changed most. Each model runs free, with the run's own offset." }
+            p.lead { "The part of each run that improved most. The models are simulated, with the run's own offset." }
             @for run in self.runs.iter().take(PICTURES) { @if let Some(part) = part(run) { (part) } }
             (self.left_out())
         }
@@ -112,7 +112,7 @@ impl Pictures<'_> {
     fn left_out(&self) -> Markup {
         html! {
             @if self.runs.len() > PICTURES {
-                p { "Pictures of " (self.runs.len() - PICTURES) " more runs are left out; those below hold all runs together." }
+                p { "Pictures of " (self.runs.len() - PICTURES) " more runs are left out; the pictures below combine all runs." }
             }
         }
     }
@@ -155,14 +155,14 @@ impl Pictures<'_> {
         let missing: Vec<&str> =
             plots.iter().filter(|(_, plot)| plot.is_none()).map(|(label, _)| *label).collect();
         html! {
-            p.lead { "Lines are medians, areas hold the middle half of the samples; all runs together. What a residual goes "
-                "with is no proof of a cause." }
+            p.lead { "Lines are medians; areas contain the middle half of the samples. All runs are combined. A correlation "
+                "does not prove a cause." }
             div.pair { @for plot in plots.iter().filter_map(|(_, plot)| plot.as_ref()) { (plot.figure("")) } }
-            @if !missing.is_empty() { p { "Not recorded in these runs, or never varies: " (missing.join("; ")) "." } }
+            @if !missing.is_empty() { p { "Not recorded in these runs, or constant: " (missing.join("; ")) "." } }
         }
     }
 
-    /// Quartiles of the residual over `pick`; `None` where that is not there or never varies.
+    /// Quartiles of the residual over `pick`; `None` where `pick` is missing or constant.
     fn ribbons(&self, label: &str, pick: Pick) -> Option<Plot> {
         let mut areas = Vec::new();
         let mut lines = Vec::new();
@@ -194,13 +194,13 @@ impl Pictures<'_> {
         })
     }
 
-    /// Runs of one rate: that of the first.
+    /// The sample rate of the first run, Hz, and the runs with the same rate.
     fn of_one_rate(&self) -> (f64, Vec<&RunTrace>) {
         let rate_hz = self.runs.first().map_or(0.0, |run| run.rate_hz);
         (rate_hz, self.runs.iter().filter(|run| (run.rate_hz / rate_hz - 1.0).abs() < 0.01).collect())
     }
 
-    /// Pairs of signals in stretches that hold both.
+    /// Pairs of two signals, split into stretches in which both are known.
     fn pairs(runs: &[&RunTrace], first: Pick, second: Pick) -> Vec<Vec<(f64, f64)>> {
         let finite = |pair: &(f64, f64)| pair.0.is_finite() && pair.1.is_finite();
         let stretches = runs.iter().flat_map(|run| &run.stretches);
@@ -220,7 +220,7 @@ impl Pictures<'_> {
         let length = 1_usize << wanted.ilog2();
         let of = |first: Pick, second: Pick| Spectra::of(&Self::pairs(&runs, first, second), rate_hz, length);
         let Some(power) = of(BEFORE.2, AFTER.2) else {
-            return html! { p { "No stretch of " (length) " samples without a gap: too short for a spectrum." } };
+            return html! { p { "No stretch has " (length) " samples without a gap, which is the minimum for a spectrum." } };
         };
         let line = |name: &str, ink, hz: &[f64], values: &[f64], shape| Series {
             name: name.to_owned(),
@@ -275,10 +275,10 @@ impl Pictures<'_> {
                 power.segments, length as f64 / rate_hz
             )))
             div.pair { @for plot in plots.iter().flatten() { (plot.figure("")) } }
-            p.lead { "Dashed: what two signals without relation exceed at one frequency in twenty. Coherence sees what is linear "
-                "in a signal; an effect that also turns with the direction of motion shows in the plots above." }
+            p.lead { "Dashed: the coherence that two unrelated signals exceed at one frequency in twenty. Coherence shows linear relations "
+                "only; an effect that also changes sign with the direction of motion shows in the plots above." }
             @if runs.len() < self.runs.len() {
-                p { "Runs of another rate than " (format!("{rate_hz:.0}")) " Hz are not in the spectra, nor in the functions below." }
+                p { "Runs with another rate than " (format!("{rate_hz:.0}")) " Hz are not included in the spectra and in the functions below." }
             }
         }
     }
@@ -312,21 +312,21 @@ impl Pictures<'_> {
         let own: Vec<(&str, Ink, Correlation)> = self.sides().into_iter().filter_map(auto).collect();
         html! {
             (functions("with itself", &own, rate_hz, true).figure(
-                "A residual that is no more than noise of the load cell stays between the dashed lines (95 %) at all lags but zero."
+                "If the residual is only noise of the load cell, it stays between the dashed lines (95 %) at all lags except zero."
             ))
             div.pair { @for (label, pick) in &signals { @if let Some(plot) = cross(label, *pick) { (plot.figure("")) } } }
-            p.lead { "At positive lags the residual follows the signal. Dashed: 95 % of what two signals without relation reach, "
-                "each as coloured as it is, with the colour of before and of after." }
+            p.lead { "At positive lags the residual follows the signal. Dashed: the 95 % band for two unrelated signals with the "
+                "measured autocorrelations, in the colours of before and after." }
         }
     }
 }
 
-/// The slope of the drive with the sign of the velocity: what a drive that comes late leaves over goes with it.
+/// The slope of the drive with the sign of the velocity. The residual that a delayed drive causes correlates with it.
 fn directed_slope(point: &Point) -> f64 {
     point.drive_slope * point.velocity_m_s.signum()
 }
 
-/// Correlation functions with their bands; of one with itself the positive lags alone.
+/// A plot of correlation functions with their bands; for an autocorrelation (`own`) only lags from zero.
 fn functions(what: &str, found: &[(&str, Ink, Correlation)], rate_hz: f64, own: bool) -> Plot {
     let mut series = Vec::new();
     for (name, ink, correlation) in found {
@@ -368,8 +368,8 @@ fn joined(run: &RunTrace, pick: impl Fn(&Point) -> (f64, f64)) -> Vec<(f64, f64)
     points
 }
 
-/// The stretch, and the sample in it, about which a second of the run changed most for the better; its middle where
-/// nothing changed.
+/// The stretch, and the index of a sample in it, around which one second of the run has the largest reduction of the
+/// squared error.
 fn most_mended(run: &RunTrace) -> Option<(&[Point], usize)> {
     let block = ((LOOP_S * run.rate_hz) as usize).max(1);
     let mended =

@@ -1,4 +1,4 @@
-//! Text, JSON and page of closings made by hand.
+//! Tests of text, JSON and page, on diagnoses made by hand.
 
 use super::*;
 use crate::report::tests::assert_balanced;
@@ -51,7 +51,7 @@ fn candidate(effect: Effect, round: usize, p: f64, promises: f64, removes: Optio
     Candidate { effect, round, identifiable: 0.42, p, p_adjusted, promises, removes }
 }
 
-/// A closing around `before` that named a coil's lag and friction, with sealed runs of these names.
+/// A diagnosis of `before` that named the coil's lag and friction, with test runs named `sealed`.
 pub(super) fn closing(before: Model, sealed: &[&str]) -> Closing {
     let effects = vec![coil_lag(), friction()];
     let models: Vec<EffectModel> = effects.iter().map(|named| named.effect).collect();
@@ -108,7 +108,7 @@ fn base() -> Model {
     preset::load(preset::BEST_FUZZY_TANH).expect("a preset")
 }
 
-/// The closing with nothing named, and this verdict.
+/// The diagnosis without named effects and with this verdict.
 fn without_names(verdict: Verdict) -> Closing {
     let found = closing(base(), &["sealed-1.csv"]);
     Closing { verdict, effects: Vec::new(), after: found.before, test: None, ..found }
@@ -121,7 +121,7 @@ fn the_json_is_as_contracted() {
 }
 
 #[test]
-fn what_is_not_known_is_null_in_json() {
+fn unknown_values_are_null_in_json() {
     let mut found = without_names(Verdict::Unexplained);
     found.left_over.share = f64::NAN;
     let json = serde_json::to_value(Report::of(&found)).expect("JSON");
@@ -133,16 +133,16 @@ fn what_is_not_known_is_null_in_json() {
 }
 
 #[test]
-fn the_text_says_what_was_found_and_how_sure_it_is() {
+fn the_text_states_the_result_and_its_uncertainty() {
     let found = closing(base(), &["sealed-1.csv", "sealed-2.csv"]);
     let text = text(&found, Some(DriveKind::CoilCurrent));
     assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");
-    assert!(!text.contains("named in a later round"), "what was named is not refused: {text}");
+    assert!(!text.contains("named in a later round"), "a named effect is not listed as refused: {text}");
     insta::assert_snapshot!(text);
 }
 
 #[test]
-fn every_verdict_has_its_words() {
+fn every_verdict_has_its_own_text() {
     use Verdict::{BaseInadequate, NothingToExplain, PartlyExplained, Unexplained};
     let say = |verdict| text(&without_names(verdict), None);
     assert!(say(NothingToExplain).starts_with("Nothing to explain: "));
@@ -155,7 +155,7 @@ fn every_verdict_has_its_words() {
     assert!(say(BaseInadequate).contains("--reference"));
     let fault = Some("another base leaves a third".to_owned());
     let inadequate = Closing { base_fault: fault, ..without_names(BaseInadequate) };
-    assert!(text(&inadequate, None).contains("): another base leaves a third. A name"));
+    assert!(text(&inadequate, None).contains("): another base leaves a third. Naming"));
     let paired = Closing { mode: Mode::Paired, ..without_names(BaseInadequate) };
     let said = text(&paired, None);
     assert!(!said.contains("--reference") && said.contains("Paired mode: "), "{said}");
@@ -166,7 +166,7 @@ fn every_verdict_has_its_words() {
 }
 
 #[test]
-fn only_an_interval_below_one_proves_anything() {
+fn only_an_interval_below_one_counts_as_proof() {
     let mut found = closing(base(), &["a"]);
     let mut say = |ratio_ci95: Option<[f64; 2]>| {
         if let (Some(test), Some(interval)) = (&mut found.test, ratio_ci95) {
@@ -177,12 +177,12 @@ fn only_an_interval_below_one_proves_anything() {
         text(&found, None)
     };
     assert!(!say(Some([0.5, 0.9])).contains("NOT PROVED"));
-    assert!(say(Some([0.9, 1.1])).contains("NOT PROVED: on the sealed run, read once"));
+    assert!(say(Some([0.9, 1.1])).contains("NOT PROVED: on the test run, read once"));
     assert!(say(Some([1.1, 1.3])).contains("grows to"));
-    assert!(say(None).contains("NOT PROVED: there were no sealed runs"));
+    assert!(say(None).contains("NOT PROVED: there were no test runs"));
 }
 
-/// A base that knows no lag, identified on the rig, whose coil has one of 12 ms; the runs it is tried on.
+/// A diagnosis of a base model without lag, identified on the rig, whose coil has a lag of 12 ms; and two test runs.
 fn on_the_rig() -> (Closing, Vec<Dataset>) {
     let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(12.0);
     let run = |seed| record(&experiment, &Plant::default(), &Channels::default(), seed);
@@ -202,12 +202,12 @@ fn power(trace: &RunTrace, pick: fn(&Point) -> f64) -> f64 {
 }
 
 #[test]
-fn a_report_shows_what_was_found_and_nothing_from_elsewhere() {
+fn a_report_shows_the_result_and_loads_nothing_from_the_network() {
     let (found, data) = on_the_rig();
     let traces: Vec<RunTrace> = data.iter().map(|data| RunTrace::of(&found, data, &[])).collect();
     for trace in &traces {
         let (before, after) = (power(trace, |p| p.before_n), power(trace, |p| p.after_n));
-        assert!(after < 0.7 * before, "the lag mends the rig's: {before} {after}");
+        assert!(after < 0.7 * before, "the effect reduces the residual: {before} {after}");
         let mean = trace.points().map(|p| p.after_n).sum::<f64>() / trace.points().count() as f64;
         assert!(mean.abs() < 1e-9 && trace.points().count() > 5000);
     }
@@ -243,7 +243,7 @@ fn a_report_shows_what_was_found_and_nothing_from_elsewhere() {
 }
 
 #[test]
-fn a_report_on_nothing_is_still_a_page() {
+fn a_report_without_named_effects_is_a_valid_page() {
     let (found, data) = on_the_rig();
     let unnamed = Closing {
         verdict: Verdict::Unexplained,
@@ -262,9 +262,12 @@ fn a_report_on_nothing_is_still_a_page() {
     let page = html(&outcome);
     assert_balanced(&page);
     assert!(page.contains("pictures below are of the confirm runs") && !page.contains("NaN"));
-    assert!(!page.contains(">after<") && page.contains("<svg"), "without a name there is no after");
+    assert!(
+        !page.contains(">after<") && page.contains("<svg"),
+        "without a named effect no curve \"after\" is drawn"
+    );
     outcome.traces = vec![RunTrace::of(&unnamed, &Dataset { rows: Vec::new(), ..data[0].clone() }, &[])];
-    assert!(html(&outcome).contains("There is no residual to draw."));
+    assert!(html(&outcome).contains("The runs have no residual to draw."));
 }
 
 #[test]
@@ -273,18 +276,18 @@ fn in_paired_mode_the_residual_is_the_difference_to_the_healthy_run() {
     let paired = Closing { mode: Mode::Paired, ..found.clone() };
     let shifted = |offset_n: f64| {
         let mut other = data[0].clone();
-        // Another session: the stamps begin elsewhere, and the load cell is off.
+        // Another session: the stamps begin at another time, and the load cell has an offset.
         for row in &mut other.rows {
             row.stamp = row.stamp.shifted(5_000_000_000);
             row.force_n += offset_n;
         }
         other
     };
-    // The reference is known by its motion, not by its place.
+    // The reference run is chosen by its motion, not by its position in the list.
     let trace = RunTrace::of(&paired, &data[0], &[data[1].clone(), shifted(40.0)]);
     assert!(trace.points().count() > 5000);
-    assert!(trace.points().all(|p| p.before_n.abs() < 1e-6), "the same run leaves nothing over");
-    // After it, what the effect makes is missing: the healthy run has it too.
+    assert!(trace.points().all(|p| p.before_n.abs() < 1e-6), "the same run has no residual");
+    // The residual after is reduced by the effect's contribution, because the healthy run contains the effect too.
     let effect = RunTrace::of(&found, &data[0], &[]);
     let made = |p: &Point| p.after_n - p.before_n;
     assert!(trace.points().zip(effect.points()).all(|(a, b)| (made(a) - made(b)).abs() < 1e-6));

@@ -1,4 +1,4 @@
-//! A closing as text for a terminal, in lines of at most 110 columns where names of runs are short.
+//! A diagnosis as text for a terminal. Lines have at most 110 columns unless names of runs are long.
 
 use super::words;
 use mr_damper_model::diagnose::{Closing, Named};
@@ -7,10 +7,10 @@ use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::DriveKind;
 use std::fmt::Write;
 
-/// Columns of the terminal.
+/// Columns of a line.
 const WIDTH: usize = 110;
 
-/// What was found, how sure it is, what was refused, and what is left.
+/// The whole result: what was found and how certain it is, errors, refused effects, and the remaining error.
 #[must_use]
 pub fn text(closing: &Closing, drive: Option<DriveKind>) -> String {
     let mut text = short(closing, drive);
@@ -18,14 +18,14 @@ pub fn text(closing: &Closing, drive: Option<DriveKind>) -> String {
     reasons(&mut text, "Refused", words::refused(closing).into_iter().map(|r| (r.effect, r.why.as_str())));
     reasons(
         &mut text,
-        "Cannot be shown or denied by these runs",
+        "Not testable with these runs",
         closing.untestable.iter().map(|r| (r.effect, r.why.as_str())),
     );
     left_over(&mut text, closing);
     text
 }
 
-/// What was found and how sure it is.
+/// The verdict, the proof on the test runs and the named effects.
 #[must_use]
 pub fn short(closing: &Closing, drive: Option<DriveKind>) -> String {
     let mut text = String::new();
@@ -44,7 +44,7 @@ pub fn short(closing: &Closing, drive: Option<DriveKind>) -> String {
     text
 }
 
-/// `line`, broken between words, indented by `indent` and by two more where it goes on.
+/// Appends `line`, wrapped between words. The first line is indented by `indent`, continuation lines by two more.
 pub(in crate::report) fn paragraph(text: &mut String, indent: usize, line: &str) {
     let mut column = 0;
     for word in line.split_whitespace() {
@@ -70,15 +70,19 @@ fn effect(text: &mut String, named: &Named, drive: Option<DriveKind>) {
         paragraph(text, 4, &words::parameter(found, drive));
     }
     let line = format!(
-        "{}, corrected for all effects that were tried; takes away {} of the explainable error on the estimate runs, {} of the squared error on the \
-         confirm runs",
+        "{}, corrected for all effects that were tried; removes {} of the reducible error on the training runs and {} of the squared error \
+         on the validation runs",
         words::chance(named.p_adjusted),
         words::percent(named.share_removed),
         words::percent(named.confirmed)
     );
     paragraph(text, 4, &line);
     if let Some((others, settles)) = words::class(named) {
-        paragraph(text, 4, &format!("or one of {others}: these runs cannot tell them apart. What would:"));
+        paragraph(
+            text,
+            4,
+            &format!("or one of {others}: these runs cannot distinguish them. Excitation that would:"),
+        );
         for (id, excitation) in settles {
             paragraph(text, 6, &format!("{id}: {excitation}"));
         }
@@ -88,15 +92,15 @@ fn effect(text: &mut String, named: &Named, drive: Option<DriveKind>) {
 fn errors(text: &mut String, closing: &Closing) {
     let mut rows: Vec<(String, &Fit, &Fit)> = Vec::new();
     if let Some(test) = &closing.test {
-        rows.push(("sealed runs".to_owned(), &test.before, &test.after));
+        rows.push(("test runs".to_owned(), &test.before, &test.after));
         rows.extend(test.runs.iter().map(|c| (format!("  {}", c.run), &c.before, &c.after)));
     }
     let confirm = (1..).zip(&closing.confirm);
-    rows.extend(confirm.map(|(place, c)| (format!("confirm {place}: {}", c.run), &c.before, &c.after)));
+    rows.extend(confirm.map(|(place, c)| (format!("validation {place}: {}", c.run), &c.before, &c.after)));
     let Some(width) = rows.iter().map(|(name, ..)| name.chars().count()).max() else { return };
     let _ = writeln!(
         text,
-        "\nError running free, each run's mean out: RSSE, ESR, and what is left of the squared error"
+        "\nSimulation error without each run's mean: RSSE, ESR, and the share of the squared error that is left"
     );
     let _ = writeln!(text, "  {:<width$}  {:>30}  {:>30}  {:>7}", "", "before", "after", "left");
     for (name, before, after) in rows {
@@ -122,7 +126,7 @@ fn reasons<'a>(text: &mut String, heading: &str, rows: impl Iterator<Item = (Eff
 
 fn left_over(text: &mut String, closing: &Closing) {
     let left = &closing.left_over;
-    text.push_str("\nLeft over\n");
+    text.push_str("\nRemaining error\n");
     let line = format!(
         "lack of fit {} (base alone {}); {}; {} blocks",
         words::figure(left.lof),
@@ -134,9 +138,9 @@ fn left_over(text: &mut String, closing: &Closing) {
     let with: Vec<String> =
         left.correlates_with.iter().map(|c| format!("{} {:+.2}", c.with, c.coefficient)).collect();
     let line = if with.is_empty() {
-        "it goes with nothing that was measured, beyond chance".to_owned()
+        "it correlates with no measured signal beyond chance".to_owned()
     } else {
-        format!("it goes with {}", with.join(", "))
+        format!("it correlates with {}", with.join(", "))
     };
     paragraph(text, 2, &line);
 }

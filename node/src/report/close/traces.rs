@@ -1,7 +1,7 @@
-//! The residual of a run before and after, sample by sample, with the motion that it came with.
+//! The residual of a run before and after augmentation, sample by sample, with the motion at the same time.
 //!
-//! Velocity, acceleration and the slope of the drive come from parabolas that look ahead as well as back: this is for
-//! looking at a finished run, never for the live path.
+//! Velocity, acceleration and the slope of the drive come from parabolas over a centred window. The window needs later
+//! samples, so this works on finished runs only, not in the live path.
 
 use super::words;
 use crate::report::correlate::parabola;
@@ -17,7 +17,7 @@ const HALF_WINDOW_S: f64 = 1.0 / 64.0;
 /// One sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// Since the run began, s.
+    /// Time since the start of the run, s.
     pub time_s: f64,
     /// Displacement as the model saw it, m.
     pub displacement_m: f64,
@@ -25,36 +25,37 @@ pub struct Point {
     pub velocity_m_s: f64,
     /// Acceleration, m/s².
     pub acceleration_m_s2: f64,
-    /// The drive, A or V; NaN without one.
+    /// The drive, A or V; NaN when there is none.
     pub drive: f64,
-    /// Its slope, per second.
+    /// Slope of the drive, A/s or V/s.
     pub drive_slope: f64,
-    /// Temperature of the case, °C; NaN where it is not known.
+    /// Temperature of the case, °C; NaN where it is unknown.
     pub case_temp_c: f64,
     /// Measured force, N.
     pub measured_n: f64,
-    /// What the base leaves over, the run's mean out, N.
+    /// Residual of the base model, without the run's mean, N.
     pub before_n: f64,
-    /// What the base with the effects leaves over, likewise.
+    /// Residual of the base model with the effects, without the run's mean, N.
     pub after_n: f64,
 }
 
-/// A run before and after.
+/// Residuals of a run before and after augmentation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunTrace {
     /// Its name, without folders.
     pub run: String,
     /// Kind of its drive.
     pub drive: Option<DriveKind>,
-    /// Samples a second.
+    /// Sample rate, Hz.
     pub rate_hz: f64,
-    /// The samples that count, without a gap within a stretch.
+    /// The samples that count for the error, in stretches without gaps.
     pub stretches: Vec<Vec<Point>>,
 }
 
 impl RunTrace {
-    /// The residuals of `closing` over `data`. In paired mode what is left over before is the difference to the force of the
-    /// one of `references` that moves alike, and after it that difference without what the effects make.
+    /// The residuals of `closing` on `data`. In paired mode the residual before is the difference to the force of the
+    /// reference run (one of `references`) with the same motion; the residual after is that difference minus the
+    /// simulated contribution of the effects.
     #[must_use]
     pub fn of(closing: &Closing, data: &Dataset, references: &[Dataset]) -> Self {
         let (before, after) = (free_run(&closing.before, data), free_run(&closing.after, data));
@@ -73,13 +74,13 @@ impl RunTrace {
         Self { run: words::file_name(&data.name), drive: data.drive, rate_hz: data.rate_hz, stretches }
     }
 
-    /// All samples.
+    /// All samples of all stretches.
     pub fn points(&self) -> impl Iterator<Item = &Point> {
         self.stretches.iter().flatten()
     }
 }
 
-/// Force of a free run at each row, N; NaN where there is none.
+/// Simulated force (free run) at each row, N; NaN where there is none.
 fn free_run(model: &Model, data: &Dataset) -> Vec<f64> {
     let mut forces = Vec::with_capacity(data.rows.len());
     let ended = walk(&model.augmented(), data, |_, predicted| {
@@ -90,7 +91,8 @@ fn free_run(model: &Model, data: &Dataset) -> Vec<f64> {
     forces
 }
 
-/// The rows that count and have all but drive and temperature, cut where one is missing.
+/// The rows that count and have motion and both residuals, split wherever a row is missing. Drive and temperature may be
+/// NaN.
 fn stretches(data: &Dataset, residuals: &[[f64; 2]]) -> Vec<Vec<Point>> {
     let stamps: Vec<Stamp> = data.rows.iter().map(|row| row.stamp).collect();
     let displacement =

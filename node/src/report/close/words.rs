@@ -1,11 +1,11 @@
-//! A closing in words: the same sentences for terminal and report.
+//! Sentences about a diagnosis, shared by terminal and report.
 
 use mr_damper_model::diagnose::{Closing, Found, Mode, Named, NoiseFloor, Refused, Sealed, Verdict};
 use mr_damper_model::effect::{Effect, EffectModel};
 use mr_damper_model::sample::DriveKind;
 use mr_damper_model::units::N_PER_LBF;
 
-/// Three significant digits; plain where that is short, else with an exponent.
+/// `value` with three significant digits; in scientific notation below 1e-3 and from 1e6.
 #[must_use]
 pub fn figure(value: f64) -> String {
     let size = value.abs();
@@ -19,7 +19,7 @@ pub fn figure(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// The same without zeros at the end: for numbers that were set and not measured.
+/// Like [`figure`] but without trailing zeros: for numbers that were set rather than measured.
 #[must_use]
 pub fn round(value: f64) -> String {
     let text = figure(value);
@@ -29,7 +29,7 @@ pub fn round(value: f64) -> String {
     exponent.map_or_else(|| short.to_owned(), |exponent| format!("{short}e{exponent}"))
 }
 
-/// A share in per cent.
+/// A share in percent.
 #[must_use]
 pub fn percent(share: f64) -> String {
     let per_cent = 100.0 * share;
@@ -38,37 +38,37 @@ pub fn percent(share: f64) -> String {
     format!("{:.decimals$} %", per_cent + 0.0)
 }
 
-/// An interval of shares in per cent.
+/// An interval of shares in percent.
 #[must_use]
 pub fn percents([low, high]: [f64; 2]) -> String {
     format!("{} to {}", percent(low).trim_end_matches(" %"), percent(high))
 }
 
-/// The least p-value that means anything here.
+/// The smallest p-value that is shown as a number.
 const LEAST_P: f64 = 1e-12;
 
-/// A p-value.
+/// A p-value as text, without the letter p.
 #[must_use]
 pub fn p_value(p: f64) -> String {
     if p < LEAST_P { format!("< {LEAST_P:e}") } else { figure(p) }
 }
 
-/// A p-value, with its letter.
+/// A p-value as text, such as `p = 0.0300`.
 #[must_use]
 pub fn chance(p: f64) -> String {
     format!("p {}{}", if p < LEAST_P { "" } else { "= " }, p_value(p))
 }
 
-/// A force in newtons and in pounds.
+/// A force in newtons and in pounds-force.
 #[must_use]
 pub fn force(newtons: f64) -> String {
     format!("{newtons:.2} N ({:.2} lbf)", newtons / N_PER_LBF)
 }
 
-/// Name and unit of a parameter that is called `name` in model files.
+/// Readable name and unit of the parameter that model files call `name`.
 #[must_use]
 pub fn quantity(name: &str, drive: Option<DriveKind>) -> (String, &'static str) {
-    // Longest first: the unit is all that the end of a name says.
+    // Longest first, so that the whole unit suffix of a name is matched.
     const UNITS: [(&str, &str); 10] = [
         ("_n_s2_m2", "N s²/m²"),
         ("_per_k", "1/K"),
@@ -92,7 +92,7 @@ pub fn quantity(name: &str, drive: Option<DriveKind>) -> (String, &'static str) 
     (stem.replace('_', " "), unit)
 }
 
-/// A parameter with its interval, and the range that physics leaves it.
+/// A parameter with its 95 % interval and its physical range.
 #[must_use]
 pub fn parameter(found: &Found, drive: Option<DriveKind>) -> String {
     let (name, unit) = quantity(found.name, drive);
@@ -105,7 +105,7 @@ pub fn parameter(found: &Found, drive: Option<DriveKind>) -> String {
     )
 }
 
-/// Titles, with commas and a last "and".
+/// The names joined with commas and a final "and".
 #[must_use]
 pub fn list(names: &[String]) -> String {
     match names {
@@ -115,7 +115,7 @@ pub fn list(names: &[String]) -> String {
     }
 }
 
-/// Titles of the effects that were named.
+/// Titles of the named effects.
 #[must_use]
 pub fn titles(closing: &Closing) -> Vec<String> {
     closing.effects.iter().map(|named| title(&named.effect)).collect()
@@ -136,100 +136,100 @@ pub fn verdict(closing: &Closing) -> String {
         (if closing.effects.len() == 1 { "accounts" } else { "account" }, percent(1.0 - left.share));
     match closing.verdict {
         Verdict::NothingToExplain => format!(
-            "Nothing to explain: what the base leaves over is no more than noise (lack of fit {lof})."
+            "Nothing to explain: the residual of the base model is not larger than noise (lack of fit {lof})."
         ),
         Verdict::Explained => {
-            format!("Explained: {names} {verb} for {gone} of the error that noise does not explain.")
+            format!("Explained: {names} {verb} for {gone} of the reducible error (above the noise floor).")
         }
         Verdict::PartlyExplained => format!(
-            "Partly explained: {names} {verb} for {gone} of the error that noise does not explain; {} is left.",
+            "Partly explained: {names} {verb} for {gone} of the reducible error (above the noise floor); {} remains.",
             percent(left.share)
         ),
         Verdict::Unexplained => format!(
-            "Unexplained: the base misses more than noise (lack of fit {lof}), and no effect of the library accounts \
-             for it on every run."
+            "Unexplained: the error of the base model is above the noise floor (lack of fit {lof}), and no effect of the \
+             library accounts for it on every run."
         ),
         Verdict::BaseInadequate => {
-            let why = closing.base_fault.as_deref().unwrap_or("it misses too much");
-            format!("Base inadequate (lack of fit {lof}): {why}. A name would mean nothing.")
+            let why = closing.base_fault.as_deref().unwrap_or("its error is too large");
+            format!("Base inadequate (lack of fit {lof}): {why}. Naming an effect would be meaningless.")
         }
     }
 }
 
-/// The name of a run without folders.
+/// The name of a run, without folders.
 #[must_use]
 pub fn file_name(run: &str) -> String {
     std::path::Path::new(run).file_name().map_or(run.to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
-/// Effects that were refused and not named in a later round after all.
+/// The refused effects, without those that were named in a later round.
 #[must_use]
 pub fn refused(closing: &Closing) -> Vec<&Refused> {
     let named = |refused: &&Refused| closing.effects.iter().any(|n| n.effect.effect() == refused.effect);
     closing.refused.iter().filter(|refused| !named(refused)).collect()
 }
 
-/// What paired mode is; `None` in absolute mode.
+/// Explains paired mode; `None` in absolute mode.
 #[must_use]
 pub fn paired(mode: Mode) -> Option<&'static str> {
     (mode == Mode::Paired).then_some(
-        "Paired mode: what is left over is the difference to the healthy runs of the same excitation, and the base stays as \
-         it is.",
+        "Paired mode: the residual is the difference to the healthy runs of the same excitation; the base model is not \
+         refitted.",
     )
 }
 
-/// Blocks below which sign flips give no p that survives the correction for some fifteen tests.
+/// With fewer blocks than this, sign flips cannot give a p-value that survives the correction for about fifteen tests.
 const FEW_BLOCKS: usize = 10;
 
-/// What a person can do after this verdict.
+/// The next step that the user can take after this verdict; `None` when none is needed.
 #[must_use]
 pub fn next_step(closing: &Closing) -> Option<&'static str> {
     match (closing.verdict, closing.mode) {
         (Verdict::Unexplained, _) if closing.blocks < FEW_BLOCKS => Some(
-            "The estimate runs are short: with fewer than 10 blocks of evidence hardly any effect can be told from chance. Give \
-             longer runs; 30 s of motion are a good start.",
+            "The training runs are too short: with fewer than 10 blocks hardly any effect can be distinguished from chance. \
+             Give longer runs with --estimate; 30 s of motion is a good start.",
         ),
         (Verdict::Unexplained | Verdict::PartlyExplained, _) => Some(
-            "What is left and what it goes with stands below. An effect of your own is one file more: see \
-             model/src/effect/mod.rs.",
+            "The remaining error and the signals that correlate with it are listed below. To try an effect of your own, \
+             add a file: see model/src/effect/mod.rs.",
         ),
         (Verdict::BaseInadequate, Mode::Absolute) => Some(
-            "Take a base that comes closer (`mr-damper compare` ranks them), or give healthy runs of the same \
+            "Use a base model that fits better (`mr-damper compare` ranks models), or give healthy runs of the same \
              excitation with --reference.",
         ),
         (Verdict::BaseInadequate, Mode::Paired) => {
-            Some("Take a base that comes closer: `mr-damper compare` ranks them.")
+            Some("Use a base model that fits better: `mr-damper compare` ranks models.")
         }
         (Verdict::NothingToExplain | Verdict::Explained, _) => None,
     }
 }
 
-/// What the sealed runs prove, in a sentence.
+/// The result on the test runs, in a sentence. A test run (`--test`, "sealed" in names) is read once, at the end.
 #[must_use]
 pub fn proof(test: Option<&Sealed>) -> String {
     let Some(sealed) = test else {
-        return "NOT PROVED: there were no sealed runs. Give runs that nothing has touched with --test."
+        return "NOT PROVED: there were no test runs. Give runs that were used for nothing else with --test."
             .to_owned();
     };
     let runs = match sealed.runs.len() {
-        1 => "the sealed run".to_owned(),
-        count => format!("the {count} sealed runs"),
+        1 => "the test run".to_owned(),
+        count => format!("the {count} test runs"),
     };
     let [low, high] = sealed.ratio_ci95;
     let share = format!("{} of what it was (95 %: {})", percent(sealed.ratio), percents(sealed.ratio_ci95));
     let gone = sealed.removed.map_or(String::new(), |removed| {
-        format!(" {} of the error that noise does not explain is gone.", percent(removed))
+        format!(" {} of the error above the noise floor is removed.", percent(removed))
     });
     if high < 1.0 {
         format!("On {runs}, read once, the squared error falls to {share}.{gone}")
     } else if low > 1.0 {
         format!("NOT PROVED: on {runs}, read once, the squared error grows to {share}.")
     } else {
-        format!("NOT PROVED: on {runs}, read once, the squared error comes to {share}: it may be no better.")
+        format!("NOT PROVED: on {runs}, read once, the squared error comes to {share}: this may be chance.")
     }
 }
 
-/// Where the noise floor is, and where it comes from.
+/// The noise floor and its source.
 #[must_use]
 pub fn noise_floor(floor: &NoiseFloor) -> String {
     use mr_damper_model::diagnose::FloorSource;
@@ -237,15 +237,15 @@ pub fn noise_floor(floor: &NoiseFloor) -> String {
         FloorSource::Replicates => "from replicates",
         FloorSource::Declared => "as declared",
         FloorSource::Estimated => {
-            "estimated from the force's own jitter: white noise alone, so a lower bound; --replicates or --noise-floor \
-             make it sure"
+            "estimated from the sample-to-sample noise of the force: white noise only, so a lower bound; give \
+             --replicates or --noise-floor for a reliable value"
         }
     };
     format!("noise floor {}, ESR {}, {source}", force(floor.rsse_n), figure(floor.esr))
 }
 
-/// Effects that the data cannot tell from the one that was named, and for each of them (the named one first) the
-/// excitation that would. `None` when there are none.
+/// The effects that the data cannot distinguish from the named one, and for each effect of the class (the named one
+/// first) the excitation that would. `None` when the named effect is the only one.
 #[must_use]
 pub fn class(named: &Named) -> Option<(String, Vec<(String, &'static str)>)> {
     let own = named.effect.effect().id();
@@ -273,7 +273,7 @@ mod tests {
             for parameter in effect.parameters() {
                 let (name, unit) = quantity(parameter.name, Some(DriveKind::CoilCurrent));
                 assert!(!name.is_empty(), "{}", parameter.name);
-                // Asymmetry is a share.
+                // Asymmetry is a share and has no unit.
                 assert_eq!(unit.is_empty(), effect == Effect::Asymmetry, "{}: {unit}", parameter.name);
             }
         }

@@ -1,4 +1,4 @@
-//! The report of a comparison: which model predicts best, trained on what, at what cost.
+//! The report of a comparison: error of each model by training experiment, and time per step.
 
 pub mod order;
 pub mod published;
@@ -14,28 +14,28 @@ use mr_damper_model::compare::{BoxPlot, Finished, Persistence, Predictor, Summar
 use published::Published;
 use serde::Serialize;
 
-/// Colours of the models in a picture, in the order of their places.
+/// Colours of the models in a picture, best model first.
 const INKS: [Ink; 3] = [Ink::Estimate, Ink::Trend, Ink::Level(2)];
 
-/// Classes of ink by form of the model, and what they are called.
+/// Style sheet class of the colour for each form of a model, and the form's name in the legend.
 const FORM_INKS: [(&str, &str); 3] =
     [("estimate", "with drive"), ("level2", "fuzzy sets over the drive"), ("level0", "passive")];
 
-/// What a step of a model costs.
+/// Time that one step of a model takes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StepTime {
     /// Name of the model.
     pub model: String,
     /// How the drive enters it.
     pub form: String,
-    /// Time of a step running free, ns.
+    /// Time of one simulation step, ns.
     pub ns_per_step: f64,
 }
 
-/// Some points of a model.
+/// Points `(x, y)` of a curve.
 pub type Points = Vec<(f64, f64)>;
 
-/// What a model says.
+/// The simulated curve of a model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
     /// Name of the model.
@@ -44,50 +44,50 @@ pub struct Curve {
     pub lines: Vec<Points>,
 }
 
-/// A picture with measured points and those of a few models, best first.
+/// A picture with the measured curve and the curves of a few models, best first.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// What it shows.
+    /// Title of the picture.
     pub title: String,
-    /// What was measured.
+    /// The measured curve.
     pub measured: Points,
     /// The models.
     pub models: Vec<Curve>,
 }
 
-/// All that the report tells.
+/// Everything the report shows.
 #[derive(Debug, Clone, Default)]
 pub struct Outcome<'a> {
     /// The comparison in a sentence.
     pub what: String,
-    /// What was run.
+    /// Names and values that say how the comparison was run.
     pub facts: Vec<(String, String)>,
-    /// The cells.
+    /// Results of each model on each training run.
     pub cells: &'a [Finished],
-    /// What they say together, best first.
+    /// Summaries of these results, best model first.
     pub summaries: &'a [Summary],
-    /// Persistence on every run.
+    /// Error of persistence on every run.
     pub persistence: &'a [Persistence],
-    /// Published figures to hold them against.
+    /// Published figures to compare with.
     pub published: Option<&'a Published>,
-    /// What steps cost.
+    /// Time per step of each model.
     pub step_times: &'a [StepTime],
-    /// Force over time.
+    /// Pictures of force over time.
     pub force_time: Vec<Picture>,
-    /// Force over velocity, one picture a current.
+    /// Pictures of force over velocity, one per current.
     pub force_velocity: Vec<Picture>,
-    /// What the force-velocity pictures are of.
+    /// Caption of the pictures of force over velocity.
     pub force_velocity_caption: String,
 }
 
 impl Outcome<'_> {
-    /// Time of a step, ns.
+    /// Time of one step, ns; `None` when it was not measured.
     #[must_use]
     pub fn ns_per_step(&self, model: &str, form: &str) -> Option<f64> {
         self.step_times.iter().find(|s| s.model == model && s.form == form).map(|s| s.ns_per_step)
     }
 
-    /// Mean ESR and RSSE of persistence over all runs.
+    /// Mean NMSE (`esr`) and RMSE (`rsse_n`, N) of persistence over all runs.
     fn persistence_means(&self) -> Option<(f64, f64)> {
         let with: Vec<(f64, f64)> =
             self.persistence.iter().filter_map(|p| Some((p.esr?, p.rsse_n?))).collect();
@@ -104,10 +104,10 @@ pub fn html(outcome: &Outcome<'_>) -> String {
         (section("What was run", &facts(&outcome.facts)))
         (section("Best first", &tables::best(outcome)))
         @if let Some(published) = outcome.published {
-            (section("Order of the models against the thesis", &against(outcome, published)))
+            (section("Order of the models compared with the thesis", &against(outcome, published)))
         }
         (section("Spread over all tests", &boxes(outcome)))
-        (section("Error against time", &pareto(outcome)))
+        (section("Error against time per step", &pareto(outcome)))
         (section("Force over time", &force_time(outcome)))
         @if !outcome.force_velocity.is_empty() { (section("Force over velocity", &force_velocity(outcome))) }
         (section("Cross-validation", &tables::cross_validation(outcome)))
@@ -154,10 +154,10 @@ fn against(outcome: &Outcome<'_>, published: &Published) -> Markup {
     html! {
         (table(&columns, &rows))
         p {
-            "Models are ordered by the mean ESR over all tests of their best training experiment. Each is used as it was "
-            "when it was published: an ARX one step ahead, p given the force itself, all others running free. Rank correlation of the two orders "
-            "(Kendall's tau; 1: the same, 0: none, \u{2212}1: the reverse): " strong { (tau(orders.tau)) }
-            "; with every model running free here: " strong { (tau(orders.tau_free_run)) } "."
+            "Models are ordered by the mean ESR over all tests of their best training experiment. Each is used as in its publication: "
+            "ARX for one-step-ahead prediction, p with the measured force as an input, all others in simulation. Rank correlation of the "
+            "two orders (Kendall's tau; 1: equal, 0: unrelated, \u{2212}1: reversed): " strong { (tau(orders.tau)) }
+            "; with every model in simulation here: " strong { (tau(orders.tau_free_run)) } "."
         }
         ul { @for remark in &orders.remarks { li { (remark) } } }
     }
@@ -188,7 +188,7 @@ fn boxes(outcome: &Outcome<'_>) -> Markup {
         }
         rows
     };
-    // Pictures of one predictor share their axis, so that forms can be held against each other.
+    // Pictures of one predictor share their axis, so that forms can be compared.
     let pictures = |predictor: Predictor, label: &str, forms: [(&str, &str); 3]| {
         let all = forms.map(|(form, heading)| (heading, rows(predictor, form)));
         let span: Vec<f64> = all.iter().flat_map(|(_, rows)| box_plot::values(rows)).collect();
@@ -200,18 +200,18 @@ fn boxes(outcome: &Outcome<'_>) -> Markup {
         }
     };
     html! {
-        p { "ESR of every test of every training experiment: box from lower to upper quartile with the median in it, "
-            "whiskers to the last test within one and a half box lengths, dots beyond. Quartiles are interpolated "
+        p { "ESR of every test of every training experiment. The box spans the lower to the upper quartile, with a line at the median; "
+            "whiskers reach the last test within 1.5 box lengths; dots are tests beyond. Quartiles are interpolated "
             "between order statistics. Further left is better; the axis is logarithmic." }
-        (pictures(Predictor::FreeRun, "ESR, free run", [
-            ("semi_active", "Running free, with drive"),
-            ("fuzzy", "Running free, fuzzy sets over the drive"),
-            ("passive", "Running free, without drive (passive)"),
+        (pictures(Predictor::FreeRun, "ESR, simulation", [
+            ("semi_active", "Simulation, with drive"),
+            ("fuzzy", "Simulation, fuzzy sets over the drive"),
+            ("passive", "Simulation, without drive (passive)"),
         ]))
-        (pictures(Predictor::OneStep, "ESR, one step", [
-            ("semi_active", "One step ahead of measured force, with drive"),
-            ("fuzzy", "One step ahead of measured force, fuzzy sets over the drive"),
-            ("passive", "One step ahead of measured force, without drive"),
+        (pictures(Predictor::OneStep, "ESR, prediction", [
+            ("semi_active", "One-step-ahead prediction, with drive"),
+            ("fuzzy", "One-step-ahead prediction, fuzzy sets over the drive"),
+            ("passive", "One-step-ahead prediction, without drive (passive)"),
         ]))
     }
 }
@@ -243,15 +243,15 @@ fn pareto(outcome: &Outcome<'_>) -> Markup {
         }
         figure {
             (PreEscaped(scatter::svg(
-                "Median free-run ESR against time of a step",
-                "time of a step, ns",
-                "median ESR, free run",
+                "Median ESR of the simulation against time per step",
+                "time per step, ns",
+                "median ESR, simulation",
                 &points,
             )))
             figcaption {
-                "Median over all tests, those without a figure counted as the worst, against the time of a free run's "
-                "step on one thread of this machine. No model beats those on the stairs in both. Names that would cover "
-                "others are left out; the table has all."
+                "Median over all tests (a test without a figure counts as the worst) against the time of one simulation "
+                "step on one thread of this machine. Models on the dashed staircase are not beaten in both by any other. Names that would "
+                "overlap are left out; the table lists all models."
             }
         }
         @if !without.is_empty() { p { "Without a median: " (without.join(", ")) "." } }
@@ -262,7 +262,7 @@ fn series(picture: &Picture, shape: Shape) -> Vec<Series> {
     let measured =
         Series { name: "measured".to_owned(), ink: Ink::Measured, shape, points: picture.measured.clone() };
     let line = |(index, points): (usize, &Points), curve: &Curve, ink| Series {
-        // One entry in the legend is enough.
+        // Only the first line of a curve gets an entry in the legend.
         name: if index == 0 { curve.name.clone() } else { String::new() },
         ink,
         shape: Shape::Line,
@@ -285,7 +285,7 @@ fn force_time(outcome: &Outcome<'_>) -> Markup {
     };
     html! {
         @for picture in &outcome.force_time { (plot(picture).figure(&picture.title)) }
-        @if outcome.force_time.is_empty() { p { "No model runs free on these runs." } }
+        @if outcome.force_time.is_empty() { p { "No model could be simulated on these runs." } }
     }
 }
 

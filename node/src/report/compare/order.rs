@@ -1,40 +1,40 @@
-//! The order of the models here beside the published one: how alike they are, where they differ, and what the figures
-//! say of why.
+//! Compares the order of the models here with the published order: how similar they are, where they differ, and what
+//! the figures show about the reasons.
 
 use super::published::Published;
 use mr_damper_model::compare::{Class, Persistence, Predictor, Summary, kendall_tau};
 use std::collections::HashSet;
 
-/// Published means closer than this share are as good as equal.
+/// Published means that differ by less than this share count as equal.
 const NEAR: f64 = 0.15;
-/// Experiments of the thesis with a stepped current end in this.
+/// Ending of the names of thesis experiments with a stepped current.
 const STEPPED: &str = "-CS";
 
-/// A model in both orders.
+/// A model with its figures in both orders.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ranked {
-    /// The model, and how it was used when it was published.
+    /// The model, and how it was used in its publication.
     pub class: Class,
-    /// Published mean ESR of the best training experiment, and that experiment.
+    /// The best training experiment in the publication, and the mean NMSE (ESR) there.
     pub published: (String, f64),
-    /// The same here; `None` where there is no mean.
+    /// The best training experiment and mean NMSE here; `None` without a mean.
     pub here: Option<(String, f64)>,
 }
 
-/// Both orders.
+/// Both orders of the models, and remarks on their differences.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Orders {
     /// Models in the published order.
     pub ranked: Vec<Ranked>,
-    /// Kendall's tau over those that have both.
+    /// Kendall's tau over the models that are in both orders.
     pub tau: Option<f64>,
-    /// Kendall's tau when every model runs free here; published figures as they are.
+    /// Kendall's tau with every model in simulation (free run) here, and the published figures unchanged.
     pub tau_free_run: Option<f64>,
-    /// What is to be said of them.
+    /// Remarks on the differences, one sentence each.
     pub remarks: Vec<String>,
 }
 
-/// Compares the orders; `None` when no model has both.
+/// Compares the orders; `None` when no model is in both.
 #[must_use]
 pub fn orders(summaries: &[Summary], published: &Published, persistence: &[Persistence]) -> Option<Orders> {
     let here = |class: &Class| {
@@ -70,7 +70,7 @@ pub fn orders(summaries: &[Summary], published: &Published, persistence: &[Persi
     Some(Orders { tau: kendall_tau(&both), tau_free_run: kendall_tau(&all_free), ranked, remarks })
 }
 
-/// Each pair that stands the other way round.
+/// Remarks on the pairs of models whose order is reversed.
 fn pairs(ranked: &[Ranked]) -> Vec<String> {
     let known: Vec<(&Ranked, f64)> = ranked.iter().filter_map(|r| Some((r, r.here.as_ref()?.1))).collect();
     let (mut all, mut turned) = (0, Vec::new());
@@ -80,7 +80,7 @@ fn pairs(ranked: &[Ranked]) -> Vec<String> {
             if here_first > here_second {
                 let near = second.published.1 <= (1.0 + NEAR) * first.published.1;
                 turned.push(format!(
-                    "{} is before {} in the thesis ({:.4} against {:.4}) and after it here ({here_first:.4} against \
+                    "{} is before {} in the thesis ({:.4} against {:.4}) but after it here ({here_first:.4} against \
                      {here_second:.4}){}",
                     name(&first.class),
                     name(&second.class),
@@ -92,14 +92,14 @@ fn pairs(ranked: &[Ranked]) -> Vec<String> {
         }
     }
     let mut remarks = vec![format!(
-        "{} of {all} pairs of models stand the same way round as in the thesis.",
+        "{} of {all} pairs of models are in the same order as in the thesis.",
         all - turned.len()
     )];
     remarks.extend(turned.into_iter().map(|text| text + "."));
     remarks
 }
 
-/// What one-step figures are worth, said when one of them leads.
+/// Remarks that put one-step-ahead figures into perspective when one of them leads.
 fn one_step(
     ranked: &[Ranked],
     free: impl Fn(&Class) -> Option<(String, f64)>,
@@ -122,15 +122,15 @@ fn one_step(
         .collect();
     if !leading.is_empty() && still > 0.0 && still < best_free {
         remarks.push(format!(
-            "{}: given the measured force up to the sample before, as no other model is. Persistence, which knows \
-             nothing of dampers, has a mean ESR of {still:.4} that way and would stand before every model that runs \
-             free (the best: {best_free:.4}). The place in front is that of the input.",
+            "{}: given the measured force up to the previous sample, unlike all other models. Persistence, which has no \
+             damper model, reaches a mean ESR of {still:.4} with this input and would be ahead of every simulated model \
+             (the best: {best_free:.4}). The lead comes from the input.",
             leading.join(", ")
         ));
     }
     for r in ranked.iter().filter(|r| r.class.predictor == Predictor::SameInstant && r.here.is_some()) {
         remarks.push(format!(
-            "{}: the force is explained by itself and nothing is predicted, so its place beside the others says little.",
+            "{}: the measured force itself is an input, so nothing is predicted and its place among the others means little.",
             name(&r.class)
         ));
     }
@@ -139,10 +139,10 @@ fn one_step(
         let own = name(&Class { predictor: Predictor::FreeRun, ..r.class.clone() });
         match free(&r.class) {
             Some((_, free)) if free > *esr => remarks.push(format!(
-                "Running free, as the others do, {own} has a mean ESR of {free:.4} in place of {esr:.4}."
+                "In simulation, like the others, {own} has a mean ESR of {free:.4} instead of {esr:.4}."
             )),
             None => remarks.push(format!(
-                "Running free, {own} has no mean: it diverges in some test, or has no figure there."
+                "In simulation, {own} has no mean: it diverges in some test or has no figure there."
             )),
             Some(_) => {}
         }
@@ -150,7 +150,7 @@ fn one_step(
     remarks
 }
 
-/// Models whose best training experiment is of the other kind: stepped against varying current.
+/// Remarks on models whose best training experiment has the other kind of current (stepped or varying) than in the thesis.
 fn other_training(ranked: &[Ranked]) -> Vec<String> {
     let stepped = |name: &str| name.ends_with(STEPPED);
     let differs =
@@ -160,7 +160,7 @@ fn other_training(ranked: &[Ranked]) -> Vec<String> {
         .filter(differs)
         .filter_map(|r| Some((r, r.here.as_ref()?)))
         .map(|(r, here)| {
-            let kind = |on: &str| if stepped(on) { "current in steps" } else { "varying current" };
+            let kind = |on: &str| if stepped(on) { "stepped current" } else { "varying current" };
             format!(
                 "{} predicts best when trained on {} ({}); in the thesis on {} ({}).",
                 name(&r.class),
@@ -173,7 +173,7 @@ fn other_training(ranked: &[Ranked]) -> Vec<String> {
         .collect()
 }
 
-/// Published models without a mean here, with the reason.
+/// Remarks on published models that have no mean here, with the reason.
 fn missing(ranked: &[Ranked], summaries: &[Summary]) -> Vec<String> {
     let why = |class: &Class| {
         let of = |s: &&Summary| s.class.model == class.model && s.class.form == class.form;
@@ -181,7 +181,7 @@ fn missing(ranked: &[Ranked], summaries: &[Summary]) -> Vec<String> {
             None => "it was not part of this comparison".to_owned(),
             Some(summary) => match summary.failures.first() {
                 Some((on, why)) => format!("on {on}: {why}"),
-                None => "a test has no figure, so there is no mean".to_owned(),
+                None => "a test has no figure, so a mean is not defined".to_owned(),
             },
         }
     };
@@ -189,13 +189,13 @@ fn missing(ranked: &[Ranked], summaries: &[Summary]) -> Vec<String> {
     without.map(|r| format!("{} has no place here: {}.", name(&r.class), why(&r.class))).collect()
 }
 
-/// Model, form and predictor in a few words.
+/// Model, form and predictor as text.
 #[must_use]
 pub fn name(class: &Class) -> String {
     let how = match class.predictor {
         Predictor::FreeRun => "",
         Predictor::OneStep => ", one step ahead",
-        Predictor::SameInstant => ", given the force of the same instant",
+        Predictor::SameInstant => ", given the force at the same instant",
     };
     format!("{} ({}{how})", class.model, class.form.replace('_', "-"))
 }
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_is_said_with_its_figures() {
+    fn differences_from_the_thesis_are_reported_with_their_figures() {
         use Predictor::{FreeRun, OneStep};
         let thesis = Published {
             rows: vec![
@@ -259,7 +259,7 @@ mod tests {
         ];
         let still =
             [Persistence { experiment: "a".into(), replicate: 1, rsse_n: Some(9.0), esr: Some(0.02) }];
-        let found = orders(&here, &thesis, &still).expect("three models have both");
+        let found = orders(&here, &thesis, &still).expect("three models are in both orders");
         assert!((found.tau.expect("an order") - 1.0 / 3.0).abs() < 1e-12);
         assert_eq!(found.tau_free_run, Some(-1.0));
         let all = found.remarks.join("\n");
@@ -268,8 +268,8 @@ mod tests {
             "sp (passive) is before anfis (passive) in the thesis (0.0770 against 0.0860)",
             "within 15 %",
             "arx (passive, one step ahead): given the measured force",
-            "has a mean ESR of 0.0200 that way",
-            "Running free, as the others do, arx (passive) has a mean ESR of 0.3000 in place of 0.0040",
+            "reaches a mean ESR of 0.0200 with this input",
+            "In simulation, like the others, arx (passive) has a mean ESR of 0.3000 instead of 0.0040",
             "anfis (passive) predicts best when trained on RP-ICPS (varying current); in the thesis on RP1-CS",
             "p (passive) has no place here: it was not part of this comparison",
         ] {

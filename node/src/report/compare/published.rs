@@ -1,11 +1,11 @@
-//! Published figures that a comparison is held against.
+//! Published figures to compare with.
 
 use mr_damper_model::compare::{Class, Predictor};
 use mr_damper_model::identify::Form;
 use mr_damper_model::preset::{EXPERIMENTS, published};
 use mr_damper_model::units::N_PER_LBF;
 
-/// Models of the thesis, with what they were given when their figures were made.
+/// Models of the thesis, and the predictor with which their published figures were made.
 const THESIS: [(&str, Predictor); 5] = [
     ("arx", Predictor::OneStep),
     ("sp", Predictor::FreeRun),
@@ -14,16 +14,16 @@ const THESIS: [(&str, Predictor); 5] = [
     ("fuzzy-tanh", Predictor::FreeRun),
 ];
 
-/// RSSE in newtons and ESR, as published.
+/// Published RMSE (RSSE in the thesis) and NMSE (ESR in the thesis).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
     /// Root mean squared error, N.
     pub rsse_n: f64,
-    /// Error power over force variance.
+    /// Mean squared error over the variance of the measured force.
     pub esr: f64,
 }
 
-/// What was published of one model that was trained on one experiment.
+/// Published figures of one model trained on one experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PublishedRow {
     /// Name of the model, as in this program.
@@ -32,11 +32,11 @@ pub struct PublishedRow {
     pub form: String,
     /// How it was used.
     pub predictor: Predictor,
-    /// The experiment.
+    /// The training experiment.
     pub experiment: String,
-    /// On the run that it was trained on (thesis tables 4.1 to 4.7).
+    /// Figures on the training run (thesis tables 4.1 to 4.7).
     pub identification: Option<Figures>,
-    /// Mean over all other runs (thesis tables 5.1 and 5.2).
+    /// Mean figures over all other runs (thesis tables 5.1 and 5.2).
     pub cross_validation: Option<Figures>,
 }
 
@@ -73,7 +73,7 @@ impl Published {
         Self { rows }
     }
 
-    /// True when `experiment` is one of those with figures.
+    /// True when there are published figures for `experiment`.
     #[must_use]
     pub fn knows(&self, experiment: &str) -> bool {
         self.rows.iter().any(|row| row.experiment == experiment)
@@ -85,8 +85,7 @@ impl Published {
         self.of(class).find(|row| row.experiment == experiment)
     }
 
-    /// The least mean ESR over training experiments, with the experiment: the figure that the thesis ranks its
-    /// models by (section 5.1).
+    /// The training experiment with the lowest mean NMSE, and that NMSE. The thesis ranks its models by it (section 5.1).
     #[must_use]
     pub fn best(&self, class: &Class) -> Option<(&str, f64)> {
         let all = self.of(class).filter_map(|row| Some((row.experiment.as_str(), row.cross_validation?.esr)));

@@ -1,4 +1,4 @@
-//! Tables of a comparison. Figures of one predictor never share a column with those of another.
+//! Tables of a comparison. Figures of different predictors never share a column.
 
 use super::super::table::table;
 use super::Outcome;
@@ -8,16 +8,16 @@ use maud::{Markup, html};
 use mr_damper_model::compare::{Class, Figure, Finished, Predictor, Summary};
 use mr_damper_model::units::N_PER_LBF;
 
-/// What stands where there is no figure.
+/// Text of a cell without a figure.
 const NONE: &str = "–";
 
-/// The predictors, with a heading each.
+/// The predictors with their headings.
 const PREDICTORS: [(Predictor, &str); 3] = [
-    (Predictor::FreeRun, "Running free: displacement and drive alone"),
-    (Predictor::OneStep, "One step ahead of measured force, beside persistence"),
+    (Predictor::FreeRun, "Simulation (free run) from displacement and drive"),
+    (Predictor::OneStep, "One-step-ahead prediction from measured force, compared with persistence"),
     (
         Predictor::SameInstant,
-        "Given the measured force of the same instant: how well a relation holds, no prediction",
+        "Given the measured force at the same instant: tests a relation, predicts nothing",
     ),
 ];
 
@@ -29,7 +29,7 @@ fn rsse(rsse_n: Option<f64>) -> String {
     rsse_n.map_or(NONE.to_owned(), |n| format!("{n:.1} ({:.2})", n / N_PER_LBF))
 }
 
-/// The models by their best training experiment.
+/// The models, ordered by their best training experiment.
 pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
     let row = |(place, summary): (usize, &Summary)| {
         let (class, best) = (&summary.class, summary.best());
@@ -56,7 +56,7 @@ pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
         "#mean RSSE, N (lbf)",
         "#median ESR",
         "#without figure",
-        "#ns a step",
+        "#ns per step",
     ];
     html! {
         @for (predictor, heading) in PREDICTORS {
@@ -68,12 +68,12 @@ pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
                 @if predictor == Predictor::OneStep { (persistence(outcome)) }
             }
         }
-        p { em { "Best on" } " is the training experiment with the least mean ESR; both means are its own, and the median "
-            "is over all training experiments. Means are over all tests: every replicate of every experiment but the one "
-            "run that was trained on. A model with a "
-            "test that has no figure (a diverged free run) has no mean. "
-            em { "Without figure" } " counts such tests, and training runs that gave no model. The model keeps the force "
-            "offset of its training run." }
+        p { em { "Best on" } " is the training experiment with the lowest mean ESR; both means are of this experiment, and the median "
+            "is over all training experiments. Means are over all tests: every replicate of every experiment except the "
+            "training run. A model has no mean "
+            "when a test has no figure because the simulation diverged. "
+            em { "Without figure" } " counts such tests, and training runs that gave no model. The model keeps the force offset of its "
+            "training run. RSSE is the root mean squared error (RMSE); ESR is the normalised mean squared error (NMSE)." }
         (failures(outcome))
     }
 }
@@ -81,9 +81,9 @@ pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
 fn persistence(outcome: &Outcome<'_>) -> Markup {
     html! {
         @if let Some((esr, rsse_n)) = outcome.persistence_means() {
-            p { "Persistence (the force stays what it was one sample ago), mean over all runs: ESR "
+            p { "Persistence (the measured force of the previous sample), mean over all runs: ESR "
                 strong { (format!("{esr:.4}")) } ", RSSE " (rsse(Some(rsse_n)))
-                ". A one-step figure above that is worth nothing." }
+                ". A one-step-ahead model with a larger error is worse than persistence." }
         }
     }
 }
@@ -123,7 +123,7 @@ fn experiments<'a>(outcome: &Outcome<'a>) -> Vec<&'a str> {
     names
 }
 
-/// Means over all tests, by model and training experiment: the thesis' tables 5.1 and 5.2.
+/// Means over all tests by model and training experiment, like tables 5.1 and 5.2 of the thesis.
 pub(super) fn cross_validation(outcome: &Outcome<'_>) -> Markup {
     let experiments = experiments(outcome);
     let numbered: Vec<String> = experiments.iter().map(|name| format!("#{name}")).collect();
@@ -165,7 +165,7 @@ pub(super) fn cross_validation(outcome: &Outcome<'_>) -> Markup {
     }
 }
 
-/// Figures on the training runs, model by model: the thesis' tables 4.1 to 4.7.
+/// Figures on the training runs, one table per model, like tables 4.1 to 4.7 of the thesis.
 pub(super) fn identification(outcome: &Outcome<'_>) -> Markup {
     let mut models: Vec<(&str, &str)> = Vec::new();
     for cell in outcome.cells {
@@ -175,7 +175,7 @@ pub(super) fn identification(outcome: &Outcome<'_>) -> Markup {
         }
     }
     html! {
-        p { "Each model on the run that it was identified from." }
+        p { "Errors of each model on its training run." }
         @for key in models {
             @let cells: Vec<&Finished> = outcome.cells.iter().filter(|c| (c.model.as_str(), c.form.as_str()) == key).collect();
             @for (predictor, _) in PREDICTORS {
@@ -222,7 +222,7 @@ fn one_model(outcome: &Outcome<'_>, class: &Class, cells: &[&Finished]) -> Marku
         row
     };
     let parameters = cells.iter().find_map(|cell| cell.parameters);
-    let how = if one_step { "one step ahead" } else { "running free" };
+    let how = if one_step { "one-step-ahead prediction" } else { "in simulation" };
     html! {
         details open[published] {
             summary {

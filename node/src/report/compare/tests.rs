@@ -1,4 +1,4 @@
-//! The report of a made-up comparison.
+//! Tests of the report on a comparison made by hand.
 
 use super::*;
 use mr_damper_model::compare::{Figure, Test};
@@ -84,7 +84,7 @@ fn with_outcome(check: impl Fn(&Outcome<'_>)) {
 }
 
 #[test]
-fn the_report_holds_the_figures_beside_the_published_ones_and_nothing_from_elsewhere() {
+fn the_report_shows_own_and_published_figures_and_loads_nothing_from_the_network() {
     with_outcome(|outcome| {
         let page = html(outcome);
         for word in ["http", "src=", "@import", "url(", "NaN", "inf", "has no <current>"] {
@@ -112,10 +112,10 @@ fn the_report_holds_the_figures_beside_the_published_ones_and_nothing_from_elsew
 }
 
 #[test]
-fn one_step_figures_never_share_a_table_with_free_runs() {
+fn prediction_and_simulation_figures_never_share_a_table() {
     with_outcome(|outcome| {
         let page = tables::best(outcome).into_string();
-        let (free, stepped) = page.split_once("One step ahead").expect("both headings");
+        let (free, stepped) = page.split_once("One-step-ahead prediction").expect("both headings");
         assert!(free.contains("0.0501") || free.contains("0.055"), "{free}");
         assert!(!free.contains("0.0045") && !stepped.contains("0.055"), "{page}");
         assert!(stepped.contains("Persistence"));
@@ -123,7 +123,7 @@ fn one_step_figures_never_share_a_table_with_free_runs() {
 }
 
 #[test]
-fn a_report_on_nothing_is_still_a_page() {
+fn a_report_without_data_is_a_valid_page() {
     let page = html(&Outcome::default());
     assert!(page.ends_with("</html>") && !page.contains("NaN") && !page.contains("inf"));
 }

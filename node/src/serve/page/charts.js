@@ -1,25 +1,25 @@
 // The charts of a damper, each on a canvas: force and residual over time, force over velocity.
 //
-// A trail is a list of points, each a list with its time in seconds first, in order of time; null is unknown and breaks a line.
-// Nothing here knows of the server or of the clock: the time at the right edge is an argument.
+// A trail is a list of points in order of time. A point is a list that begins with its time in seconds; null means unknown and
+// breaks a line. This file does not use the server or the clock: the time at the right edge is an argument.
 
 export const SPAN_S = 10;
 const LOOP_S = 2;
-/** Steps in which a loop gets paler with age. */
+/** Number of steps in which a loop fades with age. */
 const FADES = 5;
-/** Points further apart than this are not connected, s. */
+/** Points that are further apart than this, in seconds, are not connected. */
 const GAP_S = 0.25;
 const MODES = ["arx", "arx_coast", "model", "hold", "fault"];
 const LEFT = 52, BOTTOM = 20, TOP = 8, RIGHT = 10;
 
-/** Colours of the style sheet, which follow light and dark. */
+/** Colours of the style sheet, which follow the light or dark mode. */
 export function colours() {
   const style = getComputedStyle(document.documentElement);
   const names = ["ink", "soft", "rule", "paper", "measured", "estimate", "residual", "command", "band", ...MODES];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 
-/** Round steps, some `most` of them, that cover from low to high. */
+/** About `most` round values between low and high, with their labels. */
 export function ticks(low, high, most) {
   const raw = (high - low) / Math.max(most, 1);
   const power = 10 ** Math.floor(Math.log10(raw));
@@ -32,14 +32,14 @@ export function ticks(low, high, most) {
   return all;
 }
 
-/** A range that grows at once and shrinks slowly, so that axes do not twitch. */
+/** A range that grows immediately and shrinks slowly, so that axes do not jitter. */
 export class Range {
   constructor(least) {
     this.least = least;
     this.low = this.high = null;
   }
 
-  /** Moves to hold low and high; either may be infinite, where there is nothing to hold. */
+  /** Adapts the range to contain low and high. Infinite values mean that there are no points. */
   hold(low, high) {
     if (!Number.isFinite(low) || !Number.isFinite(high)) [low, high] = [-this.least, this.least];
     const room = Math.max((high - low) * 0.06, this.least - (high - low) / 2);
@@ -51,7 +51,7 @@ export class Range {
   }
 }
 
-/** A canvas made sharp for its screen, wiped; with its size in CSS pixels. */
+/** Clears a canvas and sets its resolution to the screen's; returns its context and its size in CSS pixels. */
 function begin(canvas) {
   const scale = window.devicePixelRatio || 1;
   const width = canvas.clientWidth, height = canvas.clientHeight;
@@ -67,7 +67,7 @@ function begin(canvas) {
   return { ctx, width, height };
 }
 
-/** Where values come to lie, from their ranges. */
+/** Maps from values to pixels, for the ranges x and y. */
 function placing({ width, height }, x, y) {
   return {
     x: (value) => LEFT + ((value - x.low) / (x.high - x.low)) * (width - LEFT - RIGHT),
@@ -101,7 +101,7 @@ function axes({ ctx, width, height }, at, x, y, xTicks, ink) {
   }
 }
 
-/** Keeps what is drawn within the axes. */
+/** Draws with clipping to the area within the axes. */
 function within(frame, draw) {
   const { ctx, width, height } = frame;
   ctx.save();
@@ -128,7 +128,7 @@ function line(ctx, points, colour, width, gap = GAP_S) {
   ctx.stroke();
 }
 
-/** The points of a trail that are not older than `from`; the one before them too, so that a line enters from the edge. */
+/** The points of a trail from the time `from` on, and the one before, so that a line begins at the edge. */
 function recent(trail, from) {
   let low = 0, high = trail.length;
   while (low < high) {
@@ -153,7 +153,7 @@ function extremes(points, ...columns) {
   return [low, high];
 }
 
-/** Seconds that a chart of this width shows, and its ticks: half as many on a telephone, or a line is a smear. */
+/** Seconds that a chart of this width shows, and its ticks. A phone shows half as many, so that lines stay distinguishable. */
 function times({ width }) {
   const span = width < 480 ? SPAN_S / 2 : SPAN_S;
   const step = span / 5;
@@ -192,7 +192,7 @@ function area(ctx, points, at, edge, colour) {
   close();
 }
 
-/** Force over time: measured, estimate, its band, and the mode behind them. */
+/** Force over time: measured force, estimate with its band, and the mode as background. */
 export function forceChart(canvas, trails, edge, range, ink) {
   const frame = begin(canvas);
   const [span, marks] = times(frame);
@@ -223,7 +223,7 @@ export function residualChart(canvas, trails, edge, range, ink) {
   within(frame, (ctx) => line(ctx, placed, ink.residual, 1.4));
 }
 
-/** The value of a trail at the times of another one, between its points. */
+/** Interpolates a trail at the times of `points`. */
 export function paired(points, trail) {
   const found = [];
   let k = 0;
@@ -237,7 +237,7 @@ export function paired(points, trail) {
   return found;
 }
 
-/** Force over velocity: measured and estimate. */
+/** Force over velocity: measured force and estimate. */
 export function loopChart(canvas, trails, edge, ranges, ink) {
   const frame = begin(canvas);
   const velocity = recent(trails.velocity, edge - LOOP_S - GAP_S);
@@ -270,6 +270,6 @@ export function loopChart(canvas, trails, edge, ranges, ink) {
   if (velocity.length === 0) {
     frame.ctx.fillStyle = ink.soft;
     frame.ctx.textAlign = "center";
-    frame.ctx.fillText("no displacement is heard", (LEFT + frame.width) / 2, frame.height / 2);
+    frame.ctx.fillText("no displacement received", (LEFT + frame.width) / 2, frame.height / 2);
   }
 }

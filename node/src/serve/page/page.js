@@ -1,7 +1,7 @@
 // The live page: listens to /events, keeps the last ten seconds of each damper, and draws.
 //
-// What must never be: a number of the past that looks like one of now. Three ways lead there, and each is said in words: the damper
-// fell silent (the server says so), the server did (LOST_S), or this browser lags behind what it is sent (BEHIND_S).
+// The page must never show an old value as a current one. There are three causes of old values, and the page reports each in words: the
+// damper is silent (the server reports this), the server is silent (LOST_S), or this browser lags behind the received data (BEHIND_S).
 
 import { SPAN_S, Range, colours, forceChart, loopChart, residualChart } from "/charts.js";
 
@@ -25,9 +25,9 @@ const ROWS = [
   ["estimate.input_age_s", "age of the drive at the estimate", "ms", 1, 1000],
   ["estimate.model", "model", "", null],
   ["measured.force_n", "force, measured", "N", 1],
-  ["residual.predicted_n", "force, free run", "N", 1],
+  ["residual.predicted_n", "force, simulated (free run)", "N", 1],
   ["residual.residual_n", "residual", "N", 1],
-  ["residual.normalised", "residual over the RSSE to expect", "", 2],
+  ["residual.normalised", "residual over expected RSSE", "", 2],
   ["residual.windowed_rsse_n", "RSSE over the window", "N", 1],
   ["residual.windowed_esr", "ESR over the window", "", 4],
   ["residual.window_s", "window", "s", 1],
@@ -37,8 +37,8 @@ const ROWS = [
   ["command.force_expected_n", "force, expected", "N", 1],
   ["command.achievable_min_n", "achievable, from", "N", 1],
   ["command.achievable_max_n", "achievable, to", "N", 1],
-  ["command.achievable", "request can be met", "", null],
-  ["command.dissipative", "request takes energy out", "", null],
+  ["command.achievable", "requested force achievable", "", null],
+  ["command.dissipative", "requested force dissipative", "", null],
   ["command.limited_by", "limited by", "", null],
   ["drive.value", "drive, measured", "drive.unit", 3],
 ];
@@ -60,10 +60,10 @@ function plain(value) {
   return value === null || value === undefined || value === "" ? NOTHING : String(value);
 }
 
-/** How old something is; while the page is frozen, how old it was then. */
+/** An age in words; while the page is frozen, the age at the time of freezing. */
 function ago(s) {
   const then = view.frozen !== null;
-  if (s < 0.15) return then ? "of then" : "now";
+  if (s < 0.15) return then ? "at that time" : "now";
   return `${s < 100 ? `${s.toFixed(1)} s` : `${(s / 60).toFixed(0)} min`} ${then ? "before" : "ago"}`;
 }
 
@@ -88,15 +88,15 @@ class Damper {
     this.card = $("card").content.firstElementChild.cloneNode(true);
     this.card.setAttribute("aria-label", `damper ${name}`);
     put(this.card.querySelector("h2"), name);
-    put(this.card.querySelector("caption"), `All figures of damper ${name}`);
+    put(this.card.querySelector("caption"), `All values of damper ${name}`);
     this.find = (selector) => this.card.querySelector(selector);
-    // The workshop, where one is open, hangs its own part on each card.
+    // If the workshop is enabled, it adds its own part to each card.
     document.dispatchEvent(new CustomEvent("mr-damper-card", { detail: { name, card: this.card } }));
     this.table = this.makeTable();
     this.card.addEventListener("focusin", () => select([...dampers.keys()].indexOf(name), false));
     this.card.addEventListener("pointerdown", () => select([...dampers.keys()].indexOf(name), false));
     for (const [figure, what] of [["force", "Force over time"], ["loop", "Force over velocity"], ["residual", "Residual over time"]]) {
-      this.find(`figure.${figure} canvas`).setAttribute("aria-label", `${what}, damper ${name}; the newest values are in the table of figures`);
+      this.find(`figure.${figure} canvas`).setAttribute("aria-label", `${what}, damper ${name}; the newest values are in the table`);
     }
   }
 
@@ -116,7 +116,7 @@ class Damper {
     });
   }
 
-  /** Begins anew, with points of another time. */
+  /** Clears all trails; new points belong to `era`. */
   begin(era) {
     for (const name of SERIES) this.trails[name] = [];
     [this.era, this.offset, this.drawn] = [era, null, null];
@@ -129,7 +129,7 @@ class Damper {
       for (const point of points[name]) {
         if (!trail.length || point[0] > trail.at(-1)[0]) trail.push(point);
       }
-      // In one go now and then: taking the first off each time costs more.
+      // Removed in one go from time to time, which is cheaper than removing one point each time.
       if (trail.length > 6000) trail.splice(0, trail.findIndex((point) => point[0] > trail.at(-1)[0] - SPAN_S - 1));
     }
     const newest = this.newest();
@@ -148,7 +148,7 @@ class Damper {
 
   draw() {
     const newest = this.newest();
-    // It scrolls between batches too, and stands still soon after the last one.
+    // The chart scrolls between batches too, and stops soon after the last one.
     const edge = newest === null ? 0 : Math.min(seconds() - this.offset, newest + 0.1);
     if (this.drawn === edge) return;
     this.drawn = edge;
@@ -176,7 +176,7 @@ class Damper {
     this.showTiles(state);
     this.showTable(state);
     const rates = Object.entries(state.rates_hz).map(([topic, hz]) => `${topic.replaceAll("_", " ")} ${hz.toFixed(0)}`);
-    put(find(".rates"), rates.length ? `Messages a second${link.origin === "zenoh" ? ", thinned by the Zenoh mirror" : ""}: ${rates.join(", ")}` : "No topic of this damper is heard now.");
+    put(find(".rates"), rates.length ? `Messages per second${link.origin === "zenoh" ? ", thinned by the Zenoh mirror" : ""}: ${rates.join(", ")}` : "No messages of this damper are being received.");
     this.showChanges(state.changes);
   }
 
@@ -196,16 +196,16 @@ class Damper {
       put(element, old ? `old: ${ago(reading.age_s)}` : text);
     };
     const { estimate, measured, residual, command } = state;
-    note("band", estimate, estimate ? `90 %: ${fixed(estimate.band_low_n, 0)} to ${fixed(estimate.band_high_n, 0)} N${estimate.band_calibrated ? "" : ", not calibrated"}` : "none has come");
-    // Only forces of one time can be compared; JSON's stamps are good to a microsecond here.
+    note("band", estimate, estimate ? `90 %: ${fixed(estimate.band_low_n, 0)} to ${fixed(estimate.band_high_n, 0)} N${estimate.band_calibrated ? "" : ", not calibrated"}` : "none received");
+    // Only forces at the same time can be compared. Stamps in JSON are exact to about a microsecond here.
     const together = estimate && measured && Math.abs(measured.stamp_ns - estimate.stamp_ns) < 2e7;
-    note("measured", measured, !measured ? "none has come" : together ? `estimate is off by ${fixed(estimate.force_n - measured.force_n, 1)} N` : `came ${ago(measured.age_s)}`);
-    note("residual", residual, residual ? `RSSE ${fixed(residual.windowed_rsse_n, 1)} N, ESR ${fixed(residual.windowed_esr, 3)} over ${fixed(residual.window_s, 0)} s` : "none has come");
-    note("command", command, command ? `${fixed(command.achievable_min_n, 0)} to ${fixed(command.achievable_max_n, 0)} N achievable, ${fixed(command.force_requested_n, 0)} requested${command.limited_by === "none" ? "" : `; limited: ${plain(command.limited_by).replaceAll("_", " ")}`}` : "no force is asked for");
+    note("measured", measured, !measured ? "none received" : together ? `estimate differs by ${fixed(estimate.force_n - measured.force_n, 1)} N` : `received ${ago(measured.age_s)}`);
+    note("residual", residual, residual ? `RSSE ${fixed(residual.windowed_rsse_n, 1)} N, ESR ${fixed(residual.windowed_esr, 3)} over ${fixed(residual.window_s, 0)} s` : "none received");
+    note("command", command, command ? `${fixed(command.achievable_min_n, 0)} to ${fixed(command.achievable_max_n, 0)} N achievable, ${fixed(command.force_requested_n, 0)} requested${command.limited_by === "none" ? "" : `; limited: ${plain(command.limited_by).replaceAll("_", " ")}`}` : "no force requested");
     this.showInterval(command);
   }
 
-  /** The achievable interval with request and expectation, zero in the middle. */
+  /** Draws the achievable interval with the requested and the expected force; zero is in the middle. */
   showInterval(command) {
     const ends = [command?.achievable_min_n, command?.achievable_max_n].map((value) => value ?? null);
     const wanted = command?.force_requested_n ?? null, expected = command?.force_expected_n ?? null;
@@ -240,7 +240,7 @@ class Damper {
     const list = this.find(".changes ol");
     while (list.children.length > Math.max(changes.length, 1)) list.lastChild.remove();
     while (list.children.length < Math.max(changes.length, 1)) list.append(document.createElement("li"));
-    if (!changes.length) put(list.firstChild, "none since this page's server started");
+    if (!changes.length) put(list.firstChild, "none since the server of this page started");
     changes.forEach(({ from, to, reason, age_s }, k) => put(list.children[k], `${ago(age_s)}: ${from} to ${to}, ${reason}`));
   }
 }
@@ -263,7 +263,7 @@ function show(states) {
   $("empty").hidden = names.length > 0;
   for (const state of states) {
     dampers.get(state.name).show(state);
-    // Said aloud only where something has changed that matters.
+    // Announced to screen readers only when level, mode or alarm has changed.
     const matter = `${state.level} ${state.estimate?.mode} ${state.residual?.alarm}`;
     if (view.said.has(state.name) && view.said.get(state.name) !== matter) put($("announce"), `${state.name}: ${state.status}`);
     view.said.set(state.name, matter);
@@ -291,12 +291,12 @@ function connect() {
   view.source.addEventListener("workshop", (event) => document.dispatchEvent(new CustomEvent("mr-damper-workshop", { detail: JSON.parse(event.data) })));
   view.source.addEventListener("skipped", (event) => (link.skipped += Number(event.data)));
   view.source.onerror = () => {
-    link.words = "the connection to the server is gone; trying again";
-    // A browser gives up on an answer such as "16 pages are open already".
+    link.words = "connection to the server lost; retrying";
+    // A browser does not retry after a response such as "16 pages are open already".
     if (view.source.readyState === EventSource.CLOSED) {
       const source = view.source;
       fetch("/events", { method: "HEAD" }).then((answer) => {
-        if (answer.status === 503) link.words = "the server has as many pages as it serves; close one of them";
+        if (answer.status === 503) link.words = "too many pages of this server are open; close one of them";
       }, () => {});
       setTimeout(() => view.source === source && !view.frozen && connect(), 2000);
     }
@@ -310,7 +310,7 @@ function hear(news, first) {
     for (const damper of dampers.values()) damper.begin(null);
     [link.offset, link.origin] = [null, news.source];
   }
-  // The least time on the way so far; clocks may drift apart by a fifth of a millisecond a second.
+  // The smallest transit time so far; the clocks may drift apart by 0.2 ms per second.
   const offset = now - news.now_s;
   link.offset = link.offset === null ? offset : Math.min(offset, link.offset + (now - link.heard) * 2e-4);
   [link.heard, link.behind, link.words] = [now, offset - link.offset, ""];
@@ -323,8 +323,8 @@ function hear(news, first) {
 function freeze() {
   view.frozen = view.frozen ? null : new Date();
   $("freeze").setAttribute("aria-pressed", String(view.frozen !== null));
-  put($("freeze-text"), view.frozen ? "Go on" : "Freeze");
-  // A frozen page listens to nothing, and its ages are of then; going on begins with all points of the last ten seconds.
+  put($("freeze-text"), view.frozen ? "Continue" : "Freeze");
+  // A frozen page receives nothing and shows the ages at the time of freezing. Continuing starts with all points of the last ten seconds.
   if (view.frozen) {
     view.source.close();
     for (const damper of dampers.values()) if (damper.state) damper.show(damper.state);
@@ -332,7 +332,7 @@ function freeze() {
   else connect();
 }
 
-/** What stands over everything: frozen, lost, behind. */
+/** Updates the banner (frozen, lost, behind) and the status of the connection. */
 function tell() {
   const silence = link.heard === null ? Infinity : seconds() - link.heard;
   const lost = !view.frozen && silence > LOST_S;
@@ -340,16 +340,16 @@ function tell() {
   const banner = $("banner");
   banner.hidden = !(view.frozen || (lost && link.heard !== null) || behind);
   banner.classList.toggle("frozen", view.frozen !== null);
-  if (view.frozen) put(banner, `Frozen at ${view.frozen.toLocaleTimeString()}: what is shown is of then. Space goes on.`);
-  else if (lost) put(banner, `No word from the server for ${silence.toFixed(0)} s: what is shown is old.`);
-  else if (behind) put(banner, `This browser is ${link.behind.toFixed(1)} s behind: what is shown is old.`);
+  if (view.frozen) put(banner, `Frozen at ${view.frozen.toLocaleTimeString()}: all values are from that time. Press space to continue.`);
+  else if (lost) put(banner, `No data from the server for ${silence.toFixed(0)} s: the values shown are old.`);
+  else if (behind) put(banner, `This browser is ${link.behind.toFixed(1)} s behind: the values shown are old.`);
   document.body.classList.toggle("lost", lost || behind);
   document.body.classList.toggle("frozen", view.frozen !== null);
   const status = $("link");
   status.className = `link ${view.frozen || (lost && link.words === "connecting") ? "" : lost ? "bad" : "good"}`;
-  put(status, view.frozen ? "frozen" : lost ? link.words || "no word from the server" : `live, ${dampers.size} damper${dampers.size === 1 ? "" : "s"}`);
+  put(status, view.frozen ? "frozen" : lost ? link.words || "no data from the server" : `live, ${dampers.size} damper${dampers.size === 1 ? "" : "s"}`);
   const skipped = link.skipped ? `, ${link.skipped} batches skipped: this browser did not keep up` : "";
-  put($("rate"), lost || view.frozen ? "" : `${link.arrivals.length} batches a second${skipped}`);
+  put($("rate"), lost || view.frozen ? "" : `${link.arrivals.length} batches per second${skipped}`);
 }
 
 function frame() {
@@ -361,13 +361,13 @@ function frame() {
 
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey || $("keys").open) return;
-  // Where something is typed or chosen, keys are of that.
+  // An input element that has the focus gets the keys.
   if (event.target.closest("input, select, textarea")) return;
   const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
   if (step) select((view.selected + step + dampers.size) % dampers.size, true);
   else if (/^[1-9]$/.test(event.key)) select(Number(event.key) - 1, true);
   else if (event.key === "?") $("keys").showModal();
-  // On a button or a summary, space is theirs.
+  // Space activates a button, summary or link that has the focus.
   else if (event.key === " " && !event.target.closest("button, summary, a")) freeze();
   else return;
   event.preventDefault();

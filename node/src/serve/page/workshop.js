@@ -1,7 +1,7 @@
-// The workshop: runs that are taken and replayed, closings that are started, and what came of them.
+// The workshop: uploads and replays of runs, and diagnoses of dampers with their results.
 //
-// What is shown is what the server says, on each change, by the page's own stream; nothing is guessed here but how long an upload still
-// takes. What is asked goes as POST with the page's token. Every answer that is no yes is shown in its own words.
+// The server sends the state on each change, in the page's event stream; this file estimates only the remaining time of an upload.
+// Requests are POST with the page's token. The text of every refusal is shown.
 
 const HEADER = "x-mr-damper-token";
 const TOKEN = document.querySelector('meta[name="mr-damper-token"]').content;
@@ -29,7 +29,7 @@ function make(name, text = "", attributes = {}) {
   return Object.assign(document.createElement(name), { textContent: text, ...attributes });
 }
 
-/** A table: heads, and rows of texts; all columns but the first hold numbers. */
+/** A table with column heads and rows of text; all columns except the first contain numbers. */
 function table(heads, rows) {
   const whole = make("table"), number = (k) => (k ? "num" : "");
   const head = whole.createTHead().insertRow();
@@ -44,7 +44,7 @@ function table(heads, rows) {
   return scroll;
 }
 
-/** Asks for something; what is refused, or not answered, goes to `told` in words. */
+/** Sends a request. The element `told` shows the answer, the refusal, or that there was no answer. */
 async function ask(path, what, told) {
   try {
     const answer = await fetch(path, { method: "POST", headers: { [HEADER]: TOKEN, "Content-Type": "application/json" }, body: JSON.stringify(what) });
@@ -52,7 +52,7 @@ async function ask(path, what, told) {
     if (!answer.ok) return put(told, `Refused: ${text}`, "bad");
     put(told, JSON.parse(text).says);
   } catch {
-    put(told, "The server does not answer: is it still running?", "bad");
+    put(told, "The server does not answer. Is it still running?", "bad");
   }
 }
 
@@ -81,7 +81,7 @@ function next() {
     put(told, text, kind);
     next();
   };
-  if (file.size > limit) return end(`Refused: ${file.name} has ${size(file.size)}, and ${size(limit)} is the most that is taken. Start the server with a larger --upload-limit-mb.`, "bad");
+  if (file.size > limit) return end(`Refused: ${file.name} has ${size(file.size)}, which is more than the limit of ${size(limit)}. Start the server with a larger --upload-limit-mb.`, "bad");
   const query = reading(), request = new XMLHttpRequest(), began = performance.now();
   query.set("name", file.name);
   request.open("POST", `/runs?${query}`);
@@ -90,15 +90,15 @@ function next() {
     const seconds = (performance.now() - began) / 1000;
     const left = loaded > 0 ? `, ${span((seconds * (total - loaded)) / loaded)} left` : "";
     bar.value = loaded / total;
-    put(told, loaded < total ? `Uploading ${file.name}: ${size(loaded)} of ${size(total)}${left}` : `${file.name} is there; the server opens it`);
+    put(told, loaded < total ? `Uploading ${file.name}: ${size(loaded)} of ${size(total)}${left}` : `${file.name} is uploaded; the server is opening it`);
   };
   request.onload = () => {
     if (request.status !== 200) return end(`Refused: ${request.responseText.trim()}`, "bad");
     const about = JSON.parse(request.responseText);
-    end(`${about.name} is taken: ${span(about.length_s)}${about.notes.length ? `. Note: ${about.notes.join("; ")}` : ""}`, "good");
+    end(`${about.name} is uploaded: ${span(about.length_s)}${about.notes.length ? `. Note: ${about.notes.join("; ")}` : ""}`, "good");
   };
-  request.onerror = () => end(`Interrupted: the connection was lost while ${file.name} was sent, and nothing of it is kept. Once the server answers again, choose it again.`, "bad");
-  request.onabort = () => end(`Given up: nothing of ${file.name} is kept.`);
+  request.onerror = () => end(`Interrupted: the connection was lost during the upload of ${file.name}, which is not kept. Upload it again when the server answers.`, "bad");
+  request.onabort = () => end(`Cancelled: ${file.name} is not kept.`);
   shop.sending = request;
   bar.hidden = $("upload-stop").hidden = false;
   bar.value = 0;
@@ -111,7 +111,7 @@ function next() {
 function showRuns(runs, replay) {
   const under = replay && ["starting", "playing", "paused"].includes(replay.state);
   const drawn = JSON.stringify([runs, under && replay.run]);
-  // What has not changed stays, with the focus in it.
+  // Do not redraw an unchanged list, so that the focus stays in it.
   if (shop.drawn.runs === drawn) return;
   shop.drawn.runs = drawn;
   const focused = document.activeElement?.dataset?.of;
@@ -129,7 +129,7 @@ function showRuns(runs, replay) {
     item.append(row);
     return item;
   }));
-  if (!runs.length) $("runs").append(make("li", "No run yet: take one above."));
+  if (!runs.length) $("runs").append(make("li", "No runs yet: upload one above."));
   if (focused) [...$("runs").querySelectorAll("button")].find((one) => one.dataset.of === focused)?.focus({ preventScroll: true });
 }
 
@@ -155,12 +155,12 @@ function showReplay(replay) {
   if (!replay) return;
   const under = ["starting", "playing", "paused"].includes(replay.state);
   put($("replay-title"), `${replay.run}, ${replay.model}`);
-  put($("replay-told"), replay.state === "failed" ? `It came to nothing: ${replay.says}` : replay.says, replay.state === "failed" ? "bad" : "");
+  put($("replay-told"), replay.state === "failed" ? `Failed: ${replay.says}` : replay.says, replay.state === "failed" ? "bad" : "");
   $("replay-bar").value = replay.length_s > 0 ? replay.at_s / replay.length_s : 0;
   put($("replay-at"), `${span(replay.at_s)} of ${span(replay.length_s)}`);
-  put($("replay-pause"), replay.state === "paused" ? "Go on" : "Pause");
+  put($("replay-pause"), replay.state === "paused" ? "Continue" : "Pause");
   $("replay-pause").disabled = !under || replay.state === "starting";
-  put($("replay-stop"), under ? "Stop" : "Put away");
+  put($("replay-stop"), under ? "Stop" : "Close");
   if (document.activeElement !== $("replay-rate")) $("replay-rate").value = replay.rate;
   $("replay-rate").disabled = !under;
   const drawn = JSON.stringify(replay.figures);
@@ -170,15 +170,15 @@ function showReplay(replay) {
 }
 
 function figures(of) {
-  if (of.state === "computing") return [make("p", "The figures of the whole run are being computed.", { className: "note" })];
-  if (of.state === "none") return [make("p", `No figures of the whole run: ${of.why}`, { className: "told bad" })];
+  if (of.state === "computing") return [make("p", "The errors over the whole run are being computed.", { className: "note" })];
+  if (of.state === "none") return [make("p", `No errors over the whole run: ${of.why}`, { className: "told bad" })];
   const row = (name, fit) => [name, fit ? fit.rsse_n.toFixed(2) : "–", fit?.esr == null ? "–" : fit.esr.toFixed(5), fit ? String(fit.samples) : "–"];
-  const rows = [row("free run", of.free_run), row("free run, mean error out", of.free_run_without_offset)];
-  // Persistence is the yardstick of one step, and of nothing else.
-  if (of.one_step) rows.push(row("one step (fed with measured force)", of.one_step), row("persistence (one step)", of.persistence));
+  const rows = [row("simulation (free run)", of.free_run), row("simulation, without mean error", of.free_run_without_offset)];
+  // Persistence is the baseline of the one-step-ahead prediction only.
+  if (of.one_step) rows.push(row("one-step-ahead prediction (with measured force)", of.one_step), row("persistence (one step)", of.persistence));
   const parts = [table(["whole run, computed offline", "RSSE, N", "ESR", "samples"], rows)];
-  const band = of.band ? `${(100 * of.band.share).toFixed(1)} % of the samples lie within the model's 90 % band. ` : "";
-  parts.push(make("p", `${band}Free run: displacement and drive alone.${of.one_step ? "" : " The model does not feed on force, so there is no one step."}${of.refused ? ` ${of.refused} samples were refused.` : ""}`, { className: "note" }));
+  const band = of.band ? `${(100 * of.band.share).toFixed(1)} % of the samples are within the model's 90 % band. ` : "";
+  parts.push(make("p", `${band}Simulation uses displacement and drive, not the measured force.${of.one_step ? "" : " This model does not use measured force, so it has no one-step-ahead prediction."}${of.refused ? ` ${of.refused} samples were refused.` : ""}`, { className: "note" }));
   return parts;
 }
 
@@ -187,7 +187,7 @@ function figures(of) {
 function hang({ detail: { name, card } }) {
   const part = $("closing").content.firstElementChild.cloneNode(true);
   const told = part.querySelector(".told");
-  part.querySelector(".ask").setAttribute("aria-label", `Find what the model of ${name} lacks`);
+  part.querySelector(".ask").setAttribute("aria-label", `Diagnose the model of ${name}`);
   part.querySelector(".ask").addEventListener("click", () => ask("/closing", { damper: name }, told));
   part.querySelector(".stop").addEventListener("click", () => ask("/closing/cancel", { damper: name }, told));
   card.insertBefore(part, card.querySelector(".rates"));
@@ -207,9 +207,9 @@ function showClosing(name, part) {
   find(".stop").disabled = closing?.state === "cancelling";
   find("progress").hidden = !under;
   find("progress").value = closing?.progress ?? 0;
-  if (cannot) put(find(".told"), `No closing from here: ${cannot}.`);
-  else if (under) put(find(".told"), `The node works on what it remembers: ${closing.says}`);
-  else if (closing) put(find(".told"), { done: closing.says, failed: `It came to nothing: ${closing.says}`, cancelled: closing.says }[closing.state], closing.state === "failed" ? "bad" : "");
+  if (cannot) put(find(".told"), `No diagnosis from here: ${cannot}.`);
+  else if (under) put(find(".told"), `The node is diagnosing its model on its history: ${closing.says}`);
+  else if (closing) put(find(".told"), { done: closing.says, failed: `Failed: ${closing.says}`, cancelled: closing.says }[closing.state], closing.state === "failed" ? "bad" : "");
   const drawn = JSON.stringify(closing?.found ?? null);
   if (part.dataset.drawn === drawn) return;
   part.dataset.drawn = drawn;
@@ -222,23 +222,23 @@ function found({ found, report }) {
   if (found.effects.length) {
     const list = make("ul");
     for (const { title, parameters, chance, or } of found.effects) {
-      list.append(make("li", `${title}: ${parameters.join("; ")}; ${chance}${or.length ? `; or one of ${or.join(", ").replaceAll("_", " ")}, which these runs cannot tell apart` : ""}`));
+      list.append(make("li", `${title}: ${parameters.join("; ")}; ${chance}${or.length ? `; or one of ${or.join(", ").replaceAll("_", " ")}, which these runs cannot distinguish from it` : ""}`));
     }
     parts.push(list);
   }
   if (found.errors.length) {
     const cells = ({ runs, before, after, left }) => [runs, before.rsse_n.toFixed(2), after.rsse_n.toFixed(2), left];
-    parts.push(table(["error running free", "RSSE before, N", "after, N", "squared error left"], found.errors.map(cells)));
+    parts.push(table(["simulation error", "RSSE before, N", "after, N", "squared error left"], found.errors.map(cells)));
   }
   const model = make("p");
-  if (!found.model_file) model.append("Nothing was named: no model file is written.");
-  else if (found.loaded) model.append("The model with it is in force: ", make("code", found.model_file));
-  else model.append(`The model with it is not loaded${found.load_error ? ` (${found.load_error})` : ""}. To swap it in: `, make("code", found.load_line ?? ""));
+  if (!found.model_file) model.append("No effect was named, so no model file was written.");
+  else if (found.loaded) model.append("The node runs the augmented model: ", make("code", found.model_file));
+  else model.append(`The augmented model is not loaded${found.load_error ? ` (${found.load_error})` : ""}. To load it: `, make("code", found.load_line ?? ""));
   const file = found.model_file?.split("/").at(-1);
   if (shop.state.models.includes(file)) model.append(" It is among the models to replay with.");
-  const link = make("a", "The whole report", { href: `/reports/${encodeURIComponent(report)}`, target: "_blank", rel: "noopener" });
+  const link = make("a", "Full report", { href: `/reports/${encodeURIComponent(report)}`, target: "_blank", rel: "noopener" });
   const refused = make("details");
-  refused.append(make("summary", "In all words, with what was refused and why"), make("pre", found.text));
+  refused.append(make("summary", "Full text, with refused effects and reasons"), make("pre", found.text));
   parts.push(model, make("p"), refused);
   parts[parts.length - 2].append(link);
   return parts;
@@ -251,7 +251,7 @@ function show(state) {
   put($("folder"), state.folder);
   put($("limit"), size(state.upload_limit_bytes));
   const others = shop.sending ? [] : state.uploads;
-  if (others.length) put($("runs-told"), others.map(({ name, bytes, of, opening }) => opening ? `${name} has come in and is being opened` : `${name} comes in: ${size(bytes)}${of ? ` of ${size(of)}` : ""}`).join("; "));
+  if (others.length) put($("runs-told"), others.map(({ name, bytes, of, opening }) => opening ? `${name} is uploaded and is being opened` : `${name} is being uploaded: ${size(bytes)}${of ? ` of ${size(of)}` : ""}`).join("; "));
   else if (shop.drawn.others) put($("runs-told"), "");
   shop.drawn.others = others.length > 0;
   showRuns(state.runs, state.replay);
@@ -272,7 +272,7 @@ function show(state) {
 
 document.addEventListener("mr-damper-card", hang);
 document.addEventListener("mr-damper-workshop", ({ detail }) => show(detail));
-$("changes-what").textContent = "This page changes nothing but by the buttons of its workshop, which say what they do.";
+$("changes-what").textContent = "This page is read-only except for the buttons of its workshop.";
 $("files").addEventListener("change", () => {
   take($("files").files);
   $("files").value = "";
@@ -281,7 +281,7 @@ $("upload-stop").addEventListener("click", () => shop.sending?.abort());
 $("replay-pause").addEventListener("click", () => ask("/replay/turn", { turn: shop.state?.replay?.state === "paused" ? "resume" : "pause" }, $("replay-told")));
 $("replay-stop").addEventListener("click", () => ask("/replay/turn", { turn: "stop" }, $("runs-told")));
 $("replay-rate").addEventListener("change", () => ask("/replay/turn", { turn: "rate", rate: Number($("replay-rate").value) }, $("replay-told")));
-// A file that is dropped beside its place is not opened in place of the page.
+// A file that is dropped outside the upload area must not replace the page.
 for (const kind of ["dragover", "drop"]) addEventListener(kind, (event) => event.preventDefault());
 for (const [kind, over] of [["dragover", true], ["dragleave", false], ["drop", false]]) $("drop").addEventListener(kind, () => $("drop").classList.toggle("over", over));
 $("drop").addEventListener("drop", (event) => $("bench").disabled || take(event.dataTransfer.files));
@@ -289,6 +289,6 @@ setInterval(() => {
   const { classList } = document.body, frozen = classList.contains("frozen"), lost = classList.contains("lost");
   $("bench").disabled = frozen || lost;
   $("bench-closed").hidden = !(frozen || lost);
-  put($("bench-closed"), frozen ? "The page is frozen, and so is what it shows of the workshop: go on to use it." : lost ? "The server is not heard: what the workshop shows is old." : "", "bad");
+  put($("bench-closed"), frozen ? "The page is frozen, and so is the state of the workshop shown here. Continue to use it." : lost ? "No data from the server: the state of the workshop shown here is old." : "", "bad");
   for (const part of shop.cards.values()) if (frozen || lost) part.querySelector(".ask").disabled = true;
 }, 300);

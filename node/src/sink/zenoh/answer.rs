@@ -1,10 +1,10 @@
-//! The queryables `meta`, `history` and `status`, and the last sample of each key under `state/` and `web/`.
+//! Answers queries: `meta`, `history` and `status`, and the last sample of each key under `state/` and `web/`.
 //!
-//! `state/` and `web/` are answered as they are published: whoever comes late gets the last value by asking for the key that
-//! it subscribes to, wildcards included, with the `seq` by which it knows the next one.
+//! Late joiners can `get` any key under `state/` or `web/` that they subscribe to, wildcards included. The answer is the
+//! last published sample, encoded as it was published. Its `seq` tells which sample comes next.
 //!
-//! Zenoh calls back on its own receiving threads; those only hand the query over. A thread of ours answers,
-//! because an answer blocks on a consumer that does not read, and neither reception nor the samples may.
+//! Zenoh calls back on its receiving threads, which only queue the query. A separate thread answers, because an answer
+//! blocks while a consumer does not read, and neither reception nor samples may block.
 
 use super::config::Encoding;
 use super::encode::{Encoded, encode, encoding_of};
@@ -25,12 +25,12 @@ use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::query::Query;
 
-/// Queries that may wait. More are turned away and counted: their consumer gets no reply and may ask again.
+/// Maximum number of waiting queries. Further queries are refused and counted; their consumer gets no reply and may retry.
 pub(super) const WAITING: usize = 32;
-/// How often the thread looks whether it shall stop.
+/// Interval at which the thread checks whether it must stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// What can be asked for.
+/// The answers that the mirror composes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Question {
     Meta,
@@ -41,7 +41,7 @@ pub(super) enum Question {
 impl Question {
     pub(super) const ALL: [Self; 3] = [Self::Meta, Self::History, Self::Status];
 
-    /// Last part of the key.
+    /// The last part of the key.
     pub(super) const fn name(self) -> &'static str {
         match self {
             Self::Meta => "meta",
@@ -50,7 +50,7 @@ impl Question {
         }
     }
 
-    /// The parameters that it takes.
+    /// The query parameters that are allowed, besides Zenoh's own.
     const fn parameters(self) -> &'static [&'static str] {
         match self {
             Self::Meta | Self::Status => &["format"],
@@ -59,10 +59,10 @@ impl Question {
     }
 }
 
-/// What a query wants to know.
+/// The kind of answer to a query.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Wants {
-    /// One answer of ours.
+    /// An answer that the mirror composes.
     Answer(Question),
     /// The last sample of each key of a tree, as it was published.
     Last(Tree),
@@ -77,7 +77,7 @@ impl Wants {
         Self::Last(Tree::Web),
     ];
 
-    /// What comes after the damper in the key.
+    /// The part of the key after the damper's name.
     pub(super) const fn tail(self) -> &'static str {
         match self {
             Self::Answer(question) => question.name(),
@@ -87,17 +87,17 @@ impl Wants {
     }
 }
 
-/// What is wanted, with the query to answer it by.
+/// A query and the kind of its answer.
 pub(super) type Asked = (Wants, Query);
 
-/// Called by Zenoh: must not block.
+/// Queues a query for [`run`]. Called by Zenoh, so it must not block.
 pub(super) fn hand_over(wants: Wants, query: Query, queue: &SyncSender<Asked>, shared: &Shared) {
     if queue.try_send((wants, query)).is_err() {
         shared.book().queries_refused += 1;
     }
 }
 
-/// Answers until told to stop.
+/// Answers queries until the mirror stops.
 pub(super) fn run(queue: &Receiver<Asked>, shared: &Arc<Shared>) {
     let mut asked = [0_u64; Question::ALL.len()];
     while !shared.stopping() {
@@ -106,9 +106,9 @@ pub(super) fn run(queue: &Receiver<Asked>, shared: &Arc<Shared>) {
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        // One bad question must not take the others' answers away.
+        // A panic on one query must not prevent the answers to others.
         if catch_unwind(AssertUnwindSafe(|| answer(wants, &query, &mut asked, shared))).is_err() {
-            tracing::error!("a Zenoh query made the answering thread panic: {}", query.selector());
+            tracing::error!("the answering thread panicked on a Zenoh query: {}", query.selector());
         }
         shared.book().queries_answered += 1;
     }
@@ -131,17 +131,17 @@ fn answer(wants: Wants, query: &Query, asked: &mut [u64; Question::ALL.len()], s
         }
     };
     if let Err(error) = replied {
-        tracing::debug!("a Zenoh query got no answer: {error}");
+        tracing::debug!("cannot answer a Zenoh query: {error}");
     }
 }
 
-/// Answers with the last sample of each key that is asked for; with nothing where there was none.
+/// Answers with the last sample of each key that the query selects. A key without a sample gives no reply.
 fn answer_last(tree: Tree, query: &Query, shared: &Shared) {
     let wanted = match tree {
         Tree::State => shared.config.encoding,
         Tree::Web => Encoding::Json,
     };
-    // A copy, as an answer may have to wait.
+    // A copy, because an answer may block.
     let last = shared.book().last;
     let names = shared.names();
     for topic in Topic::ALL {
@@ -157,12 +157,15 @@ fn answer_last(tree: Tree, query: &Query, shared: &Shared) {
             Err(error) => Err(error.into()),
         };
         if let Err(error) = replied {
-            tracing::debug!("a Zenoh query got no answer: {error}");
+            tracing::debug!("cannot answer a Zenoh query: {error}");
         }
     }
 }
 
-/// The bytes of an answer, or what is wrong with the question.
+/// The bytes of an answer and their encoding.
+///
+/// # Errors
+/// A text that says what is wrong with the query.
 fn compose(
     question: Question,
     query: &Query,
@@ -171,16 +174,16 @@ fn compose(
 ) -> Result<(Vec<u8>, Encoding), String> {
     let parameters = query.parameters();
     let allowed = question.parameters();
-    // Names with an underscore are Zenoh's own.
+    // Names that begin with an underscore are Zenoh's own.
     if let Some((name, _)) =
         parameters.iter().find(|(name, _)| !name.starts_with('_') && !allowed.contains(name))
     {
-        return Err(format!("parameter `{name}` is not known here; known are {}", allowed.join(", ")));
+        return Err(format!("unknown parameter `{name}`; allowed here: {}", allowed.join(", ")));
     }
     let encoding = match parameters.get("format") {
         None | Some("json") => Encoding::Json,
         Some("cbor") => Encoding::Cbor,
-        Some(other) => return Err(format!("format={other} is not known; known are json and cbor")),
+        Some(other) => return Err(format!("unknown format={other}; use json or cbor")),
     };
     let bytes = match question {
         Question::Meta => {
@@ -228,7 +231,7 @@ fn history(
     Ok(to_bytes(&with_head(Question::History, seq, shared, &body), encoding))
 }
 
-/// What every answer begins with.
+/// The common first fields of an answer, followed by its body.
 #[derive(Serialize)]
 struct Answer<'a, T> {
     schema: String,
@@ -244,23 +247,23 @@ struct Status<'a> {
     damper: &'a str,
     mode: Option<&'static str>,
     model: &'a str,
-    /// None before the first residual.
+    /// `None` before the first residual.
     residual: Option<ResidualStatus>,
     #[serde(flatten)]
     stats: Stats,
 }
 
-/// How well the free-running model does, by the last residual.
+/// Error of the simulation (free run), from the last residual.
 #[derive(Serialize)]
 struct ResidualStatus {
     stamp_ns: i64,
     windowed_rsse_n: Option<f64>,
     windowed_esr: Option<f64>,
     expected_rsse_n: Option<f64>,
-    /// Windowed RSSE over the expected one.
+    /// Windowed RMSE over the expected RMSE.
     ratio: Option<f64>,
     alarm: bool,
-    /// Stamp of the sample at which the alarm was raised, while it stands.
+    /// Stamp of the sample that raised the alarm, while the alarm is active.
     alarm_since_ns: Option<i64>,
 }
 

@@ -7,21 +7,21 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use zenoh::config::EndPoint;
 
-/// How the process takes part in the Zenoh network.
+/// Role of the process in the Zenoh network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SessionMode {
     /// Listens, connects, or both.
     #[default]
     Peer,
-    /// Connects to one router, through which everything goes.
+    /// Connects to one router, which carries all traffic.
     Client,
-    /// Is a router itself: passes on between all who connect to it.
+    /// Is a router: forwards traffic between all connected sessions.
     Router,
 }
 
 impl SessionMode {
-    /// The name, as in the configuration.
+    /// The name used in the configuration.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -31,7 +31,7 @@ impl SessionMode {
         }
     }
 
-    /// The mode called `name`.
+    /// The mode with this name; `None` when it is unknown.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         [Self::Peer, Self::Client, Self::Router].into_iter().find(|mode| mode.name() == name)
@@ -47,13 +47,13 @@ pub enum Encoding {
     Cbor,
     /// JSON objects, `application/json`.
     Json,
-    /// The bytes of the ROS message with their four header bytes, `application/cdr`; `seq`, stamp and
-    /// validity travel in the attachment.
+    /// The ROS message as CDR, including its four header bytes, `application/cdr`; `seq`, stamp and validity are in the
+    /// attachment.
     Cdr,
 }
 
 impl Encoding {
-    /// The name, as in the configuration.
+    /// The name used in the configuration.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -63,7 +63,7 @@ impl Encoding {
         }
     }
 
-    /// The media type, as Zenoh names the encoding.
+    /// The media type, which is Zenoh's name of the encoding.
     #[must_use]
     pub const fn media_type(self) -> &'static str {
         match self {
@@ -82,7 +82,7 @@ impl Encoding {
     }
 }
 
-/// What nodes on rmw_zenoh see of the dampers.
+/// The part of the dampers that nodes on rmw_zenoh see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rmw {
@@ -91,15 +91,15 @@ pub enum Rmw {
     Off,
     /// The node and its outputs.
     Publish,
-    /// The node, its outputs, and its inputs: what they publish there is taken.
+    /// The node, its outputs and its inputs; messages published on the inputs are used.
     Both,
 }
 
 impl Rmw {
-    /// The names, as in the configuration.
+    /// The names used in the configuration.
     pub const NAMES: [&str; 3] = ["off", "publish", "both"];
 
-    /// The one called `name`.
+    /// The value with this name; `None` when it is unknown.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         let index = Self::NAMES.iter().position(|known| *known == name)?;
@@ -107,30 +107,31 @@ impl Rmw {
     }
 }
 
-/// Settings of the process's Zenoh session and its mirrors. The default has no endpoint, which is an error: nothing listens
-/// unasked.
+/// Settings of the process's Zenoh session and its mirrors. The default has no endpoint, which is an error, so that nothing
+/// listens unless it is configured.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ZenohConfig {
-    /// A configuration file of Zenoh's own (JSON5), for what is not below: TLS, users, access control, downsampling.
+    /// A Zenoh configuration file (JSON5) for all other settings: TLS, users, access control, downsampling.
     pub file: Option<PathBuf>,
-    /// Addresses to wait at, `tcp/ADDRESS:PORT` or `tls/ADDRESS:PORT`; none: those of the file.
+    /// Addresses to listen on, `tcp/ADDRESS:PORT` or `tls/ADDRESS:PORT`. If empty, the file's addresses are used.
     pub listen: Vec<String>,
-    /// Addresses of routers or peers, likewise; tried again for as long as it takes.
+    /// Addresses of routers or peers in the same form; connecting is retried until it succeeds. If empty, the file's
+    /// addresses are used.
     pub connect: Vec<String>,
-    /// How to take part in the network; `None`: as the file says, else as a peer.
+    /// Role in the network. `None`: the file's mode, or peer if the file does not set it.
     pub mode: Option<SessionMode>,
     /// Encoding of the payloads under `state/`.
     pub encoding: Encoding,
-    /// Rate of each topic under `web/` at most, 20 to 50 Hz.
+    /// Maximum rate of each topic under `web/`, 20 to 50 Hz.
     pub web_rate_hz: f64,
-    /// Length of the history that can be asked for, 0 to 600 s.
+    /// Length of the history that can be queried, 0 to 600 s.
     pub history_s: f64,
     /// Allows endpoints that other machines can reach.
     pub allow_non_loopback: bool,
-    /// Commands that are taken from `cmd/`, by name; none: nobody commands by Zenoh.
+    /// Names of the commands that are accepted under `cmd/`. If empty, no command is accepted over Zenoh.
     pub commands: Vec<String>,
-    /// What nodes on rmw_zenoh see of the dampers.
+    /// The part of the dampers that nodes on rmw_zenoh see.
     pub rmw: Rmw,
 }
 
@@ -152,15 +153,15 @@ impl Default for ZenohConfig {
 }
 
 impl ZenohConfig {
-    /// Checks the settings without opening anything; reads the file.
+    /// Checks the settings and the file without opening a session.
     ///
     /// # Errors
-    /// The first setting that cannot be used.
+    /// The first setting that is invalid.
     pub fn validate(&self) -> Result<(), ZenohError> {
         self.plan().map(drop)
     }
 
-    /// What the settings amount to.
+    /// The checked settings, combined with the file's settings.
     pub(super) fn plan(&self) -> Result<Plan, ZenohError> {
         in_range("web_rate_hz", self.web_rate_hz, 20.0..=50.0, "20 to 50 Hz")?;
         in_range("history_s", self.history_s, 0.0..=600.0, "0 (off) to 600 s")?;
@@ -196,7 +197,7 @@ pub(super) fn is_loopback(endpoint: &str) -> Result<bool, ZenohError> {
     if host.is_empty() {
         return Err(refuse("the address is missing"));
     }
-    // Any other name may resolve to anything.
+    // Any other name may resolve to any address.
     Ok(host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback()))
 }
 
@@ -213,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn only_loopback_passes_without_leave() {
+    fn only_loopback_is_allowed_by_default() {
         for endpoint in ["tcp/127.0.0.1:7447", "tcp/127.8.9.1:1", "tcp/[::1]:7447", "tcp/localhost:7447"] {
             assert!(listening(endpoint).validate().is_ok(), "{endpoint}");
         }

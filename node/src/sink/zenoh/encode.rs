@@ -1,4 +1,4 @@
-//! From an event to bytes: CBOR, JSON, or the ROS message in CDR.
+//! Encodes events as CBOR, as JSON or as ROS messages in CDR.
 
 use super::config::Encoding;
 use super::payload::{Item, ModelNames};
@@ -8,17 +8,17 @@ use mr_damper_model::sample::{Drive, Reading, Sample};
 use mr_damper_msgs::standard::{Header, Temperature};
 use mr_damper_msgs::{CdrError, CoilCurrent, CommandVoltage, Displacement, Force, Message, Velocity, cdr};
 
-/// Length of the attachment that goes with CDR, in bytes.
+/// Length of the attachment of a CDR payload, in bytes.
 pub(super) const ATTACHMENT_LEN: usize = 17;
 
-/// Bytes in the encoding that [`encoding_of`] names, and the attachment if they need one.
+/// A payload in the encoding given by [`encoding_of`], and the attachment that CDR needs.
 #[derive(Debug)]
 pub(super) struct Encoded {
     pub(super) bytes: Vec<u8>,
     pub(super) attachment: Option<[u8; ATTACHMENT_LEN]>,
 }
 
-/// An event that cannot be encoded; its text goes to the log.
+/// An event could not be encoded. The text is logged.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum EncodeError {
     #[error("CBOR: {0}")]
@@ -29,7 +29,7 @@ pub(super) enum EncodeError {
     Cdr(#[from] CdrError),
 }
 
-/// The encoding that a topic really has: what has no ROS message stays CBOR among CDR.
+/// The encoding that is used for a topic: instead of CDR it is CBOR when the topic has no ROS message.
 pub(super) const fn encoding_of(wanted: Encoding, topic: super::topic::Topic) -> Encoding {
     match wanted {
         Encoding::Cdr if topic.ros_type().is_none() => Encoding::Cbor,
@@ -37,7 +37,7 @@ pub(super) const fn encoding_of(wanted: Encoding, topic: super::topic::Topic) ->
     }
 }
 
-/// Encodes an event as the payload number `seq` of its route.
+/// Encodes an event as payload number `seq` of its route.
 pub(super) fn encode(
     item: &Item,
     seq: u64,
@@ -64,8 +64,8 @@ fn cbor(item: &Item, seq: u64, names: &ModelNames) -> Result<Vec<u8>, EncodeErro
     Ok(bytes)
 }
 
-/// `seq` (i64), `stamp_ns` (i64), validity (u8), little endian. The first 16 bytes are laid out as in the
-/// attachment of rmw_zenoh, so that tools for that one read these too.
+/// The attachment: `seq` (i64), `stamp_ns` (i64), validity (u8), little endian. The first 16 bytes have the layout of the
+/// attachment of rmw_zenoh, so that its tools can read them.
 fn attachment(item: &Item, seq: u64) -> [u8; ATTACHMENT_LEN] {
     let mut bytes = [0; ATTACHMENT_LEN];
     bytes[..8].copy_from_slice(&seq.to_le_bytes());
@@ -74,13 +74,13 @@ fn attachment(item: &Item, seq: u64) -> [u8; ATTACHMENT_LEN] {
     bytes
 }
 
-/// The ROS message in CDR with its header; `None` for what has no message.
+/// The ROS message in CDR, including the CDR header; `None` for events without a message.
 pub(super) fn ros_bytes(
     event: &Event,
     names: &ModelNames,
     frame_id: &str,
 ) -> Option<Result<Vec<u8>, EncodeError>> {
-    // A stamp that does not fit in a ROS header (after 2038) is exact in the attachment.
+    // A stamp after 2038 does not fit into a ROS header, but is exact in the attachment.
     Some(match event {
         Event::Input(sample) => input_bytes(sample, wire::header(sample.stamp, frame_id)),
         Event::Estimate(estimate) => write(&wire::force_estimate(estimate, names, frame_id)),
@@ -92,7 +92,7 @@ pub(super) fn ros_bytes(
 }
 
 fn input_bytes(sample: &Sample, header: Header) -> Result<Vec<u8>, EncodeError> {
-    // The pipeline does not carry variances: zero says unknown.
+    // The pipeline does not keep variances; zero means unknown.
     let variance = 0.0;
     match sample.reading {
         Reading::Displacement(x) => write(&Displacement { header, displacement: x.get(), variance }),
@@ -120,7 +120,7 @@ mod tests {
     use mr_damper_msgs::ForceEstimate;
 
     #[test]
-    fn cdr_carries_the_ros_message_and_the_rest_in_the_attachment() {
+    fn cdr_has_the_ros_message_as_payload_and_the_rest_in_the_attachment() {
         let item = Item::new(samples::estimate(1_700_000_000_000_000_005, -412.5), |_| None);
         let encoded =
             encode(&item, 9, Encoding::Cdr, &samples::names(), "rod").expect("an estimate has a message");
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn every_topic_has_the_type_that_it_names() {
+    fn every_ros_type_of_a_topic_exists() {
         let names = samples::names();
         for event in samples::one_of_each() {
             let item = Item::new(event, |_| None);

@@ -6,15 +6,15 @@ use mr_damper_model::pipeline::Event;
 use serde::Serialize;
 use std::collections::VecDeque;
 
-/// Entries of one topic at most, whatever its rate: 10 s at 6 kHz, and less than 10 MB.
+/// Maximum number of entries per topic at any rate: 10 s at 6 kHz, less than 10 MB.
 pub(super) const CAPACITY: usize = 65_536;
 
 /// An event of the history.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry {
-    /// When the mirror took it, by [`super::shared::Clock`], in nanoseconds since 1970.
+    /// Time at which the mirror took the event, from [`super::shared::Clock`], in nanoseconds since 1970.
     taken_ns: i64,
-    /// Its `seq` under `state/`.
+    /// `seq` of the event under `state/`.
     seq: u64,
     item: Item,
 }
@@ -25,11 +25,11 @@ impl Entry {
     }
 }
 
-/// What a query asks for.
+/// The entries that a query selects.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wanted {
     pub(super) range: TimeRange,
-    /// The newest entries of each topic at most.
+    /// Maximum number of entries per topic; the newest are returned.
     pub(super) max: usize,
 }
 
@@ -41,16 +41,16 @@ pub(super) struct History {
     residuals: VecDeque<Entry>,
 }
 
-/// Entries in the answer to a query, oldest first.
+/// The entries in the answer to a query, oldest first.
 #[derive(Debug, Default)]
 pub(super) struct Excerpt {
     pub(super) estimates: Vec<Entry>,
     pub(super) residuals: Vec<Entry>,
-    /// How far back the history reaches at present.
+    /// Extent of the whole history.
     pub(super) held: Held,
 }
 
-/// What the history holds.
+/// Extent of the history: numbers of entries, and the time of the oldest.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub(super) struct Held {
     pub(super) estimates: usize,
@@ -59,9 +59,9 @@ pub(super) struct Held {
 }
 
 impl History {
-    /// A history of `length_s` seconds; zero keeps nothing.
+    /// A history of `length_s` seconds; with zero it keeps nothing.
     pub(super) fn new(length_s: f64) -> Self {
-        // A cast of a float saturates.
+        // The cast saturates.
         Self { length_ns: (length_s * 1e9) as i64, ..Self::default() }
     }
 
@@ -83,7 +83,7 @@ impl History {
         if list.len() > CAPACITY {
             list.pop_front();
         }
-        // Both lists, so that a topic that fell silent ages too.
+        // Both lists, so that entries of a topic without new samples expire too.
         let oldest_ns = taken_ns.saturating_sub(self.length_ns);
         for list in [&mut self.estimates, &mut self.residuals] {
             while list.front().is_some_and(|entry| entry.taken_ns < oldest_ns) {
@@ -92,7 +92,7 @@ impl History {
         }
     }
 
-    /// Copies what is wanted; encoding is done without holding the history.
+    /// Copies the selected entries, so that they can be encoded without locking the history.
     pub(super) fn excerpt(&self, wanted: &Wanted, now_ns: i64) -> Excerpt {
         let oldest_ns = now_ns.saturating_sub(self.length_ns);
         let pick = |list: &VecDeque<Entry>| {
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn keeps_its_length_and_no_more() {
+    fn keeps_exactly_its_length() {
         let history = filled(2.0, 1000, SECOND / 100);
         let held = history.excerpt(&EVERYTHING, 999 * SECOND / 100).held;
         assert_eq!((held.estimates, held.residuals), (201, 0));
@@ -155,7 +155,7 @@ mod tests {
         assert_eq!(seqs, (90..=100).collect::<Vec<u64>>());
         let excerpt = history.excerpt(&Wanted { range, max: 3 }, now);
         assert_eq!(excerpt.estimates.iter().map(|entry| entry.seq).collect::<Vec<u64>>(), [98, 99, 100]);
-        // Silence: what is older than the length is not given, though it is still held.
+        // Without new samples, entries older than the length are not returned although they are still in memory.
         assert!(history.excerpt(&EVERYTHING, now + 20 * SECOND).estimates.is_empty());
     }
 }

@@ -10,24 +10,24 @@ use std::thread;
 use std::time::{Duration, Instant};
 use zenoh::{Session, Wait};
 
-/// Zenoh opens a peer within milliseconds; this bounds what is waited for when it does not.
+/// Longest wait for a peer's session, which Zenoh normally opens within milliseconds.
 const OPEN_WAIT: Duration = Duration::from_secs(5);
-/// What closing may take before it is left to itself.
+/// Longest wait for a session to close; afterwards it closes in the background.
 const CLOSE_WAIT: Duration = Duration::from_millis(400);
-/// Pause of a client between two attempts, each of which lasts seconds.
+/// Pause of a client between two attempts to connect. An attempt takes seconds.
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
-/// How often connections are counted.
+/// Interval between counts of the connections.
 const WATCH_PERIOD: Duration = Duration::from_millis(900);
-/// How often it is said that nobody is there.
+/// Interval between warnings about a missing connection.
 const REMINDER: Duration = Duration::from_secs(60);
 
-/// An open Zenoh session. One for a process; each damper's [`super::Mirror`] uses it.
+/// The Zenoh session of the process. The [`super::Mirror`] of each damper uses it.
 #[derive(Debug)]
 pub struct Link {
     inner: Arc<Inner>,
 }
 
-/// What mirrors hold of a link.
+/// The part of a link that it shares with the mirrors.
 #[derive(Debug)]
 pub(super) struct Inner {
     pub(super) config: ZenohConfig,
@@ -38,14 +38,14 @@ pub(super) struct Inner {
     entities: AtomicU64,
 }
 
-/// How far opening has come.
+/// State of the opening of the session.
 #[derive(Debug, Clone)]
 pub(super) enum Opening {
     /// A client waits for its router.
     Waiting,
-    /// The session, which may have been closed since.
+    /// The session was opened; it may have been closed since.
     Done(Session),
-    /// The session is gone, on request or because opening failed for good.
+    /// The session was closed or could not be opened.
     Gone,
 }
 
@@ -57,17 +57,17 @@ struct Watch {
 }
 
 impl Link {
-    /// Opens a session. A peer is ready when this returns, whether the addresses in `connect` answer or not;
-    /// so is a router; a client goes on connecting in the background. Returns within 5 s, usually within 50 ms.
+    /// Opens a session, within 5 s and usually within 50 ms. A peer or router is ready when this returns, even if the
+    /// addresses in `connect` do not answer; a client connects in the background.
     ///
     /// # Errors
-    /// When a setting cannot be used, when a port is taken, or when Zenoh opens no session.
+    /// When a setting is invalid, when a port is in use, or when Zenoh cannot open the session.
     pub fn open(config: &ZenohConfig) -> Result<Self, ZenohError> {
         let plan = config.plan()?;
         if config.rmw != Rmw::Off && plan.mode == SessionMode::Peer && !plan.connect.is_empty() {
             tracing::warn!(
-                "zenoh.rmw as a peer: the router of rmw_zenoh passes nothing on between peers, so its nodes see this one only where \
-                 they connect to it themselves; beside such a router, set zenoh.mode to client"
+                "zenoh.rmw is used in peer mode: the router of rmw_zenoh does not forward traffic between peers, so its nodes see this \
+                 node only if they connect to it directly; with such a router, set zenoh.mode to client"
             );
         }
         let inner = Arc::new(Inner {
@@ -80,7 +80,7 @@ impl Link {
         });
         let (sender, first_result) = mpsc::sync_channel(1);
         let opener = Arc::clone(&inner);
-        // A thread of its own: Zenoh must not be opened inside another async runtime.
+        // A separate thread, because Zenoh must not be opened inside another async runtime.
         thread::Builder::new()
             .name("zenoh-open".to_owned())
             .spawn(move || opener.open(&sender))
@@ -107,13 +107,13 @@ impl Link {
         &self.inner.config
     }
 
-    /// True while only those whom Zenoh's configuration file names may do what it says.
+    /// True when Zenoh's configuration file enables access control that denies everything it does not allow.
     #[must_use]
     pub fn has_access_control(&self) -> bool {
         self.inner.plan.access_control
     }
 
-    /// The session; `None` while a client waits for its router, and after the end.
+    /// The session; `None` while a client waits for its router, and after the session has ended.
     #[must_use]
     pub fn session(&self) -> Option<Session> {
         match self.inner.opening() {
@@ -122,7 +122,7 @@ impl Link {
         }
     }
 
-    /// Routers and peers that are connected now.
+    /// Number of connected routers and peers.
     #[must_use]
     pub fn connected(&self) -> usize {
         match self.inner.opening() {
@@ -131,7 +131,7 @@ impl Link {
         }
     }
 
-    /// A number that no other entity of this session has in the graph of rmw_zenoh.
+    /// A new entity number for the graph of rmw_zenoh, unique in this session.
     #[must_use]
     pub fn next_entity(&self) -> u64 {
         self.inner.next_entity()
@@ -139,7 +139,7 @@ impl Link {
 
     /// Closes the session, within half a second. Stop the mirrors first, or they report a closed session.
     pub fn close(self) {
-        // `Drop` does it.
+        // `Drop` closes it.
     }
 
     pub(super) fn inner(&self) -> Arc<Inner> {
@@ -170,7 +170,7 @@ impl Inner {
         self.opening.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Tries until there is a session or nobody wants it any more; all but a client try once.
+    /// Opens the session. A client retries until it is open or the link is closed; a peer or router tries once.
     fn open(&self, first_result: &mpsc::SyncSender<Result<(), String>>) {
         let mut said = false;
         while !self.closing.load(Ordering::Acquire) {
@@ -184,7 +184,7 @@ impl Inner {
                     }
                     *opening = Opening::Done(session);
                     drop(opening);
-                    // Nobody listens for a client's result.
+                    // For a client the result is not received.
                     let _ = first_result.try_send(Ok(()));
                     return;
                 }
@@ -198,7 +198,7 @@ impl Inner {
                         said = true;
                         let endpoints = self.plan.endpoints();
                         let why = plain(&error);
-                        tracing::warn!("no Zenoh router at {endpoints} yet, trying on: {why}");
+                        tracing::warn!("cannot connect to a Zenoh router at {endpoints}, retrying: {why}");
                     }
                     thread::sleep(RETRY_PAUSE);
                 }
@@ -206,7 +206,7 @@ impl Inner {
         }
     }
 
-    /// Counts connections, and says when they come and go. Cheap: looks once a second at most.
+    /// Counts the connections and logs changes. Cheap: it looks about once a second at most.
     pub(super) fn watch(&self, session: &Session) -> usize {
         let mut watch = self.watch.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
@@ -217,14 +217,16 @@ impl Inner {
         watch.checked = Some(now);
         let before = std::mem::replace(&mut watch.connected, count(session));
         if watch.connected != before {
-            tracing::info!(connected = watch.connected, "Zenoh connections: {before} before");
+            tracing::info!(connected = watch.connected, "Zenoh connections changed: {before} before");
         }
-        // A peer that only listens may rightly be alone. The first look is too early to complain.
+        // A peer that only listens may be alone without a fault. On the first look it is too early for a warning.
         let alone = watch.connected == 0 && !self.plan.connect.is_empty() && !first;
         if alone && watch.said.is_none_or(|at| now - at > REMINDER) {
             watch.said = Some(now);
             let endpoints = self.plan.connect.join(", ");
-            tracing::warn!("no Zenoh router or peer at {endpoints}; trying on: is it running?");
+            tracing::warn!(
+                "not connected to a Zenoh router or peer at {endpoints}, retrying: is it running?"
+            );
         } else if !alone {
             watch.said = None;
         }
@@ -244,12 +246,12 @@ fn close(session: Session) {
         if let Err(error) = session.close().wait() {
             tracing::debug!("closing the Zenoh session: {error}");
         }
-        // Nobody may be waiting any more.
+        // The receiver may have given up waiting.
         let _ = sender.send(());
     });
     match closer {
         Ok(_) if closed.recv_timeout(CLOSE_WAIT).is_ok() => {}
-        Ok(_) => tracing::warn!("the Zenoh session takes long to close; it is left to itself"),
-        Err(error) => tracing::warn!("no thread to close the Zenoh session: {error}"),
+        Ok(_) => tracing::warn!("the Zenoh session takes long to close; closing continues in the background"),
+        Err(error) => tracing::warn!("cannot start a thread to close the Zenoh session: {error}"),
     }
 }

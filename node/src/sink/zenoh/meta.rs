@@ -1,4 +1,4 @@
-//! The answer to `meta`: how to read what is published, for people and programs that know nothing of us.
+//! The answer to `meta`: describes the published keys and payloads for clients without prior knowledge.
 
 use super::encode::{ATTACHMENT_LEN, encoding_of};
 use super::shared::{Shared, Tree};
@@ -23,12 +23,11 @@ pub(super) fn describe(shared: &Shared) -> Value {
         "models": { "free": names.free, "seeded": names.seeded, "hash": names.hash },
         "sign_convention": "SI units (REP-103); positive displacement and velocity extend the damper, \
                             positive force is tension on the rod",
-        "not_finite": "null stands for NaN and for an infinite number, in JSON and in CBOR; in CDR they stay \
-                       as they are",
-        "seq": "counts the samples of one key from 1; a gap is a sample that Zenoh dropped because the \
+        "not_finite": "NaN and infinite numbers are null in JSON and CBOR; in CDR they are unchanged",
+        "seq": "counts the samples of one key from 1; a gap means that Zenoh dropped a sample because the \
                 consumer did not keep up. Events lost before the mirror leave no gap: see ring_dropped in \
                 status",
-        "stamp_ns": "stamp of the sample by its source, in ns; nearly always since 1970. Beyond 2^53 ns a \
+        "stamp_ns": "stamp that the source gave the sample, in ns, nearly always since 1970. Beyond 2^53 ns a \
                      JavaScript number is exact to 256 ns only",
         "attachment_of_cdr": format!(
             "{ATTACHMENT_LEN} bytes, little endian: seq (i64), stamp_ns (i64), validity (u8, an index into \
@@ -38,27 +37,27 @@ pub(super) fn describe(shared: &Shared) -> Value {
         "validity_of": {
             "inputs": "VALID, as accepted",
             "refused": "INVALID",
-            "force_residual": "that of the estimate with the same stamp; DEGRADED when that is forgotten",
+            "force_residual": "validity of the estimate with the same stamp; DEGRADED when it is no longer known",
             "mode": "VALID in arx and model, DEGRADED in arx_coast, STALE in hold, INVALID in fault",
-            "answers": "that of the last estimate",
+            "answers": "validity of the last estimate",
         },
         "modes": MODES.map(Mode::name),
         "reasons": Reasons::ALL.iter().map(|(_, name)| *name).collect::<Vec<_>>(),
         "web": {
             "rate_hz": shared.config.web_rate_hz,
             "encoding": "application/json",
-            "what": "the newest sample of each topic at this rate at most, and always the last one of a \
-                     burst; seq counts this key's own samples",
+            "what": "the newest sample of each topic, at most at this rate, and always the last one of a \
+                     burst; seq counts the samples of this key",
         },
         "history": {
             "length_s": shared.config.history_s,
             "topics": ["force_estimate", "force_residual"],
-            "parameters": "_time=[now(-10s)..] by the time at which the mirror took the sample, max=N newest \
-                           entries of each topic, format=json|cbor; one reply with all entries, oldest first",
+            "parameters": "_time=[now(-10s)..] selects by the time at which the mirror took the sample, max=N limits \
+                           to the newest entries of each topic, format=json|cbor; one reply with all entries, oldest first",
         },
-        "late_joiners": "a get of a key under state/ or web/, wildcards included, is answered with its last sample",
+        "late_joiners": "a get of a key under state/ or web/, wildcards included, returns the key's last sample",
         "status": "counters of each key: sent, dropped, age_s of the last sample, rate_hz",
-        "qos": "congestion control drop, priority data_high; answers keep that of the query",
+        "qos": "congestion control drop, priority data_high; answers use the QoS of the query",
         "topics": topics,
     })
 }

@@ -1,4 +1,4 @@
-//! The mirror of one damper: a thread that takes events from its ring and puts them to Zenoh.
+//! The mirror of one damper: a thread that takes events from a ring and publishes them over Zenoh.
 
 use super::config::Encoding;
 use super::encode::encode;
@@ -22,31 +22,31 @@ use std::sync::{Arc, mpsc};
 use std::thread::{self, JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
-/// What stopping may take before the thread is left to itself. The session's end has as much again.
+/// Longest wait for the thread to stop; afterwards it stops in the background. Closing the session takes about as long again.
 const STOP_WAIT: Duration = Duration::from_millis(450);
-/// Longest sleep: bounds what a forgotten wake-up costs.
+/// Longest sleep, which bounds the delay after a missed wake-up.
 const NAP: Duration = Duration::from_millis(50);
-/// Events between two looks at what else is to do.
+/// Events published between two rounds of other work.
 const BATCH: usize = 1024;
-/// How often connections and losses are looked at, and how often a standing fault is repeated in the log.
+/// Interval of the checks of connections and losses, and shortest interval between log messages about failed puts.
 const LOOK: Duration = Duration::from_secs(1);
 const REPEAT: Duration = Duration::from_secs(10);
-/// Estimates whose validity is remembered for their residuals, which follow a few samples later.
+/// Number of estimates whose validity is kept for their residuals, which follow a few samples later.
 const REMEMBERED: usize = 256;
 
-/// A damper, as it is named on Zenoh.
+/// Names of a damper on Zenoh.
 #[derive(Debug, Clone)]
 pub struct Damper {
-    /// Its name in keys: the ROS namespace without the leading slash, such as `front_left`.
+    /// Name in keys: the ROS namespace without the leading slash, such as `front_left`.
     pub name: String,
-    /// Its frame in the headers of ROS messages; used with [`Encoding::Cdr`] only.
+    /// Frame in the headers of ROS messages; used with [`Encoding::Cdr`] only.
     pub frame: Frame,
-    /// Its place in the graph of rmw_zenoh; none: nodes there do not see it.
+    /// Entry in the graph of rmw_zenoh; `None` when nodes there do not see the damper.
     pub rmw: Option<RmwPresence>,
 }
 
 impl Damper {
-    /// A damper whose frame is its name.
+    /// A damper whose frame equals its name.
     #[must_use]
     pub fn named(name: &str) -> Self {
         Self { name: name.to_owned(), frame: Frame::new(name), rmw: None }
@@ -62,11 +62,10 @@ pub struct Mirror {
 }
 
 impl Mirror {
-    /// Starts the thread. `dropped` counts the events that the ring had no room for; the caller
-    /// increments it.
+    /// Starts the thread. `dropped` counts the events that did not fit into the ring; the caller increments it.
     ///
     /// # Errors
-    /// When the damper's name is no part of a key, or the system gives no thread.
+    /// When the damper's name cannot be part of a key, or the thread cannot be started.
     pub fn start(
         link: &Link,
         damper: Damper,
@@ -88,30 +87,30 @@ impl Mirror {
             .spawn(move || {
                 let worker = Worker::new(of_worker, link, events);
                 if catch_unwind(AssertUnwindSafe(|| worker.run())).is_err() {
-                    of_guard.fail("its thread panicked (the panic's message stands above)".to_owned());
+                    of_guard.fail("its thread panicked (see the panic's message above)".to_owned());
                 }
-                // Nobody may be waiting.
+                // The receiver may have given up waiting.
                 let _ = sender.send(());
             })
             .map_err(|source| ZenohError::Thread { name: "zenoh-mirror", source })?;
         Ok(Self { shared, thread: handle.thread().clone(), running: Some((handle, ended)) })
     }
 
-    /// The thread to [`Thread::unpark`] after an event was pushed. Forgetting it costs at most 50 ms.
+    /// The thread to [`Thread::unpark`] after an event was pushed. Without it, the event is delayed by at most 50 ms.
     #[must_use]
     pub fn waker(&self) -> Thread {
         self.thread.clone()
     }
 
-    /// What names other models, after others were loaded.
+    /// A handle that changes the names of the running models.
     #[must_use]
     pub fn renamer(&self) -> Renamer {
         Renamer(Arc::clone(&self.shared))
     }
 
-    /// Commands are taken for this damper: `status` tells of them too.
+    /// Adds the counters of the commands for this damper to `status`.
     pub fn attach_commands(&self, counters: Arc<CommandCounters>) {
-        // There is one source of commands a damper, attached once.
+        // A damper has one source of commands, which is attached once.
         let _ = self.shared.commands.set(counters);
     }
 
@@ -121,15 +120,15 @@ impl Mirror {
         self.shared.stats()
     }
 
-    /// True while samples are published, or will be as soon as a client's router is there.
+    /// True while samples are published, or while a client still waits for its router.
     #[must_use]
     pub fn is_alive(&self) -> bool {
         matches!(self.shared.book().state, MirrorState::Connecting | MirrorState::Running)
     }
 
-    /// Publishes what the ring still holds, undeclares, and ends the thread, within half a second.
+    /// Publishes the events left in the ring, undeclares everything and ends the thread, within half a second.
     pub fn stop(self) {
-        // `Drop` does it.
+        // `Drop` stops it.
     }
 }
 
@@ -141,26 +140,26 @@ impl Drop for Mirror {
         match ended.recv_timeout(STOP_WAIT) {
             Err(mpsc::RecvTimeoutError::Timeout) => {
                 let damper = &self.shared.damper;
-                tracing::warn!(%damper, "the Zenoh mirror takes long to stop; left to itself");
+                tracing::warn!(%damper, "the Zenoh mirror takes long to stop; stopping continues in the background");
             }
-            // The panic, if any, was caught and reported.
+            // A panic was already caught and reported.
             Ok(()) | Err(mpsc::RecvTimeoutError::Disconnected) => drop(handle.join()),
         }
     }
 }
 
-/// Tells a mirror the names of the models that run.
+/// Changes the model names that a mirror publishes.
 #[derive(Debug, Clone)]
 pub struct Renamer(Arc<Shared>);
 
 impl Renamer {
-    /// Names other models, after others were loaded; events in the ring get the new names too.
+    /// Sets the names after other models were loaded. Events that are still in the ring get the new names too.
     pub fn rename(&self, names: ModelNames) {
         self.0.set_names(names);
     }
 }
 
-/// What the thread owns.
+/// State of the mirror's thread.
 struct Worker {
     shared: Arc<Shared>,
     link: Arc<Inner>,
@@ -193,7 +192,7 @@ impl Worker {
 
     fn run(mut self) {
         loop {
-            // Read before the ring is drained: what was pushed before the request to stop goes out.
+            // Read before the ring is drained, so that events pushed before the request to stop are still published.
             let stopping = self.shared.stopping();
             self.attend_session();
             let drained = self.drain();
@@ -215,7 +214,7 @@ impl Worker {
         }
     }
 
-    /// Declares once there is a session, and notices its end.
+    /// Declares everything once the session is open, and detects its end.
     fn attend_session(&mut self) {
         if let Some(outlet) = &self.outlet {
             if outlet.session().is_closed() {
@@ -240,7 +239,7 @@ impl Worker {
         }
     }
 
-    /// Publishes a batch; true when the ring is empty after it.
+    /// Publishes a batch of events. Returns true when the ring is empty afterwards.
     fn drain(&mut self) -> bool {
         for _ in 0..BATCH {
             let Ok(event) = self.events.pop() else { return true };
@@ -281,8 +280,8 @@ impl Worker {
         self.shared.book().note_on(route(Tree::Web, item.topic()), item, seq, sent, now);
     }
 
-    /// Puts a sample, and returns its number on the route and whether Zenoh took it. A number is used up
-    /// either way, so that a loss shows.
+    /// Publishes a sample. Returns its number on the route, and true when Zenoh took it. A sample that Zenoh did not take
+    /// uses a number too, so that consumers can detect the loss.
     fn put(&mut self, tree: Tree, item: &Item, wanted: Encoding) -> (u64, bool) {
         let topic = item.topic();
         let seq = &mut self.seq[route(tree, topic)];
@@ -300,7 +299,7 @@ impl Worker {
         (seq, put.is_ok())
     }
 
-    /// Publishes an output for nodes on rmw_zenoh, where they see the damper.
+    /// Publishes an output for nodes on rmw_zenoh, if `zenoh.rmw` is on.
     fn put_rmw(&mut self, event: &Event, now: Instant) {
         let Some(rmw) = self.outlet.as_mut().and_then(Outlet::rmw) else { return };
         if let Err(error) = rmw.put(event, &self.shared.names(), self.shared.clock.nanos_at(now)) {
@@ -311,11 +310,11 @@ impl Worker {
     fn complain(&mut self, topic: Topic, error: &str) {
         if self.last_complaint.is_none_or(|at| at.elapsed() > REPEAT) {
             self.last_complaint = Some(Instant::now());
-            tracing::warn!(damper = %self.shared.damper, topic = topic.name(), "not put to Zenoh: {error}");
+            tracing::warn!(damper = %self.shared.damper, topic = topic.name(), "cannot publish over Zenoh: {error}");
         }
     }
 
-    /// Once a second: connections, and losses in the ring.
+    /// Checks connections and losses in the ring, once a second.
     fn look(&mut self) {
         if self.last_look.is_some_and(|at| at.elapsed() < LOOK) {
             return;
@@ -327,7 +326,7 @@ impl Worker {
         if dropped > self.dropped_before {
             let lost = dropped - self.dropped_before;
             let damper = &self.shared.damper;
-            tracing::warn!(%damper, "{lost} events lost before Zenoh: the ring was full");
+            tracing::warn!(%damper, "{lost} events were lost before Zenoh because the ring was full");
             self.dropped_before = dropped;
         }
     }

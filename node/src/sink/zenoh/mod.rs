@@ -1,26 +1,25 @@
-//! The Zenoh mirror: what enters and leaves a damper's pipeline, on Zenoh keys.
+//! The Zenoh mirror publishes the inputs and outputs of a damper's pipeline on Zenoh keys.
 //!
 //! ```text
 //! estimating thread ── ring ──→ zenoh-mirror ──→ state/<topic>  every sample; CBOR, JSON or CDR
 //!        └──── unpark ────────────↗   │    └───→ web/<topic>    the newest at 20-50 Hz; JSON
 //!                                     │          alive          liveliness token
-//!                                  history       meta, history, status; the last of state/ and web/
+//!                                  history       meta, history, status; last sample of state/ and web/
 //!                                     └──→ zenoh-answers ──↗
 //! ```
 //!
-//! Nodes on rmw_zenoh see the damper as a ROS node with its topics where that is asked for: `rmw.rs`, off by default. The mirror's
-//! own keys all begin with `mr_damper/<damper>/`. One [`Link`] (the session) serves the process, one [`Mirror`]
-//! each damper. What holds, and is tested:
+//! With `zenoh.rmw` (off by default, see `rmw.rs`), nodes on rmw_zenoh see the damper as a ROS node with its topics. All
+//! other keys of the mirror begin with `mr_damper/<damper>/`. The process has one [`Link`] (the session), each damper
+//! has one [`Mirror`]. Tested properties:
 //!
-//! - The estimating thread shares the ring, an atomic counter and a wake-up with this module, no lock.
-//! - Samples are dropped rather than waited for; a consumer that does not read holds up nobody.
-//! - Nothing listens without being asked, and only on loopback unless allowed; nothing scouts.
-//! - `seq` counts the samples of a key from 1. A sample that Zenoh drops or refuses leaves a gap. An event
-//!   that the ring had no room for leaves none, because it is not known which keys it belonged to: it is
-//!   counted in [`Stats::ring_dropped`], which `status` answers.
-//! - Stopping takes less than a second, also when a consumer does not read.
+//! - The estimating thread shares with this module a ring, an atomic counter and a wake-up, but no lock.
+//! - Samples are dropped instead of waited for; a consumer that does not read delays nobody.
+//! - By default the node neither listens nor scouts; it uses other interfaces than loopback only if allowed.
+//! - `seq` counts the samples of a key from 1. A sample that Zenoh drops or refuses leaves a gap. An event that did not
+//!   fit into the ring leaves no gap, because its keys are not known; [`Stats::ring_dropped`], part of `status`, counts it.
+//! - Stopping takes less than a second, even when a consumer does not read.
 //!
-//! To be read with any Zenoh client; `tests/interop/zenoh_reader.py` is one in Python.
+//! Any Zenoh client can read the keys; `tests/interop/zenoh_reader.py` is an example in Python.
 
 mod answer;
 mod config;

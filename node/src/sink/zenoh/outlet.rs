@@ -1,4 +1,4 @@
-//! What one damper declares in a Zenoh session: publishers, queryables and the liveliness token.
+//! Zenoh declarations of one damper: publishers, queryables and the liveliness token.
 
 use super::answer::{self, WAITING, Wants};
 use super::config::Encoding;
@@ -16,10 +16,10 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Queryable;
 use zenoh::{Session, Wait};
 
-/// What the answering thread may take to end; it may be held up by a consumer that does not read.
+/// Longest wait for the answering thread to end. A consumer that does not read may delay it.
 const ANSWER_WAIT: Duration = Duration::from_millis(150);
 
-/// The declarations of one damper. Undeclared by [`Outlet::close`], or by the end of the session.
+/// The declarations of one damper. They end with [`Outlet::close`] or with the session.
 #[derive(Debug)]
 pub(super) struct Outlet {
     session: Session,
@@ -31,7 +31,7 @@ pub(super) struct Outlet {
 }
 
 impl Outlet {
-    /// Declares all; the token last, so that whoever sees it finds the rest.
+    /// Declares everything. The token comes last, so that clients that see it find the rest.
     pub(super) fn declare(session: Session, link: &Inner, shared: &Arc<Shared>) -> zenoh::Result<Self> {
         let mut publishers = Vec::with_capacity(ROUTES);
         for (tree, wanted) in [(Tree::State, shared.config.encoding), (Tree::Web, Encoding::Json)] {
@@ -39,11 +39,11 @@ impl Outlet {
                 let publisher = session
                     .declare_publisher(shared.route_key(tree, topic))
                     .encoding(encoding_of(wanted, topic).zenoh())
-                    // Never Block: a consumer that does not read would hold up all others.
+                    // Never Block: a consumer that does not read would delay all others.
                     .congestion_control(CongestionControl::Drop)
-                    // Not the default one: answers have that, may block, and hold their queue meanwhile.
+                    // Not the default priority: answers use it, and they may block its queue.
                     .priority(Priority::DataHigh)
-                    // Express was measured to lose samples.
+                    // Express lost samples in measurements.
                     .express(false)
                     .wait()?;
                 publishers.push(publisher);
@@ -69,7 +69,7 @@ impl Outlet {
         Ok(Self { session, publishers, queryables, token, answering, rmw })
     }
 
-    /// What nodes on rmw_zenoh see, where they see anything.
+    /// The declarations for nodes on rmw_zenoh, if any.
     pub(super) fn rmw(&mut self) -> Option<&mut RmwOutlet> {
         self.rmw.as_mut()
     }
@@ -78,7 +78,7 @@ impl Outlet {
         &self.session
     }
 
-    /// Publishes a sample. Does not wait for consumers.
+    /// Publishes a sample without waiting for consumers.
     pub(super) fn put(&self, tree: Tree, topic: Topic, encoded: Encoded) -> zenoh::Result<()> {
         let publisher = &self.publishers[route(tree, topic)];
         let put = publisher.put(encoded.bytes);
@@ -88,7 +88,7 @@ impl Outlet {
         }
     }
 
-    /// Takes the declarations back; the token first, so that nobody counts on the rest any more.
+    /// Undeclares everything. The token comes first, so that no client relies on the rest any more.
     pub(super) fn close(self) {
         let mut results = vec![self.token.undeclare().wait()];
         if let Some(rmw) = self.rmw {
@@ -103,7 +103,7 @@ impl Outlet {
         while !self.answering.is_finished() && Instant::now() < patience {
             thread::sleep(Duration::from_millis(2));
         }
-        // One that is still held up ends with its query.
+        // If the thread is still blocked, it ends with its query.
         if self.answering.is_finished() && self.answering.join().is_err() {
             tracing::error!("the thread that answers Zenoh queries panicked");
         }

@@ -1,8 +1,7 @@
-//! What is published: one serde type a kind of event, with units in the field names.
+//! The published payloads: one serde type per kind of event, with units in the field names.
 //!
-//! Every payload begins with `seq`, `stamp_ns` and `validity`. A number that is not finite becomes null, in
-//! JSON and in CBOR alike, because JSON knows no NaN and a consumer should not care which of the two it
-//! reads.
+//! Every payload begins with `seq`, `stamp_ns` and `validity`. A number that is not finite becomes null, because JSON
+//! cannot represent NaN. CBOR does the same, so that a consumer need not care which of the two it reads.
 
 use super::topic::Topic;
 use mr_damper_model::inverse::LimitedBy;
@@ -17,11 +16,11 @@ use serde::{Deserialize, Serialize};
 /// Names of the models that a damper runs, for estimates and `meta`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct ModelNames {
-    /// The free-running model: preset or file.
+    /// The simulated model (free run): name of a preset or file.
     pub free: String,
-    /// The model that is seeded with measured force, when there is one.
+    /// The model that is seeded with measured force, if any.
     pub seeded: Option<String>,
-    /// SHA-256 of the model files, or what else tells one set of coefficients from another.
+    /// SHA-256 of the model files, or something else that identifies the coefficients.
     pub hash: String,
 }
 
@@ -36,7 +35,7 @@ impl ModelNames {
     }
 }
 
-/// An event with the validity that it is published with.
+/// An event with its published validity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Item {
     pub(super) event: Event,
@@ -44,7 +43,8 @@ pub(super) struct Item {
 }
 
 impl Item {
-    /// `of_stamp` finds the validity of the estimate with a given stamp, which a residual shares.
+    /// Determines the validity of `event`. A residual has the validity of the estimate with the same stamp, which `of_stamp`
+    /// looks up.
     pub(super) fn new(event: Event, of_stamp: impl FnOnce(Stamp) -> Option<Validity>) -> Self {
         let validity = match &event {
             Event::Input(_) => Validity::Valid,
@@ -100,12 +100,12 @@ impl Item {
     }
 }
 
-/// Null unless finite.
+/// The value, or `None` (null) unless it is finite.
 pub(super) fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-/// What every payload begins with.
+/// The first fields of every payload.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Head {
     seq: u64,
@@ -113,7 +113,7 @@ pub(super) struct Head {
     validity: &'static str,
 }
 
-/// A payload. Untagged: the key says which one it is.
+/// A payload. It is untagged, because the key determines its type.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 pub(super) enum Payload<'a> {
@@ -126,7 +126,7 @@ pub(super) enum Payload<'a> {
     Command(CommandPayload),
 }
 
-/// An accepted input; its field is named after the channel.
+/// An accepted input. The name of its value field depends on the channel.
 #[derive(Debug)]
 pub(super) struct InputPayload {
     head: Head,
@@ -345,7 +345,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn payloads_hold_the_fields_that_meta_promises() {
+    fn payloads_have_exactly_the_fields_that_meta_lists() {
         let names = samples::names();
         let mut seen = Vec::new();
         for event in samples::one_of_each() {
@@ -364,11 +364,11 @@ mod tests {
         seen.sort_unstable();
         let mut all = Topic::ALL.map(Topic::name);
         all.sort_unstable();
-        assert_eq!(seen, all, "samples::one_of_each leaves a topic out");
+        assert_eq!(seen, all, "samples::one_of_each lacks a topic");
     }
 
     #[test]
-    fn what_is_not_finite_is_null_in_json_and_cbor() {
+    fn values_that_are_not_finite_are_null_in_json_and_cbor() {
         let names = samples::names();
         let Event::Estimate(estimate) = samples::estimate(5, 1.0) else {
             unreachable!("made as an estimate")

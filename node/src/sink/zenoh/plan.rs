@@ -1,15 +1,15 @@
-//! What the settings amount to, together with a configuration file of Zenoh's own.
+//! Combines the settings with a Zenoh configuration file.
 //!
-//! Endpoints and mode of the node's parameters are stronger than those of the file; everything else that the file says
-//! holds (TLS, users, access control, downsampling). What it leaves open is not as Zenoh would have it but as it is
-//! safe: no scouting, nothing listens unasked, connections are tried again within a second.
+//! Endpoints and mode in the node's parameters override the file; all other settings of the file apply (TLS, users,
+//! access control, downsampling). Settings that the file does not contain get safe defaults instead of Zenoh's: no
+//! scouting, no listening, and connections are retried within a second.
 
 use super::config::{Rmw, SessionMode, ZenohConfig, is_loopback};
 use super::error::ZenohError;
 use serde_json::Value;
 use std::path::Path;
 
-/// Where a configuration names files. Zenoh says that one is missing, but not which.
+/// Configuration keys whose values are file names. They are checked here, because Zenoh does not say which file is missing.
 const FILES: [&str; 6] = [
     "/transport/link/tls/root_ca_certificate",
     "/transport/link/tls/listen_certificate",
@@ -25,16 +25,16 @@ pub(super) struct Plan {
     pub(super) mode: SessionMode,
     pub(super) listen: Vec<String>,
     pub(super) connect: Vec<String>,
-    /// The file says who may do what, and nobody else may do anything.
+    /// True when the file enables access control that denies everything it does not allow.
     pub(super) access_control: bool,
     pub(super) zenoh: zenoh::Config,
 }
 
 impl Plan {
-    /// Reads the file, if there is one, and checks everything without opening a session.
+    /// Reads the file, if there is one, and checks all settings without opening a session.
     ///
     /// # Errors
-    /// The first setting that cannot be used.
+    /// The first setting that is invalid.
     pub(super) fn of(config: &ZenohConfig) -> Result<Self, ZenohError> {
         let (text, said) = match &config.file {
             Some(path) => read(path)?,
@@ -45,13 +45,13 @@ impl Plan {
             (Some(mode), _) => mode,
             (None, None) => SessionMode::Peer,
             (None, Some(name)) => SessionMode::named(name)
-                .ok_or_else(|| refuse(format!("mode is \"{name}\"; known are peer, client and router")))?,
+                .ok_or_else(|| refuse(format!("mode is \"{name}\"; use peer, client or router")))?,
         };
         let endpoints = |given: &[String], direction: &str| match given {
             [] => endpoints_of(&said, direction, mode).map_err(refuse),
             given => Ok(given.to_vec()),
         };
-        // Before Zenoh reads it, whose errors do not say where they are.
+        // Checked before Zenoh reads the file, because Zenoh's errors do not name the place.
         let (listen, connect) =
             (endpoints(&config.listen, "listen")?, endpoints(&config.connect, "connect")?);
         let zenoh = zenoh::Config::from_json5(&text).map_err(|error| refuse(plain(&error)))?;
@@ -60,7 +60,7 @@ impl Plan {
         let scouts = said.pointer("/scouting/multicast/enabled") == Some(&Value::Bool(true));
         if scouts && !config.allow_non_loopback {
             return Err(refuse(
-                "scouting/multicast is enabled, which calls for peers on every network; leave it out, or allow it with \
+                "scouting/multicast is enabled, which looks for peers on every network; remove it, or set \
                  allow_non_loopback = true"
                     .to_owned(),
             ));
@@ -70,7 +70,7 @@ impl Plan {
             if let Err(error) = std::fs::File::open(named) {
                 let key = key.trim_start_matches('/');
                 return Err(refuse(format!(
-                    "{key} names {named}: {error}; paths are taken from the working directory"
+                    "{key} names {named}: {error}; paths are relative to the working directory"
                 )));
             }
         }
@@ -107,17 +107,17 @@ impl Plan {
         Ok(())
     }
 
-    /// Tells Zenoh what was settled, and what is safe where nothing was `said`.
+    /// Writes the checked settings into the Zenoh configuration, and safe defaults for keys that the file (`said`) lacks.
     fn complete(&mut self, said: &Value) -> Result<(), ZenohError> {
         let client = self.mode == SessionMode::Client;
         let settled = [
             ("mode", format!("\"{}\"", self.mode.name())),
-            // An empty list too must be said: unsaid, a peer listens on all interfaces.
+            // An empty list must be set explicitly: without it, a peer listens on all interfaces.
             ("listen/endpoints", json_list(&self.listen)),
             ("connect/endpoints", json_list(&self.connect)),
         ];
         let safe = [
-            // A client's open blocks until it is connected, and is repeated by `Link`; that of others does not.
+            // Opening a client blocks until it is connected and is retried by `Link`; opening others does not block.
             ("connect/timeout_ms", if client { "5000" } else { "-1" }),
             ("connect/exit_on_failure", if client { "true" } else { "false" }),
             ("connect/retry", "{period_init_ms: 100, period_max_ms: 1000}"),
@@ -125,10 +125,10 @@ impl Plan {
             ("listen/exit_on_failure", "true"),
             ("scouting/multicast/enabled", "false"),
             ("scouting/gossip/enabled", "false"),
-            // Without this, open waits half a second for a peer that may not be there.
+            // Otherwise opening waits half a second for a peer that may not exist.
             ("open/return_conditions/connect_scouted", "false"),
-            // Declarations and answers block on a consumer that does not read; a second, not five, is enough
-            // to know it. Samples never block.
+            // Declarations and answers block on a consumer that does not read. Close it after 1 s instead of 5 s. Samples
+            // never block.
             ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000"),
         ];
         let open = safe.into_iter().filter(|(key, _)| said.pointer(&format!("/{key}")).is_none());
@@ -147,7 +147,7 @@ impl Plan {
         all.join(", ")
     }
 
-    /// The listen endpoint whose address is taken, if there is one.
+    /// The listen endpoint whose address is in use, if any.
     pub(super) fn taken_port(&self) -> Option<&str> {
         let taken = |endpoint: &&String| {
             let address = endpoint.split_once('/').and_then(|(_, rest)| rest.split(['?', '#']).next());
@@ -160,24 +160,25 @@ impl Plan {
     }
 }
 
-/// True where access control lets nobody do what no rule allows. One that only forbids this and that is none of commands.
+/// True when access control is enabled and denies everything that no rule allows. Rules that allow by default do not
+/// protect commands and inputs.
 fn is_closed(said: &Value) -> bool {
     let allows = said.pointer("/access_control/default_permission").and_then(Value::as_str) == Some("allow");
     said.pointer("/access_control/enabled") == Some(&Value::Bool(true)) && !allows
 }
 
-/// The text of a file, and what it says.
+/// The text of a file, and its parsed value.
 fn read(path: &Path) -> Result<(String, Value), ZenohError> {
     let refuse = |why: String| ZenohError::File { path: path.to_owned(), why };
     let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
     let said: Value = json5::from_str(&text).map_err(|error| refuse(error.to_string()))?;
     if !said.is_object() {
-        return Err(refuse("it is no object; begin with {".to_owned()));
+        return Err(refuse("it is not an object; begin the file with {".to_owned()));
     }
     Ok((text, said))
 }
 
-/// Endpoints that a file lists for `mode`: a list, or one for each mode.
+/// Endpoints that a file lists for `mode`. The file has one list, or one per mode.
 fn endpoints_of(said: &Value, direction: &str, mode: SessionMode) -> Result<Vec<String>, String> {
     let all = match said.pointer(&format!("/{direction}/endpoints")) {
         Some(Value::Object(by_mode)) => by_mode.get(mode.name()).unwrap_or(&Value::Null),
@@ -192,14 +193,14 @@ fn endpoints_of(said: &Value, direction: &str, mode: SessionMode) -> Result<Vec<
             .iter()
             .map(|endpoint| {
                 text(endpoint)
-                    .ok_or_else(|| format!("{direction}/endpoints holds {endpoint}, which is no text"))
+                    .ok_or_else(|| format!("{direction}/endpoints has {endpoint}, which is not a string"))
             })
             .collect(),
-        other => Err(format!("{direction}/endpoints is {other}; write a list of texts")),
+        other => Err(format!("{direction}/endpoints is {other}; write a list of strings")),
     }
 }
 
-/// Zenoh's reason without the lines of its source.
+/// Zenoh's reason without the source lines that it contains.
 pub(super) fn plain(error: &zenoh::Error) -> String {
     let text = error.to_string();
     let mut parts = text.split(" at /");
@@ -234,12 +235,12 @@ mod tests {
     }
 
     #[test]
-    fn what_a_file_leaves_open_is_safe_and_what_it_says_holds() {
+    fn settings_of_the_file_apply_and_missing_ones_get_safe_defaults() {
         let (_file, config) = with_file(
             "{ mode: 'router',
                listen: { endpoints: { router: ['tls/127.0.0.1:7447'], peer: ['tcp/0.0.0.0:1'] } } }",
         );
-        let plan = Plan::of(&config).expect("it is right");
+        let plan = Plan::of(&config).expect("the configuration is valid");
         assert_eq!(
             (plan.mode, plan.listen.as_slice()),
             (SessionMode::Router, &["tls/127.0.0.1:7447".to_owned()][..])
@@ -252,15 +253,15 @@ mod tests {
             "{ connect: { endpoints: ['tcp/localhost:7447'], timeout_ms: 7 }, access_control: { enabled: true,
                default_permission: 'deny' } }",
         );
-        let plan = Plan::of(&config).expect("it is right");
+        let plan = Plan::of(&config).expect("the configuration is valid");
         assert_eq!((plan.mode, plan.access_control), (SessionMode::Peer, true));
         assert_eq!(json(&plan, "connect/timeout_ms"), "7");
         let stronger = ZenohConfig { connect: vec!["tcp/127.0.0.1:9".to_owned()], ..config };
-        assert_eq!(Plan::of(&stronger).expect("it is right").connect, ["tcp/127.0.0.1:9"]);
+        assert_eq!(Plan::of(&stronger).expect("the configuration is valid").connect, ["tcp/127.0.0.1:9"]);
     }
 
     #[test]
-    fn rules_that_only_forbid_do_not_close_a_network_to_commands_and_inputs() {
+    fn rules_that_allow_by_default_do_not_protect_commands_and_inputs() {
         for (permission, closed) in [("deny", true), ("allow", false)] {
             let (_file, config) = with_file(&format!(
                 "{{ listen: {{ endpoints: ['tcp/0.0.0.0:0'] }},
@@ -273,12 +274,12 @@ mod tests {
             ] {
                 assert_eq!(Plan::of(&config).is_ok(), closed, "{permission}");
             }
-            assert!(Plan::of(&ZenohConfig { rmw: Rmw::Publish, ..config }).is_ok(), "nothing comes in");
+            assert!(Plan::of(&ZenohConfig { rmw: Rmw::Publish, ..config }).is_ok(), "no inputs are accepted");
         }
     }
 
     #[test]
-    fn reasons_come_without_lines_of_source() {
+    fn reasons_do_not_contain_source_lines() {
         for (text, expected) in [
             ("No key. at /home/x/src/utils.rs:523. at /home/y.rs:7.", "No key"),
             ("No key. at /a/utils.rs:5 - [::1] at /b.rs:6", "No key. - [::1]"),
@@ -289,17 +290,17 @@ mod tests {
     }
 
     #[test]
-    fn refusals_name_the_file_and_what_is_wrong() {
+    fn refusals_name_the_file_and_the_fault() {
         for (text, word) in [
             ("{ listen: { endpoints: ['tcp/0.0.0.0:7447'] } }", "allow_non_loopback"),
             (
                 "{ listen: { endpoints: ['tcp/127.0.0.1:1'] }, scouting: { multicast: { enabled: true } } }",
                 "scouting",
             ),
-            ("{ listen: { endpoints: [7] } }", "7, which is no text"),
+            ("{ listen: { endpoints: [7] } }", "7, which is not a string"),
             ("{ mode: 'star' }", "\"star\""),
             ("{ listenn: {} }", "listenn"),
-            ("[]", "it is no object"),
+            ("[]", "it is not an object"),
             (
                 "{ listen: { endpoints: ['tls/127.0.0.1:1'] },
                    transport: { link: { tls: { listen_certificate: 'nowhere.pem' } } } }",

@@ -1,7 +1,8 @@
-//! The damper as nodes on rmw_zenoh see it: a node with its outputs, beside the mirror's keys. Off unless `zenoh.rmw` says otherwise.
+//! Makes the damper visible to nodes on rmw_zenoh, as a node with its outputs, in addition to the mirror's keys. Off unless
+//! `zenoh.rmw` enables it.
 //!
-//! The same messages as over DDS, to the bit, by the mirror's thread and out of its ring. There is no shared memory, no transient
-//! local durability, and there are no services: parameters, `load_model` and the others answer over DDS alone.
+//! The messages are bit-identical to those over DDS and are published by the mirror's thread from its ring. Shared memory,
+//! transient local durability and services are not supported: parameters, `load_model` and other services use DDS only.
 
 use super::encode::ros_bytes;
 use super::link::Inner;
@@ -20,10 +21,10 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
-/// What is published. Inputs are others' topics.
+/// The published topics. Inputs are published by other nodes.
 const OUTPUTS: [Topic; 4] = [Topic::ForceEstimate, Topic::ForceResidual, Topic::Mode, Topic::CurrentCommand];
 
-/// A damper's place in the graph of rmw_zenoh.
+/// A damper's entry in the graph of rmw_zenoh.
 #[derive(Debug, Clone)]
 pub struct RmwPresence {
     /// The node that others see.
@@ -34,7 +35,7 @@ pub struct RmwPresence {
 }
 
 impl RmwPresence {
-    /// The presence of the node with these arguments in `domain`; `id` is its own in the process, from
+    /// The entry of the node with these arguments in `domain`. `id` is unique in the process and comes from
     /// [`super::Link::next_entity`].
     #[must_use]
     pub fn of(args: &RosArgs, domain: u16, id: u64, frame: &Frame) -> Self {
@@ -53,14 +54,14 @@ impl RmwPresence {
         }
     }
 
-    /// What it counts.
+    /// Counters of the messages to and from nodes on rmw_zenoh.
     #[must_use]
     pub fn counters(&self) -> Arc<RmwCounters> {
         Arc::clone(&self.counters)
     }
 }
 
-/// What is declared of it in a session. Dropping it takes that back.
+/// Declarations of a [`RmwPresence`] in a session. They end when this is dropped.
 #[derive(Debug)]
 pub(super) struct RmwOutlet {
     outputs: Vec<Output>,
@@ -80,19 +81,19 @@ struct Output {
 }
 
 impl RmwOutlet {
-    /// Declares node and outputs.
+    /// Declares the node and its outputs.
     pub(super) fn declare(session: &Session, link: &Inner, presence: &RmwPresence) -> zenoh::Result<Self> {
         let RmwPresence { node, frame, topics, counters } = presence;
         let zid = session.zid().to_string();
         let token = session.liveliness().declare_token(node.token(&zid)).wait()?;
         let mut outputs = Vec::with_capacity(OUTPUTS.len());
         for (of, topic) in OUTPUTS.into_iter().zip(topics) {
-            // Each has one: a test below says so.
+            // Every output has one, as a test below checks.
             let Some(descriptor) = descriptor(of) else { continue };
             let publisher = session
                 .declare_publisher(node.key(topic, descriptor))
                 .encoding(Encoding::APPLICATION_CDR)
-                // As the mirror's, for the same reasons.
+                // The same settings as in `outlet.rs`, for the same reasons.
                 .congestion_control(CongestionControl::Drop)
                 .priority(Priority::DataHigh)
                 .express(false)
@@ -105,10 +106,11 @@ impl RmwOutlet {
         Ok(Self { outputs, frame: frame.clone(), counters: Arc::clone(counters), node: token })
     }
 
-    /// Publishes an output at `now_ns` since 1970; inputs and the like are no outputs. Does not wait for consumers.
+    /// Publishes `event` if it is an output, without waiting for consumers. `now_ns` is in nanoseconds since 1970.
     ///
     /// # Errors
-    /// Why a message was not published. Its number is used up, so that the loss shows.
+    /// The reason why the message was not published. The message uses a sequence number all the same, so that consumers can
+    /// detect the loss.
     pub(super) fn put(&mut self, event: &Event, names: &ModelNames, now_ns: i64) -> Result<(), String> {
         let topic = Topic::of_event(event);
         let Some(output) = self.outputs.iter_mut().find(|output| output.of == topic) else { return Ok(()) };
@@ -126,7 +128,7 @@ impl RmwOutlet {
         put
     }
 
-    /// Takes the declarations back; the tokens first, so that nobody counts on the rest any more.
+    /// Undeclares everything. Tokens come first, so that no client relies on the rest any more.
     pub(super) fn close(self) {
         let mut results = vec![self.node.undeclare().wait()];
         for Output { publisher, token, .. } in self.outputs {
@@ -139,7 +141,7 @@ impl RmwOutlet {
     }
 }
 
-/// What the message of a topic looks like.
+/// Descriptor of the message of a topic.
 fn descriptor(of: Topic) -> Option<&'static Descriptor> {
     let name = of.ros_type()?;
     MESSAGES.iter().find(|descriptor| descriptor.type_name == name)
@@ -150,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_output_has_a_message_and_all_that_is_published_on_ros_is_an_output() {
+    fn every_output_has_a_message_and_every_topic_published_on_ros_is_an_output() {
         assert!(OUTPUTS.into_iter().all(|topic| descriptor(topic).is_some()));
         let published = |topic: &Topic| !topic.is_input() && topic.ros_type().is_some();
         assert_eq!(Topic::ALL.iter().filter(|topic| published(topic)).count(), OUTPUTS.len());

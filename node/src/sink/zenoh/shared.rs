@@ -1,6 +1,6 @@
-//! What the mirror's threads share: counters, history, names of the models.
+//! State that the mirror's threads share: counters, history, names of the models.
 //!
-//! The mutex here is between the mirror and the queries of consumers; the estimating thread never sees it.
+//! The mirror and the queries of consumers share a mutex; the estimating thread never takes it.
 
 use super::config::ZenohConfig;
 use super::history::History;
@@ -18,7 +18,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 /// Routes of `state/` and of `web/`.
 pub(super) const ROUTES: usize = 2 * Topic::ALL.len();
 
-/// Which of the two subtrees a route lies in.
+/// The two subtrees of routes, `state/` and `web/`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tree {
     State,
@@ -33,7 +33,7 @@ pub(super) const fn route(tree: Tree, topic: Topic) -> usize {
     }
 }
 
-/// The clock of the machine as it was at the start, carried on by the monotonic clock: it never goes back.
+/// A clock that never goes back: the machine's time at the start plus the time of the monotonic clock since then.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Clock {
     start: Instant,
@@ -53,14 +53,14 @@ impl Clock {
     }
 }
 
-/// What one mirror's threads share.
+/// State that the threads of one mirror share.
 #[derive(Debug)]
 pub(super) struct Shared {
     /// Name of the damper in keys.
     pub(super) damper: String,
     /// Frame in the headers of ROS messages.
     pub(super) frame: Frame,
-    /// Its place in the graph of rmw_zenoh, where it has one.
+    /// The damper's entry in the graph of rmw_zenoh, if any.
     pub(super) rmw: Option<RmwPresence>,
     pub(super) config: ZenohConfig,
     pub(super) clock: Clock,
@@ -71,7 +71,7 @@ pub(super) struct Shared {
     book: Mutex<Book>,
 }
 
-/// What changes while the mirror runs.
+/// The state that changes while the mirror runs.
 #[derive(Debug)]
 pub(super) struct Book {
     pub(super) state: MirrorState,
@@ -81,7 +81,7 @@ pub(super) struct Book {
     pub(super) queries_answered: u64,
     pub(super) queries_refused: u64,
     pub(super) routes: [RouteCount; ROUTES],
-    /// The last sample of each route and its number, for who comes late.
+    /// The last sample of each route and its number, for late joiners.
     pub(super) last: [Option<(Item, u64)>; ROUTES],
     pub(super) history: History,
     /// Mode after the last transition or estimate.
@@ -90,12 +90,12 @@ pub(super) struct Book {
     pub(super) validity: Validity,
     /// The last residual.
     pub(super) residual: Option<Residual>,
-    /// How the alarm was raised, while it stands.
+    /// The change that raised the alarm, while the alarm is active.
     pub(super) alarm: Option<AlarmChange>,
 }
 
 impl Book {
-    /// Notes an event that was put to `state/`.
+    /// Records an event that was published under `state/`.
     pub(super) fn note(&mut self, item: Item, seq: u64, sent: bool, at: Instant, clock: &Clock) {
         self.events += 1;
         self.note_on(route(Tree::State, item.topic()), &item, seq, sent, at);
@@ -111,7 +111,7 @@ impl Book {
         self.history.push(item, seq, clock.nanos_at(at));
     }
 
-    /// Notes what was put on a route.
+    /// Records a sample that was published on a route.
     pub(super) fn note_on(&mut self, route: usize, item: &Item, seq: u64, sent: bool, at: Instant) {
         self.routes[route].note(sent, at);
         self.last[route] = Some((*item, seq));
@@ -155,7 +155,7 @@ impl Shared {
         }
     }
 
-    /// The key of `tail` below this damper.
+    /// The full key of `tail` for this damper.
     pub(super) fn key(&self, tail: &str) -> String {
         format!("mr_damper/{}/{tail}", self.damper)
     }
@@ -185,17 +185,17 @@ impl Shared {
         *self.names.lock().unwrap_or_else(PoisonError::into_inner) = Arc::new(names);
     }
 
-    /// The book. A thread that panicked while it held it left counters behind, which are good enough.
+    /// Locks the changing state. If a thread panicked while it held the lock, its counters are still usable.
     pub(super) fn book(&self) -> MutexGuard<'_, Book> {
         self.book.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Marks the mirror as broken, and says so once.
+    /// Marks the mirror as failed and logs it once.
     pub(super) fn fail(&self, why: String) {
         let mut book = self.book();
         if book.state != MirrorState::Failed {
             let damper = &self.damper;
-            tracing::error!(%damper, "Zenoh mirror failed: {why}; the estimates go on without it");
+            tracing::error!(%damper, "Zenoh mirror failed: {why}; estimates continue without it");
             book.state = MirrorState::Failed;
             book.failure = Some(why);
         }

@@ -1,11 +1,11 @@
-//! What the mirror counts: the answer to "does it still flow, and what was lost?".
+//! Counters of the mirror: whether samples still flow, and how many were lost.
 
 use serde::Serialize;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Over which rates are measured.
+/// Length of the window over which rates are measured.
 const WINDOW: Duration = Duration::from_secs(1);
 
 /// State of a mirror.
@@ -18,27 +18,27 @@ pub enum MirrorState {
     Running,
     /// Stopped on request.
     Stopped,
-    /// Broken; [`Stats::failure`] says why. The ring is still drained if the thread lives.
+    /// Failed; [`Stats::failure`] says why. The ring is still drained if the thread is alive.
     Failed,
 }
 
-/// Counters of one route, that is of one key.
+/// Counters of one route (one key).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RouteStats {
     /// The key.
     pub key: String,
-    /// Samples given to Zenoh. Zenoh drops without a word when a consumer does not keep up: only a gap in
-    /// `seq` at the consumer shows that.
+    /// Samples passed to Zenoh. Zenoh drops samples silently when a consumer does not keep up; only a gap in `seq` at the
+    /// consumer shows this.
     pub sent: u64,
     /// Samples that Zenoh refused, or that came while there was no session.
     pub dropped: u64,
-    /// Age of the last sample, in s since the mirror took it; none before the first.
+    /// Time since the mirror took the last sample, s; `None` before the first.
     pub age_s: Option<f64>,
-    /// Samples a second, over the last second or so.
+    /// Rate over about the last second, samples per second.
     pub rate_hz: f64,
 }
 
-/// Counters of the commands that came by Zenoh.
+/// Counters of the commands received over Zenoh.
 #[derive(Debug, Default)]
 pub struct CommandCounters {
     obeyed: AtomicU64,
@@ -47,12 +47,12 @@ pub struct CommandCounters {
 }
 
 impl CommandCounters {
-    /// Counts a command that was obeyed.
+    /// Counts an accepted command.
     pub fn obey(&self) {
         self.obeyed.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts one that was not, and keeps why.
+    /// Counts a refused command and keeps the reason.
     pub fn refuse(&self, why: &str) {
         self.refused.fetch_add(1, Ordering::Relaxed);
         *self.last_refusal.lock().unwrap_or_else(PoisonError::into_inner) = Some(why.to_owned());
@@ -69,18 +69,18 @@ impl CommandCounters {
     }
 }
 
-/// What became of the commands under `cmd/`.
+/// Values of the counters of the commands under `cmd/`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct CommandStats {
-    /// Obeyed.
+    /// Accepted commands.
     pub obeyed: u64,
-    /// Not obeyed.
+    /// Refused commands.
     pub refused: u64,
-    /// Why the last of these was not.
+    /// Reason of the last refusal.
     pub last_refusal: Option<String>,
 }
 
-/// Counters of what goes to and comes from nodes on rmw_zenoh.
+/// Counters of the messages to and from nodes on rmw_zenoh.
 #[derive(Debug, Default)]
 pub struct RmwCounters {
     sent: AtomicU64,
@@ -99,23 +99,23 @@ impl RmwCounters {
         count.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts an input that was handed on.
+    /// Counts an input that was accepted.
     pub fn take(&self) {
         self.taken.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts inputs that were lost on their way.
+    /// Counts inputs that were lost in transit.
     pub fn lose(&self, count: u64) {
         self.lost.fetch_add(count, Ordering::Relaxed);
     }
 
-    /// Counts an input that was not handed on, and keeps why.
+    /// Counts an input that was refused, and keeps the reason.
     pub fn refuse(&self, why: &str) {
         self.refused.fetch_add(1, Ordering::Relaxed);
         *self.last_refusal.lock().unwrap_or_else(PoisonError::into_inner) = Some(why.to_owned());
     }
 
-    /// Counts a publisher whose type is not that of the input, and returns how many there were.
+    /// Counts a publisher whose type differs from the input's type, and returns the number of such publishers so far.
     pub fn mismatch(&self) -> u64 {
         self.mismatched.fetch_add(1, Ordering::Relaxed) + 1
     }
@@ -136,22 +136,22 @@ impl RmwCounters {
     }
 }
 
-/// What went to nodes on rmw_zenoh, and came from them.
+/// Values of the counters of the messages to and from nodes on rmw_zenoh.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct RmwStats {
-    /// Messages given to Zenoh.
+    /// Messages passed to Zenoh.
     pub sent: u64,
     /// Messages that Zenoh refused.
     pub dropped: u64,
-    /// Inputs that were handed on.
+    /// Input samples that were accepted.
     pub taken: u64,
-    /// Samples of inputs whose numbers are missing: lost on the way here.
+    /// Input samples that were lost in transit, as gaps in their sequence numbers show.
     pub lost: u64,
-    /// Samples of inputs that could not be used.
+    /// Input samples that were refused.
     pub refused: u64,
-    /// Publishers of inputs with another type or hash, which are not heard.
+    /// Publishers of inputs with another type or type hash, whose samples are ignored.
     pub mismatched: u64,
-    /// Why the last sample was refused.
+    /// Reason of the last refusal.
     pub last_refusal: Option<String>,
 }
 
@@ -160,28 +160,28 @@ pub struct RmwStats {
 pub struct Stats {
     /// State of the mirror.
     pub state: MirrorState,
-    /// Why it failed.
+    /// Reason of the failure, in the state [`MirrorState::Failed`].
     pub failure: Option<String>,
-    /// Routers and peers that are connected now.
+    /// Number of connected routers and peers.
     pub connected: usize,
-    /// Events that were lost because the ring to the mirror was full. They leave no gap in `seq`, as
-    /// nobody knows which routes they belonged to.
+    /// Events that were lost because the ring to the mirror was full. They leave no gap in `seq`, because their routes are
+    /// not known.
     pub ring_dropped: u64,
     /// Events that the mirror took from the ring.
     pub events: u64,
     /// Queries that were answered.
     pub queries_answered: u64,
-    /// Queries that were turned away because too many waited.
+    /// Queries that were refused because too many were waiting.
     pub queries_refused: u64,
-    /// What became of commands; none where none are taken.
+    /// Counters of commands; `None` when no commands are accepted.
     pub commands: Option<CommandStats>,
-    /// What nodes on rmw_zenoh get and send; none where they see nothing.
+    /// Counters of the traffic with nodes on rmw_zenoh; `None` when `zenoh.rmw` is off.
     pub rmw: Option<RmwStats>,
-    /// The routes: those of `state/`, then those of `web/`, in the order of [`super::Topic::ALL`].
+    /// Counters of the routes: first `state/`, then `web/`, each in the order of [`super::Topic::ALL`].
     pub routes: Vec<RouteStats>,
 }
 
-/// Counts one route.
+/// Counts the samples of one route.
 #[derive(Debug, Default)]
 pub(super) struct RouteCount {
     sent: u64,
@@ -192,7 +192,7 @@ pub(super) struct RouteCount {
 }
 
 impl RouteCount {
-    /// Notes a sample, and whether Zenoh took it.
+    /// Counts a sample that was `sent`, or that Zenoh refused.
     pub(super) fn note(&mut self, sent: bool, now: Instant) {
         if sent {
             self.sent += 1;
@@ -212,7 +212,7 @@ impl RouteCount {
 
     pub(super) fn stats(&self, key: String, now: Instant) -> RouteStats {
         let age = self.last.map(|last| now.saturating_duration_since(last));
-        // A window that is still open says more than a closed one that is long past.
+        // If the last complete window ended long ago, the open window gives the better rate.
         let rate_hz = match self.window {
             Some((since, count)) if now.saturating_duration_since(since) >= WINDOW || self.rate_hz == 0.0 => {
                 f64::from(count) / now.saturating_duration_since(since).max(WINDOW).as_secs_f64()

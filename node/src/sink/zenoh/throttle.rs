@@ -1,9 +1,9 @@
-//! Decimation for `web/`: a topic's newest sample, at a bounded rate, and never without its last one.
+//! Decimation for `web/`: publishes a topic's newest sample at a bounded rate, and always the last one of a burst.
 
 use std::time::{Duration, Instant};
 
-/// Lets one value through a period. A value that comes too early waits, and a newer one takes its place; so
-/// the last one of a burst (a change of mode, say) arrives at most a period late.
+/// Passes one value per period. A value that comes too early waits until a newer one replaces it or the period ends, so
+/// the last value of a burst (for example a change of mode) is at most one period late.
 #[derive(Debug)]
 pub(super) struct Throttle<T> {
     period: Duration,
@@ -16,30 +16,30 @@ impl<T> Throttle<T> {
         Self { period: Duration::from_secs_f64(1.0 / rate_hz), due: None, waiting: None }
     }
 
-    /// Takes a value and returns the one to publish now, if any.
+    /// Offers a value; returns the value to publish now, if any.
     pub(super) fn offer(&mut self, value: T, now: Instant) -> Option<T> {
         self.waiting = Some(value);
         self.poll(now)
     }
 
-    /// The value whose time has come.
+    /// The waiting value, if its time has come.
     pub(super) fn poll(&mut self, now: Instant) -> Option<T> {
         if self.waiting.is_none() || self.due.is_some_and(|due| now < due) {
             return None;
         }
-        // The grid is kept while samples flow, so that the mean rate is the one asked for; after a pause
-        // it starts anew, so that nothing is caught up in a burst.
+        // While samples flow, publishing times stay on a fixed grid, so that the mean rate is exact. After a pause the
+        // grid restarts; missed times are not made up for.
         let next = self.due.map(|due| due + self.period).filter(|next| *next > now);
         self.due = Some(next.unwrap_or(now + self.period));
         self.waiting.take()
     }
 
-    /// The value that waits, whether its time has come or not.
+    /// The waiting value, even if its time has not come.
     pub(super) fn flush(&mut self) -> Option<T> {
         self.waiting.take()
     }
 
-    /// When to poll; `None` when nothing waits.
+    /// Time of the next poll; `None` when no value waits.
     pub(super) fn deadline(&self) -> Option<Instant> {
         self.waiting.as_ref().and(self.due)
     }
@@ -58,7 +58,7 @@ mod tests {
         let sent: Vec<u32> = (0..1000).filter_map(|k| throttle.offer(k, start + MS * k)).collect();
         assert_eq!(sent.len(), 25, "{sent:?}");
         assert_eq!(sent[..3], [0, 40, 80]);
-        // 960 was the last one through; 999 waits until 1000 ms.
+        // 960 was the last published value; 999 waits until 1000 ms.
         assert_eq!(throttle.deadline(), Some(start + MS * 1000));
         assert_eq!(throttle.poll(start + MS * 999), None);
         assert_eq!(throttle.poll(start + MS * 1000), Some(999));
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn catches_nothing_up_after_a_pause() {
+    fn does_not_catch_up_after_a_pause() {
         let start = Instant::now();
         let mut throttle = Throttle::new(50.0);
         assert_eq!(throttle.offer(1, start), Some(1));

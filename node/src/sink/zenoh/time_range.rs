@@ -1,16 +1,16 @@
 //! The `_time` parameter of a query: `[now(-10s)..]`, `[2026-01-02T03:04:05Z..now()[`, and so on.
 //!
-//! `[` and `]` that open towards the times include the bound, and exclude it the other way round; either
-//! bound may be left out. Zenoh has a parser of its own, but only among its unstable features.
+//! A bracket that opens towards the times includes the bound; a bracket that opens away from them excludes it. Either
+//! bound may be left out. Zenoh has a parser too, but only as an unstable feature.
 
 use chrono::DateTime;
 
 /// A range of times in nanoseconds since 1970, both ends included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TimeRange {
-    /// The first of them.
+    /// First time of the range.
     pub from_ns: i64,
-    /// The last one; before the first where the range is empty.
+    /// Last time of the range; earlier than the first when the range is empty.
     pub to_ns: i64,
 }
 
@@ -18,16 +18,16 @@ impl TimeRange {
     /// All times.
     pub const ALL: Self = Self { from_ns: i64::MIN, to_ns: i64::MAX };
 
-    /// Reads the parameter; `now_ns` is what `now()` stands for.
+    /// Parses the parameter. `now_ns` is the value of `now()`.
     ///
     /// # Errors
-    /// What was expected instead.
+    /// A text that says what was expected.
     pub fn parse(text: &str, now_ns: i64) -> Result<Self, String> {
-        let wrong = |what: &str| format!("_time={text}: {what}; write it as _time=[now(-10s)..] for example");
+        let wrong = |what: &str| format!("_time={text}: {what}; write for example _time=[now(-10s)..]");
         let opening = text.chars().next().filter(|c| matches!(c, '[' | ']'));
         let closing = text.chars().next_back().filter(|c| matches!(c, '[' | ']'));
         let (Some(opening), Some(closing), true) = (opening, closing, text.len() >= 2) else {
-            return Err(wrong("brackets are missing (a `;` cannot stand inside a parameter)"));
+            return Err(wrong("brackets are missing (a parameter cannot contain `;`)"));
         };
         let Some((from, to)) = text[1..text.len() - 1].split_once("..") else {
             return Err(wrong("`..` between the two times is missing"));
@@ -43,26 +43,26 @@ impl TimeRange {
         Ok(range)
     }
 
-    /// True when `at_ns` is one of these times.
+    /// True when `at_ns` is in the range.
     #[must_use]
     pub fn contains(self, at_ns: i64) -> bool {
         (self.from_ns..=self.to_ns).contains(&at_ns)
     }
 }
 
-/// `now()`, `now(-1.5s)`, or a time as RFC 3339 has it.
+/// Parses `now()`, `now(-1.5s)` or a time in RFC 3339 format; returns nanoseconds since 1970.
 fn instant(text: &str, now_ns: i64) -> Result<i64, String> {
     if let Some(offset) = text.strip_prefix("now(").and_then(|rest| rest.strip_suffix(')')) {
         let offset_ns = if offset.is_empty() { 0 } else { duration_ns(offset)? };
         return Ok(now_ns.saturating_add(offset_ns));
     }
-    // Zenoh's own type for times panics on those behind 2106.
+    // Zenoh's own type for times panics on times after 2106.
     let time = DateTime::parse_from_rfc3339(text)
-        .map_err(|_| format!("`{text}` is neither now(..) nor a time as in 2026-01-02T03:04:05Z"))?;
+        .map_err(|_| format!("`{text}` is neither now(..) nor a time such as 2026-01-02T03:04:05Z"))?;
     time.timestamp_nanos_opt().ok_or_else(|| format!("`{text}` is too far away"))
 }
 
-/// A signed number with a unit, in nanoseconds.
+/// Parses a signed number with a unit; returns nanoseconds.
 fn duration_ns(text: &str) -> Result<i64, String> {
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
@@ -74,10 +74,10 @@ fn duration_ns(text: &str) -> Result<i64, String> {
         "h" => 3_600.0,
         "d" => 86_400.0,
         "w" => 604_800.0,
-        _ => return Err(format!("`{text}` has no unit among u, ms, s, m, h, d, w")),
+        _ => return Err(format!("`{text}` needs a unit: u, ms, s, m, h, d or w")),
     };
     let number: f64 = number.parse().map_err(|_| format!("`{text}` is not a number with a unit"))?;
-    // A cast of a float saturates.
+    // The cast saturates.
     Ok((number * unit_s * 1e9).round() as i64)
 }
 
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_range_is_explained() {
+    fn an_invalid_range_is_explained() {
         for (text, word) in [
             ("", "brackets"),
             ("[", "brackets"),
@@ -116,12 +116,12 @@ mod tests {
             ("[now(-10)..]", "unit"),
             ("[now(1.2.3s)..]", "number"),
             ("[yesterday..]", "neither"),
-            // Behind what Zenoh's times can be, and behind ours.
+            // Beyond the range of Zenoh's times, and beyond the range of nanoseconds in an i64.
             ("[2823-11-14T22:13:20Z..]", "too far away"),
             ("[..9999-12-31T23:59:59Z]", "too far away"),
             ("é..é", "brackets"),
         ] {
-            let message = TimeRange::parse(text, NOW).expect_err("this is no range");
+            let message = TimeRange::parse(text, NOW).expect_err("this is not a range");
             assert!(message.contains(word), "{text}: {message}");
         }
     }

@@ -1,4 +1,4 @@
-//! The topics that are mirrored, and what their payloads hold. One table feeds payloads, keys and `meta`.
+//! The mirrored topics and the fields of their payloads. One table defines payloads, keys and `meta`.
 
 use mr_damper_model::pipeline::Event;
 use mr_damper_model::sample::{Drive, Reading};
@@ -20,19 +20,19 @@ pub enum Topic {
     CaseTemperature,
     /// Velocity of the body above the damper.
     BodyVelocity,
-    /// Forces that are asked for.
+    /// Demanded forces.
     ForceRequest,
     /// Force estimates.
     ForceEstimate,
-    /// Residuals of the free-running model.
+    /// Residuals of the simulation (free run).
     ForceResidual,
     /// Changes of mode.
     Mode,
     /// Samples that were refused.
     Refused,
-    /// The residual alarm rises and falls.
+    /// Changes of the residual alarm (raised or ended).
     Alarm,
-    /// Currents that are commanded.
+    /// Commanded currents.
     CurrentCommand,
 }
 
@@ -58,7 +58,7 @@ impl Topic {
         Self::CurrentCommand,
     ];
 
-    /// The topic's name, the last part of its keys; that of the ROS topic where there is one.
+    /// The topic's name, which is the last part of its keys and equals the name of the ROS topic, if there is one.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -108,7 +108,7 @@ impl Topic {
         }
     }
 
-    /// True for what enters the node.
+    /// True for inputs of the node.
     #[must_use]
     pub const fn is_input(self) -> bool {
         !matches!(
@@ -122,8 +122,8 @@ impl Topic {
         )
     }
 
-    /// The ROS message type of the topic; none for [`Topic::Refused`] and [`Topic::Alarm`], which stay CBOR among
-    /// CDR.
+    /// The ROS message type of the topic. `None` for [`Topic::Refused`] and [`Topic::Alarm`], which are published as CBOR when
+    /// the others are CDR.
     #[must_use]
     pub const fn ros_type(self) -> Option<&'static str> {
         Some(match self {
@@ -143,7 +143,7 @@ impl Topic {
         })
     }
 
-    /// Name of the field that holds an input's number.
+    /// Name of the field that holds an input's value.
     pub(super) const fn value_field(self) -> &'static str {
         match self {
             Self::Displacement => "displacement_m",
@@ -161,7 +161,7 @@ impl Topic {
         }
     }
 
-    /// The fields of the payload besides `seq`, `stamp_ns` and `validity`, which all have.
+    /// The fields of the payload, except `seq`, `stamp_ns` and `validity`, which all payloads have.
     pub(super) const fn fields(self) -> &'static [Field] {
         match self {
             Self::Displacement => &[("displacement_m", "m", "positive extends the damper")],
@@ -174,65 +174,69 @@ impl Topic {
                 &[("velocity_m_s", "m/s", "velocity of the body above the damper, up positive")]
             }
             Self::ForceRequest => {
-                &[("force_n", "N", "force that is asked for; positive is tension on the rod")]
+                &[("force_n", "N", "demanded force (force request); positive is tension on the rod")]
             }
             Self::ForceEstimate => &[
                 ("force_n", "N", "positive is tension on the rod; null when there is no estimate"),
-                ("std_dev_n", "N", "standard deviation to expect; null when not known"),
+                ("std_dev_n", "N", "expected standard deviation of the error; null when not known"),
                 ("model", "", "name of the model that the estimate comes from"),
                 ("mode", "", "one of modes"),
-                ("reasons", "", "list of reasons; empty when all is well"),
+                ("reasons", "", "list of reasons that reduce the validity; empty when there are none"),
                 ("input_age_s", "s", "displacement stamp minus stamp of the drive; null when none was used"),
                 ("band_low_n", "N", "lower end of the 90 % band; null when not known"),
                 ("band_high_n", "N", "upper end of the 90 % band; null when not known"),
                 (
                     "band_calibrated",
                     "",
-                    "true when the band is from held-out runs; else it is taken from std_dev_n",
+                    "true when the band was calibrated on held-out runs; otherwise it is derived from std_dev_n",
                 ),
             ],
             Self::ForceResidual => &[
                 ("measured_n", "N", "measured force at the stamp"),
-                ("predicted_n", "N", "prediction of the free-running model"),
+                ("predicted_n", "N", "simulated force (free run, without measured force)"),
                 ("residual_n", "N", "measured minus predicted"),
-                ("normalised", "1", "residual over the model's expected RSSE; null when not known"),
-                ("windowed_rsse_n", "N", "root mean squared residual, forgetting exponentially"),
-                ("windowed_esr", "1", "its square over the variance of the measured force"),
+                ("normalised", "1", "residual over the model's expected RMSE; null when not known"),
+                ("windowed_rsse_n", "N", "root mean squared residual (RMSE) with exponential forgetting"),
+                (
+                    "windowed_esr",
+                    "1",
+                    "windowed_rsse_n squared, over the variance of the measured force (NMSE)",
+                ),
                 ("window_s", "s", "time constant of the forgetting"),
-                ("alarm", "", "true while the residual alarm stands"),
+                ("alarm", "", "true while the residual alarm is active"),
             ],
             Self::Mode => &[
                 ("from_mode", "", "one of modes"),
                 ("to_mode", "", "one of modes"),
-                ("reason", "", "why, for people"),
+                ("reason", "", "reason as text"),
             ],
             Self::CurrentCommand => &[
                 ("current_a", "A", "never null"),
-                ("force_requested_n", "N", "null when nobody asks for a force"),
+                ("force_requested_n", "N", "demanded force; null when no force is demanded"),
                 (
                     "force_expected_n",
                     "N",
-                    "force that the model expects of that current; null when not known",
+                    "force that the model predicts for this current; null when not known",
                 ),
-                ("achievable", "", "the damper can give the requested force now"),
-                ("dissipative", "", "the requested force takes energy out of the motion"),
-                ("limited_by", "", "what kept the current from the one asked for"),
-                ("achievable_min_n", "N", "the least force at this motion; null when not known"),
-                ("achievable_max_n", "N", "the largest force at this motion; null when not known"),
+                ("achievable", "", "true when the damper can produce the demanded force now"),
+                ("dissipative", "", "true when the demanded force takes energy out of the motion"),
+                ("limited_by", "", "the limit that changed the current, if any"),
+                ("achievable_min_n", "N", "smallest force at this motion; null when not known"),
+                ("achievable_max_n", "N", "largest force at this motion; null when not known"),
             ],
             Self::Alarm => &[
-                ("raised", "", "true when the alarm was raised, false when it fell"),
+                ("raised", "", "true when the alarm was raised, false when it ended"),
                 (
                     "ratio",
                     "1",
-                    "windowed RSSE over the expected one; null when a swap, reset or gap ended the alarm",
+                    "windowed RMSE over the expected RMSE; null when a model swap, a reset or a gap ended the alarm",
                 ),
             ],
             Self::Refused => &[
                 ("topic", "", "the input's topic"),
-                ("value", "", "the number, in the unit of that topic; null when it is not finite"),
-                ("unit", "", "the unit of the number"),
-                ("reason", "", "why, for people"),
+                ("value", "", "the refused value, in the unit of that topic; null when it is not finite"),
+                ("unit", "", "unit of the value"),
+                ("reason", "", "reason as text"),
             ],
         }
     }

@@ -1,13 +1,13 @@
-//! What comes in by Zenoh: inputs from nodes on rmw_zenoh (`rmw.rs`), and commands, for those that speak no ROS. Both are off by
-//! default; commands are allowed each by name.
+//! Receives data over Zenoh: inputs from nodes on rmw_zenoh (`rmw.rs`), and commands from clients without ROS. Both are
+//! off by default; each command must be allowed by name.
 //!
 //! ```text
 //! put, get ─→ Zenoh's threads ─→ queue ─→ zenoh-commands ─┬→ ring ─→ source thread     forces, as from the ROS topic
 //!                                                         └→ changes of model and mode, as by the ROS services
 //! ```
 //!
-//! A command is put to `mr_damper/<damper>/cmd/<name>`, or asked for there with [`Query`]: then the answer says what became of
-//! it. `order.rs` says what it holds. Who may command is for Zenoh's access control to say, before a command gets here.
+//! A command is put to `mr_damper/<damper>/cmd/<name>`, or sent there with [`Query`], which returns the result.
+//! `order.rs` describes the content. Zenoh's access control decides who may send commands.
 
 mod order;
 pub mod rmw;
@@ -32,39 +32,39 @@ use zenoh::pubsub::Subscriber;
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
-/// Commands that may wait. More are refused and counted.
+/// Commands that can wait. Further commands are refused and counted.
 const WAITING: usize = 64;
-/// Forces on their way to the source thread.
+/// Demanded forces that can wait for the source thread.
 const FORCES: usize = 64;
-/// How often the thread looks whether it shall stop, and whether there is a session by now.
+/// How often the thread checks for the stop signal and for an open session.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// A force that is asked for, and when; `None`: now.
+/// A demanded force with its stamp; `None`: now.
 pub type AskedForce = (Option<Stamp>, Newton);
 
-/// What the source thread gets from Zenoh.
+/// The source thread's inputs from Zenoh.
 pub struct ByZenoh {
-    /// Forces that are asked for. They wake nobody: they count with the next displacement.
+    /// Demanded forces. They do not wake the thread, because they take effect with the next displacement.
     pub forces: Consumer<AskedForce>,
     /// Samples of nodes on rmw_zenoh.
     pub samples: Receiver<rmw::Arrived>,
 }
 
-/// What a service hands to those commands.
+/// The means to execute commands.
 pub struct Obeying {
-    /// Changes models and the mode.
+    /// Changes the models and the mode.
     pub changes: Changes,
-    /// Takes forces; see [`forces`].
+    /// Receives demanded forces; see [`forces`].
     pub forces: Producer<AskedForce>,
-    /// The clock that deadlines are read on.
+    /// The clock to which deadlines refer.
     pub clock: Arc<Clock>,
-    /// Directory of the model files that may be loaded; empty: presets only.
+    /// Directory of the model files that may be loaded; if empty, presets only.
     pub model_dir: PathBuf,
     /// Counters.
     pub counters: Arc<CommandCounters>,
 }
 
-/// A ring for forces that are asked for: from here to the source thread.
+/// A ring for demanded forces, from this module to the source thread.
 #[must_use]
 pub fn forces() -> (Producer<AskedForce>, Consumer<AskedForce>) {
     RingBuffer::new(FORCES)
@@ -73,20 +73,20 @@ pub fn forces() -> (Producer<AskedForce>, Consumer<AskedForce>) {
 /// The running source of commands.
 pub struct ZenohSource(Worker);
 
-/// A command as it came.
+/// A received command.
 struct Incoming {
     kind: Kind,
     payload: ZBytes,
     is_cbor: bool,
-    /// Where the answer goes; none for a put.
+    /// Receives the answer; `None` for a put.
     query: Option<Query>,
 }
 
 impl ZenohSource {
-    /// Takes the commands called `names` for `damper`, as soon as there is a session.
+    /// Starts to accept the commands `names` for `damper`, once the session is open.
     ///
     /// # Errors
-    /// When a name is none, or the system starts no thread.
+    /// When a name is unknown, or the system cannot start the thread.
     pub fn start(
         link: &Arc<Link>,
         damper: &str,
@@ -103,12 +103,12 @@ impl ZenohSource {
         let open = if link.has_access_control() {
             ""
         } else {
-            "; there is no access control, so anybody who reaches the endpoint may"
+            "; without access control, anyone who can reach the endpoint may send them"
         };
-        tracing::info!("commands are taken from Zenoh: {}{open}", names.join(", "));
+        tracing::info!("commands from Zenoh are accepted: {}{open}", names.join(", "));
         let (link, damper) = (Arc::clone(link), damper.trim_matches('/').to_owned());
         let worker = Worker::start("zenoh-commands", move |stop| run(stop, &link, &damper, &kinds, obeying))
-            .map_err(NodeError::io("starting the thread that takes commands from Zenoh"))?;
+            .map_err(NodeError::io("starting the thread that receives commands from Zenoh"))?;
         Ok(Self(worker))
     }
 
@@ -138,7 +138,7 @@ fn run(stop: &Stop, link: &Link, damper: &str, kinds: &[Kind], mut obeying: Obey
             match declare(&session, damper, kinds, &queue, &obeying.counters) {
                 Ok(done) => declared = Some(done),
                 Err(error) => {
-                    tracing::error!("Zenoh refused to take commands for {damper}: {error}");
+                    tracing::error!("Zenoh cannot accept commands for {damper}: {error}");
                     return;
                 }
             }
@@ -147,7 +147,7 @@ fn run(stop: &Stop, link: &Link, damper: &str, kinds: &[Kind], mut obeying: Obey
     }
 }
 
-/// The declarations of one damper; dropping them takes them back.
+/// The declarations of one damper; dropping them undeclares them.
 type Declared = Vec<(Subscriber<()>, Queryable<()>)>;
 
 fn declare(
@@ -159,7 +159,7 @@ fn declare(
 ) -> zenoh::Result<Declared> {
     let one = |kind: Kind| {
         let key = format!("mr_damper/{damper}/cmd/{}", kind.name());
-        // Zenoh's own threads call these: they must not wait.
+        // Zenoh's own threads run the callbacks, so these must not block.
         let door = Door { key: key.clone(), kind, queue: queue.clone(), counters: Arc::clone(counters) };
         let asked = door.clone();
         let subscriber = session
@@ -186,7 +186,7 @@ fn declare(
     kinds.iter().map(|kind| one(*kind)).collect()
 }
 
-/// Where commands of one key come in.
+/// The entry point for commands on one key.
 #[derive(Clone)]
 struct Door {
     key: String,
@@ -196,8 +196,8 @@ struct Door {
 }
 
 impl Door {
-    /// Hands a command on that was sent to this very key. Access control lets what is sent to a wildcard pass wherever the
-    /// wildcard itself is allowed, so that would be a way around it.
+    /// Queues a command that was sent to exactly this key. Access control lets a command to a wildcard key pass
+    /// wherever the wildcard itself is allowed, so accepting it would bypass the rules.
     fn let_in(&self, sent_to: &KeyExpr<'_>, incoming: Incoming) {
         if sent_to.as_str() != self.key {
             self.counters.refuse(&format!(
@@ -206,7 +206,7 @@ impl Door {
                 self.key
             ));
         } else if self.queue.try_send(incoming).is_err() {
-            self.counters.refuse("too many commands wait");
+            self.counters.refuse("too many commands are waiting");
         }
     }
 }
@@ -214,7 +214,7 @@ impl Door {
 fn obey_waiting(commands: &Receiver<Incoming>, judge: &mut Judge, obeying: &mut Obeying) {
     let Incoming { kind, payload, is_cbor, query } = match commands.recv_timeout(LOOK) {
         Ok(incoming) => incoming,
-        // The queue's other end is held by this thread too.
+        // This thread also holds the other end of the queue.
         Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => return,
     };
     let now_ns = obeying.clock.now_or_system().nanos();
@@ -223,7 +223,7 @@ fn obey_waiting(commands: &Receiver<Incoming>, judge: &mut Judge, obeying: &mut 
         Ok(_) => obeying.counters.obey(),
         Err(refusal) => {
             obeying.counters.refuse(&format!("{}: {refusal}", kind.name()));
-            tracing::warn!(command = kind.name(), "a command from Zenoh is not obeyed: {refusal}");
+            tracing::warn!(command = kind.name(), "a command from Zenoh was refused: {refusal}");
         }
     }
     let Some(query) = query else { return };
@@ -239,18 +239,18 @@ fn obey_waiting(commands: &Receiver<Incoming>, judge: &mut Judge, obeying: &mut 
         }
     };
     if let Err(error) = replied {
-        tracing::debug!("a command from Zenoh got no answer: {error}");
+        tracing::debug!("cannot answer a command from Zenoh: {error}");
     }
 }
 
-/// Does what is ordered, and says what it did.
+/// Executes a command, and returns a message about the result.
 fn obey(order: Order, obeying: &mut Obeying) -> Result<String, Refusal> {
     match order {
         Order::Force(stamp, force) => obeying
             .forces
             .push((stamp, force))
-            .map(|()| "asked for; current_command says what became of it".to_owned())
-            .map_err(|_| Refusal::Impossible("the node does not keep up with what is asked for".to_owned())),
+            .map(|()| "force requested; current_command shows the result".to_owned())
+            .map_err(|_| Refusal::Impossible("the node cannot keep up with the force requests".to_owned())),
         Order::Model(name) => {
             let model = model_of(&name, obeying)?;
             obeying.changes.load_model(&model).map_err(Refusal::Impossible)
@@ -262,17 +262,15 @@ fn obey(order: Order, obeying: &mut Obeying) -> Result<String, Refusal> {
     }
 }
 
-/// The preset or file that may be loaded under `name`. Whoever commands by Zenoh may be on another machine, and shall not have
-/// this one's files read out in error messages.
+/// The preset or file that may be loaded under `name`. The sender may be on another machine, and error messages must
+/// not reveal the content of this machine's files.
 fn model_of(name: &str, obeying: &Obeying) -> Result<String, Refusal> {
     if name.starts_with("thesis/") && mr_damper_model::preset::load(name).is_ok() {
         return Ok(name.to_owned());
     }
     let refuse = |why: &str| Refusal::Impossible(format!("model \"{name}\" {why}"));
     if obeying.model_dir.as_os_str().is_empty() {
-        return Err(refuse(
-            "is no preset, and files need zenoh.model_dir, the directory that they may come from",
-        ));
+        return Err(refuse("is not a preset; to load files, set zenoh.model_dir to their directory"));
     }
     let is_bare = !name.is_empty() && !name.starts_with('.') && !name.contains(['/', '\\']);
     if !is_bare {
@@ -280,6 +278,6 @@ fn model_of(name: &str, obeying: &Obeying) -> Result<String, Refusal> {
     }
     match obeying.model_dir.join(name).to_str() {
         Some(path) => Ok(path.to_owned()),
-        None => Err(refuse("is in a directory whose name is no text")),
+        None => Err(refuse("is in a directory whose name is not valid UTF-8")),
     }
 }

@@ -1,34 +1,36 @@
-//! Commands that come by Zenoh: what they hold, and which of them are obeyed.
+//! Commands over Zenoh: their content, and the rules by which they are accepted.
 //!
-//! | key below `cmd/` | field | does |
+//! | key below `cmd/` | field | effect |
 //! |---|---|---|
-//! | `force_request` | `force_n` | asks for a force, as the ROS topic of that name does |
-//! | `load_model` | `model` | loads a preset, or a file of `zenoh.model_dir` by its bare name |
-//! | `set_mode` | `mode` | `auto`, `arx`, `model`, `fault`: as the ROS service of that name |
+//! | `force_request` | `force_n` | demands a force, like the ROS topic with this name |
+//! | `load_model` | `model` | loads a preset, or a file in `zenoh.model_dir` given by its bare name |
+//! | `set_mode` | `mode` | `auto`, `arx`, `model`, `fault`: like the ROS service with this name |
 //!
-//! Each also holds `seq`, which grows from command to command of a key, and `deadline_ns`, the time (since 1970) from which on
-//! it is not to be obeyed any more. A command that was overheard and is sent again has an old `seq`; one that got stuck on its
-//! way has an old deadline. As a node that starts anew remembers no `seq`, no deadline may lie far ahead. JSON, or CBOR where the
-//! encoding says so. An unknown field is an error: it would be a wish that is not fulfilled.
+//! Each command also has `seq`, which grows from command to command of a key, and `deadline_ns`, the time (since 1970)
+//! after which it must not be executed. An intercepted command that is sent again has an old `seq`; a delayed command
+//! has an old deadline. A restarted node does not remember any `seq`, so deadlines must not be far ahead.
+//!
+//! The payload is JSON, or CBOR if the encoding says so. An unknown field is an error, because the node could not do
+//! what it asks for.
 
 use mr_damper_model::sample::Stamp;
 use mr_damper_model::units::Newton;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-/// How far ahead a deadline may lie.
+/// Largest distance of a deadline from now, s.
 const AHEAD_S: f64 = 10.0;
-/// Bytes of a command at most: none needs a tenth of it.
+/// Longest command, bytes; a typical one needs less than a tenth of it.
 const LONGEST: usize = 4096;
 
-/// What can be commanded.
+/// The kinds of commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// A force is asked for.
+    /// Demand a force.
     ForceRequest,
-    /// Another model.
+    /// Load another model.
     LoadModel,
-    /// One mode only, or none.
+    /// Fix the mode, or release it.
     SetMode,
 }
 
@@ -59,44 +61,44 @@ impl Kind {
     }
 }
 
-/// A command that is to be obeyed.
+/// An accepted command.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Order {
-    /// This force, asked for at this time; `None`: now.
+    /// Demands this force, with this stamp; `None`: now.
     Force(Option<Stamp>, Newton),
-    /// The model of this name.
+    /// Loads the model with this name.
     Model(String),
-    /// The mode of this name, or `auto`.
+    /// Fixes the mode with this name; `auto` releases it.
     Mode(String),
 }
 
-/// Why a command is not obeyed.
+/// The reason why a command is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Refusal {
-    /// It cannot be read.
+    /// It cannot be decoded.
     #[error("it cannot be read: {0}")]
     Unreadable(String),
-    /// Its time is over.
-    #[error("its deadline was {late_s:.3} s ago; does the sender's clock agree with the node's?")]
+    /// Its deadline has passed.
+    #[error("its deadline was {late_s:.3} s ago; check that the sender's clock agrees with the node's")]
     Late {
-        /// By how much, s.
+        /// Time since the deadline, s.
         late_s: f64,
     },
-    /// It would be good for too long.
+    /// Its deadline is too far ahead.
     #[error("its deadline is {ahead_s:.1} s ahead, but may be {AHEAD_S} s at most")]
     Early {
-        /// How far ahead, s.
+        /// Time until the deadline, s.
         ahead_s: f64,
     },
-    /// It was heard before, or overtaken.
-    #[error("its seq is {seq}, but must be above {last}; nanoseconds since 1970 always are")]
+    /// It was received before, or a newer one was.
+    #[error("its seq is {seq}, but must be above {last}; use nanoseconds since 1970")]
     Old {
-        /// Its number.
+        /// The command's number.
         seq: u64,
-        /// That of the last one on the same key.
+        /// The number of the last command on the same key.
         last: u64,
     },
-    /// It asks for something that cannot be done.
+    /// The command cannot be executed.
     #[error("{0}")]
     Impossible(String),
 }
@@ -126,17 +128,17 @@ struct SetMode {
     mode: String,
 }
 
-/// Decides which commands of one damper are obeyed.
+/// Decides which commands for one damper are accepted.
 #[derive(Debug, Default)]
 pub struct Judge {
     last: [Option<u64>; Kind::ALL.len()],
 }
 
 impl Judge {
-    /// What `payload` orders, at the time `now_ns` since 1970.
+    /// Checks the command `payload` at the time `now_ns` (since 1970).
     ///
     /// # Errors
-    /// Why it is not obeyed. Its number is then still free.
+    /// The reason why it is refused. Its number can then still be used.
     pub fn judge(
         &mut self,
         kind: Kind,
@@ -183,7 +185,10 @@ impl Judge {
 
 fn read<T: DeserializeOwned>(payload: &[u8], is_cbor: bool) -> Result<T, Refusal> {
     if payload.len() > LONGEST {
-        return Err(Refusal::Unreadable(format!("it has {} bytes, and may have {LONGEST}", payload.len())));
+        return Err(Refusal::Unreadable(format!(
+            "it has {} bytes; at most {LONGEST} are allowed",
+            payload.len()
+        )));
     }
     if is_cbor {
         ciborium::from_reader(payload).map_err(|error| Refusal::Unreadable(error.to_string()))
@@ -257,8 +262,8 @@ mod tests {
     }
 
     #[test]
-    fn a_force_in_json_is_the_number_that_is_written() {
-        // One that a fast parser takes for its neighbour.
+    fn a_force_in_json_is_parsed_exactly() {
+        // A number that a fast parser rounds to its neighbour.
         let force_n = 1.411_178_216_845_334_5e277;
         let payload = format!(r#"{{"seq":1,"deadline_ns":{},"force_n":{force_n:e}}}"#, NOW + SECOND);
         let taken = Judge::default().judge(Kind::ForceRequest, payload.as_bytes(), false, NOW);
@@ -266,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn cbor_holds_the_same_and_no_more() {
+    fn cbor_commands_follow_the_same_rules() {
         let cbor = |value: &ciborium::Value| {
             let mut bytes = Vec::new();
             ciborium::into_writer(value, &mut bytes).expect("a value");

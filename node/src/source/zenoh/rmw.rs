@@ -1,13 +1,15 @@
-//! Inputs from nodes on rmw_zenoh, beside those over DDS. Off unless `zenoh.rmw` is `both`.
+//! Inputs from nodes on rmw_zenoh, in addition to inputs over DDS. Off unless `zenoh.rmw` is `both`.
 //!
 //! ```text
-//! rmw_zenoh node ─→ Zenoh's threads: check, read ─→ bounded queue ─→ source thread, as what comes over DDS
+//! rmw_zenoh node ─→ Zenoh's threads: check, decode ─→ bounded queue ─→ source thread, as for inputs over DDS
 //! ```
 //!
-//! Each input topic has a subscription with the token that makes it visible. What is no message is refused, counted and logged
-//! as over DDS; of a sample that comes both ways the pipeline refuses the second, and the log says that only one is to publish.
-//! Who publishes one of the topics with a type or hash that is not ours uses another key and is not heard: the log says so,
-//! because rmw_zenoh does not.
+//! Each input topic has a subscription, with the token that makes it visible. Malformed messages are refused, counted
+//! and logged as over DDS. If a sample arrives both ways, the pipeline refuses the second, and the log asks for a
+//! single publisher.
+//!
+//! A node that publishes an input topic with another type or type hash uses another key and is not received. The log
+//! reports it, because rmw_zenoh does not.
 
 use crate::clock::system_now;
 use crate::config::{Config, RosArgs};
@@ -29,18 +31,19 @@ use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
-/// Samples on their way to the source thread: a second of four inputs at 1 kHz. More are refused and counted.
+/// Samples that can wait for the source thread: a second of four inputs at 1 kHz. Further samples are refused and
+/// counted.
 const WAITING: usize = 4096;
-/// Bytes of a message at most: a `JointState` of a hundred joints has a tenth of it.
+/// Longest message, bytes: a `JointState` with a hundred joints needs a tenth of it.
 const LONGEST: usize = 65_536;
-/// Characters of others' names that are logged.
+/// Longest foreign name in the log, characters.
 const SHOWN: usize = 200;
-/// How often the thread looks whether there is a session by now.
+/// How often the thread checks whether the session is open.
 const LOOK: Duration = Duration::from_millis(50);
-/// How long it sleeps once all is declared: it waits for its end alone.
+/// Sleep of the thread once everything is declared; it then only waits for its end.
 const REST: Duration = Duration::from_secs(60);
 
-/// A number that has come for an input.
+/// A number that arrived for an input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrived {
     /// Index of the input topic.
@@ -49,7 +52,7 @@ pub struct Arrived {
     pub(in crate::source) origin: Origin,
 }
 
-/// A queue for them: from Zenoh's threads to the source thread.
+/// The queue from Zenoh's threads to the source thread.
 #[must_use]
 pub fn queue() -> (SyncSender<Arrived>, Receiver<Arrived>) {
     sync_channel(WAITING)
@@ -58,7 +61,7 @@ pub fn queue() -> (SyncSender<Arrived>, Receiver<Arrived>) {
 /// The running inputs.
 pub struct RmwSource(Worker);
 
-/// An input as it is to be declared.
+/// An input that is not declared yet.
 struct Planned {
     topic: String,
     of: Descriptor,
@@ -66,10 +69,10 @@ struct Planned {
 }
 
 impl RmwSource {
-    /// Takes the inputs of the node that `presence` shows, as soon as there is a session; `source` is fed by `queue`.
+    /// Starts the inputs of the node `presence`; they are declared once the session is open. `queue` leads to `source`.
     ///
     /// # Errors
-    /// When a joint is to be taken and none is named, or the system starts no thread.
+    /// When an input is of type `JointState` and no joint is named, or the system cannot start the thread.
     pub fn start(
         link: &Arc<Link>,
         presence: &RmwPresence,
@@ -99,12 +102,15 @@ impl RmwSource {
         let open = if link.has_access_control() {
             ""
         } else {
-            "; there is no access control, so whoever reaches the endpoint may send them"
+            "; without access control, anyone who can reach the endpoint may send them"
         };
-        tracing::info!("inputs are taken from nodes on rmw_zenoh in domain {}{open}", presence.node.domain);
+        tracing::info!(
+            "inputs from nodes on rmw_zenoh are accepted in domain {}{open}",
+            presence.node.domain
+        );
         let (link, presence) = (Arc::clone(link), presence.clone());
         let worker = Worker::start("zenoh-inputs", move |stop| run(stop, &link, &presence, inputs))
-            .map_err(NodeError::io("starting the thread that takes inputs from rmw_zenoh"))?;
+            .map_err(NodeError::io("starting the thread that receives inputs from rmw_zenoh"))?;
         Ok(Self(worker))
     }
 
@@ -114,7 +120,7 @@ impl RmwSource {
         self.0.is_alive()
     }
 
-    /// Takes the subscriptions back and ends the thread. `Err` when it had panicked.
+    /// Undeclares the subscriptions and ends the thread. `Err` when it had panicked.
     ///
     /// # Errors
     /// The panic's payload.
@@ -123,7 +129,7 @@ impl RmwSource {
     }
 }
 
-/// The declarations of one input; dropping them takes them back.
+/// The declarations of one input; dropping them undeclares it.
 type Declared = (LivelinessToken, Subscriber<()>, Subscriber<()>);
 
 fn run(stop: &Stop, link: &Link, presence: &RmwPresence, mut inputs: Vec<Planned>) {
@@ -149,7 +155,7 @@ fn declare(session: &Session, id: u64, presence: &RmwPresence, input: Planned) -
     let (counters, of_source) = (Arc::clone(&door.counters), Arc::clone(&door.of_source));
     let watch = Watch { name: door.name, of, counters, of_source };
     let node = &presence.node;
-    // Zenoh's own threads call these: they must not wait.
+    // Zenoh's own threads run the callbacks, so these must not block.
     let subscriber =
         session.declare_subscriber(door.key.clone()).callback(move |sample| door.take(&sample)).wait()?;
     let strangers = session
@@ -158,12 +164,12 @@ fn declare(session: &Session, id: u64, presence: &RmwPresence, input: Planned) -
         .history(true)
         .callback(move |sample| watch.look(&sample))
         .wait()?;
-    // Last, so that whoever sees it is heard.
+    // Last, so that the input is ready for a node that sees the token.
     let token = node.endpoint(&session.zid().to_string(), id, Role::Subscription, &topic, &of);
     Ok((session.liveliness().declare_token(token).wait()?, subscriber, strangers))
 }
 
-/// Where samples of one input come in.
+/// The entry point for samples of one input.
 struct Door {
     key: String,
     name: &'static str,
@@ -183,7 +189,9 @@ impl Door {
         let handed_on = self.read(sample).and_then(|(taken, origin)| {
             let number = taken.ok_or("the joint is not in the message")?;
             let arrived = Arrived { input, number, origin };
-            self.queue.try_send(arrived).map_err(|_| "more wait than the node keeps up with".to_owned())
+            self.queue
+                .try_send(arrived)
+                .map_err(|_| "the queue is full; the node does not keep up".to_owned())
         });
         match handed_on {
             Ok(()) => {
@@ -200,15 +208,15 @@ impl Door {
         }
     }
 
-    /// What a sample holds for us, or what is wrong with it.
+    /// Decodes a sample; the error says what is wrong with it.
     fn read(&self, sample: &Sample) -> Result<(Taken, Origin), String> {
         let sent_to = sample.key_expr();
-        // Access control lets what is sent to a wildcard pass wherever the wildcard itself is allowed.
+        // Access control lets a sample for a wildcard key pass wherever the wildcard itself is allowed.
         if sent_to.as_str() != self.key {
             return Err(format!("it was sent to {}, not to {}", shown(sent_to), self.key));
         }
         if sample.kind() != SampleKind::Put {
-            return Err("it deletes, and a topic has nothing to delete".to_owned());
+            return Err("it deletes, which topics do not support".to_owned());
         }
         let attachment = sample.attachment().map(|bytes| bytes.to_bytes()).unwrap_or_default();
         let attachment = Attachment::from_bytes(&attachment).map_err(|error| error.to_string())?;
@@ -216,16 +224,16 @@ impl Door {
         self.note(gid, seq);
         let length = sample.payload().len();
         if length > LONGEST {
-            return Err(format!("it has {length} bytes, and may have {LONGEST}"));
+            return Err(format!("it has {length} bytes; at most {LONGEST} are allowed"));
         }
         let taken = self.reader.read(&sample.payload().to_bytes()).map_err(|error| error.to_string())?;
         let origin = Origin { writer: gid, sent_ns: Some(stamp_ns), arrived_ns: system_now().nanos() };
         Ok((taken, origin))
     }
 
-    /// Counts what was lost on the way, while one publisher speaks: Zenoh drops without a word what a link does not carry.
+    /// Counts samples lost on the way from one publisher: Zenoh drops samples silently when a link is too slow.
     fn note(&self, gid: Gid, seq: i64) {
-        // A poisoned lock only means that a number was not noted.
+        // A poisoned lock is harmless: at most one number was not stored.
         let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).replace((gid, seq));
         let missing =
             last.filter(|(of, _)| *of == gid).map(|(_, last)| i128::from(seq) - i128::from(last) - 1);
@@ -235,7 +243,7 @@ impl Door {
     }
 }
 
-/// Looks at who publishes an input.
+/// Watches the publishers of an input.
 struct Watch {
     name: &'static str,
     of: Descriptor,
@@ -256,7 +264,7 @@ impl Watch {
             tracing::warn!(
                 topic = self.name,
                 count,
-                "{} publishes it on rmw_zenoh as {} {}, and is not heard: here it is {} {}; build both with the same interface \
+                "{} publishes it on rmw_zenoh as {} {}, and is ignored: this node expects {} {}; build both with the same interface \
                  package, or set {}.type",
                 shown(&other.node),
                 shown(other.dds_type_name),
@@ -269,7 +277,7 @@ impl Watch {
     }
 }
 
-/// A name that somebody else has chosen, as it can stand in a log: not without end, and with nothing that a terminal obeys.
+/// A foreign name in a form that is safe for a log: of limited length and without control characters.
 pub(crate) fn shown(name: &str) -> String {
     name.chars().take(SHOWN).flat_map(char::escape_debug).collect()
 }
@@ -279,7 +287,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_others_cannot_disturb_a_terminal() {
+    fn foreign_names_are_safe_for_a_terminal() {
         assert_eq!(shown("70/\u{1b}[2J\n"), "70/\\u{1b}[2J\\n");
         assert_eq!(shown(&"a".repeat(70_000)).len(), SHOWN);
     }

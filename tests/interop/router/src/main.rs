@@ -1,4 +1,4 @@
-//! A Zenoh router with a storage, from Zenoh's own parts: what `zenohd` is with `zenoh-plugin-storage-manager` beside it.
+//! A Zenoh router with a storage, made of Zenoh's own parts: equivalent to `zenohd` with `zenoh-plugin-storage-manager`.
 //!
 //! ```text
 //! fleet-router launch-configs/zenoh/storage.json5
@@ -15,7 +15,7 @@ async fn main() -> zenoh::Result<()> {
     let file = std::env::args().nth(1).ok_or("usage: fleet-router CONFIG.json5")?;
     let config = Config::from_file(file)?;
     let mut plugins = PluginsManager::static_plugins_only();
-    // Declared where it is configured alone: it panics without a configuration.
+    // The plugin panics without a configuration, so it is declared only if configured.
     if config.get_json("plugins/storage_manager").is_ok_and(|json| json != "null") {
         plugins.declare_static_plugin::<StoragesPlugin, &str>("storage_manager", true);
     }

@@ -1,18 +1,18 @@
-//! The scheme against a fine integration of the same equations, and its sensitivities against differences.
+//! Compares the scheme with a fine integration of the same equations, and its sensitivities with differences.
 
 use super::super::{Hidden, Law};
 use super::*;
 
 const RATE_HZ: f64 = 512.0;
 
-/// The damper that the source identified (1.5 V lower limit), z in cm: yields within 0.02 mm.
+/// The damper that the source identified (1.5 V lower limit), z in cm; it yields within 0.02 mm.
 const SPENCER: [f64; 9] = [2_100.0, 28_300.0, 4_690.0, 500.0, 140.0, 36_300.0, 2.0, 36_300.0, 30_100.0];
-/// A larger one with a wide soft loop.
+/// A larger damper with a wide soft loop.
 const SOFT: [f64; 9] = [1_500.0, 60_000.0, 8_000.0, 1_000.0, 600.0, 900.0, 1.2, 300.0, 1_000.0];
-/// Exponent 1, unloading as loading.
+/// Exponent 1, with equal loading and unloading.
 const SHARP: [f64; 9] = [800.0, 20_000.0, 500.0, 0.0, 1_000.0, 4_000.0, 1.0, 0.0, 4_000.0];
 
-/// A motion with its exact velocity: sines, m, Hz, rad.
+/// A motion with its exact velocity, as a sum of sines: m, Hz, rad.
 type Motion = &'static [(f64, f64, f64)];
 const SLOW: Motion = &[(0.015, 2.0, 0.3)];
 const FAST: Motion = &[(0.004, 10.0, 0.0)];
@@ -37,7 +37,7 @@ fn inputs(parts: Motion, k: usize) -> Inputs {
     }
 }
 
-/// Forces by the classic Runge-Kutta scheme with 500 steps a sample, on the exact velocity.
+/// Forces by the classic Runge-Kutta scheme with 500 steps per sample, with the exact velocity.
 fn fine(p: &[f64; 9], parts: Motion, samples: usize) -> Vec<f64> {
     let [c0, c1, k0, k1, alpha, gamma, n, beta, a] = *p;
     let rate = |s: [f64; 2], t: f64| {
@@ -87,14 +87,15 @@ fn the_step_agrees_with_a_fine_integration() {
         let errors = || exact.iter().zip(&coarse).map(|(e, c)| (e - c).abs() / peak);
         let rms = (errors().map(|e| e * e).sum::<f64>() / 512.0).sqrt();
         assert!(rms < 1e-3, "{name} {motion}: rms {rms}");
-        // Largest just after a reversal at 10 Hz, where the stiff damper yields within half a sample.
+        // The error is largest just after a reversal at 10 Hz, where the stiff damper yields within half a
+        // sample.
         let worst = errors().fold(0.0_f64, f64::max);
         assert!(worst < 5e-3, "{name} {motion}: worst {worst}");
     }
 }
 
 #[test]
-fn sensitivities_along_a_run_are_those_of_differences() {
+fn sensitivities_along_a_run_agree_with_differences() {
     for ((name, p), (motion, parts)) in DAMPERS.iter().flat_map(|d| MOTIONS.map(|m| (d, m))) {
         let plain = run(p, parts, 300);
         let (mut hidden, mut s) = (Hidden::default(), [[0.0; 9]; MAX_HIDDEN]);
@@ -130,7 +131,7 @@ fn sensitivities_along_a_run_are_those_of_differences() {
 }
 
 #[test]
-fn derivatives_by_the_hidden_variables_are_those_of_differences() {
+fn derivatives_by_the_hidden_variables_agree_with_differences() {
     let at = Inputs { velocity_m_s: 0.08, displacement_m: 0.004, ..inputs(SLOW, 1) };
     let hidden = [2e-4, 0.4, 0.07];
     let found = Law::BoucWen.sensitivity(&SOFT, &at, &mut hidden.clone());
@@ -152,7 +153,7 @@ fn derivatives_by_the_hidden_variables_are_those_of_differences() {
 }
 
 #[test]
-fn the_scale_of_z_is_free() {
+fn a_change_of_the_scale_of_z_leaves_the_force() {
     let [c0, c1, k0, k1, alpha, gamma, n, beta, a] = SOFT;
     let s: f64 = 3.0;
     let shape = s.powf(1.0 - n);
@@ -164,7 +165,7 @@ fn the_scale_of_z_is_free() {
 
 #[test]
 fn any_step_stays_bounded() {
-    // Samples 0.1 s apart, at 1 m/s either way, from a start: far beyond what any rig does.
+    // Samples 0.1 s apart, at 1 m/s in either direction, from a start: far beyond the motion of any rig.
     let bound = |p: &[f64; 9]| p[4] + (p[0] + p[2] * 0.1) * 1.0 + p[3] * 0.1;
     for (name, p) in DAMPERS {
         let mut hidden = Hidden::default();
@@ -179,7 +180,7 @@ fn any_step_stays_bounded() {
 }
 
 #[test]
-fn an_unknown_input_gives_no_force_and_spoils_nothing() {
+fn an_unknown_input_gives_no_force_and_leaves_the_state() {
     let mut hidden = [1e-4, 0.2, 0.03];
     let gone = Inputs { velocity_m_s: f64::NAN, ..inputs(SLOW, 5) };
     assert!(Law::BoucWen.force_n(&SOFT, &gone, &mut hidden).is_nan());

@@ -1,4 +1,4 @@
-//! The sums beside the same taken row by row, as the equations have them, and slopes beside differences.
+//! Compares the sums with row-by-row sums of the equations, and slopes with numerical differences.
 
 use super::*;
 use crate::force::{Signal, TskSet};
@@ -8,7 +8,7 @@ use rand_pcg::Pcg64Mcg;
 
 static GO_ON: AtomicBool = AtomicBool::new(false);
 
-/// Numbers of so many sets of a shape, evenly over -1 to 1, and nowhere with a row just on a peak.
+/// Numbers of `count` sets of one shape, evenly over -1 to 1, placed so that no row lies exactly on a peak.
 fn sets(shape: Shape, count: usize) -> Vec<[f64; 3]> {
     let spacing = 2.0 / (count.max(2) - 1) as f64;
     let peak = |j: usize| -1.0 + spacing * j as f64 + 0.03;
@@ -26,7 +26,7 @@ fn input(signal: Signal, shape: Shape, numbers: &[[f64; 3]]) -> TskInput {
     TskInput::new(signal, 0.0, 1.0, &numbers.iter().map(set).collect::<Vec<_>>()).expect("an input")
 }
 
-/// A problem of so many sets an input, and numbers of one conclusion.
+/// A problem with the given number of sets per input, and `width` numbers per conclusion.
 struct Problem {
     shape: Shape,
     numbers: Vec<Vec<[f64; 3]>>,
@@ -38,7 +38,7 @@ impl Problem {
         let mut random = Pcg64Mcg::seed_from_u64(3);
         let mut counts = [1; MAX_INPUTS];
         counts[..sets_of_each.len()].copy_from_slice(sets_of_each);
-        // One more than a chunk and some groups, and one run that fills neither.
+        // One row more than a chunk plus some groups, and one run that fills neither.
         let runs = [CHUNK + 2 * GROUP + 1, 3].map(|len| {
             let draw = |_| {
                 let mut u = [0.0; MAX_INPUTS];
@@ -67,7 +67,7 @@ impl Problem {
         signals.into_iter().zip(&self.numbers).map(|(s, n)| input(s, self.shape, n)).collect()
     }
 
-    /// Regressors of every row of each run: z_a times the product of the weights, coefficient by coefficient.
+    /// Regressors of every row of each run: z_a times the product of the weights, ordered by coefficient.
     fn regressors(&self) -> Vec<Vec<DVector<f64>>> {
         let inputs = self.inputs();
         let [n0, n1, n2] = self.sums.counts;
@@ -114,7 +114,7 @@ fn problems() -> [Problem; 5] {
 }
 
 #[test]
-fn sums_for_the_conclusions_are_those_of_the_rows() {
+fn sums_for_the_conclusions_match_row_by_row_sums() {
     for problem in problems() {
         let (sums, regressors) = (&problem.sums, problem.regressors());
         let found = sums.linear(&problem.inputs()).expect("not cancelled");
@@ -139,9 +139,9 @@ fn sums_for_the_conclusions_are_those_of_the_rows() {
 }
 
 #[test]
-fn sums_for_the_memberships_are_those_of_differences() {
+fn sums_for_the_memberships_match_numerical_differences() {
     for mut problem in problems() {
-        // Each number of each set, two of them tied to one parameter, with factors.
+        // Each number of each set; two of them share one parameter; with factors.
         let numbers = if problem.shape == Shape::Gaussian { 2 } else { 3 };
         let mut links = Vec::new();
         for (input, sets) in problem.numbers.iter().enumerate() {
@@ -204,7 +204,7 @@ fn sums_for_the_memberships_are_those_of_differences() {
 }
 
 #[test]
-fn cancelling_ends_it_and_threads_change_nothing() {
+fn cancelling_stops_the_sums_and_threads_do_not_change_them() {
     static STOP: AtomicBool = AtomicBool::new(true);
     let mut problem = Problem::new(Shape::Gaussian, &[3, 2, 2], 4);
     let alone = problem.sums.linear(&problem.inputs()).expect("not cancelled");
@@ -216,7 +216,7 @@ fn cancelling_ends_it_and_threads_change_nothing() {
 }
 
 #[test]
-fn pairs_are_counted_in_one_order() {
+fn pair_index_matches_the_order_of_pair_products() {
     for n in 1..=5 {
         let values: Vec<f64> = (0..n).map(|j| (j as f64 + 2.0).sqrt()).collect();
         let mut products = vec![0.0; pair_count(n)];
