@@ -180,7 +180,7 @@ fn runs_must_have_one_rate_or_be_thinned_to_one() {
     assert!((arx(&found).sample_period().get() - 0.005).abs() < 1e-6);
     assert!((found.model.rate_hz - 200.0).abs() < 0.1);
     let error = identify(ModelSpec::ARX_PASSIVE, &runs, &at(300.0), &Watch::none()).expect_err("no multiple");
-    assert!(error.to_string().contains("run slow: is at 200"), "{error}");
+    assert!(error.to_string().contains("run slow: its rate is 200"), "{error}");
 }
 
 #[test]

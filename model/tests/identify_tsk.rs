@@ -170,7 +170,7 @@ fn insufficient_data_are_rejected_with_the_reason() {
     short.rows.truncate(10);
     let text = message(&short, TskKind::Anfis, DRIVE);
     assert!(
-        text.contains("anfis has 126 parameters and needs 378 samples") && text.contains("hold 10"),
+        text.contains("anfis has 126 parameters and needs 378 usable samples") && text.contains("have 10;"),
         "{text}"
     );
     let mut still = data.clone();
