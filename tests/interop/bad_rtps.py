@@ -260,13 +260,13 @@ def storm(args, ports, to):
 def lethal(args, ports, to):
     """Lets the node discover an unknown participant, which then sends the packet."""
     stranger = bytes.fromhex("bad0bad0bad0bad0bad0bad0")
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 35.0
     announced = None
     while announced is None and time.monotonic() < deadline:
         real = listen(1.0, 0)
         announced = next((p for p in real if SPDP_WRITER in p and b"\x15" in p and len(p) > 100), None)
     if announced is None:
-        fail("no participant announced itself within 20 s")
+        fail("no participant announced itself within 35 s")
     to.sendto(announced.replace(announced[8:20], stranger), ("127.0.0.1", ports[0]))
     time.sleep(1.0)
     body = {

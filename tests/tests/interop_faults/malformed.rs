@@ -97,7 +97,7 @@ fn a_packet_that_exhausts_the_memory_ends_the_node_with_an_explanation() {
             let words = said.lines().find(|line| line.contains("malformed or hostile packets"));
             let words = words.unwrap_or_else(|| panic!("{kind}: {said}"));
             let held =
-                words.split_once("holds ").and_then(|(_, rest)| rest.split_once(" MiB")).expect("a figure").0;
+                words.split_once("uses ").and_then(|(_, rest)| rest.split_once(" MiB")).expect("a figure").0;
             figures
                 .push(format!("{kind}: ended with 1 at {held} MiB after {} ms", sent.elapsed().as_millis()));
         }
