@@ -180,7 +180,7 @@ fn insufficient_data_are_rejected_with_the_reason() {
     unknown.rows.iter_mut().for_each(|row| row.acceleration_m_s2 = f64::NAN);
     assert!(
         message(&unknown, TskKind::WangHu, DRIVE)
-            .contains("have velocity, acceleration, drive, but the runs hold 0")
+            .contains("with velocity, acceleration, drive, but the runs have 0;")
     );
     let none: [Dataset; 0] = [];
     assert!(fit_tsk(&none, TskKind::Anfis, DRIVE, &TskOptions::default(), &Watch::none()).is_err());
