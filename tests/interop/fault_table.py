@@ -192,8 +192,7 @@ def ratio(faulty, quiet):
     if not faulty or not quiet:
         return None
     draw = random.Random(1).choices
-    medians = lambda: statistics.median(draw(faulty, k=len(faulty))) / statistics.median(draw(quiet, k=len(quiet)))
-    drawn = sorted(medians() for _ in range(2000))
+    drawn = sorted(statistics.median(draw(faulty, k=len(faulty))) / statistics.median(draw(quiet, k=len(quiet))) for _ in range(2000))
     return [statistics.median(faulty) / statistics.median(quiet), drawn[50], drawn[1949]]
 
 

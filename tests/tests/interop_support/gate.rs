@@ -130,7 +130,7 @@ pub(crate) fn survives() -> Option<Outcome> {
 /// An `mr-damper` with the feature `security` and the edits of node/hardened: `MR_DAMPER_HARDENED_SECURE_BIN`.
 pub(crate) fn hardened_secure_binary() -> Result<PathBuf, String> {
     let path = std::env::var_os("MR_DAMPER_HARDENED_SECURE_BIN").map(PathBuf::from).ok_or(
-        "MR_DAMPER_HARDENED_SECURE_BIN is not set; `node/hardened/build build --profile quick -p mr-damper-node -p \
+        "MR_DAMPER_HARDENED_SECURE_BIN is not set; `node/hardened/build build -p mr-damper-node -p \
          mr-damper-tests --bins --features mr-damper-node/security` builds it",
     )?;
     assert!(path.is_file(), "{} is missing; MR_DAMPER_HARDENED_SECURE_BIN names it", path.display());
