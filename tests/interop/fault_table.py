@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Measures the effect of a failing reader on the others; writes the table of node/docs/reader-faults.md. Root only.
+"""Measures the effect of a failing reader on the others; prints the tables of node/docs/reader-faults.md. Root only.
 
 For each rate it starts a node and an ECU (ecu_peer) in their own network namespace, with sensors, estimates and commands of one or
 four dampers. Then one reader after another joins, fails, and is observed for --seconds; the ECU reports its losses during that time
@@ -13,7 +13,7 @@ and the delays of the other messages. Readers on another host get one, at a swit
 
 usage: fault_table.py [--node BINARY] [--ecu BINARY] [--build NAME] [--rates 500,1000,4x1000] [--cases rclpy-kill,...] [--seconds 25]
 
-Progress goes to stderr; a Markdown table and then one line of JSON go to stdout. Exit code 1 if an answer was lost.
+Progress goes to stderr; Markdown tables and then one line of JSON go to stdout. Exit code 1 if an answer was lost.
 """
 
 import argparse
@@ -197,7 +197,7 @@ def ratio(faulty, quiet):
 
 
 def rows(build, rate, report):
-    """Rows of the table: each case compared with the phases without a victim before and after it."""
+    """Figures of each case at one rate: the case compared with the phases without a victim before and after it."""
     phases = report["phases"]
     quiet_at = [index for index, phase in enumerate(phases) if phase["name"] == QUIET]
     for index, phase in enumerate(phases):
@@ -223,18 +223,33 @@ def rows(build, rate, report):
         }
 
 
-def table(found):
-    print("| build | rate | victim | estimates lost | commands lost | p99 of estimates, ms | ratio (95 %) | p99 of commands, ms | ratio (95 %) | worst, ms |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    for row in found:
-        delays = " | ".join(
-            "{:.2f} | {:.2f} ({:.2f} to {:.2f})".format(row[f"{kind}_p99_ms"], *row[f"{kind}_p99_ratio"]) if row[f"{kind}_p99_ratio"] else "- | -"
-            for kind in KINDS
-        )
-        print(
-            f"| {row['build']} | {row['rate']} | {row['case']} | {row['estimates_lost']} of {row['sent']} | {row['commands_lost']} "
-            f"| {delays} | {row['worst_ms']:.1f} |"
-        )
+def losses(row):
+    """Estimates lost, of the displacements sent; and commands lost, if there are any."""
+    commands = f", {row['commands_lost']} commands" if row["commands_lost"] else ""
+    return f"{row['estimates_lost']} of {row['sent']}{commands}"
+
+
+def delays(row, kind):
+    value = row[f"{kind}_p99_ratio"]
+    return "{:.2f} ({:.2f} to {:.2f})".format(*value) if value else "-"
+
+
+def table(found, title, cell, last=None):
+    """Prints a Markdown table with a line for each case and a column for each rate; `last` is a heading and a function of a case's rows."""
+    rates = list(dict.fromkeys(row["rate"] for row in found))
+    headings = [title, *(f"{rate} Hz" for rate in rates), *([last[0]] if last else [])]
+    print(f"\n| {' | '.join(headings)} |\n|{'---|' * len(headings)}")
+    for case in dict.fromkeys(row["case"] for row in found):
+        by_rate = {row["rate"]: row for row in found if row["case"] == case}
+        cells = [cell(by_rate[rate]) for rate in rates] + ([last[1](by_rate.values())] if last else [])
+        print(f"| {case} | {' | '.join(cells)} |")
+
+
+def tables(found):
+    """The tables of one build in node/docs/reader-faults.md."""
+    table(found, "estimates lost", losses, ("worst delay, ms", lambda of_case: f"{max(row['worst_ms'] for row in of_case):.1f}"))
+    for kind in KINDS:
+        table(found, f"p99 of {kind}, ratio (95 %)", lambda row, kind=kind: delays(row, kind))
 
 
 def main():
@@ -270,10 +285,11 @@ def main():
                 report = session.end()
             found += rows(args.build, rate, report)
             reports.append({"rate": rate, **report})
-    table(found)
+    tables(found)
     print(json.dumps({"rows": found, "sessions": reports}))
     elsewhere = sum(phase[kind]["lost"] for report in reports for phase in report["phases"] for kind in ("estimates", "commands"))
     sys.exit(elsewhere > 0)
 
 
-main()
+if __name__ == "__main__":
+    main()
