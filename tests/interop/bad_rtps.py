@@ -37,26 +37,33 @@ def fail(message):
     sys.exit(1)
 
 
-def listen(seconds, least):
-    """Captures real RTPS packets on loopback, each once."""
+def captured(seconds):
+    """Yields the RTPS packets on loopback for `seconds`, from one socket: to close and open it takes tens of milliseconds, in which
+    a packet is missed."""
     try:
         tap = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(0x0800))
     except PermissionError:
         fail("cannot capture packets; run this as root")
-    tap.bind(("lo", 0))
-    tap.settimeout(0.2)
-    packets, until = {}, time.monotonic() + seconds
-    while time.monotonic() < until:
-        try:
-            packet = tap.recv(65_536)
-        except TimeoutError:
-            continue
-        payload = packet[(packet[0] & 15) * 4 + 8 :]
-        if packet[9] == 17 and payload[:4] == b"RTPS":
-            packets[payload] = True
+    with tap:
+        tap.bind(("lo", 0))
+        tap.settimeout(0.2)
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            try:
+                packet = tap.recv(65_536)
+            except TimeoutError:
+                continue
+            payload = packet[(packet[0] & 15) * 4 + 8 :]
+            if packet[9] == 17 and payload[:4] == b"RTPS":
+                yield payload
+
+
+def listen(seconds, least):
+    """Captures real RTPS packets on loopback, each once."""
+    packets = list(dict.fromkeys(captured(seconds)))
     if len(packets) < least:
         fail(f"{len(packets)} RTPS packets heard in {seconds} s, fewer than {least}; is a node running in this namespace?")
-    return list(packets)
+    return packets
 
 
 def submessages(packet):
@@ -260,11 +267,8 @@ def storm(args, ports, to):
 def lethal(args, ports, to):
     """Lets the node discover an unknown participant, which then sends the packet."""
     stranger = bytes.fromhex("bad0bad0bad0bad0bad0bad0")
-    deadline = time.monotonic() + 35.0
-    announced = None
-    while announced is None and time.monotonic() < deadline:
-        real = listen(1.0, 0)
-        announced = next((p for p in real if SPDP_WRITER in p and b"\x15" in p and len(p) > 100), None)
+    # The node announces itself every 10 s.
+    announced = next((p for p in captured(35.0) if SPDP_WRITER in p and b"\x15" in p and len(p) > 100), None)
     if announced is None:
         fail("no participant announced itself within 35 s")
     to.sendto(announced.replace(announced[8:20], stranger), ("127.0.0.1", ports[0]))

@@ -12,7 +12,7 @@ import struct
 import sys
 import time
 
-from bad_rtps import DATA, INFO_DST, SPDP_WRITER, header, listen, sequence, submessage, submessages
+from bad_rtps import DATA, INFO_DST, SPDP_WRITER, captured, header, sequence, submessage, submessages
 from peer_common import emit, fail
 
 STRANGER = bytes.fromhex("01124d555445000000000001")
@@ -58,9 +58,8 @@ def is_announcement(packet):
 def main():
     topics = [argument.split("=", 1) for argument in sys.argv[1:]]
     base = 7400 + 250 * int(os.environ.get("ROS_DOMAIN_ID", "0"))
-    deadline, alive = time.monotonic() + PATIENCE, None
-    while alive is None and time.monotonic() < deadline:
-        alive = next(filter(is_announcement, listen(1.0, 0)), None)
+    deadline = time.monotonic() + PATIENCE
+    alive = next(filter(is_announcement, captured(PATIENCE)), None)
     if alive is None:
         fail(f"no participant announced itself within {PATIENCE:g} s")
     alive = alive.replace(alive[8:20], STRANGER)
