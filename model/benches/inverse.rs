@@ -11,8 +11,8 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use motion::{SAMPLES, motion};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
-use mr_damper_model::force::{Dependence, ForceModel, Law, LawModel};
-use mr_damper_model::inverse::{Commander, Demand, Limits, Method};
+use mr_damper_model::force::{Dependence, ForceLaw, ForceModel, LawModel};
+use mr_damper_model::inverse::{Demand, InverseController, Limits, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::preset;
 use mr_damper_model::sample::DriveKind;
@@ -26,7 +26,7 @@ fn fuzzy_tanh_model() -> Model {
 }
 
 /// A model of `law` whose parameters are linear in the current.
-fn law_model(law: Law, none: &[f64], per_a: &[f64]) -> Model {
+fn law_model(law: ForceLaw, none: &[f64], per_a: &[f64]) -> Model {
     let dependence = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
     let force = LawModel::new(law, dependence, &[none, per_a].concat(), 0.0).expect("in order");
     Model { force: ForceModel::Law(force), ..fuzzy_tanh_model() }
@@ -34,7 +34,7 @@ fn law_model(law: Law, none: &[f64], per_a: &[f64]) -> Model {
 
 fn bouc_wen_model() -> Model {
     law_model(
-        Law::BoucWen,
+        ForceLaw::BoucWen,
         &[600.0, 8e3, 1e3, 500.0, 80.0, 150.0, 2.0, 150.0, 300.0],
         &[200.0, 4e3, 0.0, 0.0, 300.0, 0.0, 0.0, 0.0, 0.0],
     )
@@ -46,13 +46,16 @@ fn with_effects(bencher: Bencher, effects: &[EffectModel]) {
 }
 
 fn command(bencher: Bencher, model: &Model, method: Method) {
-    let commander =
-        Commander::with_method(model, Limits::default(), method).expect("a model with an inverse");
+    let controller =
+        InverseController::with_method(model, Limits::default(), method).expect("a model with an inverse");
     let motion = motion();
-    bencher.counter(ItemsCount::new(SAMPLES)).with_inputs(|| commander).bench_refs(|commander| {
+    bencher.counter(ItemsCount::new(SAMPLES)).with_inputs(|| controller).bench_refs(|controller| {
         let demand_n = |v_m_s: f64| 500.0 * v_m_s.signum() + 1500.0 * v_m_s;
         let step = |at: &mr_damper_model::force::Inputs| {
-            commander.step(divan::black_box(at), Demand::Force(demand_n(at.velocity_m_s)), None).current.get()
+            controller
+                .step(divan::black_box(at), Demand::Force(demand_n(at.velocity_m_s)), None)
+                .current
+                .get()
         };
         motion.iter().map(step).sum::<f64>()
     });
@@ -73,7 +76,7 @@ fn bouc_wen(bencher: Bencher, method: Method) {
 fn choi(bencher: Bencher, method: Method) {
     let none = [0.0, 2500.0, 0.0, -2e4, 0.0, 0.0, 0.0].repeat(2);
     let per_a = [0.0, 4000.0, 0.0, -6e4, 0.0, 0.0, 0.0].repeat(2);
-    command(bencher, &law_model(Law::Choi, &none, &per_a), method);
+    command(bencher, &law_model(ForceLaw::Choi, &none, &per_a), method);
 }
 
 #[divan::bench]

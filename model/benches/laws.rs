@@ -13,7 +13,7 @@ use divan::counter::ItemsCount;
 use middle::parameters;
 use motion::{SAMPLES, motion};
 use mr_damper_model::force::law::Hidden;
-use mr_damper_model::force::{Dependence, FuzzySets, Law, LawModel, LawState, Membership};
+use mr_damper_model::force::{Dependence, ForceLaw, FuzzySets, LawModel, LawState, Membership};
 use mr_damper_model::sample::DriveKind;
 
 const DRIVE: DriveKind = DriveKind::CoilCurrent;
@@ -22,7 +22,7 @@ fn main() {
     divan::main();
 }
 
-fn run(bencher: Bencher, law: Law, dependence: Dependence) {
+fn run(bencher: Bencher, law: ForceLaw, dependence: Dependence) {
     let copies = match dependence {
         Dependence::Fuzzy(_) => parameters(law).repeat(dependence.copies()),
         _ => {
@@ -39,25 +39,25 @@ fn run(bencher: Bencher, law: Law, dependence: Dependence) {
     });
 }
 
-#[divan::bench(args = Law::ALL)]
-fn passive(bencher: Bencher, law: Law) {
+#[divan::bench(args = ForceLaw::ALL)]
+fn passive(bencher: Bencher, law: ForceLaw) {
     run(bencher, law, Dependence::None);
 }
 
-#[divan::bench(args = Law::ALL)]
-fn quadratic(bencher: Bencher, law: Law) {
+#[divan::bench(args = ForceLaw::ALL)]
+fn quadratic(bencher: Bencher, law: ForceLaw) {
     run(bencher, law, Dependence::Polynomial { drive: DRIVE, degree: 2 });
 }
 
-#[divan::bench(args = Law::ALL)]
-fn seven_sets(bencher: Bencher, law: Law) {
+#[divan::bench(args = ForceLaw::ALL)]
+fn seven_sets(bencher: Bencher, law: ForceLaw) {
     let centres = [0.0, 0.4, 0.8, 1.2, 1.6, 2.1, 2.5];
     let sets = FuzzySets::new(Membership { drive: DRIVE, sigma: 0.2 }, &centres).expect("centres increase");
     run(bencher, law, Dependence::Fuzzy(sets));
 }
 
-#[divan::bench(args = Law::ALL)]
-fn with_derivatives(bencher: Bencher, law: Law) {
+#[divan::bench(args = ForceLaw::ALL)]
+fn with_derivatives(bencher: Bencher, law: ForceLaw) {
     let (p, motion) = (parameters(law), motion());
     bencher.counter(ItemsCount::new(SAMPLES)).bench(|| {
         let mut hidden = Hidden::default();

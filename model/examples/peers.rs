@@ -7,7 +7,7 @@
 
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::evaluate::{Evaluation, evaluate};
-use mr_damper_model::force::{ForceModel, Law, TskKind};
+use mr_damper_model::force::{ForceLaw, ForceModel, TskKind};
 use mr_damper_model::identify::{
     Dataset, DatasetOptions, Form, ModelSpec, Options, Structure, TskOptions, Watch, fit_tsk,
     identify_datasets,
@@ -36,7 +36,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let datasets = [Dataset::from_run(&train, &conditioning, &dataset_options)?];
 
     let fit = |spec| identify_datasets(spec, &datasets, &options, &Watch::none());
-    let sp = ModelSpec::new(Structure::Law(Law::Sp), Form::SemiActive)?;
+    let sp = ModelSpec::new(Structure::Law(ForceLaw::Sp), Form::SemiActive)?;
     let template = fit(ModelSpec::ARX_SEMI_ACTIVE)?.model;
     let tsk_options = TskOptions { epochs: epochs.parse()?, ..TskOptions::default() };
     let anfis =

@@ -14,7 +14,7 @@
 mod subject;
 
 use mr_damper_model::force::{FreeRun, Inputs};
-use mr_damper_model::inverse::{Commander, Demand, Limits, Method};
+use mr_damper_model::inverse::{Demand, InverseController, Limits, Method};
 use mr_damper_model::preset;
 use std::hint::black_box;
 use std::process::ExitCode;
@@ -69,8 +69,8 @@ fn inputs(k: u64) -> (Inputs, f64) {
         drive: f64::NAN,
         case_temp_c: f64::NAN,
     };
-    let wanted = 0.5 + 0.7 * (4.4 * t).sin();
-    (inputs, wanted * (700.0 * (20.0 * velocity_m_s).tanh() + 1500.0 * velocity_m_s))
+    let share = 0.5 + 0.7 * (4.4 * t).sin();
+    (inputs, share * (700.0 * (20.0 * velocity_m_s).tanh() + 1500.0 * velocity_m_s))
 }
 
 /// The step `what`; `None` for an unknown name.
@@ -83,11 +83,11 @@ fn step(what: &str) -> Option<Box<dyn FnMut(u64)>> {
     }
     if let Some(method) = Method::named(what) {
         let model = preset::load(preset::BEST_FUZZY_TANH).expect("a preset");
-        let mut commander =
-            Commander::with_method(&model, Limits::default(), method).expect("a model with an inverse");
+        let mut controller = InverseController::with_method(&model, Limits::default(), method)
+            .expect("a model with an inverse");
         return Some(Box::new(move |k| {
             let (inputs, demand_n) = inputs(k);
-            black_box(commander.step(&inputs, Demand::Force(demand_n), None));
+            black_box(controller.step(&inputs, Demand::Force(demand_n), None));
         }));
     }
     if PRESETS.contains(&what) {

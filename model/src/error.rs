@@ -59,14 +59,14 @@ pub enum Error {
         needed_by: String,
     },
     /// The run's drive (coil current or command voltage) is not the kind that the model was identified on.
-    #[error("run {run}: the drive is {found}, but the model needs {wanted}; use a model of the run's drive")]
+    #[error("run {run}: the drive is {found}, but the model needs {needed}; use a model of the run's drive")]
     WrongDrive {
         /// The run's name.
         run: String,
         /// The kind that the run recorded.
         found: &'static str,
         /// The kind that the model needs.
-        wanted: &'static str,
+        needed: &'static str,
     },
     /// The caller cancelled the work before it was done.
     #[error("the work was cancelled")]

@@ -180,9 +180,9 @@ pub(crate) fn require_channels(model: &Model, run: &Run) -> Result<(), Error> {
         return Err(missing("case_temp_c", &format!("the effect {}", effect.id())));
     }
     match (model.force.drive(), run.drive_kind()) {
-        (Some(wanted), None) => Err(missing(wanted.name(), "the model")),
-        (Some(wanted), Some(found)) if wanted != found => {
-            Err(Error::WrongDrive { run: run.name.clone(), found: found.name(), wanted: wanted.name() })
+        (Some(needed), None) => Err(missing(needed.name(), "the model")),
+        (Some(needed), Some(found)) if needed != found => {
+            Err(Error::WrongDrive { run: run.name.clone(), found: found.name(), needed: needed.name() })
         }
         _ => Ok(()),
     }

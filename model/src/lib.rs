@@ -1,8 +1,10 @@
 //! Force models of magneto-rheological (MR) dampers.
 
+pub mod calibrate;
 pub mod compare;
 pub mod condition;
 pub mod diagnose;
+mod edit_distance;
 pub mod effect;
 pub mod error;
 pub mod evaluate;
@@ -17,6 +19,7 @@ pub mod pipeline;
 pub mod preset;
 pub mod rig;
 pub mod sample;
+pub mod statistics;
 pub mod uncertainty;
 pub mod units;
 

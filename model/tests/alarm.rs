@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Bench, preset};
+use common::{Harness, preset};
 use mr_damper_model::identify::{Form, ModelSpec, Options, Watch, identify};
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings};
@@ -13,16 +13,16 @@ use std::fmt::Write;
 /// Samples per second.
 const SECOND: i64 = 512;
 
-/// A [`Bench`] on which the measured force is the model's simulation plus `bias` times its expected RMSE.
-fn biased(bias: f64, seconds: i64) -> Bench {
+/// A [`Harness`] on which the measured force is the model's simulation plus `bias` times its expected RMSE.
+fn biased(bias: f64, seconds: i64) -> Harness {
     let expected_n = preset(BEST_FUZZY_TANH).expected.free_run_rsse_n.expect("the preset states one");
-    let mut bench = Bench::new(Settings::default());
-    bench.measure_free_run_plus(bias * expected_n, seconds * SECOND);
-    bench
+    let mut harness = Harness::new(Settings::default());
+    harness.measure_free_run_plus(bias * expected_n, seconds * SECOND);
+    harness
 }
 
 /// Changes of the alarm, one per line.
-fn changes(bench: &Bench) -> String {
+fn changes(harness: &Harness) -> String {
     let line = |event: &Event| match event {
         Event::Alarm(a) => {
             let change = if a.raised { "raised" } else { "over" };
@@ -30,13 +30,13 @@ fn changes(bench: &Bench) -> String {
         }
         _ => None,
     };
-    bench.events.iter().filter_map(line).collect::<Vec<_>>().join("\n")
+    harness.events.iter().filter_map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// Checks that the alarm flag of each residual matches the last change of the alarm.
-fn assert_residuals_follow(bench: &Bench) {
+fn assert_residuals_follow(harness: &Harness) {
     let mut raised = false;
-    for event in &bench.events {
+    for event in &harness.events {
         match event {
             Event::Alarm(change) => {
                 assert_ne!(change.raised, raised, "only changes are reported");
@@ -50,40 +50,40 @@ fn assert_residuals_follow(bench: &Bench) {
 
 #[test]
 fn a_model_that_is_as_good_as_expected_raises_no_alarm() {
-    let mut bench = biased(1.0, 60);
-    bench.run(0..60 * SECOND, |_| true);
-    assert!(bench.residuals().count() > 59 * SECOND as usize);
-    assert_eq!(changes(&bench), "");
+    let mut harness = biased(1.0, 60);
+    harness.run(0..60 * SECOND, |_| true);
+    assert!(harness.residuals().count() > 59 * SECOND as usize);
+    assert_eq!(changes(&harness), "");
 }
 
 #[test]
 fn the_alarm_is_raised_when_the_model_is_wrong_and_ends_when_it_is_right_again() {
-    let mut bench = biased(3.0, 20);
-    bench.run(0..20 * SECOND, |_| true);
+    let mut harness = biased(3.0, 20);
+    harness.run(0..20 * SECOND, |_| true);
     let mut right = biased(0.5, 40);
     right.run(0..20 * SECOND, |_| true);
-    // The first bench continues with the measured force of the second.
-    std::mem::swap(&mut bench.measured_n, &mut right.measured_n);
-    bench.run(20 * SECOND..40 * SECOND, |_| true);
-    insta::assert_snapshot!(changes(&bench), @"
+    // The first harness continues with the measured force of the second.
+    std::mem::swap(&mut harness.measured_n, &mut right.measured_n);
+    harness.run(20 * SECOND..40 * SECOND, |_| true);
+    insta::assert_snapshot!(changes(&harness), @"
       5.05 s  raised  ratio 3.00
      25.05 s  over    ratio 1.84
     ");
-    assert_residuals_follow(&bench);
+    assert_residuals_follow(&harness);
 }
 
 #[test]
 fn a_swap_a_reset_and_a_gap_end_the_alarm_at_once() {
-    let mut bench = biased(3.0, 60);
+    let mut harness = biased(3.0, 60);
     let models = Models::alone(preset(BEST_FUZZY_TANH));
-    bench.run(0..12 * SECOND, |_| true);
-    bench.take(models, Settings::default()).expect("a preset fits the settings");
-    bench.run(12 * SECOND..24 * SECOND, |_| true);
-    let events = &mut bench.events;
-    bench.pipeline.reset(&mut |event| events.push(event));
-    bench.run(24 * SECOND..36 * SECOND, |_| true);
-    bench.run(37 * SECOND..49 * SECOND, |_| true);
-    insta::assert_snapshot!(changes(&bench), @"
+    harness.run(0..12 * SECOND, |_| true);
+    harness.take(models, Settings::default()).expect("a preset fits the settings");
+    harness.run(12 * SECOND..24 * SECOND, |_| true);
+    let events = &mut harness.events;
+    harness.pipeline.reset(&mut |event| events.push(event));
+    harness.run(24 * SECOND..36 * SECOND, |_| true);
+    harness.run(37 * SECOND..49 * SECOND, |_| true);
+    insta::assert_snapshot!(changes(&harness), @"
       5.05 s  raised  ratio 3.00
      12.00 s  over    ratio NaN
      17.00 s  raised  ratio 3.00
@@ -92,18 +92,18 @@ fn a_swap_a_reset_and_a_gap_end_the_alarm_at_once() {
      37.00 s  over    ratio NaN
      42.05 s  raised  ratio 3.00
     ");
-    assert_residuals_follow(&bench);
+    assert_residuals_follow(&harness);
 }
 
 #[test]
 fn without_an_expected_rmse_no_alarm_is_raised() {
     let mut model: Model = preset(BEST_FUZZY_TANH);
     model.expected.free_run_rsse_n = None;
-    let mut bench = biased(100.0, 30);
-    bench.pipeline = Pipeline::new(Models::alone(model), Settings::default()).expect("it runs");
-    bench.run(0..30 * SECOND, |_| true);
-    assert!(bench.residuals().all(|r| !r.alarm && r.expected_rsse.get().is_nan()));
-    assert_eq!(changes(&bench), "");
+    let mut harness = biased(100.0, 30);
+    harness.pipeline = Pipeline::new(Models::alone(model), Settings::default()).expect("it runs");
+    harness.run(0..30 * SECOND, |_| true);
+    assert!(harness.residuals().all(|r| !r.alarm && r.expected_rsse.get().is_nan()));
+    assert_eq!(changes(&harness), "");
 }
 
 /// Tests the assumption of the alarm with a model identified on one run of an experiment and run on other replicates of it. The residual

@@ -9,7 +9,7 @@ use common::preset;
 use middle::{parameters, present};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Effect, Effects};
-use mr_damper_model::force::{Dependence, ForceModel, FuzzySets, Law, LawModel, Membership};
+use mr_damper_model::force::{Dependence, ForceLaw, ForceModel, FuzzySets, LawModel, Membership};
 use mr_damper_model::inverse;
 use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Estimate, Event, Models, Pipeline, Settings, UseForce, Validity};
@@ -22,7 +22,7 @@ use proptest::prelude::*;
 const WITHIN: f64 = 4.0;
 
 /// A force law over seven fuzzy sets.
-fn law(law: Law) -> ForceModel {
+fn law(law: ForceLaw) -> ForceModel {
     let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.2 };
     let sets = FuzzySets::new(membership, &[0.0, 0.4, 0.8, 1.2, 1.6, 2.1, 2.5]).expect("centres increase");
     let dependence = Dependence::Fuzzy(sets);
@@ -34,7 +34,7 @@ fn law(law: Law) -> ForceModel {
 fn subjects() -> Vec<(String, Model)> {
     let base = preset(BEST_FUZZY_TANH);
     let of_thesis = presets::names().into_iter().filter_map(|name| Some((presets::load(&name).ok()?, name)));
-    let laws = Law::ALL.into_iter().map(|of| (Model { force: law(of), ..base }, of.name().to_owned()));
+    let laws = ForceLaw::ALL.into_iter().map(|of| (Model { force: law(of), ..base }, of.name().to_owned()));
     let effects = Effect::ALL.into_iter().filter_map(|effect| {
         let effects = Effects::new(&[present(effect)]).ok()?;
         Some((Model { effects, ..base }, format!("{effect:?}")))
@@ -77,10 +77,10 @@ fn reading() -> impl Strategy<Value = Reading> {
 
 fn settings() -> impl Strategy<Value = Settings> {
     let law = prop::sample::select(vec![
-        inverse::Law::Follow,
-        inverse::Law::Skyhook(1500.0),
-        inverse::Law::Groundhook(1500.0),
-        inverse::Law::Fixed(0.7),
+        inverse::ControlLaw::Follow,
+        inverse::ControlLaw::Skyhook(1500.0),
+        inverse::ControlLaw::Groundhook(1500.0),
+        inverse::ControlLaw::Fixed(0.7),
     ]);
     let force = prop::sample::select(vec![UseForce::Auto, UseForce::Never, UseForce::Observer(0.2)]);
     (law, force).prop_map(|(law, use_measured_force)| Settings {

@@ -2,9 +2,9 @@
 
 mod common;
 
-use common::{Bench, PERIOD_NS, force_n, preset, samples};
-use mr_damper_model::inverse::{Law, LimitedBy, Limits, Method};
-use mr_damper_model::pipeline::{Commanded, Event, Models, Pipeline, Plan, Settings, UseForce};
+use common::{Harness, PERIOD_NS, force_n, preset, samples};
+use mr_damper_model::inverse::{ControlLaw, LimitedBy, Limits, Method};
+use mr_damper_model::pipeline::{Event, Models, Pipeline, PipelineSetup, Settings, StampedCommand, UseForce};
 use mr_damper_model::preset::{BEST_ARX, BEST_FUZZY_TANH};
 use mr_damper_model::sample::{Reading, Sample, Stamp};
 use mr_damper_model::units::{MetrePerSecond, Newton};
@@ -15,12 +15,12 @@ fn fuzzy_tanh() -> Models {
 }
 
 /// A pipeline with the commands that it gave.
-struct Asked {
+struct CommandHarness {
     pipeline: Pipeline,
-    commands: Vec<Commanded>,
+    commands: Vec<StampedCommand>,
 }
 
-impl Asked {
+impl CommandHarness {
     fn new(models: Models, settings: Settings) -> Self {
         Self { pipeline: Pipeline::new(models, settings).expect("it runs"), commands: Vec::new() }
     }
@@ -34,11 +34,12 @@ impl Asked {
         });
     }
 
-    /// Feeds motion without measured force, and the reading of `ask` with each sample's stamp.
-    fn run(&mut self, range: Range<i64>, ask: impl Fn(i64) -> Option<Reading>) -> &mut Self {
+    /// Feeds motion without measured force, and the reading of `request` with each sample's stamp.
+    fn run(&mut self, range: Range<i64>, request: impl Fn(i64) -> Option<Reading>) -> &mut Self {
         for k in range {
             let [drive, _, displacement] = samples(k, 0);
-            for sample in ask(k).map(|reading| Sample { reading, ..drive }).into_iter().chain([displacement])
+            for sample in
+                request(k).map(|reading| Sample { reading, ..drive }).into_iter().chain([displacement])
             {
                 self.feed(&sample);
             }
@@ -55,7 +56,7 @@ impl Asked {
         });
     }
 
-    fn last(&self) -> &Commanded {
+    fn last(&self) -> &StampedCommand {
         self.commands.last().expect("a command")
     }
 
@@ -65,24 +66,24 @@ impl Asked {
 }
 
 /// A request for a force along the motion that the thesis' damper can give.
-fn wanted(k: i64) -> Option<Reading> {
+fn achievable_request(k: i64) -> Option<Reading> {
     Some(Reading::ForceRequest(Newton(0.9 * force_n(k))))
 }
 
 #[test]
 fn commands_start_with_the_first_request() {
-    let mut damper = Asked::new(fuzzy_tanh(), Settings::default());
+    let mut damper = CommandHarness::new(fuzzy_tanh(), Settings::default());
     damper.run(0..100, |_| None);
     assert!(damper.commands.is_empty());
-    damper.run(100..600, wanted);
+    damper.run(100..600, achievable_request);
     assert_eq!(damper.commands.len(), 500, "one per displacement");
     let stamps: Vec<_> = (100..600).map(|k| samples(k, 0)[2].stamp).collect();
     assert_eq!(damper.commands.iter().map(|c| c.stamp).collect::<Vec<_>>(), stamps);
     let met = damper.commands.iter().filter(|c| c.command.limited_by == LimitedBy::None).count();
     assert!(met > 300, "{met} of 500 are met");
     assert!(damper.currents_a().iter().all(|a| (0.0..=2.5).contains(a)));
-    let mut off = Asked::new(fuzzy_tanh(), Settings { law: Law::Off, ..Settings::default() });
-    assert!(off.run(0..100, wanted).commands.is_empty());
+    let mut off = CommandHarness::new(fuzzy_tanh(), Settings { law: ControlLaw::Off, ..Settings::default() });
+    assert!(off.run(0..100, achievable_request).commands.is_empty());
 }
 
 #[test]
@@ -91,7 +92,7 @@ fn a_request_that_stops_or_is_not_finite_leads_to_the_safe_current() {
     let settings = Settings { limits, request_timeout_s: 0.05, ..Settings::default() };
     let hard = |_| Some(Reading::ForceRequest(Newton(5000.0)));
     // The request times out after 0.05 s; 0.2 s later the current is the safe one.
-    let mut damper = Asked::new(fuzzy_tanh(), settings);
+    let mut damper = CommandHarness::new(fuzzy_tanh(), settings);
     damper.run(0..300, hard).run(300..460, |_| None);
     let says = |k: usize| damper.commands[k].command.limited_by;
     assert_eq!((says(320), says(330)), (LimitedBy::CurrentMax, LimitedBy::Safe), "25 samples are 49 ms");
@@ -100,7 +101,7 @@ fn a_request_that_stops_or_is_not_finite_leads_to_the_safe_current() {
     assert!(falling.windows(2).all(|pair| pair[1] <= pair[0]) && falling[0] > 2.0, "{falling:?}");
     assert!(currents_a[400] > 0.3 && currents_a[430] == 0.3, "{falling:?}");
     // NaN ends the request at once.
-    let mut damper = Asked::new(fuzzy_tanh(), settings);
+    let mut damper = CommandHarness::new(fuzzy_tanh(), settings);
     damper.run(0..300, hard).run(300..302, |_| Some(Reading::ForceRequest(Newton(f64::NAN))));
     assert_eq!(damper.last().command.limited_by, LimitedBy::Safe);
     assert!(damper.last().command.requested.get().is_nan());
@@ -113,7 +114,7 @@ fn during_silence_the_current_moves_to_the_safe_one() {
         Settings { limits: Limits { safe_after_s: 0.4, ..Limits::default() }, ..Settings::default() };
     let hard = |_| Some(Reading::ForceRequest(Newton(5000.0)));
     let run = |ticks: bool| {
-        let mut damper = Asked::new(fuzzy_tanh(), settings);
+        let mut damper = CommandHarness::new(fuzzy_tanh(), settings);
         damper.run(0..300, hard);
         let fed = damper.commands.len();
         if ticks {
@@ -121,45 +122,45 @@ fn during_silence_the_current_moves_to_the_safe_one() {
                 damper.tick(ms);
             }
         }
-        let told = damper.commands.split_off(fed);
+        let ticked = damper.commands.split_off(fed);
         // Displacement resumes at 893 ms.
         damper.run(457..467, |_| None);
-        (told, damper.commands.split_off(fed))
+        (ticked, damper.commands.split_off(fed))
     };
-    let ((told, after), (none, without)) = (run(true), run(false));
+    let ((ticked, after), (none, without)) = (run(true), run(false));
     assert!(none.is_empty());
-    let plain = |commands: &[Commanded]| -> Vec<_> {
+    let plain = |commands: &[StampedCommand]| -> Vec<_> {
         commands.iter().map(|c| (c.stamp, c.command.current)).collect()
     };
     assert_eq!(plain(&after), plain(&without));
     assert!((0.6..1.4).contains(&after[0].command.current.get()), "half way to the safe current: {after:?}");
     // Displacement ended at 584 ms; it counts for another 100 ms.
     let at = |ms: i64| {
-        told.iter().rfind(|c| c.stamp <= Stamp::from_nanos(ms * 1_000_000)).map(|c| c.command.current.get())
+        ticked.iter().rfind(|c| c.stamp <= Stamp::from_nanos(ms * 1_000_000)).map(|c| c.command.current.get())
     };
     assert_eq!(at(680), None);
     // The last tick is at 860 ms, after 276 ms of silence, of which 176 ms count.
     let middle_a = at(879).expect("a command by then");
     assert!((middle_a - (2.5 - 0.176 * 2.5 / 0.4)).abs() < 1e-3, "{middle_a}");
-    assert!(told.iter().all(|c| c.command.limited_by == LimitedBy::Safe));
-    let stamps: Vec<_> = told.iter().map(|c| c.stamp).collect();
+    assert!(ticked.iter().all(|c| c.command.limited_by == LimitedBy::Safe));
+    let stamps: Vec<_> = ticked.iter().map(|c| c.stamp).collect();
     assert!(stamps.is_sorted_by(|a, b| a < b), "{stamps:?}");
 }
 
 #[test]
 fn hooks_demand_a_force_from_the_body_velocity() {
     let body = |k: i64| Some(Reading::BodyVelocity(MetrePerSecond(0.3 * (k as f64 / 40.0).sin())));
-    for (law, sign) in [(Law::Skyhook(1500.0), 1.0), (Law::Groundhook(1500.0), -1.0)] {
-        let mut damper = Asked::new(fuzzy_tanh(), Settings { law, ..Settings::default() });
+    for (law, sign) in [(ControlLaw::Skyhook(1500.0), 1.0), (ControlLaw::Groundhook(1500.0), -1.0)] {
+        let mut damper = CommandHarness::new(fuzzy_tanh(), Settings { law, ..Settings::default() });
         damper.run(0..800, body);
         assert_eq!(damper.commands.len(), 800);
         let counted = damper.commands.iter().filter(|c| c.command.dissipative).count();
         assert!((200..700).contains(&counted), "{law:?}: {counted}");
         for (k, commanded) in damper.commands.iter().enumerate().skip(10) {
             let command = &commanded.command;
-            if law == Law::Skyhook(1500.0) {
-                let asked_n = sign * 450.0 * (k as f64 / 40.0).sin();
-                assert!((command.requested.get() - asked_n).abs() < 1e-9);
+            if law == ControlLaw::Skyhook(1500.0) {
+                let requested_n = sign * 450.0 * (k as f64 / 40.0).sin();
+                assert!((command.requested.get() - requested_n).abs() < 1e-9);
             }
             assert!(command.dissipative || command.limited_by != LimitedBy::None, "{command:?}");
         }
@@ -171,9 +172,9 @@ fn hooks_demand_a_force_from_the_body_velocity() {
 
 #[test]
 fn a_fixed_current_needs_no_inverse_and_no_motion() {
-    let settings = Settings { law: Law::Fixed(1.5), ..Settings::default() };
+    let settings = Settings { law: ControlLaw::Fixed(1.5), ..Settings::default() };
     for models in [fuzzy_tanh(), Models::alone(preset("thesis/arx-passive/rp-icps"))] {
-        let mut damper = Asked::new(models, settings);
+        let mut damper = CommandHarness::new(models, settings);
         damper.run(0..50, |_| None);
         damper.tick(400);
         assert_eq!(damper.commands.len(), 51);
@@ -185,17 +186,20 @@ fn a_fixed_current_needs_no_inverse_and_no_motion() {
 #[test]
 fn a_model_without_an_inverse_reports_no_inverse() {
     let passive = Models::alone(preset("thesis/arx-passive/rp-icps"));
-    let mut damper = Asked::new(passive, Settings::default());
-    damper.run(0..50, wanted);
+    let mut damper = CommandHarness::new(passive, Settings::default());
+    damper.run(0..50, achievable_request);
     let command = damper.last().command;
     assert_eq!((command.limited_by, command.current.get()), (LimitedBy::NoInverse, 0.0));
     assert!((command.requested.get() - 0.9 * force_n(49)).abs() < 1e-9);
-    let hook = Settings { law: Law::Skyhook(1500.0), ..Settings::default() };
-    let refused = Plan::new(passive, hook).expect_err("a hook needs an inverse").to_string();
+    let hook = Settings { law: ControlLaw::Skyhook(1500.0), ..Settings::default() };
+    let refused = PipelineSetup::new(passive, hook).expect_err("a hook needs an inverse").to_string();
     assert!(refused.starts_with("law skyhook: no inverse of the arx model"), "{refused}");
-    let beyond = Settings { law: Law::Fixed(3.0), ..Settings::default() };
+    let beyond = Settings { law: ControlLaw::Fixed(3.0), ..Settings::default() };
     assert!(
-        Plan::new(passive, beyond).expect_err("above the limit").to_string().contains("fixed.current_a is 3")
+        PipelineSetup::new(passive, beyond)
+            .expect_err("above the limit")
+            .to_string()
+            .contains("fixed.current_a is 3")
     );
 }
 
@@ -203,15 +207,15 @@ fn a_model_without_an_inverse_reports_no_inverse() {
 fn every_inverse_method_gives_commands_and_rejects_models_it_cannot_approximate() {
     let by = |method| Settings { method, ..Settings::default() };
     let currents = Method::ALL.map(|method| {
-        let mut damper = Asked::new(fuzzy_tanh(), by(method));
-        damper.run(0..600, wanted);
+        let mut damper = CommandHarness::new(fuzzy_tanh(), by(method));
+        damper.run(0..600, achievable_request);
         let met = damper.commands.iter().filter(|c| c.command.limited_by == LimitedBy::None).count();
         assert!(met > 300, "{}: {met}", method.name());
         damper.currents_a()
     });
     assert!(currents[0] != currents[1] && currents[0] != currents[2]);
     let arx = Models::alone(preset(BEST_ARX));
-    let refused = Plan::new(arx, by(Method::Fuzzy)).expect_err("it feeds on force").to_string();
+    let refused = PipelineSetup::new(arx, by(Method::Fuzzy)).expect_err("it feeds on force").to_string();
     assert!(refused.starts_with("inverse.method fuzzy: ") && refused.contains("use search"), "{refused}");
 }
 
@@ -219,16 +223,19 @@ fn every_inverse_method_gives_commands_and_rejects_models_it_cannot_approximate(
 fn after_a_change_of_model_or_limits_the_current_continues_from_its_value() {
     let limits = Limits { rate_max_a_s: 20.0, ..Limits::default() };
     let settings = Settings { limits, ..Settings::default() };
-    let mut damper = Asked::new(fuzzy_tanh(), settings);
+    let mut damper = CommandHarness::new(fuzzy_tanh(), settings);
     damper.run(0..300, |_| Some(Reading::ForceRequest(Newton(5000.0))));
-    for plan in [
-        Plan::new(Models::alone(preset("thesis/fuzzy-tanh/rp1-cs")), settings),
-        Plan::new(fuzzy_tanh(), Settings { limits: Limits { current_max_a: 2.0, ..limits }, ..settings }),
+    for setup in [
+        PipelineSetup::new(Models::alone(preset("thesis/fuzzy-tanh/rp1-cs")), settings),
+        PipelineSetup::new(
+            fuzzy_tanh(),
+            Settings { limits: Limits { current_max_a: 2.0, ..limits }, ..settings },
+        ),
     ] {
-        let plan = plan.expect("in range");
-        damper.pipeline.take(plan, &mut |_| {});
+        let setup = setup.expect("in range");
+        damper.pipeline.take(setup, &mut |_| {});
         let from = damper.commands.len() as i64;
-        damper.run(from..from + 100, wanted);
+        damper.run(from..from + 100, achievable_request);
     }
     let most_a = 20.0 * PERIOD_NS as f64 * 1e-9 + 1e-12;
     let currents_a = damper.currents_a();
@@ -242,17 +249,17 @@ fn after_a_change_of_model_or_limits_the_current_continues_from_its_value() {
 #[test]
 fn bad_requests_do_not_change_the_estimate() {
     let forces = |bad: bool| {
-        let mut bench = Bench::thesis();
+        let mut harness = Harness::thesis();
         for k in 0..300 {
             if bad {
-                bench.feed_reading(
+                harness.feed_reading(
                     k,
                     Reading::ForceRequest(Newton([f64::NAN, f64::INFINITY, -1e9, 1e4][k as usize % 4])),
                 );
             }
-            bench.run(k..k + 1, |_| true);
+            harness.run(k..k + 1, |_| true);
         }
-        bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>()
+        harness.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>()
     };
     assert!(forces(false) == forces(true));
 }
@@ -262,14 +269,15 @@ fn bad_requests_do_not_change_the_estimate() {
 fn an_observer_corrects_the_estimate_but_not_the_residual() {
     let settings = |use_measured_force| Settings { use_measured_force, ..Settings::default() };
     let run = |use_measured_force| {
-        let mut bench = Bench::new(settings(use_measured_force));
-        bench.measure_free_run_plus(200.0, 1500);
-        bench.run(0..1000, |_| true);
-        bench.run(1000..1500, |_| false);
-        bench
+        let mut harness = Harness::new(settings(use_measured_force));
+        harness.measure_free_run_plus(200.0, 1500);
+        harness.run(0..1000, |_| true);
+        harness.run(1000..1500, |_| false);
+        harness
     };
     let (plain, observed) = (run(UseForce::Never), run(UseForce::Observer(0.1)));
-    let residuals = |bench: &Bench| bench.residuals().map(|r| r.residual.get().to_bits()).collect::<Vec<_>>();
+    let residuals =
+        |harness: &Harness| harness.residuals().map(|r| r.residual.get().to_bits()).collect::<Vec<_>>();
     assert!(residuals(&plain) == residuals(&observed));
     let added: Vec<f64> = observed
         .estimates()
@@ -290,16 +298,16 @@ fn an_observer_corrects_the_estimate_but_not_the_residual() {
 fn a_change_of_mode_jumps_neither_in_value_nor_in_slope() {
     let settings = Settings { bumpless_tau_s: 0.05, ..Settings::default() };
     let models = fuzzy_tanh().with_seeded(preset(BEST_ARX)).expect("both want a current");
-    let mut bench = Bench::new(settings);
-    bench.constant_current = true;
-    bench.measure_free_run_plus(150.0, 1200);
-    bench.run(0..600, |_| true);
-    bench.run(600..1200, |_| false);
+    let mut harness = Harness::new(settings);
+    harness.constant_current = true;
+    harness.measure_free_run_plus(150.0, 1200);
+    harness.run(0..600, |_| true);
+    harness.run(600..1200, |_| false);
     assert!(models.seeded.is_some());
-    let free = bench.free_run_n();
-    let added: Vec<f64> = bench.estimates().zip(&free).map(|(e, free)| e.force.get() - free).collect();
+    let free = harness.free_run_n();
+    let added: Vec<f64> = harness.estimates().zip(&free).map(|(e, free)| e.force.get() - free).collect();
     // The change from ARX to the model, 50 ms + 200 ms after the force was lost.
-    let change = bench
+    let change = harness
         .events
         .iter()
         .filter_map(|event| match event {

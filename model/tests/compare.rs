@@ -161,8 +161,8 @@ fn summaries_have_means_and_separate_the_predictors() {
         &options(),
         &Watch::none(),
     );
-    let wanted = found.expect("a sound run").persistence.map(|fit| fit.esr);
-    assert_eq!(still[0].esr, wanted);
+    let expected = found.expect("a sound run").persistence.map(|fit| fit.esr);
+    assert_eq!(still[0].esr, expected);
 }
 
 #[test]

@@ -4,10 +4,12 @@
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::evaluate::evaluate;
-use mr_damper_model::force::{Dependence, ForceModel, Law, LawModel};
+use mr_damper_model::force::{Dependence, ForceLaw, ForceModel, LawModel};
 use mr_damper_model::identify::{Dataset, DatasetOptions, Watch, score, walk};
 use mr_damper_model::model::{Envelope, Model};
-use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Plan, Reasons, Settings, UseForce, Validity};
+use mr_damper_model::pipeline::{
+    Event, Mode, Models, Pipeline, PipelineSetup, Reasons, Settings, UseForce, Validity,
+};
 use mr_damper_model::preset;
 use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
 use std::ops::ControlFlow;
@@ -150,7 +152,7 @@ fn a_swap_to_a_model_with_an_effect_makes_no_gap() {
     for (k, sample) in samples.iter().enumerate().take(3500) {
         if k % 800 == 700 {
             let next = Models::alone(models[(k / 800 + 1) % 4]);
-            pipeline.take(Plan::new(next, settings).expect("it runs"), &mut |_| {});
+            pipeline.take(PipelineSetup::new(next, settings).expect("it runs"), &mut |_| {});
         }
         pipeline.step(sample, &mut |event| {
             if let Event::Estimate(e) = event
@@ -224,7 +226,8 @@ fn a_model_with_effects_is_not_seeded() {
 
 #[test]
 fn an_effect_on_the_drive_of_a_passive_model_is_rejected() {
-    let law = LawModel::new(Law::Sp, Dependence::None, &[0.0, 900.0, 1.0, 0.0, 1.0], 0.0).expect("a law");
+    let law =
+        LawModel::new(ForceLaw::Sp, Dependence::None, &[0.0, 900.0, 1.0, 0.0, 1.0], 0.0).expect("a law");
     let model = Model { force: ForceModel::Law(law), ..fuzzy(&all()[..1]) };
     let refused = Pipeline::new(Models::alone(model), never()).expect_err("no drive to lag");
     assert!(refused.to_string().contains("effect coil_lag acts on the drive"), "{refused}");

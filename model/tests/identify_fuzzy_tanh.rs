@@ -223,8 +223,8 @@ fn identification_reports_progress_and_can_be_cancelled() {
         });
         std::thread::sleep(Duration::from_millis(300));
         cancel.store(true, Ordering::Relaxed);
-        let asked = Instant::now();
-        (work.join().expect("no panic"), asked.elapsed())
+        let requested_at = Instant::now();
+        (work.join().expect("no panic"), requested_at.elapsed())
     });
     assert_eq!(outcome, Err(Error::Cancelled));
     assert!(took < Duration::from_secs(1), "{took:?}");

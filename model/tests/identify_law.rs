@@ -6,7 +6,7 @@ mod identify_support;
 use identify_support::{Recipe, run};
 use mr_damper_model::condition::{ApplyTo, Conditioning, VelocitySource};
 use mr_damper_model::force::law::Parameter;
-use mr_damper_model::force::{Dependence, ForceModel, FreeRun, FuzzySets, Law, LawModel, Membership};
+use mr_damper_model::force::{Dependence, ForceLaw, ForceModel, FreeRun, FuzzySets, LawModel, Membership};
 use mr_damper_model::identify::{
     Dataset, DatasetOptions, Form, Identified, Loss, ModelSpec, Options, Placement, Structure, Watch,
     identify,
@@ -44,7 +44,7 @@ fn made_by(model: LawModel, seed: u64, noise: impl Fn(usize) -> f64) -> Run {
 }
 
 /// A damper of 1 kN, with each parameter at a `share` of the range from which starts are drawn.
-fn parameters(law: Law, share: impl Fn(usize) -> f64) -> Vec<f64> {
+fn parameters(law: ForceLaw, share: impl Fn(usize) -> f64) -> Vec<f64> {
     let size = |p: &Parameter| {
         let s = p.scale;
         1000f64.powi(s.force)
@@ -56,7 +56,7 @@ fn parameters(law: Law, share: impl Fn(usize) -> f64) -> Vec<f64> {
     law.parameters().iter().enumerate().map(value).collect()
 }
 
-fn model(law: Law, form: Form) -> LawModel {
+fn model(law: ForceLaw, form: Form) -> LawModel {
     let at = |shift: f64| parameters(law, |j| 0.3 + 0.07 * (j % 4) as f64 + shift);
     let (low, high) = (at(0.0), at(0.15));
     let (dependence, coefficients) = match form {
@@ -74,7 +74,7 @@ fn model(law: Law, form: Form) -> LawModel {
     LawModel::new(law, dependence, &coefficients, 35.0).expect("a model")
 }
 
-fn find(law: Law, form: Form, run: Run, options: &Options) -> Identified {
+fn find(law: ForceLaw, form: Form, run: Run, options: &Options) -> Identified {
     let spec = ModelSpec::new(Structure::Law(law), form).expect("a form of the law");
     identify(spec, &[run], options, &Watch::none()).unwrap_or_else(|e| panic!("{} {form:?}: {e}", law.name()))
 }
@@ -87,7 +87,7 @@ fn noise(seed: u64, size_n: f64) -> impl Fn(usize) -> f64 {
 
 #[test]
 fn every_law_in_every_form_fits_its_own_force() {
-    for law in Law::ALL {
+    for law in ForceLaw::ALL {
         // Free sets have their own test.
         for &form in Structure::Law(law).forms().iter().filter(|form| **form != Form::FreeFuzzy) {
             let sets = Placement::Given { centres: vec![0.0, 1.0], sigma: Some(0.4) };
@@ -99,7 +99,7 @@ fn every_law_in_every_form_fits_its_own_force() {
             let limit = if law.has_memory() { 5e-3 } else { 1e-5 };
             assert!(fit.esr < limit, "{} {form:?}: {fit:?}", law.name());
             // The offset is not unique for Choi, whose polynomials have constant terms, and differs at a local minimum of Bouc-Wen.
-            if law != Law::Choi && !law.has_memory() {
+            if law != ForceLaw::Choi && !law.has_memory() {
                 let offset_n = found.model.force.force_offset_n();
                 assert!((offset_n - 35.0).abs() < 3.0, "{} {form:?}: {offset_n}", law.name());
             }
@@ -110,7 +110,7 @@ fn every_law_in_every_form_fits_its_own_force() {
 /// Laws that use acceleration have no force at the first row of a run; the output filter must cope with that.
 #[test]
 fn every_law_is_identified_with_a_filter_on_the_output() {
-    for law in Law::ALL {
+    for law in ForceLaw::ALL {
         let form = Form::SemiActive;
         let mut options = Options { restarts: 2, ..options() };
         options.conditioning.apply_to = ApplyTo::Output;
@@ -122,11 +122,11 @@ fn every_law_is_identified_with_a_filter_on_the_output() {
 
 #[test]
 fn standard_errors_cover_the_truth() {
-    let truth = model(Law::Sp, Form::SemiActive);
+    let truth = model(ForceLaw::Sp, Form::SemiActive);
     let (mut inside, mut all) = (0, 0);
     for seed in 0..8 {
         let made = made_by(truth, 40 + seed, noise(seed, 60.0));
-        let found = find(Law::Sp, Form::SemiActive, made, &Options { restarts: 4, ..options() });
+        let found = find(ForceLaw::Sp, Form::SemiActive, made, &Options { restarts: 4, ..options() });
         for (parameter, truth) in found.parameters.iter().zip(truth.coefficients()) {
             // The coupling parameters are not identifiable separately: only their ratio matters.
             if parameter.name.starts_with("coupling") {
@@ -142,10 +142,11 @@ fn standard_errors_cover_the_truth() {
 
 #[test]
 fn hubers_loss_is_robust_against_outliers() {
-    let truth = model(Law::Sp, Form::Passive);
+    let truth = model(ForceLaw::Sp, Form::Passive);
     let strays = |k: usize| if k % 50 == 7 { 4000.0 } else { 0.0 };
     let error = |loss| {
-        let found = find(Law::Sp, Form::Passive, made_by(truth, 9, strays), &Options { loss, ..options() });
+        let found =
+            find(ForceLaw::Sp, Form::Passive, made_by(truth, 9, strays), &Options { loss, ..options() });
         let yield_n = found.parameters[0].value;
         (yield_n / truth.coefficients()[0] - 1.0).abs() + found.model.force.force_offset_n() - 35.0
     };
@@ -156,13 +157,13 @@ fn hubers_loss_is_robust_against_outliers() {
 #[test]
 fn a_degree_that_the_levels_do_not_determine_is_lowered_with_a_warning() {
     let two = |t: f64| [0.0, 1.0][(t / 0.3) as usize % 2];
-    let truth = model(Law::Sp, Form::SemiActive);
+    let truth = model(ForceLaw::Sp, Form::SemiActive);
     let mut made = made_by(truth, 5, |_| 0.0);
     let (_, drive) = made.drive.as_mut().expect("made");
     for (stamp, value) in drive.stamps.iter().zip(&mut drive.values) {
         *value = two(stamp.nanos() as f64 * 1e-9);
     }
-    let found = find(Law::Sp, Form::SemiActive, made, &Options { degree: 3, restarts: 2, ..options() });
+    let found = find(ForceLaw::Sp, Form::SemiActive, made, &Options { degree: 3, restarts: 2, ..options() });
     assert_eq!(found.model.force.parameter_count(), 10);
     assert!(
         found.warnings[0].contains("2 levels of current_a")
@@ -175,8 +176,8 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let found = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         let options = Options { most_rows: Some(2000), ..options() };
-        let made = made_by(model(Law::Sp, Form::SemiActive), 5, noise(1, 20.0));
-        pool.install(|| find(Law::Sp, Form::SemiActive, made, &options))
+        let made = made_by(model(ForceLaw::Sp, Form::SemiActive), 5, noise(1, 20.0));
+        pool.install(|| find(ForceLaw::Sp, Form::SemiActive, made, &options))
     };
     assert_eq!(found(1), found(3));
 }
@@ -184,10 +185,10 @@ fn results_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn runs_that_cannot_be_identified_are_rejected_with_the_reason() {
     let error = |form, run: Run, options: &Options| {
-        let spec = ModelSpec::new(Structure::Law(Law::Sp), form).expect("a form");
+        let spec = ModelSpec::new(Structure::Law(ForceLaw::Sp), form).expect("a form");
         identify(spec, &[run], options, &Watch::none()).expect_err("refused").to_string()
     };
-    let made = || made_by(model(Law::Sp, Form::SemiActive), 5, |_| 0.0);
+    let made = || made_by(model(ForceLaw::Sp, Form::SemiActive), 5, |_| 0.0);
 
     let without = Run { drive: None, ..made() };
     let message = error(Form::SemiActive, without, &options());

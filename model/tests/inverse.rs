@@ -9,8 +9,8 @@ use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::diagnose::{self, Runs};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
-use mr_damper_model::inverse::track::{Course, Figures, Point, on_model};
-use mr_damper_model::inverse::{Commander, Demand, LimitedBy, Limits, Method, Shape};
+use mr_damper_model::inverse::track::{Figures, Point, Trajectory, on_model};
+use mr_damper_model::inverse::{Demand, InverseController, LimitedBy, Limits, Method, Shape};
 use mr_damper_model::model::Model;
 use mr_damper_model::preset;
 use mr_damper_model::rig::signal::RATE_HZ;
@@ -27,8 +27,8 @@ fn commands_keep_their_limits_and_never_drive_the_rod_for_any_input() {
         with(&[(Effect::CoilLagRiseFall, &[0.004, 0.014]), (Effect::SeriesSpring, &[2e-7])]),
     ];
     for (model, seed) in models.iter().zip(0..) {
-        let commander = Commander::new(model, TIGHT).expect("it follows a current");
-        let commanded = keeps_its_limits(commander, states / models.len() as u32, seed);
+        let controller = InverseController::new(model, TIGHT).expect("it follows a current");
+        let commanded = keeps_its_limits(controller, states / models.len() as u32, seed);
         assert!(
             commanded > states / 6,
             "{commanded}: too few states with an answer for the test to be meaningful"
@@ -39,9 +39,9 @@ fn commands_keep_their_limits_and_never_drive_the_rod_for_any_input() {
 #[test]
 fn demands_that_cannot_be_met_are_answered_with_the_reason() {
     let model = fuzzy_tanh();
-    let mut commander = Commander::new(&model, Limits::default()).expect("it follows a current");
+    let mut controller = InverseController::new(&model, Limits::default()).expect("it follows a current");
     let mut at = |velocity_m_s: f64, demand_n: f64| {
-        let command = commander.step(&inputs(0.0, velocity_m_s), Demand::Force(demand_n), None);
+        let command = controller.step(&inputs(0.0, velocity_m_s), Demand::Force(demand_n), None);
         (command.limited_by, command.current.get(), command)
     };
     let (by, current_a, command) = at(0.1, 600.0);
@@ -70,12 +70,12 @@ fn demands_that_cannot_be_met_are_answered_with_the_reason() {
 #[test]
 fn without_demands_the_current_reaches_the_safe_one_in_time() {
     let limits = Limits { safe_a: 0.4, safe_after_s: 0.25, ..Limits::default() };
-    let mut commander = Commander::new(&fuzzy_tanh(), limits).expect("it follows a current");
-    let hard = commander.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get();
+    let mut controller = InverseController::new(&fuzzy_tanh(), limits).expect("it follows a current");
+    let hard = controller.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get();
     assert_eq!(hard, 2.5);
     let mut currents_a = Vec::new();
     for _ in 0..200 {
-        let command = commander.step(&inputs(0.0, 0.1), Demand::None, None);
+        let command = controller.step(&inputs(0.0, 0.1), Demand::None, None);
         assert_eq!(command.limited_by, LimitedBy::Safe);
         currents_a.push(command.current.get());
     }
@@ -83,13 +83,13 @@ fn without_demands_the_current_reaches_the_safe_one_in_time() {
     let arrived = currents_a.iter().position(|a| *a == 0.4).expect("it arrives");
     assert!((f64::from(arrived as u32 + 1) / RATE_HZ - 0.25).abs() <= 1.0 / RATE_HZ, "{arrived}");
     // The current returns within one sample, because no rate limit is set.
-    assert_eq!(commander.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get(), 2.5);
+    assert_eq!(controller.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get(), 2.5);
 }
 
 #[test]
 fn models_without_an_inverse_are_rejected_with_the_reason() {
     let refused = |model: &Model| {
-        Commander::new(model, Limits::default()).map(|_| ()).expect_err("no inverse").to_string()
+        InverseController::new(model, Limits::default()).map(|_| ()).expect_err("no inverse").to_string()
     };
     let passive = preset::load("thesis/sp-passive/rp-icps").expect("a preset");
     assert!(refused(&passive).contains("has no current input"), "{}", refused(&passive));
@@ -103,7 +103,7 @@ fn models_without_an_inverse_are_rejected_with_the_reason() {
     };
     assert!(refused(&broken).contains("of its own envelope"), "{}", refused(&broken));
     let limits = Limits { current_max_a: -1.0, ..Limits::default() };
-    let error = Commander::new(&fuzzy_tanh(), limits).map(|_| ()).expect_err("no limit").to_string();
+    let error = InverseController::new(&fuzzy_tanh(), limits).map(|_| ()).expect_err("no limit").to_string();
     assert!(error.starts_with("current.max_a is -1"), "{error}");
 }
 
@@ -113,9 +113,9 @@ fn a_model_that_is_not_monotone_is_detected_and_can_still_be_used() {
     let model = folded();
     let fold = Shape::of(&model, 2.5).real_fold().expect("it folds");
     assert!((fold.current_a - 1.25).abs() < 0.11 && (fold.fall_n - 1000.0).abs() < 20.0, "{fold:?}");
-    let mut commander = Commander::new(&model, Limits::default()).expect("it follows a current");
+    let mut controller = InverseController::new(&model, Limits::default()).expect("it follows a current");
     for demand_n in [300.0, 700.0, 1000.0, 600.0] {
-        let command = commander.step(&inputs(0.0, 0.1), Demand::Force(demand_n), None);
+        let command = controller.step(&inputs(0.0, 0.1), Demand::Force(demand_n), None);
         assert!((command.expected.get() - demand_n).abs() < 2.0, "{command:?}");
         assert!(command.current.get() < 1.26, "the current is below the fold: {command:?}");
     }
@@ -172,14 +172,14 @@ fn on_the_model_itself_achievable_demands_are_met() {
     let omega = TAU * 1.5;
     let seconds = |k: usize| k as f64 / RATE_HZ;
     let samples = 5 * RATE_HZ as usize;
-    let demand = Course {
+    let demand = Trajectory {
         dt_s: (0..samples).map(|k| (k > 0).then_some(1.0 / RATE_HZ)).collect(),
         displacement_m: (0..samples).map(|k| 0.015 * (omega * seconds(k)).sin()).collect(),
         // In phase with the velocity, and for a part of each cycle too small or too large.
         force_n: (0..samples).map(|k| 700.0 * (omega * seconds(k)).cos()).collect(),
     };
-    let commander = Commander::new(&model, Limits::default()).expect("it follows a current");
-    let points: Vec<Point> = on_model(&model, &commander, &demand).expect("it needs no velocity");
+    let controller = InverseController::new(&model, Limits::default()).expect("it follows a current");
+    let points: Vec<Point> = on_model(&model, &controller, &demand).expect("it needs no velocity");
     let figures = Figures::of(&points);
     assert!(figures.error_achievable < 0.06 && figures.error > figures.error_achievable, "{figures:?}");
     assert!((0.05..0.95).contains(&figures.infeasible_share), "{figures:?}");

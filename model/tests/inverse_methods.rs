@@ -7,9 +7,9 @@ use inverse_support::{
     TIGHT, bouc_wen, choi, demand, error, folded, fuzzy_tanh, inputs, keeps_its_limits, with,
 };
 use mr_damper_model::effect::{AugmentedState, Effect};
-use mr_damper_model::force::{Inputs, Law};
+use mr_damper_model::force::{ForceLaw, Inputs};
 use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch, identify};
-use mr_damper_model::inverse::{Commander, Demand, LimitedBy, Limits, Method, Moment, Solver};
+use mr_damper_model::inverse::{Demand, InverseController, LimitedBy, Limits, Method, Moment, Solver};
 use mr_damper_model::model::Model;
 use mr_damper_model::preset;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
@@ -17,8 +17,8 @@ use mr_damper_model::units::{Ampere, Newton};
 
 const SURROGATES: [Method; 2] = [Method::Polynomial, Method::Fuzzy];
 
-fn commander(model: &Model, method: Method) -> Commander {
-    Commander::with_method(model, Limits::default(), method).expect("a model it can approximate")
+fn controller(model: &Model, method: Method) -> InverseController {
+    InverseController::with_method(model, Limits::default(), method).expect("a model it can approximate")
 }
 
 #[test]
@@ -31,8 +31,9 @@ fn every_method_keeps_its_limits_and_never_drives_the_rod_for_any_input() {
     ];
     for (model, seed) in models.iter().zip(0..) {
         for method in Method::ALL {
-            let commander = Commander::with_method(model, TIGHT, method).expect("a model it can approximate");
-            let commanded = keeps_its_limits(commander, 10_000, seed);
+            let controller =
+                InverseController::with_method(model, TIGHT, method).expect("a model it can approximate");
+            let commanded = keeps_its_limits(controller, 10_000, seed);
             // A law with state has no force after a displacement of 1e300 m until it restarts.
             assert!(commanded > 1000, "{}: {commanded}", method.name());
         }
@@ -41,7 +42,7 @@ fn every_method_keeps_its_limits_and_never_drives_the_rod_for_any_input() {
 
 #[test]
 fn surrogates_report_their_accuracy() {
-    assert_eq!(commander(&fuzzy_tanh(), Method::Search).fit(), None);
+    assert_eq!(controller(&fuzzy_tanh(), Method::Search).fit(), None);
     // Limits of the error of the current, A, and of the force, as a share of the largest force.
     let table = [
         ("fuzzy-tanh", fuzzy_tanh(), [(0.51, 0.042), (0.22, 0.022)]),
@@ -51,7 +52,7 @@ fn surrogates_report_their_accuracy() {
     ];
     for (name, model, limits) in table {
         for (method, (most_a, most)) in SURROGATES.into_iter().zip(limits) {
-            let fit = *commander(&model, method).fit().expect("a surrogate's fit");
+            let fit = *controller(&model, method).fit().expect("a surrogate's fit");
             println!("{name} {}: {:.3} A, {:.4}", method.name(), fit.current.get(), fit.force_share());
             assert!(fit.current.get() < most_a && fit.force_share() < most, "{name} {method:?}: {fit:?}");
             // The surrogate gives a current at nearly all points.
@@ -61,8 +62,8 @@ fn surrogates_report_their_accuracy() {
 }
 
 /// Commands along a sine with a demanded force well within the achievable range.
-fn along_a_sine(commander: &Commander, mut see: impl FnMut(f64, f64, f64)) {
-    let (mut commander, mut soft) = (*commander, *commander);
+fn along_a_sine(controller: &InverseController, mut see: impl FnMut(f64, f64, f64)) {
+    let (mut controller, mut soft) = (*controller, *controller);
     for k in 0..600 {
         let t = f64::from(k) / 512.0;
         let (sin, cos) = (12.0 * t).sin_cos();
@@ -70,7 +71,7 @@ fn along_a_sine(commander: &Commander, mut see: impl FnMut(f64, f64, f64)) {
         at.acceleration_m_s2 = -0.18 * 12.0 * cos;
         let [low, high] = soft.step(&at, Demand::Current(0.0), None).achievable.map(|n| n.get());
         let demand_n = low + (0.5 + 0.4 * (5.0 * t).sin()) * (high - low);
-        let command = commander.step(&at, Demand::Force(demand_n), None);
+        let command = controller.step(&at, Demand::Force(demand_n), None);
         if command.is_achievable && sin.abs() > 0.1 {
             see(demand_n, command.expected.get(), command.current.get());
         }
@@ -79,10 +80,10 @@ fn along_a_sine(commander: &Commander, mut see: impl FnMut(f64, f64, f64)) {
 
 #[test]
 fn the_closed_form_agrees_with_a_search() {
-    let commander = commander(&choi(), Method::Search);
-    assert!(commander.shape().is_some_and(|shape| shape.is_linear()));
+    let controller = controller(&choi(), Method::Search);
+    assert!(controller.shape().is_some_and(|shape| shape.is_linear()));
     let mut seen = 0;
-    along_a_sine(&commander, |demand_n, expected_n, current_a| {
+    along_a_sine(&controller, |demand_n, expected_n, current_a| {
         seen += 1;
         assert!((0.0..=2.5).contains(&current_a));
         assert!((expected_n - demand_n).abs() < 1e-6, "{expected_n} for {demand_n} N");
@@ -103,7 +104,7 @@ fn the_closed_form_agrees_with_a_search() {
         assert!((current_a(closed) - searched_a).abs() < 1e-3, "{at:?}");
     }
     for model in [fuzzy_tanh(), bouc_wen(), folded()] {
-        let shape = *self::commander(&model, Method::Search).shape().expect("a shape");
+        let shape = *self::controller(&model, Method::Search).shape().expect("a shape");
         assert!(!shape.is_linear() && shape.bend_n > 1e-3, "{shape:?}");
     }
 }
@@ -113,7 +114,7 @@ fn the_expected_force_of_a_surrogate_is_the_models_force() {
     // The expected force comes from the model, so it shows the error of the surrogate.
     for method in SURROGATES {
         let (mut squares, mut seen, mut farthest_n) = (0.0, 0.0, 0.0_f64);
-        along_a_sine(&commander(&fuzzy_tanh(), method), |demand_n, expected_n, _| {
+        along_a_sine(&controller(&fuzzy_tanh(), method), |demand_n, expected_n, _| {
             squares += (expected_n - demand_n).powi(2);
             seen += 1.0;
             farthest_n = farthest_n.max((expected_n - demand_n).abs());
@@ -129,7 +130,7 @@ fn the_achievable_range_is_the_same_for_every_method() {
     let model =
         with(&[(Effect::CoilLag, &[0.012]), (Effect::Friction, &[40.0]), (Effect::GasSpring, &[2e3])]);
     let at = |x_m: f64, v_m_s: f64, demand_n: f64, method: Method| {
-        commander(&model, method).step(&inputs(x_m, v_m_s), Demand::Force(demand_n), None)
+        controller(&model, method).step(&inputs(x_m, v_m_s), Demand::Force(demand_n), None)
     };
     let mut reasons = Vec::new();
     for (x_m, v_m_s) in [(0.0, 0.1), (0.012, -0.15), (-0.01, 0.05), (0.0, -0.02), (0.005, 1e-3)] {
@@ -158,7 +159,7 @@ fn forces_added_by_effects_are_subtracted_from_the_demand() {
     for bare in [fuzzy_tanh(), bouc_wen()] {
         let more = Model { effects: with(&effects).effects, ..bare };
         for method in SURROGATES {
-            let (mut alone, mut beside) = (commander(&bare, method), commander(&more, method));
+            let (mut alone, mut beside) = (controller(&bare, method), controller(&more, method));
             let (mut last_a, mut compared) = (0.0, 0);
             for k in 0..600 {
                 let (sin, cos) = (12.0 * f64::from(k) / 512.0).sin_cos();
@@ -192,9 +193,9 @@ fn surrogates_reject_models_that_are_not_functions_of_motion_and_force() {
         (folded(), "one force at several currents (the force turns back by 998"),
         (spring, "(series_spring), which does more than add a force"),
     ] {
-        assert!(Commander::new(&model, Limits::default()).is_ok(), "a search takes it");
+        assert!(InverseController::new(&model, Limits::default()).is_ok(), "a search takes it");
         for method in SURROGATES {
-            let refused = Commander::with_method(&model, Limits::default(), method).map(|_| ());
+            let refused = InverseController::with_method(&model, Limits::default(), method).map(|_| ());
             let refused = refused.expect_err("refused").to_string();
             assert!(refused.contains(why), "{refused}");
             assert!(refused.contains(method.name()) && refused.ends_with("use search"), "{refused}");
@@ -209,7 +210,7 @@ fn each_method_follows_a_demand_on_a_damper_that_differs_from_the_model() {
     let run = [record(&experiment, &plant, &Channels::default(), 1)];
     let options = Options { restarts: 3, ..Options::default() };
     let found = |spec| identify(spec, &run, &options, &Watch::none()).expect("a good run").model;
-    let choi = ModelSpec::new(Structure::Law(Law::Choi), Form::SemiActive).expect("a form of the law");
+    let choi = ModelSpec::new(Structure::Law(ForceLaw::Choi), Form::SemiActive).expect("a form of the law");
     let (tanh, choi) = (found(ModelSpec::FUZZY_TANH), found(choi));
     let demands = [
         Experiment::sine(0.01, 2.0, 0.0, 11.0),

@@ -1,4 +1,4 @@
-//! `Pipeline::step`, `Pipeline::tick`, `Pipeline::take` and `Commander::step` never allocate. A guard aborts the test process at the first
+//! `Pipeline::step`, `Pipeline::tick`, `Pipeline::take` and `InverseController::step` never allocate. A guard aborts the test process at the first
 //! allocation.
 
 mod common;
@@ -7,10 +7,10 @@ use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use common::{calibrated, preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Augmented, AugmentedState, Effect, EffectModel, Effects};
-use mr_damper_model::force::{Dependence, FuzzySets, Inputs, Law, LawModel, LawState, Membership};
-use mr_damper_model::inverse::{self, Commander, Demand, LimitedBy, Limits, Method};
+use mr_damper_model::force::{Dependence, ForceLaw, FuzzySets, Inputs, LawModel, LawState, Membership};
+use mr_damper_model::inverse::{self, Demand, InverseController, LimitedBy, Limits, Method};
 use mr_damper_model::model::Model;
-use mr_damper_model::pipeline::{Event, Models, Pipeline, Plan, Settings};
+use mr_damper_model::pipeline::{Event, Models, Pipeline, PipelineSetup, Settings};
 use mr_damper_model::preset::{BEST_ANFIS, BEST_ARX, BEST_FUZZY_TANH};
 use mr_damper_model::sample::{DriveKind, Reading, Sample, Stamp};
 use mr_damper_model::units::{Metre, Newton};
@@ -37,11 +37,12 @@ fn the_hot_path_does_not_allocate() {
         let settings = Settings { alarm_block_s: 0.05, false_alarm_interval_s: 60.0, ..Settings::default() };
         let mut pipeline = Pipeline::new(models, settings).expect("presets run");
         let mut counts = [0_u32; 7];
-        let changed = Plan::new(models, Settings { law: inverse::Law::Skyhook(500.0), ..settings })
-            .or_else(|_| Plan::new(models, Settings { coast_s: 0.1, ..settings }))
-            .expect("in range");
-        let other =
-            Plan::new(Models::alone(preset("thesis/fuzzy-tanh/rp1-cs")), settings).expect("a preset runs");
+        let changed =
+            PipelineSetup::new(models, Settings { law: inverse::ControlLaw::Skyhook(500.0), ..settings })
+                .or_else(|_| PipelineSetup::new(models, Settings { coast_s: 0.1, ..settings }))
+                .expect("in range");
+        let other = PipelineSetup::new(Models::alone(preset("thesis/fuzzy-tanh/rp1-cs")), settings)
+            .expect("a preset runs");
         assert_no_alloc(|| {
             let mut count = |event: Event| {
                 counts[match event {
@@ -94,7 +95,7 @@ fn the_hot_path_does_not_allocate() {
 fn no_law_allocates() {
     let drive = DriveKind::CoilCurrent;
     let sets = FuzzySets::new(Membership { drive, sigma: 0.4 }, &[0.0, 1.0, 2.0]).expect("sets");
-    for law in Law::ALL {
+    for law in ForceLaw::ALL {
         for dependence in
             [Dependence::None, Dependence::Polynomial { drive, degree: 2 }, Dependence::Fuzzy(sets)]
         {
@@ -145,8 +146,8 @@ fn no_command_allocates() {
         let effects = Effects::new(&effects).expect("few enough");
         let model = Model { effects, ..preset(BEST_FUZZY_TANH) };
         for method in Method::ALL {
-            let commander = Commander::with_method(&model, Limits::default(), method);
-            let Ok(mut commander) = commander else {
+            let controller = InverseController::with_method(&model, Limits::default(), method);
+            let Ok(mut controller) = controller else {
                 assert!(model.effects.as_slice().contains(&spring) && method != Method::Search);
                 continue;
             };
@@ -155,7 +156,7 @@ fn no_command_allocates() {
                 for k in 0..300 {
                     let inputs = Inputs { drive: f64::NAN, case_temp_c: f64::NAN, ..moving(k) };
                     let demand_n = (!k.is_multiple_of(7)).then_some(4500.0 * inputs.velocity_m_s);
-                    let command = commander.step(&inputs, Demand::of_force(demand_n), Some(500.0));
+                    let command = controller.step(&inputs, Demand::of_force(demand_n), Some(500.0));
                     commanded += u32::from(command.limited_by != LimitedBy::Safe);
                 }
             });

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Bench, both, preset, samples};
+use common::{Harness, both, preset, samples};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Reasons, Settings, UseForce, Validity};
@@ -12,11 +12,11 @@ use mr_damper_model::units::{Ampere, Metre, Newton, Volt};
 /// All inputs fresh; then the force is lost, ARX coasts, the model takes over, and the force returns.
 #[test]
 fn modes_follow_the_measured_force() {
-    let mut bench = Bench::thesis();
-    bench.run(0..100, |_| true);
-    bench.run(100..300, |_| false);
-    bench.run(300..400, |_| true);
-    insta::assert_snapshot!(bench.transitions(), @"
+    let mut harness = Harness::thesis();
+    harness.run(0..100, |_| true);
+    harness.run(100..300, |_| false);
+    harness.run(300..400, |_| true);
+    insta::assert_snapshot!(harness.transitions(), @"
        2 ms  fault -> model     the model's inputs are available
        8 ms  model -> arx       measured force is fresh
      244 ms  arx -> arx_coast   measured force is older than force_timeout_s
@@ -27,10 +27,10 @@ fn modes_follow_the_measured_force() {
 
 #[test]
 fn measured_force_that_must_not_be_used_still_gives_residuals() {
-    let mut bench = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
-    bench.run(0..100, |_| true);
-    insta::assert_snapshot!(bench.transitions(), @"   2 ms  fault -> model     the model's inputs are available");
-    assert!(bench.residuals().count() > 90);
+    let mut harness = Harness::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
+    harness.run(0..100, |_| true);
+    insta::assert_snapshot!(harness.transitions(), @"   2 ms  fault -> model     the model's inputs are available");
+    assert!(harness.residuals().count() > 90);
 }
 
 /// A model may diverge for a while: a force of 10^20 N is reported as invalid, and the residual figures recover afterwards.
@@ -67,13 +67,13 @@ fn an_impossible_force_is_invalid_and_has_no_lasting_influence() {
 
 #[test]
 fn silence_holds_the_last_estimate_and_then_ends_in_fault() {
-    let mut bench = Bench::thesis();
-    bench.run(0..100, |_| true);
+    let mut harness = Harness::thesis();
+    harness.run(0..100, |_| true);
     for ms in (200..2200).step_by(20) {
-        bench.tick(ms);
+        harness.tick(ms);
     }
-    bench.run(1200..1300, |_| true);
-    insta::assert_snapshot!(bench.transitions(), @"
+    harness.run(1200..1300, |_| true);
+    insta::assert_snapshot!(harness.transitions(), @"
        2 ms  fault -> model     the model's inputs are available
        8 ms  model -> arx       measured force is fresh
      193 ms  arx -> hold        displacement is silent for longer than input_timeout_s
@@ -81,7 +81,7 @@ fn silence_holds_the_last_estimate_and_then_ends_in_fault() {
     2346 ms  fault -> model     the model's inputs are available
     2352 ms  model -> arx       measured force is fresh
     ");
-    let stale: Vec<_> = bench.estimates().filter(|e| e.reasons.has(Reasons::DISPLACEMENT_LOST)).collect();
+    let stale: Vec<_> = harness.estimates().filter(|e| e.reasons.has(Reasons::DISPLACEMENT_LOST)).collect();
     assert!(
         stale.iter().any(|e| e.mode == Mode::Hold && e.validity == Validity::Stale && e.force.is_finite())
     );
@@ -96,19 +96,19 @@ fn silence_holds_the_last_estimate_and_then_ends_in_fault() {
 #[test]
 fn ticks_do_not_change_results() {
     let silent = |ticks: bool| {
-        let mut bench = Bench::thesis();
-        bench.run(0..100, |_| true);
+        let mut harness = Harness::thesis();
+        harness.run(0..100, |_| true);
         if ticks {
             for ms in (200..2300).step_by(20) {
-                bench.tick(ms);
+                harness.tick(ms);
             }
         }
-        bench.run(1200..1400, |k| k < 1300);
-        let estimates = bench.estimates().filter(|e| !e.reasons.has(Reasons::DISPLACEMENT_LOST));
+        harness.run(1200..1400, |k| k < 1300);
+        let estimates = harness.estimates().filter(|e| !e.reasons.has(Reasons::DISPLACEMENT_LOST));
         let estimates: Vec<_> =
             estimates.map(|e| (e.stamp, e.force.get().to_bits(), e.reasons, e.mode)).collect();
-        let residuals: Vec<_> = bench.residuals().map(|r| (r.stamp, r.residual.get().to_bits())).collect();
-        (estimates, residuals, bench.transitions())
+        let residuals: Vec<_> = harness.residuals().map(|r| (r.stamp, r.residual.get().to_bits())).collect();
+        (estimates, residuals, harness.transitions())
     };
     let (without, with) = (silent(false), silent(true));
     assert_eq!(without.2, with.2);
@@ -118,10 +118,10 @@ fn ticks_do_not_change_results() {
 #[test]
 fn results_do_not_depend_on_the_epoch() {
     let run = |epoch_ns: i64| {
-        let mut bench = Bench::thesis();
-        bench.epoch_ns = epoch_ns;
-        bench.run(0..500, |k| k % 200 < 120);
-        bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>()
+        let mut harness = Harness::thesis();
+        harness.epoch_ns = epoch_ns;
+        harness.run(0..500, |k| k % 200 < 120);
+        harness.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>()
     };
     assert_eq!(run(0), run(1_790_000_000_123_456_789));
 }
@@ -162,29 +162,29 @@ fn residuals_do_not_depend_on_when_the_force_arrives() {
 /// The residual must show the model error, also while ARX estimates the force nearly perfectly.
 #[test]
 fn a_seeded_arx_does_not_hide_the_residual() {
-    let mut bench = Bench::thesis();
-    bench.measure_free_run_plus(200.0, 1000);
-    bench.run(0..1000, |_| true);
-    assert_eq!(bench.pipeline.mode(), Mode::Arx);
-    let last = bench.residuals().last().expect("residuals");
+    let mut harness = Harness::thesis();
+    harness.measure_free_run_plus(200.0, 1000);
+    harness.run(0..1000, |_| true);
+    assert_eq!(harness.pipeline.mode(), Mode::Arx);
+    let last = harness.residuals().last().expect("residuals");
     assert!((last.residual.get() - 200.0).abs() < 1.0, "{last:?}");
-    let estimate = bench.estimates().last().expect("estimates");
+    let estimate = harness.estimates().last().expect("estimates");
     assert!((estimate.force.get() - last.measured.get()).abs() < 40.0, "{estimate:?} {last:?}");
 }
 
 #[test]
 fn a_change_of_mode_makes_no_step() {
-    let mut bench = Bench::thesis();
-    bench.constant_current = true;
-    bench.measure_free_run_plus(100.0, 1200);
-    bench.run(0..300, |_| true);
-    bench.run(300..900, |_| false);
-    bench.run(900..1200, |_| true);
-    assert!(bench.events.iter().filter(|e| matches!(e, Event::Transition(_))).count() >= 5);
+    let mut harness = Harness::thesis();
+    harness.constant_current = true;
+    harness.measure_free_run_plus(100.0, 1200);
+    harness.run(0..300, |_| true);
+    harness.run(300..900, |_| false);
+    harness.run(900..1200, |_| true);
+    assert!(harness.events.iter().filter(|e| matches!(e, Event::Transition(_))).count() >= 5);
     // The simulation (free run) itself changes fast at steps of the current; the force added to it must not jump.
-    let free = bench.free_run_n();
+    let free = harness.free_run_n();
     let added: Vec<f64> =
-        bench.estimates().zip(&free).skip(50).map(|(e, free)| e.force.get() - free).collect();
+        harness.estimates().zip(&free).skip(50).map(|(e, free)| e.force.get() - free).collect();
     let worst = added.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
     assert!(worst < 30.0, "without smoothing the switch would jump by 100 N: {worst}");
     assert!(added[800].abs() < 1.0, "600 samples after the force was lost nothing is added: {}", added[800]);
@@ -192,15 +192,15 @@ fn a_change_of_mode_makes_no_step() {
 
 #[test]
 fn settings_can_change_between_samples_and_bad_settings_are_rejected() {
-    let mut bench = Bench::thesis();
-    bench.run(0..100, |_| true);
-    let before = *bench.pipeline.settings();
+    let mut harness = Harness::thesis();
+    harness.run(0..100, |_| true);
+    let before = *harness.pipeline.settings();
     let bad = Settings { coast_s: f64::NAN, ..before };
-    assert!(bench.take(both(), bad).expect_err("NaN").to_string().contains("coast_s is NaN"));
-    assert_eq!(*bench.pipeline.settings(), before);
-    bench.take(both(), Settings { coast_s: 0.0, ..before }).expect("zero is in range");
-    bench.run(100..200, |_| false);
-    insta::assert_snapshot!(bench.transitions(), @"
+    assert!(harness.take(both(), bad).expect_err("NaN").to_string().contains("coast_s is NaN"));
+    assert_eq!(*harness.pipeline.settings(), before);
+    harness.take(both(), Settings { coast_s: 0.0, ..before }).expect("zero is in range");
+    harness.run(100..200, |_| false);
+    insta::assert_snapshot!(harness.transitions(), @"
        2 ms  fault -> model     the model's inputs are available
        8 ms  model -> arx       measured force is fresh
      244 ms  arx -> model       measured force is older than force_timeout_s
@@ -209,13 +209,13 @@ fn settings_can_change_between_samples_and_bad_settings_are_rejected() {
 
 #[test]
 fn models_are_swapped_without_a_gap_or_a_step() {
-    let mut bench = Bench::thesis();
-    bench.constant_current = true;
-    bench.run(0..300, |_| false);
+    let mut harness = Harness::thesis();
+    harness.constant_current = true;
+    harness.run(0..300, |_| false);
     let models = Models::alone(preset("thesis/fuzzy-tanh/rp1-cs"));
-    bench.take(models, *bench.pipeline.settings()).expect("a preset fits the settings");
-    bench.run(300..600, |_| false);
-    let forces: Vec<f64> = bench.estimates().skip(5).map(|e| e.force.get()).collect();
+    harness.take(models, *harness.pipeline.settings()).expect("a preset fits the settings");
+    harness.run(300..600, |_| false);
+    let forces: Vec<f64> = harness.estimates().skip(5).map(|e| e.force.get()).collect();
     assert!(forces.iter().all(|f| f.is_finite()), "no gap");
     let steps: Vec<f64> = forces.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
     let (before, at) = steps.split_at(290);
@@ -228,13 +228,15 @@ fn models_are_swapped_without_a_gap_or_a_step() {
 fn a_swap_to_a_model_that_is_higher_makes_no_step() {
     let free = preset("thesis/fuzzy-tanh/rp3-cs");
     let higher = Model { force: free.force.with_force_offset_n(free.force.force_offset_n() + 300.0), ..free };
-    let mut bench = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
-    bench.run(0..300, |_| false);
-    bench.take(Models::alone(higher), *bench.pipeline.settings()).expect("a model that fits the settings");
-    bench.run(300..600, |_| false);
-    let mut as_it_was = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
+    let mut harness = Harness::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
+    harness.run(0..300, |_| false);
+    harness
+        .take(Models::alone(higher), *harness.pipeline.settings())
+        .expect("a model that fits the settings");
+    harness.run(300..600, |_| false);
+    let mut as_it_was = Harness::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
     as_it_was.run(0..600, |_| false);
-    let pairs = bench.estimates().zip(as_it_was.estimates());
+    let pairs = harness.estimates().zip(as_it_was.estimates());
     let added: Vec<f64> = pairs.map(|(now, then)| now.force.get() - then.force.get()).collect();
     assert!(added[..300].iter().skip(2).all(|n| *n == 0.0));
     let steps = added[299..].windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
@@ -244,24 +246,24 @@ fn a_swap_to_a_model_that_is_higher_makes_no_step() {
 
 #[test]
 fn without_any_current_the_estimate_is_invalid() {
-    let mut bench = Bench::thesis();
-    bench.without_drive = true;
-    bench.run(0..100, |_| false);
+    let mut harness = Harness::thesis();
+    harness.without_drive = true;
+    harness.run(0..100, |_| false);
     assert!(
-        bench
+        harness
             .estimates()
             .all(|e| { e.mode == Mode::Fault && e.validity == Validity::Invalid && e.force.get().is_nan() })
     );
-    assert!(bench.estimates().skip(2).all(|e| e.reasons.has(Reasons::DRIVE_MISSING)));
+    assert!(harness.estimates().skip(2).all(|e| e.reasons.has(Reasons::DRIVE_MISSING)));
 }
 
 #[test]
 fn a_current_that_stops_is_flagged() {
-    let mut bench = Bench::thesis();
-    bench.run(0..100, |_| false);
-    bench.without_drive = true;
-    bench.run(100..500, |_| false);
-    let last = bench.estimates().last().expect("estimates");
+    let mut harness = Harness::thesis();
+    harness.run(0..100, |_| false);
+    harness.without_drive = true;
+    harness.run(100..500, |_| false);
+    let last = harness.estimates().last().expect("estimates");
     assert!(last.reasons.has(Reasons::DRIVE_STALE) && last.validity == Validity::Stale, "{last:?}");
     assert!((last.input_age.get() - 400.0 / 512.0).abs() < 0.01, "{last:?}");
     assert!(last.force.is_finite(), "held, and flagged as stale");
@@ -269,13 +271,13 @@ fn a_current_that_stops_is_flagged() {
 
 #[test]
 fn the_wrong_kind_of_drive_is_refused_with_the_reason() {
-    let mut bench = Bench::thesis();
-    bench.run(0..50, |_| false);
-    bench.feed_reading(50, Reading::Drive(Drive::CommandVoltage(Volt(2.0))));
-    bench.run(51..52, |_| false);
-    let last = bench.estimates().last().expect("estimates");
+    let mut harness = Harness::thesis();
+    harness.run(0..50, |_| false);
+    harness.feed_reading(50, Reading::Drive(Drive::CommandVoltage(Volt(2.0))));
+    harness.run(51..52, |_| false);
+    let last = harness.estimates().last().expect("estimates");
     assert!(last.reasons.has(Reasons::WRONG_DRIVE), "{last:?}");
-    assert_eq!(bench.refusals(), "drive: the model wants the other kind of drive");
+    assert_eq!(harness.refusals(), "drive: the model wants the other kind of drive");
 }
 
 #[test]
@@ -286,13 +288,14 @@ fn bad_values_are_refused_one_by_one() {
             Reading::Force(Newton(bad)),
             Reading::Drive(Drive::CoilCurrent(Ampere(bad))),
         ] {
-            let mut clean = Bench::thesis();
+            let mut clean = Harness::thesis();
             clean.run(0..200, |_| true);
-            let mut dirty = Bench::thesis();
+            let mut dirty = Harness::thesis();
             dirty.run(0..100, |_| true);
             dirty.feed_reading(100, reading);
             dirty.run(100..200, |_| true);
-            let bits = |bench: &Bench| bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>();
+            let bits =
+                |harness: &Harness| harness.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>();
             assert_eq!(bits(&clean), bits(&dirty), "the bad sample does not change other estimates");
             let flagged: Vec<_> =
                 dirty.estimates().filter(|e| e.reasons.has(Reasons::INPUT_REFUSED)).collect();
@@ -303,23 +306,23 @@ fn bad_values_are_refused_one_by_one() {
 
 #[test]
 fn a_sample_ten_seconds_late_has_no_effect() {
-    let mut bench = Bench::thesis();
-    bench.run(0..6000, |_| true);
-    let estimates = bench.estimates().count();
-    bench.feed_reading(6000 - 5120, Reading::Displacement(Metre(0.01)));
-    assert_eq!(bench.estimates().count(), estimates, "no estimate for the past");
-    bench.run(6000..6100, |_| true);
-    assert_eq!(bench.pipeline.mode(), Mode::Arx);
-    assert_eq!(bench.refusals(), "displacement: its stamp is older than the one before");
+    let mut harness = Harness::thesis();
+    harness.run(0..6000, |_| true);
+    let estimates = harness.estimates().count();
+    harness.feed_reading(6000 - 5120, Reading::Displacement(Metre(0.01)));
+    assert_eq!(harness.estimates().count(), estimates, "no estimate for the past");
+    harness.run(6000..6100, |_| true);
+    assert_eq!(harness.pipeline.mode(), Mode::Arx);
+    assert_eq!(harness.refusals(), "displacement: its stamp is older than the one before");
 }
 
 #[test]
 fn a_sample_that_arrives_long_after_its_stamp_is_flagged() {
-    let mut bench = Bench::thesis();
-    bench.run(0..50, |_| true);
-    bench.delay_ns = 10_000_000_000;
-    bench.run(50..100, |_| true);
-    let last = bench.estimates().last().expect("estimates");
+    let mut harness = Harness::thesis();
+    harness.run(0..50, |_| true);
+    harness.delay_ns = 10_000_000_000;
+    harness.run(50..100, |_| true);
+    let last = harness.estimates().last().expect("estimates");
     assert!(last.reasons.has(Reasons::LATE) && last.validity == Validity::Stale, "{last:?}");
 }
 
@@ -331,16 +334,17 @@ fn a_stamp_an_hour_ahead_affects_that_sample_only() {
         Reading::Force(Newton(10.0)),
         Reading::Drive(Drive::CoilCurrent(Ampere(1.0))),
     ] {
-        let mut clean = Bench::thesis();
+        let mut clean = Harness::thesis();
         clean.run(0..200, |_| true);
-        let mut dirty = Bench::thesis();
+        let mut dirty = Harness::thesis();
         dirty.run(0..100, |_| true);
         dirty.feed_ahead(100, 3_600_000_000_000, reading);
         dirty.run(100..200, |_| true);
-        let bits = |bench: &Bench| bench.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>();
+        let bits =
+            |harness: &Harness| harness.estimates().map(|e| e.force.get().to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&clean), bits(&dirty), "the bad sample does not change other estimates");
-        let told: Vec<_> = dirty.estimates().filter(|e| e.reasons.has(Reasons::STAMP_AHEAD)).collect();
-        assert!(told.len() == 1 && told[0].validity != Validity::Valid, "{told:?}");
+        let flagged: Vec<_> = dirty.estimates().filter(|e| e.reasons.has(Reasons::STAMP_AHEAD)).collect();
+        assert!(flagged.len() == 1 && flagged[0].validity != Validity::Valid, "{flagged:?}");
         assert!(dirty.refusals().contains("later than its arrival"), "{}", dirty.refusals());
     }
 }
@@ -348,36 +352,38 @@ fn a_stamp_an_hour_ahead_affects_that_sample_only() {
 /// With a publisher's clock an hour ahead there are estimates, but none is VALID; after the clock is corrected, they are VALID again.
 #[test]
 fn a_clock_an_hour_ahead_gives_flagged_estimates_until_it_is_corrected() {
-    let mut bench = Bench::thesis();
-    bench.epoch_ns = 3_600_000_000_000;
-    bench.delay_ns = -3_600_000_000_000;
-    bench.run(0..200, |_| true);
-    assert_eq!(bench.pipeline.mode(), Mode::Arx);
-    assert!(bench.estimates().count() > 190);
-    assert!(bench.estimates().all(|e| e.validity != Validity::Valid && e.reasons.has(Reasons::STAMP_AHEAD)));
-    (bench.epoch_ns, bench.delay_ns) = (0, 0);
-    bench.run(200..400, |_| true);
-    let last = bench.estimates().last().expect("estimates");
+    let mut harness = Harness::thesis();
+    harness.epoch_ns = 3_600_000_000_000;
+    harness.delay_ns = -3_600_000_000_000;
+    harness.run(0..200, |_| true);
+    assert_eq!(harness.pipeline.mode(), Mode::Arx);
+    assert!(harness.estimates().count() > 190);
+    assert!(
+        harness.estimates().all(|e| e.validity != Validity::Valid && e.reasons.has(Reasons::STAMP_AHEAD))
+    );
+    (harness.epoch_ns, harness.delay_ns) = (0, 0);
+    harness.run(200..400, |_| true);
+    let last = harness.estimates().last().expect("estimates");
     assert_eq!((last.mode, last.validity), (Mode::Arx, Validity::Valid), "{last:?}");
 }
 
 #[test]
 fn ten_times_the_rate_disables_arx_with_a_reason() {
-    let mut bench = Bench::thesis();
-    bench.period_ns = 195_312;
-    bench.run(0..4000, |_| true);
-    let last = bench.estimates().last().expect("estimates");
+    let mut harness = Harness::thesis();
+    harness.period_ns = 195_312;
+    harness.run(0..4000, |_| true);
+    let last = harness.estimates().last().expect("estimates");
     assert_eq!(last.mode, Mode::Model);
     assert!(last.reasons.has(Reasons::RATE_MISMATCH), "{last:?}");
-    assert_eq!(bench.estimates().count(), 4000, "every sample still has an estimate");
+    assert_eq!(harness.estimates().count(), 4000, "every sample still has an estimate");
 }
 
 #[test]
 fn a_gap_restarts_the_history_with_a_reason() {
-    let mut bench = Bench::thesis();
-    bench.run(0..300, |_| true);
-    bench.run(400..700, |_| true);
-    let after: Vec<_> = bench.estimates().skip(300).collect();
+    let mut harness = Harness::thesis();
+    harness.run(0..300, |_| true);
+    harness.run(400..700, |_| true);
+    let after: Vec<_> = harness.estimates().skip(300).collect();
     assert!(after[0].reasons.has(Reasons::DISPLACEMENT_GAP));
     assert!(after[0].force.is_finite() && after[0].validity == Validity::Stale, "held: {:?}", after[0]);
     let settled = after.iter().skip(50).all(|e| e.validity == Validity::Valid);
@@ -386,14 +392,14 @@ fn a_gap_restarts_the_history_with_a_reason() {
 
 #[test]
 fn a_clock_that_jumps_back_restarts_the_pipeline() {
-    let mut bench = Bench::thesis();
-    bench.epoch_ns = 100_000_000_000;
-    bench.run(0..200, |_| true);
-    bench.epoch_ns = 0;
-    bench.run(0..200, |_| true);
-    let text = bench.transitions();
+    let mut harness = Harness::thesis();
+    harness.epoch_ns = 100_000_000_000;
+    harness.run(0..200, |_| true);
+    harness.epoch_ns = 0;
+    harness.run(0..200, |_| true);
+    let text = harness.transitions();
     assert!(text.contains("stamps jumped"), "{text}");
-    assert_eq!(bench.pipeline.mode(), Mode::Arx, "ARX is used again");
+    assert_eq!(harness.pipeline.mode(), Mode::Arx, "ARX is used again");
 }
 
 #[test]
@@ -437,18 +443,18 @@ fn an_arx_model_with_an_output_filter_is_rejected() {
 
 #[test]
 fn overload_is_reported_once() {
-    let mut bench = Bench::thesis();
-    bench.run(0..50, |_| true);
-    bench.pipeline.note_overload();
-    bench.run(50..60, |_| true);
-    assert_eq!(bench.estimates().filter(|e| e.reasons.has(Reasons::OVERLOAD)).count(), 1);
+    let mut harness = Harness::thesis();
+    harness.run(0..50, |_| true);
+    harness.pipeline.note_overload();
+    harness.run(50..60, |_| true);
+    assert_eq!(harness.estimates().filter(|e| e.reasons.has(Reasons::OVERLOAD)).count(), 1);
 }
 
 #[test]
 fn an_estimate_has_the_stamp_of_its_displacement() {
-    let mut bench = Bench::thesis();
-    bench.run(0..20, |_| true);
-    let stamps: Vec<Stamp> = bench.estimates().map(|e| e.stamp).collect();
+    let mut harness = Harness::thesis();
+    harness.run(0..20, |_| true);
+    let stamps: Vec<Stamp> = harness.estimates().map(|e| e.stamp).collect();
     let expected: Vec<Stamp> = (0..20).map(|k| samples(k, 0)[2].stamp).collect();
     assert_eq!(stamps, expected);
 }

@@ -2,13 +2,14 @@
 
 mod common;
 
-use common::{Bench, calibrated, preset};
+use common::{Harness, calibrated, preset};
+use mr_damper_model::calibrate::calibrate;
 use mr_damper_model::condition::ApplyTo;
 use mr_damper_model::model::{Envelope, Model};
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::pipeline::{Estimate, Mode, Models, Settings, UseForce, Validity};
 use mr_damper_model::preset::{BEST_ARX, BEST_FUZZY_TANH};
-use mr_damper_model::uncertainty::{Operating, Predictor, calibrate};
+use mr_damper_model::uncertainty::{Operating, Predictor};
 
 fn file(model: Model) -> ModelFile {
     ModelFile { model, provenance: Provenance::default() }
@@ -18,12 +19,12 @@ fn half_n(estimate: &Estimate) -> f64 {
     0.5 * (estimate.band[1].get() - estimate.band[0].get())
 }
 
-/// A [`Bench`] with both models calibrated.
-fn bench(settings: Settings) -> Bench {
+/// A [`Harness`] with both models calibrated.
+fn harness(settings: Settings) -> Harness {
     let models = Models::alone(calibrated(preset(BEST_FUZZY_TANH)))
         .with_seeded(calibrated(preset(BEST_ARX)))
         .expect("both want a current");
-    Bench::of(models, settings)
+    Harness::of(models, settings)
 }
 
 #[test]
@@ -86,15 +87,15 @@ fn an_error_in_the_table_names_the_key() {
 
 #[test]
 fn the_band_depends_on_the_mode_and_on_the_region() {
-    let mut bench = bench(Settings { bumpless_tau_s: 0.0, ..Settings::default() });
+    let mut harness = harness(Settings { bumpless_tau_s: 0.0, ..Settings::default() });
     // Force is present for more than 2 s at a time: a force that is lost again within 2 s is not used at once.
-    bench.run(0..7685, |k| k % 1537 < 1387);
-    let of = |mode| bench.estimates().filter(move |e| e.mode == mode && e.calibrated);
+    harness.run(0..7685, |k| k % 1537 < 1387);
+    let of = |mode| harness.estimates().filter(move |e| e.mode == mode && e.calibrated);
     // Half widths in the table: 2 and 3 N for one-step-ahead prediction, 20 to 44 N for simulation (free run).
     let arx: Vec<f64> = of(Mode::Arx).map(half_n).collect();
     assert!(arx.iter().filter(|h| (**h - 2.0).abs() < 1e-9 || (**h - 3.0).abs() < 1e-9).count() > 300);
     assert!(of(Mode::ArxCoast).count() > 200);
-    for pair in bench.estimates().collect::<Vec<_>>().windows(2) {
+    for pair in harness.estimates().collect::<Vec<_>>().windows(2) {
         // Apart from the region (2 or 3 N), the band only grows while ARX coasts.
         if pair[0].mode == Mode::ArxCoast && pair[1].mode == Mode::ArxCoast {
             assert!(half_n(pair[1]) * 1.5 >= half_n(pair[0]), "{pair:?}");
@@ -112,10 +113,10 @@ fn the_band_depends_on_the_mode_and_on_the_region() {
 
 #[test]
 fn the_band_after_a_change_of_mode_contains_the_estimate() {
-    let mut bench = bench(Settings { bumpless_tau_s: 0.2, ..Settings::default() });
-    bench.run(0..900, |k| k % 300 < 150);
+    let mut harness = harness(Settings { bumpless_tau_s: 0.2, ..Settings::default() });
+    harness.run(0..900, |k| k % 300 < 150);
     let mut stretched = 0;
-    for e in bench.estimates().filter(|e| e.force.is_finite()) {
+    for e in harness.estimates().filter(|e| e.force.is_finite()) {
         assert!(e.band[0] <= e.force && e.force <= e.band[1], "{e:?}");
         let off = e.force.get() - 0.5 * (e.band[0].get() + e.band[1].get());
         stretched += usize::from(off.abs() > 1.0);
@@ -125,10 +126,10 @@ fn the_band_after_a_change_of_mode_contains_the_estimate() {
 
 #[test]
 fn without_calibration_the_band_comes_from_the_expected_error() {
-    let mut bench = Bench::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
-    bench.run(0..200, |_| true);
+    let mut harness = Harness::new(Settings { use_measured_force: UseForce::Never, ..Settings::default() });
+    harness.run(0..200, |_| true);
     let expected_n = preset(BEST_FUZZY_TANH).expected.free_run_rsse_n.expect("stated");
-    let settled: Vec<_> = bench.estimates().skip(1).collect();
+    let settled: Vec<_> = harness.estimates().skip(1).collect();
     assert!(settled.len() > 190);
     for estimate in settled {
         assert!(!estimate.calibrated && estimate.std_dev.get() == expected_n, "{estimate:?}");
@@ -139,12 +140,12 @@ fn without_calibration_the_band_comes_from_the_expected_error() {
 #[test]
 fn an_old_drive_widens_the_band() {
     let settings = Settings { use_measured_force: UseForce::Never, ..Settings::default() };
-    let mut bench = bench(settings);
-    bench.constant_current = true;
-    bench.run(0..100, |_| false);
-    bench.without_drive = true;
-    bench.run(100..300, |_| false);
-    let last: Vec<_> = bench.estimates().collect();
+    let mut harness = harness(settings);
+    harness.constant_current = true;
+    harness.run(0..100, |_| false);
+    harness.without_drive = true;
+    harness.run(100..300, |_| false);
+    let last: Vec<_> = harness.estimates().collect();
     let (fresh, aged) = (last[99], last[99 + 154]);
     let base = |e: &Estimate| {
         let half = half_n(e);
@@ -162,12 +163,12 @@ fn the_band_of_a_held_estimate_is_the_full_force_range() {
     for known in [true, false] {
         let mut free = calibrated(preset(BEST_FUZZY_TANH));
         free.envelope = Envelope { force_n: known.then_some(range), ..free.envelope };
-        let mut bench = Bench::of(Models::alone(free), Settings::default());
-        bench.run(0..200, |_| false);
+        let mut harness = Harness::of(Models::alone(free), Settings::default());
+        harness.run(0..200, |_| false);
         for ms in (900..3500).step_by(20) {
-            bench.tick(ms);
+            harness.tick(ms);
         }
-        let held: Vec<_> = bench.estimates().filter(|e| e.mode == Mode::Hold).collect();
+        let held: Vec<_> = harness.estimates().filter(|e| e.mode == Mode::Hold).collect();
         assert!(held.len() > 5);
         for e in held {
             assert!(!e.calibrated && e.validity == Validity::Stale);
@@ -178,7 +179,7 @@ fn the_band_of_a_held_estimate_is_the_full_force_range() {
                 assert!(e.band.iter().all(|n| n.get().is_nan()) && e.std_dev.get().is_nan(), "{e:?}");
             }
         }
-        let gone = bench.estimates().last().expect("some");
+        let gone = harness.estimates().last().expect("some");
         assert!(gone.mode == Mode::Fault && gone.band[0].get().is_nan() && !gone.calibrated, "{gone:?}");
     }
 }
@@ -186,10 +187,10 @@ fn the_band_of_a_held_estimate_is_the_full_force_range() {
 #[test]
 fn a_filter_other_than_in_calibration_ends_the_calibration() {
     let calibrated_rows = |filter| {
-        let mut bench =
-            bench(Settings { filter, use_measured_force: UseForce::Never, ..Settings::default() });
-        bench.run(0..400, |_| false);
-        bench.estimates().filter(|e| e.calibrated).count()
+        let mut harness =
+            harness(Settings { filter, use_measured_force: UseForce::Never, ..Settings::default() });
+        harness.run(0..400, |_| false);
+        harness.estimates().filter(|e| e.calibrated).count()
     };
     assert!(calibrated_rows(None) > 200);
     assert!(calibrated_rows(Some((ApplyTo::Inputs, 20.0))) > 200, "its own");
@@ -200,10 +201,10 @@ fn a_filter_other_than_in_calibration_ends_the_calibration() {
 fn an_extrapolating_estimate_is_not_calibrated() {
     let mut free = calibrated(preset(BEST_FUZZY_TANH));
     free.envelope.velocity_m_s = Some([-0.05, 0.05]);
-    let mut bench = Bench::of(Models::alone(free), Settings::default());
-    bench.run(0..900, |_| false);
+    let mut harness = Harness::of(Models::alone(free), Settings::default());
+    harness.run(0..900, |_| false);
     let (beyond, within): (Vec<&Estimate>, Vec<&Estimate>) =
-        bench.estimates().skip(100).partition(|e| e.validity == Validity::Extrapolating);
+        harness.estimates().skip(100).partition(|e| e.validity == Validity::Extrapolating);
     assert!(beyond.len() > 100 && beyond.iter().all(|e| !e.calibrated));
     assert!(within.len() > 100 && within.iter().all(|e| e.calibrated));
 }

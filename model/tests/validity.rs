@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Bench, PERIOD_NS, both, preset, samples};
+use common::{Harness, PERIOD_NS, both, preset, samples};
 use mr_damper_model::condition::{ApplyTo, VelocitySource};
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::force::{Arx, ForceModel, LAGS};
@@ -22,7 +22,7 @@ type Edit = fn(i64, &mut Vec<Sample>);
 
 /// A case: the models, the settings and the input.
 #[derive(Clone, Copy)]
-struct Drill {
+struct Scenario {
     models: fn() -> Models,
     settings: fn() -> Settings,
     edit: Edit,
@@ -31,15 +31,16 @@ struct Drill {
 }
 
 /// Both models on the thesis' motion, with all inputs present.
-const SOUND: Drill = Drill { models: both, settings: Settings::default, edit: |_, _| {}, end: |_, _| {} };
+const SOUND: Scenario =
+    Scenario { models: both, settings: Settings::default, edit: |_, _| {}, end: |_, _| {} };
 
-impl Drill {
+impl Scenario {
     /// The reasons of the estimates from `COUNTS_FROM` on, and the mode at the end.
     fn run(&self) -> (Reasons, Mode) {
         let mut pipeline = Pipeline::new((self.models)(), (self.settings)()).expect("presets run");
         let mut said = Reasons::NONE;
         let from = Stamp::from_nanos(COUNTS_FROM * PERIOD_NS);
-        let mut hear = |event: Event| {
+        let mut record = |event: Event| {
             if let Event::Estimate(estimate) = event
                 && estimate.stamp >= from
             {
@@ -53,10 +54,10 @@ impl Drill {
             let mut feed = samples(k, 0).to_vec();
             (self.edit)(k, &mut feed);
             for sample in feed {
-                pipeline.step(&sample, &mut hear);
+                pipeline.step(&sample, &mut record);
             }
         }
-        (self.end)(&mut pipeline, &mut hear);
+        (self.end)(&mut pipeline, &mut record);
         let mode = pipeline.mode();
         (said, mode)
     }
@@ -124,9 +125,9 @@ fn driver() -> Settings {
 }
 
 /// Each reason with a case that must give it, and a similar case that must not.
-fn drills() -> Vec<(Reasons, Drill, Drill)> {
-    let edited = |edit: Edit| Drill { edit, ..SOUND };
-    let enveloped = |edit: Edit| Drill { models: || trained(WIDE), edit, ..SOUND };
+fn scenarios() -> Vec<(Reasons, Scenario, Scenario)> {
+    let edited = |edit: Edit| Scenario { edit, ..SOUND };
+    let enveloped = |edit: Edit| Scenario { models: || trained(WIDE), edit, ..SOUND };
     vec![
         (
             Reasons::DRIVE_MISSING,
@@ -234,21 +235,21 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
         (
             // An ARX whose force lags sum to one has no static gain; the thesis' best ARX has one.
             Reasons::NO_DC,
-            Drill { models: without_dc, edit: force_ends, ..SOUND },
-            Drill { models: both, edit: force_ends, ..SOUND },
+            Scenario { models: without_dc, edit: force_ends, ..SOUND },
+            Scenario { models: both, edit: force_ends, ..SOUND },
         ),
         (
             Reasons::DISPLACEMENT_LOST,
-            Drill { end: |p, hear| p.tick(after(0.6), &mut |e| hear(e)), ..SOUND },
-            Drill { end: |p, hear| p.tick(after(0.4), &mut |e| hear(e)), ..SOUND },
+            Scenario { end: |p, record| p.tick(after(0.6), &mut |e| record(e)), ..SOUND },
+            Scenario { end: |p, record| p.tick(after(0.4), &mut |e| record(e)), ..SOUND },
         ),
         (
             Reasons::OVERLOAD,
-            Drill {
-                end: |p, hear| {
+            Scenario {
+                end: |p, record| {
                     p.note_overload();
                     for sample in samples(LENGTH, 0) {
-                        p.step(&sample, &mut |e| hear(e));
+                        p.step(&sample, &mut |e| record(e));
                     }
                 },
                 ..SOUND
@@ -257,11 +258,11 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
         ),
         (
             Reasons::INPUT_INTERLEAVED,
-            Drill {
-                end: |p, hear| {
+            Scenario {
+                end: |p, record| {
                     p.note_interleaved();
                     for sample in samples(LENGTH, 0) {
-                        p.step(&sample, &mut |e| hear(e));
+                        p.step(&sample, &mut |e| record(e));
                     }
                 },
                 ..SOUND
@@ -270,8 +271,8 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
         ),
         (
             Reasons::TEMPERATURE_MISSING,
-            Drill { models: fading, ..SOUND },
-            Drill {
+            Scenario { models: fading, ..SOUND },
+            Scenario {
                 models: fading,
                 edit: |_, feed| put(feed, Reading::CaseTemperature(Celsius(30.0))),
                 ..SOUND
@@ -361,8 +362,8 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
         (
             Reasons::DRIVE_IMPLAUSIBLE,
             // The thesis' steps of the current, from a driver of 20 A/s.
-            Drill { settings: driver, ..SOUND },
-            Drill {
+            Scenario { settings: driver, ..SOUND },
+            Scenario {
                 settings: driver,
                 edit: |k, feed| change(feed, is_drive, |_| (15.0 * seconds(k)).min(2.4)),
                 ..SOUND
@@ -370,13 +371,13 @@ fn drills() -> Vec<(Reasons, Drill, Drill)> {
         ),
         (
             Reasons::DRIVE_IMPLAUSIBLE,
-            Drill {
+            Scenario {
                 settings: driver,
                 edit: |k, feed| change(feed, is_drive, |_| if k > 500 { 1.9 } else { 1.2 }),
                 ..SOUND
             },
             // The driver's clock is set back, while its current stays constant.
-            Drill {
+            Scenario {
                 settings: driver,
                 edit: |k, feed| {
                     change(feed, is_drive, |_| 1.2);
@@ -415,7 +416,7 @@ fn without_dc() -> Models {
 
 #[test]
 fn each_reason_is_given_in_its_case_and_not_in_a_similar_one() {
-    for (reason, makes, must_not) in drills() {
+    for (reason, makes, must_not) in scenarios() {
         let name = reason.names().next().expect("one reason");
         let (said, _) = makes.run();
         assert!(said.has(reason), "{name} is missing: {:?}", said.names().collect::<Vec<_>>());
@@ -452,7 +453,7 @@ fn leaving_the_training_envelope_is_extrapolating() {
     ];
     for (what, models) in narrow {
         for (by_arx, edit) in [(true, (|_, _| {}) as Edit), (false, |_, feed| without(feed, is_force))] {
-            let (said, _) = Drill { models, edit, ..SOUND }.run();
+            let (said, _) = Scenario { models, edit, ..SOUND }.run();
             assert_eq!(said.has(Reasons::OUTSIDE_ENVELOPE), what != "none", "{what}, ARX {by_arx}: {said:?}");
         }
     }
@@ -461,7 +462,7 @@ fn leaving_the_training_envelope_is_extrapolating() {
         models.free.envelope = Envelope { case_temp_c: Some([20.0, 25.0]), ..Envelope::default() };
         models
     };
-    let at = |edit: Edit| Drill { models: warm, edit, ..SOUND }.run().0;
+    let at = |edit: Edit| Scenario { models: warm, edit, ..SOUND }.run().0;
     let said = at(|_, feed| put(feed, Reading::CaseTemperature(Celsius(30.0))));
     assert!(said.has(Reasons::OUTSIDE_ENVELOPE));
     let said = at(|_, feed| put(feed, Reading::CaseTemperature(Celsius(22.0))));
@@ -475,9 +476,9 @@ fn a_filtered_force_beyond_the_training_is_flagged_until_it_is_back() {
     let mut model = preset(BEST_FUZZY_TANH);
     model.envelope = Envelope { force_n: range, ..Envelope::default() };
     model.conditioning.apply_to = ApplyTo::Output;
-    let mut bench = Bench::of(Models::alone(model), Settings::default());
-    bench.run(0..2000, |_| false);
-    let beyond: Vec<_> = bench.estimates().filter(|e| Envelope::leaves(range, e.force.get())).collect();
+    let mut harness = Harness::of(Models::alone(model), Settings::default());
+    harness.run(0..2000, |_| false);
+    let beyond: Vec<_> = harness.estimates().filter(|e| Envelope::leaves(range, e.force.get())).collect();
     assert!(beyond.len() > 100, "the motion leaves the range");
     assert!(beyond.iter().all(|e| e.reasons.has(Reasons::OUTSIDE_ENVELOPE)));
 }
@@ -485,19 +486,19 @@ fn a_filtered_force_beyond_the_training_is_flagged_until_it_is_back() {
 #[test]
 fn every_reason_has_a_case() {
     // OUTSIDE_ENVELOPE has its own test.
-    let drilled = drills().into_iter().fold(Reasons::OUTSIDE_ENVELOPE, |mut all, (reason, _, _)| {
+    let covered = scenarios().into_iter().fold(Reasons::OUTSIDE_ENVELOPE, |mut all, (reason, _, _)| {
         all |= reason;
         all
     });
     let all = Reasons::ALL.iter().fold(0, |all, (reason, _)| all | reason.0);
-    assert_eq!(drilled.0, all);
+    assert_eq!(covered.0, all);
 }
 
 #[test]
 fn a_healthy_damper_is_valid() {
     let (said, mode) = SOUND.run();
     assert_eq!((said, mode), (Reasons::NONE, Mode::Arx));
-    let measured = Drill {
+    let measured = Scenario {
         models: || {
             let mut model = preset(BEST_FUZZY_TANH);
             model.conditioning.velocity = VelocitySource::Measured;
@@ -516,7 +517,7 @@ fn implausible_measured_force_does_not_seed_the_arx() {
             change(feed, is_force, |_| 350.0);
         }
     }] {
-        let (_, mode) = Drill { edit, ..SOUND }.run();
+        let (_, mode) = Scenario { edit, ..SOUND }.run();
         assert_eq!(mode, Mode::Model);
     }
 }

@@ -1,6 +1,6 @@
 //! The command line.
 
-use crate::command::{self, Surroundings};
+use crate::command::{self, CliContext};
 use crate::config::RosArgs;
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
@@ -132,23 +132,23 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
     let command = cli.command.unwrap_or_else(|| Command::Demo(command::demo::Args::default()));
     command.check_ros_args(&ros_args)?;
     let ros_args = ros_args.for_node(command.node_name());
-    let around = Surroundings { interrupt: Interrupt::install()?, quiet: cli.quiet, ros_args };
+    let context = CliContext { interrupt: Interrupt::install()?, quiet: cli.quiet, ros_args };
     match command {
-        Command::Demo(args) => command::demo::run(&args, &around),
-        Command::Node(args) => command::node::run(&args, &around),
-        Command::Replay(args) => command::replay::run(&args, &around),
-        Command::Record(args) => command::record::run(&args, &around),
-        Command::Convert(args) => command::convert::run(&args, &around),
-        Command::Simulate(args) => command::simulate::run(&args, &around),
-        Command::Identify(args) => command::identify::run(&args, &around),
-        Command::Compare(args) => command::compare::run(&args, &around),
-        Command::Evaluate(args) => command::evaluate::run(&args, &around),
-        Command::Close(args) => command::close::run(&args, &around),
-        Command::Inverse(args) => command::inverse::run(&args, &around),
-        Command::Doctor(args) => command::doctor::run(&args, &around),
+        Command::Demo(args) => command::demo::run(&args, &context),
+        Command::Node(args) => command::node::run(&args, &context),
+        Command::Replay(args) => command::replay::run(&args, &context),
+        Command::Record(args) => command::record::run(&args, &context),
+        Command::Convert(args) => command::convert::run(&args, &context),
+        Command::Simulate(args) => command::simulate::run(&args, &context),
+        Command::Identify(args) => command::identify::run(&args, &context),
+        Command::Compare(args) => command::compare::run(&args, &context),
+        Command::Evaluate(args) => command::evaluate::run(&args, &context),
+        Command::Close(args) => command::close::run(&args, &context),
+        Command::Inverse(args) => command::inverse::run(&args, &context),
+        Command::Doctor(args) => command::doctor::run(&args, &context),
         Command::Presets(args) => command::presets::run(&args),
-        Command::Serve(args) => command::serve::run(&args, &around),
-        Command::Top(args) => command::top::run(&args, &around),
+        Command::Serve(args) => command::serve::run(&args, &context),
+        Command::Top(args) => command::top::run(&args, &context),
     }
 }
 

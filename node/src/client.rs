@@ -3,18 +3,27 @@
 //! ros2-client's own check (`wait_for_service`) needs its spinner, which this project does not use: see `graph.rs`.
 
 use crate::graph::Endpoints;
-use crate::ros::Part;
-use mr_damper_msgs::{Action, Service};
+use mr_damper_msgs::{Action, Message, Service};
 use ros2_client::Context;
 use ros2_client::action::ActionClient;
 use ros2_client::service::Client;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::ops::Deref;
 
-type ServiceClient<S> = Client<Part<<S as Service>::Request>, Part<<S as Service>::Response>>;
-type OfAction<A> =
-    ActionClient<Part<<A as Action>::Goal>, Part<<A as Action>::Result>, Part<<A as Action>::Feedback>>;
+/// The request or the response of a service, in the form that the client library needs.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct RosMessage<M>(pub M);
+
+impl<M: Message> ros2_client::Message for RosMessage<M> {}
+
+type ServiceClient<S> = Client<RosMessage<<S as Service>::Request>, RosMessage<<S as Service>::Response>>;
+type OfAction<A> = ActionClient<
+    RosMessage<<A as Action>::Goal>,
+    RosMessage<<A as Action>::Result>,
+    RosMessage<<A as Action>::Feedback>,
+>;
 
 /// A client of a service.
 pub struct ClientOf<S: Service> {
@@ -83,8 +92,8 @@ struct OfNode {
 
 /// The present endpoints of the node called `node`.
 pub(crate) fn endpoints_of(context: &Context, node: &str) -> Endpoints {
-    let told = context.participant_entities_info();
-    let own = told.nodes().iter().find(|of| of.fully_qualified_name() == node);
+    let info = context.participant_entities_info();
+    let own = info.nodes().iter().find(|of| of.fully_qualified_name() == node);
     let own = own.and_then(|of| serde_json::to_value(of).ok());
     let OfNode { reader_gid_seq: readers, writer_gid_seq: writers } =
         own.and_then(|of| serde_json::from_value(of).ok()).unwrap_or_default();

@@ -69,7 +69,7 @@ impl Clock {
 
     /// Takes a time from `/clock`. Returns by how many seconds it went back, if it did. Does nothing while the clock
     /// follows the system.
-    pub fn hear(&self, stamp: Stamp) -> Option<f64> {
+    pub fn observe(&self, stamp: Stamp) -> Option<f64> {
         if !self.is_simulated() {
             return None;
         }
@@ -87,12 +87,12 @@ mod tests {
         let clock = Clock::new(true);
         let at = |s: i64| Stamp::from_nanos(s * 1_000_000_000);
         assert_eq!(clock.now(), None);
-        assert_eq!(clock.hear(at(5)), None);
-        assert_eq!((clock.now(), clock.hear(at(6)), clock.hear(at(6))), (Some(at(5)), None, None));
-        assert_eq!(clock.hear(at(2)), Some(4.0));
+        assert_eq!(clock.observe(at(5)), None);
+        assert_eq!((clock.now(), clock.observe(at(6)), clock.observe(at(6))), (Some(at(5)), None, None));
+        assert_eq!(clock.observe(at(2)), Some(4.0));
         assert_eq!(clock.now(), Some(at(2)));
         assert!(clock.simulate(false) && !clock.simulate(false));
-        assert_eq!(clock.hear(at(1)), None);
+        assert_eq!(clock.observe(at(1)), None);
         assert!(clock.now().expect("the system's") > at(1_700_000_000));
         assert!(clock.simulate(true));
         assert_eq!(clock.now(), None, "times heard before the switch are cleared");

@@ -4,24 +4,22 @@
 //! which they were accepted. A command on the ring cannot fail.
 
 use crate::clock::Clock;
-use crate::config::{Change, Config, Parameter, Value, find};
+use crate::config::{Config, Mutability, Parameter, Value, find};
 use crate::error::NodeError;
-use crate::hot::{Command, Hot, HotCounters};
-use crate::lifecycle::{Phase, Transition};
+use crate::estimator::{Estimator, EstimatorCounters, PipelineCommand};
+use crate::lifecycle::{LifecycleState, Transition};
 use crate::models;
-use crate::sink::ros::SharedNames;
-use crate::sink::zenoh::Renamer;
-use crate::wire::ModelNames;
+use crate::wire::{ModelNames, SharedNames};
 use mr_damper_model::condition::VelocitySource;
-use mr_damper_model::inverse::{Commander, Fold, Law, SurrogateFit};
+use mr_damper_model::inverse::{ControlLaw, Fold, InverseController, SurrogateFit};
 use mr_damper_model::model::Model;
-use mr_damper_model::pipeline::{Models, Plan, Settings};
+use mr_damper_model::pipeline::{Models, PipelineSetup, Settings};
 use mr_damper_model::sample::Stamp;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Longest time for the estimating thread to obey a command before an error is returned. A swap normally takes
+/// Longest time for the estimating thread to execute a command before an error is returned. A swap normally takes
 /// microseconds.
 const SWAP_TIMEOUT: Duration = Duration::from_secs(2);
 
@@ -31,14 +29,14 @@ pub struct Control {
     /// True if the model needs measured velocity; the source then waits for it.
     wants_velocity: Arc<AtomicBool>,
     state: Mutex<State>,
-    hot: Mutex<Option<Hot>>,
+    estimator: Mutex<Option<Estimator>>,
     names: SharedNames,
-    mirror: OnceLock<Renamer>,
+    mirror: OnceLock<Box<dyn Fn(ModelNames) + Send + Sync>>,
 }
 
 struct State {
     config: Config,
-    phase: Phase,
+    lifecycle: LifecycleState,
     /// Set in the states inactive and active.
     models: Option<Models>,
 }
@@ -59,33 +57,37 @@ impl Control {
         Self {
             clock: Arc::new(Clock::new(config.use_sim_time)),
             wants_velocity: Arc::default(),
-            state: Mutex::new(State { config: config.clone(), phase: Phase::Unconfigured, models: None }),
-            hot: Mutex::new(None),
+            state: Mutex::new(State {
+                config: config.clone(),
+                lifecycle: LifecycleState::Unconfigured,
+                models: None,
+            }),
+            estimator: Mutex::new(None),
             names: Arc::default(),
             mirror: OnceLock::new(),
         }
     }
 
     /// Connects the estimating thread; it receives all changes from now on.
-    pub fn attach(&self, hot: Hot) {
-        *lock(&self.hot) = Some(hot);
+    pub fn attach(&self, estimator: Estimator) {
+        *lock(&self.estimator) = Some(estimator);
     }
 
-    /// Connects the Zenoh mirror; it is informed when the models change.
-    pub fn attach_mirror(&self, mirror: Renamer) {
+    /// Connects the Zenoh mirror: `rename` gets the names of the models whenever the models change.
+    pub fn attach_mirror(&self, rename: impl Fn(ModelNames) + Send + Sync + 'static) {
         // A service has one mirror, which is attached once.
-        let _ = self.mirror.set(mirror);
+        let _ = self.mirror.set(Box::new(rename));
     }
 
     /// Returns the estimating thread so that it can be stopped. No change is possible afterwards.
-    pub fn detach(&self) -> Option<Hot> {
-        lock(&self.hot).take()
+    pub fn detach(&self) -> Option<Estimator> {
+        lock(&self.estimator).take()
     }
 
     /// True while the estimating thread runs.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        lock(&self.hot).as_ref().is_some_and(Hot::is_alive)
+        lock(&self.estimator).as_ref().is_some_and(Estimator::is_alive)
     }
 
     /// Names of the running models, shared.
@@ -114,8 +116,8 @@ impl Control {
 
     /// The state at present.
     #[must_use]
-    pub fn phase(&self) -> Phase {
-        lock(&self.state).phase
+    pub fn lifecycle_state(&self) -> LifecycleState {
+        lock(&self.state).lifecycle
     }
 
     /// The node's clock.
@@ -135,15 +137,18 @@ impl Control {
     /// # Errors
     /// When the transition is not possible in the present state; when the models named by the parameters do not load or
     /// do not fit the settings; when the estimating thread does not answer. The state then stays as it was.
-    pub fn change_state(&self, transition: Transition) -> Result<(Phase, Phase), NodeError> {
+    pub fn change_state(
+        &self,
+        transition: Transition,
+    ) -> Result<(LifecycleState, LifecycleState), NodeError> {
         let mut state = lock(&self.state);
-        let from = state.phase;
+        let from = state.lifecycle;
         let to = from.after(transition).map_err(NodeError::Failed)?;
         let place = match transition {
             Transition::Configure => {
                 let (models, names) = models::from_config(&state.config)?;
-                let (settings, plan) = plan(&state.config, &models)?;
-                Self::say_commands(&models.free, &settings, plan.commander());
+                let (settings, setup) = setup(&state.config, &models)?;
+                Self::say_commands(&models.free, &settings, setup.controller());
                 state.models = Some(models);
                 self.runs_on(Some(&models), names);
                 None
@@ -151,18 +156,18 @@ impl Control {
             Transition::Cleanup => None,
             Transition::Activate => {
                 let models = state.models.ok_or_else(|| NodeError::Failed("there is no model".to_owned()))?;
-                self.send(Command::Begin(plan(&state.config, &models)?.1))?
+                self.send(PipelineCommand::Begin(setup(&state.config, &models)?.1))?
             }
-            Transition::Deactivate | Transition::Shutdown => self.send(Command::End)?,
+            Transition::Deactivate | Transition::Shutdown => self.send(PipelineCommand::End)?,
         };
         if let Some((place, counters)) = place {
-            await_obeyed(place, &counters)?;
+            await_executed(place, &counters)?;
         }
-        if matches!(to, Phase::Unconfigured | Phase::Finalized) {
+        if matches!(to, LifecycleState::Unconfigured | LifecycleState::Finalized) {
             state.models = None;
             self.runs_on(None, ModelNames::default());
         }
-        state.phase = to;
+        state.lifecycle = to;
         tracing::info!("the node is {}; it was {}", to.name(), from.name());
         Ok((from, to))
     }
@@ -172,8 +177,8 @@ impl Control {
         let measured = models.is_some_and(|m| m.free.conditioning.velocity == VelocitySource::Measured);
         self.wants_velocity.store(measured, Ordering::Release);
         *self.names.write().unwrap_or_else(PoisonError::into_inner) = names.clone();
-        if let Some(mirror) = self.mirror.get() {
-            mirror.rename(names);
+        if let Some(rename) = self.mirror.get() {
+            rename(names);
         }
     }
 
@@ -182,20 +187,20 @@ impl Control {
     /// # Errors
     /// When the node is not active, or too many changes are waiting.
     pub fn reset(&self) -> Result<(), NodeError> {
-        let phase = self.phase();
-        if phase != Phase::Active {
+        let lifecycle = self.lifecycle_state();
+        if lifecycle != LifecycleState::Active {
             return Err(NodeError::Failed(format!(
                 "the node is {}: there is nothing to reset",
-                phase.name()
+                lifecycle.name()
             )));
         }
-        self.send(Command::Reset).map(|_| tracing::info!("reset"))
+        self.send(PipelineCommand::Reset).map(|_| tracing::info!("reset"))
     }
 
     /// Takes the time `stamp` from `/clock`. If it went back, the history is cleared, because it belongs to another
     /// run.
     pub fn hear_clock(&self, stamp: Stamp) {
-        if let Some(back_s) = self.clock.hear(stamp) {
+        if let Some(back_s) = self.clock.observe(stamp) {
             tracing::warn!(back_s, "simulated time went back: all history is cleared");
             if let Err(error) = self.reset() {
                 tracing::debug!("{error}");
@@ -222,15 +227,15 @@ impl Control {
     }
 
     fn load(&self, name: &str, made_from: Option<&Model>) -> Result<Loaded, NodeError> {
-        let asked = Config { model: name.to_owned(), ..self.config() };
-        let (models, mut now) = models::from_config(&asked)?;
+        let requested = Config { model: name.to_owned(), ..self.config() };
+        let (models, mut now) = models::from_config(&requested)?;
 
         // From here until the command is in the ring, nothing else may change.
         let mut state = lock(&self.state);
         let Some(running) = state.models else {
             return Err(NodeError::Failed(format!(
                 "the node is {}: set the parameter model to {name}, and configure it",
-                state.phase.name()
+                state.lifecycle.name()
             )));
         };
         if made_from.is_some_and(|model| *model != running.free) {
@@ -244,43 +249,47 @@ impl Control {
             now.seeded.clone_from(&before.seeded);
         }
         now.hash = models::hash(&models);
-        let config = Config { model: asked.model, ..state.config.clone() };
-        let (settings, plan) = plan(&config, &models)?;
-        let commander = *plan.commander();
-        let place = if state.phase == Phase::Active { self.send(Command::Take(plan))? } else { None };
+        let config = Config { model: requested.model, ..state.config.clone() };
+        let (settings, setup) = setup(&config, &models)?;
+        let controller = *setup.controller();
+        let place = if state.lifecycle == LifecycleState::Active {
+            self.send(PipelineCommand::Take(setup))?
+        } else {
+            None
+        };
         (state.config, state.models) = (config, Some(models));
         drop(state);
 
         if let Some((place, counters)) = place {
-            await_obeyed(place, &counters)?;
+            await_executed(place, &counters)?;
         }
         self.runs_on(Some(&models), now.clone());
         tracing::info!(model = now.free, before = before.free, hash = now.hash, "a new model is in use");
-        Self::say_commands(&models.free, &settings, &commander);
+        Self::say_commands(&models.free, &settings, &controller);
         Ok(Loaded { before, now })
     }
 
-    /// Logs how `commander`, the inverse controller for the model `free`, commands currents, and where it cannot.
-    fn say_commands(free: &Model, settings: &Settings, commander: &Commander) {
-        match (settings.law, commander.shape()) {
-            (Law::Off, _) => tracing::info!("no current is commanded"),
-            (Law::Follow, None) => {
-                // A plan lacks an inverse only if the search found none; a second try returns the reason.
-                if let Err(why) = Commander::new(free, settings.limits) {
+    /// Logs how `controller`, the inverse controller for the model `free`, commands currents, and where it cannot.
+    fn say_commands(free: &Model, settings: &Settings, controller: &InverseController) {
+        match (settings.law, controller.shape()) {
+            (ControlLaw::Off, _) => tracing::info!("no current is commanded"),
+            (ControlLaw::Follow, None) => {
+                // A setup lacks an inverse only if the search found none; a second try returns the reason.
+                if let Err(why) = InverseController::new(free, settings.limits) {
                     tracing::info!("a force_request would be answered with the safe current: {why}");
                 }
             }
             (law, None) => tracing::info!(law = law.name(), "current_command"),
-            (_, Some(shape)) => say_inverse(settings, shape.real_fold(), commander.fit()),
+            (_, Some(shape)) => say_inverse(settings, shape.real_fold(), controller.fit()),
         }
     }
 
     /// Puts a command into the ring and returns its position there; `None` before the thread has started.
-    fn send(&self, command: Command) -> Result<Option<(u64, Arc<HotCounters>)>, NodeError> {
-        let mut hot = lock(&self.hot);
-        let Some(hot) = hot.as_mut() else { return Ok(None) };
-        match hot.command(command) {
-            Some(place) => Ok(Some((place, hot.counters()))),
+    fn send(&self, command: PipelineCommand) -> Result<Option<(u64, Arc<EstimatorCounters>)>, NodeError> {
+        let mut estimator = lock(&self.estimator);
+        let Some(estimator) = estimator.as_mut() else { return Ok(None) };
+        match estimator.command(command) {
+            Some(place) => Ok(Some((place, estimator.counters()))),
             None => Err(NodeError::Failed("too many changes at once; try again".to_owned())),
         }
     }
@@ -290,11 +299,11 @@ impl Control {
     /// # Errors
     /// When a parameter is unknown, out of range or cannot be set in this state, or when the values do not fit
     /// together. The text is the reason.
-    pub fn set_parameters(&self, wanted: &[(&str, Value)]) -> Result<Vec<String>, String> {
+    pub fn set_parameters(&self, requested: &[(&str, Value)]) -> Result<Vec<String>, String> {
         let mut state = lock(&self.state);
         let mut config = state.config.clone();
         let mut changed = Vec::new();
-        for (name, value) in wanted {
+        for (name, value) in requested {
             if config.qos.get(name).is_some() {
                 return Err(format!(
                     "{name} is read-only: the QoS of a topic is set at the start of the node"
@@ -305,7 +314,7 @@ impl Control {
             if (parameter.get)(&config) == value {
                 continue;
             }
-            may_change(parameter, state.phase)?;
+            may_change(parameter, state.lifecycle)?;
             (parameter.set)(&mut config, &value);
             changed.push((*name).to_owned());
         }
@@ -315,56 +324,56 @@ impl Control {
         if let Some(models) = &state.models {
             // The pipeline may refuse a combination that each parameter's own range allows, for example an ARX model
             // with an output filter.
-            let (settings, plan) = plan(&config, models).map_err(|e| e.to_string())?;
+            let (settings, setup) = setup(&config, models).map_err(|e| e.to_string())?;
             let commands =
                 |name: &String| name == "law" || name.starts_with("inverse.") || name.starts_with("current.");
             if changed.iter().any(commands) {
-                Self::say_commands(&models.free, &settings, plan.commander());
+                Self::say_commands(&models.free, &settings, setup.controller());
             }
-            if state.phase == Phase::Active {
-                self.send(Command::Take(plan)).map_err(|e| e.to_string())?;
+            if state.lifecycle == LifecycleState::Active {
+                self.send(PipelineCommand::Take(setup)).map_err(|e| e.to_string())?;
             }
         }
-        tracing::info!(parameters = ?wanted, "set");
+        tracing::info!(parameters = ?requested, "set");
         let another_time = self.clock.is_simulated() != config.use_sim_time;
         state.config = config;
         if another_time {
             self.clock.simulate(state.config.use_sim_time);
-            if state.phase == Phase::Active {
+            if state.lifecycle == LifecycleState::Active {
                 tracing::info!("the clock was switched: all history is cleared");
-                self.send(Command::Reset).map_err(|e| e.to_string())?;
+                self.send(PipelineCommand::Reset).map_err(|e| e.to_string())?;
             }
         }
         Ok(changed)
     }
 }
 
-/// Checks whether `parameter` can be set in the state `phase`; the error says why not and what to do.
-fn may_change(parameter: &Parameter, phase: Phase) -> Result<(), String> {
-    match (parameter.change, phase) {
-        (Change::Running, _) | (Change::Unconfigured, Phase::Unconfigured) => Ok(()),
-        (Change::Unconfigured, _) => Err(format!(
+/// Checks whether `parameter` can be set in the state `lifecycle`; the error says why not and what to do.
+fn may_change(parameter: &Parameter, lifecycle: LifecycleState) -> Result<(), String> {
+    match (parameter.mutability, lifecycle) {
+        (Mutability::Running, _) | (Mutability::Unconfigured, LifecycleState::Unconfigured) => Ok(()),
+        (Mutability::Unconfigured, _) => Err(format!(
             "parameter {} cannot change while the node is {}{}",
             parameter.name,
-            phase.name(),
+            lifecycle.name(),
             parameter.instead()
         )),
-        (Change::Never, _) => Err(format!(
+        (Mutability::Never, _) => Err(format!(
             "parameter {} cannot change while the node runs; restart it with the new value",
             parameter.name
         )),
     }
 }
 
-/// The settings and the plan for `config` and `models`.
-fn plan(config: &Config, models: &Models) -> Result<(Settings, Plan), NodeError> {
+/// The settings and the setup for `config` and `models`.
+fn setup(config: &Config, models: &Models) -> Result<(Settings, PipelineSetup), NodeError> {
     let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
-    Ok((settings, Plan::new(*models, settings)?))
+    Ok((settings, PipelineSetup::new(*models, settings)?))
 }
 
-fn await_obeyed(place: u64, counters: &HotCounters) -> Result<(), NodeError> {
+fn await_executed(place: u64, counters: &EstimatorCounters) -> Result<(), NodeError> {
     let deadline = Instant::now() + SWAP_TIMEOUT;
-    while counters.obeyed.load(Ordering::Acquire) < place {
+    while counters.executed.load(Ordering::Acquire) < place {
         if Instant::now() >= deadline {
             return Err(NodeError::Failed(format!(
                 "the estimating thread has not swapped the model in after {} s; see the log, and restart the node",

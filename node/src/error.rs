@@ -1,5 +1,6 @@
 //! Errors of the service. Each message says what went wrong, where, and what to do.
 
+use crate::disk::advice;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -63,7 +64,7 @@ pub enum NodeError {
     },
     /// The Zenoh mirror did not start.
     #[error(transparent)]
-    Zenoh(#[from] crate::sink::zenoh::ZenohError),
+    Zenoh(#[from] crate::zenoh_session::ZenohError),
     /// An error of the operating system.
     #[error("{what}: {source}{}", advice(source.kind()))]
     Io {
@@ -78,20 +79,6 @@ pub enum NodeError {
     /// The work failed; the text is the message.
     #[error("{0}")]
     Failed(String),
-}
-
-/// Advice for disk errors, to be added to the system's message; empty for other errors.
-#[must_use]
-pub(crate) fn advice(kind: std::io::ErrorKind) -> &'static str {
-    match kind {
-        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
-            "; make room on that disk, or write to another"
-        }
-        std::io::ErrorKind::ReadOnlyFilesystem => {
-            "; the disk is read-only (Linux remounts a disk with errors this way, and logs it): write to another"
-        }
-        _ => "",
-    }
 }
 
 impl From<mr_damper_model::Error> for NodeError {

@@ -11,7 +11,7 @@
 //! | each of them | `std_msgs/msg/Float64`, `std_msgs/msg/Float32` |
 //!
 //! A joint is one entry of a `sensor_msgs/msg/JointState`, selected by name. Values are SI; temperatures are in °C.
-//! [`Extractor`] reads serialised messages, as in bags and from rmw_zenoh; [`Carries`] is for decoded messages, as in a
+//! [`Extractor`] reads serialised messages, as in bags and from rmw_zenoh; [`CarriesValue`] is for decoded messages, as in a
 //! typed subscription.
 
 use mr_damper_msgs::geometry::{TwistStamped, Vector3, WrenchStamped};
@@ -65,7 +65,7 @@ pub enum JointField {
 
 /// The place of the number in a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Part {
+pub enum MessagePart {
     /// The message holds one number.
     Whole,
     /// At one joint.
@@ -76,7 +76,7 @@ pub enum Part {
 
 /// Stamp and number of a message.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Taken {
+pub struct StampedValue {
     /// The header's stamp, ns; `None` for types without header.
     pub stamp_ns: Option<i64>,
     /// The number; `None` if the publisher left it out.
@@ -93,7 +93,7 @@ pub fn calibrated(reading: f64, sign: f64, offset: f64) -> f64 {
 /// The reason why a type cannot carry a quantity.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum Unfit {
+pub enum UnsuitableSource {
     /// The type does not carry the quantity.
     #[error("{found} has no {of}; accepted types are {}", of.accepted())]
     Type {
@@ -135,7 +135,7 @@ pub enum Unfit {
 /// The reason why a message gave no number.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum Fault {
+pub enum ExtractFault {
     /// The bytes do not decode as this type.
     #[error(transparent)]
     Bytes(#[from] CdrError),
@@ -150,20 +150,20 @@ pub enum Fault {
 }
 
 /// A message that can carry a number.
-pub trait Carries: Message {
+pub trait CarriesValue: Message {
     /// The message's stamp and the number at `part`.
     ///
     /// # Errors
-    /// [`Fault::Joint`] when the message does not contain the joint.
-    fn taken(&self, part: &Part) -> Result<Taken, Fault>;
+    /// [`ExtractFault::Joint`] when the message does not contain the joint.
+    fn taken(&self, part: &MessagePart) -> Result<StampedValue, ExtractFault>;
 }
 
 macro_rules! carries_one {
     ($($message:ty: $field:ident),+) => {
-        $(impl Carries for $message {
-            fn taken(&self, _: &Part) -> Result<Taken, Fault> {
+        $(impl CarriesValue for $message {
+            fn taken(&self, _: &MessagePart) -> Result<StampedValue, ExtractFault> {
                 let value = f64::from(self.$field);
-                Ok(Taken { stamp_ns: Some(self.header.stamp.as_nanos()), value: Some(value) })
+                Ok(StampedValue { stamp_ns: Some(self.header.stamp.as_nanos()), value: Some(value) })
             }
         })+
     };
@@ -175,9 +175,9 @@ carries_one!(
 
 macro_rules! carries_number {
     ($($message:ty),+) => {
-        $(impl Carries for $message {
-            fn taken(&self, _: &Part) -> Result<Taken, Fault> {
-                Ok(Taken { stamp_ns: None, value: Some(f64::from(self.data)) })
+        $(impl CarriesValue for $message {
+            fn taken(&self, _: &MessagePart) -> Result<StampedValue, ExtractFault> {
+                Ok(StampedValue { stamp_ns: None, value: Some(f64::from(self.data)) })
             }
         })+
     };
@@ -186,30 +186,32 @@ carries_number!(Float64, Float32);
 
 macro_rules! carries_axes {
     ($($message:ty: $body:ident.$vector:ident),+) => {
-        $(impl Carries for $message {
-            fn taken(&self, part: &Part) -> Result<Taken, Fault> {
+        $(impl CarriesValue for $message {
+            fn taken(&self, part: &MessagePart) -> Result<StampedValue, ExtractFault> {
                 let value = along(&self.$body.$vector, part);
-                Ok(Taken { stamp_ns: Some(self.header.stamp.as_nanos()), value: Some(value) })
+                Ok(StampedValue { stamp_ns: Some(self.header.stamp.as_nanos()), value: Some(value) })
             }
         })+
     };
 }
 carries_axes!(WrenchStamped: wrench.force, TwistStamped: twist.linear);
 
-fn along(vector: &Vector3, part: &Part) -> f64 {
+fn along(vector: &Vector3, part: &MessagePart) -> f64 {
     match part {
-        Part::Axis(Axis::X) => vector.x,
-        Part::Axis(Axis::Y) => vector.y,
+        MessagePart::Axis(Axis::X) => vector.x,
+        MessagePart::Axis(Axis::Y) => vector.y,
         _ => vector.z,
     }
 }
 
-impl Carries for JointState {
-    fn taken(&self, part: &Part) -> Result<Taken, Fault> {
+impl CarriesValue for JointState {
+    fn taken(&self, part: &MessagePart) -> Result<StampedValue, ExtractFault> {
         let stamp_ns = Some(self.header.stamp.as_nanos());
-        let Part::Joint(joint, field) = part else { return Ok(Taken { stamp_ns, value: None }) };
+        let MessagePart::Joint(joint, field) = part else {
+            return Ok(StampedValue { stamp_ns, value: None });
+        };
         let Some(index) = self.name.iter().position(|name| name == joint) else {
-            return Err(Fault::Joint { joint: joint.clone(), found: self.name.clone() });
+            return Err(ExtractFault::Joint { joint: joint.clone(), found: self.name.clone() });
         };
         // Publishers leave arrays empty that they do not know.
         let values = match field {
@@ -217,11 +219,11 @@ impl Carries for JointState {
             JointField::Velocity => &self.velocity,
             JointField::Effort => &self.effort,
         };
-        Ok(Taken { stamp_ns, value: values.get(index).copied() })
+        Ok(StampedValue { stamp_ns, value: values.get(index).copied() })
     }
 }
 
-type Read = fn(&[u8], &Part) -> Result<Taken, Fault>;
+type Read = fn(&[u8], &MessagePart) -> Result<StampedValue, ExtractFault>;
 
 /// A type that can carry a quantity.
 struct Accepted {
@@ -237,16 +239,16 @@ enum Parts {
     Joints(JointField),
 }
 
-const fn accepted<M: Carries>(parts: Parts) -> Accepted {
+const fn accepted<M: CarriesValue>(parts: Parts) -> Accepted {
     Accepted { of: Descriptor::of::<M>(), read: read::<M>, parts }
 }
 
-fn read<M: Carries>(bytes: &[u8], part: &Part) -> Result<Taken, Fault> {
+fn read<M: CarriesValue>(bytes: &[u8], part: &MessagePart) -> Result<StampedValue, ExtractFault> {
     cdr::from_slice::<M>(bytes)?.taken(part)
 }
 
 /// Reads a `Range`. Before ROS 2 Iron it lacked its last field, the variance: four zero bytes are added for it then.
-fn read_range(bytes: &[u8], part: &Part) -> Result<Taken, Fault> {
+fn read_range(bytes: &[u8], part: &MessagePart) -> Result<StampedValue, ExtractFault> {
     match cdr::from_slice::<Range>(bytes) {
         Ok(range) => range.taken(part),
         Err(error) => match cdr::from_slice::<Range>(&[bytes, &[0; 4]].concat()) {
@@ -354,7 +356,7 @@ pub struct Extractor {
     /// The messages' type.
     pub of: Descriptor,
     /// The place of the number in them.
-    pub part: Part,
+    pub part: MessagePart,
     read: Read,
 }
 
@@ -363,23 +365,34 @@ impl Extractor {
     ///
     /// # Errors
     /// When the type cannot carry the quantity, or has no such part.
-    pub fn new(quantity: Dimension, topic: &str, type_name: &str, part: Option<&str>) -> Result<Self, Unfit> {
+    pub fn new(
+        quantity: Dimension,
+        topic: &str,
+        type_name: &str,
+        part: Option<&str>,
+    ) -> Result<Self, UnsuitableSource> {
         let Some(accepted) = quantity.types().iter().find(|accepted| accepted.of.type_name == type_name)
         else {
             let is_velocity_of_imu = quantity == Dimension::Velocity && type_name == IMU;
             let found = if type_name.is_empty() { "an unknown type" } else { type_name }.to_owned();
-            return Err(if is_velocity_of_imu { Unfit::Imu } else { Unfit::Type { found, of: quantity } });
+            return Err(if is_velocity_of_imu {
+                UnsuitableSource::Imu
+            } else {
+                UnsuitableSource::Type { found, of: quantity }
+            });
         };
         let found = accepted.of.type_name;
         let part = match (&accepted.parts, part.filter(|part| !part.is_empty())) {
-            (Parts::None, None) => Part::Whole,
-            (Parts::None, Some(part)) => return Err(Unfit::NoParts { found, part: part.to_owned() }),
-            (Parts::Joints(field), Some(joint)) => Part::Joint(joint.to_owned(), *field),
-            (Parts::Joints(_), None) => return Err(Unfit::NoJoint { topic: topic.to_owned() }),
-            (Parts::Axes, None) => Part::Axis(DEFAULT_AXIS),
+            (Parts::None, None) => MessagePart::Whole,
+            (Parts::None, Some(part)) => {
+                return Err(UnsuitableSource::NoParts { found, part: part.to_owned() });
+            }
+            (Parts::Joints(field), Some(joint)) => MessagePart::Joint(joint.to_owned(), *field),
+            (Parts::Joints(_), None) => return Err(UnsuitableSource::NoJoint { topic: topic.to_owned() }),
+            (Parts::Axes, None) => MessagePart::Axis(DEFAULT_AXIS),
             (Parts::Axes, Some(part)) => match axis(part) {
-                Some(axis) => Part::Axis(axis),
-                None => return Err(Unfit::Axis { found, part: part.to_owned() }),
+                Some(axis) => MessagePart::Axis(axis),
+                None => return Err(UnsuitableSource::Axis { found, part: part.to_owned() }),
             },
         };
         Ok(Self { of: accepted.of, part, read: accepted.read })
@@ -389,7 +402,7 @@ impl Extractor {
     ///
     /// # Errors
     /// When the bytes do not decode as this type, or the message does not contain the joint.
-    pub fn read(&self, cdr: &[u8]) -> Result<Taken, Fault> {
+    pub fn read(&self, cdr: &[u8]) -> Result<StampedValue, ExtractFault> {
         (self.read)(cdr, &self.part)
     }
 
@@ -433,13 +446,17 @@ mod tests {
         Header { stamp: Time { sec: 1, nanosec: 5 }, frame_id: "rig".to_owned() }
     }
 
-    fn read<M: Message>(of: Dimension, part: Option<&str>, message: &M) -> Result<Taken, Fault> {
+    fn read<M: Message>(
+        of: Dimension,
+        part: Option<&str>,
+        message: &M,
+    ) -> Result<StampedValue, ExtractFault> {
         let extractor = Extractor::new(of, "/t", M::TYPE, part).expect("it fits");
         extractor.read(&cdr::to_vec(message).expect("it can be written"))
     }
 
-    fn stamped(value: f64) -> Result<Taken, Fault> {
-        Ok(Taken { stamp_ns: Some(1_000_000_005), value: Some(value) })
+    fn stamped(value: f64) -> Result<StampedValue, ExtractFault> {
+        Ok(StampedValue { stamp_ns: Some(1_000_000_005), value: Some(value) })
     }
 
     #[test]
@@ -464,7 +481,7 @@ mod tests {
         }
         assert_eq!(read(Dimension::Force, Some("force.x"), &wrench), stamped(1.0));
         for of in ALL {
-            let taken = Ok(Taken { stamp_ns: None, value: Some(0.25) });
+            let taken = Ok(StampedValue { stamp_ns: None, value: Some(0.25) });
             assert_eq!(read(of, None, &Float64 { data: 0.25 }), taken, "{of}");
             assert_eq!(read(of, None, &Float32 { data: 0.25 }), taken, "{of}");
         }
@@ -484,7 +501,7 @@ mod tests {
         for of in [Dimension::Force, Dimension::Current, Dimension::Voltage] {
             assert_eq!(read(of, Some("front"), &joints), stamped(5.0), "{of}");
         }
-        let nothing = Ok(Taken { stamp_ns: Some(1_000_000_005), value: None });
+        let nothing = Ok(StampedValue { stamp_ns: Some(1_000_000_005), value: None });
         assert_eq!(read(Dimension::Force, Some("rear"), &joints), nothing, "its effort is not published");
         let fault = read(Dimension::Length, Some("knee"), &joints).expect_err("no such joint").to_string();
         assert_eq!(fault, "joint `knee` is not among: front, rear");

@@ -10,7 +10,7 @@ const A_DAMPER: u64 = 220;
 
 /// Number of files that `dampers` in one process may need.
 #[must_use]
-pub const fn wanted(dampers: usize) -> u64 {
+pub const fn needed(dampers: usize) -> u64 {
     BESIDES + A_DAMPER * dampers as u64
 }
 
@@ -23,7 +23,7 @@ pub fn allowed() -> Option<u64> {
 /// Raises this process's limit on open files to the maximum, and warns if that is too few for `dampers`.
 pub fn allow(dampers: usize) {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
-    let wanted = wanted(dampers);
+    let needed = needed(dampers);
     let raised = Rlimit { current: maximum, maximum };
     let allowed = match setrlimit(Resource::Nofile, raised) {
         Ok(()) => maximum,
@@ -32,10 +32,10 @@ pub fn allow(dampers: usize) {
             current
         }
     };
-    if let Some(allowed) = allowed.filter(|allowed| *allowed < wanted) {
+    if let Some(allowed) = allowed.filter(|allowed| *allowed < needed) {
         tracing::warn!(
             allowed,
-            wanted,
+            needed,
             "{dampers} dampers may need more open files than are allowed; raise the limit (ulimit -Hn, LimitNOFILE= of systemd)"
         );
     }

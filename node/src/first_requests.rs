@@ -43,7 +43,7 @@ pub(crate) struct FirstRequests {
 impl FirstRequests {
     /// Opens the socket for sending.
     ///
-    /// When the system provides no socket.
+    /// # Errors
     /// When the system provides no socket.
     pub(crate) fn new() -> io::Result<Self> {
         let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
@@ -52,7 +52,7 @@ impl FirstRequests {
     }
 
     /// Notes the writer that `event` reports as matched, if it writes requests.
-    pub(crate) fn hear(&mut self, participant: &DomainParticipant, event: &DomainParticipantStatusEvent) {
+    pub(crate) fn on_event(&mut self, participant: &DomainParticipant, event: &DomainParticipantStatusEvent) {
         let DomainParticipantStatusEvent::RemoteWriterMatched { local_reader, remote_writer } = event else {
             return;
         };

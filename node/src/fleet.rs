@@ -4,14 +4,14 @@
 //! its own topics, rings and threads, so that the input of one never reaches another.
 
 use crate::config::Damper;
+use crate::damper_node::{DamperNode, Process};
 use crate::error::NodeError;
 use crate::files;
 use crate::rosout;
-use crate::service::{Process, Service};
 
 /// The running services, by the names of their dampers.
 pub struct Fleet {
-    services: Vec<(String, Service)>,
+    services: Vec<(String, DamperNode)>,
 }
 
 impl Fleet {
@@ -27,7 +27,7 @@ impl Fleet {
         for damper in dampers {
             // With several dampers, log lines of its threads carry its name.
             let _inside = (dampers.len() > 1).then(|| rosout::span(&damper.args.full_name()).entered());
-            match Service::start_in(&process, &damper.config, &damper.args, false) {
+            match DamperNode::start_in(&process, &damper.config, &damper.args, false) {
                 Ok((service, _)) => fleet.services.push((damper.name().to_owned(), service)),
                 Err(error) => {
                     if let Err(ended) = fleet.stop() {
@@ -45,7 +45,7 @@ impl Fleet {
     }
 
     /// The services, by the names of their dampers.
-    pub fn services(&self) -> impl Iterator<Item = (&str, &Service)> {
+    pub fn services(&self) -> impl Iterator<Item = (&str, &DamperNode)> {
         self.services.iter().map(|(name, service)| (name.as_str(), service))
     }
 

@@ -14,36 +14,36 @@ const LONGEST: usize = 255;
 #[derive(Debug, Clone)]
 pub struct Frame {
     default: Arc<str>,
-    heard: Arc<RwLock<Option<Arc<str>>>>,
+    latest: Arc<RwLock<Option<Arc<str>>>>,
 }
 
 impl Frame {
     /// The frame `default`, until a displacement has another one.
     #[must_use]
     pub fn new(default: &str) -> Self {
-        Self { default: default.into(), heard: Arc::default() }
+        Self { default: default.into(), latest: Arc::default() }
     }
 
     /// The same frame with another default.
     #[must_use]
     pub fn with_default(&self, default: &str) -> Self {
-        Self { default: default.into(), heard: Arc::clone(&self.heard) }
+        Self { default: default.into(), latest: Arc::clone(&self.latest) }
     }
 
     /// Takes the frame of a displacement. An empty one, or one of more than 255 bytes, selects the default.
-    pub fn hear(&self, frame_id: &str) {
+    pub fn observe(&self, frame_id: &str) {
         let new = Some(frame_id).filter(|frame| (1..=LONGEST).contains(&frame.len()));
         // A poisoned lock is harmless: frames are replaced as a whole.
-        if self.heard.read().unwrap_or_else(PoisonError::into_inner).as_deref() != new {
-            *self.heard.write().unwrap_or_else(PoisonError::into_inner) = new.map(Arc::from);
+        if self.latest.read().unwrap_or_else(PoisonError::into_inner).as_deref() != new {
+            *self.latest.write().unwrap_or_else(PoisonError::into_inner) = new.map(Arc::from);
         }
     }
 
     /// The frame at present.
     #[must_use]
     pub fn get(&self) -> Arc<str> {
-        let heard = self.heard.read().unwrap_or_else(PoisonError::into_inner);
-        Arc::clone(heard.as_ref().unwrap_or(&self.default))
+        let latest = self.latest.read().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(latest.as_ref().unwrap_or(&self.default))
     }
 }
 
@@ -56,11 +56,11 @@ mod tests {
         let frame = Frame::new("front_left");
         let of_mirror = frame.with_default("mr_damper");
         assert_eq!((&*frame.get(), &*of_mirror.get()), ("front_left", "mr_damper"));
-        frame.hear("rod");
+        frame.observe("rod");
         assert_eq!((&*frame.get(), &*of_mirror.get()), ("rod", "rod"));
-        frame.hear("");
+        frame.observe("");
         assert_eq!((&*frame.get(), &*of_mirror.get()), ("front_left", "mr_damper"));
-        frame.hear(&"a".repeat(LONGEST + 1));
+        frame.observe(&"a".repeat(LONGEST + 1));
         assert_eq!(&*frame.get(), "front_left", "an overlong frame selects the default");
     }
 }

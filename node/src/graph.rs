@@ -9,9 +9,8 @@
 
 use crate::error::NodeError;
 use crate::first_requests::FirstRequests;
-use crate::ros::Task;
-use crate::source::Writer;
-use crate::source::zenoh::rmw::shown;
+use crate::shown;
+use crate::task::Task;
 use futures::{FutureExt, StreamExt};
 use rustdds::no_key::SimpleDataReaderCdr;
 use rustdds::policy::{Durability, History};
@@ -23,6 +22,9 @@ use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Identity of a publisher: its GUID in DDS, or its gid on rmw_zenoh.
+pub type Writer = [u8; 16];
 
 /// The topic on which each participant publishes its nodes.
 const TOPIC: &str = "ros_discovery_info";
@@ -57,12 +59,12 @@ pub struct Endpoints {
 
 /// The known part of the graph. Dropping it ends its thread.
 pub struct Graph {
-    known: Arc<Mutex<Known>>,
+    known: Arc<Mutex<GraphState>>,
     task: Option<Task>,
 }
 
 #[derive(Default)]
-struct Known {
+struct GraphState {
     /// Matched remote readers, by the writer of this process.
     readers: BTreeMap<Writer, BTreeSet<Writer>>,
     /// Matched remote writers, by the reader of this process.
@@ -96,7 +98,7 @@ impl Graph {
                     .create_simple_datareader_no_key::<Participant, CDRDeserializerAdapter<_>>(&topic, None)
             })
             .map_err(|e| failed(&e))?;
-        let known = Arc::<Mutex<Known>>::default();
+        let known = Arc::<Mutex<GraphState>>::default();
         let (followed, participant) = (Arc::clone(&known), participant.clone());
         let task = Task::start("ros-graph", |stop| async move {
             let following = pin!(follow(&participant, &reader, &followed, first));
@@ -142,7 +144,7 @@ impl Graph {
         nodes.iter().find(|(_, writers)| writers.contains(writer)).map(|(node, _)| node.clone())
     }
 
-    fn known(&self) -> MutexGuard<'_, Known> {
+    fn known(&self) -> MutexGuard<'_, GraphState> {
         lock(&self.known)
     }
 }
@@ -167,18 +169,18 @@ fn qos() -> QosPolicies {
 async fn follow(
     participant: &DomainParticipant,
     reader: &SimpleDataReaderCdr<Participant>,
-    known: &Mutex<Known>,
+    known: &Mutex<GraphState>,
     mut first: Option<FirstRequests>,
 ) {
     let listener = participant.status_listener();
     let mut events = pin!(listener.as_async_status_stream());
-    let mut told = pin!(reader.as_async_stream());
+    let mut info = pin!(reader.as_async_stream());
     loop {
-        let heard = {
+        let received = {
             let mut asking = pin!(ask(&mut first).fuse());
             futures::select! {
                 event = events.select_next_some() => Some(event),
-                of_nodes = told.select_next_some() => {
+                of_nodes = info.select_next_some() => {
                     match of_nodes {
                         Ok(change) => {
                             let of = prefix_of(&change.writer_guid().to_bytes());
@@ -191,11 +193,11 @@ async fn follow(
                 () = asking => None,
             }
         };
-        let Some(event) = heard else { continue };
+        let Some(event) = received else { continue };
         if let Some(first) = &mut first {
-            first.hear(participant, &event);
+            first.on_event(participant, &event);
         }
-        lock(known).hear(&event);
+        lock(known).apply(&event);
     }
 }
 
@@ -207,8 +209,8 @@ async fn ask(first: &mut Option<FirstRequests>) {
     }
 }
 
-impl Known {
-    fn hear(&mut self, event: &DomainParticipantStatusEvent) {
+impl GraphState {
+    fn apply(&mut self, event: &DomainParticipantStatusEvent) {
         use DomainParticipantStatusEvent as Event;
         match event {
             Event::RemoteReaderMatched { local_writer, remote_reader } => {
@@ -234,10 +236,11 @@ impl Known {
     }
 
     /// Notes the nodes of a participant. The key is the sender's GUID, because the name in the message can be anything.
-    fn name(&mut self, participant: [u8; 12], told: Participant) {
-        let full_name =
-            |of: &Entities| shown(&format!("{}/{}", of.node_namespace.trim_end_matches('/'), of.node_name));
-        let nodes = told.nodes.into_iter().take(NODES);
+    fn name(&mut self, participant: [u8; 12], info: Participant) {
+        let full_name = |of: &Entities| {
+            shown::name(&format!("{}/{}", of.node_namespace.trim_end_matches('/'), of.node_name))
+        };
+        let nodes = info.nodes.into_iter().take(NODES);
         let nodes = nodes.map(|of| (full_name(&of), of.writers)).collect();
         self.nodes.insert(participant, nodes);
     }
@@ -249,6 +252,6 @@ fn prefix_of(endpoint: &Writer) -> [u8; 12] {
 }
 
 /// Locks `known`. A panic of the last holder does no harm: entries are added as a whole.
-fn lock(known: &Mutex<Known>) -> MutexGuard<'_, Known> {
+fn lock(known: &Mutex<GraphState>) -> MutexGuard<'_, GraphState> {
     known.lock().unwrap_or_else(PoisonError::into_inner)
 }

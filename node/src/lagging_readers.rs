@@ -44,7 +44,7 @@ const READERS_A_DATAGRAM: usize = 20;
 
 /// A writer of this participant.
 #[derive(Debug)]
-pub(crate) struct Written {
+pub(crate) struct LocalWriter {
     writer: GUID,
     /// DDS name of its topic.
     topic: String,
@@ -52,7 +52,7 @@ pub(crate) struct Written {
     samples: AtomicU64,
 }
 
-impl Written {
+impl LocalWriter {
     /// Counts a written sample.
     pub(crate) fn note(&self) {
         self.samples.fetch_add(1, Ordering::Relaxed);
@@ -61,12 +61,12 @@ impl Written {
 
 /// The writers that still exist.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Writers(Arc<Mutex<Vec<Weak<Written>>>>);
+pub(crate) struct Writers(Arc<Mutex<Vec<Weak<LocalWriter>>>>);
 
 impl Writers {
     /// Adds a writer of the topic with this DDS name.
-    pub(crate) fn add(&self, writer: GUID, topic: String) -> Arc<Written> {
-        let written = Arc::new(Written { writer, topic, samples: AtomicU64::new(0) });
+    pub(crate) fn add(&self, writer: GUID, topic: String) -> Arc<LocalWriter> {
+        let written = Arc::new(LocalWriter { writer, topic, samples: AtomicU64::new(0) });
         // After a panic elsewhere, the list of pointers is still valid.
         let mut writers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         writers.retain(|writer| writer.strong_count() > 0);
@@ -74,7 +74,7 @@ impl Writers {
         written
     }
 
-    fn present(&self) -> Vec<Arc<Written>> {
+    fn present(&self) -> Vec<Arc<LocalWriter>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().filter_map(Weak::upgrade).collect()
     }
 }

@@ -87,9 +87,9 @@ mod tests {
             latency.add(Duration::from_nanos(ns));
             // Keep the worst large, so that it does not cut off the middle of the bucket.
             latency.worst_ns.store(u64::MAX, Ordering::Relaxed);
-            let told_ns = latency.take().expect("counted").median_s * 1e9;
-            let off = told_ns / ns as f64 - 1.0;
-            assert!(off.abs() <= 0.125 + 1e-9 || ns > 8_000_000_000, "{ns} ns told as {told_ns}");
+            let read_ns = latency.take().expect("counted").median_s * 1e9;
+            let off = read_ns / ns as f64 - 1.0;
+            assert!(off.abs() <= 0.125 + 1e-9 || ns > 8_000_000_000, "{ns} ns read as {read_ns}");
         }
     }
 
@@ -100,14 +100,14 @@ mod tests {
         for us in 1..=1000 {
             latency.add(Duration::from_micros(us));
         }
-        let told = latency.take().expect("counted");
-        assert!((told.median_s / 500e-6 - 1.0).abs() < 0.125, "{told:?}");
-        assert!((told.p99_s / 990e-6 - 1.0).abs() < 0.125, "{told:?}");
-        assert_eq!(told.worst_s, 1e-3);
+        let quantiles = latency.take().expect("counted");
+        assert!((quantiles.median_s / 500e-6 - 1.0).abs() < 0.125, "{quantiles:?}");
+        assert!((quantiles.p99_s / 990e-6 - 1.0).abs() < 0.125, "{quantiles:?}");
+        assert_eq!(quantiles.worst_s, 1e-3);
         assert_eq!(latency.take(), None);
         latency.add(Duration::from_secs(100));
-        let told = latency.take().expect("counted");
-        assert_eq!(told.worst_s, 100.0);
-        assert!(told.median_s <= told.worst_s);
+        let quantiles = latency.take().expect("counted");
+        assert_eq!(quantiles.worst_s, 100.0);
+        assert!(quantiles.median_s <= quantiles.worst_s);
     }
 }

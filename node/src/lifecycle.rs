@@ -20,7 +20,7 @@ use mr_damper_msgs::lifecycle::{State, Transition as TransitionMsg, TransitionDe
 
 /// A state of the node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
+pub enum LifecycleState {
     /// No model is loaded.
     Unconfigured,
     /// Ready, but not working.
@@ -47,17 +47,17 @@ pub enum Transition {
 }
 
 /// Each transition with its number in `lifecycle_msgs` and its two states.
-const TABLE: [(Transition, u8, Phase, Phase); 7] = [
-    (Transition::Configure, 1, Phase::Unconfigured, Phase::Inactive),
-    (Transition::Cleanup, 2, Phase::Inactive, Phase::Unconfigured),
-    (Transition::Activate, 3, Phase::Inactive, Phase::Active),
-    (Transition::Deactivate, 4, Phase::Active, Phase::Inactive),
-    (Transition::Shutdown, 5, Phase::Unconfigured, Phase::Finalized),
-    (Transition::Shutdown, 6, Phase::Inactive, Phase::Finalized),
-    (Transition::Shutdown, 7, Phase::Active, Phase::Finalized),
+const TABLE: [(Transition, u8, LifecycleState, LifecycleState); 7] = [
+    (Transition::Configure, 1, LifecycleState::Unconfigured, LifecycleState::Inactive),
+    (Transition::Cleanup, 2, LifecycleState::Inactive, LifecycleState::Unconfigured),
+    (Transition::Activate, 3, LifecycleState::Inactive, LifecycleState::Active),
+    (Transition::Deactivate, 4, LifecycleState::Active, LifecycleState::Inactive),
+    (Transition::Shutdown, 5, LifecycleState::Unconfigured, LifecycleState::Finalized),
+    (Transition::Shutdown, 6, LifecycleState::Inactive, LifecycleState::Finalized),
+    (Transition::Shutdown, 7, LifecycleState::Active, LifecycleState::Finalized),
 ];
 
-impl Phase {
+impl LifecycleState {
     /// All states.
     pub const ALL: [Self; 4] = [Self::Unconfigured, Self::Inactive, Self::Active, Self::Finalized];
 
@@ -91,14 +91,14 @@ impl Phase {
     pub fn after(self, transition: Transition) -> Result<Self, String> {
         let row = TABLE.iter().find(|(other, _, from, _)| (*other, *from) == (transition, self));
         row.map(|(_, _, _, to)| *to).ok_or_else(|| {
-            let possible: Vec<_> = self.ways().map(|(transition, _)| transition.name()).collect();
+            let possible: Vec<_> = self.transitions().map(|(transition, _)| transition.name()).collect();
             let possible = if possible.is_empty() { "none".to_owned() } else { possible.join(", ") };
             format!("{} is not allowed in the state {}; allowed: {possible}", transition.name(), self.name())
         })
     }
 
     /// The transitions that are allowed in this state, with their numbers.
-    pub fn ways(self) -> impl Iterator<Item = (Transition, u8)> {
+    pub fn transitions(self) -> impl Iterator<Item = (Transition, u8)> {
         TABLE
             .iter()
             .filter(move |(_, _, from, _)| *from == self)
@@ -111,8 +111,8 @@ impl Transition {
     ///
     /// # Errors
     /// When the transition does not exist.
-    pub fn meant(request: &TransitionMsg) -> Result<Self, String> {
-        let named = |(transition, id, _, _): &&(Transition, u8, Phase, Phase)| {
+    pub fn requested(request: &TransitionMsg) -> Result<Self, String> {
+        let named = |(transition, id, _, _): &&(Transition, u8, LifecycleState, LifecycleState)| {
             if request.label.is_empty() { *id == request.id } else { transition.name() == request.label }
         };
         TABLE.iter().find(named).map(|row| row.0).ok_or_else(|| {
@@ -138,8 +138,8 @@ impl Transition {
 
 /// All transitions with their two states; with `from`, only those from that state.
 #[must_use]
-pub fn graph(from: Option<Phase>) -> Vec<TransitionDescription> {
-    let rows = TABLE.iter().filter(|row| from.is_none_or(|phase| phase == row.2));
+pub fn graph(from: Option<LifecycleState>) -> Vec<TransitionDescription> {
+    let rows = TABLE.iter().filter(|row| from.is_none_or(|state| state == row.2));
     rows.map(|(transition, id, start, goal)| TransitionDescription {
         transition: TransitionMsg { id: *id, label: transition.name().to_owned() },
         start_state: start.message(),
@@ -163,11 +163,11 @@ mod tests {
             Transition::Deactivate,
             Transition::Shutdown,
         ];
-        for phase in Phase::ALL {
-            writeln!(text, "{} {}", phase.message().id, phase.name()).expect("a text");
+        for state in LifecycleState::ALL {
+            writeln!(text, "{} {}", state.message().id, state.name()).expect("a text");
             for transition in all {
-                let told = phase.after(transition).map_or_else(|why| why, |to| format!("-> {}", to.name()));
-                writeln!(text, "  {:<10} {told}", transition.name()).expect("a text");
+                let result = state.after(transition).map_or_else(|why| why, |to| format!("-> {}", to.name()));
+                writeln!(text, "  {:<10} {result}", transition.name()).expect("a text");
             }
         }
         insta::assert_snapshot!(text);
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn a_transition_is_requested_by_label_or_by_number() {
-        let request = |id, label: &str| Transition::meant(&TransitionMsg { id, label: label.to_owned() });
+        let request = |id, label: &str| Transition::requested(&TransitionMsg { id, label: label.to_owned() });
         assert_eq!(request(3, ""), Ok(Transition::Activate));
         assert_eq!(request(0, "configure"), Ok(Transition::Configure));
         assert_eq!(request(7, ""), Ok(Transition::Shutdown));

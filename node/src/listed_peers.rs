@@ -62,7 +62,7 @@ impl ListedPeers {
             }
         }
         let opening = || format!("listening to announcements on port {}", group_port(domain));
-        let heard = open(domain, Ipv4Addr::LOCALHOST).map_err(NodeError::io(opening()))?;
+        let socket = open(domain, Ipv4Addr::LOCALHOST).map_err(NodeError::io(opening()))?;
         let sends =
             UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).map_err(NodeError::io("opening a UDP port"))?;
         tracing::info!(?hosts, "announcing this node to the listed hosts");
@@ -72,7 +72,7 @@ impl ListedPeers {
         }
         let prefix = prefix.to_vec();
         let worker =
-            Worker::start("ros-peers", move |stop| send_on(&heard, &sends, domain, &known, &prefix, stop))
+            Worker::start("ros-peers", move |stop| send_on(&socket, &sends, domain, &known, &prefix, stop))
                 .map_err(NodeError::io("starting the thread that contacts listed hosts"))?;
         Ok(Self { worker: Some(worker) })
     }
@@ -115,28 +115,28 @@ impl Host {
 struct Names {
     missing: Vec<String>,
     /// Names whose first failure was logged.
-    told: BTreeSet<String>,
+    logged: BTreeSet<String>,
 }
 
 impl Names {
     fn new(missing: Vec<String>) -> Self {
-        Self { missing, told: BTreeSet::new() }
+        Self { missing, logged: BTreeSet::new() }
     }
 
     /// Tries each name once and returns the new addresses. Logs the first failure of a name, and its later success.
     fn look_up(&mut self, resolve: impl Fn(&str) -> Result<Ipv4Addr, String>) -> Vec<Ipv4Addr> {
         let mut found = Vec::new();
-        let told = &mut self.told;
+        let logged = &mut self.logged;
         self.missing.retain(|host| match resolve(host) {
             Ok(address) => {
-                if told.contains(host) {
+                if logged.contains(host) {
                     tracing::info!(host, %address, "the name of a listed host now resolves; this node announces itself there");
                 }
                 found.push(address);
                 false
             }
             Err(why) => {
-                if told.insert(host.clone()) {
+                if logged.insert(host.clone()) {
                     tracing::warn!(
                         "the listed host {host} does not resolve ({why}), so this node does not announce itself there; the name is tried again every {} s. \
                          Check the name in discovery_peers or ROS_STATIC_PEERS",
@@ -196,7 +196,7 @@ pub(crate) fn open(domain: u16, interface: Ipv4Addr) -> io::Result<UdpSocket> {
 }
 
 fn send_on(
-    heard: &UdpSocket,
+    socket: &UdpSocket,
     sends: &UdpSocket,
     domain: u16,
     known: &Mutex<Vec<Ipv4Addr>>,
@@ -206,7 +206,7 @@ fn send_on(
     let mut packet = vec![0; 65_536];
     while !stop.is_raised() {
         // An error means that the read timed out.
-        let Ok(length) = heard.recv(&mut packet) else { continue };
+        let Ok(length) = socket.recv(&mut packet) else { continue };
         if !is_of(&packet[..length], prefix) {
             continue;
         }
@@ -259,7 +259,7 @@ mod tests {
         let (here, later) = (Ipv4Addr::new(10, 0, 0, 1), Ipv4Addr::new(10, 0, 0, 2));
         let not_yet = |host: &str| if host == "here" { Ok(here) } else { Err("unknown".to_owned()) };
         assert_eq!(names.look_up(not_yet), [here]);
-        assert_eq!((names.look_up(not_yet), names.told.len()), (vec![], 1));
+        assert_eq!((names.look_up(not_yet), names.logged.len()), (vec![], 1));
         assert_eq!(names.look_up(|_| Ok(later)), [later]);
         assert!(names.missing.is_empty());
     }

@@ -25,9 +25,9 @@ fn most(dampers: usize) -> u64 {
 /// Sets the system's limit far above the node's own, in case [`check`] is not reached in time.
 pub fn bound(dampers: usize) {
     let Rlimit { current, maximum } = getrlimit(Resource::Data);
-    let wanted = most(dampers) + MARGIN;
-    if current.is_none_or(|current| current > wanted)
-        && let Err(error) = setrlimit(Resource::Data, Rlimit { current: Some(wanted), maximum })
+    let limit = most(dampers) + MARGIN;
+    if current.is_none_or(|current| current > limit)
+        && let Err(error) = setrlimit(Resource::Data, Rlimit { current: Some(limit), maximum })
     {
         tracing::warn!(%error, "cannot limit the memory of the process");
     }

@@ -127,11 +127,11 @@ pub fn succeeding(next: Models, running: &Models) -> Result<Models, NodeError> {
     let drive = |models: &Models| {
         models.free.force.drive().or_else(|| models.seeded.and_then(|seeded| seeded.force.drive()))
     };
-    if let (Some(wanted), Some(fed)) = (drive(&next), drive(running))
-        && wanted != fed
+    if let (Some(needed), Some(fed)) = (drive(&next), drive(running))
+        && needed != fed
     {
         return Err(NodeError::Failed(format!(
-            "the model needs {wanted}, but the node's input is {fed}; load a model that was identified on {fed}, or \
+            "the model needs {needed}, but the node's input is {fed}; load a model that was identified on {fed}, or \
              start another node for this one"
         )));
     }

@@ -8,18 +8,16 @@ use crate::clock::Clock;
 use crate::config::RosArgs;
 use crate::control::Control;
 use crate::diagnostics::{
-    CLOCK_ADVICE, Health, Publishers, Surroundings, Work, publishers_advice, twin_advice,
+    CLOCK_ADVICE, Counters, Health, NodeStatus, Publishers, StatusContext, publishers_advice, twin_advice,
 };
 use crate::error::NodeError;
+use crate::estimator::EventReceiver;
 use crate::event_log::EventLog;
 use crate::history::History;
-use crate::hot::Inlet;
 use crate::ros::{Domain, Output, Ros};
 use crate::rosout::Rosout;
-use crate::service::Counters;
-use crate::sink::ros::SharedNames;
 use crate::source::{self, InputTopic};
-use crate::wire::header;
+use crate::wire::{SharedNames, header};
 use crate::worker::{Stop, Worker};
 use mr_damper_model::pipeline::Event;
 use mr_damper_msgs::standard::DiagnosticArray;
@@ -80,7 +78,7 @@ pub struct Overseeing {
     control: Arc<Control>,
     history: SharedHistory,
     health: Health,
-    work: Work,
+    node_status: NodeStatus,
     log: EventLog,
     /// True once the log says that the history is full early.
     said_dropped: bool,
@@ -142,7 +140,7 @@ impl Overseeing {
             control: Arc::clone(control),
             history: Arc::new(Mutex::new(History::new(control.config().history_duration_s))),
             health: Health::default(),
-            work: Work::default(),
+            node_status: NodeStatus::default(),
             log: EventLog::default(),
             said_dropped: false,
             lost: 0,
@@ -157,20 +155,20 @@ impl Overseeing {
     ///
     /// # Errors
     /// When the system cannot start the thread.
-    pub fn start(self, inlet: Inlet, counters: Counters) -> Result<Overseer, NodeError> {
+    pub fn start(self, receiver: EventReceiver, counters: Counters) -> Result<Overseer, NodeError> {
         let history = Arc::clone(&self.history);
-        let worker = Worker::start("overseer", move |stop| self.run(inlet, &counters, stop))
+        let worker = Worker::start("overseer", move |stop| self.run(receiver, &counters, stop))
             .map_err(NodeError::io("starting the thread that oversees the model"))?;
         Ok(Overseer { worker, history })
     }
 
-    fn run(mut self, mut inlet: Inlet, counters: &Counters, stop: &Stop) {
+    fn run(mut self, mut receiver: EventReceiver, counters: &Counters, stop: &Stop) {
         let clock = self.control.clock();
         let mut due = Instant::now() + PERIOD;
         loop {
             // Read before draining, so that events before the stop are still processed.
             let last_round = stop.is_raised();
-            self.drain(&mut inlet);
+            self.drain(&mut receiver);
             if let Some(rosout) = &mut self.rosout {
                 rosout.drain(&clock);
             }
@@ -179,29 +177,29 @@ impl Overseeing {
             }
             if Instant::now() >= due {
                 due = (due + PERIOD).max(Instant::now());
-                self.look(&inlet, counters, &clock);
+                self.look(&receiver, counters, &clock);
             }
             std::thread::park_timeout(NAP);
         }
     }
 
-    fn drain(&mut self, inlet: &mut Inlet) {
+    fn drain(&mut self, receiver: &mut EventReceiver) {
         let at = Instant::now();
         let shared = Arc::clone(&self.history);
         let names = self.names.read().unwrap_or_else(PoisonError::into_inner).clone();
-        while let Ok(event) = inlet.events.pop() {
+        while let Ok(event) = receiver.events.pop() {
             if let Event::Input(sample) = &event {
                 lock(&shared).push(sample);
             }
             self.health.take(&event, at);
-            self.work.take(&event, at);
+            self.node_status.take(&event, at);
             self.log.take(&event, &names);
         }
         self.log.flush();
     }
 
     /// Runs once per second: publishes, applies changed parameters, and logs losses.
-    fn look(&mut self, inlet: &Inlet, counters: &Counters, clock: &Clock) {
+    fn look(&mut self, receiver: &EventReceiver, counters: &Counters, clock: &Clock) {
         let config = self.control.config();
         let (history_s, dropped) = {
             let mut history = lock(&self.history);
@@ -215,7 +213,7 @@ impl Overseeing {
                 "the history is full before history.duration_s: close_loop gets only this much; lower history.duration_s or the sample rate"
             );
         }
-        let lost = inlet.dropped.load(Ordering::Relaxed);
+        let lost = receiver.dropped.load(Ordering::Relaxed);
         if lost > self.lost {
             tracing::warn!(events = lost - self.lost, "the history has a gap: its ring was full");
             self.lost = lost;
@@ -229,7 +227,7 @@ impl Overseeing {
         let now = Instant::now();
         let clock_missing = self.sim_time.is_missing(clock, now);
         let names = self.names.read().unwrap_or_else(PoisonError::into_inner).clone();
-        let around = Surroundings {
+        let context = StatusContext {
             node: &self.node,
             damper: &self.damper,
             names: &names,
@@ -239,9 +237,11 @@ impl Overseeing {
             publishers: &self.publishers,
             clock_missing,
         };
-        let phase = self.control.phase();
-        let status =
-            vec![self.work.status(now, &around, phase, counters), self.health.residual_status(now, &around)];
+        let lifecycle = self.control.lifecycle_state();
+        let status = vec![
+            self.node_status.status(now, &context, lifecycle, counters),
+            self.health.residual_status(now, &context),
+        ];
         let message = DiagnosticArray { header: header(clock.now_or_system(), ""), status };
         if let Err(error) = self.publisher.publish(message) {
             tracing::warn!("cannot publish /diagnostics: {error}");
@@ -280,7 +280,7 @@ mod tests {
         let mut sim_time = SimTime::default();
         let mut missing = |s: u64| sim_time.is_missing(&clock, begin + Duration::from_secs(s));
         assert_eq!([0, 4, 5, 6].map(&mut missing), [false, false, true, true]);
-        clock.hear(Stamp::from_nanos(1));
+        clock.observe(Stamp::from_nanos(1));
         assert!(!missing(7));
         clock.simulate(false);
         assert!(!missing(20), "the system's time is always known");

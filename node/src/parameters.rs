@@ -3,10 +3,10 @@
 //! The client library has such services, but without ranges, descriptions and read-only parameters. So this module
 //! implements them over the one table of parameters. [`Control`] checks and applies new values.
 
-use crate::config::{Change, Kind, Parameter, TABLE, Value, find};
+use crate::config::qos::Overrides;
+use crate::config::{Mutability, Parameter, ParameterKind, TABLE, Value, find};
 use crate::control::Control;
 use crate::error::NodeError;
-use crate::qos::Overrides;
 use crate::ros::{Output, Ros};
 use crate::wire::header;
 use mr_damper_msgs::rcl;
@@ -69,8 +69,8 @@ impl Parameters {
 
     /// Sets all parameters or none.
     #[must_use]
-    pub fn set(&self, wanted: &[rcl::Parameter]) -> SetParametersResult {
-        match self.try_set(wanted) {
+    pub fn set(&self, requested: &[rcl::Parameter]) -> SetParametersResult {
+        match self.try_set(requested) {
             Ok(()) => SetParametersResult { successful: true, reason: String::new() },
             Err(reason) => {
                 tracing::warn!("cannot set a parameter: {reason}");
@@ -79,13 +79,13 @@ impl Parameters {
         }
     }
 
-    fn try_set(&self, wanted: &[rcl::Parameter]) -> Result<(), String> {
-        for rcl::Parameter { name, value } in wanted {
+    fn try_set(&self, requested: &[rcl::Parameter]) -> Result<(), String> {
+        for rcl::Parameter { name, value } in requested {
             within_length("a parameter's name", name)?;
             let texts = std::iter::once(&value.string_value).chain(&value.string_array_value);
             texts.into_iter().try_for_each(|text| within_length(name, text))?;
         }
-        let named = wanted.iter().map(|rcl::Parameter { name, value }| {
+        let named = requested.iter().map(|rcl::Parameter { name, value }| {
             Ok((name.as_str(), from_ros(value).ok_or_else(|| unfit(name, value))?))
         });
         let changed = self.control.set_parameters(&named.collect::<Result<Vec<_>, String>>()?)?;
@@ -166,19 +166,19 @@ fn descriptor(parameter: &Parameter) -> ParameterDescriptor {
     let (mut floating_point_range, mut integer_range) = (Vec::new(), Vec::new());
     let mut constraints = Vec::new();
     match parameter.kind {
-        Kind::Double(from_value, to_value) => {
+        ParameterKind::Double(from_value, to_value) => {
             floating_point_range.push(FloatingPointRange { from_value, to_value, step: 0.0 });
         }
-        Kind::Sign => {
+        ParameterKind::Sign => {
             floating_point_range.push(FloatingPointRange { from_value: -1.0, to_value: 1.0, step: 2.0 });
         }
-        Kind::Integer(from_value, to_value) => {
+        ParameterKind::Integer(from_value, to_value) => {
             integer_range.push(IntegerRange { from_value, to_value, step: 1 });
         }
-        Kind::Choice(_) => constraints.push(parameter.expected()),
-        Kind::Bool | Kind::Text | Kind::TextList => {}
+        ParameterKind::Choice(_) => constraints.push(parameter.expected()),
+        ParameterKind::Bool | ParameterKind::Text | ParameterKind::TextList => {}
     }
-    if parameter.change == Change::Unconfigured {
+    if parameter.mutability == Mutability::Unconfigured {
         constraints.push(format!("set only while the node is unconfigured{}", parameter.instead()));
     }
     ParameterDescriptor {
@@ -186,20 +186,20 @@ fn descriptor(parameter: &Parameter) -> ParameterDescriptor {
         r#type: type_of(parameter.kind),
         description: parameter.doc.to_owned(),
         additional_constraints: constraints.join("; "),
-        read_only: parameter.change == Change::Never,
+        read_only: parameter.mutability == Mutability::Never,
         dynamic_typing: false,
         floating_point_range,
         integer_range,
     }
 }
 
-const fn type_of(kind: Kind) -> u8 {
+const fn type_of(kind: ParameterKind) -> u8 {
     match kind {
-        Kind::Bool => ParameterValue::BOOL,
-        Kind::Integer(..) => ParameterValue::INTEGER,
-        Kind::Double(..) | Kind::Sign => ParameterValue::DOUBLE,
-        Kind::Text | Kind::Choice(_) => ParameterValue::STRING,
-        Kind::TextList => ParameterValue::STRING_ARRAY,
+        ParameterKind::Bool => ParameterValue::BOOL,
+        ParameterKind::Integer(..) => ParameterValue::INTEGER,
+        ParameterKind::Double(..) | ParameterKind::Sign => ParameterValue::DOUBLE,
+        ParameterKind::Text | ParameterKind::Choice(_) => ParameterValue::STRING,
+        ParameterKind::TextList => ParameterValue::STRING_ARRAY,
     }
 }
 
@@ -270,8 +270,9 @@ mod tests {
             assert_eq!(from_ros(&default), Some((parameter.get)(&crate::config::Config::default())));
         }
         let names = ["coast_s", "domain_id", "law", "displacement.sign", "model", "coats"].map(str::to_owned);
-        let told: Vec<_> = describe(&names, &Overrides::default()).iter().map(|d| format!("{d:?}")).collect();
-        insta::assert_snapshot!(told.join("\n"));
+        let described: Vec<_> =
+            describe(&names, &Overrides::default()).iter().map(|d| format!("{d:?}")).collect();
+        insta::assert_snapshot!(described.join("\n"));
     }
 
     #[test]

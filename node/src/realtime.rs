@@ -14,7 +14,7 @@ use tracing::Span;
 
 /// Scheduling of the threads on the path.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub enum Standing {
+pub enum Scheduling {
     /// Ordinary scheduling.
     #[default]
     Ordinary,
@@ -29,7 +29,7 @@ pub enum Standing {
     },
 }
 
-impl fmt::Display for Standing {
+impl fmt::Display for Scheduling {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Ordinary => f.write_str("off"),
@@ -45,18 +45,18 @@ pub const ADVICE: &str = "give it the capability CAP_SYS_NICE (setcap cap_sys_ni
 
 /// Runs `start` on a thread with `priority` (0: on this thread), so that threads started in it inherit the priority.
 /// Returns the resulting scheduling as well.
-pub fn raised<T: Send>(priority: u8, start: impl FnOnce() -> T + Send) -> (T, Standing) {
+pub fn raised<T: Send>(priority: u8, start: impl FnOnce() -> T + Send) -> (T, Scheduling) {
     if priority == 0 {
-        return (start(), Standing::Ordinary);
+        return (start(), Scheduling::Ordinary);
     }
     let span = Span::current();
     let start_raised = move || {
         let _inside = span.entered();
-        let standing = match raise(priority) {
-            Ok(()) => Standing::Fifo(priority),
-            Err(why) => Standing::Refused { priority, why },
+        let scheduling = match raise(priority) {
+            Ok(()) => Scheduling::Fifo(priority),
+            Err(why) => Scheduling::Refused { priority, why },
         };
-        (start(), standing)
+        (start(), scheduling)
     };
     std::thread::scope(|scope| scope.spawn(start_raised).join().unwrap_or_else(|panic| resume_unwind(panic)))
 }
@@ -91,23 +91,23 @@ mod tests {
     fn started_threads_have_the_priority_and_the_caller_keeps_its_own() {
         const FIFO: u32 = 1;
         let before = scheduled();
-        let (inside, standing) = raised(7, || std::thread::spawn(scheduled).join().expect("no panic"));
+        let (inside, scheduling) = raised(7, || std::thread::spawn(scheduled).join().expect("no panic"));
         assert_eq!(scheduled(), before);
-        match standing {
-            Standing::Fifo(7) => assert_eq!(inside, (FIFO, 7)),
+        match scheduling {
+            Scheduling::Fifo(7) => assert_eq!(inside, (FIFO, 7)),
             // This user does not have the permission.
-            Standing::Refused { priority: 7, ref why } => {
+            Scheduling::Refused { priority: 7, ref why } => {
                 assert_eq!(inside, before);
                 assert!(why.contains("not permitted"), "{why}");
             }
             other => panic!("{other:?}"),
         }
-        assert_eq!(raised(0, scheduled), (before, Standing::Ordinary));
+        assert_eq!(raised(0, scheduled), (before, Scheduling::Ordinary));
     }
 
     #[test]
     fn a_priority_out_of_range_is_refused() {
-        let (_, standing) = raised(100, || ());
-        assert!(matches!(standing, Standing::Refused { priority: 100, .. }), "{standing}");
+        let (_, scheduling) = raised(100, || ());
+        assert!(matches!(scheduling, Scheduling::Refused { priority: 100, .. }), "{scheduling}");
     }
 }

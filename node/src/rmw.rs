@@ -14,7 +14,7 @@
 //! Two different messages with the same name have different hashes and therefore different keys. A node that was built
 //! with another version of an interface package receives nothing.
 //!
-//! This module has names and numbers only: `sink/zenoh/rmw.rs` publishes, `source/zenoh/rmw.rs` subscribes.
+//! This module has names and numbers only: `sink/zenoh/rmw_output.rs` publishes, `source/zenoh/rmw_input.rs` subscribes.
 
 use mr_damper_msgs::Descriptor;
 
@@ -276,9 +276,9 @@ mod tests {
     #[test]
     fn a_publishers_token_contains_its_node_and_type() {
         let [token, _] = tokens("/front_left");
-        let told = Publisher::read(&token).expect("a token");
+        let publisher = Publisher::read(&token).expect("a token");
         assert_eq!(
-            (told.node.as_str(), told.dds_type_name, told.type_hash),
+            (publisher.node.as_str(), publisher.dds_type_name, publisher.type_hash),
             ("/front_left/mr_damper", OF.dds_type_name, OF.type_hash)
         );
         assert_eq!(Publisher::read(&tokens("/")[0]).expect("a token").node, "/mr_damper");

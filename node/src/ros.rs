@@ -6,22 +6,20 @@
 //! (which is joined), then the context. Only in this order are peers informed at once; otherwise they list the node for
 //! another half minute.
 
+use crate::answer_limit::AnswerLimit;
 use crate::client::{Reaching, endpoints_of};
+use crate::config::qos::{End, Overrides};
 use crate::config::{Config, RosArgs};
 use crate::dds_threads::DdsThreads;
 use crate::error::NodeError;
-use crate::far::Far;
 use crate::first_requests::FirstRequests;
-use crate::graph::{Endpoints, Graph};
+use crate::graph::{Endpoints, Graph, Writer};
 use crate::hardened;
-use crate::lagging_readers::{LaggingReaders, WINDOW, Writers, Written};
+use crate::lagging_readers::{LaggingReaders, LocalWriter, WINDOW, Writers};
 use crate::listed_peers::ListedPeers;
-use crate::qos::{End, Overrides};
-use crate::realtime::{self, Standing};
-use crate::ros_environment::{self, Asked, Reach, Remark};
+use crate::realtime::{self, Scheduling};
+use crate::ros_environment::{self, NetworkRequest, Reach, Remark};
 use crate::security::Enclave;
-use crate::source::Writer;
-use futures::channel::oneshot;
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::{Action, Message, Service};
 use ros2_client::action::{
@@ -34,12 +32,9 @@ use ros2_client::{
     ServiceTypeName, Subscription,
 };
 use rustdds::{DomainParticipantBuilder, GUID, QosPolicies, RTPSEntity, TopicKind, policy};
-use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
-use std::thread::JoinHandle;
 use std::time::Duration;
-use tracing::Span;
 
 /// Depth of every topic's history: one second at 1 kHz. Peers do not see it. A writer drops the samples that the
 /// middleware's thread has not sent when the history is full; the usual depth of 10 lost samples on a busy machine. A
@@ -71,27 +66,23 @@ const LOG_DEPTH: usize = 100;
 pub const DEAF: &str = "a thread of the DDS library has ended, so nothing is received or sent any more; this happens when a process is \
      stopped and continued (Ctrl-Z and fg, SIGSTOP, a debugger)";
 
-/// The request or the response of a service, in the form that the client library needs.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct Part<M>(pub M);
-
-impl<M: Message> ros2_client::Message for Part<M> {}
-
 /// The server of a service.
-pub type ServerOf<S> = Server<Part<<S as Service>::Request>, Part<<S as Service>::Response>>;
+pub type ServerOf<S> = Server<RosMessage<<S as Service>::Request>, RosMessage<<S as Service>::Response>>;
 
-pub use crate::client::{ActionClientOf, ClientOf};
+pub use crate::client::{ActionClientOf, ClientOf, RosMessage};
 
 /// The server of an action.
-pub type ActionServerOf<A> =
-    AsyncActionServer<Part<<A as Action>::Goal>, Part<<A as Action>::Result>, Part<<A as Action>::Feedback>>;
+pub type ActionServerOf<A> = AsyncActionServer<
+    RosMessage<<A as Action>::Goal>,
+    RosMessage<<A as Action>::Result>,
+    RosMessage<<A as Action>::Feedback>,
+>;
 
 /// A new goal of an action, neither accepted nor rejected.
-pub type NewGoalOf<A> = NewGoalHandle<Part<<A as Action>::Goal>>;
+pub type NewGoalOf<A> = NewGoalHandle<RosMessage<<A as Action>::Goal>>;
 
 /// A goal of an action that is being executed.
-pub type ExecutingOf<A> = ExecutingGoalHandle<Part<<A as Action>::Goal>>;
+pub type ExecutingOf<A> = ExecutingGoalHandle<RosMessage<<A as Action>::Goal>>;
 
 /// The ROS domain that this process has joined, with one participant for all its nodes.
 #[derive(Clone)]
@@ -126,7 +117,7 @@ impl Domain {
         config: &Config,
         enclave: Option<&str>,
         priority: u8,
-    ) -> Result<(Self, Standing), NodeError> {
+    ) -> Result<(Self, Scheduling), NodeError> {
         let announced = crate::security::name_of_enclave(enclave);
         let enclave = Enclave::asked_for(enclave)?;
         let domain = domain_id(config)?;
@@ -136,12 +127,12 @@ impl Domain {
                     .to_owned(),
             ));
         }
-        let asked = ros_environment::asked(config, &ros_environment::of_process)?;
-        for Remark { found, advice } in &asked.remarks {
+        let requested = ros_environment::requested(config, &ros_environment::of_process)?;
+        for Remark { found, advice } in &requested.remarks {
             tracing::warn!("{found}; {advice}");
         }
         let mut builder = DomainParticipantBuilder::new(domain).socket_send_buffer_size(SEND_BUFFER);
-        if asked.reach == Reach::Loopback {
+        if requested.reach == Reach::Loopback {
             require_loopback()?;
             builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
         }
@@ -154,11 +145,12 @@ impl Domain {
             tracing::info!(enclave = %directory, "DDS-Security is on");
         }
         hardened::announce(&announced);
-        let ((built, threads), standing) = realtime::raised(priority, || DdsThreads::of(|| builder.build()));
+        let ((built, threads), scheduling) =
+            realtime::raised(priority, || DdsThreads::of(|| builder.build()));
         let participant = built.map_err(|e| failed(format!("joining domain {domain}"), &e, &advice))?;
-        let listed = match asked.peers.is_empty() {
+        let listed = match requested.peers.is_empty() {
             true => None,
-            false => Some(ListedPeers::start(&asked.peers, domain, participant.guid().prefix.as_ref())?),
+            false => Some(ListedPeers::start(&requested.peers, domain, participant.guid().prefix.as_ref())?),
         };
         let writers = Writers::default();
         // With DDS-Security, messages in the name of another participant are rejected. The writers of the hardened
@@ -184,7 +176,7 @@ impl Domain {
             threads: Arc::new(threads),
             _listed: listed.map(Arc::new),
         };
-        Ok((domain, standing))
+        Ok((domain, scheduling))
     }
 
     /// False once a thread of the DDS library has ended; then nothing is received or sent any more.
@@ -195,8 +187,8 @@ impl Domain {
 
     /// Fits long answers to clients with network addresses.
     #[must_use]
-    pub fn far(&self) -> Far {
-        Far::new(self.context.clone())
+    pub fn answer_limit(&self) -> AnswerLimit {
+        AnswerLimit::new(self.context.clone())
     }
 
     /// Number of publishers of `topic` (full name) in other processes that discovery has found so far.
@@ -249,7 +241,7 @@ pub struct NotTaken;
 /// An output topic.
 pub struct Output<M: Message> {
     publisher: Publisher<M>,
-    written: Arc<Written>,
+    written: Arc<LocalWriter>,
 }
 
 impl<M: Message> Output<M> {
@@ -313,22 +305,38 @@ pub fn domain_flag(text: &str) -> Result<i64, String> {
 
 /// The request of `config` and this process's environment. If the environment is invalid, the result is loopback only;
 /// [`Domain::join`] reports the error.
-fn asked(config: &Config) -> Asked {
-    let nothing = Asked { reach: Reach::Loopback, peers: Vec::new(), remarks: Vec::new() };
-    ros_environment::asked(config, &ros_environment::of_process).unwrap_or(nothing)
+fn requested(config: &Config) -> NetworkRequest {
+    let nothing = NetworkRequest { reach: Reach::Loopback, peers: Vec::new(), remarks: Vec::new() };
+    ros_environment::requested(config, &ros_environment::of_process).unwrap_or(nothing)
 }
 
 /// The hosts to which this process is announced by unicast, from the parameter or the environment.
 #[must_use]
 pub fn listed_peers(config: &Config) -> Vec<String> {
-    asked(config).peers
+    requested(config).peers
 }
 
 /// True when only this machine can find the node, by parameter, by ROS' environment, or by default. False if hosts are
 /// listed.
 #[must_use]
 pub fn is_loopback_only(config: &Config) -> bool {
-    asked(config).reach == Reach::Loopback
+    requested(config).reach == Reach::Loopback
+}
+
+/// The domain and the reach of a service with `config`, as text.
+///
+/// # Errors
+/// When `ROS_DOMAIN_ID` is not a valid domain.
+pub fn reach(config: &Config) -> Result<String, NodeError> {
+    let requested = ros_environment::requested(config, &ros_environment::of_process)?;
+    let mut range = match requested.reach {
+        Reach::Loopback => "this machine only".to_owned(),
+        Reach::Network => "all networks".to_owned(),
+    };
+    if !requested.peers.is_empty() {
+        range += &format!(" and {}", requested.peers.join(", "));
+    }
+    Ok(format!("domain {}, {range}", domain_id(config)?))
 }
 
 impl Ros {
@@ -652,71 +660,6 @@ fn action_qos() -> [QosProfile; 3] {
         .history(History::KeepLast { depth: 1 })
         .durability(Durability::TransientLocal);
     [service_qos(), service_qos(), status]
-}
-
-/// An async task on its own thread, with a stop signal.
-pub struct Task {
-    stop: oneshot::Sender<()>,
-    thread: JoinHandle<()>,
-}
-
-impl Task {
-    /// Starts the task on a thread called `name`. `task` gets the stop signal.
-    ///
-    /// # Errors
-    /// When the system cannot start the thread.
-    pub fn start<F>(
-        name: &'static str,
-        task: impl FnOnce(oneshot::Receiver<()>) -> F,
-    ) -> Result<Self, NodeError>
-    where
-        F: Future<Output = ()> + Send + 'static,
-    {
-        let (stop, stopped) = oneshot::channel();
-        Ok(Self { stop, thread: run_async(name, task(stopped))? })
-    }
-
-    /// True while the thread runs; false after a panic.
-    #[must_use]
-    pub fn is_alive(&self) -> bool {
-        !self.thread.is_finished()
-    }
-
-    /// Signals the task to end, and waits for it. `Err` when it had panicked.
-    ///
-    /// # Errors
-    /// The panic's payload.
-    pub fn stop(self) -> std::thread::Result<()> {
-        // The receiver is gone if the thread has panicked.
-        let _ = self.stop.send(());
-        self.thread.join()
-    }
-}
-
-/// Runs `task` to its end on a new thread called `name`.
-///
-/// # Errors
-/// When the system cannot start the thread.
-fn run_async(
-    name: &'static str,
-    task: impl Future<Output = ()> + Send + 'static,
-) -> Result<JoinHandle<()>, NodeError> {
-    let starting = format!("starting the thread {name}");
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_time()
-        .build()
-        .map_err(NodeError::io(starting.as_str()))?;
-    std::thread::Builder::new()
-        .name(name.to_owned())
-        .spawn({
-            let span = Span::current();
-            move || {
-                // Log lines of the thread carry its damper's name.
-                let _inside = span.entered();
-                runtime.block_on(task);
-            }
-        })
-        .map_err(NodeError::io(starting.as_str()))
 }
 
 /// Checks that loopback is up. DDS would otherwise wait for the interface without a message.

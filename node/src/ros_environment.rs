@@ -42,7 +42,7 @@ impl Remark {
 
 /// The combined request of the environment and the parameters.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Asked {
+pub struct NetworkRequest {
     /// The machines that can find the participant.
     pub reach: Reach,
     /// The hosts to which the participant is announced by unicast.
@@ -69,7 +69,7 @@ pub fn of_process(name: &str) -> Option<String> {
 ///
 /// # Errors
 /// [`NodeError::Parameter`] for a variable with an invalid or unsupported value.
-pub fn asked(config: &Config, variable: Variable<'_>) -> Result<Asked, NodeError> {
+pub fn requested(config: &Config, variable: Variable<'_>) -> Result<NetworkRequest, NodeError> {
     let mut remarks: Vec<Remark> = middleware(config, variable).into_iter().collect();
     let of_parameter = |reach, peers| (reach, peers, Vec::new());
     let (reach, peers, more) = match (config.discovery_range.as_str(), config.discovery_peers.is_empty()) {
@@ -79,7 +79,7 @@ pub fn asked(config: &Config, variable: Variable<'_>) -> Result<Asked, NodeError
         _ => of_variables(variable)?,
     };
     remarks.extend(more);
-    Ok(Asked { reach, peers, remarks })
+    Ok(NetworkRequest { reach, peers, remarks })
 }
 
 /// The request of the variables; used if no parameter decides.
@@ -183,11 +183,11 @@ mod tests {
     use super::*;
     use Reach::{Loopback, Network};
 
-    fn with(variables: &[(&str, &str)], config: &Config) -> Result<Asked, String> {
+    fn with(variables: &[(&str, &str)], config: &Config) -> Result<NetworkRequest, String> {
         let read = |name: &str| {
             variables.iter().find(|(known, _)| *known == name).map(|(_, value)| (*value).to_owned())
         };
-        asked(config, &read).map_err(|error| error.to_string())
+        requested(config, &read).map_err(|error| error.to_string())
     }
 
     fn config(range: &str) -> Config {
@@ -214,8 +214,8 @@ mod tests {
             (&[(PEERS, "a"), (RANGE, "LOCALHOST")], Network, 1, 0),
             (&[(PEERS, "a"), (ONLY, "1")], Loopback, 0, 1),
         ] {
-            let asked = with(variables, &config("system_default")).expect("a supported value");
-            let counted = (asked.reach, asked.peers.len(), asked.remarks.len());
+            let requested = with(variables, &config("system_default")).expect("a supported value");
+            let counted = (requested.reach, requested.peers.len(), requested.remarks.len());
             assert_eq!(counted, (reach, peers, remarks), "{variables:?}");
         }
     }
@@ -237,21 +237,26 @@ mod tests {
 
     #[test]
     fn an_unsupported_middleware_gives_a_remark() {
-        let told = |name: &str, config: &Config| {
-            let asked = with(&[("RMW_IMPLEMENTATION", name)], config).expect("no refusal");
-            asked.remarks.into_iter().map(|remark| remark.found + "; " + &remark.advice).collect::<String>()
+        let remark_on = |name: &str, config: &Config| {
+            let requested = with(&[("RMW_IMPLEMENTATION", name)], config).expect("no refusal");
+            requested
+                .remarks
+                .into_iter()
+                .map(|remark| remark.found + "; " + &remark.advice)
+                .collect::<String>()
         };
         let plain = config("localhost");
         for spoken in ["rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp", "rmw_connextdds"]
         {
-            assert_eq!(told(spoken, &plain), "");
+            assert_eq!(remark_on(spoken, &plain), "");
         }
-        assert!(told("rmw_zenoh_cpp", &plain).contains("zenoh.rmw:=both"));
+        assert!(remark_on("rmw_zenoh_cpp", &plain).contains("zenoh.rmw:=both"));
         assert!(
-            told("rmw_fastrps_cpp", &plain).contains("\"rmw_fastrps_cpp\", which mr-damper does not know")
+            remark_on("rmw_fastrps_cpp", &plain)
+                .contains("\"rmw_fastrps_cpp\", which mr-damper does not know")
         );
         let mut served = plain.clone();
         served.zenoh.rmw = "both".to_owned();
-        assert_eq!(told("rmw_zenoh_cpp", &served), "");
+        assert_eq!(remark_on("rmw_zenoh_cpp", &served), "");
     }
 }

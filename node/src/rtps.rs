@@ -113,7 +113,7 @@ mod tests {
 
         let mut datagram = Datagram::from_participant_of(reader);
         datagram.ask_for_first(reader, writer, 1);
-        let asked = format!("0e010c00{a} 06031c00{entities}0000000001000000 01000000 00000080 01000000");
-        assert_eq!(hex(datagram.bytes()), format!("5254505302040112{b}{asked}").replace(' ', ""));
+        let body = format!("0e010c00{a} 06031c00{entities}0000000001000000 01000000 00000080 01000000");
+        assert_eq!(hex(datagram.bytes()), format!("5254505302040112{b}{body}").replace(' ', ""));
     }
 }

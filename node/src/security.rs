@@ -155,20 +155,20 @@ mod tests {
     use super::*;
 
     /// The result when the environment is `variables` (NAME=VALUE) and `--enclave` is `argument`.
-    fn asked(variables: &str, argument: Option<&str>) -> Result<Option<Enclave>, NodeError> {
+    fn requested(variables: &str, argument: Option<&str>) -> Result<Option<Enclave>, NodeError> {
         let all: Vec<(&str, &str)> = variables.split_whitespace().filter_map(|v| v.split_once('=')).collect();
         let of = |name: &str| all.iter().find(|(n, _)| *n == name).map(|(_, value)| (*value).to_owned());
         Enclave::asked_for_in(argument, |name| of(name.trim_start_matches("ROS_SECURITY_")))
     }
 
     fn message(variables: &str, argument: Option<&str>) -> String {
-        asked(variables, argument).expect_err(variables).to_string()
+        requested(variables, argument).expect_err(variables).to_string()
     }
 
     #[test]
     fn security_is_off_unless_requested() {
         for (variables, argument) in [("", None), ("ENABLE=false", None), ("ENABLE=false", Some("/a"))] {
-            assert_eq!(asked(variables, argument).expect("insecure"), None, "{variables}");
+            assert_eq!(requested(variables, argument).expect("insecure"), None, "{variables}");
         }
     }
 
@@ -208,9 +208,9 @@ mod tests {
             std::fs::write(directory.join(file), "").expect("written");
         }
         let expected = Some(Enclave { directory });
-        assert_eq!(asked(&enabled, Some("/vehicle/left")).expect("complete"), expected);
+        assert_eq!(requested(&enabled, Some("/vehicle/left")).expect("complete"), expected);
         let renamed = format!("{enabled} ENCLAVE_OVERRIDE=/vehicle/left");
-        assert_eq!(asked(&renamed, Some("/right")).expect("complete"), expected);
+        assert_eq!(requested(&renamed, Some("/right")).expect("complete"), expected);
         for name in ["left", "/../left"] {
             assert!(message(&enabled, Some(name)).contains("is not a valid enclave"), "{name}");
         }

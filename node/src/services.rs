@@ -11,16 +11,18 @@
 //! it is not on the path of samples.
 
 use crate::actions::Actions;
+use crate::answer_limit;
+use crate::changes::Changes;
 use crate::clock::system_now;
 use crate::config::RosArgs;
-use crate::control::{Control, Loaded};
-use crate::desk::Desk;
+use crate::control::Control;
 use crate::error::NodeError;
-use crate::far;
-use crate::lifecycle::{self, Phase, Transition};
+use crate::lifecycle::{self, LifecycleState, Transition};
 use crate::overseer::SharedHistory;
-use crate::parameters::{self, Parameters};
-use crate::ros::{Output, Ros, Task};
+use crate::parameters::Parameters;
+use crate::ros::{Output, Ros};
+use crate::service_group::ServiceGroup;
+use crate::task::Task;
 use crate::types;
 use mr_damper_msgs::lifecycle::{
     ChangeState, ChangeStateRequest, ChangeStateResponse, GetAvailableStates, GetAvailableStatesResponse,
@@ -29,14 +31,11 @@ use mr_damper_msgs::lifecycle::{
 };
 use mr_damper_msgs::rcl::{
     DescribeParameters, DescribeParametersResponse, GetParameterTypes, GetParameterTypesResponse,
-    GetParameters, GetParametersResponse, ListParameters, ListParametersResponse, Parameter, ParameterValue,
-    SetParameters, SetParametersAtomically, SetParametersAtomicallyResponse, SetParametersResponse,
+    GetParameters, GetParametersResponse, ListParameters, ListParametersResponse, SetParameters,
+    SetParametersAtomically, SetParametersAtomicallyResponse, SetParametersResponse,
 };
-use mr_damper_msgs::srv::{
-    LoadModel, LoadModelResponse, Reset, ResetResponse, SetMode, SetModeRequest, SetModeResponse,
-};
+use mr_damper_msgs::srv::{LoadModel, LoadModelResponse, Reset, ResetResponse, SetMode, SetModeResponse};
 use mr_damper_msgs::type_description::GetTypeDescription;
-use mr_damper_msgs::{Mode, UnknownValue};
 use std::sync::Arc;
 
 /// The running services and actions.
@@ -62,17 +61,17 @@ impl Services {
         let events = ros.publish_seldom(&args.topic("~/transition_event"))?;
         let manager = Arc::new(Manager { control: Arc::clone(control), events });
         let actions = Actions::offer(ros, args, control, &parameters, history)?;
-        let mut offer = Offer(Desk::new(ros, args));
-        let changes = Changes { control: Arc::clone(control), parameters: Arc::clone(&parameters) };
-        offer.offer_own(control, &changes)?;
-        offer.offer_parameters(&parameters)?;
-        offer.offer_lifecycle(&manager)?;
-        offer.0.offer_with::<GetTypeDescription>(
+        let mut group = NodeServices(ServiceGroup::new(ros, args));
+        let changes = Changes::new(Arc::clone(control), Arc::clone(&parameters));
+        group.offer_own(control, &changes)?;
+        group.offer_parameters(&parameters)?;
+        group.offer_lifecycle(&manager)?;
+        group.0.offer_with::<GetTypeDescription>(
             "~/get_type_description",
-            Some(far::short_type),
+            Some(answer_limit::short_type),
             |request| types::describe(&request),
         )?;
-        let answering = offer.0.start("ros-services")?;
+        let answering = group.0.start("ros-services")?;
         Ok(Self { answering, actions: actions.start()?, manager, changes })
     }
 
@@ -91,7 +90,7 @@ impl Services {
     }
 
     /// Publishes a transition that was made before the publisher existed.
-    pub fn announce(&self, transition: Transition, from: Phase, to: Phase) {
+    pub fn announce(&self, transition: Transition, from: LifecycleState, to: LifecycleState) {
         self.manager.publish(transition, from, to);
     }
 
@@ -124,8 +123,8 @@ impl Manager {
         Ok(())
     }
 
-    fn publish(&self, transition: Transition, from: Phase, to: Phase) {
-        let id = from.ways().find(|(way, _)| *way == transition).map_or(0, |(_, id)| id);
+    fn publish(&self, transition: Transition, from: LifecycleState, to: LifecycleState) {
+        let id = from.transitions().find(|(way, _)| *way == transition).map_or(0, |(_, id)| id);
         let event = TransitionEvent {
             timestamp: u64::try_from(system_now().nanos()).unwrap_or_default(),
             transition: TransitionMsg { id, label: transition.name().to_owned() },
@@ -138,7 +137,7 @@ impl Manager {
     }
 
     fn answer(&self, request: &ChangeStateRequest) -> ChangeStateResponse {
-        let changed = Transition::meant(&request.transition)
+        let changed = Transition::requested(&request.transition)
             .map_err(NodeError::Failed)
             .and_then(|transition| self.change(transition));
         if let Err(error) = &changed {
@@ -149,9 +148,9 @@ impl Manager {
 }
 
 /// The node's services while they are set up.
-struct Offer<'a>(Desk<'a>);
+struct NodeServices<'a>(ServiceGroup<'a>);
 
-impl Offer<'_> {
+impl NodeServices<'_> {
     fn offer_own(&mut self, control: &Arc<Control>, changes: &Changes) -> Result<(), NodeError> {
         let changes = changes.clone();
         let of = changes.clone();
@@ -201,75 +200,21 @@ impl Offer<'_> {
     fn offer_lifecycle(&mut self, manager: &Arc<Manager>) -> Result<(), NodeError> {
         let of = Arc::clone(manager);
         self.0.offer::<GetState>("~/get_state", move |_| GetStateResponse {
-            current_state: of.control.phase().message(),
+            current_state: of.control.lifecycle_state().message(),
         })?;
         let of = Arc::clone(manager);
         self.0.offer::<ChangeState>("~/change_state", move |request| of.answer(&request))?;
         self.0.offer::<GetAvailableStates>("~/get_available_states", |_| GetAvailableStatesResponse {
-            available_states: Phase::ALL.map(Phase::message).to_vec(),
+            available_states: LifecycleState::ALL.map(LifecycleState::message).to_vec(),
         })?;
         let of = Arc::clone(manager);
         self.0.offer::<GetAvailableTransitions>("~/get_available_transitions", move |_| {
             GetAvailableTransitionsResponse {
-                available_transitions: lifecycle::graph(Some(of.control.phase())),
+                available_transitions: lifecycle::graph(Some(of.control.lifecycle_state())),
             }
         })?;
         self.0.offer::<GetAvailableTransitions>("~/get_transition_graph", |_| {
             GetAvailableTransitionsResponse { available_transitions: lifecycle::graph(None) }
         })
-    }
-}
-
-/// The functions behind `load_model` and `set_mode`, for all interfaces.
-#[derive(Clone)]
-pub struct Changes {
-    control: Arc<Control>,
-    parameters: Arc<Parameters>,
-}
-
-impl Changes {
-    /// Loads the model called `model`, and returns a message that names the new and the previous one.
-    ///
-    /// # Errors
-    /// The reason why it was not loaded; the running model stays.
-    pub fn load_model(&self, model: &str) -> Result<String, String> {
-        parameters::within_length("the model's name", model)
-            .inspect_err(|error| tracing::warn!("load_model refused: {error}"))?;
-        match self.control.load_model(model) {
-            Ok(Loaded { before, now }) => {
-                self.parameters.announce(&["model".to_owned()]);
-                Ok(format!("{} is loaded; the previous model was {}", now.free, before.free))
-            }
-            Err(error) => {
-                tracing::warn!(model, "load_model refused: {error}");
-                Err(error.to_string())
-            }
-        }
-    }
-
-    /// Fixes the mode `mode` through the parameter `mode`; `auto` releases it.
-    ///
-    /// # Errors
-    /// When the mode does not exist, or it is limited in time.
-    pub fn set_mode(&self, mode: &str) -> Result<(), String> {
-        if [Mode::ArxCoast, Mode::Hold].map(Mode::name).contains(&mode) {
-            return Err(format!(
-                "{mode} lasts for a limited time only, so it cannot be requested; request arx, model or fault"
-            ));
-        }
-        let value = ParameterValue {
-            r#type: ParameterValue::STRING,
-            string_value: mode.to_owned(),
-            ..ParameterValue::default()
-        };
-        let set = self.parameters.set(&[Parameter { name: "mode".to_owned(), value }]);
-        if set.successful { Ok(()) } else { Err(set.reason) }
-    }
-
-    fn answer_mode(&self, request: &SetModeRequest) -> Result<(), String> {
-        let unknown = |UnknownValue { .. }| format!("unknown mode {}", request.mode);
-        let mode =
-            if request.automatic { "auto" } else { Mode::try_from(request.mode).map_err(unknown)?.name() };
-        self.set_mode(mode)
     }
 }

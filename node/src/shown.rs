@@ -7,6 +7,9 @@
 use std::borrow::Cow;
 use std::fmt::{self, Write};
 
+/// Longest foreign name in the log, characters.
+const SHOWN: usize = 200;
+
 /// `text` with control characters escaped; the result stays on one line.
 #[must_use]
 pub fn line(text: &str) -> Cow<'_, str> {
@@ -47,6 +50,12 @@ impl<W: Write> Write for OneLine<W> {
     }
 }
 
+/// A foreign name in a form that is safe for a log: of limited length and without control characters.
+#[must_use]
+pub fn name(name: &str) -> String {
+    name.chars().take(SHOWN).flat_map(char::escape_debug).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -62,5 +71,11 @@ mod tests {
     #[test]
     fn a_line_of_an_error_cannot_look_like_another_error() {
         assert_eq!(error(&"a.csv\nerror: \u{1b}]0;b"), "error: a.csv\n  error: \\u{1b}]0;b");
+    }
+
+    #[test]
+    fn foreign_names_are_safe_for_a_terminal() {
+        assert_eq!(name("70/\u{1b}[2J\n"), "70/\\u{1b}[2J\\n");
+        assert_eq!(name(&"a".repeat(70_000)).len(), SHOWN);
     }
 }

@@ -65,12 +65,12 @@ mod tests {
             let answer = describe(&request);
             assert!(answer.successful, "{}: {}", descriptor.type_name, answer.failure_reason);
             let inside = &answer.type_description.referenced_type_descriptions;
-            let mut told: Vec<_> = inside.iter().map(|described| described.type_name.as_str()).collect();
-            told.push(descriptor.type_name);
-            told.sort_unstable();
+            let mut names: Vec<_> = inside.iter().map(|described| described.type_name.as_str()).collect();
+            names.push(descriptor.type_name);
+            names.sort_unstable();
             let mut texts: Vec<_> = answer.type_sources.iter().map(|text| text.type_name.as_str()).collect();
             texts.sort_unstable();
-            assert_eq!(told, texts);
+            assert_eq!(names, texts);
         }
     }
 

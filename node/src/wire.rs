@@ -1,11 +1,36 @@
-//! Converts the pipeline's events to ROS messages.
+//! Converts the pipeline's events to ROS messages; the names of the running models, which the messages hold.
 
-use mr_damper_model::pipeline::{Commanded, Estimate, Residual, Transition};
+use mr_damper_model::pipeline::{Estimate, Residual, Slot, StampedCommand, Transition};
 use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::standard::{Header, Time};
 use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
+use serde::{Deserialize, Serialize};
+use std::sync::{Arc, RwLock};
 
-pub use crate::sink::zenoh::ModelNames;
+/// Names of the models that a damper runs, for estimates and `meta`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct ModelNames {
+    /// The simulated model (free run): name of a preset or file.
+    pub free: String,
+    /// The model that is seeded with measured force, if any.
+    pub seeded: Option<String>,
+    /// SHA-256 of the model files, or something else that identifies the coefficients.
+    pub hash: String,
+}
+
+impl ModelNames {
+    /// Name of the model that an estimate comes from.
+    #[must_use]
+    pub fn of(&self, slot: Slot) -> &str {
+        match slot {
+            Slot::Free => &self.free,
+            Slot::Seeded => self.seeded.as_deref().unwrap_or(&self.free),
+        }
+    }
+}
+
+/// Names of the running models; replaced when the models are.
+pub type SharedNames = Arc<RwLock<ModelNames>>;
 
 /// A header with `stamp`. Stamps beyond the message's range saturate.
 #[must_use]
@@ -62,7 +87,7 @@ pub fn force_residual(residual: &Residual, frame_id: &str) -> ForceResidual {
 
 /// The message of a command.
 #[must_use]
-pub fn current_command(commanded: &Commanded, frame_id: &str) -> CurrentCommand {
+pub fn current_command(commanded: &StampedCommand, frame_id: &str) -> CurrentCommand {
     let command = &commanded.command;
     CurrentCommand {
         header: header(commanded.stamp, frame_id),

@@ -6,11 +6,11 @@ use mr_damper_model::preset;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
 use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::hot::Inlet;
+use mr_damper_node::damper_node::DamperNode;
+use mr_damper_node::estimator::EventReceiver;
 use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::player::{PlaybackOptions, Played, Player};
 use mr_damper_node::run::{LoadOptions, Map, Mapping, SaveOptions, load, save};
-use mr_damper_node::service::Service;
 use std::time::{Duration, Instant};
 
 /// A DDS domain that only this test binary uses, so that nothing else on the machine receives its data.
@@ -30,11 +30,11 @@ fn config(model: &str) -> Config {
 }
 
 /// Takes events until `count` residuals have come, or for at most 20 s.
-fn collect(inlet: &mut Inlet, count: u64) -> Vec<Event> {
+fn collect(receiver: &mut EventReceiver, count: u64) -> Vec<Event> {
     let deadline = Instant::now() + Duration::from_secs(20);
     let (mut events, mut residuals) = (Vec::new(), 0);
     while residuals < count && Instant::now() < deadline {
-        while let Ok(event) = inlet.events.pop() {
+        while let Ok(event) = receiver.events.pop() {
             residuals += u64::from(matches!(event, Event::Residual(_)));
             events.push(event);
         }
@@ -44,14 +44,14 @@ fn collect(inlet: &mut Inlet, count: u64) -> Vec<Event> {
 }
 
 fn live_events(args: &RosArgs, config: &Config, run: &Run, residuals: u64) -> Vec<Event> {
-    let (service, inlet) = Service::start(config, args, true).expect("the service starts");
-    let mut inlet = inlet.expect("an inlet was asked for");
+    let (service, receiver) = DamperNode::start(config, args, true).expect("the service starts");
+    let mut receiver = receiver.expect("a receiver was requested");
     let interrupt = Interrupt::manual();
     let player = Player::start(config, args, false).expect("the player starts");
     assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
     let events = std::thread::scope(|scope| {
-        let events = scope.spawn(|| collect(&mut inlet, residuals));
-        player.play(run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
+        let events = scope.spawn(|| collect(&mut receiver, residuals));
+        player.play(run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {});
         events.join().expect("no panic")
     });
     player.stop();

@@ -5,8 +5,8 @@ use mr_damper_model::sample::{Channel, Stamp};
 use mr_damper_msgs::{CoilCurrent, Displacement, Force};
 use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::ros::{Output, Ros};
-use mr_damper_node::service::Service;
 use mr_damper_node::wire::header;
 use ros2_client::NodeOptions;
 use std::time::{Duration, Instant};
@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 const PERIOD: Duration = Duration::from_millis(2);
 
 /// A peer of a node on `domain_id`, and the node's events.
-struct Bench {
+struct TestNode {
     config: Config,
     ros: Ros,
     displacement: Output<Displacement>,
@@ -22,7 +22,7 @@ struct Bench {
     force: Output<Force>,
 }
 
-impl Bench {
+impl TestNode {
     fn new(domain_id: i64) -> Self {
         let mut config = Config { domain_id, align_wait_s: 0.3, ..Config::default() };
         config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".into())).expect("a text");
@@ -57,9 +57,9 @@ impl Bench {
 
     /// Like [`Self::events`], but returns once `wanted` estimates have come.
     fn events_of(self, count: usize, wanted: usize, send: impl Fn(&Self, usize, Stamp)) -> Vec<Event> {
-        let (service, inlet) =
-            Service::start(&self.config, &RosArgs::default(), true).expect("the service starts");
-        let mut inlet = inlet.expect("an inlet was asked for");
+        let (service, receiver) =
+            DamperNode::start(&self.config, &RosArgs::default(), true).expect("the service starts");
+        let mut receiver = receiver.expect("a receiver was requested");
         let deadline = Instant::now() + Duration::from_secs(20);
         while self.ros.readers_of(self.displacement.guid()) == 0 {
             assert!(Instant::now() < deadline, "the node listens");
@@ -75,7 +75,7 @@ impl Bench {
         let (mut events, mut estimates) = (Vec::new(), 0);
         let deadline = Instant::now() + Duration::from_secs(20);
         while estimates < wanted && Instant::now() < deadline {
-            while let Ok(event) = inlet.events.pop() {
+            while let Ok(event) = receiver.events.pop() {
                 estimates += usize::from(matches!(event, Event::Estimate(_)));
                 events.push(event);
             }
@@ -91,20 +91,20 @@ impl Bench {
 
 #[test]
 fn each_bad_sample_is_refused_and_flagged_and_no_good_one_is_lost() {
-    let events = Bench::new(94).events(1000, |bench, k, stamp| {
+    let events = TestNode::new(94).events(1000, |under_test, k, stamp| {
         let t = k as f64 * PERIOD.as_secs_f64();
-        bench.send_current(stamp, 0.8);
+        under_test.send_current(stamp, 0.8);
         if k < 700 {
-            bench.send_force(stamp, 400.0 * (6.0 * t).cos());
+            under_test.send_force(stamp, 400.0 * (6.0 * t).cos());
         }
-        bench.send_displacement(stamp, 0.01 * (6.0 * t).sin());
+        under_test.send_displacement(stamp, 0.01 * (6.0 * t).sin());
         match k {
-            100 => bench.send_displacement(stamp.shifted(1_000_000), f64::NAN),
-            150 => bench.send_current(stamp.shifted(1_000_000), f64::INFINITY),
-            200 => bench.send_force(stamp.shifted(1_000_000), f64::NAN),
-            250 => bench.send_displacement(stamp.shifted(-10_000_000_000), 0.0),
+            100 => under_test.send_displacement(stamp.shifted(1_000_000), f64::NAN),
+            150 => under_test.send_current(stamp.shifted(1_000_000), f64::INFINITY),
+            200 => under_test.send_force(stamp.shifted(1_000_000), f64::NAN),
+            250 => under_test.send_displacement(stamp.shifted(-10_000_000_000), 0.0),
             // Ten seconds back: a force only a few milliseconds back may be sorted into order within its batch.
-            300 => bench.send_force(stamp.shifted(-10_000_000_000), 0.0),
+            300 => under_test.send_force(stamp.shifted(-10_000_000_000), 0.0),
             _ => {}
         }
     });
@@ -150,8 +150,8 @@ fn each_bad_sample_is_refused_and_flagged_and_no_good_one_is_lost() {
 
 #[test]
 fn without_any_current_every_estimate_is_invalid_and_says_why() {
-    let events =
-        Bench::new(95).events(200, |bench, k, stamp| bench.send_displacement(stamp, 1e-5 * k as f64));
+    let events = TestNode::new(95)
+        .events(200, |under_test, k, stamp| under_test.send_displacement(stamp, 1e-5 * k as f64));
     let estimates: Vec<_> = events
         .iter()
         .filter_map(|event| if let Event::Estimate(estimate) = event { Some(estimate) } else { None })
@@ -169,11 +169,11 @@ fn a_clock_jump_of_hours_is_flagged_and_costs_two_samples_each_way() {
     const HOURS_NS: i64 = 2 * 3_600 * 1_000_000_000;
     // Correct, two hours ahead, two hours behind, correct again.
     let jumped = |k: usize| [0, HOURS_NS, -HOURS_NS, 0][k / 300];
-    let events = Bench::new(90).events_of(1200, 1196, |bench, k, stamp| {
+    let events = TestNode::new(90).events_of(1200, 1196, |under_test, k, stamp| {
         let (t, stamp) = (k as f64 * PERIOD.as_secs_f64(), stamp.shifted(jumped(k)));
-        bench.send_current(stamp, 0.8);
-        bench.send_force(stamp, 400.0 * (6.0 * t).cos());
-        bench.send_displacement(stamp, 0.01 * (6.0 * t).sin());
+        under_test.send_current(stamp, 0.8);
+        under_test.send_force(stamp, 400.0 * (6.0 * t).cos());
+        under_test.send_displacement(stamp, 0.01 * (6.0 * t).sin());
     });
     let refused = events.iter().filter_map(|event| match event {
         Event::Refusal(refusal) => Some((refusal.sample.reading.channel(), refusal.why)),

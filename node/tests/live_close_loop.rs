@@ -9,9 +9,9 @@ use live_support::{wait_until, within};
 use mr_damper_model::model::Model;
 use mr_damper_msgs::action::{CloseLoop, CloseLoopGoal};
 use mr_damper_node::config::{Config, RosArgs};
+use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::models;
-use mr_damper_node::ros::{ActionClientOf, Part, Ros};
-use mr_damper_node::service::Service;
+use mr_damper_node::ros::{ActionClientOf, Ros, RosMessage};
 use ros2_client::NodeOptions;
 use ros2_client::action::{GoalId, GoalStatusEnum};
 use serde_json::Value;
@@ -25,13 +25,13 @@ const DOMAIN: i64 = 87;
 const ALL_S: f64 = 120.0;
 
 /// The service with one minute of history of a damper with coil lag, and a client of its action.
-struct Stage {
-    service: Service,
+struct Setup {
+    service: DamperNode,
     peer: Ros,
     client: ActionClientOf<CloseLoop>,
 }
 
-impl Stage {
+impl Setup {
     fn set(domain_id: i64, dir: &Path, auto_load: bool) -> Self {
         Self::within("/", domain_id, dir, auto_load)
     }
@@ -48,7 +48,7 @@ impl Stage {
             ..Config::default()
         };
         let args = RosArgs::in_namespace(namespace);
-        let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+        let (service, _) = DamperNode::start(&config, &args, false).expect("the service starts");
         let history = service.history();
         for sample in run(60.0, LAG_S, 2).samples() {
             history.lock().expect("no panic").push(&sample);
@@ -61,15 +61,16 @@ impl Stage {
 
     /// Sends a goal; `None` if it is rejected.
     fn send(&self, history: f64) -> Option<GoalId> {
-        let goal = Part(CloseLoopGoal { history });
+        let goal = RosMessage(CloseLoopGoal { history });
         let (id, answer) =
             within(Duration::from_secs(20), self.client.async_send_goal(goal)).expect("an answer");
         answer.accepted.then_some(id)
     }
 
     fn result(&self, id: GoalId) -> (GoalStatusEnum, bool, Value) {
-        let (status, Part(result)) = within(Duration::from_secs(60), self.client.async_request_result(id))
-            .expect("a result that can be read");
+        let (status, RosMessage(result)) =
+            within(Duration::from_secs(60), self.client.async_request_result(id))
+                .expect("a result that can be read");
         let report = serde_json::from_str(&result.report).expect("the report is JSON");
         (status, result.success, report)
     }
@@ -103,12 +104,12 @@ impl Stage {
 #[test]
 fn close_loop_names_the_lag_and_loads_nothing_by_default() {
     let dir = tempfile::tempdir().expect("a directory");
-    let stage = Stage::set(DOMAIN, dir.path(), false);
-    let before = stage.model();
+    let setup = Setup::set(DOMAIN, dir.path(), false);
+    let before = setup.model();
     let started = Instant::now();
-    let id = stage.send(ALL_S).expect("a good goal is accepted");
-    assert_eq!(stage.send(ALL_S), None, "one goal at a time");
-    let (status, success, report) = stage.result(id);
+    let id = setup.send(ALL_S).expect("a good goal is accepted");
+    assert_eq!(setup.send(ALL_S), None, "one goal at a time");
+    let (status, success, report) = setup.result(id);
     println!("{:.1?}", started.elapsed());
     assert_eq!((status, success), (GoalStatusEnum::Succeeded, true), "{report}");
 
@@ -123,7 +124,7 @@ fn close_loop_names_the_lag_and_loads_nothing_by_default() {
     assert_eq!(roles, ["estimate", "confirm", "test"]);
 
     let stages: Vec<_> =
-        within(Duration::from_secs(5), stage.client.feedback_stream(id).take(3).collect::<Vec<_>>());
+        within(Duration::from_secs(5), setup.client.feedback_stream(id).take(3).collect::<Vec<_>>());
     let stages: Vec<_> = stages.into_iter().map(|f| f.expect("readable").0).collect();
     assert!(stages.iter().all(|f| !f.stage.is_empty() && (0.0..=1.0).contains(&f.progress)), "{stages:?}");
     assert!(stages.is_sorted_by(|a, b| a.progress <= b.progress), "{stages:?}");
@@ -131,87 +132,87 @@ fn close_loop_names_the_lag_and_loads_nothing_by_default() {
     let path = report["model_file"].as_str().expect("a path");
     assert_eq!(models::load(path).expect("a model file").effects.as_slice().len(), 1);
     assert_eq!(report["loaded"], false, "{report}");
-    assert_eq!(stage.model(), before);
-    stage.end();
+    assert_eq!(setup.model(), before);
+    setup.end();
 }
 
 #[test]
 fn auto_load_loads_the_model_unless_another_one_was_loaded_meanwhile() {
     let dir = tempfile::tempdir().expect("a directory");
-    let stage = Stage::set(DOMAIN + 1, dir.path(), true);
+    let setup = Setup::set(DOMAIN + 1, dir.path(), true);
     let (base, other) = (dir.path().join("base.toml"), dir.path().join("other.toml"));
     let model = models::load(&base.display().to_string()).expect("written above");
     let force = model.force.with_force_offset_n(1.0);
     write(&other, Model { force, ..model });
 
-    let id = stage.send(ALL_S).expect("a good goal is accepted");
-    stage.load(&other);
-    let (status, _, report) = stage.result(id);
+    let id = setup.send(ALL_S).expect("a good goal is accepted");
+    setup.load(&other);
+    let (status, _, report) = setup.result(id);
     assert_eq!(status, GoalStatusEnum::Succeeded, "{report}");
     assert_eq!(report["loaded"], false, "{report}");
     assert!(report["load_error"].as_str().expect("a text").contains("another model was loaded"), "{report}");
-    assert_eq!(stage.model(), other.display().to_string());
+    assert_eq!(setup.model(), other.display().to_string());
     let first = report["model_file"].clone();
 
-    stage.load(&base);
-    let id = stage.send(ALL_S).expect("a good goal is accepted");
-    let (_, _, report) = stage.result(id);
+    setup.load(&base);
+    let id = setup.send(ALL_S).expect("a good goal is accepted");
+    let (_, _, report) = setup.result(id);
     assert_eq!((&report["loaded"], &report["load_error"]), (&true.into(), &Value::Null), "{report}");
-    assert_eq!(report["model_file"], stage.model().as_str());
+    assert_eq!(report["model_file"], setup.model().as_str());
     assert_ne!(report["model_file"], first, "no file is overwritten");
-    stage.end();
+    setup.end();
 }
 
 #[test]
 fn a_goal_can_be_cancelled_and_a_failed_goal_says_why() {
     let dir = tempfile::tempdir().expect("a directory");
-    let stage = Stage::set(DOMAIN + 2, dir.path(), true);
-    let before = stage.service.control().models();
+    let setup = Setup::set(DOMAIN + 2, dir.path(), true);
+    let before = setup.service.control().models();
     for history in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(stage.send(history), None, "{history} s of history must be rejected");
+        assert_eq!(setup.send(history), None, "{history} s of history must be rejected");
     }
 
-    let id = stage.send(ALL_S).expect("a good goal is accepted");
+    let id = setup.send(ALL_S).expect("a good goal is accepted");
     std::thread::sleep(Duration::from_millis(300));
-    assert_eq!(stage.cancel(GoalId::new_random()), 0, "an unknown goal cancels nothing");
+    assert_eq!(setup.cancel(GoalId::new_random()), 0, "an unknown goal cancels nothing");
     let started = Instant::now();
-    assert_eq!(stage.cancel(id), 1);
-    let (status, success, report) = stage.result(id);
+    assert_eq!(setup.cancel(id), 1);
+    let (status, success, report) = setup.result(id);
     assert_eq!((status, success), (GoalStatusEnum::Canceled, false), "{report}");
     assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
     assert_eq!(report["error"], "interrupted");
-    assert_eq!(stage.cancel(id), 0, "the goal has ended");
+    assert_eq!(setup.cancel(id), 0, "the goal has ended");
 
     // The node works on the next goals whether or not a client asks for their results. Three seconds of history are too few.
-    let unasked = stage.send(3.0).expect("a good goal is accepted");
+    let unasked = setup.send(3.0).expect("a good goal is accepted");
     let failed = |history: f64| {
         let deadline = Instant::now() + Duration::from_secs(10);
         let id = loop {
-            match stage.send(history) {
+            match setup.send(history) {
                 Some(id) => break id,
                 None if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(100)),
                 None => panic!("the previous goal did not end within 10 s"),
             }
         };
-        let (status, success, report) = stage.result(id);
+        let (status, success, report) = setup.result(id);
         assert_eq!((status, success), (GoalStatusEnum::Aborted, false), "{report}");
         report["error"].as_str().expect("a text").to_owned()
     };
     let error = failed(3.0);
     assert!(error.contains("on 3.0 s of history") && error.contains("18 s of motion"), "{error}");
-    assert_eq!(stage.cancel(unasked), 0, "the goal whose result nobody asked for has ended");
-    assert_eq!(stage.service.control().models(), before, "no model was loaded");
+    assert_eq!(setup.cancel(unasked), 0, "the goal whose result nobody asked for has ended");
+    assert_eq!(setup.service.control().models(), before, "no model was loaded");
 
     // An ARX model cannot be the base.
-    stage.load(Path::new(mr_damper_model::preset::BEST_ARX));
+    setup.load(Path::new(mr_damper_model::preset::BEST_ARX));
     let error = failed(ALL_S);
     assert!(error.contains("cannot start from the arx model") && error.contains("load_model"), "{error}");
     assert_eq!(std::fs::read_dir(dir.path()).expect("readable").count(), 1, "only the base file exists");
-    stage.load(&dir.path().join("base.toml"));
+    setup.load(&dir.path().join("base.toml"));
 
     // A client that waits for a result while the node stops gets an answer.
-    let id = stage.send(ALL_S).expect("a good goal is accepted");
-    let Stage { service, peer, client } = stage;
+    let id = setup.send(ALL_S).expect("a good goal is accepted");
+    let Setup { service, peer, client } = setup;
     std::thread::scope(|scope| {
         let waiting = scope.spawn(|| within(Duration::from_secs(20), client.async_request_result(id)));
         std::thread::sleep(Duration::from_millis(500));
@@ -219,7 +220,7 @@ fn a_goal_can_be_cancelled_and_a_failed_goal_says_why() {
         service.stop().expect("no thread panicked");
         println!("stopped in the middle of a diagnosis after {:.2?}", started.elapsed());
         assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
-        let (status, Part(result)) = waiting.join().expect("an answer").expect("a result");
+        let (status, RosMessage(result)) = waiting.join().expect("an answer").expect("a result");
         assert_eq!((status, result.success), (GoalStatusEnum::Aborted, false));
         assert!(result.report.contains("the node was stopped"), "{}", result.report);
     });
@@ -240,7 +241,7 @@ const FRONT_LEFT: [&str; 3] = ["--ros-args", "-r", "__ns:=/front_left"];
 #[test]
 fn close_live_diagnoses_on_the_node_and_prints_the_load_command() {
     let dir = tempfile::tempdir().expect("a directory");
-    let stage = Stage::within("/front_left", DOMAIN - 1, dir.path(), false);
+    let setup = Setup::within("/front_left", DOMAIN - 1, dir.path(), false);
     let started = Instant::now();
     let output = close_live(DOMAIN - 1, &FRONT_LEFT).output().expect("it runs");
     println!("{:.1?}", started.elapsed());
@@ -257,7 +258,7 @@ fn close_live_diagnoses_on_the_node_and_prints_the_load_command() {
     );
     let path = path.trim_start_matches("\"{model: '").trim_end_matches("'}\"");
     assert!(path.contains("mr-damper-close-front_left-"), "{path}");
-    stage.load(Path::new(path));
+    setup.load(Path::new(path));
 
     // The loaded model now has the missing effect.
     let arguments = [&["--json", "-", "-q", "--history", "1000"], &FRONT_LEFT[..]].concat();
@@ -268,20 +269,20 @@ fn close_live_diagnoses_on_the_node_and_prints_the_load_command() {
     assert_eq!((&report["verdict"], &report["model_file"]), (&"nothing_to_explain".into(), &Value::Null));
 
     // Only one goal runs at a time, and a failed goal says why. The base lacks the lag, so the first goal runs for long enough.
-    stage.load(&dir.path().join("base.toml"));
-    let id = stage.send(ALL_S).expect("a good goal is accepted");
+    setup.load(&dir.path().join("base.toml"));
+    let id = setup.send(ALL_S).expect("a good goal is accepted");
     let output = close_live(DOMAIN - 1, &FRONT_LEFT).output().expect("it runs");
     let log = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{log}");
     assert!(log.contains("/front_left/close_loop rejects the goal"), "{log}");
-    assert_eq!(stage.cancel(id), 1, "the first goal was still running");
-    let _ = stage.result(id);
+    assert_eq!(setup.cancel(id), 1, "the first goal was still running");
+    let _ = setup.result(id);
     let arguments = [&["--history", "3"], &FRONT_LEFT[..]].concat();
     let output = close_live(DOMAIN - 1, &arguments).output().expect("it runs");
     let log = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{log}");
     assert!(log.contains("18 s of motion"), "{log}");
-    stage.end();
+    setup.end();
 }
 
 #[test]
@@ -301,7 +302,7 @@ fn without_a_node_the_command_says_where_it_looked() {
 #[test]
 fn ctrl_c_ends_the_command_and_cancels_its_goal() {
     let dir = tempfile::tempdir().expect("a directory");
-    let stage = Stage::set(DOMAIN - 3, dir.path(), false);
+    let setup = Setup::set(DOMAIN - 3, dir.path(), false);
     let mut child = close_live(DOMAIN - 3, &["--json", "-"])
         .stderr(Stdio::piped())
         .stdout(Stdio::piped())
@@ -324,10 +325,10 @@ fn ctrl_c_ends_the_command_and_cancels_its_goal() {
     assert!(output.stdout.is_empty() && said.contains("the goal is cancelled"), "{said}");
     // The node accepts the next goal long before the cancelled one would have finished.
     let deadline = Instant::now() + Duration::from_secs(2);
-    while stage.send(3.0).is_none() {
+    while setup.send(3.0).is_none() {
         assert!(Instant::now() < deadline, "the cancelled goal ends within 2 s");
         std::thread::sleep(Duration::from_millis(50));
     }
     assert_eq!(std::fs::read_dir(dir.path()).expect("readable").count(), 1, "only the base file exists");
-    stage.end();
+    setup.end();
 }

@@ -5,15 +5,15 @@ mod live_support;
 
 use live_support::offline;
 use mr_damper_model::inverse::LimitedBy;
-use mr_damper_model::pipeline::{Commanded, Event};
+use mr_damper_model::pipeline::{Event, StampedCommand};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::{Run, Stamp, Trace};
 use mr_damper_msgs::{CurrentCommand, Force, ForceEstimate, LimitedBy as OnWire, Message};
 use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::player::{PlaybackOptions, Played, Player};
 use mr_damper_node::ros::Ros;
-use mr_damper_node::service::Service;
 use mr_damper_node::wire::header;
 use ros2_client::{NodeOptions, Subscription};
 use std::time::{Duration, Instant};
@@ -45,7 +45,7 @@ fn config(domain: i64) -> Config {
     config
 }
 
-fn commanded(event: Event) -> Option<Commanded> {
+fn commanded(event: Event) -> Option<StampedCommand> {
     match event {
         Event::Command(commanded) => Some(commanded),
         _ => None,
@@ -61,7 +61,7 @@ fn drain<M: Message>(subscription: &Subscription<M>, into: &mut Vec<M>) {
 #[test]
 fn requested_forces_give_currents_and_silence_gives_the_safe_current() {
     let (config, args, run) = (config(DOMAIN), RosArgs::default(), run());
-    let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+    let (service, _) = DamperNode::start(&config, &args, false).expect("the service starts");
     let mut ros = Ros::start(&config, &args, NodeOptions::new(), "supervisor").expect("a peer starts");
     let commands: Subscription<CurrentCommand> = ros.subscribe("/current_command").expect("a topic");
     let estimates: Subscription<ForceEstimate> = ros.subscribe("/force_estimate").expect("a topic");
@@ -71,8 +71,9 @@ fn requested_forces_give_currents_and_silence_gives_the_safe_current() {
 
     let (mut heard, mut estimated) = (Vec::new(), Vec::new());
     std::thread::scope(|scope| {
-        let playing = scope
-            .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));
+        let playing = scope.spawn(|| {
+            player.play(&run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {})
+        });
         // Listens for one more second after the run, without requests.
         let mut end: Option<Instant> = None;
         while end.is_none_or(|end| Instant::now() < end) {
@@ -133,7 +134,7 @@ fn requested_forces_give_currents_and_silence_gives_the_safe_current() {
 #[test]
 fn bad_requests_are_answered_and_harm_nothing() {
     let (config, args) = (config(DOMAIN + 1), RosArgs::default());
-    let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+    let (service, _) = DamperNode::start(&config, &args, false).expect("the service starts");
     let mut ros = Ros::start(&config, &args, NodeOptions::new(), "supervisor").expect("a peer starts");
     let commands: Subscription<CurrentCommand> = ros.subscribe("/current_command").expect("a topic");
     let request = ros.publish::<Force>("/force_request").expect("a topic");
@@ -149,8 +150,9 @@ fn bad_requests_are_answered_and_harm_nothing() {
         ("too large the other way", -9e4),
     ];
     let answers = std::thread::scope(|scope| {
-        scope
-            .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));
+        scope.spawn(|| {
+            player.play(&run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {})
+        });
         asked.map(|(what, force)| {
             let begin = Instant::now();
             let mut heard = Vec::new();

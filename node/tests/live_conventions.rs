@@ -10,7 +10,7 @@ use mr_damper_msgs::rcl::{
 };
 use mr_damper_msgs::{ForceEstimate, ForceResidual};
 use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::service::Service;
+use mr_damper_node::damper_node::DamperNode;
 use std::time::{Duration, Instant};
 
 const NODE: &str = "/mr_damper";
@@ -25,7 +25,7 @@ fn qos_overrides_apply_and_peers_can_read_but_not_set_them() {
     let mut own = config(93);
     set(&mut own, "model", "thesis/fuzzy-tanh/rp3-cs");
     set(&mut own, &name, "best_effort");
-    let (service, _) = Service::start(&own, &RosArgs::default(), false).expect("it starts");
+    let (service, _) = DamperNode::start(&own, &RosArgs::default(), false).expect("it starts");
 
     // A reliable reader does not match a best-effort publisher. Only the publisher of the first topic is
     // best-effort.
@@ -68,7 +68,7 @@ fn a_new_client_in_a_running_participant_does_not_wait_for_a_heartbeat() {
     let clients = std::env::var("MR_DAMPER_CLIENTS").ok().and_then(|text| text.parse().ok()).unwrap_or(40);
     let mut own = config(94);
     set(&mut own, "model", "thesis/fuzzy-tanh/rp3-cs");
-    let (service, _) = Service::start(&own, &RosArgs::default(), false).expect("it starts");
+    let (service, _) = DamperNode::start(&own, &RosArgs::default(), false).expect("it starts");
     let mut peer = Caller::new(&own);
     let mut ask = || {
         let began = Instant::now();

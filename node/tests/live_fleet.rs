@@ -12,7 +12,7 @@ use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{RosArgs, dampers};
 use mr_damper_node::fleet::Fleet;
 use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::player::{PlaybackOptions, Played, Player};
 use mr_damper_node::ros::Ros;
 use mr_damper_node::wire::header;
 use ros2_client::{NodeOptions, Subscription};
@@ -68,8 +68,9 @@ fn invalid_data_of_one_damper_never_affects_the_other() {
     let (mut heard, mut told, mut right_said) = (Vec::new(), [const { Vec::new() }; 2], 0_u32);
     std::thread::scope(|scope| {
         let ended = Ended(&done);
-        let playing = scope
-            .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));
+        let playing = scope.spawn(|| {
+            player.play(&run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {})
+        });
         scope.spawn(|| {
             let rubbish = [f64::NAN, 1e300, -1e300, f64::INFINITY, 0.0, 0.01, -0.01, 5.0];
             let mut k = 0_usize;

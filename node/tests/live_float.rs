@@ -7,9 +7,9 @@ use mr_damper_model::pipeline::{Estimate, Event, Reasons, Refused};
 use mr_damper_msgs::standard::{Float64, Header, JointState};
 use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::hot::Inlet;
+use mr_damper_node::damper_node::DamperNode;
+use mr_damper_node::estimator::EventReceiver;
 use mr_damper_node::ros::{Output, Ros};
-use mr_damper_node::service::Service;
 use ros2_client::NodeOptions;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -40,8 +40,8 @@ struct Came {
 }
 
 impl Came {
-    fn take(&mut self, inlet: &mut Inlet) {
-        while let Ok(event) = inlet.events.pop() {
+    fn take(&mut self, receiver: &mut EventReceiver) {
+        while let Ok(event) = receiver.events.pop() {
             match event {
                 Event::Estimate(estimate) if estimate.received.is_some() => self.estimates.push(estimate),
                 Event::Refusal(refusal) => self.refused.push(refusal.why),
@@ -54,8 +54,9 @@ impl Came {
 /// Feeds a node with [`SAMPLES`] samples of displacement and current, one [`PERIOD`] apart, through `publishers`.
 fn feed(config: &Config, load: bool, publishers: impl FnOnce(&mut Ros) -> Publishers) -> Came {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let (service, inlet) = Service::start(config, &RosArgs::default(), true).expect("the service starts");
-    let mut inlet = inlet.expect("an inlet was asked for");
+    let (service, receiver) =
+        DamperNode::start(config, &RosArgs::default(), true).expect("the service starts");
+    let mut receiver = receiver.expect("a receiver was requested");
     let mut ros =
         Ros::start(config, &RosArgs::default(), NodeOptions::new(), "sensor").expect("a peer starts");
     let publishers = publishers(&mut ros);
@@ -66,10 +67,10 @@ fn feed(config: &Config, load: bool, publishers: impl FnOnce(&mut Ros) -> Publis
         let collecting = scope.spawn(|| {
             let mut came = Came::default();
             while !ended.load(Ordering::Acquire) {
-                came.take(&mut inlet);
+                came.take(&mut receiver);
                 std::thread::sleep(Duration::from_millis(5));
             }
-            came.take(&mut inlet);
+            came.take(&mut receiver);
             came
         });
         for _ in 0..2 {

@@ -13,12 +13,12 @@ use mr_damper_msgs::ForceResidual;
 use mr_damper_msgs::srv::{LoadModel, LoadModelRequest, LoadModelResponse};
 use mr_damper_msgs::standard::{DiagnosticArray, DiagnosticStatus};
 use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::hot::Inlet;
+use mr_damper_node::damper_node::DamperNode;
+use mr_damper_node::estimator::EventReceiver;
 use mr_damper_node::interrupt::Interrupt;
 use mr_damper_node::models;
-use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::player::{PlaybackOptions, Played, Player};
 use mr_damper_node::ros::{ClientOf, Ros};
-use mr_damper_node::service::Service;
 use ros2_client::{NodeOptions, Subscription};
 use std::io::Write;
 use std::path::Path;
@@ -97,11 +97,11 @@ struct Events {
 }
 
 /// Takes events until `count` residuals have come, or for at most 30 s.
-fn collect(inlet: &mut Inlet, count: usize) -> Events {
+fn collect(receiver: &mut EventReceiver, count: usize) -> Events {
     let deadline = Instant::now() + Duration::from_secs(30);
     let mut events = Events::default();
     while events.residuals.len() < count && Instant::now() < deadline {
-        while let Ok(event) = inlet.events.pop() {
+        while let Ok(event) = receiver.events.pop() {
             match event {
                 Event::Estimate(estimate) => events.estimates.push(estimate),
                 Event::Residual(residual) => events.residuals.push(residual),
@@ -121,8 +121,8 @@ fn expected_n(name: &str) -> f64 {
 #[test]
 fn a_model_is_loaded_without_losing_an_estimate() {
     let (config, args, run) = (config(), RosArgs::default(), run(8.0));
-    let (service, inlet) = Service::start(&config, &args, true).expect("the service starts");
-    let mut inlet = inlet.expect("an inlet was asked for");
+    let (service, receiver) = DamperNode::start(&config, &args, true).expect("the service starts");
+    let mut receiver = receiver.expect("a receiver was requested");
     let peer = Peer::new(&config);
     peer.wait_for_service();
     let interrupt = Interrupt::manual();
@@ -133,12 +133,12 @@ fn a_model_is_loaded_without_losing_an_estimate() {
     let residuals_wanted = samples - 1;
 
     let (answer, status, Events { estimates, residuals, .. }) = std::thread::scope(|scope| {
-        let events = scope.spawn(|| collect(&mut inlet, residuals_wanted));
+        let events = scope.spawn(|| collect(&mut receiver, residuals_wanted));
         let asked = scope.spawn(|| {
             std::thread::sleep(Duration::from_secs(3));
             (peer.load(AFTER), peer.next_status())
         });
-        player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
+        player.play(&run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {});
         let (answer, status) = asked.join().expect("no panic");
         (answer, status, events.join().expect("no panic"))
     });
@@ -194,8 +194,8 @@ fn an_alarm_reports_a_wrong_model_until_another_is_loaded() {
     config.domain_id = DOMAIN + 2;
     let (args, mut run) = (RosArgs::default(), run(8.0));
     run.force_n.as_mut().expect("a force").values.iter_mut().for_each(|force_n| *force_n *= 3.0);
-    let (service, inlet) = Service::start(&config, &args, true).expect("the service starts");
-    let mut inlet = inlet.expect("an inlet was asked for");
+    let (service, receiver) = DamperNode::start(&config, &args, true).expect("the service starts");
+    let mut receiver = receiver.expect("a receiver was requested");
     let mut peer = Peer::new(&config);
     let residuals: Subscription<ForceResidual> = peer.ros.subscribe("/force_residual").expect("a topic");
     peer.wait_for_service();
@@ -203,7 +203,7 @@ fn an_alarm_reports_a_wrong_model_until_another_is_loaded() {
     let player = Player::start(&config, &args, false).expect("the player starts");
     assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
     let (status, answer, events) = std::thread::scope(|scope| {
-        let events = scope.spawn(|| collect(&mut inlet, run.displacement_m.len() - 1));
+        let events = scope.spawn(|| collect(&mut receiver, run.displacement_m.len() - 1));
         let asked = scope.spawn(|| {
             std::thread::sleep(Duration::from_secs(5));
             // Several seconds of residuals are queued by now; only the newest two seconds are kept.
@@ -211,7 +211,7 @@ fn an_alarm_reports_a_wrong_model_until_another_is_loaded() {
                 std::iter::from_fn(|| residuals.take().expect("readable")).filter(|(r, _)| r.alarm).count();
             (peer.next_status(), peer.load(AFTER), said)
         });
-        player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
+        player.play(&run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {});
         let (status, answer, said) = asked.join().expect("no panic");
         assert!(said > 500, "residuals with alarm on force_residual: {said}");
         (status, answer, events.join().expect("no panic"))
@@ -234,7 +234,7 @@ fn an_alarm_reports_a_wrong_model_until_another_is_loaded() {
 fn a_model_that_cannot_run_is_refused_with_the_reason_and_changes_nothing() {
     let mut config = config();
     config.domain_id = DOMAIN + 1;
-    let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("the service starts");
+    let (service, _) = DamperNode::start(&config, &RosArgs::default(), false).expect("the service starts");
     let peer = Peer::new(&config);
     peer.wait_for_service();
     let dir = tempfile::tempdir().expect("a directory");
@@ -304,7 +304,7 @@ fn replace(path: &Path, texts: &[String; 2], done: &AtomicBool) -> [u32; 2] {
 fn a_model_file_replaced_while_it_is_loaded_gives_one_of_both_models_or_a_refusal() {
     let mut config = config();
     config.domain_id = 90;
-    let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("the service starts");
+    let (service, _) = DamperNode::start(&config, &RosArgs::default(), false).expect("the service starts");
     let peer = Peer::new(&config);
     peer.wait_for_service();
     let dir = tempfile::tempdir().expect("a directory");

@@ -17,11 +17,11 @@ use mr_damper_msgs::srv::{Reset, SetMode, SetModeRequest};
 use mr_damper_msgs::type_description::{GetTypeDescription, GetTypeDescriptionRequest};
 use mr_damper_msgs::{ForceEstimate, Message, Mode};
 use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::interrupt::Interrupt;
 use mr_damper_node::logging::{self, LogFormat, Outputs};
-use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::player::{PlaybackOptions, Played, Player};
 use mr_damper_node::rosout;
-use mr_damper_node::service::Service;
 use std::sync::atomic::Ordering;
 
 const NODE: &str = "/mr_damper";
@@ -55,7 +55,7 @@ fn play(config: &Config, args: &RosArgs, run: &Run, clock: bool) {
     let player = Player::start(config, args, clock).expect("a player");
     let interrupt = Interrupt::manual();
     assert!(player.wait_for_listener(std::time::Duration::from_secs(10), &interrupt));
-    let plan = Plan { clock, ..Plan::default() };
+    let plan = PlaybackOptions { clock, ..PlaybackOptions::default() };
     player.play(run, &plan, &mut Played::default(), &interrupt, None, &|_| {});
     std::thread::sleep(std::time::Duration::from_millis(200));
     player.stop();
@@ -70,7 +70,7 @@ fn peers_configure_activate_and_deactivate_the_node() {
     let args = RosArgs::in_namespace("/managed");
     // Other nodes of this process also log.
     let inside = rosout::span(&args.full_name()).entered();
-    let (service, _) = Service::start(&config, &args, false).expect("it starts without a model");
+    let (service, _) = DamperNode::start(&config, &args, false).expect("it starts without a model");
     drop(inside);
     let mut peer = Caller::new(&config);
     let state = |peer: &mut Caller| {
@@ -104,7 +104,7 @@ fn peers_configure_activate_and_deactivate_the_node() {
     let estimates = || service.counters().ros_sink.estimates.load(Ordering::Relaxed);
     play(&config, &args, &run, false);
     assert_eq!(estimates(), 0);
-    assert!(service.counters().hot.idle.load(Ordering::Relaxed) > 0);
+    assert!(service.counters().estimator.idle.load(Ordering::Relaxed) > 0);
     assert!(change(&mut peer, "activate"));
     play(&config, &args, &run, false);
     wait_until("estimates of the run", || estimates() >= run.displacement_m.len() as u64);
@@ -145,7 +145,7 @@ fn peers_configure_activate_and_deactivate_the_node() {
 fn parameters_are_described_and_set_atomically() {
     let mut config = config(72);
     set(&mut config, "model", Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned()));
-    let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("it starts");
+    let (service, _) = DamperNode::start(&config, &RosArgs::default(), false).expect("it starts");
     let mut peer = Caller::new(&config);
     let events = peer.ros.subscribe::<ParameterEvent>("/parameter_events").expect("a topic");
 
@@ -205,7 +205,7 @@ fn set_mode_holds_the_mode_and_simulated_time_going_back_resets_the_node() {
     let mut config = config(73);
     set(&mut config, "model", Value::Text("thesis/fuzzy-tanh/rp3-cs".to_owned()));
     set(&mut config, "use_sim_time", Value::Bool(true));
-    let (service, watched) = Service::start(&config, &RosArgs::default(), true).expect("it starts");
+    let (service, watched) = DamperNode::start(&config, &RosArgs::default(), true).expect("it starts");
     let mut watched = watched.expect("asked for");
     let mut peer = Caller::new(&config);
     let hold = |peer: &mut Caller, mode: Mode| {
@@ -238,7 +238,7 @@ fn set_mode_holds_the_mode_and_simulated_time_going_back_resets_the_node() {
     assert!(peer.call::<Reset>("", "reset", Default::default()).success);
     // The order in which /clock and the first samples of a run arrive is undefined: samples that arrive before the time goes back belong
     // to the past.
-    let refused = service.counters().hot.refused.load(Ordering::Relaxed);
+    let refused = service.counters().estimator.refused.load(Ordering::Relaxed);
     assert!(refused <= 2 * 2 * 3, "{refused} samples refused in two repeated runs");
     let clock = service.control().clock().now().expect("/clock was received");
     let last = run.displacement_m.stamps.last().expect("a run");

@@ -9,9 +9,9 @@ use mr_damper_msgs::standard::DiagnosticArray;
 use mr_damper_msgs::{CoilCurrent, Displacement, ForceEstimate};
 use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs, Value};
-use mr_damper_node::hot::Inlet;
+use mr_damper_node::damper_node::DamperNode;
+use mr_damper_node::estimator::EventReceiver;
 use mr_damper_node::ros::{Output, Ros};
-use mr_damper_node::service::Service;
 use mr_damper_node::wire::header;
 use ros2_client::{NodeOptions, Subscription};
 use std::time::{Duration, Instant};
@@ -53,9 +53,9 @@ impl Sensor {
 }
 
 /// The node under test, with a steady current, and a peer that reads `/diagnostics`.
-struct Bench {
-    service: Service,
-    inlet: Inlet,
+struct TestNode {
+    service: DamperNode,
+    receiver: EventReceiver,
     ros: Ros,
     current: Output<CoilCurrent>,
     diagnostics: Subscription<DiagnosticArray>,
@@ -63,15 +63,15 @@ struct Bench {
     said: String,
 }
 
-impl Bench {
+impl TestNode {
     fn new(config: &Config) -> Self {
-        let (service, inlet) = Service::start(config, &RosArgs::default(), true).expect("it starts");
+        let (service, receiver) = DamperNode::start(config, &RosArgs::default(), true).expect("it starts");
         let mut ros =
             Ros::start(config, &RosArgs::default(), NodeOptions::new(), "bench").expect("a peer starts");
         let current = ros.publish("/coil_current").expect("a topic");
         let diagnostics = ros.subscribe("/diagnostics").expect("a topic");
-        let inlet = inlet.expect("an inlet was asked for");
-        Self { service, inlet, ros, current, diagnostics, said: String::new() }
+        let receiver = receiver.expect("a receiver was requested");
+        Self { service, receiver, ros, current, diagnostics, said: String::new() }
     }
 
     fn listen(&mut self) -> &str {
@@ -84,7 +84,7 @@ impl Bench {
 
     fn estimates(&mut self) -> Vec<Estimate> {
         let mut estimates = Vec::new();
-        while let Ok(event) = self.inlet.events.pop() {
+        while let Ok(event) = self.receiver.events.pop() {
             if let Event::Estimate(estimate) = event {
                 estimates.push(estimate);
             }
@@ -126,48 +126,48 @@ fn is_mixed(estimate: &Estimate) -> bool {
 #[test]
 fn two_publishers_of_displacement_are_named_and_their_estimates_are_degraded() {
     let config = with_model(65);
-    let mut bench = Bench::new(&config);
+    let mut under_test = TestNode::new(&config);
     let left = Sensor::new(&config, "left_sensor");
     let right = Sensor::new(&config, "right_sensor");
     std::thread::sleep(Duration::from_secs(2));
     for (what, offset) in [("2 mm apart", 0.002), ("identical", 0.0)] {
-        let estimates = bench.feed(Duration::from_secs(3), &[(&left, 0.0), (&right, offset)]);
+        let estimates = under_test.feed(Duration::from_secs(3), &[(&left, 0.0), (&right, offset)]);
         let settled = &estimates[estimates.len() / 3..];
         assert!(settled.len() > 1000, "{what}: {} estimates", settled.len());
         let unflagged = settled.iter().filter(|e| !is_mixed(e) || e.validity < Validity::Degraded).count();
         assert_eq!(unflagged, 0, "{what}: of {}", settled.len());
-        let said = bench.listen();
+        let said = under_test.listen();
         for part in ["/displacement has 2 publishers", "/left_sensor", "/right_sensor", "mixed"] {
             assert!(said.contains(part), "{what}: {part} in {said}");
         }
     }
     // One of them stops: the node accepts the other again, and the status no longer mentions publishers.
     right.stop();
-    bench.feed(Duration::from_secs(1), &[(&left, 0.0)]);
-    let estimates = bench.feed(Duration::from_secs(2), &[(&left, 0.0)]);
+    under_test.feed(Duration::from_secs(1), &[(&left, 0.0)]);
+    let estimates = under_test.feed(Duration::from_secs(2), &[(&left, 0.0)]);
     assert!(estimates.len() > 500 && !estimates.iter().any(is_mixed), "{} estimates", estimates.len());
-    wait_until("the status without it", || !bench.listen().contains("publishers"));
+    wait_until("the status without it", || !under_test.listen().contains("publishers"));
     left.stop();
-    bench.stop();
+    under_test.stop();
 }
 
 #[test]
 fn a_restarted_publisher_does_not_count_as_two() {
     let config = with_model(66);
-    let mut bench = Bench::new(&config);
+    let mut under_test = TestNode::new(&config);
     let before = Sensor::new(&config, "sensor");
-    let published = bench.ros.subscribe::<ForceEstimate>("/force_estimate").expect("a topic");
+    let published = under_test.ros.subscribe::<ForceEstimate>("/force_estimate").expect("a topic");
     std::thread::sleep(Duration::from_secs(2));
-    let mut estimates = bench.feed(Duration::from_secs(2), &[(&before, 0.0)]);
+    let mut estimates = under_test.feed(Duration::from_secs(2), &[(&before, 0.0)]);
     before.stop();
     let after = Sensor::new(&config, "sensor");
-    estimates.extend(bench.feed(Duration::from_secs(3), &[(&after, 0.0)]));
+    estimates.extend(under_test.feed(Duration::from_secs(3), &[(&after, 0.0)]));
     assert!(estimates.len() > 1500, "{} estimates", estimates.len());
     assert!(!estimates.iter().any(is_mixed));
-    assert!(!bench.listen().contains("publishers"), "{}", bench.said);
+    assert!(!under_test.listen().contains("publishers"), "{}", under_test.said);
     let (of_first, _) = published.take().expect("readable").expect("an estimate");
     assert_eq!(of_first.header.frame_id, FRAME, "estimates carry the frame of their displacement");
     drop(published);
     after.stop();
-    bench.stop();
+    under_test.stop();
 }

@@ -14,7 +14,7 @@ use mr_damper_msgs::standard::{Clock, Time};
 use mr_damper_msgs::{CoilCurrent, Displacement, Force, Service};
 use mr_damper_node::config::{Config, RosArgs};
 use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::player::{PlaybackOptions, Played, Player};
 use mr_damper_node::ros::{ClientOf, Ros};
 use ros2_client::{NodeOptions, Subscription};
 use std::time::{Duration, Instant};
@@ -175,9 +175,10 @@ fn the_services_of_ros2_bag_play_work() {
         let _ended = Ended(interrupt.flag());
         let playing = threads.spawn(|| {
             assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the peer listens");
-            let plan = Plan { clock: true, clock_hz: Some(100.0), ..Plan::default() };
+            let options =
+                PlaybackOptions { clock: true, clock_hz: Some(100.0), ..PlaybackOptions::default() };
             let mut played = Played::default();
-            player.play(&run, &plan, &mut played, &interrupt, None, &|_| {});
+            player.play(&run, &options, &mut played, &interrupt, None, &|_| {});
             played
         });
         peer.wait_for_services();
@@ -260,11 +261,11 @@ fn without_a_clock_stamps_are_current_and_keep_their_spacing() {
     let trace = |value| Trace { stamps: vec![Stamp::from_nanos(EPOCH)], values: vec![value] };
     run.drive = Some((DriveKind::CoilCurrent, trace(1.0)));
     // Two rounds from 5.5 s on, as with `--loop`.
-    let plan = Plan { start: 5.5, ..Plan::default() };
+    let options = PlaybackOptions { start: 5.5, ..PlaybackOptions::default() };
     let mut played = Played::default();
     let before = mr_damper_node::clock::system_now().nanos();
     for _ in 0..2 {
-        player.play(&run, &plan, &mut played, &interrupt, None, &|_| {});
+        player.play(&run, &options, &mut played, &interrupt, None, &|_| {});
     }
     let mut stamps = Vec::new();
     let deadline = Instant::now() + Duration::from_secs(5);

@@ -13,9 +13,9 @@ use mr_damper_msgs::standard::{Header, Temperature, Time};
 use mr_damper_msgs::{CoilCurrent, Displacement, Force, ForceEstimate, Message, cdr};
 use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, Damper, RosArgs, Value};
+use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::fleet::Fleet;
 use mr_damper_node::models;
-use mr_damper_node::service::Service;
 use mr_damper_node::sink::zenoh::RmwStats;
 use mr_damper_node::wire;
 use std::collections::HashSet;
@@ -85,7 +85,7 @@ fn header(sample: &Sample) -> Header {
     Header { stamp: Time::from_nanos_saturating(sample.stamp.nanos()), frame_id: "rig".to_owned() }
 }
 
-fn stats(service: &Service) -> RmwStats {
+fn stats(service: &DamperNode) -> RmwStats {
     service.mirror().expect("there is one").stats().rmw.expect("it is seen")
 }
 
@@ -105,7 +105,7 @@ fn inputs_by_rmw_zenoh_give_estimates_bit_identical_to_a_replay() {
     let [domain, ..] = DOMAINS;
     let (endpoint, args) = (endpoint(), RosArgs::in_namespace("/corner"));
     let config = config(domain, &endpoint, "both");
-    let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+    let (service, _) = DamperNode::start(&config, &args, false).expect("the service starts");
     let peer = session(&endpoint, &[]);
     let (came, _subscriber) = inbox(&peer, &format!("{domain}/corner/force_estimate/{FORCE_ESTIMATE}"));
     wait_until("the node, 4 outputs and 8 inputs", || tokens(&peer, domain).len() == 13);
@@ -194,7 +194,7 @@ fn malformed_messages_are_refused_and_counted_and_do_no_harm() {
     let [_, domain, ..] = DOMAINS;
     let (endpoint, args) = (endpoint(), RosArgs::in_namespace("/corner"));
     let (service, _) =
-        Service::start(&config(domain, &endpoint, "both"), &args, false).expect("the service starts");
+        DamperNode::start(&config(domain, &endpoint, "both"), &args, false).expect("the service starts");
     let peer = session(&endpoint, &[]);
     let (came, _subscriber) = inbox(&peer, &format!("{domain}/corner/force_estimate/{FORCE_ESTIMATE}"));
     wait_until("the node is seen", || tokens(&peer, domain).len() == 13);
@@ -279,7 +279,7 @@ fn the_node_is_seen_only_if_enabled_and_takes_inputs_only_with_both() {
     for (rmw, seen) in [("off", 0), ("publish", 5)] {
         let (endpoint, args) = (endpoint(), RosArgs::in_namespace("/corner"));
         let (service, _) =
-            Service::start(&config(domain, &endpoint, rmw), &args, false).expect("the service starts");
+            DamperNode::start(&config(domain, &endpoint, rmw), &args, false).expect("the service starts");
         let peer = session(&endpoint, &[]);
         let status = || peer.get("mr_damper/corner/status").wait().expect("a key").recv();
         wait_until("the mirror", || status().is_ok_and(|reply| reply.result().is_ok()));
@@ -335,7 +335,7 @@ fn the_router_may_start_late_and_stop() {
     let mut config = config(domain, &endpoint, "both");
     config.zenoh.connect = std::mem::take(&mut config.zenoh.listen);
     config.zenoh.mode = "client".to_owned();
-    let (service, _) = Service::start(&config, &args, false).expect("it starts without the router");
+    let (service, _) = DamperNode::start(&config, &args, false).expect("it starts without the router");
     let mut taken = 0;
     for _ in 0..2 {
         let router = router(&endpoint);
@@ -360,7 +360,7 @@ fn with_access_rules_all_users_see_outputs_and_only_one_feeds_inputs() {
     let mut config = config(domain, &endpoint, "both");
     let file = keys.ready("rmw-access.json5", &endpoint).file.expect("a file");
     config.zenoh.config = file.display().to_string();
-    let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+    let (service, _) = DamperNode::start(&config, &args, false).expect("the service starts");
     let reader = with_password(&endpoint, "reader", "of the news");
     let supervisor = with_password(&endpoint, "supervisor", "of the four");
     let nobody = session(&endpoint, &[]);

@@ -8,9 +8,9 @@ use mr_damper_model::pipeline::{Event, Reasons};
 use mr_damper_msgs::Message;
 use mr_damper_msgs::standard::{Clock, DiagnosticArray, Float64, Time};
 use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::player::Player;
 use mr_damper_node::ros::Ros;
-use mr_damper_node::service::Service;
 use ros2_client::NodeOptions;
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::{Duration, Instant};
@@ -29,7 +29,7 @@ fn clock_has_only_its_own_type() {
         .build()
         .expect("a participant");
     let config = simulated(79);
-    let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("it starts");
+    let (service, _) = DamperNode::start(&config, &RosArgs::default(), false).expect("it starts");
     let player = Player::start(&config, &RosArgs::default(), true).expect("a player starts");
     let types = || {
         let readers = of_others.discovered_readers().into_iter();
@@ -52,7 +52,7 @@ fn clock_has_only_its_own_type() {
 #[test]
 fn a_missing_clock_is_reported_until_it_arrives() {
     let config = simulated(64);
-    let (service, _) = Service::start(&config, &RosArgs::default(), false).expect("it starts");
+    let (service, _) = DamperNode::start(&config, &RosArgs::default(), false).expect("it starts");
     let mut peer =
         Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
     let diagnostics = peer.subscribe::<DiagnosticArray>("/diagnostics").expect("a topic");
@@ -83,8 +83,8 @@ fn samples_without_a_stamp_are_spread_between_clock_ticks_and_none_is_lost() {
     for input in ["displacement", "coil_current"] {
         config.set(&format!("{input}.type"), &Value::Text("std_msgs/msg/Float64".into())).expect("a type");
     }
-    let (service, inlet) = Service::start(&config, &RosArgs::default(), true).expect("it starts");
-    let mut inlet = inlet.expect("an inlet was asked for");
+    let (service, receiver) = DamperNode::start(&config, &RosArgs::default(), true).expect("it starts");
+    let mut receiver = receiver.expect("a receiver was requested");
     let mut peer =
         Ros::start(&config, &RosArgs::default(), NodeOptions::new(), "peer").expect("a peer starts");
     let clock = peer.publish::<Clock>("/clock").expect("a topic");
@@ -109,7 +109,7 @@ fn samples_without_a_stamp_are_spread_between_clock_ticks_and_none_is_lost() {
     }
     std::thread::sleep(Duration::from_secs(1));
     let (mut estimates, mut refused) = (Vec::new(), 0);
-    while let Ok(event) = inlet.events.pop() {
+    while let Ok(event) = receiver.events.pop() {
         match event {
             Event::Estimate(estimate) if estimate.received.is_some() => estimates.push(estimate),
             Event::Refusal(_) => refused += 1,

@@ -6,10 +6,10 @@ use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_msgs::CurrentCommand;
 use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::player::{PlaybackOptions, Played, Player};
 use mr_damper_node::ros::Ros;
-use mr_damper_node::service::Service;
 use ros2_client::{NodeOptions, Subscription};
 use serde_json::{Value as Json, json};
 use std::time::{Duration, Instant};
@@ -86,7 +86,7 @@ fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
 fn only_the_supervisor_commands() {
     let (keys, endpoint) = (Keys::new(), endpoint());
     let (config, args) = (config(&keys, &endpoint), RosArgs::default());
-    let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+    let (service, _) = DamperNode::start(&config, &args, false).expect("the service starts");
     let mut ros = Ros::start(&config, &args, NodeOptions::new(), "listener").expect("a peer starts");
     let currents: Subscription<CurrentCommand> = ros.subscribe("/current_command").expect("a topic");
     let supervisor = with_password(&endpoint, "supervisor", "of the four");
@@ -140,8 +140,9 @@ fn only_the_supervisor_commands() {
     assert!(player.wait_for_listener(PATIENCE, &interrupt), "the node listens");
     let mut seq = 10;
     let asked = std::thread::scope(|scope| {
-        let playing = scope
-            .spawn(|| player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {}));
+        let playing = scope.spawn(|| {
+            player.play(&run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {})
+        });
         let asked = until("a current for the force", || {
             seq += 1;
             let payload = command(seq, "force_n", 123.5);
@@ -170,13 +171,13 @@ fn commands_from_other_machines_need_access_control() {
     ] {
         config.set(name, &value).expect("in range");
     }
-    let refused = Service::start(&config, &RosArgs::default(), false).err().expect("refused").to_string();
+    let refused = DamperNode::start(&config, &RosArgs::default(), false).err().expect("refused").to_string();
     assert!(refused.contains("access_control") && refused.contains("tcp/0.0.0.0:0"), "{refused}");
     config.zenoh.listen = Vec::new();
-    let refused = Service::start(&config, &RosArgs::default(), false).err().expect("refused").to_string();
+    let refused = DamperNode::start(&config, &RosArgs::default(), false).err().expect("refused").to_string();
     assert!(refused.contains("Zenoh has no endpoint"), "{refused}");
     config.zenoh.listen = vec![endpoint()];
     config.zenoh.commands = vec!["self_destruct".to_owned()];
-    let refused = Service::start(&config, &RosArgs::default(), false).err().expect("refused").to_string();
+    let refused = DamperNode::start(&config, &RosArgs::default(), false).err().expect("refused").to_string();
     assert!(refused.contains("self_destruct") && refused.contains("force_request"), "{refused}");
 }

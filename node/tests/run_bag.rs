@@ -6,7 +6,8 @@ use mr_damper_model::sample::DriveKind;
 use mr_damper_msgs::standard::{Float64, JointState};
 use mr_damper_msgs::{Displacement, Force, Message, cdr};
 use mr_damper_node::run::{
-    BagOptions, BagWriter, LoadOptions, Note, Part, RunError, SaveOptions, Sync, Topic, convert, load, save,
+    BagOptions, BagWriter, LoadOptions, Note, RunError, RunSection, SaveOptions, Sync, Topic, convert, load,
+    save,
 };
 use run_support::*;
 
@@ -50,7 +51,7 @@ fn parts_of_a_run_add_up_to_the_run() {
     std::fs::write(path("in.csv"), canonical(500)).expect("written");
     // Rows are 1.234567 ms apart: row 200 comes at 0.2469134 s.
     let part = |name: &str, start_s, duration_s| {
-        let options = SaveOptions { part: Part { start_s, duration_s }, ..SaveOptions::default() };
+        let options = SaveOptions { part: RunSection { start_s, duration_s }, ..SaveOptions::default() };
         convert(&path("in.csv"), &path(name), &plain(), &options)
             .map(|_| std::fs::read_to_string(path(name)).expect("read"))
     };

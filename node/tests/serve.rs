@@ -7,14 +7,14 @@ mod zenoh_support;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_msgs::{ForceEstimate, ForceResidual, Message, Mode, Validity};
 use mr_damper_node::config::{Config, RosArgs, Value};
+use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::interrupt::Interrupt;
-use mr_damper_node::player::{Plan, Played, Player};
+use mr_damper_node::player::{PlaybackOptions, Played, Player};
 use mr_damper_node::ros::Ros;
-use mr_damper_node::service::Service;
 use ros2_client::{NodeOptions, Subscription};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value as Json;
-use serve_support::{News, Page, Stream};
+use serve_support::{Page, Stream, StreamEvent};
 use std::collections::BTreeMap;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,20 +25,20 @@ const DOMAIN: i64 = 60;
 const RUN_S: f64 = 12.0;
 
 /// A node in the namespace `/left`, its player, and a peer that subscribes to its outputs.
-struct Stage {
-    service: Service,
+struct Setup {
+    service: DamperNode,
     player: Player,
     ros: Ros,
     estimates: Subscription<ForceEstimate>,
     residuals: Subscription<ForceResidual>,
 }
 
-impl Stage {
+impl Setup {
     fn set() -> Self {
         let mut config = Config { domain_id: DOMAIN, align_wait_s: 0.5, ..Config::default() };
         config.set("model", &Value::Text("thesis/fuzzy-tanh/rp3-cs".into())).expect("a text");
         let args = RosArgs::in_namespace("/left");
-        let (service, _) = Service::start(&config, &args, false).expect("the service starts");
+        let (service, _) = DamperNode::start(&config, &args, false).expect("the service starts");
         let mut ros = Ros::start(&config, &args, NodeOptions::new(), "peer").expect("a peer starts");
         Self {
             estimates: ros.subscribe("/left/force_estimate").expect("a topic"),
@@ -62,7 +62,7 @@ fn play(player: &Player) {
     let run = record(&experiment, &Plant::default(), &Channels::default(), 5);
     let interrupt = Interrupt::manual();
     assert!(player.wait_for_listener(Duration::from_secs(20), &interrupt), "the node listens");
-    player.play(&run, &Plan::default(), &mut Played::default(), &interrupt, None, &|_| {});
+    player.play(&run, &PlaybackOptions::default(), &mut Played::default(), &interrupt, None, &|_| {});
 }
 
 /// Messages indexed by their stamps.
@@ -103,12 +103,14 @@ fn is_that_of_the_topic(shown: &Json, heard: &Heard<ForceEstimate>) -> bool {
 }
 
 /// Checks the events of a reader that keeps up, from the first batch on.
-fn keeps_up(news: &[News], heard: &Heard<ForceEstimate>, residuals: &Heard<ForceResidual>) {
-    let batches: Vec<(&Json, Instant)> =
-        news.iter().filter_map(|news| (news.event == "batch").then_some((&news.data, news.at))).collect();
-    assert_eq!((news[0].event.as_str(), &news[0].data["schema"]), ("start", &"mr-damper/serve/1".into()));
-    assert!(news.iter().all(|news| news.event != "skipped"), "no batch is skipped");
-    let mut next = news[0].data["batch"].as_u64().expect("a number");
+fn keeps_up(events: &[StreamEvent], heard: &Heard<ForceEstimate>, residuals: &Heard<ForceResidual>) {
+    let batches: Vec<(&Json, Instant)> = events
+        .iter()
+        .filter_map(|event| (event.name == "batch").then_some((&event.data, event.at)))
+        .collect();
+    assert_eq!((events[0].name.as_str(), &events[0].data["schema"]), ("start", &"mr-damper/serve/1".into()));
+    assert!(events.iter().all(|event| event.name != "skipped"), "no batch is skipped");
+    let mut next = events[0].data["batch"].as_u64().expect("a number");
     for (batch, _) in &batches {
         next += 1;
         assert_eq!(batch["batch"], next, "no batch is missing or repeated");
@@ -154,7 +156,7 @@ fn values_equal_the_topics_and_a_stalled_reader_does_not_affect_the_others() {
         (&"mr-damper/serve/1".into(), Some(0))
     );
     // The damper starts later than the page, and the page finds it.
-    let stage = Stage::set();
+    let setup = Setup::set();
     let deadline = Instant::now() + Duration::from_secs(20);
     while page.snapshot()["dampers"][0]["name"] != "left" {
         assert!(Instant::now() < deadline, "the damper is found: {}", page.snapshot());
@@ -165,13 +167,13 @@ fn values_equal_the_topics_and_a_stalled_reader_does_not_affect_the_others() {
     let mut stalled = Stream::open_with_small_buffer(&page);
     let stream = Stream::open(&page);
     let (mut heard, mut residuals, done) = (Heard::new(), Heard::new(), AtomicBool::new(false));
-    let news = std::thread::scope(|scope| {
+    let events = std::thread::scope(|scope| {
         let reading = scope.spawn(|| stream.read_until(|| done.load(Ordering::Relaxed)));
-        let playing = scope.spawn(|| play(&stage.player));
+        let playing = scope.spawn(|| play(&setup.player));
         let mut end: Option<Instant> = None;
         while end.is_none_or(|end| Instant::now() < end) {
-            drain(&stage.estimates, &mut heard, |message| message.header.stamp.as_nanos());
-            drain(&stage.residuals, &mut residuals, |message| message.header.stamp.as_nanos());
+            drain(&setup.estimates, &mut heard, |message| message.header.stamp.as_nanos());
+            drain(&setup.residuals, &mut residuals, |message| message.header.stamp.as_nanos());
             if playing.is_finished() {
                 end.get_or_insert_with(|| Instant::now() + Duration::from_millis(300));
             }
@@ -180,7 +182,7 @@ fn values_equal_the_topics_and_a_stalled_reader_does_not_affect_the_others() {
         done.store(true, Ordering::Relaxed);
         reading.join().expect("no panic")
     });
-    keeps_up(&news, &heard, &residuals);
+    keeps_up(&events, &heard, &residuals);
 
     // The stalled reader gets the oldest batches, then the number of batches it missed, then new ones.
     stalled.widen();
@@ -188,11 +190,11 @@ fn values_equal_the_topics_and_a_stalled_reader_does_not_affect_the_others() {
     let skipped: u64 = late[late.len() - 1].data.to_string().parse().expect("a count");
     println!("{skipped} batches skipped");
     let next = stalled.read_until_event("batch");
-    let before = late.iter().rev().find(|news| news.event == "batch").expect("batches came before");
-    let number = |news: &News| news.data["batch"].as_u64().expect("a number");
+    let before = late.iter().rev().find(|event| event.name == "batch").expect("batches came before");
+    let number = |event: &StreamEvent| event.data["batch"].as_u64().expect("a number");
     assert_eq!(number(&next[next.len() - 1]), number(before) + skipped + 1, "the count is right");
 
-    stage.stop();
+    setup.stop();
     std::thread::sleep(Duration::from_millis(1500));
     let state = page.snapshot()["dampers"][0].clone();
     assert_eq!((&state["level"], &state["estimate"]["stale"]), (&"silent".into(), &true.into()), "{state}");

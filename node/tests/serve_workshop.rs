@@ -10,9 +10,9 @@ use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::pipeline::Settings;
 use mr_damper_model::preset;
 use mr_damper_node::config::{Config, RosArgs};
+use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::ros::Ros;
 use mr_damper_node::run::{SaveOptions, save};
-use mr_damper_node::service::Service;
 use ros2_client::NodeOptions;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value as Json, json};
@@ -35,13 +35,13 @@ fn open(domain: i64, dir: &Path, arguments: &[&str]) -> Page {
 }
 
 /// A node in the namespace `/front_left` with one minute of history of a damper with coil lag.
-fn lagging_node(domain: i64, dir: &Path) -> Service {
+fn lagging_node(domain: i64, dir: &Path) -> DamperNode {
     let path = dir.join("base.toml");
     write(&path, base());
     let model = path.display().to_string();
     let config = Config { model, close_loop_out: dir.display().to_string(), ..config(domain) };
     let (service, _) =
-        Service::start(&config, &RosArgs::in_namespace("/front_left"), false).expect("the service starts");
+        DamperNode::start(&config, &RosArgs::in_namespace("/front_left"), false).expect("the service starts");
     let history = service.history();
     for sample in run(60.0, LAG_S, 2).samples() {
         history.lock().expect("no panic").push(&sample);

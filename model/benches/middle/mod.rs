@@ -4,10 +4,10 @@
 #![allow(dead_code, reason = "each bench and test is a separate crate and uses only a part")]
 
 use mr_damper_model::effect::{Effect, EffectModel};
-use mr_damper_model::force::Law;
+use mr_damper_model::force::ForceLaw;
 
 /// Parameters in the middle of the range of starting values of a fit.
-pub(crate) fn parameters(law: Law) -> Vec<f64> {
+pub(crate) fn parameters(law: ForceLaw) -> Vec<f64> {
     let value = |p: &mr_damper_model::force::law::Parameter| {
         let scale = 1e3_f64.powi(p.scale.force)
             * 0.015_f64.powi(p.scale.displacement)

@@ -251,9 +251,9 @@ fn phase_cell(
         finished.failure = Some(format!("experiment {}: has no training runs", finished.trained_on));
         return Ok(());
     };
-    let drive = if cell.spec.wants_drive() { first.drive } else { None };
+    let drive = if cell.spec.needs_drive() { first.drive } else { None };
     let settings = PhaseOptions { drive, degree: options.degree, ..PhaseOptions::default() };
-    let missing = cell.spec.wants_drive() && drive.is_none();
+    let missing = cell.spec.needs_drive() && drive.is_none();
     let found = match missing {
         true => Err(Error::MissingChannel {
             run: first.name.clone(),

@@ -87,7 +87,7 @@ mod tests {
     fn box_plot_of_known_values() {
         // numpy.quantile([1..9, 40], [.25, .5, .75]) = 3.25, 5.5, 7.75; fences at -3.5 and 14.5.
         let found = BoxPlot::of([5.0, 40.0, 1.0, f64::NAN, 9.0, 2.0, 8.0, 3.0, 7.0, 4.0, 6.0]);
-        let wanted = BoxPlot {
+        let expected = BoxPlot {
             lower_whisker: 1.0,
             lower_quartile: 3.25,
             median: 5.5,
@@ -95,7 +95,7 @@ mod tests {
             upper_whisker: 9.0,
             outliers: vec![40.0],
         };
-        assert_eq!(found, Some(wanted));
+        assert_eq!(found, Some(expected));
         assert_eq!(BoxPlot::of([f64::NAN]), None);
         let one = BoxPlot::of([2.0]).expect("one value has a box plot");
         assert_eq!((one.lower_whisker, one.median, one.upper_whisker), (2.0, 2.0, 2.0));

@@ -6,14 +6,14 @@ use crate::model::Model;
 
 /// How the residual was computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
+pub enum DiagnosisMode {
     /// Measured force minus the simulation (free run) of the base; the base is refitted together with each effect.
     Absolute,
     /// Measured force minus the force of a healthy reference run with the same excitation; the base is not refitted.
     Paired,
 }
 
-impl Mode {
+impl DiagnosisMode {
     /// Name in JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -89,7 +89,7 @@ pub struct NoiseFloor {
 
 /// A parameter of an effect, as found.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct FoundParameter {
     /// Name, which ends in the unit.
     pub name: &'static str,
     /// The value, in that unit.
@@ -102,13 +102,13 @@ pub struct Found {
 
 /// An effect that was named.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Named {
+pub struct NamedEffect {
     /// The effect with its parameters in the model.
     pub effect: EffectModel,
     /// Ids of all effects that the data cannot tell from it; its own id first.
     pub class: Vec<&'static str>,
     /// Its parameters.
-    pub parameters: Vec<Found>,
+    pub parameters: Vec<FoundParameter>,
     /// p of the score in the round in which it was named, corrected for all effects tested.
     pub p_adjusted: f64,
     /// Share of the base's reducible error (squared error above the noise floor) that it removes on the training runs when it is added
@@ -120,7 +120,7 @@ pub struct Named {
 
 /// An effect that was not named, with the reason.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Refused {
+pub struct RefusedEffect {
     /// The effect.
     pub effect: Effect,
     /// The reason, as a clause that can follow a colon.
@@ -149,7 +149,7 @@ pub struct Candidate {
 
 /// Error of one run before and after augmentation.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Change {
+pub struct RunErrors {
     /// Name of the run.
     pub run: String,
     /// Simulation error of the refitted base alone, with the run's mean error removed.
@@ -158,9 +158,9 @@ pub struct Change {
     pub after: Fit,
 }
 
-/// Result on the test runs (sealed runs).
+/// Result on the test runs.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sealed {
+pub struct TestResult {
     /// Error of the base alone, over all test runs.
     pub before: Fit,
     /// Error of the base with the effects, over all test runs.
@@ -172,7 +172,7 @@ pub struct Sealed {
     /// Share of the reducible error that the effects remove; `None` if there was no reducible error.
     pub removed: Option<f64>,
     /// Run by run.
-    pub runs: Vec<Change>,
+    pub runs: Vec<RunErrors>,
 }
 
 /// A signal that the remaining residual correlates with.
@@ -186,7 +186,7 @@ pub struct Correlation {
 
 /// The remaining error on the validation runs.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LeftOver {
+pub struct RemainingError {
     /// Lack of fit: 1 minus the squared error of the noise over the squared residual.
     pub lof: f64,
     /// Lack of fit of the base alone.
@@ -199,9 +199,9 @@ pub struct LeftOver {
 
 /// The result of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Closing {
+pub struct DiagnosisResult {
     /// How the residual was computed.
-    pub mode: Mode,
+    pub mode: DiagnosisMode,
     /// The verdict.
     pub verdict: Verdict,
     /// Why the base is inadequate; `Some` only with the verdict [`Verdict::BaseInadequate`].
@@ -209,21 +209,21 @@ pub struct Closing {
     /// The error that no model can remove.
     pub noise_floor: NoiseFloor,
     /// Effects that were named, in order of application.
-    pub effects: Vec<Named>,
+    pub effects: Vec<NamedEffect>,
     /// Effects that were significant but rejected, each with the reason.
-    pub refused: Vec<Refused>,
+    pub refused: Vec<RefusedEffect>,
     /// Effects that these runs can neither show nor exclude, each with the reason and where possible the excitation that is needed.
-    pub untestable: Vec<Refused>,
+    pub untestable: Vec<RefusedEffect>,
     /// All scores, round by round.
     pub candidates: Vec<Candidate>,
     /// Number of blocks of the training runs, at the least block length.
     pub blocks: usize,
     /// The validation runs, before and after.
-    pub confirm: Vec<Change>,
+    pub confirm: Vec<RunErrors>,
     /// The test runs; `None` if none were given, and then the result is not tested on independent data.
-    pub test: Option<Sealed>,
+    pub test: Option<TestResult>,
     /// The remaining error on the validation runs.
-    pub left_over: LeftOver,
+    pub remaining: RemainingError,
     /// The base, refitted on the training runs (in paired mode as given).
     pub before: Model,
     /// The base with the effects; the same as `before` if no effect was named.

@@ -19,34 +19,34 @@
 //! that the data cannot tell apart are reported as one class.
 //!
 //! The user gives the training, validation and test runs by the flags `--estimate`, `--confirm` and `--test`; fields and
-//! types here use those names, and `sealed` for the test runs.
+//! types here use those names.
 //!
 //! The result is deterministic for a given seed, on any number of threads.
 
+mod alternative;
 mod basis;
 mod blocks;
 mod check;
-mod closing;
+mod correlation;
+mod derivative_span;
+mod effect_set;
 mod finding;
 mod floor;
 mod joint;
-mod known;
-mod left_over;
 mod paired;
-mod rival;
+mod procedure;
 mod round;
 mod rows;
 mod score;
-mod sealed;
-mod sought;
 mod space;
+mod test_runs;
 
+pub use effect_set::EffectSet;
 pub use finding::{
-    Candidate, Change, Closing, Correlation, FloorSource, Found, LeftOver, Mode, Named, NoiseFloor, Refused,
-    Sealed, Verdict,
+    Candidate, Correlation, DiagnosisMode, DiagnosisResult, FloorSource, FoundParameter, NamedEffect,
+    NoiseFloor, RefusedEffect, RemainingError, RunErrors, TestResult, Verdict,
 };
 pub use paired::reference_force_n;
-pub use sought::Sought;
 
 use crate::error::Error;
 use crate::identify::{Dataset, Watch};
@@ -77,7 +77,7 @@ pub struct Settings {
     /// Largest number of effects to name, 1 to 3.
     pub most_effects: usize,
     /// Effects that may be named.
-    pub sought: Sought,
+    pub effects: EffectSet,
     /// Least length of a block, s. On 100 trials with coloured noise and no effect, blocks of 3 s (the default) named no effect, and
     /// blocks of 0.25 s named one in one trial of six. Use shorter blocks only if the data are too short for 3 s, and report it.
     pub block_s: f64,
@@ -94,7 +94,7 @@ impl Default for Settings {
             significance: 0.05,
             block_s: 3.0,
             most_effects: 3,
-            sought: Sought::ALL,
+            effects: EffectSet::ALL,
             most_rows: 60_000,
             seed: 0,
         }
@@ -113,9 +113,9 @@ pub enum Stage {
     /// Effects that are not needed are searched for and removed.
     Pruning,
     /// An alternative structure is identified, to check whether the given base is adequate.
-    Rival,
+    Alternative,
     /// The test runs are read.
-    Sealed,
+    TestRuns,
 }
 
 /// Diagnoses `base` on `runs`: names the effects that it lacks and adds them.
@@ -134,7 +134,7 @@ pub fn close(
     settings: &Settings,
     watch: &Watch,
     stage: &dyn Fn(Stage),
-) -> Result<Closing, Error> {
+) -> Result<DiagnosisResult, Error> {
     check::check(base, runs, settings)?;
-    closing::Desk::new(base, runs, settings, watch)?.close(stage)
+    procedure::Procedure::new(base, runs, settings, watch)?.run(stage)
 }

@@ -5,13 +5,14 @@
 
 use super::Settings;
 use super::basis::Basis;
-use super::blocks::{Blocks, adjusted, t95};
-use super::finding::{Candidate, Found, Refused};
+use super::blocks::Blocks;
+use super::finding::{Candidate, FoundParameter, RefusedEffect};
 use super::joint::{Fitted, Joint};
 use super::rows::{Rows, dot};
 use super::score::{Score, Scores};
 use crate::effect::{Effect, EffectModel};
 use crate::error::Error;
+use crate::statistics::block_sums::{adjusted_p_values, t95};
 use rayon::prelude::*;
 
 /// Least share of the reducible error that a score must predict to remove before the candidate is refitted. The threshold is low
@@ -35,7 +36,7 @@ const WORSE: f64 = 0.05;
 /// Growth of one run's squared error that matters, as a share of what is saved on all validation runs.
 const MATTERS: f64 = 0.05;
 /// A candidate that removes at least this share of what the best one removes is in the same class.
-const RIVAL: f64 = 0.9;
+const SAME_CLASS: f64 = 0.9;
 /// The data cannot separate effects whose scores are correlated by at least this much.
 const ALIKE: f64 = 0.95;
 
@@ -51,7 +52,7 @@ pub(super) struct Passed {
 pub(super) struct Outcome {
     pub(super) passed: Option<Passed>,
     pub(super) candidates: Vec<Candidate>,
-    pub(super) refused: Vec<Refused>,
+    pub(super) refused: Vec<RefusedEffect>,
 }
 
 /// A candidate after its refit.
@@ -80,7 +81,7 @@ impl Round<'_> {
     pub(super) fn run(&self, current: &Fitted, all: &Scores) -> Result<Outcome, Error> {
         let scores = &all.able;
         let tests: Vec<&[f64]> = scores.iter().map(|score| score.sums.as_slice()).collect();
-        let adjusted = adjusted(&tests, self.settings.seed);
+        let adjusted = adjusted_p_values(&tests, self.settings.seed);
         let explainable = (current.squares - self.noise).max(f64::MIN_POSITIVE);
         let mut candidates: Vec<Candidate> = scores
             .iter()
@@ -91,14 +92,14 @@ impl Round<'_> {
                 identifiable: score.identifiable,
                 p: score.p,
                 p_adjusted: *p_adjusted,
-                promises: score.promise / explainable,
+                promises: score.predicted_drop / explainable,
                 removes: None,
             })
             .collect();
         let mut worth: Vec<usize> = (0..scores.len())
             .filter(|&k| adjusted[k] <= self.settings.significance && candidates[k].promises >= WORTH_A_REFIT)
             .collect();
-        worth.sort_by(|a, b| scores[*b].promise.total_cmp(&scores[*a].promise));
+        worth.sort_by(|a, b| scores[*b].predicted_drop.total_cmp(&scores[*a].predicted_drop));
         worth.truncate(MOST_REFITS);
         let ranked = |k: &usize| all.refit(&self.joint, current, &scores[*k], RANKING);
         let fits: Vec<Option<Fitted>> = worth.par_iter().map(ranked).collect::<Result<_, Error>>()?;
@@ -112,13 +113,13 @@ impl Round<'_> {
         refits.sort_by(|a, b| b.drop.total_cmp(&a.drop));
         let (mut refused, mut passed) = (Vec::new(), None);
         for (rank, best) in refits.iter().enumerate() {
-            match self.judge(current, best)? {
+            match self.validate(current, best)? {
                 Ok(fitted) => {
                     let class = self.class(current, best, &refits, scores)?;
                     let (effect, p_adjusted) = (best.score.effect, best.p_adjusted);
-                    let rivals = &refits[rank + 1..];
-                    refused.extend(rivals.iter().filter(|r| !class.contains(&r.score.effect.id())).map(
-                        |r| Refused {
+                    let others = &refits[rank + 1..];
+                    refused.extend(others.iter().filter(|r| !class.contains(&r.score.effect.id())).map(
+                        |r| RefusedEffect {
                             effect: r.score.effect,
                             why: format!(
                                 "removes {:.0} % of the reducible error, where {} removes {:.0} %",
@@ -131,14 +132,14 @@ impl Round<'_> {
                     passed = Some(Passed { effect, fitted, class, p_adjusted });
                     break;
                 }
-                Err(why) => refused.push(Refused { effect: best.score.effect, why }),
+                Err(why) => refused.push(RefusedEffect { effect: best.score.effect, why }),
             }
         }
         Ok(Outcome { passed, candidates, refused })
     }
 
     /// Fits `candidate` completely and checks it: the fitted model, or why it is rejected.
-    fn judge(&self, current: &Fitted, candidate: &Refitted) -> Result<Result<Fitted, String>, Error> {
+    fn validate(&self, current: &Fitted, candidate: &Refitted) -> Result<Result<Fitted, String>, Error> {
         let ranked = candidate.drop / (current.squares - self.noise);
         if ranked.is_nan() || ranked < HOPELESS {
             return Ok(Err(format!(
@@ -229,19 +230,21 @@ impl Round<'_> {
                 class.push(effect.id());
             }
         };
-        for rival in refits.iter().filter(|rival| rival.drop >= RIVAL * best.drop) {
-            let effects = rival.fitted.model.effects().as_slice();
-            let Some(index) = effects.iter().position(|e| e.effect() == rival.score.effect) else { continue };
-            let found = self.intervals(&rival.fitted, index)?;
+        for other in refits.iter().filter(|other| other.drop >= SAME_CLASS * best.drop) {
+            let effects = other.fitted.model.effects().as_slice();
+            let Some(index) = effects.iter().position(|e| e.effect() == other.score.effect) else { continue };
+            let found = self.intervals(&other.fitted, index)?;
             let implausible =
                 found.iter().any(|found| implausible(&effects[index], found, &self.joint).is_some());
             // A candidate that fails the checks by itself does not join the class.
-            if !implausible && self.confirmed(&current.model, &rival.fitted.model).is_ok() {
-                join(rival.score.effect);
+            if !implausible && self.confirmed(&current.model, &other.fitted.model).is_ok() {
+                join(other.score.effect);
             }
         }
         let alike = |a: &[f64], b: &[f64]| dot(a, b).abs() / (dot(a, a) * dot(b, b)).sqrt() >= ALIKE;
-        for score in scores.iter().filter(|score| score.promise > 0.0 && alike(&score.own, &best.score.own)) {
+        for score in
+            scores.iter().filter(|score| score.predicted_drop > 0.0 && alike(&score.own, &best.score.own))
+        {
             join(score.effect);
         }
         Ok(class)
@@ -249,7 +252,7 @@ impl Round<'_> {
 
     /// The parameters of effect number `index` with their 95 % intervals. Each score is projected off all other numbers of the model; the
     /// width comes from the scatter, over blocks, of its products with the residual.
-    pub(super) fn intervals(&self, fitted: &Fitted, index: usize) -> Result<Vec<Found>, Error> {
+    pub(super) fn intervals(&self, fitted: &Fitted, index: usize) -> Result<Vec<FoundParameter>, Error> {
         let (columns, of_base) = self.joint.jacobian(fitted)?;
         let effects = fitted.model.effects().as_slice();
         let first = of_base + effects[..index].iter().map(|e| e.parameters().len()).sum::<usize>();
@@ -268,7 +271,7 @@ impl Round<'_> {
             let scatter = (dot(&sums, &sums) * count / (count - 1.0).max(1.0)).sqrt() / dot(&own, &own);
             let half = t95(sums.len()) * scatter;
             let range = parameter.range_at(self.joint.scales.size(parameter.scale));
-            all.push(Found {
+            all.push(FoundParameter {
                 name: parameter.name,
                 value: *value,
                 ci95: [value - half, value + half],
@@ -280,7 +283,7 @@ impl Round<'_> {
 }
 
 /// Why the value found for a parameter is not plausible; `None` if it is.
-fn implausible(effect: &EffectModel, found: &Found, joint: &Joint) -> Option<String> {
+fn implausible(effect: &EffectModel, found: &FoundParameter, joint: &Joint) -> Option<String> {
     let parameter = effect.effect().parameters().iter().find(|p| p.name == found.name)?;
     let [low, high] = found.range;
     let margin = 1e-3 * (high - low);

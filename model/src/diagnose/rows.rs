@@ -6,6 +6,7 @@
 
 use crate::effect::{Augmented, Need};
 use crate::identify::{Dataset, walk};
+pub(super) use crate::statistics::dot;
 use rayon::prelude::*;
 use std::ops::{ControlFlow, Range};
 
@@ -158,9 +159,4 @@ impl<'a> Rows<'a> {
         };
         self.runs.iter().find(lacks).map(|run| run.dataset.name.as_str())
     }
-}
-
-/// Sum of products.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -5,18 +5,19 @@
 //! g   = (M(theta, probe) - M(theta, absent)) / probe       through the whole simulator, each run's mean removed
 //! g'  = g projected off the Jacobian of the base and of the effects already in the model
 //! c   = g'r / g'g'                                          size of the effect by linear regression
-//! promise = (g'r)^2 / g'g'                                  drop of squared error that the linear model predicts
+//! drop    = (g'r)^2 / g'g'                                  drop of squared error that the linear model predicts
 //! ```
 
 use super::Settings;
-use super::blocks::{Blocks, least_p, p_of};
-use super::finding::Refused;
+use super::blocks::Blocks;
+use super::derivative_span::DerivativeSpan;
+use super::finding::RefusedEffect;
 use super::joint::{Fitted, Joint, Nearby};
-use super::known::Known;
 use super::rows::{Rows, dot};
 use super::space::with_effect;
 use crate::effect::{Augmented, Effect, EffectModel, Parameter};
 use crate::error::Error;
+use crate::statistics::block_sums::{least_p, p_value};
 use rayon::prelude::*;
 
 /// Least share of a score that must remain after projection; below it the base can absorb the whole effect.
@@ -39,13 +40,13 @@ pub(super) struct Score {
     /// Probability that the residual correlates with the score by chance; 1 if the indicated size has the wrong sign.
     pub(super) p: f64,
     /// Drop of squared error that the linear model predicts, N².
-    pub(super) promise: f64,
+    pub(super) predicted_drop: f64,
     /// Block sums of its test; zeros if the indicated size has the wrong sign.
     pub(super) sums: Vec<f64>,
     /// The score before projection.
     whole: Vec<f64>,
     /// Size of the effect by linear regression, as a difference of the first parameter from its neutral value.
-    asked: f64,
+    regressed: f64,
     /// Value at which a shape parameter is held, as a share of the data's scale.
     shape: f64,
 }
@@ -55,8 +56,8 @@ pub(super) struct Scores {
     /// Scores of the effects that these runs can test.
     pub(super) able: Vec<Score>,
     /// The effects that these runs cannot test, each with the reason.
-    pub(super) untestable: Vec<Refused>,
-    known: Known,
+    pub(super) untestable: Vec<RefusedEffect>,
+    span: DerivativeSpan,
 }
 
 /// The scores of all effects that may be added to `fitted`.
@@ -66,19 +67,19 @@ pub(super) fn scores(
     fitted: &Fitted,
     settings: &Settings,
 ) -> Result<Scores, Error> {
-    let known = Known::new(joint, fitted)?;
+    let span = DerivativeSpan::new(joint, fitted)?;
     let (effects, left_out): (Vec<Effect>, Vec<Effect>) =
-        candidates(&fitted.model).partition(|effect| settings.sought.has(*effect));
+        candidates(&fitted.model).partition(|effect| settings.effects.has(*effect));
     let one = |effect: &Effect| {
         if joint.watch.is_cancelled() {
             return Err(Error::Cancelled);
         }
-        Ok(score(joint, confirm, fitted, &known, *effect, settings))
+        Ok(score(joint, confirm, fitted, &span, *effect, settings))
     };
-    let found: Vec<Result<Score, Refused>> = effects.par_iter().map(one).collect::<Result<_, _>>()?;
+    let found: Vec<Result<Score, RefusedEffect>> = effects.par_iter().map(one).collect::<Result<_, _>>()?;
     let mut scores = Vec::new();
-    let not_sought = |effect| Refused { effect, why: "excluded by the settings".to_owned() };
-    let mut untestable: Vec<Refused> = left_out.into_iter().map(not_sought).collect();
+    let excluded = |effect| RefusedEffect { effect, why: "excluded by the settings".to_owned() };
+    let mut untestable: Vec<RefusedEffect> = left_out.into_iter().map(excluded).collect();
     for result in found {
         match result {
             Ok(score) => scores.push(score),
@@ -88,7 +89,7 @@ pub(super) fn scores(
     // A test that can never be significant is left out, so that it does not weaken the correction of the others.
     let (able, silent): (Vec<Score>, Vec<Score>) =
         scores.into_iter().partition(|score| least_p(score.sums.len()) <= settings.significance);
-    untestable.extend(silent.into_iter().map(|score| Refused {
+    untestable.extend(silent.into_iter().map(|score| RefusedEffect {
         effect: score.effect,
         why: format!(
             "its change of the force is correlated over so long a time that the training runs have only {} independent blocks, too few \
@@ -96,7 +97,7 @@ pub(super) fn scores(
             score.sums.len()
         ),
     }));
-    Ok(Scores { able, untestable, known })
+    Ok(Scores { able, untestable, span })
 }
 
 impl Scores {
@@ -112,7 +113,7 @@ impl Scores {
     ) -> Result<Option<Fitted>, Error> {
         let start = self.start(joint, fitted, score)?;
         let nearby = match score.identifiable >= MOSTLY_ITS_OWN {
-            true => self.known.nearby(&start, score.effect, &score.whole),
+            true => self.span.nearby(&start, score.effect, &score.whole),
             false => Nearby::new(),
         };
         joint.refit_from(&start, nearby, evaluations)
@@ -124,7 +125,7 @@ impl Scores {
         let parameter = &score.effect.parameters()[0];
         let size = joint.scales.size(parameter.scale);
         let (neutral, [low, high]) = (parameter.neutral * size, parameter.range_at(size));
-        let amount = |share: f64| (neutral + share * score.asked).clamp(low, high);
+        let amount = |share: f64| (neutral + share * score.regressed).clamp(low, high);
         let at = |amount: f64| with_amount(joint, fitted, score.effect, amount, score.shape);
         let squares =
             |model: &Augmented| Fitted::as_is(*model, joint.rows).map_or(f64::INFINITY, |f| f.squares);
@@ -133,7 +134,7 @@ impl Scores {
         let mut least = fitted.squares;
         for amount in SHARES.map(amount) {
             let plain = at(amount)?;
-            let moved = self.known.makes_room(joint, &plain, &score.whole, amount - neutral);
+            let moved = self.span.makes_room(joint, &plain, &score.whole, amount - neutral);
             for other in [Some(plain), moved].into_iter().flatten() {
                 let found = squares(&other);
                 if found < least {
@@ -174,11 +175,11 @@ fn score(
     joint: &Joint,
     confirm: &Rows,
     fitted: &Fitted,
-    known: &Known,
+    span: &DerivativeSpan,
     effect: Effect,
     settings: &Settings,
-) -> Result<Score, Refused> {
-    let refused = |why: String| Refused { effect, why };
+) -> Result<Score, RefusedEffect> {
+    let refused = |why: String| RefusedEffect { effect, why };
     for need in effect.needs() {
         if let Some(run) = joint.rows.lacking(*need).or_else(|| confirm.lacking(*need)) {
             return Err(refused(format!("run {run} has no {}, which the test needs", need.name())));
@@ -186,13 +187,16 @@ fn score(
     }
     // If an effect has a shape parameter, the test uses the shape's neutral value, and the refit starts from the best of several shapes.
     let Some(shape) = effect.parameters().iter().find(|p| p.is_shape()) else {
-        return held_score(joint, fitted, known, effect, 0.0, settings).map_err(refused);
+        return held_score(joint, fitted, span, effect, 0.0, settings).map_err(refused);
     };
-    let tested = held_score(joint, fitted, known, effect, shape.neutral, settings).map_err(refused)?;
+    let tested = held_score(joint, fitted, span, effect, shape.neutral, settings).map_err(refused)?;
     let others =
-        SHAPES.iter().filter_map(|shape| held_score(joint, fitted, known, effect, *shape, settings).ok());
+        SHAPES.iter().filter_map(|shape| held_score(joint, fitted, span, effect, *shape, settings).ok());
     let best =
-        others.fold(tested.clone(), |best, other| if other.promise > best.promise { other } else { best });
+        others.fold(
+            tested.clone(),
+            |best, other| if other.predicted_drop > best.predicted_drop { other } else { best },
+        );
     Ok(Score { p: tested.p, sums: tested.sums, ..best })
 }
 
@@ -201,7 +205,7 @@ fn score(
 fn held_score(
     joint: &Joint,
     fitted: &Fitted,
-    known: &Known,
+    span: &DerivativeSpan,
     effect: Effect,
     shape: f64,
     settings: &Settings,
@@ -220,7 +224,7 @@ fn held_score(
         return Err(format!("these runs do not excite it; needed: {}", effect.separated_by()));
     }
     let whole = own.clone();
-    let identifiable = known.take_out(&mut own);
+    let identifiable = span.take_out(&mut own);
     if identifiable < LEAST_IDENTIFIABLE {
         return Err(format!(
             "on these runs other coefficients of the model can produce the same force ({:.1} % of the score is left); needed: {}",
@@ -229,20 +233,20 @@ fn held_score(
         ));
     }
     let power = dot(&own, &own);
-    let asked = dot(&own, &fitted.residual_n) / power;
+    let regressed = dot(&own, &fitted.residual_n) / power;
     let range = parameter.range_at(size);
     let [low, high] = [range[0].min(neutral), range[1].max(neutral)];
-    let possible = (low..=high).contains(&(neutral + 1e-3 * asked.signum() * step.abs()));
+    let possible = (low..=high).contains(&(neutral + 1e-3 * regressed.signum() * step.abs()));
     // The block length follows from the correlation of the rest after the effect is removed: the effect itself may be slow.
-    let rest: Vec<f64> = own.iter().zip(&fitted.residual_n).map(|(g, r)| g * (r - asked * g)).collect();
+    let rest: Vec<f64> = own.iter().zip(&fitted.residual_n).map(|(g, r)| g * (r - regressed * g)).collect();
     let blocks = Blocks::against(joint.rows, &rest, settings.block_s);
     let mut sums = blocks.sums(&own, &fitted.residual_n);
     if !possible {
         sums.fill(0.0);
     }
-    let p = p_of(&sums, settings.seed);
-    let promise = if possible { asked * asked * power } else { 0.0 };
-    Ok(Score { effect, own, identifiable, p, promise, sums, whole, asked, shape })
+    let p = p_value(&sums, settings.seed);
+    let predicted_drop = if possible { regressed * regressed * power } else { 0.0 };
+    Ok(Score { effect, own, identifiable, p, predicted_drop, sums, whole, regressed, shape })
 }
 
 /// Rejects runs with fewer blocks than a test needs, before any work.

@@ -170,8 +170,8 @@ impl Newton {
         };
         for _ in 0..NEWTONS {
             let piston = spring.behind(inputs, newton.at_n);
-            let told = model.force_and_slope(piston.displacement_m, piston.velocity_m_s, &way);
-            if !newton.step(spring.offset_n, told) || newton.unsure == 0.0 {
+            let force_and_slope = model.force_and_slope(piston.displacement_m, piston.velocity_m_s, &way);
+            if !newton.step(spring.offset_n, force_and_slope) || newton.unsure == 0.0 {
                 break;
             }
         }

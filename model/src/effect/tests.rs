@@ -1,7 +1,7 @@
 //! Rules for every effect, and each effect against a reference that shares no code with it.
 
 use super::*;
-use crate::force::{Dependence, ForceModel, FreeRun, Inputs, Law, LawModel};
+use crate::force::{Dependence, ForceLaw, ForceModel, FreeRun, Inputs, LawModel};
 use crate::preset;
 use crate::sample::DriveKind;
 use proptest::prelude::*;
@@ -11,24 +11,24 @@ mod responses;
 /// Force offset of the models below, N.
 const OFFSET_N: f64 = 31.0;
 
-fn law(law: Law, dependence: Dependence, coefficients: &[f64]) -> ForceModel {
+fn law(law: ForceLaw, dependence: Dependence, coefficients: &[f64]) -> ForceModel {
     ForceModel::Law(LawModel::new(law, dependence, coefficients, OFFSET_N).expect("a model"))
 }
 
 /// C v + offset.
 fn dashpot(damping_n_s_m: f64) -> ForceModel {
-    law(Law::Sp, Dependence::None, &[0.0, damping_n_s_m, 1.0, 0.0, 1.0])
+    law(ForceLaw::Sp, Dependence::None, &[0.0, damping_n_s_m, 1.0, 0.0, 1.0])
 }
 
 /// (200 + 400 i) tanh(30 (v + 3 x)) + 700 (v + 3 x) + offset.
 fn tanh() -> ForceModel {
     let drive = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
-    law(Law::Sp, drive, &[200.0, 700.0, 30.0, 3.0, 1.0, 400.0, 0.0, 0.0, 0.0, 0.0])
+    law(ForceLaw::Sp, drive, &[200.0, 700.0, 30.0, 3.0, 1.0, 400.0, 0.0, 0.0, 0.0, 0.0])
 }
 
 /// Bouc-Wen with the coefficients of its own tests: a model with state.
 fn bouc_wen() -> ForceModel {
-    law(Law::BoucWen, Dependence::None, &[700.0, 8000.0, 300.0, 0.0, 400.0, 300.0, 1.2, 300.0, 400.0])
+    law(ForceLaw::BoucWen, Dependence::None, &[700.0, 8000.0, 300.0, 0.0, 400.0, 300.0, 1.2, 300.0, 400.0])
 }
 
 fn thesis(name: &str) -> ForceModel {

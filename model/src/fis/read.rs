@@ -150,14 +150,14 @@ impl Section<'_> {
         unquoted(line, value).map(str::to_owned)
     }
 
-    /// Checks that `key` is one of `wanted`.
-    fn demand(&self, key: &str, wanted: &[&str]) -> Result<(), Error> {
+    /// Checks that `key` is one of `needed`.
+    fn demand(&self, key: &str, needed: &[&str]) -> Result<(), Error> {
         let (line, value) = self.value(key)?;
         let value = unquoted(line, value)?;
-        if wanted.iter().any(|wanted| value.eq_ignore_ascii_case(wanted)) {
+        if needed.iter().any(|needed| value.eq_ignore_ascii_case(needed)) {
             return Ok(());
         }
-        Err(error(line, format!("{key} is '{value}', but must be '{}'", wanted.join("' or '"))))
+        Err(error(line, format!("{key} is '{value}', but must be '{}'", needed.join("' or '"))))
     }
 
     fn integer(&self, key: &str) -> Result<At<usize>, Error> {
@@ -211,8 +211,8 @@ fn read_input(section: &Section) -> Result<FisInput, Error> {
         ("gaussmf", &[sigma, centre]) => Ok(TskSet::Gaussian { centre, sigma }),
         ("trimf", &[left, peak, right]) => Ok(TskSet::Triangle { left, peak, right }),
         ("gaussmf" | "trimf", _) => {
-            let wanted = if shape == "gaussmf" { "2 (sigma, centre)" } else { "3 (foot, peak, foot)" };
-            Err(error(line, format!("{shape} has {} numbers, but needs {wanted}", numbers.len())))
+            let needed = if shape == "gaussmf" { "2 (sigma, centre)" } else { "3 (foot, peak, foot)" };
+            Err(error(line, format!("{shape} has {} numbers, but needs {needed}", numbers.len())))
         }
         _ => Err(error(line, format!("membership '{shape}' is not known; known are gaussmf and trimf"))),
     };

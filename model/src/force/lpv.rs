@@ -59,12 +59,12 @@ impl Lpv {
                 message: "an lpv model needs a drive; without one, use the passive arx".to_owned(),
             });
         }
-        let wanted = LPV_REGRESSORS * dependence.copies();
-        if coefficients.len() != wanted {
+        let needed = LPV_REGRESSORS * dependence.copies();
+        if coefficients.len() != needed {
             return Err(Error::Length {
                 name: "coefficients of lpv".to_owned(),
                 found: coefficients.len(),
-                expected: format!("{wanted} ({LPV_REGRESSORS} regressors times {})", dependence.copies()),
+                expected: format!("{needed} ({LPV_REGRESSORS} regressors times {})", dependence.copies()),
             });
         }
         for (index, value) in coefficients.iter().enumerate() {
@@ -78,7 +78,7 @@ impl Lpv {
             Error::check("sample_period_s", sample_period.get(), "positive and finite", |t| t > 0.0)?;
         let mut model =
             Self { dependence, coefficients: [0.0; MAX_COEFFICIENTS], sample_period_s, force_offset_n };
-        model.coefficients[..wanted].copy_from_slice(coefficients);
+        model.coefficients[..needed].copy_from_slice(coefficients);
         Ok(model)
     }
 

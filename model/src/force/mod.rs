@@ -5,6 +5,7 @@
 
 mod arx;
 mod dependence;
+mod form;
 mod fuzzy_tanh;
 mod history;
 pub mod law;
@@ -18,10 +19,11 @@ pub(crate) mod tsk;
 
 pub use arx::{Arx, LAGS, SAVARESI_LAGS};
 pub use dependence::{Dependence, MAX_DEGREE};
+pub use form::Form;
 pub(crate) use fuzzy_tanh::FuzzyTanhAlong;
 pub use fuzzy_tanh::{FuzzyTanh, FuzzyTanhAt, TanhFunction};
 pub use history::{DEPTH, History};
-pub use law::{Law, LawModel, LawState, Sensitivity};
+pub use law::{ForceLaw, LawModel, LawState, Sensitivity};
 pub use lazy::{Lazy, LazyMetric, LazyPoint, MAX_NEIGHBOURS, MAX_POINTS, MIN_NEIGHBOURS};
 pub use lpv::{LPV_REGRESSORS, Lpv};
 pub use network::{

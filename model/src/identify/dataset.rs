@@ -171,13 +171,13 @@ fn stride(run: &Run, rate_hz: Option<f64>) -> Result<usize, Error> {
     let Some(recorded_hz) = run.displacement_m.mean_rate_hz() else {
         return Err(Error::Data { message: format!("run {}: has fewer than two displacements", run.name) });
     };
-    let Some(asked_hz) = rate_hz else { return Ok(1) };
-    Error::check("rate_hz", asked_hz, "positive and finite", |r| r > 0.0)?;
-    let multiple = (recorded_hz / asked_hz).round();
-    if multiple < 1.0 || (recorded_hz / (multiple * asked_hz) - 1.0).abs() > RATE_TOLERANCE {
+    let Some(requested_hz) = rate_hz else { return Ok(1) };
+    Error::check("rate_hz", requested_hz, "positive and finite", |r| r > 0.0)?;
+    let multiple = (recorded_hz / requested_hz).round();
+    if multiple < 1.0 || (recorded_hz / (multiple * requested_hz) - 1.0).abs() > RATE_TOLERANCE {
         return Err(Error::Data {
             message: format!(
-                "run {}: its rate is {recorded_hz:.6} Hz, not a whole multiple of {asked_hz} Hz; leave the run \
+                "run {}: its rate is {recorded_hz:.6} Hz, not a whole multiple of {requested_hz} Hz; leave the run \
                  out, or choose another rate",
                 run.name
             ),

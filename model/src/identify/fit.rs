@@ -4,13 +4,13 @@ use super::dataset::{self, Dataset};
 use super::free_sets;
 use super::levels::Memberships;
 use super::report::{self, Details, Identified, names_of_copies};
-use super::spec::{Form, ModelSpec, Structure};
+use super::spec::{ModelSpec, Structure};
 use super::tsk::{TskOptions, fit_tsk};
 use super::{Options, Placement, Watch, arx, fuzzy_tanh, law, lazy, lpv, network, tsk};
 use crate::condition::Conditioning;
 use crate::effect::Effects;
 use crate::error::Error;
-use crate::force::{Dependence, ForceModel, LAGS, Law, NetworkStructure, SAVARESI_LAGS, TskKind};
+use crate::force::{Dependence, ForceLaw, ForceModel, Form, LAGS, NetworkStructure, SAVARESI_LAGS, TskKind};
 use crate::model::{Envelope, Expected, Model};
 use crate::sample::DriveKind;
 use std::borrow::Cow;
@@ -66,7 +66,7 @@ pub(super) fn sample_esr(
         }
         (Structure::Tsk(kind), drive) => tsk::grid_esr(datasets, kind, drive, watch),
         (_, Some(kind)) => fuzzy_tanh::sample_esr(datasets, &job.memberships(kind)?, options.seed, watch),
-        (_, None) => law::sample_esr(datasets, Law::Sp, Dependence::None, options.seed, watch),
+        (_, None) => law::sample_esr(datasets, ForceLaw::Sp, Dependence::None, options.seed, watch),
     }
 }
 
@@ -114,7 +114,7 @@ impl Job<'_> {
         Ok((ForceModel::FuzzyTanh(fitted.model), fitted.found.offsets_n, details))
     }
 
-    fn law(&self, law: Law) -> Result<Fitted, Error> {
+    fn law(&self, law: ForceLaw) -> Result<Fitted, Error> {
         let (dependence, mut memberships) = self.dependence()?;
         if let Some(memberships) = &memberships {
             memberships.check_support(self.datasets, law.parameters().len())?;
@@ -215,14 +215,14 @@ impl Job<'_> {
     /// A warning if the degree of the polynomials is lower than requested.
     fn lowered_degree(&self, dependence: &Dependence) -> Vec<String> {
         let &Dependence::Polynomial { drive, degree } = dependence else { return Vec::new() };
-        let asked = self.options.degree;
+        let requested = self.options.degree;
         let text = || {
             let levels = degree + 1;
             format!(
-                "the runs hold {levels} levels of {drive}: polynomials over it have degree {degree} instead of {asked}"
+                "the runs hold {levels} levels of {drive}: polynomials over it have degree {degree} instead of {requested}"
             )
         };
-        (degree < asked).then(text).into_iter().collect()
+        (degree < requested).then(text).into_iter().collect()
     }
 
     /// Fuzzy sets as requested by the options.

@@ -18,7 +18,7 @@
 
 use super::levels::{MembershipSource, Memberships};
 use super::row_problem::Columns;
-use super::search::Sought;
+use super::search::SearchedModel;
 use crate::error::Error;
 use crate::force::{FuzzySets, Inputs, MAX_FUNCTIONS, blend};
 
@@ -31,7 +31,7 @@ const WIDEN: f64 = 4.0;
 const DRAWN: f64 = 1.6;
 
 /// A model that is a sum over fuzzy sets.
-pub(super) trait Blended: Sought {
+pub(super) trait Blended: SearchedModel {
     /// As [`Columns::row`], with `weights` as the basis. The force of each set with non-zero weight is
     /// written to `forces`.
     fn row_by_set(
@@ -175,7 +175,7 @@ impl<S: Blended> Columns for FreeSets<S> {
     }
 }
 
-impl<S: Blended> Sought for FreeSets<S> {
+impl<S: Blended> SearchedModel for FreeSets<S> {
     fn bounds(&self) -> Vec<[f64; 2]> {
         let mut bounds = self.inner.bounds();
         bounds.extend(self.centre_bounds());

@@ -5,7 +5,7 @@ use super::free_sets::FreeSets;
 use super::levels::Memberships;
 use super::row_problem::Columns;
 use super::scales::Scales;
-use super::search::{self, Found, Sought};
+use super::search::{self, Found, SearchedModel};
 use super::tanh_columns::{PER_FUNCTION, TanhColumns};
 use super::{Options, Watch};
 use crate::error::Error;
@@ -32,9 +32,9 @@ pub(super) fn fit(
     options: &Options,
     watch: &Watch,
 ) -> Result<Fitted, Error> {
-    let sought = sought(datasets, &memberships)?;
+    let searched = tanh_columns(datasets, &memberships)?;
     memberships.check_support(datasets, PER_FUNCTION)?;
-    let found = search::search(datasets, &sought, options, watch)?;
+    let found = search::search(datasets, &searched, options, watch)?;
     let model = model(datasets, &memberships, &found.natural, &found)?;
     Ok(Fitted { model, memberships, found })
 }
@@ -48,11 +48,11 @@ pub(super) fn fit_free(
     options: &Options,
     watch: &Watch,
 ) -> Result<Fitted, Error> {
-    let sought = FreeSets::new(sought(datasets, start)?, start.sets, levels)?;
+    let searched = FreeSets::new(tanh_columns(datasets, start)?, start.sets, levels)?;
     start.check_support(datasets, PER_FUNCTION)?;
-    let found = search::search(datasets, &sought, options, watch)?;
-    let memberships = sought.found(&found.natural)?;
-    let model = model(datasets, &memberships, sought.own(&found.natural), &found)?;
+    let found = search::search(datasets, &searched, options, watch)?;
+    let memberships = searched.found(&found.natural)?;
+    let model = model(datasets, &memberships, searched.own(&found.natural), &found)?;
     Ok(Fitted { model, memberships, found })
 }
 
@@ -73,16 +73,16 @@ pub(super) fn sample_esr(
     seed: u64,
     watch: &Watch,
 ) -> Result<f64, Error> {
-    let sought = sought(datasets, memberships)?;
+    let searched = tanh_columns(datasets, memberships)?;
     memberships.check_support(datasets, PER_FUNCTION)?;
-    search::sample_esr(datasets, &sought, seed, watch)
+    search::sample_esr(datasets, &searched, seed, watch)
 }
 
-fn sought(datasets: &[Dataset], memberships: &Memberships) -> Result<TanhColumns, Error> {
+fn tanh_columns(datasets: &[Dataset], memberships: &Memberships) -> Result<TanhColumns, Error> {
     Ok(TanhColumns { sets: memberships.sets, scales: Scales::of(datasets)? })
 }
 
-impl Sought for TanhColumns {
+impl SearchedModel for TanhColumns {
     /// The step is at most a few times the measured force. Its slope lies between a step that spans all
     /// speeds and one that is complete within a thousandth of them. The coupling is limited to twice the
     /// highest frequency, where it would act purely as stiffness. Damping is unbounded.

@@ -20,12 +20,12 @@ use super::free_sets::{Blended, FreeSets};
 use super::levels::Memberships;
 use super::row_problem::Columns;
 use super::scales::Scales;
-use super::search::{self, Found, Sought};
+use super::search::{self, Found, SearchedModel};
 use super::tanh_columns::push_weights;
 use super::{Options, Watch};
 use crate::error::Error;
 use crate::force::law::{Hidden, Kind, MAX_HIDDEN, MAX_PARAMETERS, Sensitivity};
-use crate::force::{Dependence, FuzzySets, Inputs, Law, LawModel, MAX_FUNCTIONS};
+use crate::force::{Dependence, ForceLaw, FuzzySets, Inputs, LawModel, MAX_FUNCTIONS};
 
 /// Share of a gauge parameter's constant that each higher power may add over the range of the drive, so that
 /// the sum stays away from zero.
@@ -38,18 +38,18 @@ const SPREAD: f64 = 0.15;
 /// Fits `law` with `dependence` to `datasets`.
 pub(super) fn fit(
     datasets: &[Dataset],
-    law: Law,
+    law: ForceLaw,
     dependence: Dependence,
     options: &Options,
     watch: &Watch,
 ) -> Result<(LawModel, Found), Error> {
     let scales = Scales::of(datasets)?;
-    let mut sought = LawColumns { law, dependence, scales, seed: None };
-    check_rows(datasets, sought.parameters())?;
+    let mut searched = LawColumns { law, dependence, scales, seed: None };
+    check_rows(datasets, searched.parameters())?;
     if let (Dependence::Fuzzy(sets), true) = (dependence, law.has_memory()) {
-        sought.seed = Some(seed(datasets, law, &sets, scales, options, watch)?);
+        searched.seed = Some(seed(datasets, law, &sets, scales, options, watch)?);
     }
-    let found = search::search(datasets, &sought, options, watch)?;
+    let found = search::search(datasets, &searched, options, watch)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
     Ok((LawModel::new(law, dependence, &found.natural, offset_n)?, found))
 }
@@ -59,7 +59,7 @@ pub(super) fn fit(
 /// seed alone.
 fn seed(
     datasets: &[Dataset],
-    law: Law,
+    law: ForceLaw,
     sets: &FuzzySets,
     scales: Scales,
     options: &Options,
@@ -79,7 +79,7 @@ fn seed(
 /// discrete values, or `None` if it varies continuously.
 pub(super) fn fit_free(
     datasets: &[Dataset],
-    law: Law,
+    law: ForceLaw,
     start: FuzzySets,
     levels: Option<usize>,
     options: &Options,
@@ -87,13 +87,13 @@ pub(super) fn fit_free(
 ) -> Result<(LawModel, Found, Memberships), Error> {
     let inner =
         LawColumns { law, dependence: Dependence::Fuzzy(start), scales: Scales::of(datasets)?, seed: None };
-    let sought = FreeSets::new(inner, start, levels)?;
-    check_rows(datasets, sought.parameters())?;
-    let found = search::search(datasets, &sought, options, watch)?;
-    let memberships = sought.found(&found.natural)?;
+    let searched = FreeSets::new(inner, start, levels)?;
+    check_rows(datasets, searched.parameters())?;
+    let found = search::search(datasets, &searched, options, watch)?;
+    let memberships = searched.found(&found.natural)?;
     let offset_n = super::mean_offset(datasets, &found.offsets_n);
     let dependence = Dependence::Fuzzy(memberships.sets);
-    Ok((LawModel::new(law, dependence, sought.own(&found.natural), offset_n)?, found, memberships))
+    Ok((LawModel::new(law, dependence, searched.own(&found.natural), offset_n)?, found, memberships))
 }
 
 /// Refuses runs with too few rows for the number of parameters.
@@ -114,13 +114,13 @@ fn check_rows(datasets: &[Dataset], parameters: usize) -> Result<(), Error> {
 /// Mean of the runs' NMSE after a few restarts on a sample of the rows.
 pub(super) fn sample_esr(
     datasets: &[Dataset],
-    law: Law,
+    law: ForceLaw,
     dependence: Dependence,
     seed: u64,
     watch: &Watch,
 ) -> Result<f64, Error> {
-    let sought = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None };
-    search::sample_esr(datasets, &sought, seed, watch)
+    let searched = LawColumns { law, dependence, scales: Scales::of(datasets)?, seed: None };
+    search::sample_esr(datasets, &searched, seed, watch)
 }
 
 /// Starting parameters of each set.
@@ -129,7 +129,7 @@ type Seed = [[f64; MAX_PARAMETERS]; MAX_FUNCTIONS];
 /// A law as the solver needs it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LawColumns {
-    law: Law,
+    law: ForceLaw,
     dependence: Dependence,
     scales: Scales,
     /// The starting point, if it is known.
@@ -281,7 +281,7 @@ impl Blended for LawColumns {
     }
 }
 
-impl Sought for LawColumns {
+impl SearchedModel for LawColumns {
     fn bounds(&self) -> Vec<[f64; 2]> {
         let mut all = Vec::with_capacity(self.parameters());
         for copy in 0..self.dependence.copies() {
@@ -372,9 +372,9 @@ mod tests {
     }
 
     /// Positions of drawn parameters within their starting ranges, from 0 to 1, copy after copy.
-    fn shares(sought: &LawColumns, restart: u32, random: &mut Pcg64Mcg) -> Vec<f64> {
-        let start = sought.draw(restart, &mut |low, high| random.random_range(low..=high));
-        let parameters = sought.law.parameters().iter().cycle().zip(start);
+    fn shares(searched: &LawColumns, restart: u32, random: &mut Pcg64Mcg) -> Vec<f64> {
+        let start = searched.draw(restart, &mut |low, high| random.random_range(low..=high));
+        let parameters = searched.law.parameters().iter().cycle().zip(start);
         let drawn = parameters.filter(|(parameter, _)| is_drawn(parameter));
         drawn
             .map(|(parameter, value)| {
@@ -390,14 +390,14 @@ mod tests {
         let membership = Membership { drive: DriveKind::CoilCurrent, sigma: 0.5 };
         let sets = FuzzySets::new(membership, &[0.0, 1.0, 2.0]).expect("sets");
         let mut random = Pcg64Mcg::seed_from_u64(1);
-        for law in Law::ALL {
+        for law in ForceLaw::ALL {
             let drawn = law.parameters().iter().filter(is_drawn).count();
             for (dependence, copies) in [(Dependence::None, 1), (Dependence::Fuzzy(sets), sets.len())] {
-                let sought = LawColumns { law, dependence, scales: SCALES, seed: None };
-                let middle = shares(&sought, 0, &mut random);
+                let searched = LawColumns { law, dependence, scales: SCALES, seed: None };
+                let middle = shares(&searched, 0, &mut random);
                 assert_eq!(middle.len(), copies * drawn, "{law:?}");
                 assert!(middle.iter().all(|share| (share - 0.5).abs() < 1e-9), "{law:?}: {middle:?}");
-                let draws: Vec<_> = (1..200).map(|restart| shares(&sought, restart, &mut random)).collect();
+                let draws: Vec<_> = (1..200).map(|restart| shares(&searched, restart, &mut random)).collect();
                 for parameter in 0..middle.len() {
                     let of = |draw: &Vec<f64>| draw[parameter];
                     let least = draws.iter().map(of).fold(f64::INFINITY, f64::min);

@@ -147,9 +147,9 @@ fn bounded_step(
         let mut inside = Vec::with_capacity(free.len());
         let mut cut = false;
         for (a, &j) in free.iter().enumerate() {
-            let wanted = p[j] + solution[a] / root[a];
-            trial[j] = wanted.clamp(bounds[j][0], bounds[j][1]);
-            if trial[j] == wanted || wanted.is_nan() {
+            let target = p[j] + solution[a] / root[a];
+            trial[j] = target.clamp(bounds[j][0], bounds[j][1]);
+            if trial[j] == target || target.is_nan() {
                 inside.push(j);
             } else {
                 step[j] = trial[j] - p[j];

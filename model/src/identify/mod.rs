@@ -64,6 +64,7 @@ mod unrolled;
 mod velocity;
 mod watch;
 
+pub use crate::force::Form;
 pub use dataset::{Dataset, DatasetOptions, Row};
 pub use levels::{MembershipSource, Memberships};
 pub use options::{Loss, Options, Placement};
@@ -72,7 +73,7 @@ pub use report::{ActiveBound, Identified, ParameterValue, RunFit};
 pub(crate) use scales::Scales;
 pub(crate) use score::check as check_runs;
 pub use score::{Predicted, Scores, persistence, score, sum_of_free_run, walk};
-pub use spec::{Form, ModelSpec, Structure};
+pub use spec::{ModelSpec, Structure};
 pub use tsk::{Evolution, FittedTsk, Learning, TskOptions, fit_tsk};
 pub use velocity::VelocityTrial;
 pub use watch::{Progress, Watch};
@@ -218,26 +219,26 @@ fn check_drives<'a>(
     if runs.peek().is_none() {
         return Err(Error::Data { message: "no runs to identify from; give at least one".to_owned() });
     }
-    if !spec.wants_drive() {
+    if !spec.needs_drive() {
         return Ok(None);
     }
-    let mut wanted: Option<DriveKind> = None;
+    let mut needed: Option<DriveKind> = None;
     for (name, drive) in runs {
         let found = drive.ok_or_else(|| Error::MissingChannel {
             run: name.to_owned(),
             channel: "current_a or command_v",
             needed_by: "the model".to_owned(),
         })?;
-        let wanted = *wanted.get_or_insert(found);
-        if found != wanted {
+        let needed = *needed.get_or_insert(found);
+        if found != needed {
             return Err(Error::WrongDrive {
                 run: name.to_owned(),
                 found: found.name(),
-                wanted: wanted.name(),
+                needed: needed.name(),
             });
         }
     }
-    Ok(wanted)
+    Ok(needed)
 }
 
 /// Mean of the runs' offsets, weighted by counted rows, N.

@@ -514,7 +514,7 @@ mod tests {
         for structure in NetworkStructure::ALL {
             let (table, network) = table(structure);
             let (hidden, inputs) = (structure.hidden(), network.inputs());
-            let told = |output: f64, feedback: f64, bias: f64| {
+            let messages = |output: f64, feedback: f64, bias: f64| {
                 let mut weights = vec![0.0; network.parameter_count()];
                 weights[(inputs - structure.force_lags()) * hidden] = feedback;
                 weights[(inputs + 1) * hidden] = output;
@@ -522,9 +522,9 @@ mod tests {
                 warnings(&table, &network.with_weights(&weights))
             };
             // A force of twenty deviations, which the feedback sustains.
-            let said = told(20.0, 5.0, 0.1);
+            let said = messages(20.0, 5.0, 0.1);
             assert!(said.len() == 1 && said[0].contains("diverges"), "{said:?}");
-            let said = told(0.0, 0.0, 1.0);
+            let said = messages(0.0, 0.0, 1.0);
             assert!(said.len() == 1 && said[0].contains("not better than the mean force"), "{said:?}");
         }
     }

@@ -158,7 +158,7 @@ fn check_drives(datasets: &[Dataset], kind: DriveKind) -> Result<(), Error> {
                 return Err(Error::WrongDrive {
                     run: dataset.name.clone(),
                     found: found.name(),
-                    wanted: kind.name(),
+                    needed: kind.name(),
                 });
             }
             None => {

@@ -102,19 +102,19 @@ pub(crate) fn check(model: &Augmented, dataset: &Dataset) -> Result<(), Error> {
             needed_by: format!("the effect {}", effect.id()),
         });
     }
-    if let Some(wanted) = force.drive() {
+    if let Some(needed) = force.drive() {
         let Some(found) = dataset.drive else {
             return Err(Error::MissingChannel {
                 run: dataset.name.clone(),
-                channel: wanted.name(),
+                channel: needed.name(),
                 needed_by: format!("the {} model", force.name()),
             });
         };
-        if found != wanted {
+        if found != needed {
             return Err(Error::WrongDrive {
                 run: dataset.name.clone(),
                 found: found.name(),
-                wanted: wanted.name(),
+                needed: needed.name(),
             });
         }
     }

@@ -28,7 +28,7 @@ const ROUGH: usize = 15;
 /// One in this many restarts is continued.
 const PROMISING: usize = 4;
 /// Number of results of a model with memory that are evaluated on all rows.
-const JUDGED: usize = 6;
+const EVALUATED: usize = 6;
 /// Costs with a smaller relative difference are taken as the same minimum.
 const SAME: f64 = 1e-4;
 /// Reweighting iterations for a robust loss.
@@ -38,7 +38,7 @@ const REWEIGHTINGS: usize = 8;
 const BLOCK_S: f64 = 1.0;
 
 /// A model whose parameters are searched.
-pub(super) trait Sought: Columns + Clone {
+pub(super) trait SearchedModel: Columns + Clone {
     /// Lower and upper bound of each parameter.
     fn bounds(&self) -> Vec<[f64; 2]>;
     /// True when the force is linear in parameter `j` and in all other such parameters together.
@@ -72,20 +72,20 @@ pub(super) struct Found {
     pub(super) converged: bool,
 }
 
-/// Searches the parameters of `sought` on `datasets`.
-pub(super) fn search<S: Sought>(
+/// Searches the parameters of `searched` on `datasets`.
+pub(super) fn search<S: SearchedModel>(
     datasets: &[Dataset],
-    sought: &S,
+    searched: &S,
     options: &Options,
     watch: &Watch,
 ) -> Result<Found, Error> {
-    let (restart_rsse_n, mut outcomes) = match sought.seeded() {
+    let (restart_rsse_n, mut outcomes) = match searched.seeded() {
         Some(parameters) => {
             let seed = Minimum { parameters, cost: f64::INFINITY, evaluations: 0, converged: false };
             (Vec::new(), vec![seed])
         }
         None => {
-            let (sample, outcomes) = explore(datasets, sought, options.restarts, options.seed, watch)?;
+            let (sample, outcomes) = explore(datasets, searched, options.restarts, options.seed, watch)?;
             let sampled = sample.counted().max(1) as f64;
             (outcomes.iter().map(|m| (m.cost / sampled).sqrt()).collect(), outcomes)
         }
@@ -96,31 +96,32 @@ pub(super) fn search<S: Sought>(
     let fewer = options.most_rows.filter(|most| counted > *most);
     let mut problem = match fewer {
         Some(most) => {
-            RowProblem::sample(datasets, sought.clone(), most, options.seed, watch.flag()).in_parallel()
+            RowProblem::sample(datasets, searched.clone(), most, options.seed, watch.flag()).in_parallel()
         }
-        None => RowProblem::new(datasets, sought.clone(), watch.flag()),
+        None => RowProblem::new(datasets, searched.clone(), watch.flag()),
     };
-    let bounds = sought.bounds();
+    let bounds = searched.bounds();
     // The cost of a row decides how many candidates are refined, and how finely.
-    let (polished, stop) = if sought.has_memory() {
+    let (polished, stop) = if searched.has_memory() {
         (1, Stop { evaluations: 60, cost: 1e-8, step: 1e-8 })
     } else {
         (POLISHED, Stop::default())
     };
     // A model with memory may be stable on short stretches and diverge over a whole run, so all rows decide.
-    let judges = sought.has_memory();
-    let whole = fewer.filter(|_| judges).map(|_| RowProblem::new(datasets, sought.clone(), watch.flag()));
-    let judged = |minimum: Minimum| -> Result<Minimum, Error> {
-        if !judges {
+    let on_all_rows = searched.has_memory();
+    let whole =
+        fewer.filter(|_| on_all_rows).map(|_| RowProblem::new(datasets, searched.clone(), watch.flag()));
+    let evaluated = |minimum: Minimum| -> Result<Minimum, Error> {
+        if !on_all_rows {
             return Ok(minimum);
         }
         let all = whole.as_ref().unwrap_or(&problem);
         let cost = all.normal(&minimum.parameters).ok_or(Error::Cancelled)?.cost;
         Ok(Minimum { cost, ..minimum })
     };
-    if judges {
-        outcomes.truncate(JUDGED);
-        outcomes = outcomes.into_iter().map(judged).collect::<Result<_, _>>()?;
+    if on_all_rows {
+        outcomes.truncate(EVALUATED);
+        outcomes = outcomes.into_iter().map(evaluated).collect::<Result<_, _>>()?;
         outcomes.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
     let mut best: Option<Minimum> = None;
@@ -128,8 +129,8 @@ pub(super) fn search<S: Sought>(
     for (index, outcome) in outcomes.into_iter().take(polished).enumerate() {
         watch.report(Progress::Polish { done: index as u32, of: candidates as u32 });
         let minimum = minimise(&problem, &outcome.parameters, &bounds, &stop).ok_or(Error::Cancelled)?;
-        let unpolished = judges.then_some(outcome);
-        for minimum in [Some(judged(minimum)?), unpolished].into_iter().flatten() {
+        let unpolished = on_all_rows.then_some(outcome);
+        for minimum in [Some(evaluated(minimum)?), unpolished].into_iter().flatten() {
             if minimum.cost.is_finite() && best.as_ref().is_none_or(|best| minimum.cost < best.cost) {
                 best = Some(minimum);
             }
@@ -148,8 +149,8 @@ pub(super) fn search<S: Sought>(
     let on_bound =
         |(j, (p, b)): (usize, (&f64, &[f64; 2]))| (b[0] < b[1] && (*p <= b[0] || *p >= b[1])).then_some(j);
     Ok(Found {
-        natural: sought.natural(&best.parameters),
-        standard_errors: standard_errors(&problem, sought, &best.parameters)?,
+        natural: searched.natural(&best.parameters),
+        standard_errors: standard_errors(&problem, searched, &best.parameters)?,
         on_bound: best.parameters.iter().zip(&bounds).enumerate().filter_map(on_bound).collect(),
         offsets_n: problem.offsets_n(&best.parameters),
         restart_rsse_n,
@@ -158,22 +159,22 @@ pub(super) fn search<S: Sought>(
 }
 
 /// A sample of the rows, and the restarts on it, best first.
-fn explore<'a, S: Sought>(
+fn explore<'a, S: SearchedModel>(
     datasets: &[Dataset],
-    sought: &S,
+    searched: &S,
     restarts: u32,
     seed: u64,
     watch: &'a Watch,
 ) -> Result<(RowProblem<'a, S>, Vec<Minimum>), Error> {
-    let rows = if sought.has_memory() { RESTART_ROWS / 2 } else { RESTART_ROWS };
-    let sample = RowProblem::sample(datasets, sought.clone(), rows, seed, watch.flag());
-    let bounds = sought.bounds();
+    let rows = if searched.has_memory() { RESTART_ROWS / 2 } else { RESTART_ROWS };
+    let sample = RowProblem::sample(datasets, searched.clone(), rows, seed, watch.flag());
+    let bounds = searched.bounds();
     let done = AtomicUsize::new(0);
     let restarts = restarts.max(1);
     let full = Stop { evaluations: 120, cost: 1e-7, step: 1e-7 };
     let first = Stop { evaluations: ROUGH, ..full };
     let one = |restart| {
-        let start = start(&sample, sought, restart, seed)?;
+        let start = start(&sample, searched, restart, seed)?;
         let minimum = minimise(&sample, &start, &bounds, &first)?;
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         watch.report(Progress::Restart { done: done as u32, of: restarts });
@@ -193,23 +194,28 @@ fn explore<'a, S: Sought>(
 }
 
 /// Mean of the runs' NMSE after a few restarts on a sample of the rows; enough to compare conditionings.
-pub(super) fn sample_esr<S: Sought>(
+pub(super) fn sample_esr<S: SearchedModel>(
     datasets: &[Dataset],
-    sought: &S,
+    searched: &S,
     seed: u64,
     watch: &Watch,
 ) -> Result<f64, Error> {
     let quiet = Watch { progress: None, ..*watch };
-    let (sample, outcomes) = explore(datasets, sought, SCOUTS, seed, &quiet)?;
+    let (sample, outcomes) = explore(datasets, searched, SCOUTS, seed, &quiet)?;
     Ok(sample.mean_esr(&outcomes[0].parameters))
 }
 
 /// Start of one restart: nonlinear parameters drawn, linear ones solved for. `None` if cancelled.
-fn start<S: Sought>(sample: &RowProblem<S>, sought: &S, restart: u32, seed: u64) -> Option<Vec<f64>> {
+fn start<S: SearchedModel>(
+    sample: &RowProblem<S>,
+    searched: &S,
+    restart: u32,
+    seed: u64,
+) -> Option<Vec<f64>> {
     let mut random =
         Pcg64Mcg::seed_from_u64(seed ^ (u64::from(restart) + 1).wrapping_mul(0xd134_2543_de82_ef95));
-    let mut start = sought.draw(restart, &mut |low, high| low + (high - low) * random.random::<f64>());
-    let linear: Vec<usize> = (0..start.len()).filter(|j| sought.is_linear(*j)).collect();
+    let mut start = searched.draw(restart, &mut |low, high| low + (high - low) * random.random::<f64>());
+    let linear: Vec<usize> = (0..start.len()).filter(|j| searched.is_linear(*j)).collect();
     if linear.is_empty() {
         return Some(start);
     }
@@ -227,16 +233,16 @@ fn start<S: Sought>(sample: &RowProblem<S>, sought: &S, restart: u32, seed: u64)
             start[j] = solution[a] / scale(j);
         }
     }
-    sought.settle(&mut start);
+    searched.settle(&mut start);
     Some(start)
 }
 
 /// Standard errors by the sandwich formula H^-1 B H^-1: H is the normal matrix, B the scatter of the gradient
 /// over blocks of one second. Residuals of an incomplete model are correlated from sample to sample; taken as
 /// white noise, they would make the errors too small by a factor of ten or more.
-fn standard_errors<S: Sought>(
+fn standard_errors<S: SearchedModel>(
     problem: &RowProblem<S>,
-    sought: &S,
+    searched: &S,
     parameters: &[f64],
 ) -> Result<Vec<f64>, Error> {
     let normal = problem.normal(parameters).ok_or(Error::Cancelled)?;
@@ -253,7 +259,7 @@ fn standard_errors<S: Sought>(
     let mut errors = vec![f64::NAN; n];
     let Ok(inverse) = scaled(&normal.square).pseudo_inverse(1e-12) else { return Ok(errors) };
     let covariance = &inverse * scaled(&scatter) * &inverse;
-    let slopes = sought.natural_slopes(parameters);
+    let slopes = searched.natural_slopes(parameters);
     for (a, &j) in known.iter().enumerate() {
         errors[j] = covariance[(a, a)].max(0.0).sqrt() / root[j] * slopes[j].abs();
     }

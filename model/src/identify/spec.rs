@@ -1,9 +1,9 @@
 //! Selects the model to identify: a structure by its name in the contract, and the form in which the drive
 //! enters it.
 
+use crate::edit_distance::edit_distance;
 use crate::error::Error;
-use crate::force::{Law, NetworkStructure, TskKind};
-use crate::preset::edit_distance;
+use crate::force::{ForceLaw, Form, NetworkStructure, TskKind};
 
 /// A model structure of the thesis, or of the literature that the thesis reviews.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -24,24 +24,9 @@ pub enum Structure {
     /// An autoregressive network.
     Network(NetworkStructure),
     /// A force law.
-    Law(Law),
+    Law(ForceLaw),
     /// Fuzzy rules on a grid: ANFIS and its relatives.
     Tsk(TskKind),
-}
-
-/// How the drive enters a model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Form {
-    /// The drive does not enter.
-    Passive,
-    /// The structure's own form: drive terms in ARX, polynomials of the parameters in a force law, fuzzy sets
-    /// in fuzzy-tanh.
-    SemiActive,
-    /// Fuzzy sets over the drive, each with a copy of the structure, for structures that have no sets of
-    /// their own.
-    Fuzzy,
-    /// Fuzzy sets whose centres and widths are identified as well.
-    FreeFuzzy,
 }
 
 /// Selects the model to identify.
@@ -57,7 +42,7 @@ impl Structure {
     pub fn all() -> Vec<Self> {
         let mut all = vec![Self::Arx, Self::Savaresi, Self::Lpv, Self::Phase, Self::FuzzyTanh, Self::Boada];
         all.extend(NetworkStructure::ALL.map(Self::Network));
-        all.extend(Law::ALL.map(Self::Law));
+        all.extend(ForceLaw::ALL.map(Self::Law));
         all.extend(TskKind::ALL.map(Self::Tsk));
         all
     }
@@ -95,21 +80,8 @@ impl Structure {
             Self::Lpv => &[Form::SemiActive, Form::Fuzzy],
             Self::FuzzyTanh => &[Form::SemiActive, Form::FreeFuzzy],
             // The fuzzy form of the S-P law is the fuzzy-tanh model.
-            Self::Law(Law::Sp) => &[Form::Passive, Form::SemiActive],
+            Self::Law(ForceLaw::Sp) => &[Form::Passive, Form::SemiActive],
             Self::Law(_) => &[Form::Passive, Form::SemiActive, Form::Fuzzy, Form::FreeFuzzy],
-        }
-    }
-}
-
-impl Form {
-    /// The name in reports: `passive`, `semi_active`, `fuzzy`, `free_fuzzy`.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Passive => "passive",
-            Self::SemiActive => "semi_active",
-            Self::Fuzzy => "fuzzy",
-            Self::FreeFuzzy => "free_fuzzy",
         }
     }
 }
@@ -199,7 +171,7 @@ impl ModelSpec {
 
     /// True when the model needs a drive.
     #[must_use]
-    pub const fn wants_drive(self) -> bool {
+    pub const fn needs_drive(self) -> bool {
         !matches!(self.form, Form::Passive)
     }
 }

@@ -27,7 +27,7 @@ const STEPS: [f64; 2] = [2.0, 24.0];
 
 /// Position of the points on a sine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Phase {
+pub(super) enum CyclePoints {
     /// At the points to which a surrogate is fitted.
     On,
     /// Halfway between them.
@@ -92,15 +92,15 @@ impl Cycle {
         model: &Augmented,
         reach: f64,
         current_a: f64,
-        phase: Phase,
+        points: CyclePoints,
         mut see: impl FnMut(&At),
     ) {
         let round = POINTS * self.steps;
         let omega = self.fastest_m_s / self.half_m;
         let dt_s = TAU / omega / round as f64;
-        let shown = match phase {
-            Phase::On => 0,
-            Phase::Between => self.steps / 2,
+        let shown = match points {
+            CyclePoints::On => 0,
+            CyclePoints::Between => self.steps / 2,
         };
         let mut state = AugmentedState::default();
         for step in 0..2 * round {

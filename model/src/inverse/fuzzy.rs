@@ -93,8 +93,8 @@ impl Fuzzy {
 /// Gaussians at `centres`, given as shares of `scale` about `middle`.
 fn input(signal: Signal, middle: f64, scale: f64, centres: &[f64]) -> Result<TskInput, Error> {
     let set = |centre: &f64| {
-        let ways = centres.iter().map(|other| (other - centre).abs()).filter(|way| *way > 0.0);
-        TskSet::Gaussian { centre: *centre, sigma: WIDTH * ways.fold(f64::INFINITY, f64::min) }
+        let distances = centres.iter().map(|other| (other - centre).abs()).filter(|distance| *distance > 0.0);
+        TskSet::Gaussian { centre: *centre, sigma: WIDTH * distances.fold(f64::INFINITY, f64::min) }
     };
     let sets: Vec<TskSet> = centres.iter().map(set).collect();
     TskInput::new(signal, middle, scale, &sets)

@@ -13,7 +13,7 @@
 //! each motion, and the current for a force has a closed form, see [`super::Solver`]. This is tested along a sine, which covers both
 //! branches of a hysteresis loop with the model's state on each.
 
-use super::cycle::{Cycle, Phase};
+use super::cycle::{Cycle, CyclePoints};
 use super::prepare;
 use crate::effect::{Augmented, AugmentedState};
 use crate::force::Inputs;
@@ -155,7 +155,7 @@ fn bend_n(model: &Model, current_max_a: f64) -> f64 {
     let Ok(augmented) = prepare::without_lag(model) else { return f64::INFINITY };
     let mut bend_n = 0.0_f64;
     for reach in [0.3, 0.9] {
-        Cycle::of(model).along(&augmented, reach, 0.5 * current_max_a, Phase::On, |at| {
+        Cycle::of(model).along(&augmented, reach, 0.5 * current_max_a, CyclePoints::On, |at| {
             let off_n = |share: f64| {
                 let [low_n, high_n, here_n] =
                     [0.0, 1.0, share].map(|share| at.force_n_at(share * current_max_a).unwrap_or(f64::NAN));

@@ -284,16 +284,16 @@ mod tests {
             // Any sigmoid, including flat ends and steep middles.
             let force_n = |i: f64| base_n + gain_n * ((i - middle_a) * sharpness).tanh();
             let last = End { current_a: last_a, force_n: force_n(last_a) };
-            let mut asked = 0;
-            let found = solver(false).search(|i| { asked += 1; Some(force_n(i)) }, demand_n, last).expect("finite");
+            let mut evaluations = 0;
+            let found = solver(false).search(|i| { evaluations += 1; Some(force_n(i)) }, demand_n, last).expect("finite");
             let [low, high] = found.achievable_n;
             prop_assert!((0.0..=2.5).contains(&found.current_a));
             prop_assert!(found.force_n == force_n(found.current_a));
-            prop_assert!(asked <= 2 + MOST_STEPS);
-            let wanted = demand_n.clamp(low, high);
+            prop_assert!(evaluations <= 2 + MOST_STEPS);
+            let expected = demand_n.clamp(low, high);
             // Within the tolerance of force, or at a step steeper than the tolerance of current resolves.
             let steep_n = gain_n.abs() * sharpness * 2.5 * NEAR;
-            prop_assert!((found.force_n - wanted).abs() <= NEAR * (high - low) + steep_n, "{found:?} {wanted}");
+            prop_assert!((found.force_n - expected).abs() <= NEAR * (high - low) + steep_n, "{found:?} {expected}");
         }
     }
 
@@ -305,14 +305,14 @@ mod tests {
             demand_n in -2000.0..2000.0_f64,
         ) {
             let force_n = |i: f64| base_n + gain_n * i;
-            let mut asked = 0;
+            let mut evaluations = 0;
             let found = Solver { linear: true, ..solver(false) }
-                .search(|i| { asked += 1; Some(force_n(i)) }, demand_n, End { current_a: 1.0, force_n: 0.0 })
+                .search(|i| { evaluations += 1; Some(force_n(i)) }, demand_n, End { current_a: 1.0, force_n: 0.0 })
                 .expect("finite");
             let [low, high] = found.achievable_n;
             prop_assert!((0.0..=2.5).contains(&found.current_a));
             prop_assert!((force_n(found.current_a) - demand_n.clamp(low, high)).abs() < 1e-9, "{found:?}");
-            prop_assert!((found.force_n - force_n(found.current_a)).abs() < 1e-9 && asked == 2);
+            prop_assert!((found.force_n - force_n(found.current_a)).abs() < 1e-9 && evaluations == 2);
         }
     }
 

@@ -7,7 +7,7 @@
 //! Both errors are evaluated at motions and currents between the fitted ones. The force is computed from the model's state at that
 //! point. Only points count at which the current moves the force.
 
-use super::cycle::{At, Cycle, Phase};
+use super::cycle::{At, Cycle, CyclePoints};
 use super::fuzzy::Fuzzy;
 use super::limits::Limits;
 use super::method::Method;
@@ -114,8 +114,8 @@ impl Surrogate {
         let alone = Model { effects: Effects::NONE, ..*model };
         let (cycle, bare) = (Cycle::of(&alone), alone.augmented());
         let most_n = Shape::of(&alone, limits.current_max_a).most_n;
-        let ground = Ground { cycle, bare: &bare, most_n, limits };
-        let samples = ground.samples();
+        let context = FitContext { cycle, bare: &bare, most_n, limits };
+        let samples = context.samples();
         let undetermined =
             || refused(model, &format!("does not determine its {} inverse; use search", method.name()));
         if samples.is_empty() {
@@ -128,7 +128,7 @@ impl Surrogate {
             }
             _ => Map::Fuzzy(Fuzzy::fit(&samples, &cycle)?),
         };
-        let fit = ground.fit_of(&map);
+        let fit = context.fit_of(&map);
         if fit.points[0] == 0 {
             return Err(undetermined());
         }
@@ -164,7 +164,7 @@ impl Surrogate {
 }
 
 /// The data for a surrogate's fit.
-struct Ground<'a> {
+struct FitContext<'a> {
     cycle: Cycle,
     bare: &'a Augmented,
     /// Its largest force, N.
@@ -172,13 +172,13 @@ struct Ground<'a> {
     limits: &'a Limits,
 }
 
-impl Ground<'_> {
+impl FitContext<'_> {
     fn samples(&self) -> Vec<Sample> {
         let mut samples = Vec::new();
         for reach in FITTED {
             for step in 0..CURRENTS {
                 let current_a = self.limits.current_max_a * step as f64 / (CURRENTS - 1) as f64;
-                self.cycle.along(self.bare, reach, current_a, Phase::On, |at| {
+                self.cycle.along(self.bare, reach, current_a, CyclePoints::On, |at| {
                     if self.way_n(at).is_some() {
                         samples.push(Sample { inputs: at.inputs, force_n: at.force_n });
                     }
@@ -202,7 +202,7 @@ impl Ground<'_> {
         for reach in LOOKED {
             for step in 1..CURRENTS {
                 let current_a = max_a * (step as f64 - 0.5) / (CURRENTS - 1) as f64;
-                self.cycle.along(self.bare, reach, current_a, Phase::Between, |at| {
+                self.cycle.along(self.bare, reach, current_a, CyclePoints::Between, |at| {
                     let Some(way_n) = self.way_n(at) else { return };
                     points[1] += 1;
                     largest_n = largest_n.max(at.force_n.abs());

@@ -9,8 +9,8 @@
 //! tracking error = rms(F - Fd) / rms(Fd)
 //! ```
 
-use super::commander::{Command, Commander};
-use super::law::Demand;
+use super::control_law::Demand;
+use super::controller::{CurrentCommand, InverseController};
 use super::limits::LimitedBy;
 use super::shape::CASE_TEMP_C;
 use crate::condition::{Conditioning, LowPass, MotionState, VelocitySource};
@@ -35,7 +35,7 @@ pub struct Point {
     /// The achieved force; on the rig the true force.
     pub achieved: Newton,
     /// The command, with the demanded force.
-    pub command: Command,
+    pub command: CurrentCommand,
 }
 
 /// Tracking figures.
@@ -83,11 +83,11 @@ impl Figures {
     #[must_use]
     pub fn of(points: &[Point]) -> Self {
         let (mut all, mut able) = (Squares::default(), Squares::default());
-        let (mut asked, mut infeasible, mut violations, mut rate_limited) = (0_u64, 0_u64, 0, 0);
+        let (mut demanded, mut infeasible, mut violations, mut rate_limited) = (0_u64, 0_u64, 0, 0);
         let mut last_a = 0.0;
         for Point { achieved, command, .. } in points {
             if command.limited_by != LimitedBy::Safe {
-                asked += 1;
+                demanded += 1;
                 all.add(command.requested.get(), achieved.get());
                 if command.is_achievable {
                     able.add(command.requested.get(), achieved.get());
@@ -104,7 +104,7 @@ impl Figures {
             achievable: able.errors.fit(),
             error: all.ratio(),
             error_achievable: able.ratio(),
-            infeasible_share: infeasible as f64 / (asked.max(1)) as f64,
+            infeasible_share: infeasible as f64 / (demanded.max(1)) as f64,
             dissipative_violations: violations,
             rate_limited,
         }
@@ -113,7 +113,7 @@ impl Figures {
 
 /// Displacement and demanded force, one value per sample.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Course {
+pub struct Trajectory {
     /// Time since the sample before, s; `None` for the first and after a gap.
     pub dt_s: Vec<Option<f64>>,
     /// Displacement, m.
@@ -122,20 +122,24 @@ pub struct Course {
     pub force_n: Vec<f64>,
 }
 
-/// Tracks `course` on `model` itself, with a copy of `commander`, which must belong to that model.
+/// Tracks `trajectory` on `model` itself, with a copy of `controller`, which must belong to that model.
 ///
 /// # Errors
 /// [`Error::MissingChannel`] for a model that needs measured velocity.
-pub fn on_model(model: &Model, commander: &Commander, course: &Course) -> Result<Vec<Point>, Error> {
-    let mut commander = *commander;
-    let mut eyes = Eyes::new(model)?;
+pub fn on_model(
+    model: &Model,
+    controller: &InverseController,
+    trajectory: &Trajectory,
+) -> Result<Vec<Point>, Error> {
+    let mut controller = *controller;
+    let mut conditioner = InputConditioner::new(model)?;
     let mut state = AugmentedState::default();
     let mut time_s = 0.0;
-    let samples = course.dt_s.iter().zip(&course.displacement_m).zip(&course.force_n);
+    let samples = trajectory.dt_s.iter().zip(&trajectory.displacement_m).zip(&trajectory.force_n);
     let follow = |((dt_s, displacement_m), force_n): ((&Option<f64>, &f64), &f64)| {
         time_s += dt_s.unwrap_or(0.0);
-        let inputs = eyes.see(*dt_s, *displacement_m);
-        let command = commander.step(&inputs, Demand::Force(*force_n), None);
+        let inputs = conditioner.see(*dt_s, *displacement_m);
+        let command = controller.step(&inputs, Demand::Force(*force_n), None);
         let driven = Inputs { drive: command.current.get(), ..inputs };
         let known = inputs.velocity_m_s.is_finite();
         let achieved_n = if known { model.free_run(&mut state, &driven) } else { None };
@@ -146,7 +150,7 @@ pub fn on_model(model: &Model, commander: &Commander, course: &Course) -> Result
 
 /// The virtual rig for tracking.
 #[derive(Debug, Clone, Copy)]
-pub struct Bench<'a> {
+pub struct TrackingRig<'a> {
     /// The damper.
     pub plant: &'a Plant,
     /// Its transducers.
@@ -157,35 +161,35 @@ pub struct Bench<'a> {
     pub feedback: bool,
 }
 
-/// Tracks `force_n`, one value per sample of `motion`, on the rig, with a copy of `commander`, which must belong to `model`.
+/// Tracks `force_n`, one value per sample of `motion`, on the rig, with a copy of `controller`, which must belong to `model`.
 ///
 /// # Errors
 /// Those of [`on_model`].
 pub fn on_rig(
     model: &Model,
-    commander: &Commander,
+    controller: &InverseController,
     motion: &Motion,
     force_n: &[f64],
-    bench: &Bench,
+    rig: &TrackingRig,
 ) -> Result<Vec<Point>, Error> {
-    let mut commander = *commander;
-    let mut eyes = Eyes::new(model)?;
+    let mut controller = *controller;
+    let mut conditioner = InputConditioner::new(model)?;
     let mut commands = Vec::with_capacity(force_n.len());
-    let response = control(motion, bench.plant, bench.channels, bench.seed, &mut |shown| {
-        let inputs = eyes.see((shown.sample > 0).then_some(1.0 / RATE_HZ), shown.displacement_m);
+    let response = control(motion, rig.plant, rig.channels, rig.seed, &mut |shown| {
+        let inputs = conditioner.see((shown.sample > 0).then_some(1.0 / RATE_HZ), shown.displacement_m);
         let demand_n = force_n.get(shown.sample).copied();
         let command =
-            commander.step(&inputs, Demand::of_force(demand_n), bench.feedback.then_some(shown.force_n));
+            controller.step(&inputs, Demand::of_force(demand_n), rig.feedback.then_some(shown.force_n));
         commands.push((inputs, command));
         command.current.get()
     });
-    let sample = |(k, ((inputs, command), achieved_n)): (usize, ((Inputs, Command), &f64))| {
+    let sample = |(k, ((inputs, command), achieved_n)): (usize, ((Inputs, CurrentCommand), &f64))| {
         point(k as f64 / RATE_HZ, &inputs, *achieved_n, command)
     };
     Ok(commands.into_iter().zip(&response.force_n).enumerate().map(sample).collect())
 }
 
-fn point(time_s: f64, inputs: &Inputs, achieved_n: f64, command: Command) -> Point {
+fn point(time_s: f64, inputs: &Inputs, achieved_n: f64, command: CurrentCommand) -> Point {
     Point {
         time: Second(time_s),
         displacement: Metre(inputs.displacement_m),
@@ -196,13 +200,13 @@ fn point(time_s: f64, inputs: &Inputs, achieved_n: f64, command: Command) -> Poi
 }
 
 /// The displacement path of a model.
-struct Eyes {
+struct InputConditioner {
     conditioning: Conditioning,
     low_pass: LowPass,
     state: MotionState,
 }
 
-impl Eyes {
+impl InputConditioner {
     fn new(model: &Model) -> Result<Self, Error> {
         model.conditioning.validate()?;
         if model.conditioning.velocity == VelocitySource::Measured {

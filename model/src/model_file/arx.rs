@@ -70,12 +70,12 @@ pub(super) fn read(lags: usize, drive: Option<DriveKind>, table: &toml::Table) -
         (Some(kind @ DriveKind::CoilCurrent), Some(lags), None)
         | (Some(kind @ DriveKind::CommandVoltage), None, Some(lags)) => Some((kind, lags)),
         (drive, _, _) => {
-            let wanted = match drive {
+            let needed = match drive {
                 None => "neither current_lags_n_a nor voltage_lags_n_v",
                 Some(DriveKind::CoilCurrent) => "current_lags_n_a and not voltage_lags_n_v",
                 Some(DriveKind::CommandVoltage) => "voltage_lags_n_v and not current_lags_n_a",
             };
-            return Err(drive_error(drive, wanted));
+            return Err(drive_error(drive, needed));
         }
     };
     let resolution =

@@ -1,10 +1,10 @@
 //! Effects in a model file: one table per effect, in order of application, with parameters by name.
 
 use super::file_error;
+use crate::edit_distance::edit_distance;
 use crate::effect::{Effect, EffectModel, Effects};
 use crate::error::Error;
 use crate::force::ForceModel;
-use crate::preset::edit_distance;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use toml::{Table, Value};

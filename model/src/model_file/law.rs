@@ -6,7 +6,7 @@
 use super::memberships::{self, Memberships};
 use super::{drive_error, file_error, table_into};
 use crate::error::Error;
-use crate::force::{Dependence, Law, LawModel};
+use crate::force::{Dependence, ForceLaw, LawModel};
 use crate::sample::DriveKind;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -58,7 +58,7 @@ impl Parameters {
     }
 }
 
-pub(super) fn read(law: Law, drive: Option<DriveKind>, table: &toml::Table) -> Result<LawModel, Error> {
+pub(super) fn read(law: ForceLaw, drive: Option<DriveKind>, table: &toml::Table) -> Result<LawModel, Error> {
     let parameters = law.parameters();
     let mut keys = vec!["force_offset_n", "dependence"];
     keys.extend(memberships::KEYS);

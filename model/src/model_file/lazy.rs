@@ -79,14 +79,14 @@ pub(super) fn read(drive: Option<DriveKind>, table: &toml::Table) -> Result<Lazy
         (Some(kind @ DriveKind::CoilCurrent), Some(found), None) if !any_voltage => Some((kind, found)),
         (Some(kind @ DriveKind::CommandVoltage), None, Some(found)) if !any_current => Some((kind, found)),
         _ => {
-            let wanted = match drive {
+            let needed = match drive {
                 None => "neither scale nor points of current or voltage",
                 Some(DriveKind::CoilCurrent) => "current_scale_a and points_current_a, but no voltage keys",
                 Some(DriveKind::CommandVoltage) => {
                     "voltage_scale_v and points_voltage_v, but no current keys"
                 }
             };
-            return Err(drive_error(drive, wanted));
+            return Err(drive_error(drive, needed));
         }
     };
     let count = p.points_displacement_m.len();

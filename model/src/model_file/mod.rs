@@ -33,11 +33,11 @@ mod network;
 mod tsk;
 
 use crate::condition::Conditioning;
+use crate::edit_distance::edit_distance;
 use crate::error::Error;
-use crate::force::{ForceModel, LAGS, Law, NetworkStructure, SAVARESI_LAGS, TskKind};
+use crate::force::{ForceLaw, ForceModel, LAGS, NetworkStructure, SAVARESI_LAGS, TskKind};
 use crate::metrics::Fit;
 use crate::model::{Envelope, Expected, Model};
-use crate::preset::edit_distance;
 use crate::sample::DriveKind;
 use serde::{Deserialize, Serialize};
 
@@ -226,7 +226,7 @@ impl ModelFile {
             "fuzzy-tanh" => ForceModel::FuzzyTanh(fuzzy_tanh::read(read.drive, &read.parameters)?),
             "lpv" => ForceModel::Lpv(lpv::read(read.drive, &read.parameters)?),
             "boada" => ForceModel::Lazy(lazy::read(read.drive, &read.parameters)?),
-            name => match (Law::named(name), TskKind::from_name(name), NetworkStructure::named(name)) {
+            name => match (ForceLaw::named(name), TskKind::from_name(name), NetworkStructure::named(name)) {
                 (Some(law), _, _) => ForceModel::Law(law::read(law, read.drive, &read.parameters)?),
                 (_, Some(kind), _) => ForceModel::Tsk(tsk::read(kind, read.drive, &read.parameters)?),
                 (_, _, Some(structure)) => {
@@ -254,7 +254,7 @@ impl ModelFile {
 
 fn unknown_model(name: &str) -> Error {
     let mut known = vec!["arx", "savaresi", "lpv", "fuzzy-tanh", "boada"];
-    known.extend(Law::ALL.map(Law::name));
+    known.extend(ForceLaw::ALL.map(ForceLaw::name));
     known.extend(NetworkStructure::ALL.map(NetworkStructure::name));
     known.extend(TskKind::ALL.map(TskKind::name));
     file_error(format!("model is \"{name}\"; known are {}", known.join(", ")))
@@ -279,10 +279,10 @@ fn table_into<T: serde::de::DeserializeOwned>(
     table.try_into().map_err(|e: toml::de::Error| file_error(format!("[{name}]: {}", e.to_string().trim())))
 }
 
-/// The error for a drive that does not match the parameters; `wanted` names the parameters that would.
-fn drive_error(drive: Option<DriveKind>, wanted: &str) -> Error {
+/// The error for a drive that does not match the parameters; `needed` names the parameters that would.
+fn drive_error(drive: Option<DriveKind>, needed: &str) -> Error {
     let drive = drive.map_or("absent".to_owned(), |d| format!("\"{d}\""));
-    file_error(format!("drive is {drive}, so parameters must contain {wanted}"))
+    file_error(format!("drive is {drive}, so parameters must contain {needed}"))
 }
 
 fn file_error(message: String) -> Error {

@@ -95,14 +95,14 @@ pub(super) fn drive_normalisation(
             Ok(Some((kind, Normalisation { mean, deviation })))
         }
         _ => {
-            let wanted = match drive {
+            let needed = match drive {
                 None => "neither mean nor deviation of current or voltage",
                 Some(DriveKind::CoilCurrent) => "current_mean_a and current_deviation_a, but no voltage keys",
                 Some(DriveKind::CommandVoltage) => {
                     "voltage_mean_v and voltage_deviation_v, but no current keys"
                 }
             };
-            Err(drive_error(drive, wanted))
+            Err(drive_error(drive, needed))
         }
     }
 }

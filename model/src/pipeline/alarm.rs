@@ -89,7 +89,7 @@ impl Alarm {
             return None;
         }
         let over = self.block.filter(|block| stamp.since(block.begin).get() >= settings.alarm_block_s);
-        let edge = over.and_then(|block| self.judge(&block, settings));
+        let edge = over.and_then(|block| self.check(&block, settings));
         if over.is_some() {
             self.block = None;
         }
@@ -104,7 +104,7 @@ impl Alarm {
         std::mem::take(self).raised
     }
 
-    fn judge(&mut self, block: &Block, settings: &Settings) -> Option<Edge> {
+    fn check(&mut self, block: &Block, settings: &Settings) -> Option<Edge> {
         let power = block.squares / block.count / settings.alarm_ratio.powi(2);
         if self.raised {
             self.quiet = if power <= 1.0 { self.quiet + 1 } else { 0 };
@@ -114,8 +114,8 @@ impl Alarm {
             *evidence = (1.0 + stake * (power - 1.0)) * (*evidence + 1.0);
         }
         let mean = self.evidence.iter().sum::<f64>() / STAKES.len() as f64;
-        let wanted = settings.false_alarm_interval_s / settings.alarm_block_s;
-        (mean >= wanted).then(|| {
+        let least_evidence = settings.false_alarm_interval_s / settings.alarm_block_s;
+        (mean >= least_evidence).then(|| {
             *self = Self { raised: true, ..Self::default() };
             Edge::Rising
         })

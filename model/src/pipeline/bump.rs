@@ -54,16 +54,16 @@ pub(super) struct Forces {
 
 /// The channel that the output comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Speaker {
+pub(super) enum OutputChannel {
     Free,
     Seeded,
 }
 
 impl Forces {
-    pub(super) const fn of(&self, speaker: Speaker) -> Option<f64> {
-        match speaker {
-            Speaker::Free => self.free_n,
-            Speaker::Seeded => self.seeded_n,
+    pub(super) const fn of(&self, channel: OutputChannel) -> Option<f64> {
+        match channel {
+            OutputChannel::Free => self.free_n,
+            OutputChannel::Seeded => self.seeded_n,
         }
     }
 }
@@ -86,8 +86,8 @@ impl Bump {
     pub(super) fn smooth(
         &mut self,
         forces: &Forces,
-        now: Speaker,
-        before: Option<Option<Speaker>>,
+        now: OutputChannel,
+        before: Option<Option<OutputChannel>>,
         bumpless_tau_s: f64,
     ) -> Option<f64> {
         let (dt_s, tau_s) = (forces.dt_s, 0.5 * bumpless_tau_s);
@@ -104,7 +104,7 @@ impl Bump {
                 Some(Some(before)) if !swapped => forces.of(before).map_or(led_n, |n| n + self.offset_n),
                 _ => led_n,
             };
-            let slope = if now == Speaker::Free { &self.free } else { &self.seeded };
+            let slope = if now == OutputChannel::Free { &self.free } else { &self.seeded };
             // The slope of a new model is not known yet.
             let kink_n_s = if swapped { 0.0 } else { self.output.n_s - slope.n_s };
             (self.offset_n, self.offset_n_s) = (before_n - force_n, kink_n_s);

@@ -8,24 +8,24 @@
 //!
 //! Under the control law `follow`, commands start with the first force request. From then on every displacement yields a command. A
 //! request expires after `request_timeout_s`; the current then goes to the safe current. The same happens when displacement stops
-//! for longer than that. [`Commanding::silent`] then computes the current at this time without changing any state, so that ticks
-//! leave no trace. [`Commanding::resume`] applies the same change when displacement returns.
+//! for longer than that. [`CommandPath::silent`] then computes the current at this time without changing any state, so that ticks
+//! leave no trace. [`CommandPath::resume`] applies the same change when displacement returns.
 
-use super::event::Commanded;
+use super::event::StampedCommand;
 use super::settings::Settings;
 use crate::condition::Hold;
 use crate::force::Inputs;
-use crate::inverse::{Commander, Demand, Law};
+use crate::inverse::{ControlLaw, Demand, InverseController};
 use crate::sample::Stamp;
 
 /// The inverse controller and its inputs.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Commanding {
-    commander: Commander,
+pub(super) struct CommandPath {
+    controller: InverseController,
     request: Hold,
     body: Hold,
     /// A force has been requested at least once.
-    asked: bool,
+    is_requested: bool,
 }
 
 /// The inputs of a command.
@@ -39,25 +39,25 @@ pub(super) struct Moving {
     pub(super) measured_n: Option<f64>,
 }
 
-impl Commanding {
-    pub(super) fn new(commander: Commander) -> Self {
-        Self { commander, request: Hold::default(), body: Hold::default(), asked: false }
+impl CommandPath {
+    pub(super) fn new(controller: InverseController) -> Self {
+        Self { controller, request: Hold::default(), body: Hold::default(), is_requested: false }
     }
 
     /// Continues with another inverse controller.
-    pub(super) fn take(&mut self, mut commander: Commander) {
-        commander.inherit(&self.commander);
-        self.commander = commander;
+    pub(super) fn take(&mut self, mut controller: InverseController) {
+        controller.inherit(&self.controller);
+        self.controller = controller;
     }
 
     /// Takes a force request.
-    pub(super) fn ask(&mut self, stamp: Stamp, force_n: f64) {
-        self.asked = true;
+    pub(super) fn set_request(&mut self, stamp: Stamp, force_n: f64) {
+        self.is_requested = true;
         self.request.push(stamp, force_n);
     }
 
     /// Takes the body's velocity.
-    pub(super) fn body_moves(&mut self, stamp: Stamp, velocity_m_s: f64) {
+    pub(super) fn set_body_velocity(&mut self, stamp: Stamp, velocity_m_s: f64) {
         self.body.push(stamp, velocity_m_s);
     }
 
@@ -70,18 +70,18 @@ impl Commanding {
         self.body.clear();
     }
 
-    fn speaks(&self, settings: &Settings) -> bool {
+    fn is_active(&self, settings: &Settings) -> bool {
         match settings.law {
-            Law::Off => false,
-            Law::Follow => self.asked,
-            Law::Skyhook(_) | Law::Groundhook(_) | Law::Fixed(_) => true,
+            ControlLaw::Off => false,
+            ControlLaw::Follow => self.is_requested,
+            ControlLaw::Skyhook(_) | ControlLaw::Groundhook(_) | ControlLaw::Fixed(_) => true,
         }
     }
 
     /// The command at a displacement; `None` while nothing is commanded.
     #[inline]
-    pub(super) fn step(&mut self, moving: &Moving, settings: &Settings) -> Option<Commanded> {
-        if !self.speaks(settings) {
+    pub(super) fn step(&mut self, moving: &Moving, settings: &Settings) -> Option<StampedCommand> {
+        if !self.is_active(settings) {
             return None;
         }
         if let Some(step_s) = moving.step_s {
@@ -93,8 +93,8 @@ impl Commanding {
         };
         let inputs = moving.inputs.unwrap_or(UNKNOWN);
         let demand = settings.law.demand(fresh(&self.request), fresh(&self.body), inputs.velocity_m_s);
-        let command = self.commander.step(&inputs, demand, moving.measured_n);
-        Some(Commanded { stamp: moving.stamp, known_at: moving.received, command })
+        let command = self.controller.step(&inputs, demand, moving.measured_n);
+        Some(StampedCommand { stamp: moving.stamp, known_at: moving.received, command })
     }
 
     /// The current at `now`, after `silence_s` without displacement; `None` while the last command still holds.
@@ -104,17 +104,17 @@ impl Commanding {
         last: Stamp,
         silence_s: f64,
         settings: &Settings,
-    ) -> Option<Commanded> {
-        let (demand, idle_s) = idle(silence_s, settings).filter(|_| self.speaks(settings))?;
-        let mut commander = self.commander;
-        let command = commander.idle(demand, idle_s);
+    ) -> Option<StampedCommand> {
+        let (demand, idle_s) = idle(silence_s, settings).filter(|_| self.is_active(settings))?;
+        let mut controller = self.controller;
+        let command = controller.idle(demand, idle_s);
         // Casts from float to integer saturate.
-        Some(Commanded { stamp: last.shifted((silence_s * 1e9) as i64), known_at: now, command })
+        Some(StampedCommand { stamp: last.shifted((silence_s * 1e9) as i64), known_at: now, command })
     }
 
     fn resume(&mut self, silence_s: f64, settings: &Settings) {
         if let Some((demand, idle_s)) = idle(silence_s, settings) {
-            self.commander.idle(demand, idle_s);
+            self.controller.idle(demand, idle_s);
         }
     }
 }

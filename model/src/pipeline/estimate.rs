@@ -1,12 +1,12 @@
 //! From the two channels to the estimate: mode, bumpless transfer, validity.
 
-use super::bump::{Forces, Speaker};
+use super::bump::{Forces, OutputChannel};
 use super::command::Moving;
-use super::doubt::Doubt;
+use super::estimate_uncertainty::EstimateUncertainty;
 use super::event::{Cause, Estimate, Event, Reasons, Slot, Validity};
-use super::lane::{Given, MeasuredForce, SeededLane};
 use super::mode::{Conditions, Mode};
-use super::plausible::Seen;
+use super::model_channel::{ChannelInputs, MeasuredForce, SeededChannel};
+use super::plausible::CheckedDisplacement;
 use super::settings::{Settings, UseForce};
 use super::{Awaiting, Pipeline};
 use crate::force::Inputs;
@@ -38,26 +38,26 @@ impl Pipeline {
         let measured =
             MeasuredForce { readings: &self.force, now: taken, max_span_s: self.settings.force_timeout_s };
         let seeded_n =
-            self.seeded.as_mut().and_then(|lane| lane.step(&given, &measured, &mut seeded_reasons));
+            self.seeded.as_mut().and_then(|channel| channel.step(&given, &measured, &mut seeded_reasons));
         self.note_operating(stamp);
         // Corrections and smoothing apply to the estimate only. The residual uses the simulation itself.
         let observed_n = free_n.map(|force_n| force_n + self.observer.bias_n(stamp, &self.settings));
         let forces = Forces { dt_s: dt_s.unwrap_or(0.0), free_n: observed_n, seeded_n };
-        let force_n = self.speak(stamp, &forces, emit);
+        let force_n = self.output_force_n(stamp, &forces, emit);
         let mode = self.machine.mode();
 
         reasons |= self.mode_reasons(mode, free_reasons, seeded_reasons);
         // Correction and smoothing can take the force outside the model's training range.
-        if Envelope::leaves(self.speaking(mode).envelope.force_n, force_n) {
+        if Envelope::leaves(self.output_model(mode).envelope.force_n, force_n) {
             reasons |= Reasons::OUTSIDE_ENVELOPE;
         }
-        let doubt = self.doubt(stamp, force_n, mode, reasons);
+        let uncertainty = self.uncertainty(stamp, force_n, mode, reasons);
         if !matches!(mode, Mode::Hold | Mode::Fault) {
-            self.last_doubt = doubt;
+            self.last_uncertainty = uncertainty;
         }
         let input_age_s = self.drive_age_s(stamp);
         let received = Some(sample.received);
-        let estimate = self.estimate(stamp, force_n, doubt, reasons, input_age_s);
+        let estimate = self.estimate(stamp, force_n, uncertainty, reasons, input_age_s);
         emit(Event::Estimate(Estimate { received, ..estimate }));
         self.command(stamp, step_s, reasons, emit);
 
@@ -67,7 +67,7 @@ impl Pipeline {
             || free_reasons.has(Reasons::TEMPERATURE_MISSING)
             || reasons.has(Reasons::DRIVE_STALE));
         let velocity_m_s = self.free.velocity_m_s();
-        let rest_n = self.known.preload.at_n(displacement_m);
+        let rest_n = self.damper.preload.at_n(displacement_m);
         self.force.wait(
             taken,
             Awaiting { stamp, predicted_n, dt_s, index: self.index, counts, velocity_m_s, rest_n },
@@ -112,7 +112,7 @@ impl Pipeline {
         step_s: Option<f64>,
         displacement_m: f64,
         reasons: &mut Reasons,
-    ) -> Given {
+    ) -> ChannelInputs {
         let gap_s = self.settings.gap_s;
         let dt_s = step_s.filter(|dt_s| *dt_s <= gap_s);
         if self.drive_age_s(stamp) > self.settings.input_timeout_s {
@@ -121,9 +121,9 @@ impl Pipeline {
         let value = |(_, value): (Stamp, f64)| value;
         let velocity = self.velocity.at(stamp).filter(|(at, _)| stamp.since(*at).get() <= gap_s);
         let velocity_m_s = velocity.map(value);
-        self.judge.displacement(&Seen { stamp, dt_s, displacement_m, velocity_m_s });
-        *reasons |= self.judge.reasons(stamp, &self.known, &self.settings.plausible);
-        Given {
+        self.checks.displacement(&CheckedDisplacement { stamp, dt_s, displacement_m, velocity_m_s });
+        *reasons |= self.checks.reasons(stamp, &self.damper, &self.settings.plausible);
+        ChannelInputs {
             dt_s,
             displacement_m,
             measured_velocity_m_s: velocity_m_s,
@@ -133,9 +133,9 @@ impl Pipeline {
     }
 
     /// The model that the estimate comes from in `mode`.
-    fn speaking(&self, mode: Mode) -> &Model {
+    fn output_model(&self, mode: Mode) -> &Model {
         let seeded = self.seeded.as_ref().filter(|_| matches!(mode, Mode::Arx | Mode::ArxCoast));
-        seeded.map_or(self.free.model(), SeededLane::model)
+        seeded.map_or(self.free.model(), SeededChannel::model)
     }
 
     /// Age of the drive at `stamp`, s; NaN without a drive.
@@ -144,12 +144,12 @@ impl Pipeline {
     }
 
     /// Decides the mode, and returns the output force, N; NaN in `fault`.
-    fn speak(&mut self, stamp: Stamp, forces: &Forces, emit: &mut impl FnMut(Event)) -> f64 {
+    fn output_force_n(&mut self, stamp: Stamp, forces: &Forces, emit: &mut impl FnMut(Event)) -> f64 {
         let before = self.machine.mode();
         let conditions = Conditions {
             arx_ready: forces.seeded_n.is_some(),
             force_fresh: self.settings.use_measured_force == UseForce::Auto && self.force_is_fresh(stamp),
-            force_odd: self.judge.force_is_odd(&self.known, &self.settings.plausible),
+            force_odd: self.checks.force_is_odd(&self.damper, &self.settings.plausible),
             model_ready: forces.free_n.is_some(),
         };
         let Settings { only_mode, coast_s, hold_s, .. } = self.settings;
@@ -157,16 +157,16 @@ impl Pipeline {
         let mode = self.machine.mode();
         if let Some(transition) = transition {
             if matches!(mode, Mode::Model | Mode::Fault)
-                && let Some(lane) = &mut self.seeded
+                && let Some(channel) = &mut self.seeded
             {
                 // The predictions that ARX made without measured force must not start its next history.
-                lane.forget_forces();
+                channel.forget_forces();
             }
             emit(Event::Transition(transition));
         }
-        let force_n = match speaker(mode) {
+        let force_n = match output_channel(mode) {
             Some(now) => {
-                let before = transition.map(|_| speaker(before));
+                let before = transition.map(|_| output_channel(before));
                 self.bump.smooth(forces, now, before, self.settings.bumpless_tau_s)
             }
             None if mode == Mode::Hold => self.bump.hold(forces),
@@ -191,7 +191,7 @@ impl Pipeline {
             .free
             .inputs()
             .map(|inputs| Inputs { drive: if drive_counts { inputs.drive } else { f64::NAN }, ..inputs });
-        let force_odd = self.judge.force_is_odd(&self.known, &self.settings.plausible);
+        let force_odd = self.checks.force_is_odd(&self.damper, &self.settings.plausible);
         // Feedback uses the force of this sample only: an older force belongs to another motion.
         let taken = self.last_taken.unwrap_or(stamp);
         let of_this = |at: Stamp| at == taken || step_s.is_some_and(|step_s| taken.since(at).get() < step_s);
@@ -203,7 +203,7 @@ impl Pipeline {
             inputs,
             measured_n: newest.map(|(_, force_n)| force_n),
         };
-        if let Some(commanded) = self.commanding.step(&moving, &self.settings) {
+        if let Some(commanded) = self.command_path.step(&moving, &self.settings) {
             emit(Event::Command(commanded));
         }
     }
@@ -216,15 +216,16 @@ impl Pipeline {
             Mode::ArxCoast => {
                 reasons |= seeded;
                 reasons |= Reasons::FORCE_LOST;
-                if self.seeded.as_ref().is_some_and(|lane| !lane.model().force.dc_is_meaningful()) {
+                if self.seeded.as_ref().is_some_and(|channel| !channel.model().force.dc_is_meaningful()) {
                     reasons |= Reasons::NO_DC;
                 }
             }
             Mode::Model | Mode::Hold | Mode::Fault => {
                 reasons |= free;
                 // A wrong rate for ARX is reported only if ARX would have given the estimate.
-                let wanted = self.settings.use_measured_force == UseForce::Auto && self.last_force.is_some();
-                if wanted && seeded.has(Reasons::RATE_MISMATCH) {
+                let uses_force =
+                    self.settings.use_measured_force == UseForce::Auto && self.last_force.is_some();
+                if uses_force && seeded.has(Reasons::RATE_MISMATCH) {
                     reasons |= Reasons::RATE_MISMATCH;
                 }
             }
@@ -236,7 +237,7 @@ impl Pipeline {
         &self,
         stamp: Stamp,
         force_n: f64,
-        doubt: Doubt,
+        uncertainty: EstimateUncertainty,
         reasons: Reasons,
         input_age_s: f64,
     ) -> Estimate {
@@ -252,9 +253,9 @@ impl Pipeline {
             received: None,
             force: Newton(force_n),
             smoothing: Newton(self.bump.offset_n()),
-            std_dev: Newton(doubt.std_dev_n),
-            band: doubt.band_n.map(Newton),
-            calibrated: doubt.calibrated,
+            std_dev: Newton(uncertainty.std_dev_n),
+            band: uncertainty.band_n.map(Newton),
+            calibrated: uncertainty.calibrated,
             slot,
             mode,
             validity: reasons.validity().max(by_mode),
@@ -287,16 +288,16 @@ impl Pipeline {
             _ => f64::NAN,
         };
         let age_s = self.drive_age_s(last);
-        let doubt = self.doubt(last, force_n, mode, Reasons::DISPLACEMENT_LOST);
-        self.estimate(last, force_n, doubt, Reasons::DISPLACEMENT_LOST, age_s)
+        let uncertainty = self.uncertainty(last, force_n, mode, Reasons::DISPLACEMENT_LOST);
+        self.estimate(last, force_n, uncertainty, Reasons::DISPLACEMENT_LOST, age_s)
     }
 }
 
 /// The channel that the estimate comes from in `mode`.
-const fn speaker(mode: Mode) -> Option<Speaker> {
+const fn output_channel(mode: Mode) -> Option<OutputChannel> {
     match mode {
-        Mode::Arx | Mode::ArxCoast => Some(Speaker::Seeded),
-        Mode::Model => Some(Speaker::Free),
+        Mode::Arx | Mode::ArxCoast => Some(OutputChannel::Seeded),
+        Mode::Model => Some(OutputChannel::Free),
         Mode::Hold | Mode::Fault => None,
     }
 }

@@ -1,7 +1,7 @@
 //! Events that the pipeline reports. They are plain `Copy` data, because they cross threads in wait-free rings.
 
 use super::mode::Mode;
-use crate::inverse::Command;
+use crate::inverse::CurrentCommand;
 use crate::sample::{Sample, Stamp};
 use crate::units::{Newton, Second};
 
@@ -21,18 +21,18 @@ pub enum Event {
     /// The residual alarm was raised, or it fell.
     Alarm(AlarmChange),
     /// A current is commanded.
-    Command(Commanded),
+    Command(StampedCommand),
 }
 
 /// A current command. It is caused by the displacement sample whose stamp it bears or, while displacement is silent, by elapsed time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Commanded {
+pub struct StampedCommand {
     /// Stamp of the displacement sample; in silence, the last stamp plus the silence.
     pub stamp: Stamp,
     /// When the command was computed: on receipt of that sample or, in silence, at the tick. On the clock of [`Sample::received`].
     pub known_at: Stamp,
     /// The command.
-    pub command: Command,
+    pub command: CurrentCommand,
 }
 
 /// The model that an estimate comes from.
@@ -160,10 +160,10 @@ pub enum Cause {
     HoldEnded,
     /// Stamps jumped, so history was dropped.
     TimeJumped,
-    /// A reset was asked for.
+    /// A reset was requested.
     Reset,
-    /// The mode was asked for.
-    Asked,
+    /// The mode was requested.
+    Requested,
 }
 
 impl Cause {
@@ -182,7 +182,7 @@ impl Cause {
             Self::HoldEnded => "the last estimate was held for hold_s",
             Self::TimeJumped => "stamps jumped; history was dropped",
             Self::Reset => "reset",
-            Self::Asked => "the mode was asked for",
+            Self::Requested => "the mode was asked for",
         }
     }
 }

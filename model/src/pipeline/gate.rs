@@ -36,7 +36,7 @@ const LEAST_S: f64 = 2e-3;
 
 /// The gate's decision on a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(super) enum GateDecision {
     Accept,
     Refuse(Refused),
     /// The sample is the first of a new time on its channel: drop the channel's history (all history, if
@@ -48,7 +48,7 @@ pub(super) enum Verdict {
 
 /// State of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Seen {
+struct ChannelState {
     last: Option<Stamp>,
     /// Lead of the last stamp over its arrival, s; negative if the stamp was earlier.
     ahead_s: f64,
@@ -60,7 +60,7 @@ struct Seen {
 /// The gate.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Gate {
-    seen: [Seen; Channel::ALL.len()],
+    channels: [ChannelState; Channel::ALL.len()],
     place: Place,
 }
 
@@ -75,7 +75,7 @@ struct Place {
 
 impl Place {
     #[inline]
-    fn judge(&mut self, stamp: Stamp, displacement_m: f64, speed_max_m_s: f64) -> Verdict {
+    fn check(&mut self, stamp: Stamp, displacement_m: f64, speed_max_m_s: f64) -> GateDecision {
         let comes_from = |from: Option<(Stamp, f64)>| {
             from.is_none_or(|(at, from_m)| {
                 let way_m = (displacement_m - from_m).abs();
@@ -85,54 +85,54 @@ impl Place {
         let here = Some((stamp, displacement_m));
         if comes_from(self.last) {
             *self = Self { last: here, ..Self::default() };
-            return Verdict::Accept;
+            return GateDecision::Accept;
         }
         let follows = self.other.is_some() && comes_from(self.other);
         self.other_count = if follows { self.other_count + 1 } else { 1 };
         self.other = here;
         if self.other_count < JUMP_AFTER {
-            return Verdict::Refuse(Refused::TooFast);
+            return GateDecision::Refuse(Refused::TooFast);
         }
         *self = Self { last: here, ..Self::default() };
-        Verdict::PlaceJumped
+        GateDecision::PlaceJumped
     }
 }
 
 impl Gate {
     #[inline]
-    pub(super) fn judge(
+    pub(super) fn check(
         &mut self,
         sample: &Sample,
-        wanted: Option<DriveKind>,
+        model_drive: Option<DriveKind>,
         plausible: &Plausible,
-    ) -> Verdict {
+    ) -> GateDecision {
         if !sample.reading.get().is_finite() {
-            return Verdict::Refuse(Refused::NotFinite);
+            return GateDecision::Refuse(Refused::NotFinite);
         }
         if beyond(sample.reading, plausible) {
-            return Verdict::Refuse(Refused::OutOfRange);
+            return GateDecision::Refuse(Refused::OutOfRange);
         }
-        if let (Reading::Drive(drive), Some(wanted)) = (sample.reading, wanted)
-            && drive.kind() != wanted
+        if let (Reading::Drive(drive), Some(model_drive)) = (sample.reading, model_drive)
+            && drive.kind() != model_drive
         {
-            return Verdict::Refuse(Refused::WrongDrive);
+            return GateDecision::Refuse(Refused::WrongDrive);
         }
         let channel = sample.reading.channel();
-        let verdict = self.seen[channel as usize].judge(sample.stamp, sample.received);
-        if verdict == Verdict::TimeJumped && channel == Channel::Displacement {
+        let decision = self.channels[channel as usize].check(sample.stamp, sample.received);
+        if decision == GateDecision::TimeJumped && channel == Channel::Displacement {
             // The other channels restart as well, each with its next sample.
-            let displacement = self.seen[channel as usize];
+            let displacement = self.channels[channel as usize];
             *self = Self::default();
-            self.seen[channel as usize] = displacement;
+            self.channels[channel as usize] = displacement;
         }
-        match (verdict, sample.reading) {
-            (Verdict::Accept | Verdict::TimeJumped, Reading::Displacement(x)) => {
-                match self.place.judge(sample.stamp, x.get(), plausible.speed_max_m_s) {
-                    Verdict::Accept => verdict,
+        match (decision, sample.reading) {
+            (GateDecision::Accept | GateDecision::TimeJumped, Reading::Displacement(x)) => {
+                match self.place.check(sample.stamp, x.get(), plausible.speed_max_m_s) {
+                    GateDecision::Accept => decision,
                     jumped => jumped,
                 }
             }
-            _ => verdict,
+            _ => decision,
         }
     }
 }
@@ -141,7 +141,7 @@ impl Gate {
     /// True if the last sample of any channel in [`OF_ESTIMATES`] had a stamp more than `limit_s` later than its arrival.
     #[inline]
     pub(super) fn is_ahead(&self, limit_s: f64) -> bool {
-        OF_ESTIMATES.iter().any(|channel| self.seen[*channel as usize].ahead_s > limit_s)
+        OF_ESTIMATES.iter().any(|channel| self.channels[*channel as usize].ahead_s > limit_s)
     }
 }
 
@@ -156,32 +156,32 @@ fn beyond(reading: Reading, plausible: &Plausible) -> bool {
     }
 }
 
-impl Seen {
+impl ChannelState {
     #[inline]
-    fn judge(&mut self, stamp: Stamp, received: Stamp) -> Verdict {
+    fn check(&mut self, stamp: Stamp, received: Stamp) -> GateDecision {
         let ahead_s = stamp.since(received).get();
         if ahead_s > FAR_AHEAD_S && self.ahead_s <= FAR_AHEAD_S {
             let known = self.last.is_some();
             return match self.comes_from_another_time(stamp, ahead_s, JUMP_AFTER) {
-                false => Verdict::Refuse(Refused::Ahead),
-                true if known => Verdict::TimeJumped,
-                true => Verdict::Accept,
+                false => GateDecision::Refuse(Refused::Ahead),
+                true if known => GateDecision::TimeJumped,
+                true => GateDecision::Accept,
             };
         }
         match self.last {
-            Some(last) if stamp == last => Verdict::Refuse(Refused::Repeated),
+            Some(last) if stamp == last => GateDecision::Refuse(Refused::Repeated),
             Some(last) if stamp < last => {
                 let is_small = last.since(stamp).get() <= DISORDER_S;
                 let after = if is_small { SMALL_JUMP_AFTER } else { JUMP_AFTER };
                 if self.comes_from_another_time(stamp, ahead_s, after) {
-                    Verdict::TimeJumped
+                    GateDecision::TimeJumped
                 } else {
-                    Verdict::Refuse(Refused::TimeBack)
+                    GateDecision::Refuse(Refused::TimeBack)
                 }
             }
             _ => {
                 *self = Self { last: Some(stamp), ahead_s, ..Self::default() };
-                Verdict::Accept
+                GateDecision::Accept
             }
         }
     }
@@ -222,13 +222,13 @@ mod tests {
         let mut gate = Gate::default();
         stamps_ms
             .iter()
-            .map(|ms| match gate.judge(&at(*ms, Reading::Displacement(Metre(0.0))), None, &PLAUSIBLE) {
-                Verdict::Accept => 'a',
-                Verdict::Refuse(Refused::Repeated) => 'r',
-                Verdict::Refuse(Refused::TimeBack) => 'b',
-                Verdict::Refuse(_) => '?',
-                Verdict::TimeJumped => 'J',
-                Verdict::PlaceJumped => 'P',
+            .map(|ms| match gate.check(&at(*ms, Reading::Displacement(Metre(0.0))), None, &PLAUSIBLE) {
+                GateDecision::Accept => 'a',
+                GateDecision::Refuse(Refused::Repeated) => 'r',
+                GateDecision::Refuse(Refused::TimeBack) => 'b',
+                GateDecision::Refuse(_) => '?',
+                GateDecision::TimeJumped => 'J',
+                GateDecision::PlaceJumped => 'P',
             })
             .collect()
     }
@@ -257,25 +257,25 @@ mod tests {
     /// Samples that arrive at a spacing of 1 ms, with stamps ahead of their arrival by the given times.
     fn verdicts_ahead(ahead_ms: &[i64]) -> String {
         let mut gate = Gate::default();
-        let mut verdict = |(k, ahead): (usize, &i64)| {
+        let mut decision = |(k, ahead): (usize, &i64)| {
             let received = Stamp::from_nanos(k as i64 * 1_000_000);
             let sample = Sample {
                 stamp: received.shifted(ahead * 1_000_000),
                 received,
                 reading: Reading::Displacement(Metre(0.0)),
             };
-            let verdict = gate.judge(&sample, None, &PLAUSIBLE);
-            match (verdict, gate.is_ahead(0.03)) {
-                (Verdict::Accept, false) => 'a',
-                (Verdict::Accept, true) => 'A',
-                (Verdict::Refuse(Refused::Ahead), _) => 'f',
-                (Verdict::Refuse(Refused::TimeBack), _) => 'b',
-                (Verdict::TimeJumped, false) => 'j',
-                (Verdict::TimeJumped, true) => 'J',
+            let decision = gate.check(&sample, None, &PLAUSIBLE);
+            match (decision, gate.is_ahead(0.03)) {
+                (GateDecision::Accept, false) => 'a',
+                (GateDecision::Accept, true) => 'A',
+                (GateDecision::Refuse(Refused::Ahead), _) => 'f',
+                (GateDecision::Refuse(Refused::TimeBack), _) => 'b',
+                (GateDecision::TimeJumped, false) => 'j',
+                (GateDecision::TimeJumped, true) => 'J',
                 _ => '?',
             }
         };
-        ahead_ms.iter().enumerate().map(&mut verdict).collect()
+        ahead_ms.iter().enumerate().map(&mut decision).collect()
     }
 
     #[test]
@@ -311,30 +311,30 @@ mod tests {
         let mut gate = Gate::default();
         let drive = at(0, Reading::Drive(crate::sample::Drive::CoilCurrent(Ampere(1.0))));
         assert_eq!(
-            gate.judge(&drive, Some(DriveKind::CommandVoltage), &PLAUSIBLE),
-            Verdict::Refuse(Refused::WrongDrive)
+            gate.check(&drive, Some(DriveKind::CommandVoltage), &PLAUSIBLE),
+            GateDecision::Refuse(Refused::WrongDrive)
         );
-        assert_eq!(gate.judge(&drive, Some(DriveKind::CoilCurrent), &PLAUSIBLE), Verdict::Accept);
+        assert_eq!(gate.check(&drive, Some(DriveKind::CoilCurrent), &PLAUSIBLE), GateDecision::Accept);
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let sample = at(1, Reading::Displacement(Metre(value)));
-            assert_eq!(gate.judge(&sample, None, &PLAUSIBLE), Verdict::Refuse(Refused::NotFinite));
+            assert_eq!(gate.check(&sample, None, &PLAUSIBLE), GateDecision::Refuse(Refused::NotFinite));
         }
     }
 
     /// Displacements in mm at a spacing of 1 ms.
     fn places(displacements_mm: &[f64]) -> String {
         let mut gate = Gate::default();
-        let verdict = |(ms, mm): (usize, &f64)| {
+        let decision = |(ms, mm): (usize, &f64)| {
             let sample = at(ms as i64, Reading::Displacement(Metre(mm * 1e-3)));
-            match gate.judge(&sample, None, &PLAUSIBLE) {
-                Verdict::Accept => 'a',
-                Verdict::Refuse(Refused::TooFast) => 'f',
-                Verdict::Refuse(Refused::OutOfRange) => 'o',
-                Verdict::PlaceJumped => 'J',
+            match gate.check(&sample, None, &PLAUSIBLE) {
+                GateDecision::Accept => 'a',
+                GateDecision::Refuse(Refused::TooFast) => 'f',
+                GateDecision::Refuse(Refused::OutOfRange) => 'o',
+                GateDecision::PlaceJumped => 'J',
                 _ => '?',
             }
         };
-        displacements_mm.iter().enumerate().map(verdict).collect()
+        displacements_mm.iter().enumerate().map(decision).collect()
     }
 
     #[test]
@@ -358,7 +358,7 @@ mod tests {
             Reading::CaseTemperature(Celsius(500.0)),
         ] {
             let sample = at(1, reading);
-            assert_eq!(gate.judge(&sample, None, &PLAUSIBLE), Verdict::Refuse(Refused::OutOfRange));
+            assert_eq!(gate.check(&sample, None, &PLAUSIBLE), GateDecision::Refuse(Refused::OutOfRange));
         }
     }
 }

@@ -23,30 +23,30 @@
 mod alarm;
 mod bump;
 mod command;
-mod doubt;
 mod estimate;
+mod estimate_uncertainty;
 mod event;
 mod gate;
-mod lane;
 mod mode;
+mod model_channel;
 mod observer;
-mod plan;
 mod plausible;
 mod resample;
 mod rhythm;
 mod settings;
+mod setup;
 mod timing;
 mod window;
 
-pub(crate) use doubt::BEYOND_CALIBRATION;
+pub(crate) use estimate_uncertainty::BEYOND_CALIBRATION;
 pub use event::{
-    AlarmChange, Cause, Commanded, Estimate, Event, Reasons, Refusal, Refused, Residual, Slot, Transition,
-    Validity,
+    AlarmChange, Cause, Estimate, Event, Reasons, Refusal, Refused, Residual, Slot, StampedCommand,
+    Transition, Validity,
 };
 pub use mode::{Conditions, Mode, ModeMachine};
-pub use plan::Plan;
 pub use plausible::Plausible;
 pub use settings::{Settings, UseForce};
+pub use setup::PipelineSetup;
 
 use crate::condition::{ForceAligner, Hold};
 use crate::error::Error;
@@ -56,12 +56,12 @@ use crate::uncertainty::Operating;
 use crate::units::{Newton, Second};
 use alarm::{Alarm, Edge};
 use bump::Bump;
-use command::Commanding;
-use doubt::{Doubt, Seeds};
+use command::CommandPath;
+use estimate_uncertainty::{EstimateUncertainty, Seeds};
 use gate::Gate;
-use lane::{FreeLane, SeededLane};
+use model_channel::{FreeRunChannel, SeededChannel};
 use observer::Observer;
-use plausible::{Judge, Known};
+use plausible::{DamperProperties, PlausibilityChecks};
 use timing::Timing;
 use window::Window;
 
@@ -115,12 +115,12 @@ impl Models {
     }
 }
 
-impl From<Plan> for Pipeline {
+impl From<PipelineSetup> for Pipeline {
     /// A pipeline at rest.
-    fn from(plan: Plan) -> Self {
-        let Plan { settings, free, seeded, commander } = plan;
+    fn from(setup: PipelineSetup) -> Self {
+        let PipelineSetup { settings, free, seeded, controller } = setup;
         Self {
-            known: Known::of(free.model(), &settings.limits),
+            damper: DamperProperties::of(free.model(), &settings.limits),
             settings,
             gate: Gate::default(),
             free,
@@ -134,11 +134,11 @@ impl From<Plan> for Pipeline {
             machine: ModeMachine::default(),
             bump: Bump::default(),
             observer: Observer::default(),
-            judge: Judge::default(),
-            commanding: Commanding::new(commander),
+            checks: PlausibilityChecks::default(),
+            command_path: CommandPath::new(controller),
             free_at: None,
             seeded_at: None,
-            last_doubt: Doubt::NONE,
+            last_uncertainty: EstimateUncertainty::NONE,
             window: Window::default(),
             alarm: Alarm::default(),
             index: 0,
@@ -174,8 +174,8 @@ struct Awaiting {
 pub struct Pipeline {
     settings: Settings,
     gate: Gate,
-    free: FreeLane,
-    seeded: Option<SeededLane>,
+    free: FreeRunChannel,
+    seeded: Option<SeededChannel>,
     drive: Hold,
     velocity: Hold,
     temperature: Hold,
@@ -185,14 +185,14 @@ pub struct Pipeline {
     machine: ModeMachine,
     bump: Bump,
     observer: Observer,
-    known: Known,
-    judge: Judge,
-    commanding: Commanding,
+    damper: DamperProperties,
+    checks: PlausibilityChecks,
+    command_path: CommandPath,
     /// Operating points of the two channels at the last displacement.
     free_at: Option<Operating>,
     seeded_at: Option<Operating>,
     /// Uncertainty of the last estimate that came from a model.
-    last_doubt: Doubt,
+    last_uncertainty: EstimateUncertainty,
     window: Window,
     alarm: Alarm,
     /// Displacements accepted so far.
@@ -216,7 +216,7 @@ impl Pipeline {
     /// # Errors
     /// When a model or a setting is out of range. The message names it.
     pub fn new(models: Models, settings: Settings) -> Result<Self, Error> {
-        Ok(Self::from(Plan::new(models, settings)?))
+        Ok(Self::from(PipelineSetup::new(models, settings)?))
     }
 
     /// The settings in force.
@@ -231,16 +231,16 @@ impl Pipeline {
         self.machine.mode()
     }
 
-    /// Switches to `plan` from the next sample on, without delay. If the conditioning of a model is unchanged, its filter
+    /// Switches to `setup` from the next sample on, without delay. If the conditioning of a model is unchanged, its filter
     /// states are kept and estimates continue without a gap. If a model changes, the step in the estimate decays as it does
     /// after a change of mode, and the residual figures restart.
-    pub fn take(&mut self, plan: Plan, emit: &mut impl FnMut(Event)) {
-        let Plan { settings, mut free, mut seeded, commander } = plan;
+    pub fn take(&mut self, setup: PipelineSetup, emit: &mut impl FnMut(Event)) {
+        let PipelineSetup { settings, mut free, mut seeded, controller } = setup;
         let others = free.model() != self.free.model()
-            || seeded.as_ref().map(SeededLane::model) != self.seeded.as_ref().map(SeededLane::model);
+            || seeded.as_ref().map(SeededChannel::model) != self.seeded.as_ref().map(SeededChannel::model);
         self.settings = settings;
-        self.known = Known::of(free.model(), &settings.limits);
-        self.commanding.take(commander);
+        self.damper = DamperProperties::of(free.model(), &settings.limits);
+        self.command_path.take(controller);
         if !others {
             return;
         }
@@ -279,19 +279,19 @@ impl Pipeline {
 
     /// Processes one sample and reports the resulting events, in order, through `emit`.
     pub fn step(&mut self, sample: &Sample, emit: &mut impl FnMut(Event)) {
-        let wanted = self.free.model().force.drive();
-        match self.gate.judge(sample, wanted, &self.settings.plausible) {
-            gate::Verdict::Accept => {}
-            gate::Verdict::Refuse(refused) => {
+        let model_drive = self.free.model().force.drive();
+        match self.gate.check(sample, model_drive, &self.settings.plausible) {
+            gate::GateDecision::Accept => {}
+            gate::GateDecision::Refuse(refused) => {
                 self.pending |= refused.reasons();
                 if matches!(sample.reading, Reading::ForceRequest(_)) {
                     // A refused force request also cancels the one before it.
-                    self.commanding.forget_request();
+                    self.command_path.forget_request();
                 }
                 emit(Event::Refusal(Refusal { sample: *sample, why: refused }));
                 return;
             }
-            gate::Verdict::TimeJumped => match sample.reading {
+            gate::GateDecision::TimeJumped => match sample.reading {
                 Reading::Displacement(_) => self.restart(Cause::TimeJumped, sample.stamp, emit),
                 Reading::Drive(_) => self.drive.clear(),
                 Reading::Velocity(_) => self.velocity.clear(),
@@ -300,11 +300,11 @@ impl Pipeline {
                     self.force.clear();
                     self.force_timing.reset();
                 }
-                Reading::BodyVelocity(_) => self.commanding.forget_body(),
-                Reading::ForceRequest(_) => self.commanding.forget_request(),
+                Reading::BodyVelocity(_) => self.command_path.forget_body(),
+                Reading::ForceRequest(_) => self.command_path.forget_request(),
             },
             // The displacements before the jump do not count: treat it as a gap.
-            gate::Verdict::PlaceJumped => {
+            gate::GateDecision::PlaceJumped => {
                 self.last_displacement = None;
                 self.pending |= Reasons::DISPLACEMENT_GAP;
             }
@@ -313,15 +313,15 @@ impl Pipeline {
         let stamp = sample.stamp;
         match sample.reading {
             Reading::Drive(drive) => {
-                self.judge.drive(stamp, drive.get(), self.drive.at(stamp), &self.known);
+                self.checks.drive(stamp, drive.get(), self.drive.at(stamp), &self.damper);
                 self.drive.push(stamp, drive.get());
             }
-            Reading::BodyVelocity(v) => self.commanding.body_moves(stamp, v.get()),
-            Reading::ForceRequest(force) => self.commanding.ask(stamp, force.get()),
+            Reading::BodyVelocity(v) => self.command_path.set_body_velocity(stamp, v.get()),
+            Reading::ForceRequest(force) => self.command_path.set_request(stamp, force.get()),
             Reading::Velocity(v) => self.velocity.push(stamp, v.get()),
             Reading::CaseTemperature(t) => self.temperature.push(stamp, t.get()),
             Reading::Force(force) => {
-                self.judge.force(stamp, force.get());
+                self.checks.force(stamp, force.get());
                 let taken = self.force_timing.place(stamp, force.get());
                 self.force.push_force(taken, force.get());
                 self.settle_residuals(emit);
@@ -335,7 +335,7 @@ impl Pipeline {
     pub fn tick(&mut self, now: Stamp, emit: &mut impl FnMut(Event)) {
         let (Some(received), Some(stamp)) = (self.last_received, self.last_displacement) else { return };
         let silence_s = now.since(received).get();
-        if let Some(commanded) = self.commanding.silent(now, stamp, silence_s, &self.settings) {
+        if let Some(commanded) = self.command_path.silent(now, stamp, silence_s, &self.settings) {
             emit(Event::Command(commanded));
         }
         if silence_s <= self.settings.input_timeout_s {
@@ -352,8 +352,8 @@ impl Pipeline {
     /// Drops all history, because time has jumped or the caller asked for it.
     fn restart(&mut self, cause: Cause, stamp: Stamp, emit: &mut impl FnMut(Event)) {
         self.free.reset();
-        if let Some(lane) = &mut self.seeded {
-            lane.reset();
+        if let Some(channel) = &mut self.seeded {
+            channel.reset();
         }
         self.drive.clear();
         self.velocity.clear();
@@ -362,9 +362,9 @@ impl Pipeline {
         self.forget_residuals(stamp, emit);
         self.bump.forget();
         self.observer = Observer::default();
-        self.judge = Judge::default();
-        self.commanding.forget_request();
-        self.commanding.forget_body();
+        self.checks = PlausibilityChecks::default();
+        self.command_path.forget_request();
+        self.command_path.forget_body();
         self.last_displacement = None;
         self.displacement_timing.reset();
         self.force_timing.reset();
@@ -395,10 +395,10 @@ impl Pipeline {
             let stamp = waiting.stamp;
             self.last_force = Some(stamp);
             self.seeds.add(waiting.index, stamp);
-            if let Some(lane) = &mut self.seeded {
+            if let Some(channel) = &mut self.seeded {
                 // The newest sample has age 0: the force of sample k seeds the prediction of k + 1.
                 let age = self.index.wrapping_sub(waiting.index) as usize;
-                lane.seed(age, measured_n);
+                channel.seed(age, measured_n);
             }
             if waiting.dt_s.is_none() {
                 self.restart_alarm(stamp, emit);
@@ -407,7 +407,7 @@ impl Pipeline {
                 && waiting.velocity_m_s.is_finite()
             {
                 let over_n = measured_n - waiting.rest_n;
-                self.judge.work(dt_s, over_n, waiting.velocity_m_s, &self.settings.plausible);
+                self.checks.work(dt_s, over_n, waiting.velocity_m_s, &self.settings.plausible);
             }
             if !waiting.predicted_n.is_finite() {
                 // The filters of the measured force and of the prediction must start at the same sample to be comparable.

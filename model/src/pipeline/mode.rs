@@ -200,13 +200,13 @@ impl ModeMachine {
     ) -> Option<Transition> {
         let allowed = match only {
             None => return self.update_to_best(now, c, coast_s, hold_s),
-            Some(Mode::Fault) => return self.force_to(Mode::Fault, Cause::Asked, now),
+            Some(Mode::Fault) => return self.force_to(Mode::Fault, Cause::Requested, now),
             Some(Mode::Model) => Conditions { arx_ready: false, force_odd: false, ..c },
             Some(_) => Conditions { model_ready: false, ..c },
         };
-        let asked = only.filter(|only| *only != self.mode);
+        let requested = only.filter(|only| *only != self.mode);
         let changed = self.update_to_best(now, allowed, coast_s, hold_s)?;
-        let cause = if Some(changed.to) == asked { Cause::Asked } else { changed.cause };
+        let cause = if Some(changed.to) == requested { Cause::Requested } else { changed.cause };
         Some(Transition { cause, ..changed })
     }
 
@@ -237,7 +237,7 @@ mod tests {
                 let is = |bit: u32| bits & (8 >> bit) != 0;
                 let c =
                     Conditions { arx_ready: is(0), force_fresh: is(1), force_odd: is(2), model_ready: is(3) };
-                let told = [(false, false), (true, false), (false, true)].map(|(over, waits)| {
+                let entries = [(false, false), (true, false), (false, true)].map(|(over, waits)| {
                     let lasted = Lasted { over, waits };
                     let row = TABLE.iter().find(|row| row.from.contains(from) && (row.when)(&c, lasted));
                     let row = row.expect("the last row always fits");
@@ -252,15 +252,17 @@ mod tests {
                     [word(is(0), "arx"), word(is(1), "fresh"), word(is(2), "odd"), word(is(3), "model")];
                 let mut later = String::new();
                 let may_wait = *from == Mode::ArxCoast || (*from == Mode::Model && is(3));
-                for (when, other, may_be) in [("over", &told[1], true), ("it waits", &told[2], may_wait)] {
-                    if may_be && *other != told[0] {
+                for (when, other, may_be) in
+                    [("over", &entries[1], true), ("it waits", &entries[2], may_wait)]
+                {
+                    if may_be && *other != entries[0] {
                         write!(later, "; when {when} {other}").expect("a text");
                     }
                 }
                 writeln!(
                     text,
                     "  {:<5} {:<5} {:<3} {:<5}  {}{later}",
-                    when[0], when[1], when[2], when[3], told[0]
+                    when[0], when[1], when[2], when[3], entries[0]
                 )
                 .expect("a text");
             }
@@ -297,9 +299,9 @@ mod tests {
 
     /// The transitions of a machine under a sequence of conditions, each of which lasts a number of milliseconds; one update per
     /// millisecond.
-    fn told(story: &[(Conditions, i64)]) -> String {
+    fn transition_list(steps: &[(Conditions, i64)]) -> String {
         let (mut machine, mut ms, mut text) = (ModeMachine::default(), 0, String::new());
-        for (conditions, lasts_ms) in story {
+        for (conditions, lasts_ms) in steps {
             for _ in 0..*lasts_ms {
                 let now = Stamp::from_nanos(ms * 1_000_000);
                 if let Some(t) = machine.update(None, now, *conditions, 0.2, 1.0) {
@@ -318,25 +320,25 @@ mod tests {
     #[test]
     fn an_arx_that_is_lost_again_and_again_has_to_be_good_for_a_second() {
         let unready = Conditions { arx_ready: false, ..FED_WELL };
-        let mut story = vec![(FED_WELL, 100)];
+        let mut steps = vec![(FED_WELL, 100)];
         // Lost every 20 ms for half a second, good for 900 ms, lost once more, and good for long.
-        story.extend([(unready, 1), (FED_WELL, 19)].repeat(25));
-        story.extend([(FED_WELL, 881), (unready, 1), (FED_WELL, 4000)]);
+        steps.extend([(unready, 1), (FED_WELL, 19)].repeat(25));
+        steps.extend([(FED_WELL, 881), (unready, 1), (FED_WELL, 4000)]);
         // Lost once more, long after.
-        story.extend([(unready, 5), (FED_WELL, 100)]);
-        insta::assert_snapshot!(told(&story));
+        steps.extend([(unready, 5), (FED_WELL, 100)]);
+        insta::assert_snapshot!(transition_list(&steps));
     }
 
     #[test]
     fn force_that_is_late_again_and_again_coasts() {
         let late = Conditions { force_fresh: false, ..FED_WELL };
-        let mut story = vec![(FED_WELL, 100)];
+        let mut steps = vec![(FED_WELL, 100)];
         // Three short losses, half a second apart.
-        story.extend([(late, 10), (FED_WELL, 490)].repeat(3));
+        steps.extend([(late, 10), (FED_WELL, 490)].repeat(3));
         // A load cell that is slower than force_timeout_s.
-        story.extend([(late, 10), (FED_WELL, 50)].repeat(20));
-        story.push((FED_WELL, 1500));
-        insta::assert_snapshot!(told(&story));
+        steps.extend([(late, 10), (FED_WELL, 50)].repeat(20));
+        steps.push((FED_WELL, 1500));
+        insta::assert_snapshot!(transition_list(&steps));
     }
 
     #[test]

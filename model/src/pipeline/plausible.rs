@@ -96,7 +96,7 @@ const EQUAL: u32 = 5;
 
 /// Properties of the damper that the checks use.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Known {
+pub(super) struct DamperProperties {
     /// Widths of the training ranges, m and N; NaN if not known.
     pub(super) stroke_m: f64,
     pub(super) forces_n: f64,
@@ -107,7 +107,7 @@ pub(super) struct Known {
     pub(super) preload: Preload,
 }
 
-impl Known {
+impl DamperProperties {
     /// The properties from `model` and the driver's limits.
     pub(super) fn of(model: &Model, limits: &Limits) -> Self {
         let width = |range: Option<[f64; 2]>| range.map_or(f64::NAN, |[low, high]| high - low);
@@ -124,17 +124,17 @@ impl Known {
 
 /// The checks of one damper's readings.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Judge {
-    displacement: Still,
-    force: Still,
-    way: Way,
-    work: Work,
+pub(super) struct PlausibilityChecks {
+    displacement: StuckCheck,
+    force: StuckCheck,
+    travel: Travel,
+    work: AbsorbedWork,
     drive_odd: bool,
 }
 
 /// A reading that may be stuck, and how far another one has moved meanwhile.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Still {
+struct StuckCheck {
     last: Option<f64>,
     since: Stamp,
     /// Readings since then.
@@ -145,7 +145,7 @@ struct Still {
     speed_m_s: f64,
 }
 
-impl Still {
+impl StuckCheck {
     /// Takes a reading; any change from the last one restarts the count.
     fn see(&mut self, stamp: Stamp, value: f64) {
         if self.last != Some(value) {
@@ -166,7 +166,7 @@ impl Still {
 
 /// Travel by displacement and by measured velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Way {
+struct Travel {
     /// Where and when the stretch began.
     begin: Option<(Stamp, f64)>,
     by_velocity_m: f64,
@@ -176,7 +176,7 @@ struct Way {
     weight: f64,
 }
 
-impl Way {
+impl Travel {
     fn see(&mut self, stamp: Stamp, dt_s: f64, displacement_m: f64, velocity_m_s: f64) {
         let Some((begin, from_m)) = self.begin else {
             self.begin = Some((stamp, displacement_m));
@@ -208,14 +208,14 @@ impl Way {
 
 /// Work that the damper absorbs, with exponential forgetting.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Work {
+struct AbsorbedWork {
     taken_j: f64,
     to_and_fro_j: f64,
     way_m: f64,
     time_s: f64,
 }
 
-impl Work {
+impl AbsorbedWork {
     fn see(&mut self, dt_s: f64, force_n: f64, velocity_m_s: f64, window_s: f64) {
         let keep = (-dt_s / window_s).exp();
         let power_w = force_n * velocity_m_s;
@@ -233,7 +233,7 @@ impl Work {
 }
 
 /// A displacement with its time step and velocity.
-pub(super) struct Seen {
+pub(super) struct CheckedDisplacement {
     pub(super) stamp: Stamp,
     pub(super) dt_s: Option<f64>,
     pub(super) displacement_m: f64,
@@ -241,7 +241,7 @@ pub(super) struct Seen {
     pub(super) velocity_m_s: Option<f64>,
 }
 
-impl Judge {
+impl PlausibilityChecks {
     /// Takes a current in A and the one before it, if there is one. A voltage is never odd.
     #[inline]
     pub(super) fn drive(
@@ -249,12 +249,12 @@ impl Judge {
         stamp: Stamp,
         current_a: f64,
         before: Option<(Stamp, f64)>,
-        known: &Known,
+        damper: &DamperProperties,
     ) {
-        let most_a = known.current_max_a;
+        let most_a = damper.current_max_a;
         let beyond = !(-0.1 * most_a..=1.2 * most_a).contains(&current_a);
         let jumps = before.is_some_and(|(at, last_a)| {
-            let can_a = 1.5 * known.current_rate_a_s * stamp.since(at).get() + 0.05 * most_a;
+            let can_a = 1.5 * damper.current_rate_a_s * stamp.since(at).get() + 0.05 * most_a;
             (current_a - last_a).abs() > can_a
         });
         self.drive_odd = most_a.is_finite() && (beyond || jumps);
@@ -269,15 +269,15 @@ impl Judge {
 
     /// Takes a displacement.
     #[inline]
-    pub(super) fn displacement(&mut self, seen: &Seen) {
+    pub(super) fn displacement(&mut self, seen: &CheckedDisplacement) {
         self.displacement.see(seen.stamp, seen.displacement_m);
         self.force.see_other(seen.displacement_m);
         match (seen.velocity_m_s, seen.dt_s) {
             (Some(velocity_m_s), Some(dt_s)) => {
                 self.displacement.speed_m_s = self.displacement.speed_m_s.max(velocity_m_s.abs());
-                self.way.see(seen.stamp, dt_s, seen.displacement_m, velocity_m_s);
+                self.travel.see(seen.stamp, dt_s, seen.displacement_m, velocity_m_s);
             }
-            _ => self.way.breaks(),
+            _ => self.travel.breaks(),
         }
     }
 
@@ -289,27 +289,27 @@ impl Judge {
 
     /// True while measured force is stuck or drives the rod: it may then be used for residuals only.
     #[inline]
-    pub(super) fn force_is_odd(&self, known: &Known, plausible: &Plausible) -> bool {
-        self.force_is_stuck(known) || self.work.gives(plausible.passive_window_s)
+    pub(super) fn force_is_odd(&self, damper: &DamperProperties, plausible: &Plausible) -> bool {
+        self.force_is_stuck(damper) || self.work.gives(plausible.passive_window_s)
     }
 
-    fn force_is_stuck(&self, known: &Known) -> bool {
-        let enough_m = if known.stroke_m > 0.0 { ROD_MOVED * known.stroke_m } else { ROD_MOVED_M };
+    fn force_is_stuck(&self, damper: &DamperProperties) -> bool {
+        let enough_m = if damper.stroke_m > 0.0 { ROD_MOVED * damper.stroke_m } else { ROD_MOVED_M };
         self.force.count >= EQUAL && self.force.other_moved() > enough_m
     }
 
     /// The implausible readings at `now`.
     #[inline]
-    pub(super) fn reasons(&self, now: Stamp, known: &Known, plausible: &Plausible) -> Reasons {
+    pub(super) fn reasons(&self, now: Stamp, damper: &DamperProperties, plausible: &Plausible) -> Reasons {
         let mut reasons = Reasons::NONE;
         let still =
             self.displacement.count >= EQUAL && now.since(self.displacement.since).get() >= plausible.stuck_s;
         let others_move = self.displacement.speed_m_s > MOVING_M_S
-            || self.displacement.other_moved() > FORCE_MOVED * known.forces_n;
-        if (still && others_move) || self.force_is_stuck(known) {
+            || self.displacement.other_moved() > FORCE_MOVED * damper.forces_n;
+        if (still && others_move) || self.force_is_stuck(damper) {
             reasons |= Reasons::SENSOR_STUCK;
         }
-        if self.way.disagrees() {
+        if self.travel.disagrees() {
             reasons |= Reasons::VELOCITY_DISAGREES;
         }
         if self.drive_odd {

@@ -4,7 +4,7 @@ use super::mode::Mode;
 use super::plausible::Plausible;
 use crate::condition::ApplyTo;
 use crate::error::Error;
-use crate::inverse::{Law, Limits, Method};
+use crate::inverse::{ControlLaw, Limits, Method};
 use crate::model::Model;
 
 /// Whether measured force may seed the ARX model.
@@ -50,7 +50,7 @@ pub struct Settings {
     /// Limits of plausible readings.
     pub plausible: Plausible,
     /// Control law: it sets the demanded force or current.
-    pub law: Law,
+    pub law: ControlLaw,
     /// Limits of the command.
     pub limits: Limits,
     /// Method that finds the current for a demanded force.
@@ -78,7 +78,7 @@ impl Default for Settings {
             alarm_block_s: 0.5,
             false_alarm_interval_s: 86_400.0,
             plausible: Plausible::default(),
-            law: Law::default(),
+            law: ControlLaw::default(),
             limits: Limits::default(),
             method: Method::default(),
             request_timeout_s: 0.1,

@@ -24,7 +24,7 @@ use crate::sample::Stamp;
 const FIRST: u32 = 30;
 /// Number of samples in the mean J, and the number from which J is used.
 const MEAN_OF: u32 = 100;
-const JUDGED_FROM: u32 = 30;
+const MEAN_FROM: u32 = 30;
 /// Number of samples that the first period counts for in the fit of a line, and the number from which the loop's gains stay constant.
 const WORTH: u32 = 15;
 const SETTLED: u32 = 80;
@@ -147,7 +147,7 @@ impl Timing {
         self.is_even = if self.is_even {
             even <= LEFT_ABOVE * stamped
         } else {
-            seen > JUDGED_FROM && even < TAKEN_BELOW * stamped
+            seen > MEAN_FROM && even < TAKEN_BELOW * stamped
         };
     }
 }

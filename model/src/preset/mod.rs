@@ -23,10 +23,10 @@ mod sp_rows;
 pub use fuzzy_rows::{CENTRES_A, SIGMA_A};
 
 use crate::condition::Conditioning;
+use crate::edit_distance::edit_distance;
 use crate::effect::Effects;
 use crate::error::Error;
-use crate::force::{ForceModel, FuzzyTanh, Phase};
-use crate::identify::Form;
+use crate::force::{ForceModel, Form, FuzzyTanh, Phase};
 use crate::model::{Envelope, Expected, Model};
 use crate::units::N_PER_LBF;
 
@@ -158,22 +158,6 @@ fn single(model: &FuzzyTanh, j: usize) -> Option<FuzzyTanh> {
     FuzzyTanh::new(fuzzy_rows::sets(centres).ok()?, functions, 0.0).ok()
 }
 
-/// Levenshtein distance, used to suggest a name.
-pub(crate) fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let substitute = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = substitute.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -198,14 +182,5 @@ mod tests {
             all += &format!("{name} {}\n", digest(&format!("{:?}", phase(&name).expect("a preset"))));
         }
         insta::assert_snapshot!(all);
-    }
-
-    #[test]
-    fn edit_distance_is_levenshtein() {
-        let all =
-            [("kitten", "sitting", 3), ("", "abc", 3), ("abc", "", 3), ("flaw", "lawn", 2), ("ab", "ab", 0)];
-        for (a, b, expected) in all {
-            assert_eq!(edit_distance(a, b), expected, "{a} {b}");
-        }
     }
 }

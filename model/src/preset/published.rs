@@ -6,10 +6,10 @@
 //! lower case.
 //!
 //! The figures are kept as printed. Where two figures of the source contradict each other,
-//! [`Published::doubt`] says which digit is probably wrong.
+//! [`Published::misprint`] says which digit is probably wrong.
 
 use super::EXPERIMENTS;
-use crate::identify::Form;
+use crate::force::Form;
 
 /// Error of a published model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,7 +19,7 @@ pub struct Published {
     /// Normalised mean squared error: error power over force variance, 1. The thesis calls it ESR.
     pub esr: f64,
     /// A probable misprint of the source.
-    pub doubt: Option<&'static str>,
+    pub misprint: Option<&'static str>,
 }
 
 /// RMSE (lbf) and NMSE of a model in one form, in the order of the experiments.
@@ -84,7 +84,7 @@ const FIRST_PAPER_PERCENT: [(&str, Form, &[f64]); 6] = [
 ];
 
 /// Probable misprints: table, model, form, index of the experiment, and the probable correction.
-const DOUBTS: [(&str, &str, Form, usize, &str); 5] = [
+const MISPRINTS: [(&str, &str, Form, usize, &str); 5] = [
     (
         "4.1",
         "arx",
@@ -136,8 +136,8 @@ fn row<T>(table: &[(&str, Form, &'static [T])], model: &str, form: Form) -> Opti
 pub fn identification(model: &str, form: Form, experiment: &str) -> Option<Published> {
     let k = number(experiment)?;
     let (rsse_lbf, esr) = *row(&IDENTIFICATION, model, form)?.get(k)?;
-    let doubts = DOUBTS.iter().find(|(_, name, known, row, _)| (*name, *known, *row) == (model, form, k));
-    Some(Published { rsse_lbf, esr, doubt: doubts.map(|(.., what)| *what) })
+    let found = MISPRINTS.iter().find(|(_, name, known, row, _)| (*name, *known, *row) == (model, form, k));
+    Some(Published { rsse_lbf, esr, misprint: found.map(|(.., what)| *what) })
 }
 
 /// Error of the thesis' `model`, identified on experiment `trained_on`, averaged over all experiments; `None`
@@ -148,10 +148,10 @@ pub fn cross_validation(model: &str, form: Form, trained_on: &str) -> Option<Pub
     // A shorter row covers the last experiments only.
     let k = number(trained_on)?.checked_sub(EXPERIMENTS.len() - rows.len())?;
     let (rsse_lbf, esr) = *rows.get(k)?;
-    let doubt = ((model, form, trained_on.to_ascii_lowercase().as_str())
+    let misprint = ((model, form, trained_on.to_ascii_lowercase().as_str())
         == ("p", Form::SemiActive, "rp-aprbs"))
         .then_some("RSSE is printed as 24.83 with an extra digit; it could be 24.82");
-    Some(Published { rsse_lbf, esr, doubt })
+    Some(Published { rsse_lbf, esr, misprint })
 }
 
 /// NMSE of the ANFIS model of `trained_on` on the replicates of `tested_on` (second paper). The value for
@@ -198,7 +198,7 @@ mod tests {
                     // With one digit of NMSE, as for ARX on the last three experiments, the ratio says
                     // nothing.
                     let share = published.rsse_lbf.powi(2) / published.esr;
-                    (published.esr > 1e-3).then_some((*model, share, published.doubt.is_some()))
+                    (published.esr > 1e-3).then_some((*model, share, published.misprint.is_some()))
                 })
                 .collect();
             let mut sorted: Vec<f64> = found.iter().map(|(_, variance, _)| *variance).collect();

@@ -12,7 +12,7 @@
 //! (semi-active) the signs of the quadratic terms of A1 (+78.7) and A2 (-2.0) are exchanged; the row agrees
 //! with the others up to 8 in/s, and its force falls beyond. Do not extrapolate.
 
-use crate::force::{Dependence, Law, LawModel};
+use crate::force::{Dependence, ForceLaw, LawModel};
 use crate::sample::DriveKind;
 use crate::units::{M_PER_IN, N_M_PER_LBF_IN, N_PER_LBF};
 
@@ -79,14 +79,19 @@ const SEMI_ACTIVE: [[[f64; 5]; 3]; 8] = [
 
 /// The passive model of experiment number `row`.
 pub(super) fn passive(row: usize) -> Option<LawModel> {
-    LawModel::new(Law::Sp, Dependence::None, &in_si(PASSIVE.get(row)?), 0.0).ok()
+    LawModel::new(ForceLaw::Sp, Dependence::None, &in_si(PASSIVE.get(row)?), 0.0).ok()
 }
 
 /// The semi-active model of experiment number `row`.
 pub(super) fn semi_active(row: usize) -> Option<LawModel> {
     let dependence = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 2 };
-    LawModel::new(Law::Sp, dependence, SEMI_ACTIVE.get(row)?.map(|copy| in_si(&copy)).as_flattened(), 0.0)
-        .ok()
+    LawModel::new(
+        ForceLaw::Sp,
+        dependence,
+        SEMI_ACTIVE.get(row)?.map(|copy| in_si(&copy)).as_flattened(),
+        0.0,
+    )
+    .ok()
 }
 
 fn in_si(row: &[f64; 5]) -> [f64; 5] {
@@ -140,14 +145,14 @@ mod tests {
     #[test]
     fn forces_match_the_printed_numbers() {
         for (row, name) in EXPERIMENTS.iter().enumerate() {
-            for (model, wanted) in
+            for (model, expected) in
                 [(passive(row), PASSIVE_LBF[row]), (semi_active(row), SEMI_ACTIVE_LBF[row])]
             {
                 let model = model.expect("a model");
                 let found = [(0.0, 1.0), (0.0, 3.0), (0.0, 6.0), (0.0, 8.0), (0.5, 3.0)]
                     .map(|(x, v)| force_lbf(&model, x, v, 1.0));
-                for (found, wanted) in found.iter().zip(wanted) {
-                    assert!((found - wanted).abs() < 1e-3, "{name}: {found} instead of {wanted}");
+                for (found, expected) in found.iter().zip(expected) {
+                    assert!((found - expected).abs() < 1e-3, "{name}: {found} instead of {expected}");
                 }
             }
         }

@@ -306,8 +306,8 @@ mod tests {
         assert!((power / 50.0 - 1.0).abs() < 1e-3 && hum.iter().all(|f| f.abs() < 10.0 + 1e-9), "{power}");
         let (ripple, _, _) = changes("position_ripple", 0.2);
         for ((f, p), x) in ripple.iter().zip(&plain).zip(&x) {
-            let wanted = 0.2 * p * (std::f64::consts::TAU * x / 0.005).sin();
-            assert!((f - wanted).abs() < 1e-6 * p.abs().max(1.0), "{f} for {wanted} at {x} m");
+            let expected = 0.2 * p * (std::f64::consts::TAU * x / 0.005).sin();
+            assert!((f - expected).abs() < 1e-6 * p.abs().max(1.0), "{f} for {expected} at {x} m");
         }
     }
 

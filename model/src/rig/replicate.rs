@@ -144,7 +144,8 @@ mod tests {
         let deviation = |of: &dyn Fn(&(Plant, Channels)) -> f64, nominal: f64| {
             (runs.iter().map(|run| (of(run) - nominal).powi(2)).sum::<f64>() / 4000.0).sqrt()
         };
-        let near = |found: f64, wanted: f64| assert!((found / wanted - 1.0).abs() < 0.05, "{found} {wanted}");
+        let near =
+            |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
         near(deviation(&|run| run.0.start_c, plant.start_c), 2.0);
         near(deviation(&|run| run.0.yield_n.growth / plant.yield_n.growth, 1.0), 0.01);
         near(deviation(&|run| run.0.viscous_n_s_m.at_zero / plant.viscous_n_s_m.at_zero, 1.0), 0.01);

@@ -176,10 +176,10 @@ impl Road {
             })
             .collect();
         let mut motion = sum_of(&tones, samples, go_on)?;
-        if let Some(wanted) = self.span_m {
+        if let Some(target) = self.span_m {
             let span = span(&motion.displacement_m);
             // A run too short to move has zero span and is not scaled.
-            let gain = if span > 0.0 { wanted / span } else { 1.0 };
+            let gain = if span > 0.0 { target / span } else { 1.0 };
             motion.displacement_m.iter_mut().chain(&mut motion.velocity_m_s).for_each(|x| *x *= gain);
         }
         remove_mean(&mut motion.displacement_m);

@@ -65,14 +65,14 @@ const THESIS_LBF: [[f64; 4]; 7] = [
 #[test]
 fn force_over_velocity_is_close_to_the_thesis_damper() {
     for (current_a, row) in current::STEPS_A.into_iter().zip(THESIS_LBF) {
-        for (velocity_in_s, wanted_lbf) in [1.0, 3.0, 6.0, 8.0].into_iter().zip(row) {
-            let wanted_n = wanted_lbf * N_PER_LBF;
+        for (velocity_in_s, expected_lbf) in [1.0, 3.0, 6.0, 8.0].into_iter().zip(row) {
+            let expected_n = expected_lbf * N_PER_LBF;
             let found_n = force_at(velocity_in_s * M_PER_IN, current_a);
-            let off = found_n / wanted_n - 1.0;
+            let off = found_n / expected_n - 1.0;
             let within = if velocity_in_s == 6.0 { 0.10 } else { 0.15 };
             assert!(
                 off.abs() < within,
-                "{velocity_in_s} in/s, {current_a} A: {found_n:.0} N for {wanted_n:.0} N ({:.0} %)",
+                "{velocity_in_s} in/s, {current_a} A: {found_n:.0} N for {expected_n:.0} N ({:.0} %)",
                 100.0 * off
             );
         }
@@ -96,7 +96,7 @@ fn force_on_a_road_has_the_thesis_standard_deviation() -> Outcome {
 #[test]
 fn every_experiment_has_about_the_force_of_the_thesis() -> Outcome {
     // In lbf. The long experiments take too long for a test; the example `rig_calibration` prints them.
-    for (name, wanted_lbf, seeds) in [
+    for (name, expected_lbf, seeds) in [
         ("RP-ICPS", 93.67, 8),
         ("RP-APRBS", 94.72, 8),
         ("RP-PRBS", 77.73, 8),
@@ -109,7 +109,7 @@ fn every_experiment_has_about_the_force_of_the_thesis() -> Outcome {
             let run = record(&thesis(name)?, &Plant::default(), &Channels::default(), seed);
             variance += std(force(&run)?).powi(2) / seeds as f64;
         }
-        let off = variance.sqrt() / N_PER_LBF / wanted_lbf - 1.0;
+        let off = variance.sqrt() / N_PER_LBF / expected_lbf - 1.0;
         assert!(off.abs() < if seeds == 8 { 0.06 } else { 0.12 }, "{name}: {:.1} %", 100.0 * off);
     }
     Ok(())
@@ -169,13 +169,13 @@ fn a_recording_can_be_cancelled() -> Outcome {
     seen.dedup();
     assert_eq!((run, seen), (None, vec![0.0, 1.0, 2.0, 3.0]));
     // Cancelling also works while the road is computed.
-    let mut asked = 0;
+    let mut calls = 0;
     let plant = Plant::default();
     let run = record_while(&experiment, &plant, &Channels::default(), 1, &mut |_| {
-        asked += 1;
-        asked < 5
+        calls += 1;
+        calls < 5
     });
-    assert_eq!((run, asked), (None, 5));
+    assert_eq!((run, calls), (None, 5));
     Ok(())
 }
 
@@ -302,7 +302,8 @@ fn each_channel_has_its_noise() -> Outcome {
     let experiment = thesis("RP-ICPS")?;
     let noisy = record(&experiment, &Plant::default(), &Channels::default(), 3);
     let clean = record(&experiment, &Plant::default(), &Channels::PERFECT, 3);
-    let near = |found: f64, wanted: f64| assert!((found / wanted - 1.0).abs() < 0.05, "{found} for {wanted}");
+    let near =
+        |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 0.05, "{found} for {expected}");
     assert_eq!(noisy.velocity_m_s, None);
     let velocity = |noise_m_s| {
         let run = record(&experiment, &Plant::default(), &Channels::default().with_velocity(noise_m_s), 3);
@@ -424,7 +425,7 @@ fn the_rig_does_not_use_the_code_that_it_tests() {
 }
 
 /// Root mean square and last value of a channel, to six digits; to that precision the libraries of all machines agree.
-fn told(trace: &Trace) -> String {
+fn statistics(trace: &Trace) -> String {
     let rms = (trace.values.iter().map(|x| x * x).sum::<f64>() / trace.len() as f64).sqrt();
     format!("{rms:.5e} {:.5e}", trace.values.last().copied().unwrap_or(f64::NAN))
 }
@@ -434,35 +435,35 @@ fn told(trace: &Trace) -> String {
 #[test]
 fn a_seed_still_gives_the_recorded_run() {
     let mut all = String::new();
-    let mut tell = |name: &str, valve: &str, plant: &Plant, channels: &Channels, experiment: Experiment| {
+    let mut add = |name: &str, valve: &str, plant: &Plant, channels: &Channels, experiment: Experiment| {
         let run = record(&experiment.with_duration_s(6.0), plant, channels, 11);
         let (force, drive) = (run.force_n.as_ref(), run.drive.as_ref().map(|(_, trace)| trace));
         let channels = [Some(&run.displacement_m), drive, force, run.case_temp_c.as_ref()];
-        let words: Vec<String> = channels.into_iter().flatten().map(told).collect();
+        let words: Vec<String> = channels.into_iter().flatten().map(statistics).collect();
         all += &format!("{name}, {valve}: {}\n", words.join(", "));
         for (name, trace) in &run.other {
-            all += &format!("  {name}: {}\n", told(trace));
+            all += &format!("  {name}: {}\n", statistics(trace));
         }
     };
     let plants = [("bouc-wen", Plant::plain()), ("quasi-static", Plant::quasi_static())];
     let more = Channels::default().with_ambient().with_velocity(1e-4);
     for (valve, plant) in &plants {
         for name in Experiment::names() {
-            tell(name, valve, plant, &more, thesis(name).expect("a known name"));
+            add(name, valve, plant, &more, thesis(name).expect("a known name"));
         }
         for name in Experiment::paper1_names() {
             let experiment = Experiment::paper1(name).expect("a known name");
-            tell(name, valve, plant, &Channels::default().with_fine_displacement(), experiment);
+            add(name, valve, plant, &Channels::default().with_fine_displacement(), experiment);
         }
         for effect in inject::EFFECTS {
             let (mut plant, mut channels) = (*plant, Channels::default());
             let (low, high) = effect.range;
             inject::inject(effect.id, low + 0.05 * (high - low), &mut plant, &mut channels)
                 .expect("a size in its range");
-            tell(effect.id, valve, &plant, &channels, thesis("RP3-CS").expect("a known name"));
+            add(effect.id, valve, &plant, &channels, thesis("RP3-CS").expect("a known name"));
         }
     }
     let servo = thesis("RP-ICPS").expect("a known name").with_servo(SecondOrder::with_delay_s(0.01));
-    tell("servo", "default", &Plant::default(), &Channels::default(), servo);
+    add("servo", "default", &Plant::default(), &Channels::default(), servo);
     insta::assert_snapshot!(all);
 }

@@ -37,6 +37,8 @@
 //! found by leaving runs out as in CV+ (Barber et al. 2021). The coverage holds on average over new runs of
 //! the same kind; it can be higher or lower in a single run.
 //!
+//! [`crate::calibrate`] computes the table from held-out runs.
+//!
 //! The two predictors, **free run** (simulation) and **one step** (one-step-ahead prediction), are never
 //! mixed; either may be missing. Only the second one coasts. While it coasts, an ageing drive adds the larger
 //! of both predictors' contributions, because the combination was not calibrated. Beyond the longest
@@ -44,22 +46,18 @@
 //!
 //! Source: `[vovk2005]`, `[lei2018]`, `[dunn2022]` and `[barber2021]` in the bibliography (node/docs/guide/bibliography.md).
 
-mod calibrate;
-mod rows;
 mod table;
-
-pub use calibrate::{Calibrator, calibrate};
 
 use crate::error::Error;
 use serde::{Deserialize, Serialize};
 use table::UncertaintyTable;
 
 /// Largest number of speed regions.
-const SPEEDS: usize = 4;
+pub(crate) const SPEEDS: usize = 4;
 /// Largest number of drive regions.
-const DRIVES: usize = 3;
+pub(crate) const DRIVES: usize = 3;
 /// Largest number of times in a [`Growth`].
-const TIMES: usize = 8;
+pub(crate) const TIMES: usize = 8;
 /// Ratio of the 90 % band's half-width to the standard deviation for a normal distribution; used without
 /// calibration.
 pub(crate) const NORMAL_HALF_BAND: f64 = 1.645;
@@ -103,9 +101,9 @@ pub struct Spread {
 
 /// Widths of a region, or their increase.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Width {
-    std_dev: f64,
-    half_band: f64,
+pub(crate) struct Width {
+    pub(crate) std_dev: f64,
+    pub(crate) half_band: f64,
 }
 
 impl Width {
@@ -113,21 +111,21 @@ impl Width {
         Self { std_dev: f(self.std_dev, other.std_dev), half_band: f(self.half_band, other.half_band) }
     }
 
-    fn max(self, other: Self) -> Self {
+    pub(crate) fn max(self, other: Self) -> Self {
         self.map(other, f64::max)
     }
 }
 
 /// Edges between regions, in increasing order; a value on an edge belongs to the upper region.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Edges<const N: usize> {
-    len: usize,
-    at: [f64; N],
+pub(crate) struct Edges<const N: usize> {
+    pub(crate) len: usize,
+    pub(crate) at: [f64; N],
 }
 
 impl<const N: usize> Edges<N> {
     /// `None` if there are too many edges, or if they do not increase.
-    fn new(edges: &[f64]) -> Option<Self> {
+    pub(crate) fn new(edges: &[f64]) -> Option<Self> {
         let increase = edges.windows(2).all(|pair| pair[0] < pair[1]);
         if edges.len() > N || !increase || !edges.iter().all(|edge| edge.is_finite()) {
             return None;
@@ -137,20 +135,20 @@ impl<const N: usize> Edges<N> {
         Some(Self { len: edges.len(), at })
     }
 
-    fn as_slice(&self) -> &[f64] {
+    pub(crate) fn as_slice(&self) -> &[f64] {
         &self.at[..self.len]
     }
 
     #[inline]
-    fn region(&self, value: f64) -> usize {
+    pub(crate) fn region(&self, value: f64) -> usize {
         self.as_slice().iter().filter(|edge| value >= **edge).count()
     }
 }
 
 /// Growth of widths with time, linear between calibrated times.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Growth {
-    len: usize,
+pub(crate) struct Growth {
+    pub(crate) len: usize,
     at_s: [f64; TIMES],
     width: [Width; TIMES],
 }
@@ -160,7 +158,7 @@ impl Growth {
     const SLACK: f64 = 0.25;
 
     /// `None` if the number of times is 0 or too large.
-    fn new(nodes: &[(f64, Width)]) -> Option<Self> {
+    pub(crate) fn new(nodes: &[(f64, Width)]) -> Option<Self> {
         if nodes.is_empty() || nodes.len() > TIMES {
             return None;
         }
@@ -171,11 +169,11 @@ impl Growth {
         Some(growth)
     }
 
-    fn first_s(&self) -> f64 {
+    pub(crate) fn first_s(&self) -> f64 {
         self.at_s[0]
     }
 
-    fn last_s(&self) -> f64 {
+    pub(crate) fn last_s(&self) -> f64 {
         self.at_s[self.len - 1]
     }
 
@@ -185,7 +183,7 @@ impl Growth {
     }
 
     #[inline]
-    fn at(&self, time_s: f64) -> Width {
+    pub(crate) fn at(&self, time_s: f64) -> Width {
         let after = self.at_s[..self.len].iter().filter(|at| time_s >= **at).count();
         if after == 0 {
             return self.width[0];
@@ -201,12 +199,12 @@ impl Growth {
 
 /// Calibration table of one predictor.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Bands {
-    speed_edges_m_s: Edges<{ SPEEDS - 1 }>,
-    drive_edges: Edges<{ DRIVES - 1 }>,
-    width_n: [[Width; DRIVES]; SPEEDS],
+pub(crate) struct Bands {
+    pub(crate) speed_edges_m_s: Edges<{ SPEEDS - 1 }>,
+    pub(crate) drive_edges: Edges<{ DRIVES - 1 }>,
+    pub(crate) width_n: [[Width; DRIVES]; SPEEDS],
     /// Width that a held drive adds, N, as a root sum of squares; `None` for a model without drive.
-    drive_held: Option<Growth>,
+    pub(crate) drive_held: Option<Growth>,
 }
 
 impl Bands {
@@ -220,7 +218,7 @@ impl Bands {
     }
 
     #[inline]
-    fn width_at(&self, speed_m_s: f64, drive: f64) -> Width {
+    pub(crate) fn width_at(&self, speed_m_s: f64, drive: f64) -> Width {
         // NaN is above no edge, so a model without drive uses the first column.
         self.width_n[self.speed_edges_m_s.region(speed_m_s)][self.drive_edges.region(drive)]
     }
@@ -241,22 +239,22 @@ impl Bands {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "UncertaintyTable", into = "UncertaintyTable")]
 pub struct Uncertainty {
-    free_run: Option<Bands>,
-    one_step: Option<OneStep>,
+    pub(crate) free_run: Option<Bands>,
+    pub(crate) one_step: Option<OneStep>,
 }
 
 /// One-step-ahead prediction, and its growth while coasting.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct OneStep {
-    bands: Bands,
+pub(crate) struct OneStep {
+    pub(crate) bands: Bands,
     /// Factors on the widths, by time since the last measured force.
-    coasting: Growth,
+    pub(crate) coasting: Growth,
 }
 
 impl Uncertainty {
     /// Largest time, in steps, for which a prediction counts as one step ahead; it allows for jitter of
     /// stamps.
-    const ONE_STEP: f64 = 1.5;
+    pub(crate) const ONE_STEP: f64 = 1.5;
 
     /// The spread of a prediction made at `at`. `None` if a value that it depends on is NaN, or if the
     /// predictor was not calibrated.

@@ -5,7 +5,9 @@
 use mr_damper_model::Error;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance};
-use mr_damper_model::pipeline::{Estimate, Event, Models, Pipeline, Plan, Residual, Settings, UseForce};
+use mr_damper_model::pipeline::{
+    Estimate, Event, Models, Pipeline, PipelineSetup, Residual, Settings, UseForce,
+};
 use mr_damper_model::preset;
 use mr_damper_model::sample::{Channel, Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Metre, Newton};
@@ -82,7 +84,7 @@ pub(crate) fn samples(k: i64, epoch_ns: i64) -> [Sample; 3] {
 }
 
 /// A pipeline with its input settings and recorded events.
-pub(crate) struct Bench {
+pub(crate) struct Harness {
     pub(crate) pipeline: Pipeline,
     pub(crate) events: Vec<Event>,
     pub(crate) epoch_ns: i64,
@@ -93,7 +95,7 @@ pub(crate) struct Bench {
     pub(crate) constant_current: bool,
 }
 
-impl Bench {
+impl Harness {
     /// [`both`] models of the thesis.
     pub(crate) fn thesis() -> Self {
         Self::new(Settings::default())
@@ -175,9 +177,9 @@ impl Bench {
 
     /// Uses other models and settings from the next sample on; an error if they do not fit together.
     pub(crate) fn take(&mut self, models: Models, settings: Settings) -> Result<(), Error> {
-        let plan = Plan::new(models, settings)?;
+        let setup = PipelineSetup::new(models, settings)?;
         let events = &mut self.events;
-        self.pipeline.take(plan, &mut |event| events.push(event));
+        self.pipeline.take(setup, &mut |event| events.push(event));
         Ok(())
     }
 

@@ -3,9 +3,9 @@
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
-use mr_damper_model::force::{Dependence, ForceModel, Inputs, Law, LawModel};
-use mr_damper_model::inverse::track::{Bench, Figures, on_rig};
-use mr_damper_model::inverse::{Command, Commander, Demand, LimitedBy, Limits, Method};
+use mr_damper_model::force::{Dependence, ForceLaw, ForceModel, Inputs, LawModel};
+use mr_damper_model::inverse::track::{Figures, TrackingRig, on_rig};
+use mr_damper_model::inverse::{CurrentCommand, Demand, InverseController, LimitedBy, Limits, Method};
 use mr_damper_model::model::Model;
 use mr_damper_model::preset;
 use mr_damper_model::rig::signal::RATE_HZ;
@@ -61,7 +61,7 @@ pub(crate) const TIGHT: Limits = Limits {
 
 /// Checks that an inverse controller with [`TIGHT`] limits stays within them and never drives the rod, over `states` states with broken
 /// values among them. Returns the number of states in which it answered a demand.
-pub(crate) fn keeps_its_limits(mut commander: Commander, states: u32, seed: u64) -> u32 {
+pub(crate) fn keeps_its_limits(mut controller: InverseController, states: u32, seed: u64) -> u32 {
     let limits = TIGHT;
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let (mut last_a, mut commanded) = (limits.safe_a, 0_u32);
@@ -75,8 +75,8 @@ pub(crate) fn keeps_its_limits(mut commander: Commander, states: u32, seed: u64)
         at.drive = if rng.random::<bool>() { f64::NAN } else { any(&mut rng, 3.0) };
         let demand_n = rng.random::<f32>().gt(&0.05).then(|| any(&mut rng, 3e3));
         let measured_n = rng.random::<bool>().then(|| any(&mut rng, 2e3));
-        let Command { current, dissipative, limited_by, requested, .. } =
-            commander.step(&at, Demand::of_force(demand_n), measured_n);
+        let CurrentCommand { current, dissipative, limited_by, requested, .. } =
+            controller.step(&at, Demand::of_force(demand_n), measured_n);
         let current_a = current.get();
         assert!((0.0..=limits.current_max_a).contains(&current_a), "{current_a} {at:?}");
         if let Some(dt_s) = at.dt_s.filter(|dt_s| *dt_s > 0.0) {
@@ -96,7 +96,7 @@ pub(crate) fn keeps_its_limits(mut commander: Commander, states: u32, seed: u64)
 
 /// Semi-phenomenological model with a yield force that grows up to 1.25 A and falls above.
 pub(crate) fn folded() -> Model {
-    let law = Law::Sp;
+    let law = ForceLaw::Sp;
     let names: Vec<&str> = law.parameters().iter().map(|parameter| parameter.name).collect();
     let level = |name: &str| match name {
         "yield_force_n" => [100.0, 1600.0, -640.0],
@@ -117,18 +117,18 @@ pub(crate) fn folded() -> Model {
 pub(crate) fn bouc_wen() -> Model {
     let none = [600.0, 8e3, 1e3, 500.0, 80.0, 150.0, 2.0, 150.0, 300.0];
     let per_a = [200.0, 4e3, 0.0, 0.0, 300.0, 0.0, 0.0, 0.0, 0.0];
-    polynomial(Law::BoucWen, &[none, per_a].concat())
+    polynomial(ForceLaw::BoucWen, &[none, per_a].concat())
 }
 
 /// The polynomial of Choi et al., linear in the current, with the falling branch a little below the rising one.
 pub(crate) fn choi() -> Model {
     let none = |b0: f64| [b0, 2500.0, 0.0, -2e4, 0.0, 0.0, 0.0];
     let per_a = |b0: f64| [b0, 4000.0, 0.0, -6e4, 0.0, 0.0, 0.0];
-    polynomial(Law::Choi, &[none(-40.0), none(40.0), per_a(-15.0), per_a(15.0)].concat())
+    polynomial(ForceLaw::Choi, &[none(-40.0), none(40.0), per_a(-15.0), per_a(15.0)].concat())
 }
 
 /// `law` with parameters linear in the current.
-fn polynomial(law: Law, coefficients: &[f64]) -> Model {
+fn polynomial(law: ForceLaw, coefficients: &[f64]) -> Model {
     let drive = mr_damper_model::sample::DriveKind::CoilCurrent;
     let dependence = Dependence::Polynomial { drive, degree: 1 };
     let force = LawModel::new(law, dependence, coefficients, 20.0).expect("in order");
@@ -154,9 +154,10 @@ pub(crate) fn error(
     feedback: bool,
 ) -> f64 {
     let channels = Channels::default();
-    let bench = Bench { plant, channels: &channels, seed: 5, feedback };
-    let commander = Commander::with_method(model, Limits::default(), method).expect("it follows a current");
-    let points = on_rig(model, &commander, motion, force_n, &bench).expect("it needs no velocity");
+    let tracking_rig = TrackingRig { plant, channels: &channels, seed: 5, feedback };
+    let controller =
+        InverseController::with_method(model, Limits::default(), method).expect("it follows a current");
+    let points = on_rig(model, &controller, motion, force_n, &tracking_rig).expect("it needs no velocity");
     let figures = Figures::of(&points[RATE_HZ as usize..]);
     assert_eq!(figures.dissipative_violations, 0);
     figures.error

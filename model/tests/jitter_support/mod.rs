@@ -266,7 +266,7 @@ pub(crate) fn outcome(models: Models, settings: Settings, samples: &[(Sample, f6
     for (sample, truth_n) in samples {
         pipeline.step(sample, &mut |event| match event {
             Event::Transition(t) if t.stamp >= from => changes += 1,
-            Event::Estimate(e) if e.stamp >= from => errors.push(judged(&e, *truth_n)),
+            Event::Estimate(e) if e.stamp >= from => errors.push(error_and_coverage(&e, *truth_n)),
             _ => {}
         });
     }
@@ -283,6 +283,6 @@ pub(crate) fn outcome(models: Models, settings: Settings, samples: &[(Sample, f6
     }
 }
 
-fn judged(estimate: &Estimate, truth_n: f64) -> (f64, bool) {
+fn error_and_coverage(estimate: &Estimate, truth_n: f64) -> (f64, bool) {
     (estimate.force.get() - truth_n, estimate.validity == Validity::Valid)
 }

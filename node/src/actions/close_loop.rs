@@ -2,16 +2,16 @@
 //!
 //! The new model is loaded only if `close_loop.auto_load` is set.
 
-use super::{Job, Remembered, Step, Work, total_s, write_new};
-use crate::closing::{Origin, drive, model_file, rows, training_runs};
-use crate::command::close::in_words;
+use super::{ActionContext, ActionWork, Job, Step, total_s, write_new};
+use crate::answer_limit::{self, Shorten};
+use crate::augmented_file::{TrainingOrigin, drive, model_file, rows, training_runs};
 use crate::control::Control;
 use crate::error::NodeError;
-use crate::far::{self, Shorten};
 use crate::parameters::Parameters;
-use crate::report::close as report;
-use crate::report::close::json::{self, SCHEMA};
-use mr_damper_model::diagnose::{self, Closing, Runs, Settings, Stage};
+use crate::report::diagnosis as report;
+use crate::report::diagnosis::json::{self, SCHEMA};
+use crate::report::diagnosis::words::stage_in_words;
+use mr_damper_model::diagnose::{self, DiagnosisResult, Runs, Settings, Stage};
 use mr_damper_model::identify::Watch;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::Role;
@@ -34,25 +34,25 @@ const NOTE: &str = "the runs are parts of one recording: the first 60 % for trai
 
 /// The action `close_loop`.
 pub(super) struct CloseLoopWork {
-    remembered: Remembered,
+    context: ActionContext,
     parameters: Arc<Parameters>,
 }
 
 impl CloseLoopWork {
     /// The action on the service's history. After a swap, `parameters` announces the new model.
-    pub(super) fn new(remembered: Remembered, parameters: Arc<Parameters>) -> Self {
-        Self { remembered, parameters }
+    pub(super) fn new(context: ActionContext, parameters: Arc<Parameters>) -> Self {
+        Self { context, parameters }
     }
 }
 
-impl Work for CloseLoopWork {
+impl ActionWork for CloseLoopWork {
     type Action = CloseLoop;
     /// The report as JSON.
     type Done = String;
     const NAME: &'static str = "close_loop";
 
-    fn consider(&self, goal: &CloseLoopGoal) -> Result<Job<String>, String> {
-        let control = &self.remembered.control;
+    fn prepare(&self, goal: &CloseLoopGoal) -> Result<Job<String>, String> {
+        let control = &self.context.control;
         let config = control.config();
         let running = control.models().ok_or("the node has no model; configure it first")?.free;
         let mut base = running;
@@ -60,20 +60,20 @@ impl Work for CloseLoopWork {
         if let Some((apply_to, cutoff_hz)) = config.pipeline_settings(base.conditioning.cutoff_hz).filter {
             (base.conditioning.apply_to, base.conditioning.cutoff_hz) = (apply_to, cutoff_hz);
         }
-        let swap = config.close_loop_auto_load.then(|| Swap {
+        let auto_load = config.close_loop_auto_load.then(|| AutoLoad {
             control: Arc::clone(control),
             parameters: Arc::clone(&self.parameters),
             running,
         });
         let diagnosis = Diagnosis {
             base,
-            runs: self.remembered.runs(goal.history)?,
-            folder: self.remembered.folder(),
-            damper: self.remembered.damper.clone(),
-            swap,
+            runs: self.context.runs(goal.history)?,
+            folder: self.context.folder(),
+            damper: self.context.damper.clone(),
+            auto_load,
         };
         Ok(Box::new(move |cancelled, say| {
-            let say = |stage| say(Step { stage: in_words(stage), progress: progress(stage) });
+            let say = |stage| say(Step { stage: stage_in_words(stage), progress: progress(stage) });
             diagnosis.work(cancelled, &say)
         }))
     }
@@ -82,7 +82,7 @@ impl Work for CloseLoopWork {
         CloseLoopFeedback { stage, progress }
     }
 
-    const SHORTEN: Option<Shorten<CloseLoopResult>> = Some(far::short_report);
+    const SHORTEN: Option<Shorten<CloseLoopResult>> = Some(answer_limit::short_report);
 
     fn result(worked: Result<String, &NodeError>) -> CloseLoopResult {
         let success = worked.is_ok();
@@ -97,8 +97,8 @@ fn progress(stage: Stage) -> f32 {
         Stage::Scores(round) => (0.05 + 0.2 * (round as f32 - 1.0)).min(0.6),
         Stage::Refits(round) => (0.15 + 0.2 * (round as f32 - 1.0)).min(0.65),
         Stage::Pruning => 0.7,
-        Stage::Rival => 0.75,
-        Stage::Sealed => 0.95,
+        Stage::Alternative => 0.75,
+        Stage::TestRuns => 0.95,
     }
 }
 
@@ -113,22 +113,22 @@ struct Diagnosis {
     /// Name of the damper.
     damper: String,
     /// How to load the new model; `None` when that is not allowed.
-    swap: Option<Swap>,
+    auto_load: Option<AutoLoad>,
 }
 
 /// The running service, into which the new model may be loaded.
-struct Swap {
+struct AutoLoad {
     control: Arc<Control>,
     parameters: Arc<Parameters>,
     /// The simulated model that ran when the goal arrived.
     running: Model,
 }
 
-/// The answer to a goal: the JSON that `mr-damper close` writes, with additional fields.
+/// The report on a goal: the JSON that `mr-damper close` writes, with additional fields.
 #[derive(Debug, Serialize)]
-struct Answer<'a> {
+struct GoalReport<'a> {
     #[serde(flatten)]
-    written: json::Written<'a, RunRow>,
+    written: json::ReportDocument<'a, RunRow>,
     note: &'static str,
     /// True when the node runs the new model.
     loaded: bool,
@@ -188,38 +188,42 @@ impl Diagnosis {
         let runs = Runs { estimate: &estimate, confirm: &confirm, test: &test, ..Runs::default() };
         let settings = Settings { seed: SEED, ..Settings::default() };
         let watch = Watch { cancel: Some(cancelled), progress: None };
-        let closing = diagnose::close(&self.base, &runs, &settings, &watch, say).map_err(on_history)?;
+        let result = diagnose::close(&self.base, &runs, &settings, &watch, say).map_err(on_history)?;
         // After this point files are written, so check for cancellation here.
         if cancelled.load(Ordering::Acquire) {
             return Err(NodeError::Interrupted);
         }
-        let origin = || Origin { seed: SEED, runs: training_runs(&closing, &runs), ..Origin::default() };
-        let path = (!closing.effects.is_empty())
+        let origin = || TrainingOrigin {
+            seed: SEED,
+            runs: training_runs(&result, &runs),
+            ..TrainingOrigin::default()
+        };
+        let path = (!result.effects.is_empty())
             .then(|| {
                 write_new(
                     &self.folder,
                     &self.damper,
                     "close",
-                    &model_file(&closing, &runs, origin()).to_toml()?,
+                    &model_file(&result, &runs, origin()).to_toml()?,
                 )
             })
             .transpose()?;
-        let loaded = match (&path, &self.swap) {
-            (Some(path), Some(swap)) => swap.load(path).map(|()| true),
+        let loaded = match (&path, &self.auto_load) {
+            (Some(path), Some(auto_load)) => auto_load.load(path).map(|()| true),
             _ => Ok(false),
         };
-        tracing::info!(model_file = ?path, ?loaded, "close_loop: {}", in_short(&closing));
+        tracing::info!(model_file = ?path, ?loaded, "close_loop: {}", in_short(&result));
         let parts = parts.into_iter();
         let row = |(role, run): (_, Run)| RunRow { role, seconds: run.duration().get(), run: run.name };
         let seconds = started.elapsed().as_secs_f64();
-        let answer = Answer {
-            written: json::Written::new(&closing, SEED, seconds, parts.map(row), path.as_deref()),
+        let report = GoalReport {
+            written: json::ReportDocument::new(&result, SEED, seconds, parts.map(row), path.as_deref()),
             note: NOTE,
             loaded: *loaded.as_ref().unwrap_or(&false),
             load_error: loaded.err().map(|error| error.to_string()),
-            text: report::text(&closing, drive(&closing, &runs)),
+            text: report::text(&result, drive(&result, &runs)),
         };
-        serde_json::to_string(&answer)
+        serde_json::to_string(&report)
             .map_err(|error| NodeError::Failed(format!("cannot write the report as JSON: {error}")))
     }
 
@@ -236,7 +240,7 @@ impl Diagnosis {
     }
 }
 
-impl Swap {
+impl AutoLoad {
     /// Loads the model in `path`, unless the diagnosed model has been replaced meanwhile.
     fn load(&self, path: &Path) -> Result<(), NodeError> {
         self.control.load_model_over(&path.display().to_string(), &self.running)?;
@@ -246,10 +250,10 @@ impl Swap {
 }
 
 /// The verdict and the named effects, for the log.
-fn in_short(closing: &Closing) -> String {
-    let named: Vec<_> = closing.effects.iter().map(|named| named.effect.effect().title()).collect();
+fn in_short(result: &DiagnosisResult) -> String {
+    let named: Vec<_> = result.effects.iter().map(|named| named.effect.effect().title()).collect();
     let named = if named.is_empty() { "no effect named".to_owned() } else { named.join(", ") };
-    format!("{}: {named}", closing.verdict.name())
+    format!("{}: {named}", result.verdict.name())
 }
 
 /// Splits the runs at the times at which their total length reaches each of the [`SHARES`].

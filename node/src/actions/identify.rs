@@ -4,7 +4,7 @@
 //! error in the file. Parts of one session are not independent, so `mr-damper identify` on separately recorded runs proves more. The
 //! model is not loaded; use `load_model` for that.
 
-use super::{Job, Remembered, Step, Work, create, total_s, write_new};
+use super::{ActionContext, ActionWork, Job, Step, create, total_s, write_new};
 use crate::error::NodeError;
 use crate::provenance::{TOOL, date, expect};
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
@@ -24,34 +24,34 @@ const LEAST_S: f64 = 5.0;
 
 /// The action `identify`.
 pub(super) struct IdentifyWork {
-    remembered: Remembered,
+    context: ActionContext,
 }
 
 impl IdentifyWork {
     /// The action on the service's history.
-    pub(super) fn new(remembered: Remembered) -> Self {
-        Self { remembered }
+    pub(super) fn new(context: ActionContext) -> Self {
+        Self { context }
     }
 }
 
 /// Result of a goal.
 #[derive(Debug)]
-pub(super) struct Written {
+pub(super) struct WrittenModel {
     /// Message for people.
     message: String,
     path: PathBuf,
 }
 
-impl Work for IdentifyWork {
+impl ActionWork for IdentifyWork {
     type Action = Identify;
-    type Done = Written;
+    type Done = WrittenModel;
     const NAME: &'static str = "identify";
 
-    fn consider(&self, goal: &IdentifyGoal) -> Result<Job<Written>, String> {
+    fn prepare(&self, goal: &IdentifyGoal) -> Result<Job<WrittenModel>, String> {
         let spec = ModelSpec::named(&goal.model, Form::SemiActive).map_err(|error| error.to_string())?;
-        let runs = self.remembered.runs(goal.history)?;
+        let runs = self.context.runs(goal.history)?;
         let out = if goal.out.is_empty() {
-            Out::New(self.remembered.folder(), self.remembered.damper.clone())
+            Out::New(self.context.folder(), self.context.damper.clone())
         } else if Path::new(&goal.out).exists() {
             return Err(format!(
                 "{} exists already and is not overwritten; give another path in out",
@@ -68,9 +68,9 @@ impl Work for IdentifyWork {
         IdentifyFeedback { stage, progress }
     }
 
-    fn result(worked: Result<Written, &NodeError>) -> IdentifyResult {
+    fn result(worked: Result<WrittenModel, &NodeError>) -> IdentifyResult {
         match worked {
-            Ok(Written { message, path }) => {
+            Ok(WrittenModel { message, path }) => {
                 IdentifyResult { success: true, message, model_file: path.display().to_string() }
             }
             Err(error) => {
@@ -97,7 +97,7 @@ struct Fitting {
 }
 
 impl Fitting {
-    fn work(&self, cancelled: &AtomicBool, say: &(dyn Fn(Step) + Sync)) -> Result<Written, NodeError> {
+    fn work(&self, cancelled: &AtomicBool, say: &(dyn Fn(Step) + Sync)) -> Result<WrittenModel, NodeError> {
         let history_s = total_s(&self.runs);
         tracing::info!(history_s, "identify: working on a goal");
         let worked = self.fit(history_s, cancelled, say);
@@ -113,7 +113,7 @@ impl Fitting {
         history_s: f64,
         cancelled: &AtomicBool,
         say: &(dyn Fn(Step) + Sync),
-    ) -> Result<Written, NodeError> {
+    ) -> Result<WrittenModel, NodeError> {
         if history_s < LEAST_S {
             return Err(NodeError::Failed(format!(
                 "the history has only {history_s:.1} s of motion, but a model needs at least {LEAST_S} s; the node keeps \
@@ -146,7 +146,7 @@ impl Fitting {
         held_out: &[Run],
         options: &Options,
         cancelled: &AtomicBool,
-    ) -> Result<Written, NodeError> {
+    ) -> Result<WrittenModel, NodeError> {
         let mut evaluator = Evaluator::default();
         for run in held_out {
             evaluate_into(&mut evaluator, found.model, run, Settings::default(), |_| {
@@ -203,7 +203,7 @@ impl Fitting {
             figure("held out, one-step-ahead prediction", scored.one_step),
             figure("held out, persistence (one step)", scored.persistence),
         );
-        Ok(Written { message, path })
+        Ok(WrittenModel { message, path })
     }
 }
 

@@ -1,8 +1,8 @@
 //! The actions of the node: long-running work on its history, with feedback, cancellation and a result.
 //!
 //! ```text
-//! goal ─→ [ros-actions] ─→ Work::consider: history, running model ─→ [a thread of the goal: the job] ─→ model file
-//!              ↑ feedback: stage ─────────────────────────────────────────┘
+//! goal ─→ [ros-actions] ─→ ActionWork::prepare: history, running model ─→ [a thread of the goal: the job] ─→ model file
+//!              ↑ feedback: stage ────────────────────────────────────────┘
 //!              └─ result
 //! ```
 //!
@@ -19,17 +19,19 @@
 
 mod close_loop;
 mod identify;
-mod working;
+mod job_thread;
 
+use crate::answer_limit::{AnswerLimit, Shorten};
 use crate::config::RosArgs;
 use crate::control::Control;
 use crate::error::NodeError;
-use crate::far::{Far, Shorten};
 use crate::overseer::SharedHistory;
 use crate::parameters::Parameters;
-use crate::ros::{ActionServerOf, ExecutingOf, NewGoalOf, Part, Ros, Task};
+use crate::ros::{ActionServerOf, ExecutingOf, NewGoalOf, Ros, RosMessage};
+use crate::task::Task;
 use futures::FutureExt;
 use futures::future::{BoxFuture, FusedFuture, join};
+use job_thread::{JobMessage, JobThread};
 use mr_damper_model::sample::Run;
 use mr_damper_msgs::Action;
 use ros2_client::action::{CancelHandle, GoalEndStatus};
@@ -39,7 +41,6 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, SystemTime};
-use working::{Said, Working};
 
 /// Time to deliver a last result before its writer is dropped; otherwise the result would be lost.
 const DELIVERY: Duration = Duration::from_millis(150);
@@ -56,7 +57,7 @@ struct Step {
 }
 
 /// The work of an action.
-trait Work: Send + Sync + 'static {
+trait ActionWork: Send + Sync + 'static {
     /// Type of the action.
     type Action: Action<Goal: Sync, Result: Sync, Feedback: Sync>;
     /// Result of a job.
@@ -68,7 +69,7 @@ trait Work: Send + Sync + 'static {
     ///
     /// # Errors
     /// The reason why the goal is rejected.
-    fn consider(&self, goal: &<Self::Action as Action>::Goal) -> Result<Job<Self::Done>, String>;
+    fn prepare(&self, goal: &<Self::Action as Action>::Goal) -> Result<Job<Self::Done>, String>;
 
     /// Converts a step to feedback.
     fn feedback(step: Step) -> <Self::Action as Action>::Feedback;
@@ -82,14 +83,14 @@ trait Work: Send + Sync + 'static {
 
 /// The data that the actions work on.
 #[derive(Clone)]
-struct Remembered {
+struct ActionContext {
     control: Arc<Control>,
     history: SharedHistory,
     /// Name of the damper, which is part of file names because several nodes may write into one directory.
     damper: String,
 }
 
-impl Remembered {
+impl ActionContext {
     /// The last `seconds` of raw input, oldest first.
     fn runs(&self, seconds: f64) -> Result<Vec<Run>, String> {
         if !(seconds > 0.0 && seconds.is_finite()) {
@@ -136,8 +137,8 @@ fn create(path: &Path, text: &str) -> Result<PathBuf, NodeError> {
 
 /// The action servers before they start to answer, so that more entities can be created on the node.
 pub struct Actions {
-    close_loop: Desk<close_loop::CloseLoopWork>,
-    identify: Desk<identify::IdentifyWork>,
+    close_loop: GoalServer<close_loop::CloseLoopWork>,
+    identify: GoalServer<identify::IdentifyWork>,
 }
 
 impl Actions {
@@ -153,11 +154,11 @@ impl Actions {
         history: SharedHistory,
     ) -> Result<Self, NodeError> {
         let damper = args.damper().to_owned();
-        let remembered = Remembered { control: Arc::clone(control), history, damper };
-        let close_loop = close_loop::CloseLoopWork::new(remembered.clone(), Arc::clone(parameters));
+        let context = ActionContext { control: Arc::clone(control), history, damper };
+        let close_loop = close_loop::CloseLoopWork::new(context.clone(), Arc::clone(parameters));
         Ok(Self {
-            close_loop: Desk::offer(ros, args, close_loop)?,
-            identify: Desk::offer(ros, args, identify::IdentifyWork::new(remembered))?,
+            close_loop: GoalServer::offer(ros, args, close_loop)?,
+            identify: GoalServer::offer(ros, args, identify::IdentifyWork::new(context))?,
         })
     }
 
@@ -175,41 +176,46 @@ impl Actions {
 }
 
 /// The running goal.
-struct Running<W: Work> {
+struct RunningGoal<W: ActionWork> {
     goal: ExecutingOf<W::Action>,
-    working: Working<W::Done>,
+    job: JobThread<W::Done>,
 }
 
 /// A result that is kept until its client asks for it.
-struct Answer<'a, W: Work> {
+struct PendingResult<'a, W: ActionWork> {
     goal: ExecutingOf<W::Action>,
     sending: BoxFuture<'a, ()>,
 }
 
 /// The server of one action: receives goals and returns results.
-struct Desk<W: Work> {
+struct GoalServer<W: ActionWork> {
     server: ActionServerOf<W::Action>,
     /// The action's full name.
     name: String,
-    far: Far,
+    limit: AnswerLimit,
     work: W,
 }
 
-impl<W: Work> Desk<W> {
+impl<W: ActionWork> GoalServer<W> {
     fn offer(ros: &mut Ros, args: &RosArgs, work: W) -> Result<Self, NodeError> {
         let name = args.service(W::NAME);
-        Ok(Self { server: ros.serve_action::<W::Action>(&name)?, name, far: ros.domain().far(), work })
+        Ok(Self {
+            server: ros.serve_action::<W::Action>(&name)?,
+            name,
+            limit: ros.domain().answer_limit(),
+            work,
+        })
     }
 
     async fn run(self, mut stopped: impl FusedFuture + Unpin + Send) {
-        let mut running: Option<Running<W>> = None;
-        let mut answer: Option<Answer<'_, W>> = None;
+        let mut running: Option<RunningGoal<W>> = None;
+        let mut pending: Option<PendingResult<'_, W>> = None;
         loop {
             tokio::select! {
                 _ = &mut stopped => break,
                 goal = self.server.receive_new_goal() => match goal {
                     Ok(goal) => {
-                        let begun = self.consider(goal, running.is_some()).await;
+                        let begun = self.start_goal(goal, running.is_some()).await;
                         running = begun.or(running);
                     }
                     Err(error) => tracing::warn!(?error, "cannot read a goal of {}", W::NAME),
@@ -218,44 +224,44 @@ impl<W: Work> Desk<W> {
                     Ok(request) => self.cancel(&request, running.as_ref()).await,
                     Err(error) => tracing::warn!(?error, "cannot read a cancellation of {}", W::NAME),
                 },
-                said = next(&mut running) => match said {
-                    Said::Step(step) => self.tell(running.as_ref(), step).await,
-                    Said::Ended(worked) => {
-                        if let Some(Running { goal, working }) = running.take() {
+                message = next(&mut running) => match message {
+                    JobMessage::Step(step) => self.send_feedback(running.as_ref(), step).await,
+                    JobMessage::Ended(worked) => {
+                        if let Some(RunningGoal { goal, job }) = running.take() {
                             // The job has ended, so this does not block.
-                            working.end();
-                            self.forget(answer.take()).await;
-                            answer = Some(self.answer(goal, worked));
+                            job.end();
+                            self.drop_unclaimed(pending.take()).await;
+                            pending = Some(self.pending_result(goal, worked));
                         }
                     }
                 },
-                () = sent(&mut answer) => answer = None,
+                () = sent(&mut pending) => pending = None,
             }
         }
-        if let Some(Running { goal, working }) = running {
-            working.end();
+        if let Some(RunningGoal { goal, job }) = running {
+            job.end();
             let stopped = NodeError::Failed("the node was stopped while it worked on this goal".to_owned());
             // A client that waits for the result has asked by now; do not wait for others.
-            if self.answer(goal, Err(stopped)).sending.now_or_never().is_some() {
+            if self.pending_result(goal, Err(stopped)).sending.now_or_never().is_some() {
                 std::thread::sleep(DELIVERY);
             }
         }
     }
 
     /// Accepts the goal and starts the work on it, or rejects it.
-    async fn consider(&self, goal: NewGoalOf<W::Action>, busy: bool) -> Option<Running<W>> {
-        let Part(wanted) = self.server.get_new_goal(goal.clone())?;
+    async fn start_goal(&self, goal: NewGoalOf<W::Action>, busy: bool) -> Option<RunningGoal<W>> {
+        let RosMessage(requested) = self.server.get_new_goal(goal.clone())?;
         let begun = if busy {
             Err("another goal is running; cancel it, or wait for its result".to_owned())
         } else {
             self.work
-                .consider(&wanted)
-                .and_then(|job| Working::start(W::NAME, job).map_err(|error| error.to_string()))
+                .prepare(&requested)
+                .and_then(|job| JobThread::start(W::NAME, job).map_err(|error| error.to_string()))
         };
-        let working = match begun {
-            Ok(working) => working,
+        let job = match begun {
+            Ok(job) => job,
             Err(why) => {
-                tracing::warn!(goal = ?wanted, "{}: goal rejected: {why}", W::NAME);
+                tracing::warn!(goal = ?requested, "{}: goal rejected: {why}", W::NAME);
                 if let Err(error) = self.server.reject_goal(goal).await {
                     tracing::warn!(?error, "cannot send the rejection of a goal of {}", W::NAME);
                 }
@@ -267,37 +273,41 @@ impl<W: Work> Desk<W> {
             Err(error) => Err(error),
         };
         match executing {
-            Ok(goal) => Some(Running { goal, working }),
+            Ok(goal) => Some(RunningGoal { goal, job }),
             Err(error) => {
                 tracing::error!(?error, "{}: cannot accept a goal", W::NAME);
-                working.end();
+                job.end();
                 None
             }
         }
     }
 
     /// Cancels the running goal, if `request` contains it. Unknown goals and goals that have ended are ignored.
-    async fn cancel(&self, request: &CancelHandle, running: Option<&Running<W>>) {
-        let meant = running.filter(|running| request.contains_goal(&running.goal.goal_id()));
-        if let Some(running) = meant {
-            running.working.cancel();
+    async fn cancel(&self, request: &CancelHandle, running: Option<&RunningGoal<W>>) {
+        let target = running.filter(|running| request.contains_goal(&running.goal.goal_id()));
+        if let Some(running) = target {
+            running.job.cancel();
         }
-        let cancelled = meant.map(|running| running.goal.goal_id());
+        let cancelled = target.map(|running| running.goal.goal_id());
         if let Err(error) = self.server.respond_to_cancel_requests(request, cancelled.into_iter()).await {
             tracing::warn!(?error, "cannot send the answer to a cancellation of {}", W::NAME);
         }
     }
 
-    async fn tell(&self, running: Option<&Running<W>>, step: Step) {
+    async fn send_feedback(&self, running: Option<&RunningGoal<W>>, step: Step) {
         // A goal that is being cancelled gets no feedback.
-        let Some(running) = running.filter(|running| !running.working.is_cancelled()) else { return };
-        let published = self.server.publish_feedback(running.goal.clone(), Part(W::feedback(step)));
+        let Some(running) = running.filter(|running| !running.job.is_cancelled()) else { return };
+        let published = self.server.publish_feedback(running.goal.clone(), RosMessage(W::feedback(step)));
         if let Err(error) = published.await {
             tracing::warn!(?error, "cannot publish feedback of {}", W::NAME);
         }
     }
 
-    fn answer(&self, goal: ExecutingOf<W::Action>, worked: Result<W::Done, NodeError>) -> Answer<'_, W> {
+    fn pending_result(
+        &self,
+        goal: ExecutingOf<W::Action>,
+        worked: Result<W::Done, NodeError>,
+    ) -> PendingResult<'_, W> {
         let status = match &worked {
             Ok(_) => GoalEndStatus::Succeeded,
             Err(NodeError::Interrupted) => GoalEndStatus::Canceled,
@@ -307,20 +317,20 @@ impl<W: Work> Desk<W> {
             Ok(done) => W::result(Ok(done)),
             Err(error) => W::result(Err(&error)),
         };
-        let asked = format!("{}/_action/get_result", self.name);
-        let result = self.far.fit_all(&asked, result, W::SHORTEN);
-        let sending = self.server.send_result_response(goal.clone(), status, Part(result));
+        let service = format!("{}/_action/get_result", self.name);
+        let result = self.limit.fit_all(&service, result, W::SHORTEN);
+        let sending = self.server.send_result_response(goal.clone(), status, RosMessage(result));
         let sending = Box::pin(async move {
             if let Err(error) = sending.await {
                 tracing::warn!(?error, "cannot send the result of {}", W::NAME);
             }
         });
-        Answer { goal, sending }
+        PendingResult { goal, sending }
     }
 
     /// Drops a result that no client has asked for before the next one.
-    async fn forget(&self, answer: Option<Answer<'_, W>>) {
-        let Some(Answer { goal, sending }) = answer else { return };
+    async fn drop_unclaimed(&self, pending: Option<PendingResult<'_, W>>) {
+        let Some(PendingResult { goal, sending }) = pending else { return };
         drop(sending);
         tracing::warn!("no client asked for the result of a goal of {}; it is dropped", W::NAME);
         if let Err(error) = self.server.abort_executing_goal(goal).await {
@@ -331,17 +341,17 @@ impl<W: Work> Desk<W> {
 }
 
 /// The next message of the running job; without a job it waits forever.
-async fn next<W: Work>(running: &mut Option<Running<W>>) -> Said<W::Done> {
+async fn next<W: ActionWork>(running: &mut Option<RunningGoal<W>>) -> JobMessage<W::Done> {
     match running {
-        Some(running) => running.working.next().await,
+        Some(running) => running.job.next().await,
         None => std::future::pending().await,
     }
 }
 
 /// Waits until the kept result is sent; without one it waits forever.
-async fn sent<W: Work>(answer: &mut Option<Answer<'_, W>>) {
-    match answer {
-        Some(answer) => answer.sending.as_mut().await,
+async fn sent<W: ActionWork>(pending: &mut Option<PendingResult<'_, W>>) {
+    match pending {
+        Some(pending) => pending.sending.as_mut().await,
         None => std::future::pending().await,
     }
 }

@@ -5,16 +5,17 @@ pub mod live;
 mod roles;
 mod write;
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::conditioning::ConditioningArgs;
 use crate::command::output::OutputArgs;
 use crate::command::progress::Working;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
+use crate::report::diagnosis::words::stage_in_words;
 use base::Base;
 use clap::builder::PossibleValuesParser;
 use live::LiveArgs;
-use mr_damper_model::diagnose::{self, Runs, Settings, Sought, Stage};
+use mr_damper_model::diagnose::{self, EffectSet, Runs, Settings};
 use mr_damper_model::effect::Effect;
 use mr_damper_model::identify::{Dataset, Watch};
 use mr_damper_model::model_file::Role;
@@ -143,29 +144,29 @@ fn positive(text: &str) -> Result<f64, String> {
 /// With --live, when the node does not answer, rejects the goal or fails. Without it, when the runs or the base do not load
 /// or do not fit together, a run is given twice, a test run was used for the base, or a file cannot be written.
 /// [`NodeError::Interrupted`]; then nothing is written.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     match &args.recorded {
-        Some(recorded) => on_runs(recorded, &args.output, around),
-        None => live::run(&args.live, &args.output, around),
+        Some(recorded) => on_runs(recorded, &args.output, context),
+        None => live::run(&args.live, &args.output, context),
     }
 }
 
-fn on_runs(args: &RecordedArgs, output: &OutputArgs, around: &Surroundings) -> Result<(), NodeError> {
+fn on_runs(args: &RecordedArgs, output: &OutputArgs, context: &CliContext) -> Result<(), NodeError> {
     let started = Instant::now();
     roles::check_counts(args)?;
     write::check_targets(args, output)?;
     let base = Base::of(args)?;
-    let working = Working::new(around.quiet);
-    let given = roles::load(args, &base, around, &working)?;
+    let working = Working::new(context.quiet);
+    let given = roles::load(args, &base, context, &working)?;
     if args.test.is_empty() {
         tracing::warn!(
             "there are no test runs, so no effect that is found will be proved. Give runs that were not used before with \
              --test"
         );
     }
-    let base = base.identified(&given, args, around, &working)?;
+    let base = base.identified(&given, args, context, &working)?;
     let data =
-        given.iter().map(|given| given.rows(&base.model, args, around)).collect::<Result<Vec<_>, _>>()?;
+        given.iter().map(|given| given.rows(&base.model, args, context)).collect::<Result<Vec<_>, _>>()?;
     let of = |role: Role| -> Vec<Dataset> {
         given
             .iter()
@@ -184,22 +185,22 @@ fn on_runs(args: &RecordedArgs, output: &OutputArgs, around: &Surroundings) -> R
         reference: &reference,
         replicates: &replicates,
     };
-    let closing = close(&base, &runs, args, around, &working)?;
+    let result = close(&base, &runs, args, context, &working)?;
     drop(working);
-    let done = write::Done { closing, base, runs, given: &given, seconds: started.elapsed().as_secs_f64() };
-    write::all(args, output, &done, around)
+    let done = write::Done { result, base, runs, given: &given, seconds: started.elapsed().as_secs_f64() };
+    write::all(args, output, &done, context)
 }
 
 fn close(
     base: &base::Identified,
     runs: &Runs,
     args: &RecordedArgs,
-    around: &Surroundings,
+    context: &CliContext,
     working: &Working,
-) -> Result<diagnose::Closing, NodeError> {
-    let sought = if args.effects.is_empty() { Sought::ALL } else { Sought::only(&args.effects)? };
+) -> Result<diagnose::DiagnosisResult, NodeError> {
+    let effects = if args.effects.is_empty() { EffectSet::ALL } else { EffectSet::only(&args.effects)? };
     let settings = Settings {
-        sought,
+        effects,
         noise_floor_n: args.noise_floor,
         block_s: args.block_s,
         seed: args.seed,
@@ -214,8 +215,8 @@ fn close(
         );
     }
     let progress = |progress| working.progress(progress);
-    let watch = Watch { cancel: Some(around.interrupt.flag()), progress: Some(&progress) };
-    diagnose::close(&base.model, runs, &settings, &watch, &|stage| working.stage(&in_words(stage)))
+    let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
+    diagnose::close(&base.model, runs, &settings, &watch, &|stage| working.stage(&stage_in_words(stage)))
         .map_err(interrupted)
 }
 
@@ -227,27 +228,15 @@ fn interrupted(error: mr_damper_model::Error) -> NodeError {
     }
 }
 
-/// Text of a stage, for progress messages.
-pub(crate) fn in_words(stage: Stage) -> String {
-    match stage {
-        Stage::Base => "refitting the base".to_owned(),
-        Stage::Scores(round) => format!("effect {round}: scores of the library"),
-        Stage::Refits(round) => format!("effect {round}: refitting the best candidates"),
-        Stage::Pruning => "removing effects that are not needed".to_owned(),
-        Stage::Rival => "checking whether an alternative structure of the base would do".to_owned(),
-        Stage::Sealed => "reading the test runs".to_owned(),
-    }
-}
-
 impl Given {
     /// The run as rows, with the conditioning of `model`.
     fn rows(
         &self,
         model: &mr_damper_model::model::Model,
         args: &RecordedArgs,
-        around: &Surroundings,
+        context: &CliContext,
     ) -> Result<Dataset, NodeError> {
-        if around.interrupt.is_raised() {
+        if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
         Ok(Dataset::from_run(&self.run, &model.conditioning, &args.conditioning.dataset())?)

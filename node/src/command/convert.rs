@@ -1,10 +1,10 @@
 //! `mr-damper convert`: converts runs between CSV and rosbag2, and between the formats of rosbag2.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::bag_args::BagArgs;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
-use crate::run::{self, Part, SaveOptions};
+use crate::run::{self, RunSection, SaveOptions};
 use crate::shown;
 use std::path::PathBuf;
 
@@ -41,18 +41,18 @@ pub struct Args {
 ///
 /// # Errors
 /// When the run does not load, or the target exists or cannot be written.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     args.bag.check(&args.output)?;
-    let part = Part { start_s: args.start, duration_s: args.duration };
+    let part = RunSection { start_s: args.start, duration_s: args.duration };
     let save = SaveOptions { namespace: args.namespace.clone(), part, bag: args.bag.options() };
     let loaded = run::convert(&args.input, &args.output, &args.load.options()?, &save)?;
     for note in &loaded.notes {
         tracing::warn!(run = %args.input.display(), "{note}");
     }
-    if !around.quiet {
+    if !context.quiet {
         let (run, output) = (&loaded.run, args.output.display());
         let (count, length_s) = (run.displacement_m.len(), run.duration().get());
-        let what = if part == Part::default() { "written to" } else { "a part of it written to" };
+        let what = if part == RunSection::default() { "written to" } else { "a part of it written to" };
         let input = args.input.display();
         let text = format!("{input}: {count} displacements, {length_s:.1} s, {what} {output}");
         eprintln!("{}", shown::line(&text));

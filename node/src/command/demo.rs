@@ -3,24 +3,24 @@
 //! ```text
 //! virtual rig, healthy ─→ identify ─→ models
 //! virtual rig with an effect ─→ run ─→ player ─ DDS ─→ service ─ DDS ─→ listener ─┐
-//!      │                        │                        └─ events ─→ collector ──┴→ board ─→ screen or lines
+//!      │                        │                        └─ events ─→ collector ──┴→ summary ─→ screen or lines
 //!      │                        └─→ the same pipeline without ROS ──→ compared ─→ summary, report.html
 //!      └─→ fresh runs ─→ diagnosis, with the service's history ─→ model+.toml ─→ loaded, then another run is played
 //! ```
 //!
 //! Everything runs in this process, in its own ROS domain and on the loopback interface only.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
-use crate::live::Headline;
+use crate::live::RunInfo;
 use crate::models;
 use crate::provenance::TOOL;
-use crate::report::closed::{Closed, Swap};
 use crate::report::demo::{self as report, WITHOUT_FORCE};
-use crate::report::{Agreement, Figure, Outcome, Recording, summary};
+use crate::report::demo_diagnosis::{DemoDiagnosis, ModelSwap};
+use crate::report::{Agreement, DemoOutcome, Figure, Recording, summary};
+use crate::ros;
 use crate::run::write_text;
-use crate::service;
 use crate::shown;
 use crate::wire::ModelNames;
 use mr_damper_model::condition::ApplyTo;
@@ -33,13 +33,13 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-mod closing;
 mod damper;
-mod stage;
+mod diagnosis;
+mod live_node;
 
-use closing::Fresh;
 use damper::Purpose;
-use stage::{Live, Shown};
+use diagnosis::FreshRuns;
+use live_node::{LiveNode, RunObservations};
 
 /// Default ROS domain of the demo: one that real dampers are unlikely to use.
 const DOMAIN: i64 = 77;
@@ -102,17 +102,17 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 /// # Errors
 /// When a model cannot be identified, the service does not start or one of its threads dies, the live figures differ from
 /// an evaluation without ROS, or a file cannot be written.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
-    tell(args, around).map(drop)
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    run_demo(args, context).map(drop)
 }
 
 /// Runs the demo and returns its outcome.
-fn tell(args: &Args, around: &Surroundings) -> Result<Outcome, NodeError> {
-    let act = Act::prepare(args, around)?;
+fn run_demo(args: &Args, context: &CliContext) -> Result<DemoOutcome, NodeError> {
+    let act = Demo::prepare(args, context)?;
     println!("{}", shown::lines(&act.introduction()?));
-    let fresh = Fresh::begin(args)?;
-    let live = Live::start(&act.config, args, around)?;
-    let shown = act.perform(&live, fresh, args, around);
+    let fresh = FreshRuns::begin(args)?;
+    let live = LiveNode::start(&act.config, args, context)?;
+    let shown = act.perform(&live, fresh, args, context);
     let ended = live.stop();
     let outcome = act.outcome(shown?, args)?;
     ended?;
@@ -131,7 +131,7 @@ fn tell(args: &Args, around: &Surroundings) -> Result<Outcome, NodeError> {
 }
 
 /// The run that the demo plays, and the models and settings of the service.
-struct Act {
+struct Demo {
     config: Config,
     models: Models,
     names: ModelNames,
@@ -146,26 +146,26 @@ struct Act {
 }
 
 /// The observations of all runs.
-struct Performed {
-    before: Shown,
+struct DemoRuns {
+    before: RunObservations,
     /// The diagnosis, or the reason why there was none.
-    closed: Result<Closed, String>,
+    diagnosis: Result<DemoDiagnosis, String>,
     /// The run with the new model: what was observed, and the same run stepped without ROS.
-    after: Option<(Shown, Recording)>,
+    after: Option<(RunObservations, Recording)>,
 }
 
-impl Act {
-    fn prepare(args: &Args, around: &Surroundings) -> Result<Self, NodeError> {
+impl Demo {
+    fn prepare(args: &Args, context: &CliContext) -> Result<Self, NodeError> {
         let dir = directory(args)?;
         let (free, seeded) = (dir.join("model.toml"), dir.join("arx.toml"));
         let started = Instant::now();
-        damper::identify_models(args.seed, around, &free, &seeded)?;
+        damper::identify_models(args.seed, context, &free, &seeded)?;
         println!(
             "identified fuzzy-tanh and arx on {:.0} s of the healthy damper, in {:.1} s\n",
             damper::BENCH_S,
             started.elapsed().as_secs_f64()
         );
-        let config = configuration(args, &around.ros_args, &free, &seeded)?;
+        let config = configuration(args, &context.ros_args, &free, &seeded)?;
         let (models, names) = models::from_config(&config)?;
         let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
         let mut played = damper::lagging(Purpose::Played, args.seconds, args.seed)?;
@@ -193,7 +193,7 @@ impl Act {
             self.seeded_name(),
             settings.alarm_ratio,
             settings.false_alarm_interval_s / 60.0,
-            service::reach(&self.config)?,
+            ros::reach(&self.config)?,
             self.config.zenoh.listen.join(", "),
         ))
     }
@@ -201,21 +201,21 @@ impl Act {
     /// Plays the run, diagnoses the change, and plays another run with the new model.
     fn perform(
         &self,
-        live: &Live<'_>,
-        fresh: JoinHandle<Result<Fresh, NodeError>>,
+        live: &LiveNode<'_>,
+        fresh: JoinHandle<Result<FreshRuns, NodeError>>,
         args: &Args,
-        around: &Surroundings,
-    ) -> Result<Performed, NodeError> {
-        let before = live.play(&self.played, self.headline(&self.played, &self.names.free)?)?;
+        context: &CliContext,
+    ) -> Result<DemoRuns, NodeError> {
+        let before = live.play(&self.played, self.info(&self.played, &self.names.free)?)?;
         let fresh = fresh.join().map_err(|_| NodeError::Failed("the rig's thread died".to_owned()))??;
         if before.ended_early {
             let why = "The demo was ended before the diagnosis.".to_owned();
-            return Ok(Performed { before, closed: Err(why), after: None });
+            return Ok(DemoRuns { before, diagnosis: Err(why), after: None });
         }
         println!("\ndiagnosis: which effect does the model lack?");
         let path = self.dir.join("model+.toml");
-        let found = closing::close(&self.models.free, &live.history(), &fresh, args, around, &path)?;
-        let mut closed = Closed {
+        let found = diagnosis::run(&self.models.free, &live.history(), &fresh, args, context, &path)?;
+        let mut diagnosis = DemoDiagnosis {
             drive: self.played.drive_kind(),
             seconds: found.seconds,
             runs: found.runs,
@@ -224,20 +224,20 @@ impl Act {
                 damper::EFFECT,
                 damper::LAG_S
             ),
-            closing: found.closing,
+            result: found.result,
             swap: None,
         };
         let Some(model) = found.model else {
             println!("  no effect was found, so the model stays as it is");
-            return Ok(Performed { before, closed: Ok(closed), after: None });
+            return Ok(DemoRuns { before, diagnosis: Ok(diagnosis), after: None });
         };
         let name = model.display().to_string();
         let alarms = live.load_model(&name)?;
         let shown_name = shown::line(&name);
         println!("  the running service has loaded {shown_name}; another run is played\n");
-        let shown = live.play(&fresh.after, self.headline(&fresh.after, &name)?)?;
+        let shown = live.play(&fresh.after, self.info(&fresh.after, &name)?)?;
         let with = Models { free: models::load(&name)?, ..self.models };
-        closed.swap = Some(Swap {
+        diagnosis.swap = Some(ModelSwap {
             model,
             before: (before.recording.evaluation().free_run, before.recording.length_s()),
             after: shown.recording.clone(),
@@ -245,19 +245,19 @@ impl Act {
             ended_alarm: alarms.iter().any(|change| !change.raised),
         });
         let offline = self.offline(with, &fresh.after)?;
-        Ok(Performed { before, closed: Ok(closed), after: Some((shown, offline)) })
+        Ok(DemoRuns { before, diagnosis: Ok(diagnosis), after: Some((shown, offline)) })
     }
 
     fn seeded_name(&self) -> &str {
         self.names.seeded.as_deref().unwrap_or("no model")
     }
 
-    fn headline(&self, run: &Run, free_model: &str) -> Result<Headline, NodeError> {
-        Ok(Headline {
+    fn info(&self, run: &Run, free_model: &str) -> Result<RunInfo, NodeError> {
+        Ok(RunInfo {
             title: format!("mr-damper demo · {}", run.name),
             free_model: free_model.to_owned(),
             seeded_model: self.names.seeded.clone().unwrap_or_default(),
-            reach: service::reach(&self.config)?,
+            reach: ros::reach(&self.config)?,
             zenoh: self.config.zenoh.listen.join(", "),
             length_s: run.duration().get(),
         })
@@ -274,8 +274,8 @@ impl Act {
         Ok(recording)
     }
 
-    fn outcome(&self, performed: Performed, args: &Args) -> Result<Outcome, NodeError> {
-        let Performed { before: shown, closed, after } = performed;
+    fn outcome(&self, runs: DemoRuns, args: &Args) -> Result<DemoOutcome, NodeError> {
+        let DemoRuns { before: shown, diagnosis, after } = runs;
         let mut figures = self.figures(&shown.recording, &self.offline(self.models, &self.played)?);
         let mut disturbed = is_disturbed(&shown);
         let mut ended_early = shown.ended_early;
@@ -297,7 +297,7 @@ impl Act {
         if let Some(ForceModel::Arx(arx)) = self.models.seeded.map(|model| model.force) {
             notes.push(self.note_on_free_arx(arx.dc_is_meaningful())?);
         }
-        Ok(Outcome {
+        Ok(DemoOutcome {
             what: format!(
                 "{}, {:.1} s. The run is from a virtual rig and not a measurement. The rig's damper has a structure that no \
                  model has, and it has changed since the models were identified. {} simulated the force from displacement \
@@ -312,7 +312,7 @@ impl Act {
             withheld: self.withheld.clone(),
             figures,
             agreement: Some(agreement),
-            closed: Some(closed),
+            diagnosis: Some(diagnosis),
             notes,
             counts,
             settings: self.settings_in_words()?,
@@ -378,7 +378,7 @@ impl Act {
                 ApplyTo::Output => format!("{} Hz, on its force", conditioning.cutoff_hz),
             },
         ));
-        rows.push(("ROS 2".to_owned(), service::reach(&self.config)?));
+        rows.push(("ROS 2".to_owned(), ros::reach(&self.config)?));
         rows.push(("Zenoh".to_owned(), self.config.zenoh.listen.join(", ")));
         Ok(rows)
     }
@@ -458,7 +458,7 @@ fn agreement(figures: &[Figure], disturbed: bool) -> Agreement {
 }
 
 /// True when a sample was lost, refused or late.
-fn is_disturbed(shown: &Shown) -> bool {
+fn is_disturbed(shown: &RunObservations) -> bool {
     // One incomplete sample is expected: the service waits for the first withheld force, which never arrives.
     shown.counts.taken != shown.counts.sent
         || shown.counts.incomplete > 1
@@ -477,7 +477,7 @@ fn directory(args: &Args) -> Result<PathBuf, NodeError> {
 }
 
 /// Writes the report and the run; returns the path of the report.
-fn write_report(dir: &Path, run: &Run, outcome: &Outcome) -> Result<PathBuf, NodeError> {
+fn write_report(dir: &Path, run: &Run, outcome: &DemoOutcome) -> Result<PathBuf, NodeError> {
     let path = dir.join("report.html");
     write_text(&path, &report::html(outcome))?;
     let csv = dir.join("run.csv");
@@ -521,18 +521,18 @@ mod tests {
             domain_id: Some(94),
             ..Args::default()
         };
-        let around =
-            Surroundings { interrupt: Interrupt::manual(), quiet: true, ros_args: RosArgs::default() };
-        let outcome = tell(&args, &around).expect("the demo succeeds");
+        let context =
+            CliContext { interrupt: Interrupt::manual(), quiet: true, ros_args: RosArgs::default() };
+        let outcome = run_demo(&args, &context).expect("the demo succeeds");
 
         let raised = outcome.recording.alarms.iter().filter(|change| change.raised).count();
         assert_eq!(raised, 1, "{:?}", outcome.recording.alarms);
-        let closed = outcome.closed.expect("a result of the diagnosis").expect("a complete diagnosis");
-        let [named] = &closed.closing.effects[..] else { panic!("{:?}", closed.closing.effects) };
+        let diagnosis = outcome.diagnosis.expect("a result of the diagnosis").expect("a complete diagnosis");
+        let [named] = &diagnosis.result.effects[..] else { panic!("{:?}", diagnosis.result.effects) };
         assert_eq!(named.effect.effect().id(), damper::EFFECT);
         assert!((named.parameters[0].value / damper::LAG_S - 1.0).abs() < 0.1, "{:?}", named.parameters);
 
-        let swap = closed.swap.expect("the new model was loaded");
+        let swap = diagnosis.swap.expect("the new model was loaded");
         let rsse_n = |recording: &Recording| recording.evaluation().free_run.expect("a free run").rsse_n;
         assert!(swap.ended_alarm && swap.after.alarms.is_empty(), "{:?}", swap.after.alarms);
         assert!(rsse_n(&swap.after) < 0.5 * rsse_n(&outcome.recording), "live, before and after");

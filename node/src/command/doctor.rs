@@ -1,6 +1,6 @@
 //! `mr-damper doctor`: checks what would keep the service from working on this machine.
 
-use crate::command::{Surroundings, output};
+use crate::command::{CliContext, output};
 use crate::config::{self, ParameterFlags};
 use crate::doctor::{Finding, Level, examine};
 use crate::error::NodeError;
@@ -38,11 +38,11 @@ struct Report<'a> {
 ///
 /// # Errors
 /// When the parameters cannot be read, or something would keep the node from working.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
-    let dampers = config::dampers(args.config.as_deref(), &around.ros_args, &args.parameters.given)?;
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    let dampers = config::dampers(args.config.as_deref(), &context.ros_args, &args.parameters.given)?;
     let aloud = args.json.as_deref() != Some(Path::new("-"));
     let mut findings = Vec::new();
-    examine(&dampers, &around.interrupt, |finding| {
+    examine(&dampers, &context.interrupt, |finding| {
         if aloud {
             println!("{}", shown::lines(&finding.text()));
         }
@@ -51,7 +51,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     if let Some(path) = &args.json {
         output::json(path, &Report { schema: "mr-damper/doctor/1", findings: &findings })?;
     }
-    if around.interrupt.is_raised() {
+    if context.interrupt.is_raised() {
         return Err(NodeError::Interrupted);
     }
     match findings.iter().filter(|finding| finding.level == Level::Failure).count() {

@@ -1,18 +1,15 @@
 //! `mr-damper evaluate`: reports how well a model predicts recorded runs.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::output;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::models;
+use crate::report::evaluate::{RunReport, figures};
 use crate::run::write_text;
 use crate::shown;
-use mr_damper_model::evaluate::{Coverage, evaluate};
+use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::metrics::Fit;
-use mr_damper_model::model::Model;
-use mr_damper_model::pipeline::Settings;
-use mr_damper_model::sample::Run;
-use mr_damper_model::uncertainty::Calibrator;
 use mr_damper_model::units::N_PER_LBF;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -50,32 +47,17 @@ struct Report<'a> {
     runs: Vec<RunReport>,
 }
 
-/// The figures of one run, as they are written to JSON.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "the fields are documented in the model's Evaluation")]
-pub struct RunReport {
-    pub run: String,
-    pub free_run: Option<Fit>,
-    pub free_run_without_offset: Option<Fit>,
-    pub offset_n: f64,
-    pub one_step: Option<Fit>,
-    pub persistence: Option<Fit>,
-    /// Share of samples whose measured force is within the model's calibrated 90 % band.
-    pub band: Option<Coverage>,
-    pub refused: u64,
-}
-
 /// Evaluates the model on all runs and prints the figures.
 ///
 /// # Errors
 /// When the model or a run does not load, or they do not fit together.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let mut file = models::load_whole(&args.model)?;
     let model = file.model;
     let mut calibrator = Calibrator::new(model);
     let mut reports = Vec::with_capacity(args.runs.len());
     for path in &args.runs {
-        if around.interrupt.is_raised() {
+        if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
         let loaded = args.load.load(path)?;
@@ -95,24 +77,6 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         tracing::info!(model = %out.display(), runs = args.runs.len(), "calibrated");
     }
     Ok(())
-}
-
-/// The figures of `model` on `run`, under the name `name`.
-///
-/// # Errors
-/// When model and run do not fit together.
-pub fn figures(name: String, model: Model, run: &Run) -> Result<RunReport, NodeError> {
-    let found = evaluate(model, run, Settings::default(), |_| true)?;
-    Ok(RunReport {
-        run: name,
-        free_run: found.free_run,
-        free_run_without_offset: found.free_run_without_offset,
-        offset_n: found.offset.get(),
-        one_step: found.one_step,
-        persistence: found.persistence,
-        band: found.band,
-        refused: found.refused,
-    })
 }
 
 fn table(report: &Report<'_>) -> String {

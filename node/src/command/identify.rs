@@ -1,6 +1,6 @@
 //! `mr-damper identify`: identifies a model from recorded runs.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::conditioning::{ConditioningArgs, FilterArg, VelocityArg, velocity_text};
 use crate::command::output::OutputArgs;
 use crate::command::progress::Working;
@@ -11,6 +11,7 @@ use crate::report::identify::SteppedRun;
 use crate::report::{self, Recording};
 use crate::run::write_text;
 use clap::builder::PossibleValuesParser;
+use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
     Form, Identified, Loss, ModelSpec, Options, ParameterValue, Placement, Structure, Watch, identify,
@@ -20,7 +21,6 @@ use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
 use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use mr_damper_model::sample::{DriveKind, Run};
-use mr_damper_model::uncertainty::Calibrator;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -159,7 +159,7 @@ struct RunReport<'a> {
 /// # Errors
 /// When a run does not load, the model cannot be identified from the runs, or a file cannot be written; when interrupted,
 /// in which case nothing is written.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let loaded = args.runs.iter().map(|path| args.load.load(path)).collect::<Result<Vec<_>, _>>()?;
     let (runs, hashes): (Vec<Run>, Vec<String>) =
         loaded.into_iter().map(|l| (l.sha256_hex(), l.run)).map(|(hash, run)| (run, hash)).unzip();
@@ -171,14 +171,14 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         (false, false, false) => Form::SemiActive,
     };
     let spec = ModelSpec::named(&args.model, form)?;
-    let mut found = fit(spec, &runs, args, around)?;
+    let mut found = fit(spec, &runs, args, context)?;
     let seconds = start.elapsed().as_secs_f64();
     let held_out = args
         .validate
         .iter()
         .map(|path| Ok(args.load.load(path)?.run))
         .collect::<Result<Vec<_>, NodeError>>()?;
-    let validation = validate(&mut found, &held_out, around)?;
+    let validation = validate(&mut found, &held_out, context)?;
     let file = ModelFile { model: found.model, provenance: provenance(args, &found, &hashes, validation) };
     write_text(&args.out, &file.to_toml()?)?;
     let report = Report {
@@ -216,7 +216,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     args.output.figures(&report, || table(&report, &args.out))
 }
 
-fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Result<Identified, NodeError> {
+fn fit(spec: ModelSpec, runs: &[Run], args: &Args, context: &CliContext) -> Result<Identified, NodeError> {
     let options = Options {
         conditioning: args.conditioning.conditioning(FilterArg::None, VelocityArg::Backward)?,
         choose_velocity: args.conditioning.velocity.is_none(),
@@ -235,9 +235,9 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
         restarts: args.restarts,
         seed: args.seed,
     };
-    let working = Working::new(around.quiet);
+    let working = Working::new(context.quiet);
     let progress = |progress| working.progress(progress);
-    let watch = Watch { cancel: Some(around.interrupt.flag()), progress: Some(&progress) };
+    let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
     identify(spec, runs, &options, &watch).map_err(|error| match error {
         mr_damper_model::Error::Cancelled => NodeError::Interrupted,
         error => error.into(),
@@ -248,7 +248,7 @@ fn fit(spec: ModelSpec, runs: &[Run], args: &Args, around: &Surroundings) -> Res
 fn validate(
     found: &mut Identified,
     held_out: &[Run],
-    around: &Surroundings,
+    context: &CliContext,
 ) -> Result<Option<Scores>, NodeError> {
     if held_out.is_empty() {
         return Ok(None);
@@ -256,7 +256,7 @@ fn validate(
     let mut all = Evaluator::default();
     let mut calibrator = Calibrator::new(found.model);
     for run in held_out {
-        if around.interrupt.is_raised() {
+        if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
         evaluate_into(&mut all, found.model, run, Settings::default(), |_| true)?;
@@ -372,7 +372,7 @@ fn pictured(
     fitted: &[Run],
     held_out: &[Run],
     report: &Report<'_>,
-) -> Result<report::identify::Outcome, NodeError> {
+) -> Result<report::identify::IdentifyOutcome, NodeError> {
     let step = |run: &Run, held_out| -> Result<SteppedRun, NodeError> {
         let mut pipeline = Pipeline::new(Models::alone(*model), Settings::default())?;
         let mut recording = Recording::default();
@@ -384,7 +384,7 @@ fn pictured(
     };
     let runs = fitted.iter().map(|run| step(run, false)).chain(held_out.iter().map(|run| step(run, true)));
     let row = |name: &str, value: String| (name.to_owned(), value);
-    Ok(report::identify::Outcome {
+    Ok(report::identify::IdentifyOutcome {
         what: headline(report),
         figures: figures(report),
         notes: remarks(report),

@@ -1,6 +1,6 @@
 //! `mr-damper inverse`: computes the current for a demanded force, and the tracking error on the model and on the rig.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::output::OutputArgs;
 use crate::command::run_args::RunArgs;
 use crate::control::say_fold;
@@ -9,8 +9,8 @@ use crate::models;
 use crate::report::inverse as report;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::identify::{Dataset, DatasetOptions};
-use mr_damper_model::inverse::track::{Bench, Course, Figures, Point, on_model, on_rig};
-use mr_damper_model::inverse::{Commander, Limits, Method, Shape};
+use mr_damper_model::inverse::track::{Figures, Point, TrackingRig, Trajectory, on_model, on_rig};
+use mr_damper_model::inverse::{InverseController, Limits, Method, Shape};
 use mr_damper_model::model::Model;
 use mr_damper_model::rig::signal::RATE_HZ;
 use mr_damper_model::rig::{Channels, Motion, Plant};
@@ -80,48 +80,48 @@ impl Args {
 /// # Errors
 /// When the model or the run does not load, the model has no inverse, or a report cannot be written;
 /// [`NodeError::Interrupted`].
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let model = models::load(&args.model)?;
     let run = args.load.load(&args.force)?.run;
     let limits = args.limits();
-    let commander = Commander::with_method(&model, limits, args.method)?;
-    let fold = commander.shape().and_then(Shape::real_fold);
+    let controller = InverseController::with_method(&model, limits, args.method)?;
+    let fold = controller.shape().and_then(Shape::real_fold);
     if let Some(fold) = &fold {
         say_fold(fold);
     }
     let demand = demand(&run)?;
-    let mut followed = vec![(report::Place::Model, on_model(&model, &commander, &demand)?)];
+    let mut followed = vec![(report::TrackingSetup::Model, on_model(&model, &controller, &demand)?)];
     if !args.no_rig {
-        for place in [report::Place::Rig, report::Place::RigWithFeedback] {
-            if around.interrupt.is_raised() {
+        for setup in [report::TrackingSetup::Rig, report::TrackingSetup::RigWithFeedback] {
+            if context.interrupt.is_raised() {
                 return Err(NodeError::Interrupted);
             }
-            followed.push((place, rig(&model, &commander, &demand, place, args.seed)?));
+            followed.push((setup, rig(&model, &controller, &demand, setup, args.seed)?));
         }
     }
-    let tracks: Vec<report::Track> = followed
+    let results: Vec<report::TrackingResult> = followed
         .into_iter()
-        .map(|(place, points)| report::Track { place, figures: Figures::of(&points), points })
+        .map(|(setup, points)| report::TrackingResult { setup, figures: Figures::of(&points), points })
         .collect();
-    let outcome = report::Outcome {
+    let outcome = report::InverseOutcome {
         model: args.model.clone(),
         run: args.force.display().to_string(),
         limits,
         fold,
         method: args.method,
-        fit: commander.fit().copied(),
-        tracks,
+        fit: controller.fit().copied(),
+        results,
     };
     args.output.page(|| Ok(report::html(&outcome)))?;
     args.output.figures(&report::json(&outcome), || report::text(&outcome))
 }
 
 /// The recorded motion and the demanded force of `run`.
-fn demand(run: &Run) -> Result<Course, NodeError> {
+fn demand(run: &Run) -> Result<Trajectory, NodeError> {
     let as_recorded = Conditioning { velocity: VelocitySource::Backward, ..Conditioning::default() };
     let options = DatasetOptions { moving_only: false, ..DatasetOptions::default() };
     let rows = Dataset::from_run(run, &as_recorded, &options)?.rows;
-    Ok(Course {
+    Ok(Trajectory {
         dt_s: rows.iter().map(|row| row.dt_s).collect(),
         displacement_m: rows.iter().map(|row| row.displacement_m).collect(),
         force_n: rows.iter().map(|row| row.raw_force_n).collect(),
@@ -131,9 +131,9 @@ fn demand(run: &Run) -> Result<Course, NodeError> {
 /// Tracks the demanded force on the rig, at the rig's rate. A gap in the run has zero duration.
 fn rig(
     model: &Model,
-    commander: &Commander,
-    demand: &Course,
-    place: report::Place,
+    controller: &InverseController,
+    demand: &Trajectory,
+    setup: report::TrackingSetup,
     seed: u64,
 ) -> Result<Vec<Point>, NodeError> {
     let times_s: Vec<f64> = demand
@@ -161,7 +161,7 @@ fn rig(
     };
     let (motion, force_n) = (Motion::recorded(at(&demand.displacement_m)), at(&demand.force_n));
     let (plant, channels) = (Plant::default(), Channels::default());
-    let feedback = place == report::Place::RigWithFeedback;
-    let bench = Bench { plant: &plant, channels: &channels, seed, feedback };
-    Ok(on_rig(model, commander, &motion, &force_n, &bench)?)
+    let feedback = setup == report::TrackingSetup::RigWithFeedback;
+    let tracking_rig = TrackingRig { plant: &plant, channels: &channels, seed, feedback };
+    Ok(on_rig(model, controller, &motion, &force_n, &tracking_rig)?)
 }

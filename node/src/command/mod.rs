@@ -25,7 +25,7 @@ use crate::config::RosArgs;
 use crate::interrupt::Interrupt;
 
 /// Context that every command receives.
-pub struct Surroundings {
+pub struct CliContext {
     /// Raised by Ctrl-C and SIGTERM.
     pub interrupt: Interrupt,
     /// `--quiet`: show no progress.

@@ -1,13 +1,13 @@
 //! `mr-damper node`: runs the service.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::config::{self, ParameterFlags};
+use crate::damper_node::DDS_THREAD;
 use crate::error::NodeError;
 use crate::fleet::Fleet;
 use crate::hardened;
 use crate::memory;
-use crate::ros::DEAF;
-use crate::service::{self, DDS_THREAD};
+use crate::ros::{self, DEAF};
 use crate::shown;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -43,8 +43,8 @@ pub struct Args {
 /// # Errors
 /// When the service does not start, a thread of the service or of a middleware has panicked, or the process exceeds its
 /// memory limit.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
-    let dampers = config::dampers(args.config.as_deref(), &around.ros_args, &args.parameters.given)?;
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    let dampers = config::dampers(args.config.as_deref(), &context.ros_args, &args.parameters.given)?;
     tracing::info!("{}", hardened::summary());
     let fleet = Fleet::start(&dampers)?;
     for ((_, service), damper) in fleet.services().zip(&dampers) {
@@ -53,7 +53,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         tracing::info!(
             model = names.free,
             arx_model = names.seeded.as_deref().unwrap_or("none"),
-            reach = service::reach(&damper.config)?,
+            reach = ros::reach(&damper.config)?,
             zenoh = ?damper.config.zenoh.listen,
             node = damper.args.full_name(),
             "the node is up"
@@ -61,7 +61,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     }
     memory::bound(dampers.len());
     let mut dead = None;
-    while around.interrupt.sleep_until(Instant::now() + WATCH) {
+    while context.interrupt.sleep_until(Instant::now() + WATCH) {
         if let Err(outgrown) = memory::check(dampers.len()) {
             // An orderly stop would wait for the thread that takes the memory. The end of the process closes everything.
             std::mem::forget(fleet);
@@ -79,8 +79,8 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     for (damper, counters) in counters {
         tracing::info!(
             damper,
-            samples = counters.hot.samples.load(Ordering::Relaxed),
-            refused = counters.hot.refused.load(Ordering::Relaxed),
+            samples = counters.estimator.samples.load(Ordering::Relaxed),
+            refused = counters.estimator.refused.load(Ordering::Relaxed),
             incomplete = counters.source.incomplete.load(Ordering::Relaxed),
             estimates = counters.ros_sink.estimates.load(Ordering::Relaxed),
             residuals = counters.ros_sink.residuals.load(Ordering::Relaxed),

@@ -1,16 +1,15 @@
 //! `mr-damper record`: records all inputs and outputs of dampers into a rosbag2 directory.
 
 use crate::clock::system_now;
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::bag_args::BagArgs;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::files;
 use crate::ros::{self, Ros};
 use crate::run::{BagOptions, BagWriter};
-use crate::service;
 use crate::shown;
-use crate::watch::{MOST_DAMPERS, found};
+use crate::watch::{MOST_DAMPERS, discovery};
 use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::standard::{DiagnosticArray, Temperature};
@@ -82,23 +81,23 @@ const LOOK_EVERY: Duration = Duration::from_millis(5);
 /// # Errors
 /// When ROS does not start, the directory exists, no message of a damper arrives, or a write fails (the data written
 /// before are readable).
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let config = Config { domain_id: args.domain_id, ..Config::default() };
-    let ros_args = &around.ros_args;
+    let ros_args = &context.ros_args;
     ros_args.refuse_stray_rules(NODE, &[&TOPICS[..], &SHARED].concat(), &[])?;
     let name = ros_args.node.as_deref().unwrap_or(NODE);
     let age = Duration::from_secs_f64(args.chunk_age.clamp(0.01, 3600.0));
-    let reach = service::reach(&config)?;
+    let reach = ros::reach(&config)?;
     let mut bag = BagWriter::create(&args.out, BagOptions { chunk_max_age: age, ..args.bag.options() })?;
     files::allow(4);
     let ros = Ros::start(&config, ros_args, NodeOptions::new().enable_rosout(false), name)?;
     let mut taps = Taps::start(ros, ros_args, &mut bag)?;
     let deadline = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e9)));
-    let bar = progress(around.quiet);
+    let bar = progress(context.quiet);
     let mut recorded = Recorded::default();
     let outcome = loop {
         // Checked before draining, so that messages that have arrived by now are still written.
-        let last_round = around.interrupt.is_raised() || deadline.is_some_and(|at| Instant::now() >= at);
+        let last_round = context.interrupt.is_raised() || deadline.is_some_and(|at| Instant::now() >= at);
         if let Err(error) = taps.look(&mut bag).and_then(|()| taps.drain(&mut bag, &mut recorded)) {
             break Err(error);
         }
@@ -121,7 +120,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     if recorded.unreadable > 0 {
         tracing::warn!(messages = recorded.unreadable, "messages could not be read and are not in the bag");
     }
-    if !around.quiet {
+    if !context.quiet {
         let (path, files) = (summary.path.display(), summary.files);
         let text = format!("{path}: {} messages, {files} files, {} bytes", recorded.messages, summary.bytes);
         eprintln!("{}", shown::line(&text));
@@ -186,7 +185,7 @@ impl Taps {
             return Ok(());
         }
         self.looked = Some(Instant::now());
-        for namespace in found::namespaces(self.ros.published(), &self.args.namespace()) {
+        for namespace in discovery::namespaces(self.ros.published(), &self.args.namespace()) {
             if self.dampers.iter().all(|(known, _)| *known != namespace) {
                 self.add(namespace, bag)?;
             }

@@ -1,10 +1,10 @@
 //! `mr-damper replay`: plays recorded runs onto the node's input topics.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::run_args::RunArgs;
 use crate::config::Config;
 use crate::error::NodeError;
-use crate::player::{Keys, NODE, Plan, Played, Player, Rate};
+use crate::player::{Keys, NODE, PlaybackOptions, Played, Player, Rate};
 use crate::ros;
 use crate::shown;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -85,10 +85,10 @@ impl FromStr for ClockRate {
 ///
 /// # Errors
 /// When a run does not load or ROS does not start.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let config = Config { domain_id: args.domain_id, ..Config::default() };
-    around.ros_args.refuse_stray_rules(NODE, &Player::TOPICS, &Player::SERVICES)?;
-    let ros_args = around.ros_args.with_topics_renamed(&args.remap, &Player::TOPICS)?;
+    context.ros_args.refuse_stray_rules(NODE, &Player::TOPICS, &Player::SERVICES)?;
+    let ros_args = context.ros_args.with_topics_renamed(&args.remap, &Player::TOPICS)?;
     let mut runs = Vec::with_capacity(args.runs.len());
     for path in &args.runs {
         runs.push(args.load.load(path)?.run);
@@ -99,14 +99,14 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         player.control().pause();
         tracing::info!("started paused: press space, or call ~/resume");
     }
-    if !player.wait_for_listener(Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)), &around.interrupt) {
+    if !player.wait_for_listener(Duration::from_secs_f64(args.wait.clamp(0.0, 3600.0)), &context.interrupt) {
         tracing::warn!("{} has no subscriber yet; playing anyway", ros_args.topic("displacement"));
     }
-    let keys = Keys::start(around.quiet);
+    let keys = Keys::start(context.quiet);
     let mut played = Played::default();
     'all: loop {
         for run in &runs {
-            let plan = Plan {
+            let options = PlaybackOptions {
                 rate: args.rate,
                 start: args.start,
                 duration: args.duration,
@@ -116,13 +116,13 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
                     ClockRate::Samples => None,
                 }),
             };
-            let bar = progress(run, &plan, around.quiet);
-            player.play(run, &plan, &mut played, &around.interrupt, keys.as_ref(), &|at_s| {
+            let bar = progress(run, &options, context.quiet);
+            player.play(run, &options, &mut played, &context.interrupt, keys.as_ref(), &|at_s| {
                 bar.set_position((at_s * 1e3) as u64);
             });
             bar.finish_and_clear();
             player.check()?;
-            if around.interrupt.is_raised() {
+            if context.interrupt.is_raised() {
                 break 'all;
             }
         }
@@ -141,11 +141,12 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
     Ok(())
 }
 
-fn progress(run: &Run, plan: &Plan, quiet: bool) -> ProgressBar {
+fn progress(run: &Run, options: &PlaybackOptions, quiet: bool) -> ProgressBar {
     if quiet {
         return ProgressBar::hidden();
     }
-    let length_s = plan.duration.unwrap_or(f64::INFINITY).min(run.duration().get() - plan.start).max(0.0);
+    let length_s =
+        options.duration.unwrap_or(f64::INFINITY).min(run.duration().get() - options.start).max(0.0);
     let style = ProgressStyle::with_template("{msg} [{bar:40}] {percent}% of {prefix}, {eta} left")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new((length_s * 1e3) as u64)

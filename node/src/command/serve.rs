@@ -1,11 +1,11 @@
 //! `mr-damper serve`: serves a live web page of the dampers. The page is part of the binary.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::error::NodeError;
-use crate::serve::{Guest, Live, Server, require_loopback, require_loopback_for_workshop};
-use crate::watch::Origin;
-use crate::watch::source::{Source, SourceArgs};
-use crate::workshop::{Opening, Workshop};
+use crate::serve::{AllowedOrigin, LiveData, Server, require_loopback, require_loopback_for_workshop};
+use crate::watch::DataOrigin;
+use crate::watch::source::{DataSource, SourceArgs};
+use crate::workshop::{Workshop, WorkshopSettings};
 use std::io::Write;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ const BATCH_EVERY: Duration = Duration::from_millis(20);
 /// Interval at which the workshop looks for new dampers and models.
 const LOOK_ROUND_EVERY: Duration = Duration::from_millis(500);
 /// Message where no diagnosis can be started.
-const NO_CLOSING: &str = "dampers are watched through the Zenoh mirror, which carries no actions. Start a diagnosis over ROS: with \
+const NO_DIAGNOSIS: &str = "dampers are watched through the Zenoh mirror, which carries no actions. Start a diagnosis over ROS: with \
                           mr-damper serve without --zenoh, or with mr-damper close --live on the node's machine";
 
 /// Show dampers live in a browser: force, uncertainty band, residual, mode, current command.
@@ -47,7 +47,7 @@ pub struct Args {
     /// Allow web pages of exactly this origin (e.g. http://localhost:8000) to read /events and /snapshot, but nothing of the
     /// workshop. May be given several times.
     #[arg(long, value_name = "URL")]
-    pub allow_origin: Vec<Guest>,
+    pub allow_origin: Vec<AllowedOrigin>,
     /// Enable the workshop: start diagnoses, upload runs and replay them. Its files are in this directory, which is created
     /// if it does not exist. Works only on loopback.
     #[arg(long, value_name = "DIR")]
@@ -64,33 +64,33 @@ pub struct Args {
 ///
 /// # Errors
 /// When the port is taken, ROS does not start, or a thread dies.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     require_loopback(args.listen, args.any_host)?;
     if args.workshop.is_some() {
         require_loopback_for_workshop(args.listen)?;
     }
-    let live = Arc::new(Live::of(args.source.origin()));
-    let workshop = open_workshop(args, &live, around)?;
+    let live = Arc::new(LiveData::of(args.source.origin()));
+    let workshop = open_workshop(args, &live, context)?;
     let server =
         Server::start(args.listen, args.any_host, &args.allow_origin, Arc::clone(&live), workshop.clone())?;
-    let mut source = Source::start(&args.source, around, NODE)?;
+    let mut source = DataSource::start(&args.source, &context.ros_args, NODE)?;
     if let Some(workshop) = &workshop {
-        source.leave_out(&workshop.namespace());
+        source.ignore(&workshop.namespace());
     }
     if args.any_host && !args.listen.ip().is_loopback() {
         tracing::warn!(listen = %server.address(), "anyone who can reach this machine can watch, without password or encryption");
     }
     // Before the address is printed, so that a first request already finds the dampers of --dampers.
-    let begun = source.bring(&mut live.wall(), live.now_s());
+    let begun = source.poll(&mut live.registry(), live.now_s());
     // A closed stdout (`| head`) does not end the command.
     let mut stdout = std::io::stdout();
     let _ = writeln!(stdout, "http://{}/", server.address()).and_then(|()| stdout.flush());
-    let ended = begun.and_then(|()| watch(&mut source, &server, &live, workshop.as_deref(), around));
+    let ended = begun.and_then(|()| watch(&mut source, &server, &live, workshop.as_deref(), context));
     // The server stops first, so that no new work begins and uploads are cut off.
     let stopped = server.stop();
-    let closing = workshop.as_ref().map(|workshop| (workshop, workshop.interrupt()));
+    let ending = workshop.as_ref().map(|workshop| (workshop, workshop.interrupt()));
     source.stop();
-    if let Some((workshop, deadline)) = closing {
+    if let Some((workshop, deadline)) = ending {
         workshop.close(deadline);
     }
     ended.and(stopped)
@@ -99,35 +99,35 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 /// Opens the workshop, if `args` ask for one.
 fn open_workshop(
     args: &Args,
-    live: &Live,
-    around: &Surroundings,
+    live: &LiveData,
+    context: &CliContext,
 ) -> Result<Option<Arc<Workshop>>, NodeError> {
     let Some(folder) = &args.workshop else { return Ok(None) };
-    let opening = Opening {
+    let settings = WorkshopSettings {
         folder: folder.clone(),
         upload_limit_bytes: args.upload_limit_mb << 20,
-        hall: live.hall(),
+        registry: live.shared_registry(),
         domain_id: args.source.domain_id,
-        ros_args: around.ros_args.clone(),
-        no_closing: (args.source.origin() == Origin::Zenoh).then(|| NO_CLOSING.to_owned()),
+        ros_args: context.ros_args.clone(),
+        no_diagnosis: (args.source.origin() == DataOrigin::Zenoh).then(|| NO_DIAGNOSIS.to_owned()),
     };
-    Workshop::open(opening).map(Some)
+    Workshop::open(settings).map(Some)
 }
 
 /// Polls the source and sends batches to the open pages, until a signal comes.
 fn watch(
-    source: &mut Source,
+    source: &mut DataSource,
     server: &Server,
-    live: &Live,
+    live: &LiveData,
     workshop: Option<&Workshop>,
-    around: &Surroundings,
+    context: &CliContext,
 ) -> Result<(), NodeError> {
     let (mut next_batch, mut next_look) = (Instant::now(), Instant::now());
-    while !around.interrupt.is_raised() {
-        source.bring(&mut live.wall(), live.now_s())?;
+    while !context.interrupt.is_raised() {
+        source.poll(&mut live.registry(), live.now_s())?;
         let now = Instant::now();
         if let Some(workshop) = workshop.filter(|_| now >= next_look) {
-            workshop.know(source.askable());
+            workshop.set_diagnosable(source.diagnosable());
             workshop.look_for_models();
             next_look = now + LOOK_ROUND_EVERY;
         }

@@ -4,7 +4,7 @@ mod list;
 mod manifest;
 mod plan;
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
 use crate::run::{self, SaveOptions};
@@ -113,7 +113,7 @@ enum Format {
 /// # Errors
 /// When an argument does not fit the experiment, a run exists already, or a file cannot be written. When
 /// interrupted, the complete runs are kept and are listed in the manifest.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let (Some(selection), Some(dir), false) = (&args.experiment, &args.out, args.list) else {
         return list::print();
     };
@@ -126,14 +126,14 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         return Err(NodeError::File { path, message });
     }
     let start = Instant::now();
-    let (written, outcome) = work(&jobs, dir, args.force, around);
+    let (written, outcome) = work(&jobs, dir, args.force, context);
     // Also after a failure: the manifest must list every run in the directory.
     for (job, _) in jobs.iter().zip(&written).filter(|(_, written)| **written) {
         manifest.add(job.entry.clone());
     }
     manifest.write(dir)?;
     outcome?;
-    if !around.quiet {
+    if !context.quiet {
         let damper_s: f64 = jobs.iter().map(|job| job.entry.duration_s).sum();
         let (runs, seconds) = (jobs.len(), start.elapsed().as_secs_f64());
         let text = format!("{runs} runs ({damper_s:.0} s at 512 Hz) in {}, {seconds:.1} s", dir.display());
@@ -143,7 +143,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 }
 
 /// Does all jobs, on as many threads as there are cores. Returns which of them were written, and the first error.
-fn work(jobs: &[Job], dir: &Path, force: bool, around: &Surroundings) -> (Vec<bool>, Result<(), NodeError>) {
+fn work(jobs: &[Job], dir: &Path, force: bool, context: &CliContext) -> (Vec<bool>, Result<(), NodeError>) {
     let written: Vec<AtomicBool> = jobs.iter().map(|_| AtomicBool::new(false)).collect();
     let failed: Mutex<Option<NodeError>> = Mutex::new(None);
     let done_ms = AtomicU64::new(0);
@@ -151,10 +151,10 @@ fn work(jobs: &[Job], dir: &Path, force: bool, around: &Surroundings) -> (Vec<bo
     let mut order: Vec<usize> = (0..jobs.len()).collect();
     order.sort_by(|a, b| jobs[*b].entry.duration_s.total_cmp(&jobs[*a].entry.duration_s));
     let next = AtomicUsize::new(0);
-    let go_on = || !around.interrupt.is_raised() && failed.lock().is_ok_and(|failed| failed.is_none());
+    let go_on = || !context.interrupt.is_raised() && failed.lock().is_ok_and(|failed| failed.is_none());
     let worker = || {
         while let Some(&index) = order.get(next.fetch_add(1, Ordering::Relaxed)).filter(|_| go_on()) {
-            match simulate(&jobs[index], dir, force, &around.interrupt, &done_ms) {
+            match simulate(&jobs[index], dir, force, &context.interrupt, &done_ms) {
                 Ok(()) => written[index].store(true, Ordering::Relaxed),
                 Err(error) => {
                     if let Ok(mut failed) = failed.lock() {
@@ -168,7 +168,7 @@ fn work(jobs: &[Job], dir: &Path, force: bool, around: &Surroundings) -> (Vec<bo
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..cores).map(|_| scope.spawn(worker)).collect();
         let total_ms: f64 = jobs.iter().map(|job| job.entry.duration_s * 1e3).sum();
-        let bar = Progress::new(total_ms as u64, around.quiet);
+        let bar = Progress::new(total_ms as u64, context.quiet);
         while !workers.iter().all(|worker| worker.is_finished()) {
             bar.show(done_ms.load(Ordering::Relaxed));
             std::thread::sleep(Duration::from_millis(20));

@@ -1,12 +1,12 @@
 //! `mr-damper top`: shows the dampers live in a terminal.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::error::NodeError;
 use crate::live::{Key, Terminal};
 use crate::shown;
-use crate::watch::screen::{self, View};
-use crate::watch::source::{Source, SourceArgs};
-use crate::watch::{Cursor, Origin, Points, State, Wall};
+use crate::watch::screen::{self, ScreenContent};
+use crate::watch::source::{DataSource, SourceArgs};
+use crate::watch::{ChartCursor, ChartPoints, DamperRegistry, DamperState, DataOrigin};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
@@ -35,11 +35,11 @@ pub struct Args {
 ///
 /// # Errors
 /// When ROS or Zenoh does not start, or the terminal is lost.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
-    let mut source = Source::start(&args.source, around, NODE)?;
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
+    let mut source = DataSource::start(&args.source, &context.ros_args, NODE)?;
     let shown = match Terminal::start() {
-        Some(terminal) => on_screen(&mut source, args.source.origin(), terminal, around),
-        None => in_lines(&mut source, args.source.origin(), around),
+        Some(terminal) => on_screen(&mut source, args.source.origin(), terminal, context),
+        None => in_lines(&mut source, args.source.origin(), context),
     };
     source.stop();
     shown
@@ -47,30 +47,30 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
 
 /// Receives messages until `deadline`; returns false when a signal has come.
 fn listen(
-    source: &mut Source,
-    wall: &mut Wall,
+    source: &mut DataSource,
+    registry: &mut DamperRegistry,
     began: Instant,
     deadline: Instant,
-    around: &Surroundings,
+    context: &CliContext,
 ) -> Result<bool, NodeError> {
     loop {
-        source.bring(wall, began.elapsed().as_secs_f64())?;
+        source.poll(registry, began.elapsed().as_secs_f64())?;
         let left = deadline.saturating_duration_since(Instant::now());
-        if left.is_zero() || around.interrupt.is_raised() {
-            return Ok(!around.interrupt.is_raised());
+        if left.is_zero() || context.interrupt.is_raised() {
+            return Ok(!context.interrupt.is_raised());
         }
         std::thread::sleep(left.min(LOOK_EVERY));
     }
 }
 
-fn in_lines(source: &mut Source, origin: Origin, around: &Surroundings) -> Result<(), NodeError> {
-    let (mut wall, began) = (Wall::of(origin), Instant::now());
+fn in_lines(source: &mut DataSource, origin: DataOrigin, context: &CliContext) -> Result<(), NodeError> {
+    let (mut registry, began) = (DamperRegistry::of(origin), Instant::now());
     let mut stdout = std::io::stdout();
     for round in 1.. {
-        if !listen(source, &mut wall, began, began + LINE_EVERY * round, around)? {
+        if !listen(source, &mut registry, began, began + LINE_EVERY * round, context)? {
             break;
         }
-        let snapshot = wall.snapshot(began.elapsed().as_secs_f64());
+        let snapshot = registry.snapshot(began.elapsed().as_secs_f64());
         let mut text: String = snapshot
             .dampers
             .iter()
@@ -89,35 +89,36 @@ fn in_lines(source: &mut Source, origin: Origin, around: &Surroundings) -> Resul
 
 /// The content of a frozen screen, and the time when it was frozen.
 struct Frozen {
-    wall: Wall,
+    registry: DamperRegistry,
     at_s: f64,
 }
 
 fn on_screen(
-    source: &mut Source,
-    origin: Origin,
+    source: &mut DataSource,
+    origin: DataOrigin,
     mut terminal: Terminal,
-    around: &Surroundings,
+    context: &CliContext,
 ) -> Result<(), NodeError> {
-    let (mut wall, began) = (Wall::of(origin), Instant::now());
+    let (mut registry, began) = (DamperRegistry::of(origin), Instant::now());
     let (mut selected, mut frozen) = (0, None::<Frozen>);
-    while listen(source, &mut wall, began, Instant::now() + FRAME, around)? {
+    while listen(source, &mut registry, began, Instant::now() + FRAME, context)? {
         let now_s = began.elapsed().as_secs_f64();
-        let (shown, at_s) = frozen.as_ref().map_or((&wall, now_s), |frozen| (&frozen.wall, frozen.at_s));
+        let (shown, at_s) =
+            frozen.as_ref().map_or((&registry, now_s), |frozen| (&frozen.registry, frozen.at_s));
         let states = shown.snapshot(at_s).dampers;
-        let points = states.get(selected).and_then(|state: &State| points_of(shown, &state.name));
-        let view = View {
+        let points = states.get(selected).and_then(|state: &DamperState| points_of(shown, &state.name));
+        let content = ScreenContent {
             states: &states,
             selected,
             points: points.as_ref(),
             frozen_s: frozen.as_ref().map(|frozen| now_s - frozen.at_s),
             origin: match origin {
-                Origin::Ros => "on ROS",
-                Origin::Zenoh => "on the Zenoh mirror, thinned",
+                DataOrigin::Ros => "on ROS",
+                DataOrigin::Zenoh => "on the Zenoh mirror, thinned",
             },
         };
         terminal
-            .draw_with(|frame| screen::draw(frame, &view))
+            .draw_with(|frame| screen::draw(frame, &content))
             .map_err(NodeError::io("drawing the screen"))?;
         let count = states.len();
         match terminal.key(Duration::ZERO) {
@@ -126,8 +127,11 @@ fn on_screen(
             Some(Key::Previous) if count > 0 => selected = (selected + count - 1) % count,
             Some(Key::Pick(index)) if index < count => selected = index,
             Some(Key::Freeze) => {
-                frozen =
-                    if frozen.is_none() { Some(Frozen { wall: wall.clone(), at_s: now_s }) } else { None };
+                frozen = if frozen.is_none() {
+                    Some(Frozen { registry: registry.clone(), at_s: now_s })
+                } else {
+                    None
+                };
             }
             _ => {}
         }
@@ -135,6 +139,6 @@ fn on_screen(
     Ok(())
 }
 
-fn points_of<'a>(wall: &'a Wall, name: &str) -> Option<Points<'a>> {
-    wall.pictures().find(|picture| picture.name() == name)?.points(&mut Cursor::default())
+fn points_of<'a>(registry: &'a DamperRegistry, name: &str) -> Option<ChartPoints<'a>> {
+    registry.views().find(|view| view.name() == name)?.points(&mut ChartCursor::default())
 }

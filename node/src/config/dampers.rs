@@ -15,9 +15,9 @@
 //! Within one source, a setting for one damper overrides the setting for all. Domain, discovery, priority and Zenoh
 //! endpoints apply to the whole process.
 
+use super::qos::Overrides;
 use super::{Assignment, Config, RosArgs, TABLE, Value, file, foreign};
 use crate::error::NodeError;
-use crate::qos::Overrides;
 use std::path::Path;
 
 /// A damper of the process.

@@ -10,7 +10,9 @@ mod file;
 mod flags;
 mod foreign;
 mod params_file;
+pub mod qos;
 pub mod ros_args;
+mod session;
 mod table;
 mod value;
 
@@ -18,14 +20,15 @@ pub use assignment::Assignment;
 pub use dampers::{Damper, dampers};
 pub use flags::ParameterFlags;
 pub use ros_args::RosArgs;
-pub use table::{Change, Kind, Parameter, TABLE, find, is_known};
+pub use session::{rmw, zenoh_config};
+pub use table::{Mutability, Parameter, ParameterKind, TABLE, find, is_known};
 pub use value::Value;
 
 use crate::error::NodeError;
-use crate::qos::Overrides;
 use mr_damper_model::condition::ApplyTo;
-use mr_damper_model::inverse::Law;
+use mr_damper_model::inverse::ControlLaw;
 use mr_damper_model::pipeline::{Settings, UseForce};
+use qos::Overrides;
 
 /// Configuration of one input topic.
 #[derive(Debug, Clone, PartialEq)]
@@ -232,11 +235,11 @@ impl Config {
             other => other,
         };
         let law = match self.law.as_str() {
-            "off" => Law::Off,
-            "skyhook" => Law::Skyhook(self.skyhook_n_s_m),
-            "groundhook" => Law::Groundhook(self.groundhook_n_s_m),
-            "fixed" => Law::Fixed(self.fixed_a),
-            _ => Law::Follow,
+            "off" => ControlLaw::Off,
+            "skyhook" => ControlLaw::Skyhook(self.skyhook_n_s_m),
+            "groundhook" => ControlLaw::Groundhook(self.groundhook_n_s_m),
+            "fixed" => ControlLaw::Fixed(self.fixed_a),
+            _ => ControlLaw::Follow,
         };
         let filter = apply_to.map(|apply_to| (apply_to, cutoff_hz));
         let stamp_ahead_s =

@@ -14,9 +14,9 @@
 //! shared with other nodes: unknown parameters in it are ignored, with a line in the log. In other sections they are an
 //! error.
 
+use super::qos::Overrides;
 use super::{Assignment, Value, is_known};
 use crate::error::NodeError;
-use crate::qos::Overrides;
 use std::collections::BTreeMap;
 use std::path::Path;
 

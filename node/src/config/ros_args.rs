@@ -15,9 +15,9 @@
 
 mod unused;
 
+use super::qos::Overrides;
 use super::{Assignment, Config, Value, foreign, params_file};
 use crate::error::NodeError;
-use crate::qos::Overrides;
 use std::path::PathBuf;
 
 /// The parsed `--ros-args`.

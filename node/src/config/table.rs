@@ -8,7 +8,7 @@ use crate::error::NodeError;
 
 /// The accepted values of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Kind {
+pub enum ParameterKind {
     /// A truth value.
     Bool,
     /// A whole number in a closed range.
@@ -27,7 +27,7 @@ pub enum Kind {
 
 /// When a parameter can be set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Change {
+pub enum Mutability {
     /// At the start.
     Never,
     /// While the node is not configured.
@@ -41,9 +41,9 @@ pub struct Parameter {
     /// Name, as a ROS parameter and (with dots as tables) in the configuration file.
     pub name: &'static str,
     /// The accepted values.
-    pub kind: Kind,
+    pub kind: ParameterKind,
     /// When it can be set.
-    pub change: Change,
+    pub mutability: Mutability,
     /// Description, with the unit.
     pub doc: &'static str,
     pub(crate) get: fn(&Config) -> Value,
@@ -72,20 +72,26 @@ impl Parameter {
     /// When the type or the range is wrong; the message says what is accepted.
     pub fn check(&self, value: &Value) -> Result<Value, NodeError> {
         let fits = match (self.kind, value) {
-            (Kind::Bool, Value::Bool(_)) | (Kind::Text, Value::Text(_)) => Some(value.clone()),
-            (Kind::Integer(low, high), Value::Integer(n)) if (low..=high).contains(n) => Some(value.clone()),
-            (Kind::Double(low, high), Value::Double(x)) if (low..=high).contains(x) => Some(value.clone()),
-            // In YAML, users write 1 for 1.0.
-            (Kind::Double(low, high), Value::Integer(n)) if (low..=high).contains(&(*n as f64)) => {
-                Some(Value::Double(*n as f64))
-            }
-            (Kind::Sign, Value::Double(x)) if x.abs() == 1.0 => Some(value.clone()),
-            (Kind::Sign, Value::Integer(n)) if n.abs() == 1 => Some(Value::Double(*n as f64)),
-            (Kind::Choice(choices), Value::Text(text)) if choices.contains(&text.as_str()) => {
+            (ParameterKind::Bool, Value::Bool(_)) | (ParameterKind::Text, Value::Text(_)) => {
                 Some(value.clone())
             }
-            (Kind::TextList, Value::TextList(_)) => Some(value.clone()),
-            (Kind::TextList, Value::Text(text)) => Some(Value::TextList(vec![text.clone()])),
+            (ParameterKind::Integer(low, high), Value::Integer(n)) if (low..=high).contains(n) => {
+                Some(value.clone())
+            }
+            (ParameterKind::Double(low, high), Value::Double(x)) if (low..=high).contains(x) => {
+                Some(value.clone())
+            }
+            // In YAML, users write 1 for 1.0.
+            (ParameterKind::Double(low, high), Value::Integer(n)) if (low..=high).contains(&(*n as f64)) => {
+                Some(Value::Double(*n as f64))
+            }
+            (ParameterKind::Sign, Value::Double(x)) if x.abs() == 1.0 => Some(value.clone()),
+            (ParameterKind::Sign, Value::Integer(n)) if n.abs() == 1 => Some(Value::Double(*n as f64)),
+            (ParameterKind::Choice(choices), Value::Text(text)) if choices.contains(&text.as_str()) => {
+                Some(value.clone())
+            }
+            (ParameterKind::TextList, Value::TextList(_)) => Some(value.clone()),
+            (ParameterKind::TextList, Value::Text(text)) => Some(Value::TextList(vec![text.clone()])),
             _ => None,
         };
         fits.ok_or_else(|| NodeError::Parameter {
@@ -99,17 +105,17 @@ impl Parameter {
     #[must_use]
     pub fn expected(&self) -> String {
         match self.kind {
-            Kind::Bool => "true or false".to_owned(),
-            Kind::Integer(low, high) => format!("a whole number from {low} to {high}"),
-            Kind::Double(low, high) => format!("a number from {low} to {high}"),
-            Kind::Sign => "1 or -1".to_owned(),
-            Kind::Text => "a text".to_owned(),
-            Kind::Choice(choices) => {
+            ParameterKind::Bool => "true or false".to_owned(),
+            ParameterKind::Integer(low, high) => format!("a whole number from {low} to {high}"),
+            ParameterKind::Double(low, high) => format!("a number from {low} to {high}"),
+            ParameterKind::Sign => "1 or -1".to_owned(),
+            ParameterKind::Text => "a text".to_owned(),
+            ParameterKind::Choice(choices) => {
                 let shown: Vec<&str> =
                     choices.iter().map(|choice| if choice.is_empty() { "\"\"" } else { choice }).collect();
                 format!("one of {}", shown.join(", "))
             }
-            Kind::TextList => "a list of texts".to_owned(),
+            ParameterKind::TextList => "a list of texts".to_owned(),
         }
     }
 }
@@ -141,11 +147,11 @@ pub fn find(name: &str) -> Result<&'static Parameter, NodeError> {
 }
 
 macro_rules! number {
-    ($variant:ident, $name:literal, $low:literal..=$high:literal, $change:ident, $doc:literal, $($field:ident).+) => {
+    ($variant:ident, $name:literal, $low:literal..=$high:literal, $mutability:ident, $doc:literal, $($field:ident).+) => {
         Parameter {
             name: $name,
-            kind: Kind::$variant($low, $high),
-            change: $change,
+            kind: ParameterKind::$variant($low, $high),
+            mutability: $mutability,
             doc: $doc,
             get: |c| Value::$variant(c.$($field).+),
             set: |c, v| if let Value::$variant(x) = v { c.$($field).+ = *x; },
@@ -162,11 +168,11 @@ macro_rules! integer {
 }
 
 macro_rules! text {
-    ($name:literal, $kind:expr, $change:ident, $doc:literal, $($field:ident).+) => {
+    ($name:literal, $kind:expr, $mutability:ident, $doc:literal, $($field:ident).+) => {
         Parameter {
             name: $name,
             kind: $kind,
-            change: $change,
+            mutability: $mutability,
             doc: $doc,
             get: |c| Value::Text(c.$($field).+.clone()),
             set: |c, v| if let Value::Text(t) = v { c.$($field).+.clone_from(t); },
@@ -175,11 +181,11 @@ macro_rules! text {
 }
 
 macro_rules! truth {
-    ($name:literal, $change:ident, $doc:literal, $($field:ident).+) => {
+    ($name:literal, $mutability:ident, $doc:literal, $($field:ident).+) => {
         Parameter {
             name: $name,
-            kind: Kind::Bool,
-            change: $change,
+            kind: ParameterKind::Bool,
+            mutability: $mutability,
             doc: $doc,
             get: |c| Value::Bool(c.$($field).+),
             set: |c, v| if let Value::Bool(b) = v { c.$($field).+ = *b; },
@@ -191,8 +197,8 @@ macro_rules! list {
     ($name:literal, $doc:literal, $($field:ident).+) => {
         Parameter {
             name: $name,
-            kind: Kind::TextList,
-            change: Never,
+            kind: ParameterKind::TextList,
+            mutability: Never,
             doc: $doc,
             get: |c| Value::TextList(c.$($field).+.clone()),
             set: |c, v| if let Value::TextList(t) = v { c.$($field).+.clone_from(t); },
@@ -206,8 +212,8 @@ macro_rules! input {
         [
             Parameter {
                 name: concat!(stringify!($field), ".type"),
-                kind: Kind::Choice(&["", $own, "std_msgs/msg/Float64", "sensor_msgs/msg/JointState"]),
-                change: Never,
+                kind: ParameterKind::Choice(&["", $own, "std_msgs/msg/Float64", "sensor_msgs/msg/JointState"]),
+                mutability: Never,
                 doc: concat!(
                     "message type of the input: empty for ", $own,
                     "; a Float64 gets the time of its sending as stamp"
@@ -217,24 +223,24 @@ macro_rules! input {
             },
             Parameter {
                 name: concat!(stringify!($field), ".joint"),
-                kind: Kind::Text,
-                change: Never,
+                kind: ParameterKind::Text,
+                mutability: Never,
                 doc: "joint of a JointState that is read (position, velocity or effort, depending on the input)",
                 get: |c| Value::Text(c.$field.joint.clone()),
                 set: |c, v| if let Value::Text(t) = v { c.$field.joint.clone_from(t); },
             },
             Parameter {
                 name: concat!(stringify!($field), ".sign"),
-                kind: Kind::Sign,
-                change: Never,
+                kind: ParameterKind::Sign,
+                mutability: Never,
                 doc: "1, or -1 for a sensor that is mounted in the opposite direction (extension and tension are positive)",
                 get: |c| Value::Double(c.$field.sign),
                 set: |c, v| if let Value::Double(x) = v { c.$field.sign = *x; },
             },
             Parameter {
                 name: concat!(stringify!($field), ".offset"),
-                kind: Kind::Double(-1e6, 1e6),
-                change: Never,
+                kind: ParameterKind::Double(-1e6, 1e6),
+                mutability: Never,
                 doc: concat!("subtracted from the reading before the sign is applied, ", $unit),
                 get: |c| Value::Double(c.$field.offset),
                 set: |c, v| if let Value::Double(x) = v { c.$field.offset = *x; },
@@ -277,13 +283,13 @@ mod tests {
             let default = config.get(parameter.name).expect("in the table");
             assert_eq!(parameter.check(&default).ok(), Some(default.clone()), "{}", parameter.name);
             let other = match parameter.kind {
-                Kind::Bool => Value::Bool(default != Value::Bool(true)),
-                Kind::Integer(_, high) => Value::Integer(high),
-                Kind::Double(_, high) => Value::Double(high),
-                Kind::Sign => Value::Double(-1.0),
-                Kind::Text => Value::Text("other".into()),
-                Kind::Choice(choices) => Value::Text((*choices.last().expect("choices")).to_owned()),
-                Kind::TextList => Value::TextList(vec!["a".into()]),
+                ParameterKind::Bool => Value::Bool(default != Value::Bool(true)),
+                ParameterKind::Integer(_, high) => Value::Integer(high),
+                ParameterKind::Double(_, high) => Value::Double(high),
+                ParameterKind::Sign => Value::Double(-1.0),
+                ParameterKind::Text => Value::Text("other".into()),
+                ParameterKind::Choice(choices) => Value::Text((*choices.last().expect("choices")).to_owned()),
+                ParameterKind::TextList => Value::TextList(vec!["a".into()]),
             };
             config.set(parameter.name, &other).expect("in range");
             assert_eq!(config.get(parameter.name).expect("in the table"), other, "{}", parameter.name);

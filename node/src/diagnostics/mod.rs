@@ -1,20 +1,22 @@
 //! Statuses of a running damper on `/diagnostics`: one for the work of the node, one for the residual of the simulation
 //! (free run).
 
+mod counters;
+mod node_status;
 mod publishers;
 mod residual;
-mod work;
 
+pub use counters::Counters;
+pub use node_status::{CLOCK_ADVICE, NodeStatus, twin_advice};
 pub use publishers::{Publishers, publishers_advice};
 pub use residual::{ALARM_ADVICE, Health};
-pub use work::{CLOCK_ADVICE, Work, twin_advice};
 
 use crate::wire::ModelNames;
 use mr_damper_msgs::standard::KeyValue;
 
 /// Context of a status: names, settings, and findings of other parts of the node.
 #[derive(Debug, Clone, Copy)]
-pub struct Surroundings<'a> {
+pub struct StatusContext<'a> {
     /// Name of the node, with its namespace.
     pub node: &'a str,
     /// The damper: the node's namespace, or empty.
@@ -39,8 +41,8 @@ fn value(key: &str, value: impl std::fmt::Display) -> KeyValue {
 
 /// Context for the tests of both statuses.
 #[cfg(test)]
-fn around(names: &ModelNames) -> Surroundings<'_> {
-    Surroundings {
+fn context(names: &ModelNames) -> StatusContext<'_> {
+    StatusContext {
         node: "/front_left/mr_damper",
         damper: "front_left",
         names,

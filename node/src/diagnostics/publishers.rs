@@ -1,8 +1,9 @@
 //! Inputs that have more than one publisher: the publishers, and advice.
 
+use crate::graph::Writer;
 use crate::ros::Domain;
-use crate::source::ros::SourceCounters;
-use crate::source::{InputTopic, Writer, Writers};
+use crate::source::ros_source::SourceCounters;
+use crate::source::{InputTopic, Writers};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
@@ -73,7 +74,7 @@ mod tests {
 
     #[test]
     fn a_publisher_without_a_node_is_named_by_its_gid() {
-        let told = identity(&std::array::from_fn(|index| index as u8));
-        assert_eq!(told, "a publisher without a node, GID 00.01.02.03.04.05.06.07.08.09.0a.0b.0c.0d.0e.0f");
+        let text = identity(&std::array::from_fn(|index| index as u8));
+        assert_eq!(text, "a publisher without a node, GID 00.01.02.03.04.05.06.07.08.09.0a.0b.0c.0d.0e.0f");
     }
 }

@@ -1,6 +1,6 @@
 //! Status of the model: the residual of the simulation (free run), and its alarm.
 
-use super::{Surroundings, value};
+use super::{StatusContext, value};
 use crate::wire::in_seconds;
 use mr_damper_model::pipeline::{AlarmChange, Event, Residual};
 use mr_damper_msgs::standard::DiagnosticStatus;
@@ -36,13 +36,13 @@ impl Health {
 
     /// The status at `now`.
     #[must_use]
-    pub fn residual_status(&self, now: Instant, around: &Surroundings<'_>) -> DiagnosticStatus {
+    pub fn residual_status(&self, now: Instant, context: &StatusContext<'_>) -> DiagnosticStatus {
         let (level, message) = self.verdict(now);
         let mut values = vec![
-            value("model", &around.names.free),
+            value("model", &context.names.free),
             value("alarm", if self.alarm.is_some() { "true" } else { "false" }),
-            value("false_alarm_interval_s", around.false_alarm_interval_s),
-            value("history_s", format_args!("{:.1}", around.history_s)),
+            value("false_alarm_interval_s", context.false_alarm_interval_s),
+            value("history_s", format_args!("{:.1}", context.history_s)),
         ];
         if let Some((residual, _)) = &self.residual {
             let figures = [
@@ -58,9 +58,9 @@ impl Health {
         }
         DiagnosticStatus {
             level,
-            name: format!("{}: residual", around.node),
+            name: format!("{}: residual", context.node),
             message,
-            hardware_id: around.damper.to_owned(),
+            hardware_id: context.damper.to_owned(),
             values,
         }
     }
@@ -102,7 +102,7 @@ fn ratio(residual: &Residual) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::around;
+    use super::super::context;
     use super::*;
     use crate::wire::ModelNames;
     use mr_damper_model::sample::Stamp;
@@ -132,7 +132,7 @@ mod tests {
     fn statuses_as_text() {
         let begin = Instant::now();
         let names = ModelNames { free: "thesis/fuzzy-tanh/rp3-cs".to_owned(), ..ModelNames::default() };
-        let around = around(&names);
+        let context = context(&names);
         let script: [(&str, &[Event], u64); 6] = [
             ("at the start", &[], 0),
             ("as good as expected", &[residual(52.0, 50.0)], 0),
@@ -147,7 +147,7 @@ mod tests {
             for event in events {
                 health.take(event, now);
             }
-            let status = health.residual_status(now, &around);
+            let status = health.residual_status(now, &context);
             writeln!(
                 text,
                 "{what}: {} {} [{}] {}",

@@ -74,26 +74,26 @@ impl Finding {
     }
 }
 
-/// Checks everything that a service of these dampers depends on, and passes each finding to `tell` as soon as it is known.
+/// Checks everything that a service of these dampers depends on, and passes each finding to `report` as soon as it is known.
 /// Ends early when interrupted.
-pub fn examine(dampers: &[Damper], interrupt: &Interrupt, mut tell: impl FnMut(Finding)) {
+pub fn examine(dampers: &[Damper], interrupt: &Interrupt, mut report: impl FnMut(Finding)) {
     // There is at least one damper, and the settings of the process are the same for all dampers.
     let Some(Damper { config, args }) = dampers.first() else { return };
-    tell(libraries());
-    dampers.iter().for_each(|damper| tell(model(damper)));
-    network::domain(config).into_iter().for_each(&mut tell);
-    network::environment(config).into_iter().for_each(&mut tell);
-    tell(network::multicast(config));
+    report(libraries());
+    dampers.iter().for_each(|damper| report(model(damper)));
+    network::domain(config).into_iter().for_each(&mut report);
+    network::environment(config).into_iter().for_each(&mut report);
+    report(network::multicast(config));
     if interrupt.is_raised() {
         return;
     }
-    tell(network::others(config, interrupt));
-    tell(network::join(config, args.enclave.as_deref()));
-    tell(network::zenoh(config));
-    tell(system::clock(config));
-    tell(system::timer());
-    tell(system::priority(config));
-    tell(system::files(dampers.len()));
+    report(network::others(config, interrupt));
+    report(network::join(config, args.enclave.as_deref()));
+    report(network::zenoh(config));
+    report(system::clock(config));
+    report(system::timer());
+    report(system::priority(config));
+    report(system::files(dampers.len()));
 }
 
 /// The DDS libraries that this program was built with.

@@ -1,13 +1,12 @@
 //! Checks of domain, ports, multicast, other participants, and Zenoh.
 
 use super::{Finding, leaves_this_machine};
-use crate::config::Config;
+use crate::config::{Config, zenoh_config};
 use crate::interrupt::Interrupt;
 use crate::listed_peers;
 use crate::ros::{self, Domain};
 use crate::ros_environment::{self, Remark};
-use crate::service;
-use crate::sink::zenoh::Link;
+use crate::zenoh_session::Link;
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
@@ -45,11 +44,11 @@ pub(super) fn domain(config: &Config) -> Vec<Finding> {
 /// Settings in the environment that are handled in another way than in ROS, or not supported.
 pub(super) fn environment(config: &Config) -> Vec<Finding> {
     const WHAT: &str = "environment";
-    match ros_environment::asked(config, &ros_environment::of_process) {
-        Ok(asked) if asked.remarks.is_empty() => Vec::new(),
-        Ok(asked) => {
+    match ros_environment::requested(config, &ros_environment::of_process) {
+        Ok(requested) if requested.remarks.is_empty() => Vec::new(),
+        Ok(requested) => {
             let warning = |Remark { found, advice }| Finding::warning(WHAT, found, advice);
-            asked.remarks.into_iter().map(warning).collect()
+            requested.remarks.into_iter().map(warning).collect()
         }
         Err(error) => vec![Finding::failure(WHAT, error.to_string())],
     }
@@ -86,19 +85,19 @@ pub(super) fn multicast(config: &Config) -> Finding {
 
 /// Sends a datagram to a multicast group and waits until it arrives; returns the time taken.
 fn echo(interface: Ipv4Addr) -> io::Result<Duration> {
-    let hears = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
-    hears.join_multicast_v4(&PROBE, &interface)?;
-    hears.set_read_timeout(Some(SOON))?;
-    let sends = socket2::Socket::new(socket2::Domain::IPV4, socket2::Type::DGRAM, None)?;
-    sends.set_multicast_if_v4(&interface)?;
-    sends.set_multicast_loop_v4(true)?;
+    let receiver = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+    receiver.join_multicast_v4(&PROBE, &interface)?;
+    receiver.set_read_timeout(Some(SOON))?;
+    let sender = socket2::Socket::new(socket2::Domain::IPV4, socket2::Type::DGRAM, None)?;
+    sender.set_multicast_if_v4(&interface)?;
+    sender.set_multicast_loop_v4(true)?;
     let began = Instant::now();
     let mark = std::process::id().to_le_bytes();
-    sends.send_to(&mark, &SocketAddr::from((PROBE, hears.local_addr()?.port())).into())?;
-    let mut heard = [0; 16];
+    sender.send_to(&mark, &SocketAddr::from((PROBE, receiver.local_addr()?.port())).into())?;
+    let mut received = [0; 16];
     loop {
-        let (length, _) = hears.recv_from(&mut heard)?;
-        if heard[..length] == mark {
+        let (length, _) = receiver.recv_from(&mut received)?;
+        if received[..length] == mark {
             return Ok(began.elapsed());
         }
     }
@@ -111,8 +110,8 @@ pub(super) fn others(config: &Config, interrupt: &Interrupt) -> Finding {
         return Finding::ok(WHAT, "not checked without a domain");
     };
     let interface = if leaves_this_machine(config) { Ipv4Addr::UNSPECIFIED } else { Ipv4Addr::LOCALHOST };
-    let heard = match listed_peers::open(domain, interface) {
-        Ok(heard) => heard,
+    let received = match listed_peers::open(domain, interface) {
+        Ok(received) => received,
         Err(error) => {
             return Finding::failure(WHAT, format!("the port of announcements cannot be opened: {error}"));
         }
@@ -122,7 +121,7 @@ pub(super) fn others(config: &Config, interrupt: &Interrupt) -> Finding {
     let end = Instant::now() + LISTEN;
     while Instant::now() < end && !interrupt.is_raised() {
         // An error means that the read timed out.
-        let Ok((length, from)) = heard.recv_from(&mut packet) else { continue };
+        let Ok((length, from)) = received.recv_from(&mut packet) else { continue };
         if let Some(prefix) = listed_peers::prefix_of(&packet[..length]) {
             participants.insert(prefix.to_vec(), from.ip());
         }
@@ -152,7 +151,7 @@ pub(super) fn join(config: &Config, enclave: Option<&str>) -> Finding {
 
 /// Opens the Zenoh session that the node would open, and closes it.
 pub(super) fn zenoh(config: &Config) -> Finding {
-    let Some(settings) = service::zenoh_config(config) else {
+    let Some(settings) = zenoh_config(config) else {
         return Finding::ok("Zenoh", "not configured");
     };
     match Link::open(&settings) {

@@ -4,7 +4,7 @@ use super::{Finding, leaves_this_machine};
 use crate::clock::system_now;
 use crate::config::Config;
 use crate::files;
-use crate::realtime::{self, Standing};
+use crate::realtime::{self, Scheduling};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -85,29 +85,29 @@ pub(super) fn timer() -> Finding {
 /// Checks whether threads can get real-time priority, also if none is requested.
 pub(super) fn priority(config: &Config) -> Finding {
     const WHAT: &str = "real-time priority";
-    let asked = u8::try_from(config.realtime_priority).unwrap_or_default();
-    let ((), standing) = realtime::raised(asked.max(1), || ());
-    match (standing, asked) {
-        (Standing::Refused { why, .. }, 0) => {
+    let requested = u8::try_from(config.realtime_priority).unwrap_or_default();
+    let ((), scheduling) = realtime::raised(requested.max(1), || ());
+    match (scheduling, requested) {
+        (Scheduling::Refused { why, .. }, 0) => {
             Finding::ok(WHAT, format!("not requested, and it would be refused: {why}"))
         }
-        (Standing::Refused { priority, why }, _) => {
+        (Scheduling::Refused { priority, why }, _) => {
             Finding::warning(WHAT, format!("SCHED_FIFO {priority} is refused: {why}"), realtime::ADVICE)
         }
         (_, 0) => Finding::ok(WHAT, "not requested; it is available (realtime_priority)"),
-        (_, asked) => Finding::ok(WHAT, format!("SCHED_FIFO {asked} is available")),
+        (_, requested) => Finding::ok(WHAT, format!("SCHED_FIFO {requested} is available")),
     }
 }
 
 /// Checks the limit on open files.
 pub(super) fn files(dampers: usize) -> Finding {
-    let (allowed, wanted) = (files::allowed(), files::wanted(dampers));
+    let (allowed, needed) = (files::allowed(), files::needed(dampers));
     let found = match allowed {
-        Some(allowed) => format!("at most {allowed}; enough are {wanted} (dampers: {dampers})"),
+        Some(allowed) => format!("at most {allowed}; enough are {needed} (dampers: {dampers})"),
         None => "there is no limit".to_owned(),
     };
     match allowed {
-        Some(allowed) if allowed < wanted => {
+        Some(allowed) if allowed < needed => {
             Finding::warning("open files", found, "raise the limit: ulimit -Hn, or LimitNOFILE= of systemd")
         }
         _ => Finding::ok("open files", found),

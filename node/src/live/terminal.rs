@@ -1,6 +1,6 @@
 //! The terminal while a screen is shown: it is put into raw mode and always restored.
 
-use super::board::Board;
+use super::live_summary::LiveSummary;
 use super::{held_log, screen};
 use ratatui::crossterm::event::{Event, KeyCode, KeyModifiers, poll, read};
 use ratatui::{DefaultTerminal, Frame};
@@ -41,12 +41,12 @@ impl Terminal {
         Some(Self { inner, _held: held_log::hold() })
     }
 
-    /// Draws the board.
+    /// Draws the summary.
     ///
     /// # Errors
     /// When the terminal is gone.
-    pub fn draw(&mut self, board: &Board) -> std::io::Result<()> {
-        self.draw_with(|frame| screen::draw(frame, board))
+    pub fn draw(&mut self, summary: &LiveSummary) -> std::io::Result<()> {
+        self.draw_with(|frame| screen::draw(frame, summary))
     }
 
     /// Draws with the function `draw`.

@@ -1,4 +1,4 @@
-//! Tests of the live view with an artificial board, as a line and as a screen.
+//! Tests of the live view with an artificial summary, as a line and as a screen.
 
 use super::*;
 use mr_damper_model::pipeline::{
@@ -9,8 +9,8 @@ use mr_damper_model::units::{Metre, Newton, Second};
 use ratatui::backend::TestBackend;
 
 /// Six seconds at 100 Hz: measured force stops at 4 s, and the ARX model coasts for half a second.
-fn board() -> Board {
-    let mut board = Board::new(Headline {
+fn summary() -> LiveSummary {
+    let mut summary = LiveSummary::new(RunInfo {
         title: "demo · rig RP-ICPS".to_owned(),
         free_model: "thesis/fuzzy-tanh/rp3-cs".to_owned(),
         seeded_model: "thesis/arx".to_owned(),
@@ -19,19 +19,19 @@ fn board() -> Board {
         length_s: 10.0,
     });
     for k in 0..=600 {
-        step(&mut board, k);
+        step(&mut summary, k);
     }
-    board.counts =
-        Counts { sent: 1603, taken: 1603, refused: 0, lost: 2, incomplete: 0, estimates: 601, heard: 601 };
-    board.played_s = 6.0;
-    board
+    summary.counts =
+        Counts { sent: 1603, taken: 1603, refused: 0, lost: 2, incomplete: 0, estimates: 601, received: 601 };
+    summary.played_s = 6.0;
+    summary
 }
 
-fn step(board: &mut Board, k: i64) {
+fn step(summary: &mut LiveSummary, k: i64) {
     let at_s = k as f64 * 0.01;
     // Real stamps are large, and only their differences matter.
     let stamp = Stamp::from_nanos(1_700_000_000_000_000_000 + k * 10_000_000);
-    let mut see = |event: Event| board.take(&event, at_s);
+    let mut see = |event: Event| summary.take(&event, at_s);
     let sample = |reading| Event::Input(Sample { stamp, received: stamp.shifted(200_000), reading });
     see(sample(Reading::Drive(Drive::new(DriveKind::CoilCurrent, 1.0))));
     let force_n = 800.0 * (2.0 * at_s).sin();
@@ -79,62 +79,62 @@ fn step(board: &mut Board, k: i64) {
             alarm: false,
         }));
     }
-    board.round_trip.note(7e-4);
+    summary.round_trip.note(7e-4);
 }
 
-fn drawn(board: &Board, width: u16, height: u16) -> String {
+fn drawn(summary: &LiveSummary, width: u16, height: u16) -> String {
     let mut terminal =
         ratatui::Terminal::new(TestBackend::new(width, height)).expect("a test backend cannot fail");
-    terminal.draw(|frame| screen::draw(frame, board)).expect("a test backend cannot fail");
+    terminal.draw(|frame| screen::draw(frame, summary)).expect("a test backend cannot fail");
     terminal.backend().to_string()
 }
 
 #[test]
 fn a_line_tells_the_figures_without_escape_codes() {
-    let mut early = Board::new(Headline::default());
+    let mut early = LiveSummary::new(RunInfo::default());
     let mut lines = vec![plain::line(&early)];
     for k in 0..200 {
         step(&mut early, k);
     }
     lines.push(plain::line(&early));
-    lines.push(plain::line(&board()));
+    lines.push(plain::line(&summary()));
     assert!(lines.iter().all(|line| line.chars().all(|c| c >= ' ')));
     insta::assert_snapshot!(lines.join("\n"));
 }
 
 #[test]
 fn the_screen_shows_everything_where_there_is_room() {
-    insta::assert_snapshot!(drawn(&board(), 110, 34));
+    insta::assert_snapshot!(drawn(&summary(), 110, 34));
 }
 
 #[test]
 fn the_screen_fits_the_smallest_usual_terminal() {
-    insta::assert_snapshot!(drawn(&board(), 80, 24));
+    insta::assert_snapshot!(drawn(&summary(), 80, 24));
 }
 
 #[test]
 fn an_alarm_is_shown_until_it_is_cleared() {
-    let mut board = board();
+    let mut summary = summary();
     let stamp = Stamp::from_nanos(1_700_000_002_500_000_000);
-    board.take(&Event::Alarm(AlarmChange { stamp, raised: true, ratio: 4.25 }), 6.0);
-    let at = |board: &Board| plain::line(board).contains("ALARM since 2.5 s");
+    summary.take(&Event::Alarm(AlarmChange { stamp, raised: true, ratio: 4.25 }), 6.0);
+    let at = |summary: &LiveSummary| plain::line(summary).contains("ALARM since 2.5 s");
     for (width, height) in [(110, 34), (80, 24)] {
-        assert!(drawn(&board, width, height).contains("ALARM since 2.5 s: 4.2 times the expected error"));
+        assert!(drawn(&summary, width, height).contains("ALARM since 2.5 s: 4.2 times the expected error"));
     }
-    assert!(at(&board));
-    insta::assert_snapshot!(board.alarm.expect("it stands").text(), @"  2.5 s  ALARM (stamp 1700000002.500): the simulation's residual is 4.2 times the model's expected error");
-    board.take(&Event::Alarm(AlarmChange { stamp, raised: false, ratio: f64::NAN }), 6.0);
-    assert!(!at(&board) && !drawn(&board, 110, 34).contains("ALARM"));
+    assert!(at(&summary));
+    insta::assert_snapshot!(summary.alarm.expect("it stands").text(), @"  2.5 s  ALARM (stamp 1700000002.500): the simulation's residual is 4.2 times the model's expected error");
+    summary.take(&Event::Alarm(AlarmChange { stamp, raised: false, ratio: f64::NAN }), 6.0);
+    assert!(!at(&summary) && !drawn(&summary, 110, 34).contains("ALARM"));
 }
 
 #[test]
 fn it_does_not_panic_at_any_size_or_state() {
-    let empty = Board::new(Headline::default());
+    let empty = LiveSummary::new(RunInfo::default());
     for (width, height) in [(1, 1), (10, 3), (40, 12), (300, 100)] {
         drawn(&empty, width, height);
-        drawn(&board(), width, height);
+        drawn(&summary(), width, height);
     }
-    let mut odd = board();
+    let mut odd = summary();
     step(&mut odd, 10_000_000);
     step(&mut odd, 1);
     drawn(&odd, 80, 24);
@@ -142,9 +142,9 @@ fn it_does_not_panic_at_any_size_or_state() {
 
 #[test]
 fn the_board_stays_small() {
-    let mut board = Board::new(Headline::default());
+    let mut summary = LiveSummary::new(RunInfo::default());
     for k in 0..100_000 {
-        step(&mut board, k % 400 + k / 400 * 400);
+        step(&mut summary, k % 400 + k / 400 * 400);
     }
-    assert!(board.estimated.len() <= 402, "{}", board.estimated.len());
+    assert!(summary.estimated.len() <= 402, "{}", summary.estimated.len());
 }

@@ -190,17 +190,17 @@ mod tests {
         assert_eq!(control.lock().steps, 0);
         control.pause();
         let steps = std::thread::scope(|threads| {
-            let asked = threads.spawn(|| control.step(3));
+            let stepping = threads.spawn(|| control.step(3));
             let deadline = Instant::now() + Duration::from_secs(5);
             let mut played = 0;
-            while !asked.is_finished() && Instant::now() < deadline {
+            while !stepping.is_finished() && Instant::now() < deadline {
                 if control.lock().steps > 0 {
                     control.played();
                     played += 1;
                 }
                 std::thread::yield_now();
             }
-            (asked.join().expect("no panic"), played)
+            (stepping.join().expect("no panic"), played)
         });
         assert_eq!(steps, (3, 3));
         for (to, within) in [(9, false), (10, true), (20, true), (21, false)] {

@@ -5,7 +5,7 @@
 mod control;
 mod keys;
 mod pace;
-mod services;
+mod replay_services;
 
 pub use control::Control;
 pub use keys::Keys;
@@ -14,7 +14,8 @@ use crate::clock::system_now;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
-use crate::ros::{NotTaken, Output, Ros, Task};
+use crate::ros::{NotTaken, Output, Ros};
+use crate::task::Task;
 use crate::wire::header;
 use mr_damper_model::sample::{Drive, Reading, Run, Sample, Stamp};
 use mr_damper_msgs::standard::{Clock, Temperature, Time};
@@ -66,7 +67,7 @@ pub struct Played {
 
 /// The part of a run to play, and how to play it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plan {
+pub struct PlaybackOptions {
     /// Speed.
     pub rate: Rate,
     /// Start, in seconds into the run.
@@ -79,7 +80,7 @@ pub struct Plan {
     pub clock_hz: Option<f64>,
 }
 
-impl Default for Plan {
+impl Default for PlaybackOptions {
     fn default() -> Self {
         Self { rate: Rate::Times(1.0), start: 0.0, duration: None, clock: false, clock_hz: None }
     }
@@ -160,7 +161,7 @@ impl Player {
     /// # Errors
     /// When DDS refuses a service, or the system cannot start a thread.
     pub fn offer_services(&mut self, ros_args: &RosArgs) -> Result<(), NodeError> {
-        self.services = Some(services::offer(&mut self.ros, ros_args, &self.node, &self.control)?);
+        self.services = Some(replay_services::offer(&mut self.ros, ros_args, &self.node, &self.control)?);
         Ok(())
     }
 
@@ -205,7 +206,7 @@ impl Player {
     pub fn play(
         &self,
         run: &Run,
-        plan: &Plan,
+        options: &PlaybackOptions,
         played: &mut Played,
         interrupt: &Interrupt,
         keys: Option<&Keys>,
@@ -213,18 +214,18 @@ impl Player {
     ) {
         let Some(first) = run.samples().next().map(|sample| sample.stamp) else { return };
         let last = run.samples().last().map_or(first, |sample| sample.stamp);
-        self.control.begin(plan.rate, (first, last));
+        self.control.begin(options.rate, (first, last));
         let mut playing = Playing {
             player: self,
-            plan,
+            options,
             first,
-            pace: Pace::new(plan.rate, plan.start),
+            pace: Pace::new(options.rate, options.start),
             last_clock: None,
             next_tick: None,
             interrupt,
             keys,
         };
-        let mut from = Some(plan.start);
+        let mut from = Some(options.start);
         while let Some(from_s) = from {
             from = playing.stretch(run, from_s, played, at);
         }
@@ -281,7 +282,7 @@ impl Player {
 /// A run while it is played.
 struct Playing<'a> {
     player: &'a Player,
-    plan: &'a Plan,
+    options: &'a PlaybackOptions,
     /// Stamp of the run's first sample.
     first: Stamp,
     pace: Pace,
@@ -304,10 +305,10 @@ enum Next {
 impl Playing<'_> {
     /// Plays from `from_s` to the end, or until a jump; returns the target of the jump, in seconds.
     fn stretch(&mut self, run: &Run, from_s: f64, played: &mut Played, at: &dyn Fn(f64)) -> Option<f64> {
-        let plan = self.plan;
-        let to_s = plan.duration.map_or(f64::INFINITY, |duration| plan.start + duration);
+        let options = self.options;
+        let to_s = options.duration.map_or(f64::INFINITY, |duration| options.start + duration);
         let shift_ns =
-            if plan.clock { 0 } else { system_now().nanos() - self.first.nanos() - (from_s * 1e9) as i64 };
+            if options.clock { 0 } else { system_now().nanos() - self.first.nanos() - (from_s * 1e9) as i64 };
         for sample in run.samples() {
             let run_s = sample.stamp.since(self.first).get();
             if run_s < from_s {
@@ -327,7 +328,7 @@ impl Playing<'_> {
             }
             let stamp = sample.stamp.shifted(shift_ns);
             let due = self.last_clock.is_none_or(|last| stamp.since(last).get() >= 1e-3);
-            if plan.clock && plan.clock_hz.is_none() && due {
+            if options.clock && options.clock_hz.is_none() && due {
                 self.last_clock = Some(stamp);
                 played.failed += u64::from(!self.player.tell_time(stamp));
             }
@@ -336,7 +337,7 @@ impl Playing<'_> {
             self.player.control.played();
             played.samples += 1;
             played.failed += u64::from(!taken);
-            at((run_s - plan.start).max(0.0));
+            at((run_s - options.start).max(0.0));
         }
         None
     }
@@ -357,13 +358,13 @@ impl Playing<'_> {
             if let Some(to) = state.seek.take() {
                 return Next::Jump(to.since(self.first).get());
             }
-            let stands = state.paused && state.steps == 0;
+            let is_waiting = state.paused && state.steps == 0;
             if state.paused {
                 self.pace.stand(now, next_s);
             } else {
                 self.pace.run(state.rate(), now, next_s);
             }
-            let left = if stands { LOOK_EVERY } else { self.pace.left(now, next_s) };
+            let left = if is_waiting { LOOK_EVERY } else { self.pace.left(now, next_s) };
             if left.is_zero() {
                 return Next::Play;
             }
@@ -374,7 +375,7 @@ impl Playing<'_> {
     /// Publishes /clock if it has its own rate and is due; returns the time until it is due again. While paused, the same
     /// time is published repeatedly.
     fn tick(&mut self, now: Instant, next_s: f64, played: &mut Played) -> Duration {
-        let Some(hz) = self.plan.clock_hz.filter(|_| self.plan.clock) else { return LOOK_EVERY };
+        let Some(hz) = self.options.clock_hz.filter(|_| self.options.clock) else { return LOOK_EVERY };
         let due = *self.next_tick.get_or_insert(now);
         if now < due {
             return due - now;

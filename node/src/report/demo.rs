@@ -1,9 +1,9 @@
 //! The demo's HTML report: the service's output for one run.
 
-use super::closed::{self, Closed};
 use super::correlate;
+use super::demo_diagnosis::{self, DemoDiagnosis};
 use super::page::{capital, page, section};
-use super::panels::{force_over_velocity, what_is_left_over, whole_run, with_breaks};
+use super::panels::{force_over_velocity, residual_panels, whole_run, with_breaks};
 use super::plot::{Band, Ink, Plot, Series, Shape};
 use super::recording::Recording;
 use super::table::{facts, table};
@@ -54,7 +54,7 @@ impl Agreement {
 
 /// Everything the report shows.
 #[derive(Debug, Clone, Default)]
-pub struct Outcome {
+pub struct DemoOutcome {
     /// The run and the models, in a sentence or two.
     pub what: String,
     /// The service's output.
@@ -66,7 +66,7 @@ pub struct Outcome {
     /// Whether live and offline figures agree.
     pub agreement: Option<Agreement>,
     /// Result of the diagnosis, or why there was none.
-    pub closed: Option<Result<Closed, String>>,
+    pub diagnosis: Option<Result<DemoDiagnosis, String>>,
     /// Remarks below the figures.
     pub notes: Vec<String>,
     /// Names and values of the message counters.
@@ -82,16 +82,16 @@ pub const WITHOUT_FORCE: &str = "estimate without measured force";
 
 /// The report as one HTML file.
 #[must_use]
-pub fn html(outcome: &Outcome) -> String {
-    let points = correlate::left_over(&outcome.recording);
+pub fn html(outcome: &DemoOutcome) -> String {
+    let points = correlate::residual_points(&outcome.recording);
     let body = html! {
         @if let Some(agreement) = outcome.agreement {
             p.verdict.bad[!matches!(agreement, Agreement::Same(_))] { (capital(&agreement.text())) "." }
         }
         (section("Figures", &figures(outcome)))
-        @if let Some(closed) = &outcome.closed {
-            @let body = match closed {
-                Ok(closed) => closed::html(closed),
+        @if let Some(diagnosis) = &outcome.diagnosis {
+            @let body = match diagnosis {
+                Ok(diagnosis) => demo_diagnosis::html(diagnosis),
                 Err(why) => html! { p { (why) } },
             };
             (section("Diagnosis and model augmentation", &body))
@@ -99,7 +99,7 @@ pub fn html(outcome: &Outcome) -> String {
         (section("Force over time", &force_over_time(outcome)))
         (section("Residual over time", &residual_over_time(outcome)))
         (section("Force over velocity", &force_over_velocity(&points, DriveKind::CoilCurrent)))
-        (section("Remaining residual", &what_is_left_over(&points, DriveKind::CoilCurrent)))
+        (section("Remaining residual", &residual_panels(&points, DriveKind::CoilCurrent)))
         (section("Modes", &modes(&outcome.recording)))
         (section("Traffic", &facts(&outcome.counts)))
         (section("Settings", &facts(&outcome.settings)))
@@ -108,7 +108,7 @@ pub fn html(outcome: &Outcome) -> String {
     page("MR damper force service: demo", &outcome.what, &body)
 }
 
-fn figures(outcome: &Outcome) -> Markup {
+fn figures(outcome: &DemoOutcome) -> Markup {
     let cells = |fit: Option<Fit>| match fit {
         Some(fit) => [
             format!("{:.2}", fit.rsse_n),
@@ -153,7 +153,7 @@ fn mode_bands(recording: &Recording) -> Vec<Band> {
         .collect()
 }
 
-fn force_over_time(outcome: &Outcome) -> Markup {
+fn force_over_time(outcome: &DemoOutcome) -> Markup {
     let recording = &outcome.recording;
     let estimate = recording.estimates.iter().map(|e| (recording.seconds(e.stamp), e.force.get())).collect();
     let measured = with_breaks(&recording.points(Channel::Force));
@@ -196,7 +196,7 @@ fn force_over_time(outcome: &Outcome) -> Markup {
     }
 }
 
-fn residual_over_time(outcome: &Outcome) -> Markup {
+fn residual_over_time(outcome: &DemoOutcome) -> Markup {
     let recording = &outcome.recording;
     let of = |pick: fn(&mr_damper_model::pipeline::Residual) -> f64| -> Vec<(f64, f64)> {
         with_breaks(
@@ -233,7 +233,7 @@ fn residual_over_time(outcome: &Outcome) -> Markup {
         ],
         ..Plot::default()
     };
-    let alarms = closed::alarms(recording);
+    let alarms = demo_diagnosis::alarms(recording);
     html! {
         (plot.figure("The residual is measured force minus simulated force (free run). An estimate seeded with measured force would hide it."))
         @for alarm in &alarms { p { "Alarm: " (alarm) "." } }

@@ -2,7 +2,7 @@
 
 use super::correlate;
 use super::page::{page, section};
-use super::panels::{force_over_velocity, what_is_left_over, with_breaks};
+use super::panels::{force_over_velocity, residual_panels, with_breaks};
 use super::plot::{Ink, Plot, Series, Shape};
 use super::recording::Recording;
 use super::table::{facts, table};
@@ -29,7 +29,7 @@ pub struct SteppedRun {
 
 /// Everything the report shows.
 #[derive(Debug, Clone)]
-pub struct Outcome {
+pub struct IdentifyOutcome {
     /// The model, in a sentence.
     pub what: String,
     /// Errors with their names.
@@ -46,19 +46,20 @@ pub struct Outcome {
 
 /// The report as one HTML file.
 #[must_use]
-pub fn html(outcome: &Outcome) -> String {
-    let points: Vec<_> = outcome.runs.iter().flat_map(|run| correlate::left_over(&run.recording)).collect();
+pub fn html(outcome: &IdentifyOutcome) -> String {
+    let points: Vec<_> =
+        outcome.runs.iter().flat_map(|run| correlate::residual_points(&run.recording)).collect();
     let body = html! {
         (section("Figures", &figures(outcome)))
         (section("Force over velocity", &force_over_velocity(&points, outcome.drive)))
-        (section("Remaining residual", &what_is_left_over(&points, outcome.drive)))
+        (section("Remaining residual", &residual_panels(&points, outcome.drive)))
         (section("Runs", &runs(outcome)))
         (section("Provenance", &facts(&outcome.provenance)))
     };
     page("MR damper model: identification", &outcome.what, &body)
 }
 
-fn figures(outcome: &Outcome) -> Markup {
+fn figures(outcome: &IdentifyOutcome) -> Markup {
     let row = |(name, fit): &(String, Fit)| {
         vec![
             name.clone(),
@@ -79,7 +80,7 @@ fn figures(outcome: &Outcome) -> Markup {
     }
 }
 
-fn runs(outcome: &Outcome) -> Markup {
+fn runs(outcome: &IdentifyOutcome) -> Markup {
     let row = |run: &SteppedRun| {
         let found = run.recording.evaluation();
         let mut row = vec![run.name.clone(), if run.held_out { "held out" } else { "fitted" }.to_owned()];

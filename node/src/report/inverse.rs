@@ -14,9 +14,9 @@ use std::fmt::Write;
 /// Length of the part that is drawn, s.
 const DRAWN_S: f64 = 4.0;
 
-/// Where a demanded force was tracked.
+/// What a demanded force was tracked on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum TrackingSetup {
     /// On the model itself.
     Model,
     /// On the virtual rig, with feedforward only.
@@ -25,7 +25,7 @@ pub enum Place {
     RigWithFeedback,
 }
 
-impl Place {
+impl TrackingSetup {
     const fn words(self) -> &'static str {
         match self {
             Self::Model => "on the model itself",
@@ -35,11 +35,11 @@ impl Place {
     }
 }
 
-/// Result of tracking the demanded force in one place.
+/// Result of tracking the demanded force on one setup.
 #[derive(Debug, Clone)]
-pub struct Track {
-    /// Where the force was tracked.
-    pub place: Place,
+pub struct TrackingResult {
+    /// What the force was tracked on.
+    pub setup: TrackingSetup,
     /// Tracking errors.
     pub figures: Figures,
     /// Demand, command and force at each sample.
@@ -48,7 +48,7 @@ pub struct Track {
 
 /// Everything the report shows.
 #[derive(Debug, Clone)]
-pub struct Outcome {
+pub struct InverseOutcome {
     /// Name of the model.
     pub model: String,
     /// Name of the run whose force is the demand.
@@ -61,13 +61,13 @@ pub struct Outcome {
     pub method: Method,
     /// Accuracy of the surrogate inverse; `None` when the model itself is inverted.
     pub fit: Option<SurrogateFit>,
-    /// Results in several places; the first is on the model.
-    pub tracks: Vec<Track>,
+    /// Results on several setups; the first is on the model.
+    pub results: Vec<TrackingResult>,
 }
 
 /// The JSON, `mr-damper/inverse/1`. Numbers that are not finite become `null`.
 #[derive(Debug, Serialize)]
-pub struct Report<'a> {
+pub struct InverseReport<'a> {
     schema: &'static str,
     tool: &'static str,
     model: &'a str,
@@ -123,9 +123,9 @@ impl From<&Figures> for Row {
     }
 }
 
-impl Outcome {
-    fn row(&self, place: Place) -> Option<Row> {
-        self.tracks.iter().find(|track| track.place == place).map(|track| Row::from(&track.figures))
+impl InverseOutcome {
+    fn row(&self, setup: TrackingSetup) -> Option<Row> {
+        self.results.iter().find(|result| result.setup == setup).map(|result| Row::from(&result.figures))
     }
 
     /// The method that computes the current, and its accuracy.
@@ -159,8 +159,8 @@ impl Outcome {
 
 /// The JSON report of `outcome`.
 #[must_use]
-pub fn json(outcome: &Outcome) -> Report<'_> {
-    Report {
+pub fn json(outcome: &InverseOutcome) -> InverseReport<'_> {
+    InverseReport {
         schema: "mr-damper/inverse/1",
         tool: TOOL,
         model: &outcome.model,
@@ -168,15 +168,15 @@ pub fn json(outcome: &Outcome) -> Report<'_> {
         current_max_a: outcome.limits.current_max_a,
         monotone: outcome.fold.is_none(),
         method: outcome.method.name(),
-        on_model: outcome.row(Place::Model),
-        rig: outcome.row(Place::Rig),
-        rig_with_feedback: outcome.row(Place::RigWithFeedback),
+        on_model: outcome.row(TrackingSetup::Model),
+        rig: outcome.row(TrackingSetup::Rig),
+        rig_with_feedback: outcome.row(TrackingSetup::RigWithFeedback),
     }
 }
 
 /// `outcome` as text for a terminal.
 #[must_use]
-pub fn text(outcome: &Outcome) -> String {
+pub fn text(outcome: &InverseOutcome) -> String {
     let mut text = format!(
         "{}\ndemand: the force of {}; currents from 0 to {} A\n{}\n{}\n\n{:<34}{:>10}{:>22}{:>12}{:>12}\n",
         outcome.model,
@@ -190,12 +190,12 @@ pub fn text(outcome: &Outcome) -> String {
         "infeasible",
         "RSSE"
     );
-    for Track { place, figures, .. } in &outcome.tracks {
+    for TrackingResult { setup, figures, .. } in &outcome.results {
         let rsse_n = figures.tracking.map_or(f64::NAN, |fit| fit.rsse_n);
         let _ = writeln!(
             text,
             "  {:<32}{:>10.4}{:>22.4}{:>10.1} %{:>10.1} N",
-            place.words(),
+            setup.words(),
             figures.error,
             figures.error_achievable,
             100.0 * figures.infeasible_share,
@@ -214,14 +214,14 @@ pub fn text(outcome: &Outcome) -> String {
 
 /// `outcome` as a page.
 #[must_use]
-pub fn html(outcome: &Outcome) -> String {
+pub fn html(outcome: &InverseOutcome) -> String {
     let rows: Vec<Vec<String>> = outcome
-        .tracks
+        .results
         .iter()
-        .map(|Track { place, figures, .. }| {
+        .map(|TrackingResult { setup, figures, .. }| {
             let rsse_n = figures.tracking.map_or(f64::NAN, |fit| fit.rsse_n);
             vec![
-                place.words().to_owned(),
+                setup.words().to_owned(),
                 format!("{:.4}", figures.error),
                 format!("{:.4}", figures.error_achievable),
                 format!("{:.1} %", 100.0 * figures.infeasible_share),
@@ -238,7 +238,7 @@ pub fn html(outcome: &Outcome) -> String {
                  passes a driver and a coil with lag, and the rig's damper differs from the model." }
             p { (capital(&outcome.method_in_words())) ". " (capital(&outcome.fold_in_words())) "." }
         }))
-        @for track in &outcome.tracks { (pictures(track, outcome.limits.current_max_a)) }
+        @for result in &outcome.results { (plots(result, outcome.limits.current_max_a)) }
     };
     page(
         "Tracking of a demanded force",
@@ -248,8 +248,8 @@ pub fn html(outcome: &Outcome) -> String {
 }
 
 /// Plots of demand, force and current around the largest demand.
-fn pictures(track: &Track, current_max_a: f64) -> Markup {
-    let points = stretch(&track.points);
+fn plots(result: &TrackingResult, current_max_a: f64) -> Markup {
+    let points = stretch(&result.points);
     let series = |name: &str, ink, shape, value: fn(&Point) -> f64| Series {
         name: name.to_owned(),
         ink,
@@ -257,7 +257,7 @@ fn pictures(track: &Track, current_max_a: f64) -> Markup {
         points: points.iter().map(|point| (point.time.get(), value(point))).collect(),
     };
     let force = Plot {
-        description: format!("Demanded and achieved force over time, {}", track.place.words()),
+        description: format!("Demanded and achieved force over time, {}", result.setup.words()),
         x_label: "time (s)".to_owned(),
         y_label: "force (N)".to_owned(),
         bands: infeasible(points),
@@ -270,7 +270,7 @@ fn pictures(track: &Track, current_max_a: f64) -> Markup {
         ..Plot::default()
     };
     let current = Plot {
-        description: format!("Commanded current over time, {}", track.place.words()),
+        description: format!("Commanded current over time, {}", result.setup.words()),
         x_label: "time (s)".to_owned(),
         y_label: "current (A)".to_owned(),
         y_range: Some((0.0, current_max_a)),
@@ -278,7 +278,7 @@ fn pictures(track: &Track, current_max_a: f64) -> Markup {
         series: vec![series("command", Ink::Estimate, Shape::Line, |p| p.command.current.get())],
         ..Plot::default()
     };
-    section(&capital(track.place.words()), &html! { (force.figure("")) (current.figure("")) })
+    section(&capital(result.setup.words()), &html! { (force.figure("")) (current.figure("")) })
 }
 
 /// The points within [`DRAWN_S`] around the largest demand.

@@ -3,13 +3,14 @@
 //! [`plot`], [`box_plot`] and [`scatter`] draw, [`page`] makes the page and [`table`] its tables; these modules know nothing
 //! about dampers. One module per report combines them: [`demo`], [`identify`], [`compare`], [`inverse`].
 
-pub mod answered;
 pub mod box_plot;
-pub mod close;
-pub mod closed;
 pub mod compare;
 pub mod correlate;
 pub mod demo;
+pub mod demo_diagnosis;
+pub mod diagnosis;
+pub mod diagnosis_summary;
+pub mod evaluate;
 pub mod identify;
 pub mod inverse;
 mod log_axis;
@@ -19,12 +20,10 @@ pub mod plot;
 pub mod recording;
 mod scale;
 pub mod scatter;
-pub mod spectrum;
-pub mod stretch;
 pub mod summary;
 pub mod table;
 
-pub use demo::{Agreement, Figure, Outcome};
+pub use demo::{Agreement, DemoOutcome, Figure};
 pub use recording::{Period, Recording};
 
 #[cfg(test)]

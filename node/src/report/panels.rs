@@ -1,6 +1,6 @@
 //! Panels that several reports share.
 
-use super::correlate::{self, LeftOver};
+use super::correlate::{self, ResidualPoint};
 use super::plot::{Ink, Plot, Series, Shape, binned_mean};
 use super::recording::Recording;
 use super::table::bars;
@@ -25,20 +25,20 @@ pub(super) fn with_breaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 }
 
 /// Bounds of four equally wide levels of the drive.
-fn level_bounds(points: &[LeftOver]) -> [f64; 5] {
+fn level_bounds(points: &[ResidualPoint]) -> [f64; 5] {
     let (low, high) =
         points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.drive), b.max(p.drive)));
     let (low, high) = if low < high { (low.max(0.0), high) } else { (0.0, 1.0) };
     [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| low + share * (high - low))
 }
 
-pub(super) fn force_over_velocity(points: &[LeftOver], drive: DriveKind) -> Markup {
+pub(super) fn force_over_velocity(points: &[ResidualPoint], drive: DriveKind) -> Markup {
     let (what, unit) = drive_in_words(drive);
     let bounds = level_bounds(points);
     let bound_n =
         points.iter().map(|p| p.measured_n.abs().max(p.predicted_n.abs())).fold(1.0, f64::max) * 1.05;
     let bound_v = points.iter().map(|p| p.velocity_m_s.abs()).fold(1e-3, f64::max) * 1.05;
-    let panel = |name: &str, force: fn(&LeftOver) -> f64| Plot {
+    let panel = |name: &str, force: fn(&ResidualPoint) -> f64| Plot {
         description: format!("{name} force over velocity, coloured by {what}"),
         x_label: "velocity, m/s".to_owned(),
         y_label: format!("force, N: {name}"),
@@ -48,7 +48,8 @@ pub(super) fn force_over_velocity(points: &[LeftOver], drive: DriveKind) -> Mark
         series: (0..4_u8)
             .map(|level| {
                 let (from, to) = (bounds[usize::from(level)], bounds[usize::from(level) + 1]);
-                let inside = |p: &&LeftOver| (level == 0 || p.drive >= from) && (level == 3 || p.drive < to);
+                let inside =
+                    |p: &&ResidualPoint| (level == 0 || p.drive >= from) && (level == 3 || p.drive < to);
                 Series {
                     name: format!("{from:.1} to {to:.1} {unit}"),
                     ink: Ink::Level(level),
@@ -69,8 +70,8 @@ pub(super) fn force_over_velocity(points: &[LeftOver], drive: DriveKind) -> Mark
     }
 }
 
-pub(super) fn what_is_left_over(points: &[LeftOver], drive: DriveKind) -> Markup {
-    let against = |label: &str, pick: fn(&LeftOver) -> f64| {
+pub(super) fn residual_panels(points: &[ResidualPoint], drive: DriveKind) -> Markup {
+    let against = |label: &str, pick: fn(&ResidualPoint) -> f64| {
         let all: Vec<(f64, f64)> = points.iter().map(|p| (pick(p), p.residual_n)).collect();
         let trend = binned_mean(&all, 24, 20);
         Plot {

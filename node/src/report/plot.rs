@@ -272,11 +272,11 @@ impl Plot {
     }
 
     fn draw_axes(&self, svg: &mut String, x: &Scale, y: &Scale) {
-        let labelled = |log: bool, scale: &Scale, wanted: usize| {
+        let labelled = |log: bool, scale: &Scale, target: usize| {
             if log {
                 return log_ticks(scale);
             }
-            let (ticks, decimals) = ticks(scale.from, scale.to, wanted);
+            let (ticks, decimals) = ticks(scale.from, scale.to, target);
             ticks.into_iter().map(|tick| (tick, number(tick, decimals))).collect()
         };
         let (x_ticks, y_ticks) = (labelled(self.log.0, x, 6), labelled(self.log.1, y, 5));

@@ -33,9 +33,9 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (low - pad, high + pad)
 }
 
-/// About `wanted` round values between `from` and `to`, and the number of decimals that they need.
-pub(super) fn ticks(from: f64, to: f64, wanted: usize) -> (Vec<f64>, usize) {
-    let rough = (to - from) / wanted.max(1) as f64;
+/// About `target` round values between `from` and `to`, and the number of decimals that they need.
+pub(super) fn ticks(from: f64, to: f64, target: usize) -> (Vec<f64>, usize) {
+    let rough = (to - from) / target.max(1) as f64;
     if rough <= 0.0 || !rough.is_finite() {
         return (Vec::new(), 0);
     }

@@ -18,7 +18,7 @@ const LINE: f64 = 20.0;
 
 /// A point with its name.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Named {
+pub struct NamedPoint {
     /// The name.
     pub name: String,
     /// Horizontal value; smaller is better.
@@ -31,8 +31,8 @@ pub struct Named {
 
 /// The drawing as SVG. A name that would cover another one is left out; names on the front are placed first.
 #[must_use]
-pub fn svg(description: &str, x_label: &str, y_label: &str, points: &[Named]) -> String {
-    let points: Vec<&Named> =
+pub fn svg(description: &str, x_label: &str, y_label: &str, points: &[NamedPoint]) -> String {
+    let points: Vec<&NamedPoint> =
         points.iter().filter(|p| p.x > 0.0 && p.y > 0.0 && p.x.is_finite() && p.y.is_finite()).collect();
     let x = log_scale(points.iter().map(|p| p.x), LEFT, WIDTH - RIGHT);
     let y = log_scale(points.iter().map(|p| p.y), HEIGHT - BOTTOM, TOP);
@@ -70,7 +70,7 @@ pub fn svg(description: &str, x_label: &str, y_label: &str, points: &[Named]) ->
 }
 
 /// The Pareto front (no other point is smaller in both values), sorted by x.
-fn front<'a>(points: &[&'a Named]) -> Vec<&'a Named> {
+fn front<'a>(points: &[&'a NamedPoint]) -> Vec<&'a NamedPoint> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     let mut best = f64::INFINITY;
@@ -137,8 +137,8 @@ fn axes(svg: &mut String, x: &Scale, y: &Scale, x_label: &str, y_label: &str) {
 mod tests {
     use super::*;
 
-    fn named(name: &str, x: f64, y: f64) -> Named {
-        Named { name: name.to_owned(), x, y, ink: "level2" }
+    fn named(name: &str, x: f64, y: f64) -> NamedPoint {
+        NamedPoint { name: name.to_owned(), x, y, ink: "level2" }
     }
 
     #[test]
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn names_do_not_cover_each_other() {
-        let all: Vec<Named> =
+        let all: Vec<NamedPoint> =
             (0..30).map(|k| named(&format!("model-{k}"), 10.0 + f64::from(k), 0.1)).collect();
         let svg = svg("", "x", "y", &all);
         let labels = svg.matches("model-").count();

@@ -1,14 +1,14 @@
 //! The demo's outcome as text for a terminal.
 
-use super::demo::Outcome;
-use super::{close, closed, correlate};
+use super::demo::DemoOutcome;
+use super::{correlate, demo_diagnosis, diagnosis};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::units::N_PER_LBF;
 use std::fmt::Write;
 
 /// The outcome in lines of at most 110 columns.
 #[must_use]
-pub fn text(outcome: &Outcome) -> String {
+pub fn text(outcome: &DemoOutcome) -> String {
     // Writing to a string cannot fail.
     let mut text = String::new();
     let width = outcome.figures.iter().map(|figure| figure.name.chars().count()).max().unwrap_or(0);
@@ -39,7 +39,7 @@ pub fn text(outcome: &Outcome) -> String {
         );
     }
     let _ = writeln!(text, "\nalarm");
-    let alarms = closed::alarms(&outcome.recording);
+    let alarms = demo_diagnosis::alarms(&outcome.recording);
     if alarms.is_empty() {
         let _ = writeln!(text, "  none");
     }
@@ -47,7 +47,7 @@ pub fn text(outcome: &Outcome) -> String {
         let _ = writeln!(text, "  {alarm}");
     }
     let _ = writeln!(text, "\nremaining residual of the simulation: correlation with");
-    let found = correlate::correlations(&correlate::left_over(&outcome.recording));
+    let found = correlate::correlations(&correlate::residual_points(&outcome.recording));
     let facts: Vec<String> = found
         .iter()
         .map(|(name, r)| format!("{} {r:+.2}", name.rsplit(' ').next().unwrap_or(name)))
@@ -57,11 +57,11 @@ pub fn text(outcome: &Outcome) -> String {
     for (name, value) in &outcome.counts {
         let _ = writeln!(text, "  {name}: {value}");
     }
-    if let Some(closed) = &outcome.closed {
+    if let Some(result) = &outcome.diagnosis {
         let _ = writeln!(text, "\ndiagnosis and model augmentation");
-        match closed {
-            Ok(closed) => text += &closed::text(closed),
-            Err(why) => close::paragraph(&mut text, 2, why),
+        match result {
+            Ok(found) => text += &demo_diagnosis::text(found),
+            Err(why) => diagnosis::paragraph(&mut text, 2, why),
         }
     }
     text

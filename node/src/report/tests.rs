@@ -6,7 +6,7 @@ use mr_damper_model::preset;
 use mr_damper_model::rig::{self, Channels, Experiment, Plant};
 
 /// Four seconds of the rig; the force is withheld from 2 s to 3 s.
-fn outcome() -> Outcome {
+fn outcome() -> DemoOutcome {
     let experiment = Experiment::thesis("RP-ICPS").expect("a known experiment").with_duration_s(4.0);
     let mut run = rig::record(&experiment, &Plant::default(), &Channels::default(), 1);
     let force = run.force_n.as_mut().expect("a rig measures force");
@@ -24,7 +24,7 @@ fn outcome() -> Outcome {
     }
     let found = recording.evaluation();
     let figure = |name: &str, fit| Figure { name: name.to_owned(), live: fit, offline: fit };
-    Outcome {
+    DemoOutcome {
         what: "a run with <angle brackets> & more".to_owned(),
         figures: vec![
             figure("free run", found.free_run),
@@ -34,7 +34,7 @@ fn outcome() -> Outcome {
         ],
         withheld,
         agreement: Some(Agreement::Same(0.0)),
-        closed: None,
+        diagnosis: None,
         notes: vec!["a note".to_owned()],
         counts: vec![("samples".to_owned(), "5".to_owned())],
         settings: vec![("coast_s".to_owned(), "0.2".to_owned())],
@@ -82,10 +82,10 @@ fn the_report_shows_the_figures_and_loads_nothing_from_the_network() {
 
 #[test]
 fn a_report_without_data_is_a_valid_page() {
-    let html = demo::html(&Outcome::default());
+    let html = demo::html(&DemoOutcome::default());
     assert_balanced(&html);
     assert!(!html.contains("NaN"));
-    assert!(!summary::text(&Outcome::default()).is_empty());
+    assert!(!summary::text(&DemoOutcome::default()).is_empty());
 }
 
 #[test]

@@ -8,9 +8,9 @@ use super::map::{Channel, Convert, Mapping};
 use super::names::{Role, normal_namespace, role_of, topic_of};
 use super::pack::{MessageUnpacker, is_packed};
 use super::storage::{Sink, TopicInfo, read};
-use super::suggest::{self, Seen};
+use super::suggest::{self, FoundTopic};
 use super::{LoadOptions, Note, RunError};
-use crate::extract::{Dimension, Extractor, Part};
+use crate::extract::{Dimension, Extractor, MessagePart};
 use mr_damper_model::sample::{Run, Stamp, Trace};
 use mr_damper_msgs::standard::{Float32, Float64, JointState};
 use mr_damper_msgs::{Message, cdr};
@@ -133,8 +133,8 @@ impl Topic {
         }
     }
 
-    fn seen(&self) -> Seen<'_> {
-        Seen {
+    fn seen(&self) -> FoundTopic<'_> {
+        FoundTopic {
             name: &self.name,
             type_name: &self.type_name,
             encoding: &self.encoding,
@@ -252,7 +252,7 @@ fn series_by_name(role: &Role, info: &TopicInfo, options: &LoadOptions) -> Vec<S
         let series =
             Series { role, mapped: false, extractor, convert: Convert::plain(same), trace: Trace::default() };
         // A topic's name does not say which axis to read.
-        (!matches!(series.extractor.part, Part::Axis(_))).then_some(series)
+        (!matches!(series.extractor.part, MessagePart::Axis(_))).then_some(series)
     };
     let known = |quantity: Quantity| series(Role::Known(quantity), quantity.dimension());
     match role {
@@ -328,7 +328,7 @@ impl Bag<'_> {
         Ok(run)
     }
 
-    fn seen(&self) -> Vec<Seen<'_>> {
+    fn seen(&self) -> Vec<FoundTopic<'_>> {
         self.topics.iter().map(Topic::seen).collect()
     }
 
@@ -374,7 +374,7 @@ impl Bag<'_> {
             return Err(MapFault::NoMessage { topic: name.to_owned() });
         }
         match (&extractor.part, &topic.joints, &topic.undecodable.1) {
-            (Part::Joint(joint, _), Some(first), _) if !first.name.contains(joint) => {
+            (MessagePart::Joint(joint, _), Some(first), _) if !first.name.contains(joint) => {
                 let nearest =
                     suggest::nearest(joint, first.name.iter().map(String::as_str)).map(str::to_owned);
                 Err(MapFault::NoJoint { joint: joint.clone(), nearest, joints: first.name.clone() })
@@ -392,7 +392,7 @@ impl Bag<'_> {
         for mapping in self.options.map.all().iter().filter(unnamed) {
             let topics = self.topics.iter().filter(|topic| Some((&*topic.name, None)) == mapping.topic());
             let axis = |series: &Series| match series.extractor.part {
-                Part::Axis(axis) if series.mapped => Some(axis),
+                MessagePart::Axis(axis) if series.mapped => Some(axis),
                 _ => None,
             };
             if let Some(axis) = topics.flat_map(|topic| &topic.series).find_map(axis) {
@@ -403,7 +403,7 @@ impl Bag<'_> {
 
     /// A note with unused topics that may hold the force or the drive, if these are missing in the run.
     fn could_serve(&self, run: &Run, no_drive: bool, namespace: &str) -> Option<Note> {
-        let left: Vec<Seen<'_>> = self
+        let left: Vec<FoundTopic<'_>> = self
             .topics
             .iter()
             .filter(|topic| !is_used(topic, namespace, self.options))
@@ -424,21 +424,21 @@ impl Bag<'_> {
         let is_wanted = |quantity: &Quantity| {
             map.of(*quantity).is_none() && (displacement_is_mapped || *quantity == Quantity::Displacement)
         };
-        let wanted: Vec<Quantity> = Quantity::ALL.into_iter().filter(is_wanted).collect();
+        let missing: Vec<Quantity> = Quantity::ALL.into_iter().filter(is_wanted).collect();
         let mut found: Vec<&str> = self
             .topics
             .iter()
-            .filter(|topic| wanted.iter().any(|quantity| topic.trace(*quantity, false).is_some()))
+            .filter(|topic| missing.iter().any(|quantity| topic.trace(*quantity, false).is_some()))
             .map(|topic| topic.namespace.as_str())
             .collect();
         found.sort_unstable();
         found.dedup();
         let show =
             |namespace: &&str| if namespace.is_empty() { "/".to_owned() } else { (*namespace).to_owned() };
-        let asked = self.options.namespace.as_deref().map(normal_namespace);
-        match (asked, found.as_slice()) {
-            (Some(asked), _) if displacement_is_mapped => Ok(asked),
-            (Some(asked), found) if found.contains(&asked.as_str()) => Ok(asked),
+        let requested = self.options.namespace.as_deref().map(normal_namespace);
+        match (requested, found.as_slice()) {
+            (Some(requested), _) if displacement_is_mapped => Ok(requested),
+            (Some(requested), found) if found.contains(&requested.as_str()) => Ok(requested),
             (None, [only]) => Ok((*only).to_owned()),
             (None, []) if displacement_is_mapped => Ok(String::new()),
             (None, [_, ..]) => {
@@ -450,16 +450,18 @@ impl Bag<'_> {
                 let found = found.iter().map(show).collect();
                 Err(RunError::Namespaces { path: path.to_owned(), what, found })
             }
-            (asked, _) => Err(self.no_displacement(path, asked.as_deref(), found.iter().map(show).collect())),
+            (requested, _) => {
+                Err(self.no_displacement(path, requested.as_deref(), found.iter().map(show).collect()))
+            }
         }
     }
 
     /// The error for a missing displacement, with the most specific reason.
-    fn no_displacement(&self, path: &Path, asked: Option<&str>, elsewhere: Vec<String>) -> RunError {
+    fn no_displacement(&self, path: &Path, requested: Option<&str>, elsewhere: Vec<String>) -> RunError {
         let path = path.to_owned();
         let displacement = |topic: &&Topic| {
             topic.role == Some(Role::Known(Quantity::Displacement))
-                && asked.is_none_or(|asked| topic.namespace == asked)
+                && requested.is_none_or(|requested| topic.namespace == requested)
         };
         let instead = suggest::line_for(Quantity::Displacement, &self.seen());
         if let Some(topic) = self.topics.iter().filter(displacement).find(|topic| topic.series.is_empty()) {
@@ -472,8 +474,8 @@ impl Bag<'_> {
             };
         }
         let hint = if !elsewhere.is_empty() {
-            let asked = asked.filter(|asked| !asked.is_empty()).unwrap_or("/");
-            format!("namespace {asked} has none, but these have: {}", elsewhere.join(", "))
+            let requested = requested.filter(|requested| !requested.is_empty()).unwrap_or("/");
+            format!("namespace {requested} has none, but these have: {}", elsewhere.join(", "))
         } else if let Some(topic) = self.topics.iter().find(displacement) {
             match &topic.undecodable.1 {
                 Some(fault) => format!("no message of {} could be decoded: {fault}", topic.name),

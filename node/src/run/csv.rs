@@ -243,12 +243,12 @@ impl<'a> Table<'a> {
             (Channel::Known(quantity, _), Column::Known(other, _))
                 if other.dimension() != quantity.dimension() =>
             {
-                let (found, wanted) = (other.dimension(), quantity.dimension());
+                let (found, needed) = (other.dimension(), quantity.dimension());
                 return Err(MapFault::Quantity {
                     column: header,
                     found,
                     channel: topic_of(quantity),
-                    wanted,
+                    needed,
                 });
             }
             (Channel::Known(quantity, unit), by_name) => {

@@ -2,8 +2,8 @@
 
 use super::map::flag;
 use super::mcap::at;
-use crate::error::advice;
-use crate::extract::{Dimension, Unfit};
+use crate::disk::advice;
+use crate::extract::{Dimension, UnsuitableSource};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -289,7 +289,7 @@ pub enum MapFault {
     #[error("{unfit}{}", instead.as_ref().map(|line| format!("; this bag has {line}")).unwrap_or_default())]
     Unfit {
         /// The reason.
-        unfit: Unfit,
+        unfit: UnsuitableSource,
         /// The flag for a topic of this bag that fits.
         instead: Option<String>,
     },
@@ -346,7 +346,7 @@ pub enum MapFault {
         columns: String,
     },
     /// The column holds another quantity.
-    #[error("column `{column}` holds a {found}, and {channel} is a {wanted}: map another column")]
+    #[error("column `{column}` holds a {found}, and {channel} is a {needed}: map another column")]
     Quantity {
         /// The column.
         column: String,
@@ -355,7 +355,7 @@ pub enum MapFault {
         /// The channel.
         channel: &'static str,
         /// The channel's quantity.
-        wanted: Dimension,
+        needed: Dimension,
     },
     /// The column holds the time.
     #[error("column `{column}` is the time: map another column")]

@@ -237,11 +237,11 @@ fn read_chunk(
         let mut rest = (&frame[..]).chain(body);
         while let Some(event) = reader.next_event() {
             match event? {
-                LinearReadEvent::ReadRequest(wanted) => {
+                LinearReadEvent::ReadRequest(length) => {
                     // The request is limited to the available bytes, so that a false length does not allocate memory.
-                    let wanted = wanted.clamp(1, FRAME + body.len());
+                    let length = length.clamp(1, FRAME + body.len());
                     // Reading from memory does not fail.
-                    let count = rest.read(reader.insert(wanted)).unwrap_or(0);
+                    let count = rest.read(reader.insert(length)).unwrap_or(0);
                     if count == 0 {
                         break;
                     }

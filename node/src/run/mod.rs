@@ -86,19 +86,19 @@ pub struct SaveOptions {
     /// Bags: chunks, compression and sync.
     pub bag: BagOptions,
     /// The part of the run that is written.
-    pub part: Part,
+    pub part: RunSection,
 }
 
 /// A part of a run, in time since its first displacement; by default the whole run.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Part {
+pub struct RunSection {
     /// Start, s.
     pub start_s: f64,
     /// Duration, s; `None` means to the end of the run.
     pub duration_s: Option<f64>,
 }
 
-impl Part {
+impl RunSection {
     /// Cuts the part out of `run`. It is an error if the part contains no displacement.
     fn of<'a>(&self, run: &'a Run, path: &Path) -> Result<Cow<'a, Run>, RunError> {
         if *self == Self::default() {

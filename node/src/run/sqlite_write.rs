@@ -8,7 +8,7 @@ use super::bag_file::Message;
 use super::bag_write::{BagOptions, Sync, Topic};
 use super::sqlite::{COLUMNS_TABLE, TOPICS_TABLE};
 use super::{RunError, metadata};
-use crate::error::advice;
+use crate::disk::advice;
 use rusqlite::{Connection, ErrorCode, OpenFlags, params};
 use std::fs::File;
 use std::io::ErrorKind;

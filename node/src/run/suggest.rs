@@ -3,7 +3,7 @@
 use super::column::Quantity;
 use super::map::flag;
 use super::names::topic_of;
-use crate::extract::{Carries, DEFAULT_AXIS, Dimension, Extractor, Part};
+use crate::extract::{CarriesValue, DEFAULT_AXIS, Dimension, Extractor, MessagePart};
 use mr_damper_msgs::standard::JointState;
 use std::fmt::Write as _;
 
@@ -11,7 +11,7 @@ use std::fmt::Write as _;
 const LISTED: usize = 30;
 
 /// A topic that was found in a bag.
-pub(super) struct Seen<'a> {
+pub(super) struct FoundTopic<'a> {
     pub(super) name: &'a str,
     pub(super) type_name: &'a str,
     pub(super) encoding: &'a str,
@@ -40,7 +40,7 @@ fn likeness(quantity: Quantity, name: &str) -> usize {
     words.iter().position(|word| name.contains(word)).map_or(0, |place| words.len() - place)
 }
 
-impl Seen<'_> {
+impl FoundTopic<'_> {
     /// How likely this topic holds the channel, and the source for a map; `None` if its type cannot hold the channel.
     fn source(&self, quantity: Quantity) -> Option<(usize, String)> {
         let dimension = quantity.dimension();
@@ -51,7 +51,7 @@ impl Seen<'_> {
             let extractor = Extractor::new(dimension, self.name, self.type_name, None).ok()?;
             // A plain number may be any quantity, so its name has to decide.
             let kind = if extractor.is_unstamped() { 1 } else { 20 };
-            let axis = if matches!(extractor.part, Part::Axis(_)) {
+            let axis = if matches!(extractor.part, MessagePart::Axis(_)) {
                 format!(":{DEFAULT_AXIS}")
             } else {
                 String::new()
@@ -84,24 +84,24 @@ impl Seen<'_> {
 }
 
 /// The flag that maps the channel to the likeliest topic; `None` if no topic's type can hold the channel.
-pub(super) fn line_for(quantity: Quantity, topics: &[Seen<'_>]) -> Option<String> {
+pub(super) fn line_for(quantity: Quantity, topics: &[FoundTopic<'_>]) -> Option<String> {
     likeliest(quantity, topics, 0)
 }
 
 /// The same, but only if type or name indicate this channel.
-pub(super) fn likely_line_for(quantity: Quantity, topics: &[Seen<'_>]) -> Option<String> {
+pub(super) fn likely_line_for(quantity: Quantity, topics: &[FoundTopic<'_>]) -> Option<String> {
     likeliest(quantity, topics, 2)
 }
 
-fn likeliest(quantity: Quantity, topics: &[Seen<'_>], least: usize) -> Option<String> {
+fn likeliest(quantity: Quantity, topics: &[FoundTopic<'_>], least: usize) -> Option<String> {
     let sources = topics.iter().filter_map(|topic| topic.source(quantity));
     let best = sources.filter(|(likely, _)| *likely >= least).rev().max_by_key(|(likely, _)| *likely);
     best.map(|(_, source)| printable(&flag(topic_of(quantity), &source)))
 }
 
 /// The topics, one per line. Topics that can hold the channel come first and are marked.
-pub(super) fn listing(quantity: Quantity, topics: &[Seen<'_>]) -> String {
-    let mut sorted: Vec<&Seen<'_>> = topics.iter().collect();
+pub(super) fn listing(quantity: Quantity, topics: &[FoundTopic<'_>]) -> String {
+    let mut sorted: Vec<&FoundTopic<'_>> = topics.iter().collect();
     sorted.sort_by_key(|topic| topic.source(quantity).is_none());
     let mut text = format!("topics (* can hold {}):", topic_of(quantity));
     for topic in sorted.iter().take(LISTED) {
@@ -147,8 +147,8 @@ fn printable(text: &str) -> String {
 mod tests {
     use super::*;
 
-    fn seen<'a>(name: &'a str, type_name: &'a str, joints: Option<&'a JointState>) -> Seen<'a> {
-        Seen { name, type_name, encoding: "cdr", messages: 5, joints }
+    fn seen<'a>(name: &'a str, type_name: &'a str, joints: Option<&'a JointState>) -> FoundTopic<'a> {
+        FoundTopic { name, type_name, encoding: "cdr", messages: 5, joints }
     }
 
     #[test]
@@ -166,7 +166,7 @@ mod tests {
             seen("/wrench", "geometry_msgs/msg/WrenchStamped", None),
             seen("/i\u{1b}mu", "sensor_msgs/msg/Imu", None),
         ];
-        let line = |quantity, of: &[Seen<'_>]| line_for(quantity, of).unwrap_or_default();
+        let line = |quantity, of: &[FoundTopic<'_>]| line_for(quantity, of).unwrap_or_default();
         assert_eq!(line(Quantity::Displacement, &topics), "--map displacement=/joint_states:fl_damper");
         assert_eq!(line(Quantity::Displacement, &topics[..2]), "--map displacement=/susp/pos");
         // The joints have no efforts.

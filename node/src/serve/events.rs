@@ -29,27 +29,28 @@ pub(super) async fn stream(State(shared): State<Arc<Shared>>, headers: HeaderMap
     // Subscribe before `start` is made, so that no batch in between is missed.
     let batches = live.batches.subscribe();
     let (from, start) = {
-        let wall = live.wall();
-        let start = wall.start(live.now_s());
+        let registry = live.registry();
+        let start = registry.start(live.now_s());
         (start.batch, json(&start))
     };
     let start = Event::default().event("start").retry(RETRY).data(start);
-    let said = shared.workshop_for(&headers).map(|workshop| workshop.said());
-    let events = stream::once(async { start }).chain(select(after(batches, from, place), shop(said)));
+    let states = shared.workshop_for(&headers).map(|workshop| workshop.state_updates());
+    let events =
+        stream::once(async { start }).chain(select(after(batches, from, place), workshop_events(states)));
     Sse::new(events.map(Ok::<_, Infallible>)).into_response()
 }
 
 /// The state of the workshop, now and on every change; nothing without a workshop. This stream never ends, so that it cannot end
 /// the whole event stream.
-fn shop(said: Option<watch::Receiver<Arc<str>>>) -> impl Stream<Item = Event> {
-    stream::unfold((said, true), |(mut said, first)| async move {
-        let Some(receiver) = &mut said else { return std::future::pending().await };
+fn workshop_events(states: Option<watch::Receiver<Arc<str>>>) -> impl Stream<Item = Event> {
+    stream::unfold((states, true), |(mut states, first)| async move {
+        let Some(receiver) = &mut states else { return std::future::pending().await };
         // A slow reader gets several changes as one.
         if !first && receiver.changed().await.is_err() {
             return std::future::pending().await;
         }
         let event = Event::default().event("workshop").data(&**receiver.borrow_and_update());
-        Some((event, (said, false)))
+        Some((event, (states, false)))
     })
 }
 

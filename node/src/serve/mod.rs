@@ -1,27 +1,27 @@
 //! The web server of the live page: serves files that are compiled in, and an event stream.
 //!
 //! ```text
-//! watch/ ─→ Live ─┬→ GET /snapshot   all values as JSON
-//!                 └→ GET /events     server-sent events: start, then a batch every 20 ms
-//!           page/ ──→ GET /          the page, its style and its scripts
-//! workshop/ ←─────→ bench.rs         only with --workshop: diagnoses, uploads, replays; changes are POST requests
+//! watch/ ─→ LiveData ─┬→ GET /snapshot       all values as JSON
+//!                     └→ GET /events         server-sent events: start, then a batch every 20 ms
+//!               page/ ──→ GET /              the page, its style and its scripts
+//! workshop/ ←─────────→ workshop_routes.rs   only with --workshop: diagnoses, uploads, replays; changes are POST requests
 //! ```
 //!
 //! Without `--workshop` the server is read-only: no request of a browser reaches a damper, and only GET and HEAD are served. The
-//! server listens on loopback by default and checks the host and origin of requests (`guard.rs`). A reader that does not keep up
-//! loses batches and gets their number; nothing waits for it.
+//! server listens on loopback by default and checks the host and origin of requests (`request_check.rs`). A reader that does not
+//! keep up loses batches and gets their number; nothing waits for it.
 
-mod bench;
 mod events;
-mod guard;
+mod request_check;
 mod token;
+mod workshop_routes;
 
-pub use guard::{Guest, Hosts, require_loopback, require_loopback_for_workshop};
+pub use request_check::{AllowedOrigin, Hosts, require_loopback, require_loopback_for_workshop};
 pub use token::Token;
 
 use crate::error::NodeError;
-use crate::watch::{Hall, Origin, Snapshot, Wall, json};
-use crate::workshop::{State as Shop, Workshop};
+use crate::watch::{DamperRegistry, DataOrigin, SharedRegistry, Snapshot, json};
+use crate::workshop::{Workshop, WorkshopState};
 use axum::Router;
 use axum::extract::State;
 use axum::http::{HeaderMap, Method, StatusCode, header};
@@ -55,10 +55,10 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// Time limit for a client to send the head of a request.
 const HEAD_WITHIN: Duration = Duration::from_secs(10);
 
-/// The served data: the view of all dampers, and the batches made from it.
+/// The served data: the registry of all dampers, and the batches made from it.
 #[derive(Debug)]
-pub struct Live {
-    hall: Arc<Hall>,
+pub struct LiveData {
+    registry: Arc<SharedRegistry>,
     batches: broadcast::Sender<Batch>,
 }
 
@@ -69,28 +69,28 @@ struct Batch {
     json: Arc<str>,
 }
 
-impl Live {
-    /// An empty view for data from `origin`.
+impl LiveData {
+    /// An empty registry for data from `origin`.
     #[must_use]
-    pub fn of(origin: Origin) -> Self {
-        Self { hall: Arc::new(Hall::of(origin)), batches: broadcast::channel(BACKLOG).0 }
+    pub fn of(origin: DataOrigin) -> Self {
+        Self { registry: Arc::new(SharedRegistry::of(origin)), batches: broadcast::channel(BACKLOG).0 }
     }
 
-    /// The shared view of all dampers with its clock, for other writers.
+    /// The shared registry with its clock, for other writers.
     #[must_use]
-    pub fn hall(&self) -> Arc<Hall> {
-        Arc::clone(&self.hall)
+    pub fn shared_registry(&self) -> Arc<SharedRegistry> {
+        Arc::clone(&self.registry)
     }
 
-    /// Seconds since this was created, the clock of all data in the view.
+    /// Seconds since this was created, the clock of all data in the registry.
     #[must_use]
     pub fn now_s(&self) -> f64 {
-        self.hall.now_s()
+        self.registry.now_s()
     }
 
-    /// Locks the view of all dampers. Hold it only briefly.
-    pub fn wall(&self) -> MutexGuard<'_, Wall> {
-        self.hall.wall()
+    /// Locks the registry. Hold it only briefly.
+    pub fn registry(&self) -> MutexGuard<'_, DamperRegistry> {
+        self.registry.lock()
     }
 
     /// Makes a batch and sends it to all streams. Without streams it does nothing; the next stream begins with all points.
@@ -98,7 +98,7 @@ impl Live {
         if self.batches.receiver_count() == 0 {
             return;
         }
-        let (number, json) = self.wall().batch(self.now_s());
+        let (number, json) = self.registry().batch(self.now_s());
         // An error means that the last stream has just ended.
         let _ = self.batches.send(Batch { number, json: json.into() });
     }
@@ -107,12 +107,12 @@ impl Live {
 /// State that all request handlers share.
 #[derive(Debug)]
 struct Shared {
-    live: Arc<Live>,
+    live: Arc<LiveData>,
     hosts: Hosts,
-    guests: Vec<Guest>,
+    allowed_origins: Vec<AllowedOrigin>,
     places: Arc<Semaphore>,
     /// The workshop, if enabled, and the token that its page must send.
-    shop: Option<(Arc<Workshop>, Token)>,
+    workshop: Option<(Arc<Workshop>, Token)>,
 }
 
 /// The running server.
@@ -124,8 +124,8 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens on `address` and serves `live` from a separate thread, also to the allowed origins `guests`, and the workshop if there is
-    /// one.
+    /// Listens on `address` and serves `live` from a separate thread, also to the origins
+    /// `allowed_origins`, and the workshop if there is one.
     ///
     /// # Errors
     /// When the server cannot listen on the address (for example because the port is in use), or the system provides no thread or no
@@ -133,11 +133,11 @@ impl Server {
     pub fn start(
         address: SocketAddr,
         any_host: bool,
-        guests: &[Guest],
-        live: Arc<Live>,
+        allowed_origins: &[AllowedOrigin],
+        live: Arc<LiveData>,
         workshop: Option<Arc<Workshop>>,
     ) -> Result<Self, NodeError> {
-        let shop = workshop.map(|workshop| Token::new().map(|token| (workshop, token))).transpose()?;
+        let workshop = workshop.map(|workshop| Token::new().map(|token| (workshop, token))).transpose()?;
         let listening = |error: std::io::Error| {
             NodeError::Failed(format!(
                 "cannot listen on {address}: {error}; is another mr-damper serve running? To choose another port, use --listen {}:{}",
@@ -151,9 +151,9 @@ impl Server {
         let shared = Arc::new(Shared {
             live,
             hosts: Hosts::new(address, any_host),
-            guests: guests.to_vec(),
+            allowed_origins: allowed_origins.to_vec(),
             places: Arc::new(Semaphore::new(MOST_STREAMS)),
-            shop,
+            workshop,
         });
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -248,28 +248,28 @@ fn tune(stream: &TcpStream) {
 /// The page. Its comments `WORKSHOP HEAD` and `WORKSHOP BODY` mark where the parts of the workshop are inserted.
 const PAGE: &str = include_str!("page/page.html");
 /// The inserted parts when the workshop is enabled: in the head, and after the dampers.
-const SHOP_HEAD: &str = "<meta name=\"mr-damper-token\" content=\"TOKEN\">\n<link rel=\"stylesheet\" href=\"/workshop.css\">\n\
+const WORKSHOP_HEAD: &str = "<meta name=\"mr-damper-token\" content=\"TOKEN\">\n<link rel=\"stylesheet\" href=\"/workshop.css\">\n\
                          <script type=\"module\" src=\"/workshop.js\"></script>";
-const SHOP_BODY: &str = include_str!("page/workshop.html");
+const WORKSHOP_BODY: &str = include_str!("page/workshop.html");
 
 /// The page's other files: path, content type, content.
-const PARTS: [Piece; 3] = [
+const PAGE_FILES: [StaticFile; 3] = [
     ("/page.css", "text/css; charset=utf-8", include_str!("page/page.css")),
     ("/page.js", "text/javascript; charset=utf-8", include_str!("page/page.js")),
     ("/charts.js", "text/javascript; charset=utf-8", include_str!("page/charts.js")),
 ];
 /// Additional files of the workshop.
-const SHOP_PARTS: [Piece; 2] = [
+const WORKSHOP_FILES: [StaticFile; 2] = [
     ("/workshop.css", "text/css; charset=utf-8", include_str!("page/workshop.css")),
     ("/workshop.js", "text/javascript; charset=utf-8", include_str!("page/workshop.js")),
 ];
 
-type Piece = (&'static str, &'static str, &'static str);
+type StaticFile = (&'static str, &'static str, &'static str);
 
 /// The page as sent, with the workshop if there is a token.
 fn page(token: Option<&Token>) -> String {
     let (head, body) = match token {
-        Some(token) => (SHOP_HEAD.replace("TOKEN", token.text()), SHOP_BODY),
+        Some(token) => (WORKSHOP_HEAD.replace("TOKEN", token.text()), WORKSHOP_BODY),
         None => (String::new(), ""),
     };
     PAGE.replace("<!-- WORKSHOP HEAD -->\n", &format!("{head}\n").replace("\n\n", "\n"))
@@ -278,26 +278,26 @@ fn page(token: Option<&Token>) -> String {
 
 fn routes(shared: Arc<Shared>) -> Router {
     let mut router = Router::new().route("/snapshot", get(snapshot)).route("/events", get(events::stream));
-    let whole: Arc<str> = page(shared.shop.as_ref().map(|(_, token)| token)).into();
+    let whole: Arc<str> = page(shared.workshop.as_ref().map(|(_, token)| token)).into();
     let html = [(header::CONTENT_TYPE, "text/html; charset=utf-8")];
     router = router.route("/", get(move || async move { (html, String::from(&*whole)) }));
-    let parts = PARTS.into_iter().chain(shared.shop.iter().flat_map(|_| SHOP_PARTS));
-    for (path, kind, content) in parts {
+    let files = PAGE_FILES.into_iter().chain(shared.workshop.iter().flat_map(|_| WORKSHOP_FILES));
+    for (path, kind, content) in files {
         router = router.route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], content) }));
     }
-    router = match &shared.shop {
-        Some(shop) => router.merge(bench::routes(shop)),
-        None => bench::closed(router),
+    router = match &shared.workshop {
+        Some(workshop) => router.merge(workshop_routes::routes(workshop)),
+        None => workshop_routes::disabled(router),
     };
     router
         .fallback(|| async { (StatusCode::NOT_FOUND, "not found; available are /, /events and /snapshot\n") })
         .method_not_allowed_fallback(only_get)
-        .layer(from_fn_with_state(Arc::clone(&shared), guard::watch))
+        .layer(from_fn_with_state(Arc::clone(&shared), request_check::check))
         .with_state(shared)
 }
 
 async fn only_get(State(shared): State<Arc<Shared>>, method: Method) -> Response {
-    if shared.shop.is_some() {
+    if shared.workshop.is_some() {
         // axum adds the allowed methods.
         return (StatusCode::METHOD_NOT_ALLOWED, format!("{method} is not served here\n")).into_response();
     }
@@ -313,20 +313,20 @@ struct Everything<'a> {
     #[serde(flatten)]
     snapshot: Snapshot<'a>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    workshop: Option<Shop>,
+    workshop: Option<WorkshopState>,
 }
 
 impl Shared {
     /// The workshop for a request with these headers; `None` without a workshop, and for other allowed origins.
     fn workshop_for(&self, headers: &HeaderMap) -> Option<&Arc<Workshop>> {
-        let (workshop, _) = self.shop.as_ref()?;
-        guard::guest(&self.guests, headers).is_none().then_some(workshop)
+        let (workshop, _) = self.workshop.as_ref()?;
+        request_check::allowed_origin(&self.allowed_origins, headers).is_none().then_some(workshop)
     }
 }
 
 async fn snapshot(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response {
     let live = &shared.live;
     let workshop = shared.workshop_for(&headers).map(|workshop| workshop.state().clone());
-    let text = json(&Everything { snapshot: live.wall().snapshot(live.now_s()), workshop });
+    let text = json(&Everything { snapshot: live.registry().snapshot(live.now_s()), workshop });
     ([(header::CONTENT_TYPE, "application/json")], text).into_response()
 }

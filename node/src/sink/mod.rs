@@ -1,4 +1,4 @@
 //! Sinks for the pipeline's events. Each sink has its own ring and thread.
 
-pub mod ros;
+pub mod ros_sink;
 pub mod zenoh;

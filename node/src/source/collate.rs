@@ -72,11 +72,11 @@ impl Collator {
     }
 
     /// Sets whether the model needs measured velocity; its stamps are then assumed to be shared too.
-    pub fn want_velocity(&mut self, wanted: bool) {
-        if wanted != self.wants_velocity {
-            self.wants_velocity = wanted;
+    pub fn want_velocity(&mut self, needed: bool) {
+        if needed != self.wants_velocity {
+            self.wants_velocity = needed;
             for (channel, companion) in COMPANIONS.iter().zip(&mut self.companions) {
-                companion.shares = if *channel == Channel::Velocity { wanted } else { companion.shares };
+                companion.shares = if *channel == Channel::Velocity { needed } else { companion.shares };
             }
         }
     }

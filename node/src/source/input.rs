@@ -37,17 +37,17 @@ impl Number {
 }
 
 /// The number read from a message; `None` if the message does not contain it.
-pub(super) type Taken = Option<Number>;
+pub(super) type ReadNumber = Option<Number>;
 
 /// A message with one number.
-pub(super) trait Carries: Message {
+pub(super) trait CarriesNumber: Message {
     /// The message's number.
     fn taken(self) -> Number;
 }
 
 macro_rules! carries {
     ($($message:ty: $field:ident),+) => {
-        $(impl Carries for $message {
+        $(impl CarriesNumber for $message {
             fn taken(self) -> Number {
                 Number::new(self.header, self.$field)
             }
@@ -59,14 +59,14 @@ carries!(
     Temperature: temperature
 );
 
-impl Carries for Float64 {
+impl CarriesNumber for Float64 {
     fn taken(self) -> Number {
         Number { value: self.data, ..Number::default() }
     }
 }
 
 /// The number of one joint: position, velocity or effort, depending on `topic`.
-pub(super) fn of_joint(message: JointState, topic: &str, joint: &str) -> Taken {
+pub(super) fn of_joint(message: JointState, topic: &str, joint: &str) -> ReadNumber {
     let index = message.name.iter().position(|name| name == joint)?;
     let column = match topic {
         "displacement" => message.position,
@@ -128,7 +128,7 @@ pub fn inputs(args: &RosArgs, config: &Config) -> Result<Vec<InputTopic>, NodeEr
     TOPICS.into_iter().map(input).collect()
 }
 
-type Read = dyn Fn(&[u8]) -> Result<Taken, CdrError> + Send + Sync;
+type Read = dyn Fn(&[u8]) -> Result<ReadNumber, CdrError> + Send + Sync;
 
 /// Reads the messages of one topic from their bytes.
 pub(super) struct Reader {
@@ -163,7 +163,7 @@ impl Reader {
         })
     }
 
-    fn plain<M: Carries>() -> Self {
+    fn plain<M: CarriesNumber>() -> Self {
         let read = |bytes: &[u8]| Ok(Some(cdr::from_slice::<M>(bytes)?.taken()));
         Self { of: Descriptor::of::<M>(), read: Box::new(read) }
     }
@@ -172,7 +172,7 @@ impl Reader {
     ///
     /// # Errors
     /// When the bytes do not decode as this type.
-    pub(super) fn read(&self, bytes: &[u8]) -> Result<Taken, CdrError> {
+    pub(super) fn read(&self, bytes: &[u8]) -> Result<ReadNumber, CdrError> {
         (self.read)(bytes)
     }
 
@@ -191,7 +191,7 @@ mod tests {
         InputConfig { message_type: of.to_owned(), joint: joint.to_owned(), ..InputConfig::default() }
     }
 
-    fn read<M: Message>(topic: &'static str, settings: &InputConfig, message: &M) -> Taken {
+    fn read<M: Message>(topic: &'static str, settings: &InputConfig, message: &M) -> ReadNumber {
         let reader = Reader::of(topic, settings).expect("it can be read");
         assert_eq!(reader.of, Descriptor::of::<M>(), "{topic}");
         assert_eq!(reader.is_unstamped(), M::TYPE == Float64::TYPE, "{topic}");

@@ -2,10 +2,10 @@
 
 pub mod collate;
 mod input;
-pub mod ros;
+pub mod ros_source;
 mod stamp;
 mod writers;
 pub mod zenoh;
 
 pub use input::{InputTopic, inputs};
-pub use writers::{Writer, Writers};
+pub use writers::Writers;

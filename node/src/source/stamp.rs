@@ -16,7 +16,7 @@
 //! Stamps of one channel never repeat as long as its publisher's clock does not go back: an equal stamp becomes one
 //! nanosecond later.
 
-use super::writers::Writer;
+use crate::graph::Writer;
 use mr_damper_model::sample::Stamp;
 
 /// Largest accepted offset of a publisher's clock, s. No network delays a sample for so long.
@@ -38,7 +38,7 @@ const DRAWN: i64 = 8;
 
 /// Data of the middleware about a message.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Origin {
+pub(super) struct SampleOrigin {
     /// The message's publisher.
     pub(super) writer: Writer,
     /// Time of sending by the publisher's clock, ns.
@@ -84,7 +84,7 @@ pub(super) struct Ticks {
 
 impl Ticks {
     /// Takes a tick that was sent at `sent_ns` of the system's time.
-    pub(super) fn hear(&mut self, now: Stamp, sent_ns: i64) {
+    pub(super) fn observe(&mut self, now: Stamp, sent_ns: i64) {
         if self.last.is_some_and(|(before, _)| before.now == now) {
             return;
         }
@@ -122,7 +122,7 @@ pub(super) struct Stamper {
 
 impl Stamper {
     /// The stamp for a sample of `topic` that arrived without one.
-    pub(super) fn stamp(&mut self, topic: &str, origin: &Origin, times: &Times) -> Stamp {
+    pub(super) fn stamp(&mut self, topic: &str, origin: &SampleOrigin, times: &Times) -> Stamp {
         let sent_ns = self.sent_ns(topic, origin, times.wall);
         let stamp = match times.simulated {
             Some(simulated) => self.near_tick(sent_ns, simulated),
@@ -142,7 +142,7 @@ impl Stamper {
     }
 
     /// The time of sending of a sample, ns, or the time of reception if the former is not credible.
-    fn sent_ns(&mut self, topic: &str, origin: &Origin, wall: Stamp) -> i64 {
+    fn sent_ns(&mut self, topic: &str, origin: &SampleOrigin, wall: Stamp) -> i64 {
         let Some(sent_ns) = origin.sent_ns else { return origin.arrived_ns };
         let off_s = wall.since(Stamp::from_nanos(sent_ns)).get();
         if off_s.abs() <= CLOCK_OFF_S {
@@ -184,8 +184,8 @@ mod tests {
 
     const NOW_NS: i64 = 1_700_000_000_000_000_000;
 
-    fn origin(sent_ns: Option<i64>, arrived_ns: i64) -> Origin {
-        Origin { writer: [1; 16], sent_ns, arrived_ns }
+    fn origin(sent_ns: Option<i64>, arrived_ns: i64) -> SampleOrigin {
+        SampleOrigin { writer: [1; 16], sent_ns, arrived_ns }
     }
 
     /// The stamps of samples with these times of sending and reception, polled at one time; in ns after `NOW_NS`.
@@ -240,12 +240,12 @@ mod tests {
     fn in_ticks(step_ms: i64, every_ms: i64) -> Vec<f64> {
         let (mut ticks, mut stamper) = (Ticks::default(), Stamper::default());
         let at = |ms: i64| NOW_NS + ms * 1_000_000;
-        ticks.hear(Stamp::from_nanos(1_000_000_000 - step_ms * 1_000_000), at(-every_ms));
+        ticks.observe(Stamp::from_nanos(1_000_000_000 - step_ms * 1_000_000), at(-every_ms));
         let mut stamps = Vec::new();
         for ms in 0..3 * every_ms {
             if ms % every_ms == 0 {
                 let tick = Stamp::from_nanos(1_000_000_000 + ms / every_ms * step_ms * 1_000_000);
-                ticks.hear(tick, at(ms));
+                ticks.observe(tick, at(ms));
             }
             let now = Stamp::from_nanos(1_000_000_000 + ms / every_ms * step_ms * 1_000_000);
             let times = Times { wall: Stamp::from_nanos(at(ms + 1)), simulated: Some(ticks.at(now)) };
@@ -270,8 +270,8 @@ mod tests {
         let mut stamper = Stamper::default();
         let tick = |s: i64| Stamp::from_nanos(s * 1_000_000_000);
         let mut ticks = Ticks::default();
-        ticks.hear(tick(9), NOW_NS);
-        ticks.hear(tick(10), NOW_NS + 1_000_000_000);
+        ticks.observe(tick(9), NOW_NS);
+        ticks.observe(tick(10), NOW_NS + 1_000_000_000);
         let mut stamp = |now: Stamp, ms: i64, ticks: &Ticks| {
             let sent_ns = NOW_NS + ms * 1_000_000;
             let times = Times { wall: Stamp::from_nanos(sent_ns), simulated: Some(ticks.at(now)) };
@@ -280,10 +280,10 @@ mod tests {
         let stood: Vec<Stamp> = (0..5).map(|s| stamp(tick(10), 1000 + s * 1000, &ticks)).collect();
         assert!(stood.is_sorted_by(|a, b| a < b), "{stood:?}");
         assert_eq!(stood[1..], [tick(11), tick(12), tick(13), tick(13).shifted(1)]);
-        ticks.hear(tick(1), NOW_NS + 7_000_000_000);
+        ticks.observe(tick(1), NOW_NS + 7_000_000_000);
         assert_eq!(stamp(tick(1), 7001, &ticks), tick(1), "time went back");
-        ticks.hear(tick(2), NOW_NS + 8_000_000_000);
-        ticks.hear(tick(1), NOW_NS + 9_000_000_000);
+        ticks.observe(tick(2), NOW_NS + 8_000_000_000);
+        ticks.observe(tick(1), NOW_NS + 9_000_000_000);
         assert_eq!(
             stamp(tick(1), 9001, &ticks),
             tick(1),

@@ -3,10 +3,8 @@
 //! When one publisher ends and another begins, this is a restart: the first does not send again. Two simultaneous
 //! publishers alternate: a sample of the first, then of the second, then of the first again, all within [`TOGETHER`].
 
+use crate::graph::Writer;
 use std::time::{Duration, Instant};
-
-/// Identity of a publisher: its GUID in DDS, or its gid on rmw_zenoh.
-pub type Writer = [u8; 16];
 
 /// Two publishers that alternate within this time publish simultaneously. The finding stays valid for the same time
 /// after the last such sample.
@@ -81,12 +79,12 @@ mod tests {
     fn story(samples: &str) -> (String, Writers, Instant) {
         let (start, mut writers) = (Instant::now(), Writers::default());
         let at = |sample: &str| start + Duration::from_millis(sample[1..].parse().expect("a number"));
-        let mut told = String::new();
+        let mut marks = String::new();
         for sample in samples.split(' ') {
             writers.note([sample.as_bytes()[0]; 16], at(sample));
-            told.push(if writers.are_mixed(at(sample)) { 'M' } else { '-' });
+            marks.push(if writers.are_mixed(at(sample)) { 'M' } else { '-' });
         }
-        (told, writers, start)
+        (marks, writers, start)
     }
 
     #[test]

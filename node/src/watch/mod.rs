@@ -1,32 +1,35 @@
 //! Live view of dampers for `mr-damper serve` and `mr-damper top`: values, charts and their ages.
 //!
 //! ```text
-//! ROS topics ───→ ros.rs ───┬→ News ─→ Picture (one per damper) ─→ Wall (all) ─┬→ JSON ─→ serve/
-//! Zenoh mirror ─→ zenoh.rs ─┘                                                  └→ screen.rs, on the terminal
+//! ROS topics ───→ ros_watcher.rs ───┬→ DamperMessage ─→ DamperView (each) ─→ DamperRegistry (all) ─┬→ JSON ─→ serve/
+//! Zenoh mirror ─→ zenoh_watcher.rs ─┘                                                              └→ screen.rs, on the terminal
 //! ```
 //!
-//! A view is an ordinary subscriber and sends nothing to a node. Only `ros.rs` uses ROS, and only `zenoh.rs` uses Zenoh; the rest is
-//! plain data with time as an argument.
+//! A watcher is an ordinary subscriber and sends nothing to a node. Only `ros_watcher.rs` uses ROS, and only `zenoh_watcher.rs` uses
+//! Zenoh; the rest is plain data with time as an argument.
 
-pub mod found;
-mod hall;
-mod news;
-mod picture;
-pub mod ros;
+mod damper_message;
+mod damper_state;
+mod damper_view;
+pub mod discovery;
+mod point_buffer;
+mod registry;
+pub mod ros_watcher;
 pub mod screen;
+mod shared_registry;
 mod slope;
 pub mod source;
-mod state;
-mod trail;
-mod wall;
-pub mod zenoh;
+pub mod zenoh_watcher;
 
-pub use hall::Hall;
-pub use news::{News, TOPICS};
-pub use picture::{Cursor, Picture, Points, STALE_S};
-pub use state::{Aged, Change, Command, Drive, Estimate, Level, Measured, Residual, State};
-pub use trail::{KEPT_S, Point, Trail};
-pub use wall::{MOST_DAMPERS, Origin, SCHEMA, Snapshot, Wall, json};
+pub use damper_message::{DamperMessage, TOPICS};
+pub use damper_state::{
+    Aged, CommandReading, DamperState, DriveReading, EstimateReading, MeasuredReading, PastModeChange,
+    ResidualReading, StatusLevel,
+};
+pub use damper_view::{ChartCursor, ChartPoints, DamperView, STALE_S};
+pub use point_buffer::{ChartPoint, KEPT_S, PointBuffer};
+pub use registry::{DamperRegistry, DataOrigin, MOST_DAMPERS, SCHEMA, Snapshot, json};
+pub use shared_registry::SharedRegistry;
 
 #[cfg(test)]
 mod tests;

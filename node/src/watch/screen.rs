@@ -1,7 +1,7 @@
 //! Terminal view of all dampers: one row per damper, and details of the selected one below.
 
-use super::picture::Points;
-use super::state::{Aged, Level, State};
+use super::damper_state::{Aged, DamperState, StatusLevel};
+use super::damper_view::ChartPoints;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
@@ -14,22 +14,22 @@ const CHART_S: f64 = 5.0;
 
 /// Contents of the screen.
 #[derive(Debug)]
-pub struct View<'a> {
+pub struct ScreenContent<'a> {
     /// All dampers.
-    pub states: &'a [State],
+    pub states: &'a [DamperState],
     /// Index of the selected damper.
     pub selected: usize,
     /// The points of the selected damper's chart.
-    pub points: Option<&'a Points<'a>>,
+    pub points: Option<&'a ChartPoints<'a>>,
     /// Seconds since the screen was frozen; `None` when it is live.
     pub frozen_s: Option<f64>,
     /// Origin of the data, as text.
     pub origin: &'a str,
 }
 
-/// Draws the view over the whole frame.
-pub fn draw(frame: &mut Frame<'_>, view: &View<'_>) {
-    let rows = u16::try_from(view.states.len()).unwrap_or(u16::MAX).saturating_add(1);
+/// Draws the content over the whole frame.
+pub fn draw(frame: &mut Frame<'_>, content: &ScreenContent<'_>) {
+    let rows = u16::try_from(content.states.len()).unwrap_or(u16::MAX).saturating_add(1);
     let [top, table, status, detail, chart, foot] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(rows.clamp(2, 17)),
@@ -39,35 +39,35 @@ pub fn draw(frame: &mut Frame<'_>, view: &View<'_>) {
         Constraint::Length(1),
     ])
     .areas(frame.area());
-    draw_top(frame, top, view);
-    draw_table(frame, table, view);
-    if let Some(state) = view.states.get(view.selected) {
+    draw_top(frame, top, content);
+    draw_table(frame, table, content);
+    if let Some(state) = content.states.get(content.selected) {
         let words = format!("{}: {}", state.name, state.status);
         let words = Paragraph::new(words).wrap(Wrap { trim: true }).style(level_style(state.level));
         frame.render_widget(words, status);
         draw_detail(frame, detail, state);
-        draw_chart(frame, chart, view.points, state.level == Level::Silent);
+        draw_chart(frame, chart, content.points, state.level == StatusLevel::Silent);
     }
     let keys = "↑ ↓ or 1 to 9 select · space freezes · q ends";
     frame.render_widget(Line::from(keys).add_modifier(Modifier::DIM), foot);
 }
 
-fn draw_top(frame: &mut Frame<'_>, area: Rect, view: &View<'_>) {
+fn draw_top(frame: &mut Frame<'_>, area: Rect, content: &ScreenContent<'_>) {
     let mut spans =
-        vec![Span::from(" mr-damper top ").bold().reversed(), Span::from(format!(" {}", view.origin))];
-    if let Some(frozen_s) = view.frozen_s {
+        vec![Span::from(" mr-damper top ").bold().reversed(), Span::from(format!(" {}", content.origin))];
+    if let Some(frozen_s) = content.frozen_s {
         let text = format!("  FROZEN {frozen_s:.0} s ago: values are from that time ");
         spans.push(Span::from(text).fg(Color::Black).bg(Color::Yellow));
     }
     frame.render_widget(Line::from(spans), area);
 }
 
-fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View<'_>) {
-    if view.states.is_empty() {
+fn draw_table(frame: &mut Frame<'_>, area: Rect, content: &ScreenContent<'_>) {
+    if content.states.is_empty() {
         frame.render_widget(Line::from("no damper found yet: force_estimate is not published"), area);
         return;
     }
-    let rows = view.states.iter().enumerate().map(|(index, state)| row(state, index == view.selected));
+    let rows = content.states.iter().enumerate().map(|(index, state)| row(state, index == content.selected));
     let numbers = ["est. N", "meas. N", "resid. N"].map(|name| format!("{name:>8}"));
     let head = ["damper".into(), "mode".into(), "validity".into()].into_iter().chain(numbers);
     let head = head.chain([format!("{:>6}", "A"), format!("{:>5}", "Hz")]);
@@ -86,7 +86,7 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View<'_>) {
 }
 
 /// A damper's row. A stale value is replaced by a dash, so that it cannot be mistaken for a current one.
-fn row(state: &State, is_selected: bool) -> Row<'static> {
+fn row(state: &DamperState, is_selected: bool) -> Row<'static> {
     let style = level_style(state.level);
     let estimate = state.estimate.as_ref().filter(|estimate| !estimate.stale).map(|estimate| &estimate.value);
     let measured = fresh(state.measured.as_ref()).map(|measured| measured.force_n);
@@ -125,7 +125,7 @@ fn figure(value: Option<f64>, digits: usize) -> String {
     value.filter(|value| value.is_finite()).map_or("-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
-fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &State) {
+fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &DamperState) {
     let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(area);
     let mut lines = Vec::new();
     if let Some(estimate) = fresh(state.estimate.as_ref()) {
@@ -142,8 +142,9 @@ fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &State) {
     }
     if let Some(command) = fresh(state.command.as_ref()) {
         let ends = [command.achievable_min_n, command.achievable_max_n].map(|end| figure(Some(end), 0));
-        let asked = figure(Some(command.force_requested_n), 0);
-        lines.push(format!("demand {asked} of {} to {} N, limit {}", ends[0], ends[1], command.limited_by));
+        let demanded = figure(Some(command.force_requested_n), 0);
+        lines
+            .push(format!("demand {demanded} of {} to {} N, limit {}", ends[0], ends[1], command.limited_by));
     }
     let now = Paragraph::new(lines.join("\n")).block(Block::bordered().title(" now "));
     frame.render_widget(now, left);
@@ -155,7 +156,7 @@ fn draw_detail(frame: &mut Frame<'_>, area: Rect, state: &State) {
     frame.render_widget(changes.block(Block::bordered().title(" changes of mode ")), right);
 }
 
-fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&Points<'_>>, is_silent: bool) {
+fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&ChartPoints<'_>>, is_silent: bool) {
     let series = |is_estimate: bool| -> Vec<(f64, f64)> {
         let Some(points) = points else { return Vec::new() };
         if is_estimate {
@@ -196,7 +197,7 @@ fn draw_chart(frame: &mut Frame<'_>, area: Rect, points: Option<&Points<'_>>, is
 
 /// A damper in one line, for output that is not a terminal.
 #[must_use]
-pub fn line(state: &State) -> String {
+pub fn line(state: &DamperState) -> String {
     let mut text = format!("{}: {}", state.name, state.status);
     if let Some(estimate) = fresh(state.estimate.as_ref()) {
         text += &format!("; F {} N", figure(Some(estimate.force_n), 1));
@@ -214,11 +215,11 @@ pub fn line(state: &State) -> String {
     text + &format!("; {:.0} Hz", state.rates_hz.get("force_estimate").copied().unwrap_or(0.0))
 }
 
-const fn level_style(level: Level) -> Style {
+const fn level_style(level: StatusLevel) -> Style {
     match level {
-        Level::Good => Style::new(),
-        Level::Warning => Style::new().fg(Color::Yellow),
-        Level::Bad | Level::Silent => Style::new().fg(Color::Red),
+        StatusLevel::Good => Style::new(),
+        StatusLevel::Warning => Style::new().fg(Color::Yellow),
+        StatusLevel::Bad | StatusLevel::Silent => Style::new().fg(Color::Red),
     }
 }
 

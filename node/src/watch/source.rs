@@ -1,10 +1,9 @@
-//! Source of the data for a view: ROS topics or the Zenoh mirror, as the command line says.
+//! Source of the data: ROS topics or the Zenoh mirror, as the command line says.
 
-use super::ros::RosSource;
-use super::wall::{Origin, Wall};
-use super::zenoh::ZenohSource;
-use crate::command::Surroundings;
-use crate::config::Config;
+use super::registry::{DamperRegistry, DataOrigin};
+use super::ros_watcher::RosWatcher;
+use super::zenoh_watcher::ZenohWatcher;
+use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::ros;
 use std::path::PathBuf;
@@ -30,27 +29,27 @@ pub struct SourceArgs {
 impl SourceArgs {
     /// Origin of the data.
     #[must_use]
-    pub const fn origin(&self) -> Origin {
-        if self.zenoh.is_some() { Origin::Zenoh } else { Origin::Ros }
+    pub const fn origin(&self) -> DataOrigin {
+        if self.zenoh.is_some() { DataOrigin::Zenoh } else { DataOrigin::Ros }
     }
 }
 
 /// A source of data.
-pub enum Source {
+pub enum DataSource {
     /// ROS topics.
-    Ros(Box<RosSource>),
+    Ros(Box<RosWatcher>),
     /// The Zenoh mirror.
-    Zenoh(ZenohSource),
+    Zenoh(ZenohWatcher),
 }
 
-impl Source {
+impl DataSource {
     /// Starts the source. In ROS it is a node named `name`, unless the ROS arguments give another name.
     ///
     /// # Errors
-    /// Errors of [`RosSource::start`] and [`ZenohSource::start`].
-    pub fn start(args: &SourceArgs, around: &Surroundings, name: &str) -> Result<Self, NodeError> {
+    /// Errors of [`RosWatcher::start`] and [`ZenohWatcher::start`].
+    pub fn start(args: &SourceArgs, ros_args: &RosArgs, name: &str) -> Result<Self, NodeError> {
         if let Some(endpoint) = &args.zenoh {
-            return ZenohSource::start(endpoint, args.zenoh_config.as_deref(), &args.dampers)
+            return ZenohWatcher::start(endpoint, args.zenoh_config.as_deref(), &args.dampers)
                 .map(Self::Zenoh);
         }
         // Checked here, because clap's `requires` is not enforced when --zenoh conflicts with another given option.
@@ -61,44 +60,43 @@ impl Source {
             )));
         }
         let config = Config { domain_id: args.domain_id, ..Config::default() };
-        let name = around.ros_args.node.as_deref().unwrap_or(name);
-        RosSource::start(&config, &around.ros_args, name, &args.dampers)
-            .map(|source| Self::Ros(Box::new(source)))
+        let name = ros_args.node.as_deref().unwrap_or(name);
+        RosWatcher::start(&config, ros_args, name, &args.dampers).map(|watcher| Self::Ros(Box::new(watcher)))
     }
 
-    /// Records all received messages in the view `wall`.
+    /// Records all received messages in `registry`.
     ///
     /// # Errors
     /// When a subscription fails, or ROS has ended.
-    pub fn bring(&mut self, wall: &mut Wall, now_s: f64) -> Result<(), NodeError> {
+    pub fn poll(&mut self, registry: &mut DamperRegistry, now_s: f64) -> Result<(), NodeError> {
         match self {
-            Self::Ros(source) => {
-                source.look(wall, now_s)?;
-                source.drain(wall, now_s);
-                source.check()?;
+            Self::Ros(watcher) => {
+                watcher.discover(registry, now_s)?;
+                watcher.drain(registry, now_s);
+                watcher.check()?;
             }
             // Zenoh reconnects by itself.
-            Self::Zenoh(source) => {
-                source.look(wall, now_s);
-                source.drain(wall, now_s);
+            Self::Zenoh(watcher) => {
+                watcher.check_connection(registry, now_s);
+                watcher.drain(registry, now_s);
             }
         }
         Ok(())
     }
 
     /// Ignores the damper in the ROS namespace `namespace`. This has no effect on a Zenoh source.
-    pub fn leave_out(&mut self, namespace: &str) {
-        if let Self::Ros(source) = self {
-            source.leave_out(namespace);
+    pub fn ignore(&mut self, namespace: &str) {
+        if let Self::Ros(watcher) = self {
+            watcher.ignore(namespace);
         }
     }
 
     /// Names and namespaces of the dampers that can be asked for a diagnosis over ROS; none with a Zenoh source.
     #[must_use]
-    pub fn askable(&self) -> Vec<(String, String)> {
+    pub fn diagnosable(&self) -> Vec<(String, String)> {
         match self {
-            Self::Ros(source) => {
-                source.watched().map(|(name, namespace)| (name.to_owned(), namespace.to_owned())).collect()
+            Self::Ros(watcher) => {
+                watcher.watched().map(|(name, namespace)| (name.to_owned(), namespace.to_owned())).collect()
             }
             Self::Zenoh(_) => Vec::new(),
         }
@@ -107,8 +105,8 @@ impl Source {
     /// Stops the source.
     pub fn stop(self) {
         match self {
-            Self::Ros(source) => source.stop(),
-            Self::Zenoh(source) => source.stop(),
+            Self::Ros(watcher) => watcher.stop(),
+            Self::Zenoh(watcher) => watcher.stop(),
         }
     }
 }

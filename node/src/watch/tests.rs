@@ -13,12 +13,12 @@ fn header(at_s: f64) -> mr_damper_msgs::standard::Header {
     crate::wire::header(Stamp::from_nanos(1_700_000_000_000_000_000).shifted((at_s * 1e9).round() as i64), "")
 }
 
-fn displacement(at_s: f64, displacement: f64) -> News {
-    News::Displacement(Displacement { header: header(at_s), displacement, variance: 0.0 })
+fn displacement(at_s: f64, displacement: f64) -> DamperMessage {
+    DamperMessage::Displacement(Displacement { header: header(at_s), displacement, variance: 0.0 })
 }
 
-fn estimate(at_s: f64, mode: Mode, validity: Validity, reasons: Reasons) -> News {
-    News::Estimate(ForceEstimate {
+fn estimate(at_s: f64, mode: Mode, validity: Validity, reasons: Reasons) -> DamperMessage {
+    DamperMessage::Estimate(ForceEstimate {
         header: header(at_s),
         force: -120.5,
         std_dev: 10.25,
@@ -33,8 +33,8 @@ fn estimate(at_s: f64, mode: Mode, validity: Validity, reasons: Reasons) -> News
     })
 }
 
-fn residual(at_s: f64, alarm: bool) -> News {
-    News::Residual(ForceResidual {
+fn residual(at_s: f64, alarm: bool) -> DamperMessage {
+    DamperMessage::Residual(ForceResidual {
         header: header(at_s),
         measured: -118.0,
         predicted: -120.5,
@@ -47,33 +47,33 @@ fn residual(at_s: f64, alarm: bool) -> News {
     })
 }
 
-fn force(at_s: f64, force: f64) -> News {
-    News::MeasuredForce(Force { header: header(at_s), force, variance: 0.0 })
+fn force(at_s: f64, force: f64) -> DamperMessage {
+    DamperMessage::MeasuredForce(Force { header: header(at_s), force, variance: 0.0 })
 }
 
 /// The condition of the damper as the page shows it.
-fn says(picture: &Picture, now_s: f64) -> String {
-    let state = picture.state(now_s);
+fn says(view: &DamperView, now_s: f64) -> String {
+    let state = view.state(now_s);
     let level = serde_json::to_string(&state.level).expect("JSON");
     format!("{now_s} {}: {}", level.trim_matches('"'), state.status)
 }
 
 #[test]
 fn the_status_describes_the_damper_and_silence_has_priority() {
-    let mut picture = Picture::new("left");
-    let mut said = vec![says(&picture, 0.0)];
-    picture.take(displacement(0.0, 0.0), 0.1);
-    said.push(says(&picture, 0.3));
-    picture.take(estimate(0.0, Mode::Arx, Validity::Valid, Reasons::NONE), 1.0);
-    said.push(says(&picture, 1.5));
-    said.push(says(&picture, 2.0));
-    said.push(says(&picture, 2.001));
-    picture.take(residual(0.1, true), 3.0);
-    picture.take(estimate(0.1, Mode::Model, Validity::Valid, Reasons::NONE), 3.0);
-    said.push(says(&picture, 3.5));
-    picture.take(estimate(0.2, Mode::Model, Validity::Degraded, Reasons::LATE | Reasons::SENSOR_STUCK), 4.5);
-    said.push(says(&picture, 4.5));
-    picture.take(
+    let mut view = DamperView::new("left");
+    let mut shown = vec![says(&view, 0.0)];
+    view.take(displacement(0.0, 0.0), 0.1);
+    shown.push(says(&view, 0.3));
+    view.take(estimate(0.0, Mode::Arx, Validity::Valid, Reasons::NONE), 1.0);
+    shown.push(says(&view, 1.5));
+    shown.push(says(&view, 2.0));
+    shown.push(says(&view, 2.001));
+    view.take(residual(0.1, true), 3.0);
+    view.take(estimate(0.1, Mode::Model, Validity::Valid, Reasons::NONE), 3.0);
+    shown.push(says(&view, 3.5));
+    view.take(estimate(0.2, Mode::Model, Validity::Degraded, Reasons::LATE | Reasons::SENSOR_STUCK), 4.5);
+    shown.push(says(&view, 4.5));
+    view.take(
         estimate(
             0.3,
             Mode::Fault,
@@ -82,12 +82,12 @@ fn the_status_describes_the_damper_and_silence_has_priority() {
         ),
         5.0,
     );
-    said.push(says(&picture, 5.0));
-    picture.take(displacement(0.4, 0.0), 7.9);
-    said.push(says(&picture, 8.2));
-    said.push(says(&picture, 305.0));
+    shown.push(says(&view, 5.0));
+    view.take(displacement(0.4, 0.0), 7.9);
+    shown.push(says(&view, 8.2));
+    shown.push(says(&view, 305.0));
     assert_eq!(
-        said,
+        shown,
         [
             "0 silent: no estimate received yet; no displacement either: is the node running, and does a sensor publish?",
             "0.3 silent: no estimate received yet; displacement is received: is the node active?",
@@ -105,12 +105,15 @@ fn the_status_describes_the_damper_and_silence_has_priority() {
 
 #[test]
 fn values_equal_those_in_the_messages_and_have_ages() {
-    let mut picture = Picture::new("left");
-    picture.take(estimate(0.5, Mode::Arx, Validity::Valid, Reasons::NONE), 1.0);
-    picture.take(residual(0.25, false), 1.25);
-    picture.take(News::CoilCurrent(CoilCurrent { header: header(0.5), current: 0.75, variance: 0.0 }), 1.5);
-    picture.take(
-        News::Command(CurrentCommand {
+    let mut view = DamperView::new("left");
+    view.take(estimate(0.5, Mode::Arx, Validity::Valid, Reasons::NONE), 1.0);
+    view.take(residual(0.25, false), 1.25);
+    view.take(
+        DamperMessage::CoilCurrent(CoilCurrent { header: header(0.5), current: 0.75, variance: 0.0 }),
+        1.5,
+    );
+    view.take(
+        DamperMessage::Command(CurrentCommand {
             header: header(0.5),
             current: 1.5,
             force_requested: -500.0,
@@ -123,15 +126,20 @@ fn values_equal_those_in_the_messages_and_have_ages() {
         }),
         0.5,
     );
-    picture.take(
-        News::Mode(ModeChange { header: header(0.1), from_mode: 4, to_mode: 9, reason: "newer".to_owned() }),
+    view.take(
+        DamperMessage::Mode(ModeChange {
+            header: header(0.1),
+            from_mode: 4,
+            to_mode: 9,
+            reason: "newer".to_owned(),
+        }),
         1.0,
     );
-    picture.note_unreadable();
-    let mut wall = Wall::default();
-    wall.add("left");
-    *wall.picture("left").expect("it was added") = picture;
-    let json = serde_json::to_value(wall.snapshot(2.0)).expect("JSON");
+    view.note_unreadable();
+    let mut registry = DamperRegistry::default();
+    registry.add("left");
+    *registry.view("left").expect("it was added") = view;
+    let json = serde_json::to_value(registry.snapshot(2.0)).expect("JSON");
     let zero_ns = 1_700_000_000_000_000_000_i64;
     assert_eq!(
         json,
@@ -169,40 +177,40 @@ fn values_equal_those_in_the_messages_and_have_ages() {
 
 #[test]
 fn measured_force_is_taken_from_the_node_if_the_node_reports_it() {
-    let mut picture = Picture::new("left");
-    let shown =
-        |picture: &Picture, now_s| picture.state(now_s).measured.map(|measured| measured.value.force_n);
-    picture.take(force(0.0, 118.0), 0.0);
-    assert_eq!(shown(&picture, 0.0), Some(118.0), "as published on its topic");
-    picture.take(residual(0.1, false), 0.1);
-    picture.take(force(0.2, 118.0), 0.2);
-    assert_eq!(shown(&picture, 0.2), Some(-118.0), "with the node's sign");
-    picture.take(force(2.0, 119.0), 2.0);
-    assert_eq!(shown(&picture, 2.0), Some(119.0));
-    let volts = News::CommandVoltage(CommandVoltage { header: header(2.0), voltage: 2.5, variance: 0.0 });
-    picture.take(volts, 2.0);
-    let drive = picture.state(2.0).drive.expect("a drive").value;
-    assert_eq!(drive, Drive { unit: "V", value: 2.5 });
+    let mut view = DamperView::new("left");
+    let shown = |view: &DamperView, now_s| view.state(now_s).measured.map(|measured| measured.value.force_n);
+    view.take(force(0.0, 118.0), 0.0);
+    assert_eq!(shown(&view, 0.0), Some(118.0), "as published on its topic");
+    view.take(residual(0.1, false), 0.1);
+    view.take(force(0.2, 118.0), 0.2);
+    assert_eq!(shown(&view, 0.2), Some(-118.0), "with the node's sign");
+    view.take(force(2.0, 119.0), 2.0);
+    assert_eq!(shown(&view, 2.0), Some(119.0));
+    let volts =
+        DamperMessage::CommandVoltage(CommandVoltage { header: header(2.0), voltage: 2.5, variance: 0.0 });
+    view.take(volts, 2.0);
+    let drive = view.state(2.0).drive.expect("a drive").value;
+    assert_eq!(drive, DriveReading { unit: "V", value: 2.5 });
 }
 
 #[test]
 fn charts_continue_from_batch_to_batch_and_restart_when_time_is_set_back() {
-    let mut wall = Wall::default();
-    wall.add("right");
-    wall.add("left");
-    wall.add("left");
-    let play = |wall: &mut Wall, from: u32, to: u32| {
+    let mut registry = DamperRegistry::default();
+    registry.add("right");
+    registry.add("left");
+    registry.add("left");
+    let play = |registry: &mut DamperRegistry, from: u32, to: u32| {
         for k in from..to {
             let at_s = f64::from(k) * 0.01;
-            wall.take("left", displacement(at_s, 0.5 * at_s), at_s);
-            wall.take("left", estimate(at_s, Mode::Model, Validity::Valid, Reasons::NONE), at_s);
-            wall.take("left", residual(at_s, false), at_s);
-            wall.take("nobody", residual(at_s, false), at_s);
+            registry.take("left", displacement(at_s, 0.5 * at_s), at_s);
+            registry.take("left", estimate(at_s, Mode::Model, Validity::Valid, Reasons::NONE), at_s);
+            registry.take("left", residual(at_s, false), at_s);
+            registry.take("nobody", residual(at_s, false), at_s);
         }
     };
     let parsed = |text: &str| serde_json::from_str::<serde_json::Value>(text).expect("JSON");
-    play(&mut wall, 0, 10);
-    let (number, first) = wall.batch(0.1);
+    play(&mut registry, 0, 10);
+    let (number, first) = registry.batch(0.1);
     let first = parsed(&first);
     assert_eq!((number, &first["batch"], &first["points"][0]["era"]), (1, &expected!(1), &expected!(0)));
     assert_eq!(first["dampers"][0]["name"], "left", "in the order of names, each once");
@@ -213,64 +221,70 @@ fn charts_continue_from_batch_to_batch_and_restart_when_time_is_set_back() {
     assert_eq!(first["points"][0]["velocity"][0], expected!([0.01, 0.5]));
     assert_eq!(first["points"][0]["estimate"].as_array().map(Vec::len), Some(10));
 
-    play(&mut wall, 10, 13);
-    let second = parsed(&wall.batch(0.13).1);
+    play(&mut registry, 10, 13);
+    let second = parsed(&registry.batch(0.13).1);
     assert_eq!(second.get("dampers"), None, "values are sent with every fifth batch");
     assert_eq!(second["points"][0]["residual"], expected!([[0.1, 2.5], [0.11, 2.5], [0.12, 2.5]]));
-    assert_eq!(parsed(&wall.batch(0.14).1), expected!({"now_s": 0.14, "batch": 3}), "nothing is new");
+    assert_eq!(parsed(&registry.batch(0.14).1), expected!({"now_s": 0.14, "batch": 3}), "nothing is new");
 
-    play(&mut wall, 400, 402);
-    play(&mut wall, 100, 102);
-    let anew = parsed(&wall.batch(4.0).1);
+    play(&mut registry, 400, 402);
+    play(&mut registry, 100, 102);
+    let anew = parsed(&registry.batch(4.0).1);
     assert_eq!(anew["points"][0]["era"], 1);
     assert_eq!(anew["points"][0]["estimate"].as_array().map(Vec::len), Some(2), "earlier points are removed");
     assert_eq!(anew["points"][0]["estimate"][0][0], 0.0);
-    let start = serde_json::to_value(wall.start(4.0)).expect("JSON");
+    let start = serde_json::to_value(registry.start(4.0)).expect("JSON");
     assert_eq!(start["points"][0]["estimate"], anew["points"][0]["estimate"]);
     assert_eq!((&start["batch"], &start["schema"]), (&expected!(4), &expected!("mr-damper/serve/1")));
 }
 
-fn on_screen(wall: &Wall, now_s: f64, selected: usize, frozen_s: Option<f64>, size: (u16, u16)) -> String {
-    let states = wall.snapshot(now_s).dampers;
-    let picture = wall.pictures().nth(selected);
-    let points = picture.and_then(|picture| picture.points(&mut Cursor::default()));
+fn on_screen(
+    registry: &DamperRegistry,
+    now_s: f64,
+    selected: usize,
+    frozen_s: Option<f64>,
+    size: (u16, u16),
+) -> String {
+    let states = registry.snapshot(now_s).dampers;
+    let view = registry.views().nth(selected);
+    let points = view.and_then(|view| view.points(&mut ChartCursor::default()));
     let points = points.as_ref();
-    let view = screen::View { states: &states, selected, points, frozen_s, origin: "on ROS" };
+    let content = screen::ScreenContent { states: &states, selected, points, frozen_s, origin: "on ROS" };
     let backend = ratatui::backend::TestBackend::new(size.0, size.1);
     let mut terminal = ratatui::Terminal::new(backend).expect("a test backend cannot fail");
-    terminal.draw(|frame| screen::draw(frame, &view)).expect("a test backend cannot fail");
+    terminal.draw(|frame| screen::draw(frame, &content)).expect("a test backend cannot fail");
     terminal.backend().to_string()
 }
 
 /// Two dampers: one publishes until 3 s, the other only until 1 s.
-fn vehicle() -> Wall {
-    let mut wall = Wall::default();
-    wall.add("front_left");
-    wall.add("front_right");
+fn vehicle() -> DamperRegistry {
+    let mut registry = DamperRegistry::default();
+    registry.add("front_left");
+    registry.add("front_right");
     for k in 0..300 {
         let at_s = f64::from(k) * 0.01;
         for name in ["front_left", "front_right"].into_iter().take(if k < 100 { 2 } else { 1 }) {
-            wall.take(name, displacement(at_s, 0.0), at_s);
-            wall.take(name, residual(at_s, name == "front_left"), at_s);
-            wall.take(name, estimate(at_s, Mode::Model, Validity::Valid, Reasons::NONE), at_s);
+            registry.take(name, displacement(at_s, 0.0), at_s);
+            registry.take(name, residual(at_s, name == "front_left"), at_s);
+            registry.take(name, estimate(at_s, Mode::Model, Validity::Valid, Reasons::NONE), at_s);
         }
     }
     let change =
         ModeChange { header: header(2.0), from_mode: 0, to_mode: 2, reason: "no measured force".to_owned() };
-    wall.take("front_left", News::Mode(change), 2.0);
-    wall
+    registry.take("front_left", DamperMessage::Mode(change), 2.0);
+    registry
 }
 
 #[test]
 fn a_terminal_shows_current_values_and_leaves_out_stale_ones() {
-    let wall = vehicle();
-    insta::assert_snapshot!(on_screen(&wall, 3.0, 0, None, (80, 24)));
-    let silent = on_screen(&wall, 3.0, 1, Some(4.2), (110, 30));
+    let registry = vehicle();
+    insta::assert_snapshot!(on_screen(&registry, 3.0, 0, None, (80, 24)));
+    let silent = on_screen(&registry, 3.0, 1, Some(4.2), (110, 30));
     insta::assert_snapshot!(silent);
     for (width, height) in [(1, 1), (20, 4), (300, 90)] {
-        on_screen(&Wall::default(), 0.0, 0, None, (width, height));
-        on_screen(&wall, 3.0, 1, None, (width, height));
+        on_screen(&DamperRegistry::default(), 0.0, 0, None, (width, height));
+        on_screen(&registry, 3.0, 1, None, (width, height));
     }
-    let lines: Vec<String> = wall.snapshot(3.0).dampers.iter().map(screen::line).collect();
+    let lines: Vec<String> = registry.snapshot(3.0).dampers.iter().map(screen::line).collect();
     insta::assert_snapshot!(lines.join("\n"));
 }

@@ -8,7 +8,7 @@
 //! DIR/.lock              held while a server uses the directory
 //! ```
 
-use super::refusal::{Kind, Refusal};
+use super::refusal::{Refusal, RefusalKind};
 use crate::error::NodeError;
 use crate::run::{self, LoadOptions, Loaded, write_text};
 use mr_damper_model::sample::DriveKind;
@@ -25,7 +25,7 @@ const ABOUT: &str = ".about.json";
 /// How a run is read, if its file leaves that open.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Reading {
+pub struct ReadOptions {
     /// Columns in the order of the thesis, without header.
     pub thesis_txt: bool,
     /// Drop bad rows and count them.
@@ -38,19 +38,19 @@ pub struct Reading {
     pub joint: Option<String>,
 }
 
-impl Reading {
+impl ReadOptions {
     /// The loader's options.
     ///
     /// # Errors
     /// When the drive is neither `current_a` nor `command_v`.
-    pub fn options(&self) -> Result<LoadOptions, Refusal> {
+    pub fn loader_options(&self) -> Result<LoadOptions, Refusal> {
         let drive = match self.drive.as_deref() {
             None => None,
             Some("current_a") => Some(DriveKind::CoilCurrent),
             Some("command_v") => Some(DriveKind::CommandVoltage),
             Some(other) => {
                 let says = format!("the drive is \"{other}\", but must be current_a or command_v");
-                return Err(Refusal::new(Kind::Wrong, says));
+                return Err(Refusal::new(RefusalKind::Wrong, says));
             }
         };
         Ok(LoadOptions {
@@ -84,11 +84,11 @@ pub struct About {
     /// SHA-256 of the file.
     pub sha256: String,
     /// How the run is read.
-    pub reading: Reading,
+    pub reading: ReadOptions,
 }
 
 impl About {
-    fn of(name: &str, bytes: u64, loaded: &Loaded, reading: &Reading) -> Self {
+    fn of(name: &str, bytes: u64, loaded: &Loaded, reading: &ReadOptions) -> Self {
         let run = &loaded.run;
         Self {
             name: name.to_owned(),
@@ -240,12 +240,12 @@ impl Folder {
     ///
     /// # Errors
     /// The loader's error when the run cannot be used; then nothing is kept.
-    pub(super) fn keep(&self, upload: TempPath, name: &str, reading: &Reading) -> Result<About, Refusal> {
-        let options = reading.options()?;
+    pub(super) fn keep(&self, upload: TempPath, name: &str, reading: &ReadOptions) -> Result<About, Refusal> {
+        let options = reading.loader_options()?;
         let loaded = run::load(&upload, &options).map_err(|error| {
             // Replace the temporary name, which the user does not know.
             let says = error.to_string().replace(&upload.display().to_string(), name);
-            Refusal::new(Kind::Wrong, format!("{says}. The upload is not kept"))
+            Refusal::new(RefusalKind::Wrong, format!("{says}. The upload is not kept"))
         })?;
         let bytes =
             fs::metadata(&upload).map_err(NodeError::io(format!("reading {}", upload.display())))?.len();
@@ -263,7 +263,7 @@ impl Folder {
                 Err(failed) => return Err(NodeError::io(format!("saving {name}"))(failed.error).into()),
             }
         }
-        Err(Refusal::new(Kind::Failed, format!("there are too many runs named {name}; delete some")))
+        Err(Refusal::new(RefusalKind::Failed, format!("there are too many runs named {name}; delete some")))
     }
 
     /// Description of the run named `name`: from the file written at its upload, or by loading the run.
@@ -281,7 +281,7 @@ impl Folder {
         }
         let path = self.run(name);
         let bytes = fs::metadata(&path).map_err(NodeError::io(format!("reading {}", path.display())))?.len();
-        let reading = Reading::default();
+        let reading = ReadOptions::default();
         Ok(About::of(name, bytes, &run::load(&path, &LoadOptions::default())?, &reading))
     }
 
@@ -322,7 +322,7 @@ impl Folder {
     /// # Errors
     /// When it does not exist.
     pub(super) fn report(&self, name: &str) -> Result<Vec<u8>, Refusal> {
-        let missing = || Refusal::new(Kind::Missing, format!("a report named {name} does not exist"));
+        let missing = || Refusal::new(RefusalKind::Missing, format!("a report named {name} does not exist"));
         if safe_name(name).as_deref() != Ok(name) {
             return Err(missing());
         }
@@ -365,12 +365,12 @@ pub fn safe_name(name: &str) -> Result<String, String> {
 /// # Errors
 /// Errors of [`safe_name`]; when the extension is not known.
 pub fn run_name(name: &str) -> Result<String, Refusal> {
-    let name = safe_name(name).map_err(|why| Refusal::new(Kind::Wrong, why))?;
+    let name = safe_name(name).map_err(|why| Refusal::new(RefusalKind::Wrong, why))?;
     if run::is_named_as_a_run(Path::new(&name)) && !name.ends_with(ABOUT) {
         return Ok(name);
     }
     Err(Refusal::new(
-        Kind::Wrong,
+        RefusalKind::Wrong,
         format!(
             "{name} does not have the extension of a run: give a CSV file (.csv, .txt, .dat, .tsv) or a bag file (.mcap, .db3, or either \
              with .zstd); from a bag directory, upload the file in it"
@@ -412,7 +412,7 @@ mod tests {
             long.as_str(),
         ] {
             let refused = run_name(bad).expect_err(bad);
-            assert_eq!(refused.kind, Kind::Wrong, "{bad}");
+            assert_eq!(refused.kind, RefusalKind::Wrong, "{bad}");
         }
     }
 
@@ -420,28 +420,28 @@ mod tests {
     fn runs_are_never_overwritten_and_refused_uploads_leave_no_file() {
         let dir = tempfile::tempdir().expect("a directory");
         let folder = Folder::open(&dir.path().join("new/shop")).expect("it is created");
-        let upload = |text: &str, reading: &Reading| {
+        let upload = |text: &str, reading: &ReadOptions| {
             let file = folder.incoming("run.csv").expect("room");
             fs::write(file.path(), text).expect("room");
             folder.keep(file.into_temp_path(), "run.csv", reading)
         };
         let good = "time_s,displacement_m,force_n\n0,0,1\n0.5,0.001,2\n1,0.002,3\n";
-        let first = upload(good, &Reading::default()).expect("a run");
+        let first = upload(good, &ReadOptions::default()).expect("a run");
         assert_eq!((first.name.as_str(), first.samples, first.length_s), ("run.csv", 3, 1.0));
         assert_eq!(first.channels, ["displacement_m", "force_n"]);
-        let second = upload(&good.replace("0.002", "0.003"), &Reading::default()).expect("a run");
+        let second = upload(&good.replace("0.002", "0.003"), &ReadOptions::default()).expect("a run");
         assert_eq!(second.name, "run-2.csv");
         assert_eq!(fs::read_to_string(folder.run("run.csv")).expect("kept"), good);
         assert_eq!(folder.about("run-2.csv").expect("written down"), second);
 
-        let refused = upload("time_s,displacement_m\n0,0\n0,1\n", &Reading::default())
+        let refused = upload("time_s,displacement_m\n0,0\n0,1\n", &ReadOptions::default())
             .expect_err("time does not increase");
         assert!(
             refused.says.starts_with("run.csv, line 3") && refused.says.ends_with("The upload is not kept"),
             "{}",
             refused.says
         );
-        let odd = Reading { drive: Some("steam".to_owned()), ..Reading::default() };
+        let odd = ReadOptions { drive: Some("steam".to_owned()), ..ReadOptions::default() };
         assert!(upload(good, &odd).expect_err("not a drive").says.contains("\"steam\""));
         assert_eq!(folder.runs().expect("readable"), ["run-2.csv", "run.csv"]);
         assert_eq!(folder.entries("incoming").expect("readable").len(), 0);
@@ -475,7 +475,7 @@ mod tests {
         assert_eq!(folder.report(&name).as_deref(), Ok(&b"<p>"[..]));
         assert_eq!(folder.reports().expect("readable"), [name]);
         for bad in ["../.lock", "..", ".lock", "nothing.html", "../reports/x"] {
-            assert_eq!(folder.report(bad).expect_err(bad).kind, Kind::Missing);
+            assert_eq!(folder.report(bad).expect_err(bad).kind, RefusalKind::Missing);
         }
     }
 }

@@ -1,33 +1,35 @@
 //! Uploads, replays and diagnoses from the live page (`mr-damper serve --workshop DIR`).
 //!
 //! ```text
-//! POST ─→ serve/bench.rs ─→ Workshop ─┬→ upload.rs    one thread per upload: file, loader, list of runs
-//!                                     ├→ closing.rs   one thread per diagnosis: action close_loop of the damper's node, report
-//!                                     └→ replay.rs    one thread with its own node, player and watcher; another for the errors
-//!                                          │
-//! page ←── state, on each change ←─────────┴→ State (state.rs: plain data)          folder.rs: the directory
+//! POST ─→ serve/workshop_routes.rs ─→ Workshop ─┬→ upload.rs     one thread per upload: file, loader, list of runs
+//!                                               ├→ diagnosis.rs  one thread per diagnosis: close_loop of the damper's node, report
+//!                                               └→ replay.rs     one thread with its own node, player and watcher; another
+//!                                                    │            computes the errors
+//! page ←── state, on each change ←───────────────────┴→ WorkshopState (state.rs: plain data)      folder.rs: the directory
 //! ```
 //!
 //! Nothing here runs on a thread of the web server. A watched node is affected only through its own action. Runs are replayed
 //! through a node in this process, in a namespace that no other process uses.
 
-mod closing;
+mod diagnosis;
 mod folder;
 mod refusal;
 mod replay;
 mod state;
 mod upload;
 
-pub use folder::{About, Reading, run_name, safe_name};
-pub use refusal::{Kind, Refusal};
-pub use replay::{RATES, Turn};
-pub use state::{Closing, Course, Figures, Incoming, Playing, Replay, Shelved, State};
-pub use upload::{Part, Upload};
+pub use folder::{About, ReadOptions, run_name, safe_name};
+pub use refusal::{Refusal, RefusalKind};
+pub use replay::{RATES, ReplayCommand};
+pub use state::{
+    Diagnosis, DiagnosisStatus, Replay, ReplayStatus, RunFigures, StoredRun, UploadProgress, WorkshopState,
+};
+pub use upload::{Upload, UploadPart};
 
 use crate::config::RosArgs;
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
-use crate::watch::{Hall, json};
+use crate::watch::{SharedRegistry, json};
 use folder::Folder;
 use mr_damper_model::preset;
 use std::collections::BTreeMap;
@@ -44,43 +46,43 @@ const END_WITHIN: Duration = Duration::from_millis(800);
 
 /// Settings of a workshop.
 #[derive(Debug)]
-pub struct Opening {
+pub struct WorkshopSettings {
     /// The directory; created if it is missing.
     pub folder: PathBuf,
     /// The largest upload, bytes.
     pub upload_limit_bytes: u64,
-    /// The shared view of all dampers.
-    pub hall: Arc<Hall>,
+    /// The shared registry of all dampers.
+    pub registry: Arc<SharedRegistry>,
     /// ROS domain; negative: `ROS_DOMAIN_ID`, else 0.
     pub domain_id: i64,
     /// The ROS arguments of the process.
     pub ros_args: RosArgs,
     /// Why no diagnosis of the watched dampers can be started; `None` when it can.
-    pub no_closing: Option<String>,
+    pub no_diagnosis: Option<String>,
 }
 
 /// The part of the server that takes uploads and starts replays and diagnoses.
 #[derive(Debug)]
 pub struct Workshop {
     folder: Folder,
-    hall: Arc<Hall>,
+    registry: Arc<SharedRegistry>,
     domain_id: i64,
     ros_args: RosArgs,
-    state: Mutex<State>,
-    said: watch::Sender<Arc<str>>,
+    state: Mutex<WorkshopState>,
+    state_json: watch::Sender<Arc<str>>,
     /// Namespaces of the dampers that can be asked for a diagnosis, by name.
-    askable: Mutex<BTreeMap<String, String>>,
-    replay: Mutex<Option<replay::Held>>,
-    works: Mutex<Vec<Work>>,
+    diagnosable: Mutex<BTreeMap<String, String>>,
+    replay: Mutex<Option<replay::ReplayHandle>>,
+    threads: Mutex<Vec<WorkThread>>,
     ids: AtomicU64,
 }
 
 /// A thread of the workshop, and the interrupt that ends it.
 #[derive(Debug)]
-struct Work {
+struct WorkThread {
     name: String,
     interrupt: Interrupt,
-    thread: JoinHandle<()>,
+    handle: JoinHandle<()>,
 }
 
 impl Workshop {
@@ -88,37 +90,37 @@ impl Workshop {
     ///
     /// # Errors
     /// When the directory cannot be opened.
-    pub fn open(opening: Opening) -> Result<Arc<Self>, NodeError> {
-        let folder = Folder::open(&opening.folder)?;
+    pub fn open(settings: WorkshopSettings) -> Result<Arc<Self>, NodeError> {
+        let folder = Folder::open(&settings.folder)?;
         let runs = folder.runs()?;
-        let state = State {
+        let state = WorkshopState {
             folder: folder.root().display().to_string(),
-            upload_limit_bytes: opening.upload_limit_bytes,
-            no_closing: opening.no_closing,
-            runs: runs.iter().map(|name| Shelved::Opening { name: name.clone() }).collect(),
+            upload_limit_bytes: settings.upload_limit_bytes,
+            no_closing: settings.no_diagnosis,
+            runs: runs.iter().map(|name| StoredRun::Opening { name: name.clone() }).collect(),
             models: models(&folder)?,
             reports: folder.reports()?,
-            ..State::default()
+            ..WorkshopState::default()
         };
-        let said = watch::Sender::new(json(&state).into());
+        let state_json = watch::Sender::new(json(&state).into());
         let workshop = Arc::new(Self {
             folder,
-            hall: opening.hall,
-            domain_id: opening.domain_id,
-            ros_args: opening.ros_args,
+            registry: settings.registry,
+            domain_id: settings.domain_id,
+            ros_args: settings.ros_args,
             state: Mutex::new(state),
-            said,
-            askable: Mutex::default(),
+            state_json,
+            diagnosable: Mutex::default(),
             replay: Mutex::default(),
-            works: Mutex::default(),
+            threads: Mutex::default(),
             ids: AtomicU64::new(1),
         });
         let looking = Arc::clone(&workshop);
-        workshop.work("workshop-shelf".to_owned(), move |interrupt| {
+        workshop.spawn("workshop-runs".to_owned(), move |interrupt| {
             for name in runs.iter().take_while(|_| !interrupt.is_raised()) {
-                let shelved = match guarded(|| looking.folder.about(name)) {
-                    Ok(about) => Shelved::Ready(Box::new(about)),
-                    Err(error) => Shelved::Unusable { name: name.clone(), why: error.to_string() },
+                let stored = match catch_panic(|| looking.folder.about(name)) {
+                    Ok(about) => StoredRun::Ready(Box::new(about)),
+                    Err(error) => StoredRun::Unusable { name: name.clone(), why: error.to_string() },
                 };
                 // The run may have been deleted meanwhile.
                 looking.change(|state| {
@@ -126,7 +128,7 @@ impl Workshop {
                         .runs
                         .iter_mut()
                         .filter(|run| run.name() == name)
-                        .for_each(|run| *run = shelved.clone());
+                        .for_each(|run| *run = stored.clone());
                 });
             }
         })?;
@@ -135,28 +137,28 @@ impl Workshop {
 
     /// The state that the page shows, as JSON; a new value is sent on every change.
     #[must_use]
-    pub fn said(&self) -> watch::Receiver<Arc<str>> {
-        self.said.subscribe()
+    pub fn state_updates(&self) -> watch::Receiver<Arc<str>> {
+        self.state_json.subscribe()
     }
 
     /// Locks the state that the page shows.
-    pub fn state(&self) -> MutexGuard<'_, State> {
+    pub fn state(&self) -> MutexGuard<'_, WorkshopState> {
         // Plain data: even after a panic in the middle of a change it can be shown.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Changes the state that the page shows, and sends it.
-    fn change<T>(&self, how: impl FnOnce(&mut State) -> T) -> T {
+    fn change<T>(&self, how: impl FnOnce(&mut WorkshopState) -> T) -> T {
         let mut state = self.state();
         let done = how(&mut state);
         // Send within the lock, so that changes are sent in their order.
-        self.said.send_replace(json(&*state).into());
+        self.state_json.send_replace(json(&*state).into());
         done
     }
 
     /// Sets the dampers that can be asked for a diagnosis: names and namespaces.
-    pub fn know(&self, askable: Vec<(String, String)>) {
-        *self.askable.lock().unwrap_or_else(PoisonError::into_inner) = askable.into_iter().collect();
+    pub fn set_diagnosable(&self, diagnosable: Vec<(String, String)>) {
+        *self.diagnosable.lock().unwrap_or_else(PoisonError::into_inner) = diagnosable.into_iter().collect();
     }
 
     /// Updates the list of models after files were added to or removed from the directory.
@@ -183,21 +185,26 @@ impl Workshop {
     pub fn delete_run(&self, name: &str) -> Result<String, Refusal> {
         let mut state = self.state();
         match state.runs.iter().find(|run| run.name() == name) {
-            None => return Err(Refusal::new(Kind::Missing, format!("a run named {name} does not exist"))),
-            Some(Shelved::Opening { .. }) => {
+            None => {
+                return Err(Refusal::new(RefusalKind::Missing, format!("a run named {name} does not exist")));
+            }
+            Some(StoredRun::Opening { .. }) => {
                 return Err(Refusal::new(
-                    Kind::Busy,
+                    RefusalKind::Busy,
                     format!("{name} is being opened; wait until that is done"),
                 ));
             }
             Some(_) => {}
         }
         if state.replay.as_ref().is_some_and(|replay| replay.run == name && replay.state.is_under_way()) {
-            return Err(Refusal::new(Kind::Busy, format!("{name} is being replayed; stop that first")));
+            return Err(Refusal::new(
+                RefusalKind::Busy,
+                format!("{name} is being replayed; stop that first"),
+            ));
         }
         self.folder.delete(name)?;
         state.runs.retain(|run| run.name() != name);
-        self.said.send_replace(json(&*state).into());
+        self.state_json.send_replace(json(&*state).into());
         Ok(format!("{name} is deleted"))
     }
 
@@ -207,37 +214,37 @@ impl Workshop {
     }
 
     /// Runs `work` on a new thread. It should end early when its interrupt, which is also returned, is raised.
-    fn work(
+    fn spawn(
         &self,
         name: String,
         work: impl FnOnce(&Interrupt) + Send + 'static,
     ) -> Result<Interrupt, NodeError> {
         let interrupt = Interrupt::manual();
         let (theirs, starting) = (interrupt.clone(), NodeError::io(format!("starting the thread {name}")));
-        let thread =
+        let handle =
             std::thread::Builder::new().name(name.clone()).spawn(move || work(&theirs)).map_err(starting)?;
-        let mut works = self.works.lock().unwrap_or_else(PoisonError::into_inner);
-        works.retain(|work| !work.thread.is_finished());
-        works.push(Work { name, interrupt: interrupt.clone(), thread });
+        let mut threads = self.threads.lock().unwrap_or_else(PoisonError::into_inner);
+        threads.retain(|thread| !thread.handle.is_finished());
+        threads.push(WorkThread { name, interrupt: interrupt.clone(), handle });
         Ok(interrupt)
     }
 
     /// Interrupts all work, and returns the deadline for [`Workshop::close`].
     pub fn interrupt(&self) -> Instant {
-        let works = self.works.lock().unwrap_or_else(PoisonError::into_inner);
-        works.iter().for_each(|work| work.interrupt.raise());
+        let threads = self.threads.lock().unwrap_or_else(PoisonError::into_inner);
+        threads.iter().for_each(|thread| thread.interrupt.raise());
         Instant::now() + END_WITHIN
     }
 
     /// Waits for all work to end until `deadline`, and logs threads that did not; they end with the process. Incomplete uploads are
     /// removed in any case.
     pub fn close(&self, deadline: Instant) {
-        let works = std::mem::take(&mut *self.works.lock().unwrap_or_else(PoisonError::into_inner));
-        for Work { name, thread, .. } in works {
-            while !thread.is_finished() && Instant::now() < deadline {
+        let threads = std::mem::take(&mut *self.threads.lock().unwrap_or_else(PoisonError::into_inner));
+        for WorkThread { name, handle, .. } in threads {
+            while !handle.is_finished() && Instant::now() < deadline {
                 std::thread::sleep(Duration::from_millis(5));
             }
-            match thread.is_finished().then(|| thread.join()) {
+            match handle.is_finished().then(|| handle.join()) {
                 Some(Ok(())) => {}
                 Some(Err(_)) => tracing::error!(thread = name, "had panicked"),
                 None => tracing::info!(thread = name, "did not end in time; it ends with the process"),
@@ -253,7 +260,7 @@ fn models(folder: &Folder) -> Result<Vec<String>, NodeError> {
 }
 
 /// Runs `work` and turns a panic into an error, so that its end is always reported.
-fn guarded<T>(work: impl FnOnce() -> Result<T, NodeError>) -> Result<T, NodeError> {
+fn catch_panic<T>(work: impl FnOnce() -> Result<T, NodeError>) -> Result<T, NodeError> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| {
         Err(NodeError::Failed(
             "this task panicked; the log shows where. Please report this as a bug".to_owned(),

@@ -4,7 +4,7 @@ use crate::error::NodeError;
 
 /// Kind of a refusal; it determines the HTTP status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum RefusalKind {
     /// The request is invalid.
     Wrong,
     /// The requested object does not exist.
@@ -21,20 +21,20 @@ pub enum Kind {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
     /// The kind.
-    pub kind: Kind,
+    pub kind: RefusalKind,
     /// The reason, and what to do.
     pub says: String,
 }
 
 impl Refusal {
     /// A refusal of the given kind and reason.
-    pub fn new(kind: Kind, says: impl Into<String>) -> Self {
+    pub fn new(kind: RefusalKind, says: impl Into<String>) -> Self {
         Self { kind, says: says.into() }
     }
 }
 
 impl From<NodeError> for Refusal {
     fn from(error: NodeError) -> Self {
-        Self::new(Kind::Failed, error.to_string())
+        Self::new(RefusalKind::Failed, error.to_string())
     }
 }

@@ -3,19 +3,19 @@
 //! Node, player and watcher use a namespace that belongs to this process only, so played samples do not reach another damper.
 //! They stay after the end of the run, because a diagnosis uses the node's history; the next replay, or a stop, ends them.
 
-use super::folder::Reading;
-use super::refusal::{Kind, Refusal};
-use super::state::{Figures, Playing, Replay, Shelved};
-use super::{Workshop, guarded};
-use crate::command::evaluate;
+use super::folder::ReadOptions;
+use super::refusal::{Refusal, RefusalKind};
+use super::state::{Replay, ReplayStatus, RunFigures, StoredRun};
+use super::{Workshop, catch_panic};
 use crate::config::{Config, RosArgs};
+use crate::damper_node::DamperNode;
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
 use crate::models;
-use crate::player::{Plan, Played, Player, Rate};
+use crate::player::{PlaybackOptions, Played, Player, Rate};
+use crate::report::evaluate;
 use crate::run;
-use crate::service::Service;
-use crate::watch::ros::RosSource;
+use crate::watch::ros_watcher::RosWatcher;
 use mr_damper_model::sample::Run;
 use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -33,20 +33,20 @@ const LISTEN_WITHIN: Duration = Duration::from_secs(10);
 /// Interval at which received messages are read.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 /// Interval at which the progress is updated.
-const SAY_EVERY: Duration = Duration::from_millis(200);
+const REPORT_EVERY: Duration = Duration::from_millis(200);
 /// Minimum and maximum length of the node's history (`history.duration_s`), s.
 const HISTORY_S: (f64, f64) = (120.0, 3600.0);
 
 /// Handle to a running replay.
 #[derive(Debug)]
-pub(super) struct Held {
+pub(super) struct ReplayHandle {
     id: u64,
     interrupt: Interrupt,
 }
 
 /// A command to a running replay.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Turn {
+pub enum ReplayCommand {
     /// Pause.
     Pause,
     /// Continue after a pause.
@@ -58,10 +58,10 @@ pub enum Turn {
 }
 
 /// The run to replay, and how.
-struct Piece {
+struct ReplayJob {
     id: u64,
     run: String,
-    reading: Reading,
+    reading: ReadOptions,
     /// The model as in the node's configuration: name of a preset, or path.
     model: String,
     label: String,
@@ -69,29 +69,29 @@ struct Piece {
 }
 
 /// A node with its player and its watcher.
-struct Stage {
-    service: Service,
+struct ReplayNode {
+    service: DamperNode,
     player: Player,
-    source: RosSource,
+    watcher: RosWatcher,
 }
 
-impl Stage {
-    fn set(config: &Config, args: &RosArgs, label: &str) -> Result<Self, NodeError> {
-        let (service, _) = Service::start(config, args, false)?;
+impl ReplayNode {
+    fn start(config: &Config, args: &RosArgs, label: &str) -> Result<Self, NodeError> {
+        let (service, _) = DamperNode::start(config, args, false)?;
         let others = Player::start(config, args, false)
-            .and_then(|player| Ok((player, RosSource::start_one(config, args, WATCHER, label)?)));
+            .and_then(|player| Ok((player, RosWatcher::start_one(config, args, WATCHER, label)?)));
         match others {
-            Ok((player, source)) => Ok(Self { service, player, source }),
+            Ok((player, watcher)) => Ok(Self { service, player, watcher }),
             Err(error) => service.stop().and(Err(error)),
         }
     }
 
     /// Stops all three in parallel, because Ctrl-C waits for it.
-    fn strike(self) -> Result<(), NodeError> {
-        let Self { service, player, source } = self;
+    fn stop(self) -> Result<(), NodeError> {
+        let Self { service, player, watcher } = self;
         std::thread::scope(|scope| {
             scope.spawn(|| player.stop());
-            scope.spawn(|| source.stop());
+            scope.spawn(|| watcher.stop());
             service.stop()
         })
     }
@@ -106,26 +106,26 @@ impl Workshop {
         check(rate)?;
         // A previous replay that has ended, or is ending, is replaced; its node must leave the namespace first.
         let mut held = self.replay.lock().unwrap_or_else(PoisonError::into_inner);
-        let piece = self.piece(run, model, rate)?;
+        let job = self.prepare_replay(run, model, rate)?;
         let before = held.take().map(|before| {
             before.interrupt.raise();
             format!("workshop-replay-{}", before.id)
         });
-        let (shop, id) = (Arc::clone(self), piece.id);
-        let begun = self.work(format!("workshop-replay-{id}"), move |interrupt| {
+        let (workshop, id) = (Arc::clone(self), job.id);
+        let begun = self.spawn(format!("workshop-replay-{id}"), move |interrupt| {
             if let Some(before) = before {
-                shop.await_end(&before, interrupt);
+                workshop.await_end(&before, interrupt);
             }
-            let ended = guarded(|| shop.play(&piece, interrupt));
-            shop.hall.wall().remove(&piece.label);
+            let ended = catch_panic(|| workshop.play(&job, interrupt));
+            workshop.registry.lock().remove(&job.label);
             if let Err(error) = ended {
-                shop.change_replay(id, |replay| {
-                    (replay.state, replay.says) = (Playing::Failed, error.to_string());
+                workshop.change_replay(id, |replay| {
+                    (replay.state, replay.says) = (ReplayStatus::Failed, error.to_string());
                 });
             }
         });
         match begun {
-            Ok(interrupt) => *held = Some(Held { id, interrupt }),
+            Ok(interrupt) => *held = Some(ReplayHandle { id, interrupt }),
             Err(error) => {
                 self.change(|state| state.replay = None);
                 return Err(error.into());
@@ -135,32 +135,32 @@ impl Workshop {
     }
 
     /// Prepares the replay and shows it on the page.
-    fn piece(&self, run: &str, model: &str, rate: f64) -> Result<Piece, Refusal> {
+    fn prepare_replay(&self, run: &str, model: &str, rate: f64) -> Result<ReplayJob, Refusal> {
         let id = self.next_id();
         self.change(|state| {
             if let Some(replay) = state.replay.as_ref().filter(|replay| replay.state.is_under_way()) {
                 let says = format!("{} is being replayed; stop that first: only one replay at a time is possible", replay.run);
-                return Err(Refusal::new(Kind::Busy, says));
+                return Err(Refusal::new(RefusalKind::Busy, says));
             }
-            let about = match state.runs.iter().find(|shelved| shelved.name() == run) {
-                Some(Shelved::Ready(about)) => about,
-                Some(Shelved::Opening { .. }) => {
-                    return Err(Refusal::new(Kind::Busy, format!("{run} is being opened; wait until that is done")));
+            let about = match state.runs.iter().find(|stored| stored.name() == run) {
+                Some(StoredRun::Ready(about)) => about,
+                Some(StoredRun::Opening { .. }) => {
+                    return Err(Refusal::new(RefusalKind::Busy, format!("{run} is being opened; wait until that is done")));
                 }
-                Some(Shelved::Unusable { why, .. }) => return Err(Refusal::new(Kind::Wrong, why.clone())),
-                None => return Err(Refusal::new(Kind::Missing, format!("a run named {run} does not exist"))),
+                Some(StoredRun::Unusable { why, .. }) => return Err(Refusal::new(RefusalKind::Wrong, why.clone())),
+                None => return Err(Refusal::new(RefusalKind::Missing, format!("a run named {run} does not exist"))),
             };
             if !state.models.iter().any(|known| known == model) {
                 let says = format!(
                     "a model named {model} does not exist; give a preset (`mr-damper presets`) or a .toml file in {}/models",
                     state.folder
                 );
-                return Err(Refusal::new(Kind::Missing, says));
+                return Err(Refusal::new(RefusalKind::Missing, says));
             }
             let path = self.folder.models_dir().join(model);
             let in_folder = model.ends_with(".toml");
             let label = format!("workshop: {run}");
-            let piece = Piece {
+            let job = ReplayJob {
                 id,
                 run: run.to_owned(),
                 reading: about.reading.clone(),
@@ -174,14 +174,14 @@ impl Workshop {
                 model: model.to_owned(),
                 damper: label,
                 namespace: self.namespace(),
-                state: Playing::Starting,
+                state: ReplayStatus::Starting,
                 says: "starting a separate node".to_owned(),
                 at_s: 0.0,
                 length_s: about.length_s,
                 rate,
-                figures: Figures::Computing,
+                figures: RunFigures::Computing,
             });
-            Ok(piece)
+            Ok(job)
         })
     }
 
@@ -189,31 +189,35 @@ impl Workshop {
     ///
     /// # Errors
     /// When no replay is running, the command does not fit its state, or the rate is out of range.
-    pub fn turn_replay(&self, turn: Turn) -> Result<String, Refusal> {
-        if let Turn::Rate(rate) = turn {
+    pub fn control_replay(&self, command: ReplayCommand) -> Result<String, Refusal> {
+        if let ReplayCommand::Rate(rate) = command {
             check(rate)?;
         }
         let held = self.replay.lock().unwrap_or_else(PoisonError::into_inner);
-        let none = || Refusal::new(Kind::Missing, "nothing is being replayed".to_owned());
+        let none = || Refusal::new(RefusalKind::Missing, "nothing is being replayed".to_owned());
         let held = held.as_ref().ok_or_else(none)?;
         self.change(|state| {
             let replay = state.replay.as_mut().filter(|replay| replay.id == held.id).ok_or_else(none)?;
             let playing = replay.state;
-            match turn {
-                Turn::Stop => {
+            match command {
+                ReplayCommand::Stop => {
                     held.interrupt.raise();
                     state.replay = None;
                     return Ok("the replay is stopped, and its node is ending".to_owned());
                 }
-                Turn::Rate(rate) => replay.rate = rate,
-                Turn::Pause if playing == Playing::Playing => replay.state = Playing::Paused,
-                Turn::Resume if playing == Playing::Paused => replay.state = Playing::Playing,
-                Turn::Pause | Turn::Resume => {
+                ReplayCommand::Rate(rate) => replay.rate = rate,
+                ReplayCommand::Pause if playing == ReplayStatus::Playing => {
+                    replay.state = ReplayStatus::Paused
+                }
+                ReplayCommand::Resume if playing == ReplayStatus::Paused => {
+                    replay.state = ReplayStatus::Playing
+                }
+                ReplayCommand::Pause | ReplayCommand::Resume => {
                     let says = format!(
                         "the replay is not {}",
-                        if turn == Turn::Pause { "playing" } else { "paused" }
+                        if command == ReplayCommand::Pause { "playing" } else { "paused" }
                     );
-                    return Err(Refusal::new(Kind::Busy, says));
+                    return Err(Refusal::new(RefusalKind::Busy, says));
                 }
             }
             replay.says = in_words(replay);
@@ -241,19 +245,19 @@ impl Workshop {
     /// Waits until the thread named `name` has ended.
     fn await_end(&self, name: &str, interrupt: &Interrupt) {
         let is_there = || {
-            let works = self.works.lock().unwrap_or_else(PoisonError::into_inner);
-            works.iter().any(|work| work.name == name && !work.thread.is_finished())
+            let threads = self.threads.lock().unwrap_or_else(PoisonError::into_inner);
+            threads.iter().any(|thread| thread.name == name && !thread.handle.is_finished())
         };
         while is_there() && interrupt.sleep_until(Instant::now() + LOOK_EVERY) {}
     }
 
     /// Plays the run, and keeps its node running until it is interrupted.
-    fn play(self: &Arc<Self>, piece: &Piece, interrupt: &Interrupt) -> Result<(), NodeError> {
-        let options = piece.reading.options().map_err(|refusal| NodeError::Failed(refusal.says))?;
-        let run = Arc::new(run::load(&self.folder.run(&piece.run), &options)?.run);
-        self.compute_figures(piece, &run)?;
+    fn play(self: &Arc<Self>, job: &ReplayJob, interrupt: &Interrupt) -> Result<(), NodeError> {
+        let options = job.reading.loader_options().map_err(|refusal| NodeError::Failed(refusal.says))?;
+        let run = Arc::new(run::load(&self.folder.run(&job.run), &options)?.run);
+        self.compute_figures(job, &run)?;
         let config = Config {
-            model: piece.model.clone(),
+            model: job.model.clone(),
             history_duration_s: (run.duration().get() + 10.0).clamp(HISTORY_S.0, HISTORY_S.1),
             close_loop_out: self.folder.models_dir().display().to_string(),
             ..self.own_config()
@@ -261,48 +265,48 @@ impl Workshop {
         let mut args = RosArgs::in_namespace(&self.namespace());
         // The log of this process belongs to the web server, not to a damper.
         args.rosout_logs = false;
-        let mut stage = Stage::set(&config, &args, &piece.label)?;
-        let played = self.watch_and_play(piece, &run, &mut stage, interrupt);
-        played.and(stage.strike())
+        let mut node = ReplayNode::start(&config, &args, &job.label)?;
+        let played = self.watch_and_play(job, &run, &mut node, interrupt);
+        played.and(node.stop())
     }
 
     fn watch_and_play(
         &self,
-        piece: &Piece,
+        job: &ReplayJob,
         run: &Run,
-        stage: &mut Stage,
+        node: &mut ReplayNode,
         interrupt: &Interrupt,
     ) -> Result<(), NodeError> {
-        let Stage { service, player, source } = stage;
+        let ReplayNode { service, player, watcher } = node;
         let (player, at_ns) = (&*player, AtomicU64::new(0));
         std::thread::scope(|scope| {
             let player_thread = std::thread::Builder::new().name("workshop-player".to_owned());
             let mut playing = Some(
                 player_thread
-                    .spawn_scoped(scope, || self.run_player(piece, run, player, &at_ns, interrupt))
+                    .spawn_scoped(scope, || self.run_player(job, run, player, &at_ns, interrupt))
                     .map_err(NodeError::io("starting the thread of the player"))?,
             );
-            let mut said = Instant::now();
+            let mut reported = Instant::now();
             let ended = loop {
                 if interrupt.is_raised() {
                     break Ok(());
                 }
-                let now_s = self.hall.now_s();
-                let looked = source.look(&mut self.hall.wall(), now_s);
-                source.drain(&mut self.hall.wall(), now_s);
+                let now_s = self.registry.now_s();
+                let discovered = watcher.discover(&mut self.registry.lock(), now_s);
+                watcher.drain(&mut self.registry.lock(), now_s);
                 let dead = service.dead_thread().map(|thread| {
                     NodeError::Failed(format!(
                         "the thread {thread} of the replay's node has died; the log shows why"
                     ))
                 });
                 let over = playing.take_if(|playing| playing.is_finished()).map_or(Ok(()), join);
-                if let Some(error) = looked.err().or(dead).or(over.err()) {
+                if let Some(error) = discovered.err().or(dead).or(over.err()) {
                     break Err(error);
                 }
-                if said.elapsed() >= SAY_EVERY {
-                    said = Instant::now();
+                if reported.elapsed() >= REPORT_EVERY {
+                    reported = Instant::now();
                     let at_s = at_ns.load(Ordering::Relaxed) as f64 * 1e-9;
-                    self.follow(piece.id, player, at_s, playing.is_none());
+                    self.follow(job.id, player, at_s, playing.is_none());
                 }
                 std::thread::sleep(LOOK_EVERY);
             };
@@ -315,7 +319,7 @@ impl Workshop {
     /// Waits for the node to listen, and plays the run.
     fn run_player(
         &self,
-        piece: &Piece,
+        job: &ReplayJob,
         run: &Run,
         player: &Player,
         at_ns: &AtomicU64,
@@ -330,14 +334,14 @@ impl Workshop {
                 ))),
             };
         }
-        self.change_replay(piece.id, |replay| {
-            replay.state = Playing::Playing;
+        self.change_replay(job.id, |replay| {
+            replay.state = ReplayStatus::Playing;
             replay.says = in_words(replay);
         });
-        let plan = Plan { rate: Rate::Times(piece.rate), ..Plan::default() };
+        let options = PlaybackOptions { rate: Rate::Times(job.rate), ..PlaybackOptions::default() };
         let at = |at_s: f64| at_ns.store((at_s * 1e9) as u64, Ordering::Relaxed);
         let mut played = Played::default();
-        player.play(run, &plan, &mut played, interrupt, None, &at);
+        player.play(run, &options, &mut played, interrupt, None, &at);
         if played.failed > 0 {
             return Err(NodeError::Failed(format!("the middleware refused {} samples", played.failed)));
         }
@@ -348,7 +352,7 @@ impl Workshop {
     fn follow(&self, id: u64, player: &Player, at_s: f64, is_over: bool) {
         let control = player.control();
         self.change_replay(id, |replay| {
-            let paused = replay.state == Playing::Paused;
+            let paused = replay.state == ReplayStatus::Paused;
             if paused != control.is_paused() {
                 control.toggle_paused();
             }
@@ -357,22 +361,22 @@ impl Workshop {
             }
             replay.at_s = at_s;
             if is_over && replay.state.is_under_way() {
-                replay.state = Playing::Ended;
+                replay.state = ReplayStatus::Ended;
             }
             replay.says = in_words(replay);
         });
     }
 
     /// Computes the errors over the whole run offline, like `mr-damper evaluate`, on a separate thread.
-    fn compute_figures(self: &Arc<Self>, piece: &Piece, run: &Arc<Run>) -> Result<(), NodeError> {
-        let (shop, run) = (Arc::clone(self), Arc::clone(run));
-        let (id, name, model) = (piece.id, piece.run.clone(), piece.model.clone());
-        let begun = self.work(format!("workshop-figures-{id}"), move |_| {
-            let figures = match guarded(|| evaluate::figures(name, models::load(&model)?, &run)) {
-                Ok(report) => Figures::Done(report),
-                Err(error) => Figures::None { why: error.to_string() },
+    fn compute_figures(self: &Arc<Self>, job: &ReplayJob, run: &Arc<Run>) -> Result<(), NodeError> {
+        let (workshop, run) = (Arc::clone(self), Arc::clone(run));
+        let (id, name, model) = (job.id, job.run.clone(), job.model.clone());
+        let begun = self.spawn(format!("workshop-figures-{id}"), move |_| {
+            let figures = match catch_panic(|| evaluate::figures(name, models::load(&model)?, &run)) {
+                Ok(report) => RunFigures::Done(report),
+                Err(error) => RunFigures::None { why: error.to_string() },
             };
-            shop.change_replay(id, |replay| replay.figures = figures);
+            workshop.change_replay(id, |replay| replay.figures = figures);
         });
         begun.map(drop)
     }
@@ -389,13 +393,13 @@ impl Workshop {
 /// State of a replay in words.
 fn in_words(replay: &Replay) -> String {
     match replay.state {
-        Playing::Starting => "starting a separate node".to_owned(),
-        Playing::Playing => "playing".to_owned(),
-        Playing::Paused => "paused".to_owned(),
-        Playing::Ended => {
+        ReplayStatus::Starting => "starting a separate node".to_owned(),
+        ReplayStatus::Playing => "playing".to_owned(),
+        ReplayStatus::Paused => "paused".to_owned(),
+        ReplayStatus::Ended => {
             "played to its end; its node has the run in its history, so the model can be diagnosed".to_owned()
         }
-        Playing::Failed => replay.says.clone(),
+        ReplayStatus::Failed => replay.says.clone(),
     }
 }
 
@@ -413,7 +417,7 @@ fn check(rate: f64) -> Result<(), Refusal> {
         return Ok(());
     }
     let says = format!("the rate is {rate}, but must be a number from {} to {}", RATES.start(), RATES.end());
-    Err(Refusal::new(Kind::Wrong, says))
+    Err(Refusal::new(RefusalKind::Wrong, says))
 }
 
 #[cfg(test)]
@@ -424,7 +428,7 @@ mod tests {
     fn rates_are_bounded() {
         assert!([0.1, 1.0, 10.0].into_iter().all(|rate| check(rate).is_ok()));
         for bad in [0.0, -1.0, 0.09, 10.1, f64::NAN, f64::INFINITY] {
-            assert_eq!(check(bad).expect_err("bad").kind, Kind::Wrong);
+            assert_eq!(check(bad).expect_err("bad").kind, RefusalKind::Wrong);
         }
     }
 }

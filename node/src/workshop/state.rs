@@ -1,14 +1,14 @@
 //! State of the workshop: plain data that is sent to the page as JSON.
 
 use super::folder::About;
-use crate::command::evaluate::RunReport;
-use crate::report::answered::Answered;
+use crate::report::diagnosis_summary::DiagnosisSummary;
+use crate::report::evaluate::RunReport;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// The whole state.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct State {
+pub struct WorkshopState {
     /// The directory.
     pub folder: String,
     /// The largest upload, bytes.
@@ -16,15 +16,15 @@ pub struct State {
     /// Why no diagnosis can be started on dampers other than the replayed one; `None` when it can.
     pub no_closing: Option<String>,
     /// The runs.
-    pub runs: Vec<Shelved>,
+    pub runs: Vec<StoredRun>,
     /// Uploads in progress.
-    pub uploads: Vec<Incoming>,
+    pub uploads: Vec<UploadProgress>,
     /// Models to replay with.
     pub models: Vec<String>,
     /// The current or last replay.
     pub replay: Option<Replay>,
     /// The last diagnosis of each damper.
-    pub closings: BTreeMap<String, Closing>,
+    pub closings: BTreeMap<String, Diagnosis>,
     /// Pages of reports, newest first.
     pub reports: Vec<String>,
 }
@@ -32,7 +32,7 @@ pub struct State {
 /// A run in the directory.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "state")]
-pub enum Shelved {
+pub enum StoredRun {
     /// The run is being opened.
     Opening {
         /// Name of the run.
@@ -49,7 +49,7 @@ pub enum Shelved {
     },
 }
 
-impl Shelved {
+impl StoredRun {
     /// Name of the run.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -62,7 +62,7 @@ impl Shelved {
 
 /// An upload in progress.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Incoming {
+pub struct UploadProgress {
     /// Unique number of the upload.
     pub id: u64,
     /// The name that the run will have.
@@ -78,7 +78,7 @@ pub struct Incoming {
 /// State of a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Playing {
+pub enum ReplayStatus {
     /// Node and player start.
     Starting,
     /// Samples are being played.
@@ -91,7 +91,7 @@ pub enum Playing {
     Failed,
 }
 
-impl Playing {
+impl ReplayStatus {
     /// True while samples are being played or still will be.
     #[must_use]
     pub const fn is_under_way(self) -> bool {
@@ -113,7 +113,7 @@ pub struct Replay {
     /// ROS namespace of the node.
     pub namespace: String,
     /// State of the replay.
-    pub state: Playing,
+    pub state: ReplayStatus,
     /// The state in words.
     pub says: String,
     /// Seconds of the run that were played.
@@ -123,13 +123,13 @@ pub struct Replay {
     /// Speed, as a multiple of the original.
     pub rate: f64,
     /// Errors over the whole run, computed offline.
-    pub figures: Figures,
+    pub figures: RunFigures,
 }
 
 /// Errors over a whole run, as in `mr-damper evaluate`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "state")]
-pub enum Figures {
+pub enum RunFigures {
     /// The errors are being computed.
     Computing,
     /// The errors.
@@ -144,7 +144,7 @@ pub enum Figures {
 /// State of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Course {
+pub enum DiagnosisStatus {
     /// The node was asked, or is working.
     Working,
     /// Cancelling was requested.
@@ -157,7 +157,7 @@ pub enum Course {
     Failed,
 }
 
-impl Course {
+impl DiagnosisStatus {
     /// True until the diagnosis has ended.
     #[must_use]
     pub const fn is_under_way(self) -> bool {
@@ -167,11 +167,11 @@ impl Course {
 
 /// A diagnosis by a running node.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Closing {
+pub struct Diagnosis {
     /// Unique number of the diagnosis.
     pub id: u64,
     /// State of the diagnosis.
-    pub state: Course,
+    pub state: DiagnosisStatus,
     /// The stage, or the result, in words.
     pub says: String,
     /// Approximate progress, from 0 to 1.
@@ -179,5 +179,5 @@ pub struct Closing {
     /// Name of the report's page.
     pub report: Option<String>,
     /// The result.
-    pub found: Option<Box<Answered>>,
+    pub found: Option<Box<DiagnosisSummary>>,
 }

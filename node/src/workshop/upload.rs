@@ -1,12 +1,12 @@
 //! Uploads: a separate thread writes the data received by the web server to a file.
 //!
 //! The web server passes the data through a short queue, so memory is bounded and a slow disk slows the sender. A queue that
-//! closes without [`Part::End`] means that the upload was cut off; then nothing is kept.
+//! closes without [`UploadPart::End`] means that the upload was cut off; then nothing is kept.
 
-use super::folder::Reading;
-use super::refusal::{Kind, Refusal};
-use super::state::{Incoming, Shelved};
-use super::{About, Workshop, guarded};
+use super::folder::ReadOptions;
+use super::refusal::{Refusal, RefusalKind};
+use super::state::{StoredRun, UploadProgress};
+use super::{About, Workshop, catch_panic};
 use crate::error::NodeError;
 use axum::body::Bytes;
 use std::io::Write;
@@ -19,11 +19,11 @@ const BACKLOG: usize = 8;
 /// Maximum number of simultaneous uploads.
 const MOST: usize = 2;
 /// Interval at which the progress is updated.
-const SAY_EVERY: Duration = Duration::from_millis(200);
+const REPORT_EVERY: Duration = Duration::from_millis(200);
 
 /// A part of an upload.
 #[derive(Debug)]
-pub enum Part {
+pub enum UploadPart {
     /// The next bytes.
     Bytes(Bytes),
     /// The end of the upload.
@@ -34,7 +34,7 @@ pub enum Part {
 #[derive(Debug)]
 pub struct Upload {
     /// Queue for the parts of the upload.
-    pub parts: mpsc::Sender<Part>,
+    pub parts: mpsc::Sender<UploadPart>,
     /// Result of the upload.
     pub kept: oneshot::Receiver<Result<About, Refusal>>,
 }
@@ -54,50 +54,50 @@ impl Workshop {
     pub fn take_upload(
         self: &Arc<Self>,
         name: &str,
-        reading: Reading,
+        options: ReadOptions,
         of: Option<u64>,
     ) -> Result<Upload, Refusal> {
-        reading.options()?;
+        options.loader_options()?;
         let limit = self.state().upload_limit_bytes;
         if of.is_some_and(|of| of > limit) {
             return Err(too_much(limit));
         }
         let mut file = self.folder.incoming(name)?;
         let (id, name) = (self.next_id(), name.to_owned());
-        let incoming = Incoming { id, name: name.clone(), bytes: 0, of, opening: false };
+        let progress = UploadProgress { id, name: name.clone(), bytes: 0, of, opening: false };
         self.change(|state| {
             if state.uploads.len() >= MOST {
                 let says = format!("{MOST} uploads are running already; wait until one of them has ended");
-                return Err(Refusal::new(Kind::Busy, says));
+                return Err(Refusal::new(RefusalKind::Busy, says));
             }
-            state.uploads.push(incoming);
+            state.uploads.push(progress);
             Ok(())
         })?;
         let (parts, mut queue) = mpsc::channel(BACKLOG);
         let (keep, kept) = oneshot::channel();
-        let shop = Arc::clone(self);
-        let begun = self.work(format!("workshop-upload-{id}"), move |_| {
-            let taken = guarded(|| shop.receive(id, limit, &mut file, &mut queue));
+        let workshop = Arc::clone(self);
+        let begun = self.spawn(format!("workshop-upload-{id}"), move |_| {
+            let taken = catch_panic(|| workshop.receive(id, limit, &mut file, &mut queue));
             let kept = match taken {
-                Ok(Received::All) => shop.open_upload(id, file.into_temp_path(), &name, &reading),
+                Ok(Received::All) => workshop.open_upload(id, file.into_temp_path(), &name, &options),
                 // Dropping the file deletes it.
                 Ok(Received::CutOff) => {
-                    Err(Refusal::new(Kind::Failed, "the upload was cut off and is not kept"))
+                    Err(Refusal::new(RefusalKind::Failed, "the upload was cut off and is not kept"))
                 }
                 Ok(Received::TooMuch) => Err(too_much(limit)),
                 Err(error) => Err(error.into()),
             };
-            shop.change(|state| {
-                state.uploads.retain(|incoming| incoming.id != id);
+            workshop.change(|state| {
+                state.uploads.retain(|upload| upload.id != id);
                 if let Ok(about) = &kept {
                     let place = state.runs.partition_point(|run| run.name() < about.name.as_str());
-                    state.runs.insert(place, Shelved::Ready(Box::new(about.clone())));
+                    state.runs.insert(place, StoredRun::Ready(Box::new(about.clone())));
                 }
             });
             // The sender may have disconnected.
             let _ = keep.send(kept);
         });
-        begun.inspect_err(|_| self.change(|state| state.uploads.retain(|incoming| incoming.id != id)))?;
+        begun.inspect_err(|_| self.change(|state| state.uploads.retain(|upload| upload.id != id)))?;
         Ok(Upload { parts, kept })
     }
 
@@ -107,13 +107,13 @@ impl Workshop {
         id: u64,
         limit: u64,
         file: &mut impl Write,
-        queue: &mut mpsc::Receiver<Part>,
+        queue: &mut mpsc::Receiver<UploadPart>,
     ) -> Result<Received, NodeError> {
-        let (mut bytes, mut said) = (0_u64, Instant::now());
+        let (mut bytes, mut reported) = (0_u64, Instant::now());
         while let Some(part) = queue.blocking_recv() {
-            let Part::Bytes(part) = part else {
+            let UploadPart::Bytes(part) = part else {
                 file.flush().map_err(NodeError::io("writing the upload"))?;
-                self.change_upload(id, |incoming| incoming.bytes = bytes);
+                self.change_upload(id, |upload| upload.bytes = bytes);
                 return Ok(Received::All);
             };
             bytes += part.len() as u64;
@@ -121,9 +121,9 @@ impl Workshop {
                 return Ok(Received::TooMuch);
             }
             file.write_all(&part).map_err(NodeError::io("writing the upload; is there room on the disk?"))?;
-            if said.elapsed() >= SAY_EVERY {
-                said = Instant::now();
-                self.change_upload(id, |incoming| incoming.bytes = bytes);
+            if reported.elapsed() >= REPORT_EVERY {
+                reported = Instant::now();
+                self.change_upload(id, |upload| upload.bytes = bytes);
             }
         }
         Ok(Received::CutOff)
@@ -134,22 +134,22 @@ impl Workshop {
         id: u64,
         path: tempfile::TempPath,
         name: &str,
-        reading: &Reading,
+        options: &ReadOptions,
     ) -> Result<About, Refusal> {
-        self.change_upload(id, |incoming| incoming.opening = true);
+        self.change_upload(id, |upload| upload.opening = true);
         let mut kept = None;
-        // Guarded, because the loader reads arbitrary data here.
-        guarded(|| {
-            kept = Some(self.folder.keep(path, name, reading));
+        // Panics are caught, because the loader reads arbitrary data here.
+        catch_panic(|| {
+            kept = Some(self.folder.keep(path, name, options));
             Ok(())
         })?;
-        kept.unwrap_or_else(|| Err(Refusal::new(Kind::Failed, "the run was not opened")))
+        kept.unwrap_or_else(|| Err(Refusal::new(RefusalKind::Failed, "the run was not opened")))
     }
 
-    fn change_upload(&self, id: u64, how: impl FnOnce(&mut Incoming)) {
+    fn change_upload(&self, id: u64, how: impl FnOnce(&mut UploadProgress)) {
         self.change(|state| {
-            if let Some(incoming) = state.uploads.iter_mut().find(|incoming| incoming.id == id) {
-                how(incoming);
+            if let Some(upload) = state.uploads.iter_mut().find(|upload| upload.id == id) {
+                how(upload);
             }
         });
     }
@@ -161,5 +161,5 @@ fn too_much(limit: u64) -> Refusal {
          (mr-damper convert)",
         limit >> 20
     );
-    Refusal::new(Kind::TooMuch, says)
+    Refusal::new(RefusalKind::TooMuch, says)
 }

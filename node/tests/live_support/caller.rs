@@ -4,7 +4,7 @@ use futures::executor::block_on;
 use futures::future::{Either, select};
 use mr_damper_msgs::Service;
 use mr_damper_node::config::{Config, RosArgs};
-use mr_damper_node::ros::{ClientOf, Part, Ros};
+use mr_damper_node::ros::{ClientOf, Ros, RosMessage};
 use ros2_client::NodeOptions;
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -52,7 +52,7 @@ pub(crate) fn within<T>(limit: Duration, task: impl Future<Output = T>) -> T {
 
 /// The response of a discovered service.
 pub(crate) fn answer<S: Service>(client: &ClientOf<S>, request: S::Request) -> S::Response {
-    within(PATIENCE, client.async_call_service(Part(request))).expect("an answer that can be read").0
+    within(PATIENCE, client.async_call_service(RosMessage(request))).expect("an answer that can be read").0
 }
 
 /// The calling node.

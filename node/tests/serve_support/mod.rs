@@ -156,8 +156,8 @@ fn head(reader: &mut impl BufRead) -> (u16, String) {
 
 /// An event of a stream.
 #[derive(Debug)]
-pub(crate) struct News {
-    pub(crate) event: String,
+pub(crate) struct StreamEvent {
+    pub(crate) name: String,
     pub(crate) data: Json,
     pub(crate) at: Instant,
 }
@@ -194,26 +194,26 @@ impl Stream {
         SockRef::from(self.0.get_ref()).set_recv_buffer_size(1 << 20).expect("a size");
     }
 
-    fn next(&mut self) -> News {
-        let (mut event, mut data) = (String::new(), String::new());
+    fn next(&mut self) -> StreamEvent {
+        let (mut name, mut data) = (String::new(), String::new());
         loop {
             let mut line = String::new();
             assert!(self.0.read_line(&mut line).expect("an event") > 0, "the stream has ended");
             match line.trim_end().split_once(": ") {
-                Some(("event", value)) => event = value.to_owned(),
+                Some(("event", value)) => name = value.to_owned(),
                 Some(("data", value)) => data += value,
                 Some(_) => {}
                 None if data.is_empty() => {}
                 None => {
                     let data = serde_json::from_str(&data).unwrap_or_else(|error| panic!("{error}: {data}"));
-                    return News { event, data, at: Instant::now() };
+                    return StreamEvent { name, data, at: Instant::now() };
                 }
             }
         }
     }
 
     /// All events until `done`, and one more.
-    pub(crate) fn read_until(mut self, done: impl Fn() -> bool) -> Vec<News> {
+    pub(crate) fn read_until(mut self, done: impl Fn() -> bool) -> Vec<StreamEvent> {
         let mut all = Vec::new();
         while !done() {
             all.push(self.next());
@@ -221,11 +221,11 @@ impl Stream {
         all
     }
 
-    /// All events up to the first one called `event`.
-    pub(crate) fn read_until_event(&mut self, event: &str) -> Vec<News> {
+    /// All events up to the first one called `name`.
+    pub(crate) fn read_until_event(&mut self, name: &str) -> Vec<StreamEvent> {
         let (mut all, begun) = (vec![self.next()], Instant::now());
-        while all[all.len() - 1].event != event {
-            assert!(begun.elapsed() < 2 * ANSWER, "no {event} among {} events", all.len());
+        while all[all.len() - 1].name != name {
+            assert!(begun.elapsed() < 2 * ANSWER, "no {name} among {} events", all.len());
             all.push(self.next());
         }
         all

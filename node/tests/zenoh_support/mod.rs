@@ -8,9 +8,9 @@ pub(crate) mod sessions;
 
 pub(crate) use sessions::{endpoint, session};
 
-use mr_damper_model::inverse::{Command, LimitedBy};
+use mr_damper_model::inverse::{CurrentCommand, LimitedBy};
 use mr_damper_model::pipeline::{
-    AlarmChange, Cause, Commanded, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot,
+    AlarmChange, Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, StampedCommand,
     Transition, Validity,
 };
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
@@ -233,10 +233,10 @@ pub(crate) fn one_of_each() -> Vec<Event> {
         Event::Alarm(AlarmChange { stamp: Stamp::from_nanos(11), raised: true, ratio: 1.75 }),
         Event::Input(sample(12, Reading::BodyVelocity(MetrePerSecond(0.2)))),
         Event::Input(sample(13, Reading::ForceRequest(Newton(900.0)))),
-        Event::Command(Commanded {
+        Event::Command(StampedCommand {
             stamp: Stamp::from_nanos(14),
             known_at: Stamp::from_nanos(14),
-            command: Command {
+            command: CurrentCommand {
                 current: Ampere(2.5),
                 requested: Newton(900.0),
                 expected: Newton(700.0),

@@ -123,11 +123,11 @@ fn unix_ns() -> i64 {
 }
 
 /// An answer: the number of its damper, whether it is a command, its stamp, and its arrival time.
-type Heard = (usize, bool, i64, i64);
+type ReceivedAnswer = (usize, bool, i64, i64);
 
 /// The part of a message that is used.
 enum Arrived {
-    Answer(Heard),
+    Answer(ReceivedAnswer),
     Status(u8),
 }
 
@@ -182,7 +182,7 @@ fn send_all(dampers: &[Damper], rate_hz: f64, ended: &AtomicBool) -> Outcome<Vec
 }
 
 /// Losses and delays of one kind of answer to the samples with stamps from `from` to below `to`.
-fn figures(sent: &[Vec<i64>], heard: &[Heard], is_command: bool, (from, to): (i64, i64)) -> Value {
+fn figures(sent: &[Vec<i64>], heard: &[ReceivedAnswer], is_command: bool, (from, to): (i64, i64)) -> Value {
     let within = |stamp: &i64| (from..to).contains(stamp);
     let mut awaited: HashSet<(usize, i64)> = HashSet::new();
     for (damper, stamps) in sent.iter().enumerate() {
@@ -223,7 +223,7 @@ fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     sorted.get(((sorted.len() as f64 - 1.0) * share).max(0.0) as usize).copied()
 }
 
-fn report(sent: &[Vec<i64>], heard: &[Heard], phases: &[(String, i64)], end_ns: i64) -> Vec<Value> {
+fn report(sent: &[Vec<i64>], heard: &[ReceivedAnswer], phases: &[(String, i64)], end_ns: i64) -> Vec<Value> {
     let ends = phases.iter().skip(1).map(|(_, at)| *at).chain([end_ns]);
     let phase = |((name, from), to): (&(String, i64), i64)| {
         let span = (*from, to);
@@ -273,7 +273,7 @@ fn main() -> Outcome<()> {
     }
 
     let (ended, all_heard) = (AtomicBool::new(false), AtomicBool::new(false));
-    let heard = Mutex::new((Vec::<Heard>::new(), Vec::<u8>::new()));
+    let heard = Mutex::new((Vec::<ReceivedAnswer>::new(), Vec::<u8>::new()));
     let (sent, phases, end_ns) = std::thread::scope(|scope| {
         scope.spawn(|| {
             let mut arrivals = arrivals(&dampers, &diagnostics);

@@ -104,14 +104,14 @@ impl Topics {
 
 /// Everything that was sent and received.
 #[derive(Default)]
-struct Told {
+struct Records {
     phases: Vec<Value>,
     sent: Vec<Value>,
     estimates: Vec<Value>,
     diagnostics: Vec<Value>,
 }
 
-impl Told {
+impl Records {
     fn phase(&self) -> usize {
         self.phases.len().saturating_sub(1)
     }
@@ -148,7 +148,7 @@ fn unix_ns() -> i64 {
 }
 
 /// Sends the sample at `t` seconds: a sine of 8 mm and 2 Hz, a stepped current, and a force of no particular damper.
-fn send(topics: &Topics, t: f64, stamp_ns: i64, told: &mut Told) -> Outcome<()> {
+fn send(topics: &Topics, t: f64, stamp_ns: i64, records: &mut Records) -> Outcome<()> {
     let omega = 4.0 * std::f64::consts::PI;
     let displacement = 0.008 * (omega * t).sin();
     let current = if t % 2.0 < 1.0 { 0.4 } else { 0.8 };
@@ -159,19 +159,19 @@ fn send(topics: &Topics, t: f64, stamp_ns: i64, told: &mut Told) -> Outcome<()> 
     topics.displacement.publish(Displacement { header, displacement, variance: 0.0 })?;
     // As text, a number might lose its last bit.
     let bits = [displacement, current, force].map(f64::to_bits);
-    told.sent.push(json!([stamp_ns, unix_ns(), bits[0], bits[1], bits[2], told.phase()]));
+    records.sent.push(json!([stamp_ns, unix_ns(), bits[0], bits[1], bits[2], records.phase()]));
     Ok(())
 }
 
 /// Sends and receives until the commands end.
-fn work(topics: &Topics, rate_hz: f64, commands: &Receiver<String>, told: &mut Told) -> Outcome<()> {
+fn work(topics: &Topics, rate_hz: f64, commands: &Receiver<String>, records: &mut Records) -> Outcome<()> {
     let (begin, first_ns) = (Instant::now(), unix_ns());
     let (mut due_s, mut sending, mut jumped_ns) = (0.0_f64, false, 0_i64);
     loop {
         match commands.try_recv() {
             Ok(line) => {
                 match line.split_once(' ').unwrap_or((&line, "")) {
-                    ("phase", name) => told.phases.push(json!([name, unix_ns()])),
+                    ("phase", name) => records.phases.push(json!([name, unix_ns()])),
                     ("send", _) => sending = true,
                     ("quiet", _) => sending = false,
                     ("jump", seconds) => jumped_ns += (seconds.parse::<f64>()? * 1e9) as i64,
@@ -189,10 +189,10 @@ fn work(topics: &Topics, rate_hz: f64, commands: &Receiver<String>, told: &mut T
             due_s = due_s.max(elapsed_s - 0.1 / rate_hz) + 1.0 / rate_hz;
             if sending {
                 let stamp_ns = first_ns + (elapsed_s * 1e9) as i64 + jumped_ns;
-                send(topics, elapsed_s, stamp_ns, told)?;
+                send(topics, elapsed_s, stamp_ns, records)?;
             }
         }
-        told.hear(topics)?;
+        records.hear(topics)?;
         std::thread::sleep(Duration::from_micros(300));
     }
 }
@@ -229,9 +229,9 @@ fn main() -> Outcome<()> {
             }
         }
     });
-    let mut told = Told::default();
-    work(&topics, args.rate_hz, &commands, &mut told)?;
-    let Told { phases, sent, estimates, diagnostics } = told;
+    let mut records = Records::default();
+    work(&topics, args.rate_hz, &commands, &mut records)?;
+    let Records { phases, sent, estimates, diagnostics } = records;
     let all = json!({ "phases": phases, "sent": sent, "estimates": estimates, "diagnostics": diagnostics });
     std::fs::write(&args.out, all.to_string())?;
     println!("{}", json!({ "sent": all["sent"].as_array().map(Vec::len) }));

@@ -58,7 +58,7 @@ fn our_recorder_gets_the_estimates_and_no_initialization_vector_repeats() {
         };
         let keystores = keystores(lab);
         let mut watch =
-            lab.start_told("nonce_watch.py", Path::new("python3"), &[&utf8(&script("nonce_watch.py"))]);
+            lab.start_commanded("nonce_watch.py", Path::new("python3"), &[&utf8(&script("nonce_watch.py"))]);
         assert_eq!(text(&watch.json_line(PEER), "/event"), "ready");
 
         let node = secured(lab, &binary, &keystores, "/node");

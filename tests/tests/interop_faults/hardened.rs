@@ -2,7 +2,7 @@
 
 use super::NO_ARX;
 use super::malformed::bad_rtps;
-use super::told::{FaultPeer, Told};
+use super::peer_records::{FaultPeer, PeerRecords};
 use crate::PEER;
 use crate::interop_support::gate::{Outcome, interop, long};
 use crate::interop_support::json::text;
@@ -39,16 +39,16 @@ fn a_hardened_node_survives_hostile_packets() {
         }
         let grown = resident_mib(node.id()).saturating_sub(before);
         let mut peer = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
-        peer.tell("phase after");
-        peer.tell("send");
+        peer.command("phase after");
+        peer.command("send");
         std::thread::sleep(Duration::from_secs(2));
-        let told = peer.told();
-        told.is_sound();
-        assert!(told.answered("after") > 0.99, "{}", told.summary());
+        let records = peer.finish();
+        records.is_sound();
+        assert!(records.answered("after") > 0.99, "{}", records.summary());
         assert!(grown < GROWTH_MIB, "{grown} MiB");
         Outcome::Passed(format!(
             "4 packets, {grown} MiB, {:.2} % answered after them",
-            1e2 * told.answered("after")
+            1e2 * records.answered("after")
         ))
     });
 }
@@ -61,37 +61,38 @@ fn a_hardened_node_continues_after_it_was_stopped() {
             Err(why) => return Outcome::Skipped(why),
         };
         let mut peer = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
-        peer.tell("phase before");
-        peer.tell("send");
+        peer.command("phase before");
+        peer.command("send");
         std::thread::sleep(Duration::from_secs(1));
-        peer.tell("phase stopped");
+        peer.command("phase stopped");
         node.signal("STOP");
         std::thread::sleep(Duration::from_secs(2));
         node.signal("CONT");
         peer.phase("back", 3.0);
         assert!(node.is_running(), "{}", lab.last_log("mr-damper node"));
-        let told = peer.told();
-        let back_s = told.valid_after_s("back");
-        assert!(back_s < BACK_S && told.answered("back") > 0.9, "{back_s:.2} s: {}", told.summary());
+        let records = peer.finish();
+        let back_s = records.valid_after_s("back");
+        assert!(back_s < BACK_S && records.answered("back") > 0.9, "{back_s:.2} s: {}", records.summary());
         Outcome::Passed(format!("VALID again after {:.0} ms", 1e3 * back_s))
     });
 }
 
 /// The 99th percentile of the delays of a phase's estimates, s.
-fn p99_s(told: &Told, phase: &str) -> f64 {
-    let (number, _) = told.phase(phase);
-    let live = told.heard.iter().filter(|heard| heard.phase == number && heard.is_live());
-    let mut delays: Vec<f64> = live.map(|heard| (heard.at_ns - heard.stamp_ns) as f64 * 1e-9).collect();
+fn p99_s(records: &PeerRecords, phase: &str) -> f64 {
+    let (number, _) = records.phase(phase);
+    let live = records.estimates.iter().filter(|estimate| estimate.phase == number && estimate.is_live());
+    let mut delays: Vec<f64> =
+        live.map(|estimate| (estimate.at_ns - estimate.stamp_ns) as f64 * 1e-9).collect();
     delays.sort_by(f64::total_cmp);
     delays[delays.len() * 99 / 100]
 }
 
 /// Checks that the peer got every estimate in time while another reader was dead.
-fn was_served(told: &Told, phase: &str) -> String {
-    told.is_sound();
-    let p99_s = p99_s(told, phase);
-    assert_eq!(told.answered(phase), 1.0, "a dead reader causes no loss: {}", told.summary());
-    assert!(p99_s < P99_S, "99 % within {p99_s:.3} s: {}", told.summary());
+fn was_served(records: &PeerRecords, phase: &str) -> String {
+    records.is_sound();
+    let p99_s = p99_s(records, phase);
+    assert_eq!(records.answered(phase), 1.0, "a dead reader causes no loss: {}", records.summary());
+    assert!(p99_s < P99_S, "99 % within {p99_s:.3} s: {}", records.summary());
     format!("none lost, 99 % within {:.1} ms", 1e3 * p99_s)
 }
 
@@ -106,18 +107,18 @@ fn a_hardened_node_does_not_wait_for_a_dead_reader() {
             Ok(node) => node,
             Err(why) => return Outcome::Skipped(why),
         };
-        let mut reader = lab.ros_told(Distro::Jazzy, "steady_peer.py", &["--hear"]);
+        let mut reader = lab.ros_commanded(Distro::Jazzy, "steady_peer.py", &["--hear"]);
         assert_eq!(text(&reader.json_line(PEER), "/event"), "ready");
         let mut peer = FaultPeer::start(lab, "fault_peer", &["--loopback", "--rate", RATE_HZ]);
-        peer.tell("phase before");
-        peer.tell("send");
+        peer.command("phase before");
+        peer.command("send");
         std::thread::sleep(Duration::from_secs(2));
-        peer.tell("phase dead");
+        peer.command("phase dead");
         reader.signal("KILL");
         reader.wait(PEER);
         std::thread::sleep(dead_s());
         assert!(node.is_running());
-        Outcome::Passed(was_served(&peer.told(), "dead"))
+        Outcome::Passed(was_served(&peer.finish(), "dead"))
     });
 }
 
@@ -132,19 +133,19 @@ fn a_hardened_node_does_not_wait_for_a_lost_host() {
             Ok(node) => node,
             Err(why) => return Outcome::Skipped(why),
         };
-        let mut reader = far.ros_told(Distro::Jazzy, "steady_peer.py", &["--hear"]);
+        let mut reader = far.ros_commanded(Distro::Jazzy, "steady_peer.py", &["--hear"]);
         assert_eq!(text(&reader.json_line(PEER), "/event"), "ready");
         let mut peer = FaultPeer::start(lab, "fault_peer", &["--rate", RATE_HZ]);
-        peer.tell("phase before");
-        peer.tell("send");
+        peer.command("phase before");
+        peer.command("send");
         std::thread::sleep(Duration::from_secs(2));
-        peer.tell("phase gone");
-        wire.tell(r#"{"name": "cut", "cut": true}"#);
+        peer.command("phase gone");
+        wire.command(r#"{"name": "cut", "cut": true}"#);
         std::thread::sleep(dead_s());
-        let told = peer.told();
-        wire.tell(r#"{"name": "clean"}"#);
+        let records = peer.finish();
+        wire.command(r#"{"name": "clean"}"#);
         drop((node, reader));
         wire.close();
-        Outcome::Passed(was_served(&told, "gone"))
+        Outcome::Passed(was_served(&records, "gone"))
     });
 }

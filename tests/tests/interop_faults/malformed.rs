@@ -2,7 +2,7 @@
 //! node with an explanation.
 
 use super::NO_ARX;
-use super::told::{FaultPeer, Told};
+use super::peer_records::{FaultPeer, PeerRecords};
 use crate::interop_support::gate::{Outcome, interop, long, survives};
 use crate::interop_support::json::count;
 use crate::interop_support::process::{Program, resident_mib, script};
@@ -27,19 +27,19 @@ pub(super) fn bad_rtps(lab: &Lab, args: &[&str]) -> Program {
 }
 
 /// Sends a storm of `seconds` to a node with a peer; returns the peer's records, the storm's counts, and the node's growth in MiB.
-fn storm(lab: &Lab, node: &Program, play: &str, seconds: u32) -> (Told, Value, u64) {
+fn storm(lab: &Lab, node: &Program, play: &str, seconds: u32) -> (PeerRecords, Value, u64) {
     let mut peer = FaultPeer::start(lab, &format!("fault_peer {play}"), &["--loopback"]);
-    peer.tell("phase before");
-    peer.tell("send");
+    peer.command("phase before");
+    peer.command("send");
     let seconds_text = seconds.to_string();
     let bad = bad_rtps(lab, &["--as", play, "--seconds", &seconds_text, "--seed", "7"]);
     std::thread::sleep(Duration::from_millis(1700)); // it captures packets first
     let before = resident_mib(node.id());
-    peer.tell("phase storm");
+    peer.command("phase storm");
     let sent = bad.json(Duration::from_secs(30 + u64::from(seconds)));
     peer.phase("after", 1.5);
     let grown = resident_mib(node.id()).saturating_sub(before);
-    (peer.told(), sent, grown)
+    (peer.finish(), sent, grown)
 }
 
 #[test]
@@ -47,26 +47,28 @@ fn malformed_packets_change_nothing_for_a_peer() {
     interop("malformed RTPS", |lab| {
         let mut node = lab.node(PRESET, NO_ARX);
         let seconds = if long() { 300 } else { 4 };
-        let (told, sent, grown) = storm(lab, &node, "stranger", seconds);
+        let (records, sent, grown) = storm(lab, &node, "stranger", seconds);
         assert!(node.is_running(), "the node still runs");
-        told.is_sound();
-        let answered = told.answered("storm");
-        assert!(answered > 0.95, "{answered:.3} answered: {}", told.summary());
-        let back_s = told.valid_after_s("after");
-        assert!(back_s < BACK_S && told.answered("after") > 0.99, "{back_s:.2} s: {}", told.summary());
+        records.is_sound();
+        let answered = records.answered("storm");
+        assert!(answered > 0.95, "{answered:.3} answered: {}", records.summary());
+        let back_s = records.valid_after_s("after");
+        assert!(back_s < BACK_S && records.answered("after") > 0.99, "{back_s:.2} s: {}", records.summary());
         assert!(grown < GROWTH_MIB, "{grown} MiB");
         assert!(count(&sent, "/mutated") > 1000 && count(&sent, "/crafted") > 1000, "{sent:#}");
 
         // Packets in a peer's name may harm that peer, because only DDS-Security can tell them apart. The next peer must be served.
         let (forged, more, grown_more) = storm(lab, &node, "peer", seconds);
         assert!(node.is_running(), "the node still runs");
-        assert!(forged.heard.iter().all(|heard| heard.force_n.is_finite() || heard.reasons.0 != 0));
+        assert!(
+            forged.estimates.iter().all(|estimate| estimate.force_n.is_finite() || estimate.reasons.0 != 0)
+        );
         assert!(grown_more < GROWTH_MIB, "{grown_more} MiB");
         let mut next = FaultPeer::start(lab, "fault_peer next", &["--loopback"]);
-        next.tell("phase next");
-        next.tell("send");
+        next.command("phase next");
+        next.command("send");
         std::thread::sleep(Duration::from_secs(1));
-        let next = next.told();
+        let next = next.finish();
         assert!(next.answered("next") > 0.99, "{}", next.summary());
         Outcome::Passed(format!(
             "{} packets of unknown participants ({} lethal ones not sent): {:.1} % answered meanwhile, {grown} MiB; {} in the peer's name: \

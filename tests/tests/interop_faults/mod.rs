@@ -2,9 +2,9 @@
 
 mod hardened;
 mod malformed;
+mod peer_records;
 mod readers;
 mod stopped;
-mod told;
 mod wire;
 
 /// ARX models need the rate they were identified at, which these tests do not use.

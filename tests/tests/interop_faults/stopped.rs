@@ -1,7 +1,7 @@
 //! Peers and nodes that stop silently, are killed in the middle of a message, or run twice.
 
 use super::NO_ARX;
-use super::told::{FaultPeer, Told};
+use super::peer_records::{FaultPeer, PeerRecords};
 use crate::PEER;
 use crate::interop_support::gate::{Outcome, interop, long, survives};
 use crate::interop_support::json::text;
@@ -32,26 +32,27 @@ fn stop_for(seconds: f64, signal: impl Fn(&str)) {
 }
 
 /// Checks that no VALID estimate was older than `input_timeout_s` on arrival; returns the largest age in s.
-fn none_is_stale(told: &Told) -> f64 {
-    let valid = told.heard.iter().filter(|heard| heard.is_valid());
-    let oldest_s = valid.map(|heard| (heard.at_ns - heard.stamp_ns) as f64 * 1e-9).fold(0.0, f64::max);
+fn none_is_stale(records: &PeerRecords) -> f64 {
+    let valid = records.estimates.iter().filter(|estimate| estimate.is_valid());
+    let oldest_s =
+        valid.map(|estimate| (estimate.at_ns - estimate.stamp_ns) as f64 * 1e-9).fold(0.0, f64::max);
     let limit_s = Settings::default().input_timeout_s + WAY_S;
-    assert!(oldest_s <= limit_s, "a VALID estimate was {oldest_s:.2} s old: {}", told.summary());
+    assert!(oldest_s <= limit_s, "a VALID estimate was {oldest_s:.2} s old: {}", records.summary());
     oldest_s
 }
 
 /// The modes of the estimates that bridged silence in a phase, without repetitions.
-fn bridging(told: &Told, phase: &str) -> Vec<u8> {
-    let (number, _) = told.phase(phase);
-    let silent = told.heard.iter().filter(|heard| heard.phase == number && !heard.is_live());
-    let mut modes: Vec<u8> = silent.map(|heard| heard.mode).collect();
+fn bridging(records: &PeerRecords, phase: &str) -> Vec<u8> {
+    let (number, _) = records.phase(phase);
+    let silent = records.estimates.iter().filter(|estimate| estimate.phase == number && !estimate.is_live());
+    let mut modes: Vec<u8> = silent.map(|estimate| estimate.mode).collect();
     modes.dedup();
     modes
 }
 
 /// Starts an rclpy peer that sends or receives, and waits until it is ready. (A RustDDS peer would not survive a stop.)
 fn steady(lab: &Lab, args: &[&str]) -> Program {
-    let mut peer = lab.ros_told(Distro::Jazzy, "steady_peer.py", args);
+    let mut peer = lab.ros_commanded(Distro::Jazzy, "steady_peer.py", args);
     assert_eq!(text(&peer.json_line(PEER), "/event"), "ready");
     peer
 }
@@ -63,30 +64,30 @@ fn a_sender_and_a_reader_may_stop_and_continue() {
         let mut peer = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
         let sender = steady(lab, &[]);
         peer.phase("steady", 1.0);
-        peer.tell("phase no_sender");
+        peer.command("phase no_sender");
         stop_for(2.5, |signal| sender.signal(signal));
         peer.phase("sender_back", 1.0);
         sender.close();
         // Now another sender, and a reliable reader that stops: nothing may wait for the reader, or be kept for it without a bound.
         let reader = steady(lab, &["--hear"]);
         peer.phase("between", 0.5);
-        peer.tell("send");
+        peer.command("send");
         let before = resident_mib(node.id());
         peer.phase("stands", 0.2);
-        peer.tell("phase no_reader");
+        peer.command("phase no_reader");
         stop_for(if long() { 600.0 } else { 5.0 }, |signal| reader.signal(signal));
         let grown = resident_mib(node.id()).saturating_sub(before);
         reader.close();
-        let told = peer.told();
+        let records = peer.finish();
 
         let silent = [Mode::Hold as u8, Mode::Fault as u8];
-        assert_eq!(bridging(&told, "no_sender"), silent, "{}", told.summary());
-        none_is_stale(&told);
-        let (phase, back_ns) = told.phase("sender_back");
-        let first = told.heard.iter().find(|heard| heard.is_valid() && heard.phase == phase);
+        assert_eq!(bridging(&records, "no_sender"), silent, "{}", records.summary());
+        none_is_stale(&records);
+        let (phase, back_ns) = records.phase("sender_back");
+        let first = records.estimates.iter().find(|estimate| estimate.is_valid() && estimate.phase == phase);
         let back_s = (first.expect("VALID again").at_ns - back_ns) as f64 * 1e-9;
-        assert!(back_s < BACK_S, "{back_s:.2} s: {}", told.summary());
-        assert_eq!(told.answered("no_reader"), 1.0, "a stalled reader causes no loss for others");
+        assert!(back_s < BACK_S, "{back_s:.2} s: {}", records.summary());
+        assert_eq!(records.answered("no_reader"), 1.0, "a stalled reader causes no loss for others");
         assert!(grown <= GROWTH_MIB, "{grown} MiB for a reader that does not read");
         Outcome::Passed(format!(
             "sender stopped: hold, fault, VALID again after {:.0} ms; reader stopped: {grown} MiB, none lost to others",
@@ -105,10 +106,10 @@ fn stopped_programs_report_that_their_dds_library_did_not_continue() {
         let bag = lab.folder().join("bag");
         let mut recorder = lab.mr_damper(&["record", "--out", bag.to_str().expect("UTF-8 path")]);
         let mut peer = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
-        peer.tell("phase all");
-        peer.tell("send");
+        peer.command("phase all");
+        peer.command("send");
         std::thread::sleep(Duration::from_secs(1));
-        peer.tell("phase stopped");
+        peer.command("phase stopped");
         for program in [&node, &recorder] {
             program.signal("STOP");
         }
@@ -128,8 +129,8 @@ fn stopped_programs_report_that_their_dds_library_did_not_continue() {
         let run = mr_damper_node::run::load(&bag, &mr_damper_node::run::LoadOptions::default())
             .expect("a whole bag");
         assert!(run.run.displacement_m.len() > 50, "{} displacements", run.run.displacement_m.len());
-        let told = peer.heard_by_now();
-        let oldest_s = none_is_stale(&told);
+        let records = peer.read_records();
+        let oldest_s = none_is_stale(&records);
         Outcome::Passed(format!(
             "{}; the oldest VALID estimate was {:.0} ms old",
             ended.join(", "),
@@ -155,10 +156,10 @@ fn peers_killed_in_the_middle_of_long_messages_harm_nobody() {
         let mut node = lab.node(PRESET, NO_ARX);
         let mut sender = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
         sender.phase("quiet_before", 0.0);
-        sender.tell("send");
+        sender.command("send");
         std::thread::sleep(Duration::from_millis(500));
         let before = resident_mib(node.id());
-        sender.tell("phase killing");
+        sender.command("phase killing");
         for round in 1.. {
             kill_in_the_middle(lab, 2);
             if !long() || round == 5 {
@@ -169,13 +170,17 @@ fn peers_killed_in_the_middle_of_long_messages_harm_nobody() {
         sender.phase("after", 1.0);
         let grown = resident_mib(node.id()).saturating_sub(before);
         assert!(node.is_running());
-        let told = sender.told();
-        told.is_sound();
-        assert!(told.answered("killing") > 0.95 && told.answered("after") > 0.99, "{}", told.summary());
+        let records = sender.finish();
+        records.is_sound();
+        assert!(
+            records.answered("killing") > 0.95 && records.answered("after") > 0.99,
+            "{}",
+            records.summary()
+        );
         assert!(grown <= LONG_MIB, "{grown} MiB");
         Outcome::Passed(format!(
             "{:.1} % answered while peers were killed while sending long requests, {grown} MiB",
-            1e2 * told.answered("killing")
+            1e2 * records.answered("killing")
         ))
     });
 }
@@ -196,11 +201,11 @@ fn two_nodes_with_the_same_name_both_report_it() {
             let said = lab.last_log(name);
             assert!(said.contains("/force_estimate has another publisher"), "{name}: {said}");
         }
-        let told = sender.told();
+        let records = sender.finish();
         let warned: Vec<_> =
-            told.diagnostics.iter().map(|status| text(&status[3], "/other_publishers")).collect();
+            records.diagnostics.iter().map(|status| text(&status[3], "/other_publishers")).collect();
         assert!(warned.contains(&"1"), "{warned:?}");
-        let message = told.diagnostics.last().and_then(|status| status[2].as_str()).expect("a message");
+        let message = records.diagnostics.last().and_then(|status| status[2].as_str()).expect("a message");
         assert!(message.contains("stop the other node of this name"), "{message}");
         drop((first, second));
         Outcome::Passed(message.to_owned())

@@ -1,7 +1,7 @@
 //! A wire with loss, delay, reordering, duplication and cuts between the node and its peer (`bad_wire.py`).
 
 use super::NO_ARX;
-use super::told::{FaultPeer, Told, done};
+use super::peer_records::{FaultPeer, PeerRecords, done};
 use crate::interop_support::gate::{Outcome, interop, long};
 use crate::interop_support::process::Program;
 use crate::interop_support::{Lab, PRESET};
@@ -24,7 +24,7 @@ fn wired(lab: &Lab, seed: u64) -> Result<(Lab, Program, Program), String> {
 }
 
 /// The estimates of the samples that were sent, computed offline.
-fn offline(told: &Told) -> Vec<Estimate> {
+fn offline(records: &PeerRecords) -> Vec<Estimate> {
     let mut config = Config::default();
     for (name, value) in [("model", PRESET), ("arx_model", "none")] {
         config.set(name, &Setting::Text(value.to_owned())).expect("a text");
@@ -33,7 +33,7 @@ fn offline(told: &Told) -> Vec<Estimate> {
     let settings = config.pipeline_settings(models.free.conditioning.cutoff_hz);
     let mut pipeline = Pipeline::new(models, settings).expect("it runs");
     let mut estimates = Vec::new();
-    for sent in &told.sent {
+    for sent in &records.sent {
         let stamp = Stamp::from_nanos(sent.stamp_ns);
         let [displacement, current, force] = sent.values;
         for reading in [
@@ -59,22 +59,26 @@ fn delays_duplicates_and_reordering_between_topics_give_bit_identical_estimates(
         let mut peer = FaultPeer::start(&far, "fault_peer", &["--rate", "20"]);
         // Much less than the sample spacing of 50 ms, so that each topic keeps its order while topics
         // overtake each other.
-        wire.tell(r#"{"name": "crooked", "delay_ms": 20, "jitter_ms": 8, "duplicate": 0.2}"#);
-        peer.tell("phase crooked");
-        peer.tell("send");
+        wire.command(r#"{"name": "crooked", "delay_ms": 20, "jitter_ms": 8, "duplicate": 0.2}"#);
+        peer.command("phase crooked");
+        peer.command("send");
         std::thread::sleep(std::time::Duration::from_secs(if long() { 60 } else { 5 }));
-        let told = peer.told();
+        let records = peer.finish();
         let wire = wire.close();
-        told.is_sound();
-        assert_eq!(told.status("refused"), 0, "{:?}", told.diagnostics.last());
-        assert_eq!(told.status("received"), 3 * told.sent.len() as u64, "each message once");
-        let expected = offline(&told);
-        let live: Vec<_> = told.heard.iter().filter(|heard| heard.is_live()).collect();
-        assert_eq!(live.len(), told.sent.len(), "one estimate per displacement: {}", told.summary());
-        for (heard, expected) in live.iter().zip(&expected) {
-            assert_eq!(heard.stamp_ns, expected.stamp.nanos());
-            assert_eq!(heard.force_n.to_bits(), expected.force.get().to_bits(), "{heard:?} {expected:?}");
-            assert_eq!((heard.mode, heard.validity), (expected.mode as u8, expected.validity as u8));
+        records.is_sound();
+        assert_eq!(records.status("refused"), 0, "{:?}", records.diagnostics.last());
+        assert_eq!(records.status("received"), 3 * records.sent.len() as u64, "each message once");
+        let expected = offline(&records);
+        let live: Vec<_> = records.estimates.iter().filter(|estimate| estimate.is_live()).collect();
+        assert_eq!(live.len(), records.sent.len(), "one estimate per displacement: {}", records.summary());
+        for (estimate, expected) in live.iter().zip(&expected) {
+            assert_eq!(estimate.stamp_ns, expected.stamp.nanos());
+            assert_eq!(
+                estimate.force_n.to_bits(),
+                expected.force.get().to_bits(),
+                "{estimate:?} {expected:?}"
+            );
+            assert_eq!((estimate.mode, estimate.validity), (expected.mode as u8, expected.validity as u8));
         }
         let [lost, repeated, overtaken] = done(&wire, "crooked");
         assert!(lost == 0 && repeated > 50 && overtaken > 50, "{wire:#}");
@@ -94,8 +98,8 @@ fn loss_bursts_disorder_and_a_cut_are_flagged_and_estimates_recover() {
         };
         let mut peer = FaultPeer::start(&far, "fault_peer", &[]);
         let seconds = if long() { 30.0 } else { 2.5 };
-        peer.tell("phase whole");
-        peer.tell("send");
+        peer.command("phase whole");
+        peer.command("send");
         std::thread::sleep(std::time::Duration::from_secs(1));
         for (name, fault) in [
             ("loss", r#""loss": 0.2"#),
@@ -103,33 +107,37 @@ fn loss_bursts_disorder_and_a_cut_are_flagged_and_estimates_recover() {
             ("disorder", r#""jitter_ms": 60, "duplicate": 0.2"#),
             ("cut", r#""cut": true"#),
         ] {
-            wire.tell(&format!(r#"{{"name": "{name}", {fault}}}"#));
+            wire.command(&format!(r#"{{"name": "{name}", {fault}}}"#));
             peer.phase(name, seconds);
-            wire.tell(r#"{"name": "clean"}"#);
+            wire.command(r#"{"name": "clean"}"#);
             peer.phase(&format!("after_{name}"), 1.5);
         }
-        let told = peer.told();
+        let records = peer.finish();
         let wire = wire.close();
         drop(node);
-        told.is_sound();
+        records.is_sound();
         let mut figures = Vec::new();
         for (name, least) in [("loss", 0.7), ("bursts", 0.5), ("disorder", 0.1), ("cut", 0.0)] {
-            let back_s = told.valid_after_s(&format!("after_{name}"));
-            assert!(back_s < BACK_S, "VALID again {back_s:.2} s after {name}; {}", told.summary());
-            let answered = told.answered(name);
-            assert!(answered >= least, "{answered:.2} answered under {name}; {}", told.summary());
+            let back_s = records.valid_after_s(&format!("after_{name}"));
+            assert!(back_s < BACK_S, "VALID again {back_s:.2} s after {name}; {}", records.summary());
+            let answered = records.answered(name);
+            assert!(answered >= least, "{answered:.2} answered under {name}; {}", records.summary());
             figures.push(format!(
                 "{name} {:.0} % answered, VALID again after {:.0} ms",
                 1e2 * answered,
                 1e3 * back_s
             ));
         }
-        assert!(told.answered("after_cut") > 0.9, "{}", told.summary());
+        assert!(records.answered("after_cut") > 0.9, "{}", records.summary());
         let [lost, ..] = done(&wire, "loss");
         assert!(lost > 30 && done(&wire, "bursts")[0] > 20 && done(&wire, "cut")[0] > 100, "{wire:#}");
         assert!(done(&wire, "disorder")[2] > 100, "{wire:#}");
         // The longest silence ends in FAULT, and the first estimates after it are not VALID at once.
-        assert!(told.heard.iter().any(|heard| !heard.is_live()), "the cut was noticed: {}", told.summary());
+        assert!(
+            records.estimates.iter().any(|estimate| !estimate.is_live()),
+            "the cut was noticed: {}",
+            records.summary()
+        );
         Outcome::Passed(figures.join("; "))
     });
 }

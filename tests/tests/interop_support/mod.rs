@@ -153,12 +153,12 @@ impl Lab {
     }
 
     /// Like [`Self::ros`], for a script that ends when its standard input closes.
-    pub(crate) fn ros_told(&self, distro: Distro, file: &str, args: &[&str]) -> Program {
+    pub(crate) fn ros_commanded(&self, distro: Distro, file: &str, args: &[&str]) -> Program {
         let name = file;
         let file = script(file);
         let mut all = vec![distro.name(), file.to_str().expect("UTF-8 path")];
         all.extend(args);
-        self.start_told(name, &script("ros-python.sh"), &all)
+        self.start_commanded(name, &script("ros-python.sh"), &all)
     }
 
     /// Starts a script of tests/interop with the Python environment of CycloneDDS and Zenoh.
@@ -185,8 +185,8 @@ impl Lab {
         Program::spawn(name, self.command(program, args, variables), &log)
     }
 
-    /// Starts a program that takes commands: see [`Program::tell`].
-    pub(crate) fn start_told(&self, name: &str, program: &Path, args: &[&str]) -> Program {
+    /// Starts a program that takes commands: see [`Program::command`].
+    pub(crate) fn start_commanded(&self, name: &str, program: &Path, args: &[&str]) -> Program {
         let log = self.log(name);
         Program::spawn_told(name, self.command(program, args, &[]), &log)
     }

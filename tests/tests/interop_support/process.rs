@@ -50,7 +50,7 @@ impl Program {
         Self::spawn_with(name, command, log, Stdio::null())
     }
 
-    /// A program that takes commands: see [`Program::tell`].
+    /// A program that takes commands: see [`Program::command`].
     pub(crate) fn spawn_told(name: &str, command: Command, log: &Path) -> Self {
         Self::spawn_with(name, command, log, Stdio::piped())
     }
@@ -91,7 +91,7 @@ impl Program {
     }
 
     /// Writes a line to standard input, and returns the line of JSON that answers it.
-    pub(crate) fn tell(&mut self, line: &str) -> Value {
+    pub(crate) fn command(&mut self, line: &str) -> Value {
         let stdin = self.stdin.as_mut().expect("a program that takes commands");
         writeln!(stdin, "{line}").unwrap_or_else(|error| panic!("{} takes no command: {error}", self.name));
         self.json_line(GRACE)

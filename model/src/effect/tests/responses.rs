@@ -12,7 +12,7 @@ const DT_S: f64 = 0.002;
 /// Force = drive + offset as long as the damper moves: (0 + 1 i) tanh(large) + 0 v.
 fn drive_as_force() -> ForceModel {
     let drive = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 1 };
-    law(Law::Sp, drive, &[0.0, 0.0, 1e3, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    law(ForceLaw::Sp, drive, &[0.0, 0.0, 1e3, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 }
 
 /// Inputs with this drive at a constant step, for [`drive_as_force`].
@@ -300,7 +300,7 @@ fn newton_steps_agree_with_the_full_solution() {
     let functions = rows.map(TanhFunction::new);
     let fuzzy = ForceModel::FuzzyTanh(FuzzyTanh::new(sets, &functions, OFFSET_N).expect("a model"));
     let as_law: Vec<f64> = rows.iter().flat_map(|[a1, a2, a3, kappa]| [*a1, *a2, *a3, *kappa, 1.0]).collect();
-    let plain = law(Law::Sp, Dependence::Fuzzy(sets), &as_law);
+    let plain = law(ForceLaw::Sp, Dependence::Fuzzy(sets), &as_law);
     let mut inputs = motion(4000);
     let mut random = Pcg64Mcg::seed_from_u64(1);
     for at in &mut inputs {
@@ -328,9 +328,9 @@ fn newton_steps_agree_with_the_full_solution() {
 #[test]
 fn a_soft_spring_finds_a_force_for_every_law() {
     let inputs = motion(2000);
-    for kind in Law::ALL {
+    for kind in ForceLaw::ALL {
         let coefficients: Vec<f64> = match kind {
-            Law::BoucWen => vec![700.0, 8000.0, 300.0, 0.0, 400.0, 300.0, 1.2, 300.0, 400.0],
+            ForceLaw::BoucWen => vec![700.0, 8000.0, 300.0, 0.0, 400.0, 300.0, 1.2, 300.0, 400.0],
             _ => kind
                 .parameters()
                 .iter()

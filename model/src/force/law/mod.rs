@@ -61,7 +61,7 @@ const DIRECTIONS: usize = bouc_wen::PARAMETERS.len() + MAX_HIDDEN;
 
 /// A force law at one current.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Law {
+pub enum ForceLaw {
     /// Semi-phenomenological hyperbolic tangent (Guo et al.).
     Sp,
     /// Modified Bouc-Wen (Spencer et al.): the only law with memory.
@@ -172,7 +172,7 @@ impl Scale {
 /// Hidden variables of a law with memory, from sample to sample; zeros for a law without memory.
 pub type Hidden = [f64; MAX_HIDDEN];
 
-impl Law {
+impl ForceLaw {
     /// All laws.
     pub const ALL: [Self; 7] =
         [Self::Sp, Self::BoucWen, Self::Kwok, Self::Li, Self::CesmeciEngin, Self::Choi, Self::Arctan];
@@ -217,7 +217,7 @@ impl Law {
         matches!(self, Self::BoucWen)
     }
 
-    /// Force, N, with parameters `p` (as many as [`Law::parameters`]), advancing `hidden` by one sample. Not
+    /// Force, N, with parameters `p` (as many as [`ForceLaw::parameters`]), advancing `hidden` by one sample. Not
     /// finite if a needed input is not finite; `hidden` is then unchanged.
     #[inline]
     #[must_use]
@@ -234,8 +234,8 @@ impl Law {
     }
 
     /// Force, N; its derivatives with respect to the parameters are written to `gradient` (at least as long
-    /// as [`Law::parameters`]). A law with memory is evaluated at the first sample after a start; for later
-    /// samples use [`Law::sensitivity`].
+    /// as [`ForceLaw::parameters`]). A law with memory is evaluated at the first sample after a start; for later
+    /// samples use [`ForceLaw::sensitivity`].
     #[inline]
     pub fn gradient(self, p: &[f64], inputs: &Inputs, gradient: &mut [f64]) -> f64 {
         match self {
@@ -254,7 +254,7 @@ impl Law {
         }
     }
 
-    /// Force, N, advancing `hidden` by one sample as [`Law::force_n`] does, with the derivatives of both.
+    /// Force, N, advancing `hidden` by one sample as [`ForceLaw::force_n`] does, with the derivatives of both.
     ///
     /// Along a run, let S be the derivatives of the hidden variables with respect to the parameters (zero
     /// before the first sample). Then `dF = force_by_parameter + force_by_hidden S`, and afterwards
@@ -287,7 +287,7 @@ impl Law {
     }
 }
 
-/// One sample of a law with its derivatives; see [`Law::sensitivity`]. Entries beyond the law's parameters
+/// One sample of a law with its derivatives; see [`ForceLaw::sensitivity`]. Entries beyond the law's parameters
 /// are zero, and so are all entries for hidden variables of a law without memory.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sensitivity {
@@ -331,7 +331,7 @@ fn sign(x: f64) -> f64 {
 /// A force law with its coefficients and its dependence on the drive: a complete model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LawModel {
-    law: Law,
+    law: ForceLaw,
     dependence: Dependence,
     force_offset_n: f64,
     /// Copy by copy: all constants, then all first powers, ...; or set by set.
@@ -346,27 +346,27 @@ pub struct LawState {
 
 impl LawModel {
     /// A model of `law`. `coefficients` are in order copy by copy. For a polynomial, these are all constants
-    /// in the order of [`Law::parameters`], then all coefficients of i, and so on. For fuzzy sets, these are
+    /// in the order of [`ForceLaw::parameters`], then all coefficients of i, and so on. For fuzzy sets, these are
     /// the parameters of the first set, then of the second, and so on.
     ///
     /// # Errors
     /// When the number of coefficients is not parameters times copies or exceeds [`MAX_COEFFICIENTS`], the
     /// degree is not 1 to [`super::MAX_DEGREE`], or a number is not finite.
     pub fn new(
-        law: Law,
+        law: ForceLaw,
         dependence: Dependence,
         coefficients: &[f64],
         force_offset_n: f64,
     ) -> Result<Self, Error> {
         dependence.check()?;
         let parameters = law.parameters();
-        let wanted = parameters.len() * dependence.copies();
-        if coefficients.len() != wanted || wanted > MAX_COEFFICIENTS {
+        let needed = parameters.len() * dependence.copies();
+        if coefficients.len() != needed || needed > MAX_COEFFICIENTS {
             return Err(Error::Length {
                 name: format!("coefficients of {}", law.name()),
                 found: coefficients.len(),
                 expected: format!(
-                    "{wanted} ({} parameters times {}), at most {MAX_COEFFICIENTS},",
+                    "{needed} ({} parameters times {}), at most {MAX_COEFFICIENTS},",
                     parameters.len(),
                     dependence.copies()
                 ),
@@ -378,13 +378,13 @@ impl LawModel {
         }
         Error::check("force_offset_n", force_offset_n, "finite", |_| true)?;
         let mut model = Self { law, dependence, force_offset_n, coefficients: [0.0; MAX_COEFFICIENTS] };
-        model.coefficients[..wanted].copy_from_slice(coefficients);
+        model.coefficients[..needed].copy_from_slice(coefficients);
         Ok(model)
     }
 
     /// The force law.
     #[must_use]
-    pub const fn law(&self) -> Law {
+    pub const fn law(&self) -> ForceLaw {
         self.law
     }
 

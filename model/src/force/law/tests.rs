@@ -9,20 +9,20 @@ use proptest::prelude::*;
 impl Scalar for Dual64 {}
 
 /// The law's own equation on dual numbers.
-fn on_duals(law: Law, p: &[Dual64], inputs: &Inputs) -> Dual64 {
+fn on_duals(law: ForceLaw, p: &[Dual64], inputs: &Inputs) -> Dual64 {
     match law {
-        Law::Sp => sp::force_n(p, inputs),
-        Law::Kwok => kwok::force_n(p, inputs),
-        Law::Li => li::force_n(p, inputs),
-        Law::CesmeciEngin => cesmeci_engin::force_n(p, inputs),
-        Law::Choi => choi::force_n(p, inputs),
-        Law::Arctan => arctan::force_n(p, inputs),
-        Law::BoucWen => unreachable!("its sensitivities are compared with differences"),
+        ForceLaw::Sp => sp::force_n(p, inputs),
+        ForceLaw::Kwok => kwok::force_n(p, inputs),
+        ForceLaw::Li => li::force_n(p, inputs),
+        ForceLaw::CesmeciEngin => cesmeci_engin::force_n(p, inputs),
+        ForceLaw::Choi => choi::force_n(p, inputs),
+        ForceLaw::Arctan => arctan::force_n(p, inputs),
+        ForceLaw::BoucWen => unreachable!("its sensitivities are compared with differences"),
     }
 }
 
 /// Realistic values of all parameters for a damper of 1 kN, 20 mm, 0.3 m/s and 5 m/s².
-fn sensible(law: Law, share: &[f64]) -> Vec<f64> {
+fn sensible(law: ForceLaw, share: &[f64]) -> Vec<f64> {
     let size = |s: Scale| {
         1000f64.powi(s.force)
             * 0.02f64.powi(s.displacement)
@@ -39,7 +39,7 @@ fn sensible(law: Law, share: &[f64]) -> Vec<f64> {
 proptest! {
     #[test]
     fn derivatives_agree_with_automatic_differentiation(
-        law in prop::sample::select(Law::ALL.to_vec()),
+        law in prop::sample::select(ForceLaw::ALL.to_vec()),
         share in prop::collection::vec(0.05..0.95, MAX_PARAMETERS),
         x in -0.02..0.02, v in -0.3..0.3, a in -5.0..5.0,
     ) {
@@ -68,7 +68,7 @@ proptest! {
 
     #[test]
     fn a_model_whose_copies_are_equal_is_the_law_itself(
-        law in prop::sample::select(Law::ALL.to_vec()),
+        law in prop::sample::select(ForceLaw::ALL.to_vec()),
         share in prop::collection::vec(0.05..0.95, MAX_PARAMETERS),
         x in -0.02..0.02, v in -0.3..0.3, i in -1.0..4.0,
     ) {
@@ -90,7 +90,7 @@ proptest! {
 
 #[test]
 fn names_are_unique_and_carry_units() {
-    for law in Law::ALL {
+    for law in ForceLaw::ALL {
         let mut names: Vec<&str> = law.parameters().iter().map(|p| p.name).collect();
         assert!(names.len() <= MAX_PARAMETERS);
         names.sort_unstable();
@@ -107,7 +107,7 @@ fn a_polynomial_dependence_follows_its_equation() {
     let second = [-4.0, 0.0, 0.0, 0.0, 0.0];
     let dependence = Dependence::Polynomial { drive: DriveKind::CoilCurrent, degree: 2 };
     let model =
-        LawModel::new(Law::Sp, dependence, &[constants, first, second].concat(), 0.0).expect("a model");
+        LawModel::new(ForceLaw::Sp, dependence, &[constants, first, second].concat(), 0.0).expect("a model");
     let at = |drive| {
         let inputs = Inputs {
             dt_s: None,
@@ -127,7 +127,7 @@ fn a_polynomial_dependence_follows_its_equation() {
 #[test]
 fn wrong_numbers_are_named() {
     let error = |dependence, coefficients: &[f64]| {
-        LawModel::new(Law::Sp, dependence, coefficients, 0.0).expect_err("refused").to_string()
+        LawModel::new(ForceLaw::Sp, dependence, coefficients, 0.0).expect_err("refused").to_string()
     };
     assert!(error(Dependence::None, &[1.0; 4]).contains("5 parameters times 1"));
     let mut p = [1.0; 10];
@@ -140,7 +140,7 @@ fn wrong_numbers_are_named() {
 
 #[test]
 fn without_acceleration_laws_that_need_it_have_no_force() {
-    for law in Law::ALL {
+    for law in ForceLaw::ALL {
         let p = sensible(law, &[0.5; MAX_PARAMETERS]);
         let inputs = |acceleration_m_s2| Inputs {
             dt_s: None,
@@ -150,7 +150,7 @@ fn without_acceleration_laws_that_need_it_have_no_force() {
             drive: 0.0,
             case_temp_c: f64::NAN,
         };
-        let needs = matches!(law, Law::Li | Law::CesmeciEngin | Law::Choi);
+        let needs = matches!(law, ForceLaw::Li | ForceLaw::CesmeciEngin | ForceLaw::Choi);
         let force = law.force_n(&p, &inputs(f64::NAN), &mut Hidden::default());
         assert_eq!(force.is_nan(), needs, "{}", law.name());
         let mut gradient = [0.0; MAX_PARAMETERS];
@@ -171,7 +171,7 @@ fn a_law_without_memory_has_nothing_hidden() {
         drive: 0.0,
         case_temp_c: f64::NAN,
     };
-    for law in Law::ALL.into_iter().filter(|law| !law.has_memory()) {
+    for law in ForceLaw::ALL.into_iter().filter(|law| !law.has_memory()) {
         let p = sensible(law, &[0.3; MAX_PARAMETERS]);
         let (mut hidden, mut gradient) = (Hidden::default(), [0.0; MAX_PARAMETERS]);
         let found = law.sensitivity(&p, &inputs, &mut hidden);

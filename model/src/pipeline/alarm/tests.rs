@@ -134,7 +134,7 @@ fn a_restart_clears_the_evidence_and_returns_whether_the_alarm_was_raised() {
     assert_eq!(until_raised(&mut fed), first, "the detector restarts from zero evidence");
 }
 
-/// At the very bound, where an alarm is not wanted yet, with an interval that is short enough to be tested.
+/// At the very bound, where an alarm is not due yet, with an interval that is short enough to be tested.
 #[test]
 fn false_alarms_are_not_more_frequent_than_stated() {
     let interval_s = 500.0;

@@ -56,8 +56,12 @@ fn points_of_the_force_velocity_map_match_the_equation() {
         for speed_m_s in [-0.2, -0.01, 0.0, 0.02, 0.3] {
             let force = respond(&plant, &motion(64, |t| (0.002 + speed_m_s * t, speed_m_s)), current_a);
             for (k, force) in force.iter().enumerate() {
-                let wanted = by_hand_n(&plant, current_a, 0.002 + speed_m_s * k as f64 / RATE_HZ, speed_m_s);
-                assert!((force - wanted).abs() < 1e-9, "{current_a} A, {speed_m_s} m/s: {force} {wanted}");
+                let expected =
+                    by_hand_n(&plant, current_a, 0.002 + speed_m_s * k as f64 / RATE_HZ, speed_m_s);
+                assert!(
+                    (force - expected).abs() < 1e-9,
+                    "{current_a} A, {speed_m_s} m/s: {force} {expected}"
+                );
             }
         }
     }
@@ -125,8 +129,8 @@ fn the_force_is_zero_within_the_gap_and_the_pistons_force_beyond_it() {
         } else {
             with += 1;
             let piston_m = x - gap_m / 2.0 * v.signum();
-            let wanted = by_hand_n(&plant, 1.5, piston_m, v);
-            assert!((force - wanted).abs() < 1e-9, "sample {k}: {force} for {wanted}");
+            let expected = by_hand_n(&plant, 1.5, piston_m, v);
+            assert!((force - expected).abs() < 1e-9, "sample {k}: {force} for {expected}");
         }
     }
     assert!(without > 100 && with > 400, "{without} {with}");
@@ -169,8 +173,8 @@ fn a_spring_in_series_matches_an_independent_integration() {
         let plant = Plant { series_stiffness_n_m, ..plant() };
         let samples = 300;
         let found = respond(&plant, &sine(3.0), current_a);
-        let wanted = sprung_by_hand_n(&plant, current_a, 3.0, samples);
-        let off = rms(found.iter().zip(&wanted).map(|(a, b)| a - b)) / rms(wanted.iter().copied());
+        let expected = sprung_by_hand_n(&plant, current_a, 3.0, samples);
+        let off = rms(found.iter().zip(&expected).map(|(a, b)| a - b)) / rms(expected.iter().copied());
         assert!(off < 2e-4, "{series_stiffness_n_m} N/m: {off}");
         let rigid = respond(&self::plant(), &sine(3.0), current_a);
         let change = rms(found.iter().zip(&rigid).map(|(a, b)| a - b)) / rms(rigid.iter().copied());

@@ -101,8 +101,8 @@ proptest! {
         let motion = motion(Wave::Chirp { amplitude_m: 0.002, from_hz, to_hz }, seed);
         is_sound(&motion, 0.02 * 0.002 * TAU * 14.0)?;
         for (t, f) in frequencies(&motion) {
-            let wanted = from_hz + (to_hz - from_hz) * t / RUN_S;
-            prop_assert!((f / wanted - 1.0).abs() < 0.02, "{f} Hz at {t} s for {wanted} Hz");
+            let expected = from_hz + (to_hz - from_hz) * t / RUN_S;
+            prop_assert!((f / expected - 1.0).abs() < 0.02, "{f} Hz at {t} s for {expected} Hz");
         }
     }
 
@@ -113,16 +113,16 @@ proptest! {
         // Acceleration jumps between steps; a central difference is off there by a quarter of a sample times the jump.
         is_sound(&motion, 0.004)?;
         let found = frequencies(&motion);
-        for wanted in spread(2.0, 9.0, steps) {
-            let time: f64 = found.iter().filter(|(_, f)| (f / wanted - 1.0).abs() < 0.02).map(|(_, f)| 1.0 / f).sum();
+        for expected in spread(2.0, 9.0, steps) {
+            let time: f64 = found.iter().filter(|(_, f)| (f / expected - 1.0).abs() < 0.02).map(|(_, f)| 1.0 / f).sum();
             let share = RUN_S / f64::from(steps);
             // The fades and the periods in which the frequency changes are not counted.
-            prop_assert!(time <= share + 0.6 && time > share - 2.2, "{wanted} Hz: {time} s of {share} s");
+            prop_assert!(time <= share + 0.6 && time > share - 2.2, "{expected} Hz: {time} s of {share} s");
         }
     }
 
     #[test]
-    fn slopes_have_the_wanted_speeds_up_and_down(slopes in 2u32..7, seed: u64) {
+    fn slopes_have_the_given_speeds_up_and_down(slopes in 2u32..7, seed: u64) {
         let wave = Wave::Slopes { amplitude_m: 0.01, slowest_m_s: 0.05, fastest_m_s: 0.2, slopes };
         let motion = motion(wave, seed);
         is_sound(&motion, 0.01)?;
@@ -130,9 +130,9 @@ proptest! {
         prop_assert!((high - low - 0.02).abs() < 2e-4, "span {}", high - low);
         let v = &motion.velocity_m_s[clear()];
         for speed in spread(0.05, 0.2, slopes) {
-            for wanted in [speed, -speed] {
-                let held = v.iter().filter(|v| (*v - wanted).abs() < 1e-9).count();
-                prop_assert!(held > 20, "{wanted} m/s is held for {held} samples");
+            for expected in [speed, -speed] {
+                let held = v.iter().filter(|v| (*v - expected).abs() < 1e-9).count();
+                prop_assert!(held > 20, "{expected} m/s is held for {held} samples");
             }
         }
         // Corners take 40 ms of each stroke, and a stroke takes at least 120 ms.

@@ -2,7 +2,7 @@
 
 use super::roles::Given;
 use super::{RecordedArgs, interrupted};
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::conditioning::{FilterArg, VelocityArg};
 use crate::command::progress::Working;
 use crate::error::NodeError;
@@ -81,10 +81,10 @@ impl Base {
     }
 
     /// True if the runs must contain a drive.
-    pub(super) fn wants_drive(&self) -> bool {
+    pub(super) fn needs_drive(&self) -> bool {
         match self {
             Self::Model(base) => base.model.force.drive().is_some(),
-            Self::Name(spec) => spec.wants_drive(),
+            Self::Name(spec) => spec.needs_drive(),
         }
     }
 
@@ -124,7 +124,7 @@ impl Base {
         self,
         given: &[Given],
         args: &RecordedArgs,
-        around: &Surroundings,
+        context: &CliContext,
         working: &Working,
     ) -> Result<Identified, NodeError> {
         let spec = match self {
@@ -150,7 +150,7 @@ impl Base {
         };
         working.stage("identifying the base");
         let progress = |progress| working.progress(progress);
-        let watch = Watch { cancel: Some(around.interrupt.flag()), progress: Some(&progress) };
+        let watch = Watch { cancel: Some(context.interrupt.flag()), progress: Some(&progress) };
         let found = identify(spec, &runs, &options, &watch).map_err(interrupted)?;
         for warning in &found.warnings {
             tracing::warn!("the base: {warning}");

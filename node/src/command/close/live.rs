@@ -1,7 +1,7 @@
 //! `mr-damper close --live`: asks a running node to diagnose its own model, through the node's action `close_loop`.
 
-use crate::closing::asking::{self, ALL_S};
-use crate::command::Surroundings;
+use crate::close_loop_client::{self, ALL_S};
+use crate::command::CliContext;
 use crate::command::output::OutputArgs;
 use crate::command::progress::Working;
 use crate::config::Config;
@@ -40,16 +40,17 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// # Errors
 /// When no node answers, the goal is rejected or fails, or the JSON cannot be written;
 /// [`NodeError::Interrupted`], after the goal was cancelled.
-pub(super) fn run(args: &LiveArgs, output: &OutputArgs, around: &Surroundings) -> Result<(), NodeError> {
+pub(super) fn run(args: &LiveArgs, output: &OutputArgs, context: &CliContext) -> Result<(), NodeError> {
     let mut config = Config::default();
-    around.ros_args.apply(&mut config)?;
+    context.ros_args.apply(&mut config)?;
     config.domain_id = args.domain_id.map_or(config.domain_id, i64::from);
-    let working = Working::new(around.quiet);
+    let working = Working::new(context.quiet);
     let history_s = args.history.unwrap_or(ALL_S);
     let say = |stage: &str, _: f32| working.stage(stage);
-    let report = asking::ask(&config, &around.ros_args, NODE, history_s, &around.interrupt, &say)?;
+    let report =
+        close_loop_client::diagnose(&config, &context.ros_args, NODE, history_s, &context.interrupt, &say)?;
     drop(working);
-    let load_line = asking::load_line(&report, &around.ros_args, &config);
+    let load_line = close_loop_client::load_line(&report, &context.ros_args, &config);
     output.figures(&report, || text(&report, load_line.as_deref()))
 }
 

@@ -2,7 +2,7 @@
 
 use super::RecordedArgs;
 use super::base::Base;
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::progress::Working;
 use crate::error::NodeError;
 use mr_damper_model::model_file::Role;
@@ -82,13 +82,13 @@ pub(super) fn check_counts(args: &RecordedArgs) -> Result<(), NodeError> {
 pub(super) fn load(
     args: &RecordedArgs,
     base: &Base,
-    around: &Surroundings,
+    context: &CliContext,
     working: &Working,
 ) -> Result<Vec<Given>, NodeError> {
     let paths = paths(args);
     let mut all: Vec<Given> = Vec::with_capacity(paths.len());
     for (role, path) in &paths {
-        if around.interrupt.is_raised() {
+        if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
         working.done("reading runs", all.len() as u64, paths.len() as u64);
@@ -119,23 +119,23 @@ fn check_once(given: &Given, before: &[Given]) -> Result<(), NodeError> {
 
 /// Refuses a run whose drive is not the drive that the base needs, or not the first run's if the base is not identified yet.
 fn check_drives(base: &Base, all: &[Given]) -> Result<(), NodeError> {
-    if !base.wants_drive() {
+    if !base.needs_drive() {
         return Ok(());
     }
     let Some(first) = all.first() else { return Ok(()) };
-    let wanted = base.drive().or(first.run.drive_kind());
+    let needed = base.drive().or(first.run.drive_kind());
     let who = || match base.drive() {
         Some(_) => "the base needs".to_owned(),
         None => format!("{} has", first.path.display()),
     };
     for given in all {
-        let message = match (given.run.drive_kind(), wanted) {
-            (None, wanted) => format!(
+        let message = match (given.run.drive_kind(), needed) {
+            (None, needed) => format!(
                 "has no {}, which the base needs: record it, or use a base without the drive (a model's name with --passive)",
-                wanted.map_or("current_a or command_v", |kind| kind.name())
+                needed.map_or("current_a or command_v", |kind| kind.name())
             ),
-            (Some(found), Some(wanted)) if found != wanted => format!(
-                "is driven by {found}, but {} {wanted}: leave the run out, or choose the column with --drive if the run \
+            (Some(found), Some(needed)) if found != needed => format!(
+                "is driven by {found}, but {} {needed}: leave the run out, or choose the column with --drive if the run \
                  holds both",
                 who()
             ),

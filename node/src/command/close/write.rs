@@ -2,21 +2,21 @@
 
 use super::base::Identified;
 use super::roles::Given;
-use super::{RecordedArgs, Surroundings};
-use crate::closing::{self, Origin};
+use super::{CliContext, RecordedArgs};
+use crate::augmented_file::{self, TrainingOrigin};
 use crate::command::output::OutputArgs;
 use crate::error::NodeError;
 use crate::provenance::TOOL;
-use crate::report::close::{self as report, json};
+use crate::report::diagnosis::{self as report, json};
 use crate::run::write_text;
-use mr_damper_model::diagnose::{Closing, Runs};
+use mr_damper_model::diagnose::{DiagnosisResult, Runs};
 use mr_damper_model::model_file::{Role, TrainingRun};
 use serde::Serialize;
 use std::path::Path;
 
 /// The result of a diagnosis and its inputs.
 pub(super) struct Done<'a> {
-    pub(super) closing: Closing,
+    pub(super) result: DiagnosisResult,
     pub(super) base: Identified,
     pub(super) runs: Runs<'a>,
     pub(super) given: &'a [Given],
@@ -65,52 +65,53 @@ pub(super) fn all(
     args: &RecordedArgs,
     output: &OutputArgs,
     done: &Done<'_>,
-    around: &Surroundings,
+    context: &CliContext,
 ) -> Result<(), NodeError> {
-    if around.interrupt.is_raised() {
+    if context.interrupt.is_raised() {
         return Err(NodeError::Interrupted);
     }
-    let named = !done.closing.effects.is_empty();
+    let named = !done.result.effects.is_empty();
     if named {
-        let origin = Origin { seed: args.seed, restarts: done.base.restarts, runs: training_runs(done) };
-        let text = closing::model_file(&done.closing, &done.runs, origin).to_toml()?;
+        let origin =
+            TrainingOrigin { seed: args.seed, restarts: done.base.restarts, runs: training_runs(done) };
+        let text = augmented_file::model_file(&done.result, &done.runs, origin).to_toml()?;
         write_text(&args.out, &text)?;
     }
-    output.page(|| Ok(report::html(&outcome(args, done, around)?)))?;
+    output.page(|| Ok(report::html(&outcome(args, done, context)?)))?;
     let runs = done.given.iter().map(run_row);
     let model_file = named.then_some(args.out.as_path());
-    let written = json::Written::new(&done.closing, args.seed, done.seconds, runs, model_file);
-    let drive = closing::drive(&done.closing, &done.runs);
-    output.figures(&written, || report::text(&done.closing, drive) + &ending(args, done))
+    let written = json::ReportDocument::new(&done.result, args.seed, done.seconds, runs, model_file);
+    let drive = augmented_file::drive(&done.result, &done.runs);
+    output.figures(&written, || report::text(&done.result, drive) + &ending(args, done))
 }
 
 /// The content of the report. It shows the test runs; without test runs it shows the validation runs.
 fn outcome<'a>(
     args: &RecordedArgs,
     done: &'a Done<'_>,
-    around: &Surroundings,
-) -> Result<report::Outcome<'a>, NodeError> {
+    context: &CliContext,
+) -> Result<report::DiagnosisOutcome<'a>, NodeError> {
     let runs = &done.runs;
     let pictured = if runs.test.is_empty() { runs.confirm } else { runs.test };
     let mut traces = Vec::with_capacity(pictured.len());
     for data in pictured {
-        if around.interrupt.is_raised() {
+        if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
-        traces.push(report::RunTrace::of(&done.closing, data, runs.reference));
+        traces.push(report::RunTrace::of(&done.result, data, runs.reference));
     }
     let count = |role: Role| done.given.iter().filter(|given| given.role == role).count();
     let row = |name: &str, value: String| (name.to_owned(), value);
     let mut provenance = vec![
         row("made by", TOOL.to_owned()),
-        row("base", format!("{}, {}", done.base.source, done.closing.before.force.name())),
+        row("base", format!("{}, {}", done.base.source, done.result.before.force.name())),
         row("seed", args.seed.to_string()),
         row("time", format!("{:.1} s", done.seconds)),
     ];
     provenance.extend(done.given.iter().map(|given| {
         row(role_in_words(given.role), format!("{}, SHA-256 {}", given.path.display(), given.sha256))
     }));
-    Ok(report::Outcome {
+    Ok(report::DiagnosisOutcome {
         what: format!(
             "Effects that the base model ({}) lacks. Training runs: {}, validation runs: {}, test runs: {}.",
             done.base.source,
@@ -118,8 +119,8 @@ fn outcome<'a>(
             count(Role::Confirm),
             count(Role::Test)
         ),
-        closing: &done.closing,
-        drive: closing::drive(&done.closing, &done.runs),
+        result: &done.result,
+        drive: augmented_file::drive(&done.result, &done.runs),
         traces,
         provenance,
     })
@@ -139,7 +140,7 @@ const fn role_in_words(role: Role) -> &'static str {
 /// Lines on the model file that was written and on the time taken.
 fn ending(args: &RecordedArgs, done: &Done<'_>) -> String {
     let out = args.out.display();
-    let model = match (done.closing.effects.is_empty(), args.out.exists()) {
+    let model = match (done.result.effects.is_empty(), args.out.exists()) {
         (false, _) => format!("model file: {out}"),
         (true, true) => format!("no effect was found: no model file is written, {out} is unchanged"),
         (true, false) => "no effect was found: no model file is written".to_owned(),
@@ -153,9 +154,10 @@ fn run_row(given: &Given) -> RunRow<'_> {
 
 /// All runs of this diagnosis, then the runs of the base that are not among them.
 fn training_runs(done: &Done<'_>) -> Vec<TrainingRun> {
-    let own = done.given.iter().zip(closing::training_runs(&done.closing, &done.runs)).map(|(given, run)| {
-        TrainingRun { name: given.path.display().to_string(), sha256: given.sha256.clone(), ..run }
-    });
+    let own =
+        done.given.iter().zip(augmented_file::training_runs(&done.result, &done.runs)).map(|(given, run)| {
+            TrainingRun { name: given.path.display().to_string(), sha256: given.sha256.clone(), ..run }
+        });
     let known = |run: &&TrainingRun| done.given.iter().all(|given| given.sha256 != run.sha256);
     let before = done.base.runs.iter().filter(known);
     own.chain(before.map(|run| TrainingRun { role: Some(Role::Base), ..run.clone() })).collect()

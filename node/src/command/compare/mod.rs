@@ -7,7 +7,7 @@ mod state;
 mod tables;
 mod work;
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::command::conditioning::{ConditioningArgs, FilterArg, VelocityArg};
 use crate::command::output::OutputArgs;
 use crate::command::run_args::RunArgs;
@@ -19,8 +19,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use mr_damper_model::compare::{self, Cell, Experiment, Summary};
 use mr_damper_model::identify::{Form, ModelSpec, Options, Structure, Watch};
 use mr_damper_model::model_file::{ModelFile, Provenance};
-use runs::{Planned, Source};
-use state::{Ground, Line, State};
+use runs::{PlannedExperiment, Source};
+use state::{CellKeys, FinishedCell, State};
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -90,7 +90,7 @@ fn names() -> Vec<&'static str> {
 }
 
 /// The models, experiments and options of a comparison.
-struct Work {
+struct ComparisonPlan {
     specs: Vec<ModelSpec>,
     experiments: Vec<Experiment>,
     sources: Vec<Source>,
@@ -103,12 +103,12 @@ struct Work {
 /// # Errors
 /// When the folder holds no runs, a run does not load or cannot be conditioned, or a file cannot be written; when
 /// interrupted, in which case the finished work is kept.
-pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
+pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     let started = Instant::now();
-    let work = prepare(args, around)?;
+    let work = prepare(args, context)?;
     let path = state_path(args);
     let state = State::open(&path)?;
-    let lines = match do_cells(&work, &state, around) {
+    let lines = match compute_cells(&work, &state, context) {
         Err(NodeError::Interrupted) => {
             let text =
                 format!("finished work is kept in {}: the same command continues from there", path.display());
@@ -118,7 +118,7 @@ pub fn run(args: &Args, around: &Surroundings) -> Result<(), NodeError> {
         lines => lines?,
     };
     let cells: Vec<_> = lines.iter().map(|line| line.cell.clone()).collect();
-    let done = output::Done {
+    let done = output::ComparisonResult {
         summaries: Summary::of(&cells),
         persistence: compare::persistence(&work.experiments),
         published: published(&work.experiments),
@@ -148,7 +148,7 @@ fn state_path(args: &Args) -> PathBuf {
         .unwrap_or_else(|| beside.map_or(PathBuf::from(NAME), |path| path.with_file_name(NAME)))
 }
 
-fn prepare(args: &Args, around: &Surroundings) -> Result<Work, NodeError> {
+fn prepare(args: &Args, context: &CliContext) -> Result<ComparisonPlan, NodeError> {
     let specs = specs(args)?;
     let planned = match &args.runs {
         Some(dir) => chosen(runs::discover(dir)?, &args.experiments)?,
@@ -165,13 +165,13 @@ fn prepare(args: &Args, around: &Surroundings) -> Result<Work, NodeError> {
     };
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let files: usize = planned.iter().map(|p| p.replicates.len()).sum();
-    let bar = bar(around, files, "reading runs [{bar:40}] {pos}/{len}");
+    let bar = bar(context, files, "reading runs [{bar:40}] {pos}/{len}");
     let (experiments, sources) = runs::load(
         &planned,
         &args.load,
         (&options.conditioning, &options.dataset),
         threads,
-        (around.interrupt.flag(), &|| bar.inc(1)),
+        (context.interrupt.flag(), &|| bar.inc(1)),
     )?;
     bar.finish_and_clear();
     if files == 1 {
@@ -179,12 +179,12 @@ fn prepare(args: &Args, around: &Surroundings) -> Result<Work, NodeError> {
             "there is only one run: models are identified, but they cannot be tested on another run"
         );
     }
-    Ok(Work { specs, experiments, sources, options, threads })
+    Ok(ComparisonPlan { specs, experiments, sources, options, threads })
 }
 
 /// The requested models in all requested forms.
 fn specs(args: &Args) -> Result<Vec<ModelSpec>, NodeError> {
-    let wanted = |spec: &ModelSpec| {
+    let is_selected = |spec: &ModelSpec| {
         let named = args.models.is_empty() || args.models.iter().any(|name| name == spec.structure().name());
         let passive = spec.form() == Form::Passive;
         let dear = matches!(spec.structure(), Structure::Law(_)) && spec.form() == Form::FreeFuzzy;
@@ -193,7 +193,7 @@ fn specs(args: &Args) -> Result<Vec<ModelSpec>, NodeError> {
             && (!passive || !args.semi_active_only)
             && (!dear || args.free_sets)
     };
-    let specs: Vec<ModelSpec> = ModelSpec::all().into_iter().filter(wanted).collect();
+    let specs: Vec<ModelSpec> = ModelSpec::all().into_iter().filter(is_selected).collect();
     if specs.is_empty() {
         return Err(NodeError::Failed(format!(
             "{} has no form {} the drive: leave --{} out",
@@ -206,7 +206,7 @@ fn specs(args: &Args) -> Result<Vec<ModelSpec>, NodeError> {
 }
 
 /// The requested experiments.
-fn chosen(planned: Vec<Planned>, names: &[String]) -> Result<Vec<Planned>, NodeError> {
+fn chosen(planned: Vec<PlannedExperiment>, names: &[String]) -> Result<Vec<PlannedExperiment>, NodeError> {
     let known = |name: &String| planned.iter().any(|p| p.name.eq_ignore_ascii_case(name));
     if let Some(unknown) = names.iter().find(|name| !known(name)) {
         let all: Vec<&str> = planned.iter().map(|p| p.name.as_str()).collect();
@@ -215,40 +215,46 @@ fn chosen(planned: Vec<Planned>, names: &[String]) -> Result<Vec<Planned>, NodeE
             all.join(", ")
         )));
     }
-    let wanted = |p: &Planned| names.is_empty() || names.iter().any(|name| p.name.eq_ignore_ascii_case(name));
-    Ok(planned.into_iter().filter(wanted).collect())
+    let is_selected = |p: &PlannedExperiment| {
+        names.is_empty() || names.iter().any(|name| p.name.eq_ignore_ascii_case(name))
+    };
+    Ok(planned.into_iter().filter(is_selected).collect())
 }
 
-fn bar(around: &Surroundings, length: usize, template: &str) -> ProgressBar {
-    let bar = if around.quiet { ProgressBar::hidden() } else { ProgressBar::new(length as u64) };
+fn bar(context: &CliContext, length: usize, template: &str) -> ProgressBar {
+    let bar = if context.quiet { ProgressBar::hidden() } else { ProgressBar::new(length as u64) };
     bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar
 }
 
 /// Computes all cells, or takes them from `state`. The result is in the order of [`compare::cells`].
-fn do_cells(work: &Work, state: &State, around: &Surroundings) -> Result<Vec<Line>, NodeError> {
+fn compute_cells(
+    work: &ComparisonPlan,
+    state: &State,
+    context: &CliContext,
+) -> Result<Vec<FinishedCell>, NodeError> {
     let cells = compare::cells(&work.specs, &work.experiments);
-    let ground = Ground::new(&work.options, &work.sources);
+    let cell_keys = CellKeys::new(&work.options, &work.sources);
     let keys: Vec<String> =
-        cells.iter().map(|cell| ground.key(cell.spec, &work.experiments[cell.experiment].name)).collect();
+        cells.iter().map(|cell| cell_keys.key(cell.spec, &work.experiments[cell.experiment].name)).collect();
     let known = keys.iter().filter(|key| state.get(key).is_some()).count();
     if known > 0 {
         tracing::info!(done = known, of = cells.len(), "continuing the work of an earlier call");
     }
-    let bar = bar(around, cells.len(), "{msg} [{bar:40}] {pos}/{len}, {prefix} left");
+    let bar = bar(context, cells.len(), "{msg} [{bar:40}] {pos}/{len}, {prefix} left");
     let left = TimeLeft::new(&cells, &keys, state, work.threads);
     bar.set_position(known as u64);
     bar.set_prefix("?");
-    let one = |index: usize| -> Result<Line, NodeError> {
+    let one = |index: usize| -> Result<FinishedCell, NodeError> {
         let (cell, key) = (cells[index], &keys[index]);
         if let Some(line) = state.get(key) {
             return Ok(line.clone());
         }
-        if around.interrupt.is_raised() {
+        if context.interrupt.is_raised() {
             return Err(NodeError::Interrupted);
         }
         bar.set_message(format!("{} ({})", cell.spec.structure().name(), cell.spec.form().name()));
-        let line = do_cell(work, cell, key, around)?;
+        let line = compute_cell(work, cell, key, context)?;
         state.add(&line)?;
         bar.set_prefix(left.after(index, line.seconds));
         bar.inc(1);
@@ -259,8 +265,13 @@ fn do_cells(work: &Work, state: &State, around: &Surroundings) -> Result<Vec<Lin
     lines
 }
 
-fn do_cell(work: &Work, cell: Cell, key: &str, around: &Surroundings) -> Result<Line, NodeError> {
-    let watch = Watch { cancel: Some(around.interrupt.flag()), progress: None };
+fn compute_cell(
+    work: &ComparisonPlan,
+    cell: Cell,
+    key: &str,
+    context: &CliContext,
+) -> Result<FinishedCell, NodeError> {
+    let watch = Watch { cancel: Some(context.interrupt.flag()), progress: None };
     let start = Instant::now();
     let (finished, model) =
         compare::run(cell, &work.experiments, &work.options, &watch).map_err(|error| match error {
@@ -268,7 +279,7 @@ fn do_cell(work: &Work, cell: Cell, key: &str, around: &Surroundings) -> Result<
             error => error.into(),
         })?;
     let file = |model| ModelFile { model, provenance: Provenance::default() }.to_toml();
-    Ok(Line {
+    Ok(FinishedCell {
         key: key.to_owned(),
         seconds: start.elapsed().as_secs_f64(),
         cell: finished,
@@ -280,19 +291,19 @@ fn do_cell(work: &Work, cell: Cell, key: &str, around: &Surroundings) -> Result<
 struct TimeLeft<'a> {
     cells: &'a [Cell],
     threads: usize,
-    so_far: Mutex<SoFar>,
+    so_far: Mutex<CellTimes>,
 }
 
 /// The times of the finished cells.
 #[derive(Default)]
-struct SoFar {
+struct CellTimes {
     /// True for each finished cell.
     done: Vec<bool>,
     /// Seconds and number of the finished cells of each model.
     took: HashMap<ModelSpec, (f64, f64)>,
 }
 
-impl SoFar {
+impl CellTimes {
     fn add(&mut self, spec: ModelSpec, seconds: f64) {
         let of = self.took.entry(spec).or_default();
         *of = (of.0 + seconds, of.1 + 1.0);
@@ -308,7 +319,7 @@ impl SoFar {
 
 impl<'a> TimeLeft<'a> {
     fn new(cells: &'a [Cell], keys: &[String], state: &State, threads: usize) -> Self {
-        let mut so_far = SoFar::default();
+        let mut so_far = CellTimes::default();
         for (cell, line) in cells.iter().zip(keys.iter().map(|key| state.get(key))) {
             so_far.done.push(line.is_some());
             if let Some(line) = line {

@@ -1,20 +1,20 @@
 //! Output of a comparison: JSON, the report, tables on the terminal.
 
-use super::state::Line;
-use super::{Args, Work, pictures, tables};
+use super::state::FinishedCell;
+use super::{Args, ComparisonPlan, pictures, tables};
 use crate::command::conditioning::velocity_text;
 use crate::error::NodeError;
 use crate::provenance::TOOL;
 use crate::report::compare::published::Published;
-use crate::report::compare::{Outcome, StepTime, html};
+use crate::report::compare::{CompareOutcome, StepTime, html};
 use mr_damper_model::compare::{Figure, Finished, Persistence, Predictor, Summary};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::ModelFile;
 use serde::Serialize;
 
 /// The results of a comparison.
-pub(super) struct Done {
-    pub(super) lines: Vec<Line>,
+pub(super) struct ComparisonResult {
+    pub(super) lines: Vec<FinishedCell>,
     pub(super) cells: Vec<Finished>,
     pub(super) summaries: Vec<Summary>,
     pub(super) persistence: Vec<Persistence>,
@@ -96,19 +96,19 @@ struct PersistenceRow<'a> {
 ///
 /// # Errors
 /// When a file cannot be written, or a stored model cannot be read.
-pub(super) fn write(args: &Args, work: &Work, done: &Done) -> Result<(), NodeError> {
+pub(super) fn write(args: &Args, work: &ComparisonPlan, done: &ComparisonResult) -> Result<(), NodeError> {
     let models = done.lines.iter().map(model).collect::<Result<Vec<_>, _>>()?;
     let times = step_times(work, done, &models);
     args.output.page(|| Ok(html(&outcome(args, work, done, &models, &times))))?;
     args.output.figures(&report(args, work, done, &times), || tables::text(done, &times))
 }
 
-fn model(line: &Line) -> Result<Option<Model>, NodeError> {
+fn model(line: &FinishedCell) -> Result<Option<Model>, NodeError> {
     Ok(line.model.as_deref().map(ModelFile::from_toml).transpose()?.map(|file| file.model))
 }
 
 /// Time per step of each model, as identified on the first experiment that gave a model.
-fn step_times(work: &Work, done: &Done, models: &[Option<Model>]) -> Vec<StepTime> {
+fn step_times(work: &ComparisonPlan, done: &ComparisonResult, models: &[Option<Model>]) -> Vec<StepTime> {
     let Some(first) = work.experiments.first().and_then(|e| e.replicates.first()) else { return Vec::new() };
     let mut once: Vec<(&str, &str, &Model)> = Vec::new();
     for (cell, model) in done.cells.iter().zip(models) {
@@ -120,11 +120,11 @@ fn step_times(work: &Work, done: &Done, models: &[Option<Model>]) -> Vec<StepTim
 
 fn outcome<'a>(
     args: &Args,
-    work: &Work,
-    done: &'a Done,
+    work: &ComparisonPlan,
+    done: &'a ComparisonResult,
     models: &[Option<Model>],
     times: &'a [StepTime],
-) -> Outcome<'a> {
+) -> CompareOutcome<'a> {
     let find = |model: &str, form: &str, on: &str| {
         let cell =
             done.cells.iter().position(|c| c.model == model && c.form == form && c.trained_on == on)?;
@@ -140,7 +140,7 @@ fn outcome<'a>(
         let count = e.replicates.len();
         format!("{} ({count} run{} of {seconds:.0} s)", e.name, if count == 1 { "" } else { "s" })
     };
-    Outcome {
+    CompareOutcome {
         what: tables::headline(work.specs.len(), work.experiments.len(), work.sources.len()),
         facts: vec![
             fact("experiments", work.experiments.iter().map(runs).collect::<Vec<_>>().join(", ")),
@@ -186,7 +186,12 @@ fn outcome<'a>(
     }
 }
 
-fn report<'a>(args: &Args, work: &'a Work, done: &'a Done, times: &'a [StepTime]) -> Report<'a> {
+fn report<'a>(
+    args: &Args,
+    work: &'a ComparisonPlan,
+    done: &'a ComparisonResult,
+    times: &'a [StepTime],
+) -> Report<'a> {
     let replicates = work.experiments.iter().flat_map(|e| e.replicates.iter().map(move |r| (e, r)));
     Report {
         schema: "mr-damper/compare/1",
@@ -217,7 +222,7 @@ fn report<'a>(args: &Args, work: &'a Work, done: &'a Done, times: &'a [StepTime]
     }
 }
 
-fn identification<'a>(args: &Args, line: &'a Line) -> Vec<IdentificationRow<'a>> {
+fn identification<'a>(args: &Args, line: &'a FinishedCell) -> Vec<IdentificationRow<'a>> {
     let row = |predictor, figure: Option<&'a Figure>| IdentificationRow {
         model: &line.cell.model,
         form: &line.cell.form,

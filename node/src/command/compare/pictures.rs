@@ -1,7 +1,7 @@
 //! Plots of the report: the force of the best models and the measured force, over time and over velocity.
 
 use crate::report::compare::order::name;
-use crate::report::compare::{Curve, Picture, StepTime};
+use crate::report::compare::{Curve, ForcePlot, StepTime};
 use crate::report::plot::binned_mean;
 use mr_damper_model::compare::{Experiment, Predictor, Replicate, Summary};
 use mr_damper_model::effect::Augmented;
@@ -53,7 +53,7 @@ pub(super) fn best(summaries: &[Summary], find: impl Fn(&str, &str, &str) -> Opt
 }
 
 /// Two seconds from the middle of the last replicate of the first and of the last experiment.
-pub(super) fn force_time(experiments: &[Experiment], drawn: &[Drawn]) -> Vec<Picture> {
+pub(super) fn force_time(experiments: &[Experiment], drawn: &[Drawn]) -> Vec<ForcePlot> {
     let mut chosen: Vec<&Experiment> = experiments.first().into_iter().chain(experiments.last()).collect();
     chosen.dedup_by(|a, b| a.name == b.name);
     let pictures = chosen.into_iter().filter_map(|experiment| {
@@ -70,7 +70,7 @@ pub(super) fn force_time(experiments: &[Experiment], drawn: &[Drawn]) -> Vec<Pic
             })],
         };
         let title = format!("{}, replicate {}", experiment.name, replicate.number);
-        Some(Picture { title, measured, models: drawn.iter().map(curve).collect() })
+        Some(ForcePlot { title, measured, models: drawn.iter().map(curve).collect() })
     });
     if drawn.is_empty() { Vec::new() } else { pictures.collect() }
 }
@@ -94,7 +94,7 @@ fn predicted(
 
 /// Force over velocity at up to six currents, and a caption. The currents are the levels of the experiment with the most
 /// current levels, or ranges of the current if no experiment has at least three levels.
-pub(super) fn force_velocity(experiments: &[Experiment], drawn: &[Drawn]) -> (Vec<Picture>, String) {
+pub(super) fn force_velocity(experiments: &[Experiment], drawn: &[Drawn]) -> (Vec<ForcePlot>, String) {
     let Some((experiment, replicate, ranges, stepped)) = currents(experiments) else {
         return (Vec::new(), String::new());
     };
@@ -118,7 +118,7 @@ pub(super) fn force_velocity(experiments: &[Experiment], drawn: &[Drawn]) -> (Ve
         } else {
             format!("{low:.2} to {high:.2} {unit}")
         };
-        Picture { title, measured, models: drawn.iter().map(curve).collect() }
+        ForcePlot { title, measured, models: drawn.iter().map(curve).collect() }
     };
     let caption = format!(
         "{}, replicate {}, {}. Dots are measured. Each model has two lines: its mean force while velocity rises and while \

@@ -16,7 +16,7 @@ const EXTENSIONS: [&str; 5] = ["csv", "tsv", "txt", "mcap", "db3"];
 
 /// The runs of one experiment, first replicate first.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Planned {
+pub(super) struct PlannedExperiment {
     /// Its name.
     pub(super) name: String,
     /// Number and path of each replicate.
@@ -41,7 +41,7 @@ pub(super) struct Source {
 ///
 /// # Errors
 /// When the folder cannot be read or holds no run, or two runs have the same number.
-pub(super) fn discover(dir: &Path) -> Result<Vec<Planned>, NodeError> {
+pub(super) fn discover(dir: &Path) -> Result<Vec<PlannedExperiment>, NodeError> {
     let mut groups: BTreeMap<String, Vec<(Option<u32>, PathBuf)>> = BTreeMap::new();
     for path in entries(dir)? {
         if is_run(&path) {
@@ -65,7 +65,9 @@ pub(super) fn discover(dir: &Path) -> Result<Vec<Planned>, NodeError> {
     }
     let mut planned =
         groups.into_iter().map(|(name, runs)| plan(dir, &name, runs)).collect::<Result<Vec<_>, _>>()?;
-    let place = |p: &Planned| rig::Experiment::names().position(|name| name == p.name).unwrap_or(usize::MAX);
+    let place = |p: &PlannedExperiment| {
+        rig::Experiment::names().position(|name| name == p.name).unwrap_or(usize::MAX)
+    };
     planned.sort_by_key(place);
     Ok(planned)
 }
@@ -74,7 +76,7 @@ pub(super) fn discover(dir: &Path) -> Result<Vec<Planned>, NodeError> {
 ///
 /// # Errors
 /// When a run is given twice, in one list or in both.
-pub(super) fn given(train: &[PathBuf], test: &[PathBuf]) -> Result<Vec<Planned>, NodeError> {
+pub(super) fn given(train: &[PathBuf], test: &[PathBuf]) -> Result<Vec<PlannedExperiment>, NodeError> {
     let mut seen = BTreeSet::new();
     for path in train.iter().chain(test) {
         let whole = path.canonicalize().map_err(NodeError::io(format!("opening {}", path.display())))?;
@@ -85,17 +87,20 @@ pub(super) fn given(train: &[PathBuf], test: &[PathBuf]) -> Result<Vec<Planned>,
             )));
         }
     }
-    let training = Planned {
+    let training = PlannedExperiment {
         name: "training".to_owned(),
         replicates: (1..).zip(train.iter().cloned()).collect(),
         training: train.len(),
     };
-    let alone =
-        |path: &PathBuf| Planned { name: stem(path), replicates: vec![(1, path.clone())], training: 0 };
+    let alone = |path: &PathBuf| PlannedExperiment {
+        name: stem(path),
+        replicates: vec![(1, path.clone())],
+        training: 0,
+    };
     Ok(std::iter::once(training).chain(test.iter().map(alone)).collect())
 }
 
-fn plan(dir: &Path, name: &str, runs: Vec<(Option<u32>, PathBuf)>) -> Result<Planned, NodeError> {
+fn plan(dir: &Path, name: &str, runs: Vec<(Option<u32>, PathBuf)>) -> Result<PlannedExperiment, NodeError> {
     // Unless every name has a number, the replicates are numbered in the order of their names.
     let numbered = runs.iter().all(|(number, _)| number.is_some());
     let mut replicates: Vec<(u32, PathBuf)> = (1..)
@@ -115,7 +120,7 @@ fn plan(dir: &Path, name: &str, runs: Vec<(Option<u32>, PathBuf)>) -> Result<Pla
         });
     }
     let known = rig::Experiment::names().find(|known| known.eq_ignore_ascii_case(name));
-    Ok(Planned { name: known.unwrap_or(name).to_owned(), replicates, training: 1 })
+    Ok(PlannedExperiment { name: known.unwrap_or(name).to_owned(), replicates, training: 1 })
 }
 
 /// The entries of a folder, sorted by name, without hidden ones.
@@ -160,13 +165,13 @@ fn name_and_number(path: &Path) -> (String, Option<u32>) {
 /// # Errors
 /// The error of the first run that does not load or cannot be conditioned; [`NodeError::Interrupted`].
 pub(super) fn load(
-    planned: &[Planned],
+    planned: &[PlannedExperiment],
     read: &RunArgs,
     (conditioning, options): (&Conditioning, &DatasetOptions),
     threads: usize,
     (cancel, done): (&AtomicBool, &(dyn Fn() + Sync)),
 ) -> Result<(Vec<Experiment>, Vec<Source>), NodeError> {
-    let of = |(place, p): (usize, &'_ Planned)| {
+    let of = |(place, p): (usize, &'_ PlannedExperiment)| {
         let runs = p.replicates.iter();
         runs.map(|(number, path)| (place, p.name.clone(), *number, path.clone())).collect::<Vec<_>>()
     };
@@ -182,8 +187,11 @@ pub(super) fn load(
         done();
         Ok((data, loaded.sha256_hex()))
     });
-    let empty =
-        |p: &Planned| Experiment { name: p.name.clone(), replicates: Vec::new(), training: p.training };
+    let empty = |p: &PlannedExperiment| Experiment {
+        name: p.name.clone(),
+        replicates: Vec::new(),
+        training: p.training,
+    };
     let mut experiments: Vec<Experiment> = planned.iter().map(empty).collect();
     let mut sources = Vec::new();
     for ((place, name, number, _), found) in files.iter().zip(rows) {
@@ -220,7 +228,7 @@ mod tests {
         let short: Vec<(&str, Vec<u32>)> =
             found.iter().map(|p| (p.name.as_str(), p.replicates.iter().map(|r| r.0).collect())).collect();
         // A single digit is part of the name: a replicate's number has at least two digits.
-        let wanted = [
+        let expected = [
             ("RP-ICPS", vec![10]),
             ("RP1-CS", vec![1, 2]),
             ("a", vec![1]),
@@ -228,7 +236,7 @@ mod tests {
             ("bag", vec![3]),
             ("rp-icps-9", vec![1]),
         ];
-        assert_eq!(short, wanted);
+        assert_eq!(short, expected);
     }
 
     #[test]

@@ -17,7 +17,7 @@ use std::sync::Mutex;
 
 /// A finished cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Line {
+pub(super) struct FinishedCell {
     /// Hash of everything that determines the figures.
     pub(super) key: String,
     /// Time of identification and tests, s.
@@ -32,7 +32,7 @@ pub(super) struct Line {
 #[derive(Debug)]
 pub(super) struct State {
     path: PathBuf,
-    known: HashMap<String, Line>,
+    known: HashMap<String, FinishedCell>,
     file: Mutex<File>,
 }
 
@@ -48,7 +48,7 @@ impl State {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
             Err(error) => return Err(failed("reading")(error)),
         };
-        let lines = text.lines().filter_map(|line| serde_json::from_str::<Line>(line).ok());
+        let lines = text.lines().filter_map(|line| serde_json::from_str::<FinishedCell>(line).ok());
         let known = lines.map(|line| (line.key.clone(), line)).collect();
         let mut file = OpenOptions::new().create(true).append(true).open(path).map_err(failed("opening"))?;
         if !text.is_empty() && !text.ends_with('\n') {
@@ -58,7 +58,7 @@ impl State {
     }
 
     /// The line with this key.
-    pub(super) fn get(&self, key: &str) -> Option<&Line> {
+    pub(super) fn get(&self, key: &str) -> Option<&FinishedCell> {
         self.known.get(key)
     }
 
@@ -66,7 +66,7 @@ impl State {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub(super) fn add(&self, line: &Line) -> Result<(), NodeError> {
+    pub(super) fn add(&self, line: &FinishedCell) -> Result<(), NodeError> {
         let mut text = serde_json::to_string(line)
             .map_err(|e| NodeError::Failed(format!("a finished cell cannot be written as JSON: {e}")))?;
         text.push('\n');
@@ -77,13 +77,13 @@ impl State {
 
 /// Everything that determines the figures of a cell, except its model and its training experiment.
 #[derive(Debug, Serialize)]
-pub(super) struct Ground {
+pub(super) struct CellKeys {
     program: String,
     options: String,
     runs: Vec<(String, u32, String)>,
 }
 
-impl Ground {
+impl CellKeys {
     /// Of this program, with `options`, on `sources`.
     pub(super) fn new(options: &Options, sources: &[Source]) -> Self {
         let runs = sources.iter().map(|s| (s.experiment.clone(), s.replicate, s.sha256.clone()));
@@ -110,7 +110,7 @@ fn program() -> String {
 mod tests {
     use super::*;
 
-    fn line(key: &str) -> Line {
+    fn line(key: &str) -> FinishedCell {
         let cell = Finished {
             model: "arx".to_owned(),
             form: "passive".to_owned(),
@@ -121,7 +121,7 @@ mod tests {
             warnings: Vec::new(),
             failure: Some("too little data".to_owned()),
         };
-        Line { key: key.to_owned(), seconds: 0.1, cell, model: None }
+        FinishedCell { key: key.to_owned(), seconds: 0.1, cell, model: None }
     }
 
     #[test]
@@ -146,7 +146,8 @@ mod tests {
         let source =
             |sha256: &str| Source { experiment: "a".to_owned(), replicate: 1, sha256: sha256.to_owned() };
         let options = Options::default();
-        let key = |options: &Options, sha256, spec, on| Ground::new(options, &[source(sha256)]).key(spec, on);
+        let key =
+            |options: &Options, sha256, spec, on| CellKeys::new(options, &[source(sha256)]).key(spec, on);
         let first = key(&options, "00", ModelSpec::ARX_PASSIVE, "a");
         assert_eq!(first, key(&options, "00", ModelSpec::ARX_PASSIVE, "a"));
         let others = [

@@ -1,6 +1,6 @@
 //! Tables on the terminal. Each predictor has its own tables.
 
-use super::output::Done;
+use super::output::ComparisonResult;
 use crate::report::compare::StepTime;
 use mr_damper_model::compare::{Class, Predictor, Summary};
 use mr_damper_model::units::N_PER_LBF;
@@ -13,7 +13,7 @@ pub(super) fn headline(models: usize, experiments: usize, runs: usize) -> String
 }
 
 /// All tables.
-pub(super) fn text(done: &Done, times: &[StepTime]) -> String {
+pub(super) fn text(done: &ComparisonResult, times: &[StepTime]) -> String {
     let mut text = String::new();
     for (predictor, heading) in [
         (Predictor::FreeRun, "simulation (free run)"),
@@ -44,7 +44,7 @@ fn cell(value: Option<f64>, width: usize, decimals: usize) -> String {
     value.map_or(format!("{:>width$}", "-"), |value| format!("{value:width$.decimals$}"))
 }
 
-fn identification(text: &mut String, done: &Done, predictor: Predictor) {
+fn identification(text: &mut String, done: &ComparisonResult, predictor: Predictor) {
     let one_step = predictor == Predictor::OneStep;
     let _ = write!(
         text,
@@ -91,7 +91,7 @@ fn identification(text: &mut String, done: &Done, predictor: Predictor) {
     }
 }
 
-fn cross_validation(text: &mut String, done: &Done, predictor: Predictor, times: &[StepTime]) {
+fn cross_validation(text: &mut String, done: &ComparisonResult, predictor: Predictor, times: &[StepTime]) {
     let _ = write!(
         text,
         "  {:<14} {:<12} {:<12} {:>9} {:>9} {:>8} {:>10} {:>8}",
@@ -121,7 +121,7 @@ fn cross_validation(text: &mut String, done: &Done, predictor: Predictor, times:
     }
 }
 
-fn cross_validation_line(summary: &Summary, done: &Done, times: &[StepTime]) -> String {
+fn cross_validation_line(summary: &Summary, done: &ComparisonResult, times: &[StepTime]) -> String {
     let (class, best) = (&summary.class, summary.best());
     let rsse_n = best.and_then(|row| row.mean_rsse_n);
     let time = times.iter().find(|t| t.model == class.model && t.form == class.form);

@@ -1,6 +1,6 @@
 //! The demo's virtual damper, healthy and with a coil lag, and the models that are identified on the healthy one.
 
-use crate::command::Surroundings;
+use crate::command::CliContext;
 use crate::error::NodeError;
 use crate::run::write_text;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
@@ -40,7 +40,7 @@ pub(super) enum Purpose {
     /// Validation run of the diagnosis.
     Confirm,
     /// Test run of the diagnosis: read once, at the end.
-    Sealed,
+    Test,
     /// Played to the service after it has loaded the model with the effect.
     PlayedAfter,
 }
@@ -86,18 +86,18 @@ pub(super) fn lagging(purpose: Purpose, seconds: f64, seed: u64) -> Result<Run, 
 /// When a fit fails or a file cannot be written; [`NodeError::Interrupted`].
 pub(super) fn identify_models(
     seed: u64,
-    around: &Surroundings,
+    context: &CliContext,
     free: &Path,
     seeded: &Path,
 ) -> Result<(), NodeError> {
-    let bench = [healthy(Purpose::Identify, BENCH_S, seed)?];
+    let training = [healthy(Purpose::Identify, BENCH_S, seed)?];
     let held_out = healthy(Purpose::Validate, BENCH_S, seed)?;
-    let watch = Watch { cancel: Some(around.interrupt.flag()), progress: None };
+    let watch = Watch { cancel: Some(context.interrupt.flag()), progress: None };
     let conditioning = Conditioning { velocity: VelocitySource::ThreePoint, ..Conditioning::default() };
     for (spec, path) in [(ModelSpec::FUZZY_TANH, free), (ModelSpec::ARX_SEMI_ACTIVE, seeded)] {
         let options =
             Options { conditioning, choose_velocity: false, restarts: RESTARTS, seed, ..Options::default() };
-        let mut found = identify(spec, &bench, &options, &watch)?;
+        let mut found = identify(spec, &training, &options, &watch)?;
         let scored = evaluate(found.model, &held_out, Settings::default(), |_| true)?;
         let expected = &mut found.model.expected;
         expected.free_run_rsse_n = scored.free_run.map(|fit| fit.rsse_n);
@@ -107,7 +107,7 @@ pub(super) fn identify_models(
             seed,
             restarts: RESTARTS,
             runs: vec![TrainingRun {
-                name: bench[0].name.clone(),
+                name: training[0].name.clone(),
                 samples: found.runs.iter().map(|run| run.samples).sum(),
                 force_offset_n: found.runs.first().map_or(0.0, |run| run.force_offset_n),
                 ..TrainingRun::default()

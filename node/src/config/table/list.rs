@@ -1,9 +1,9 @@
 //! The entries of the parameter table: node, command, plausibility, inputs, mirror.
 
-use super::Change::{Never, Running, Unconfigured};
-use super::{Kind, Parameter};
+use super::Mutability::{Never, Running, Unconfigured};
+use super::{Parameter, ParameterKind};
 use crate::config::{Value, use_force_name};
-use crate::sink::zenoh::Rmw;
+use crate::zenoh_session::Rmw;
 use mr_damper_model::inverse::Method;
 use mr_damper_model::pipeline::{Mode, UseForce};
 
@@ -22,8 +22,8 @@ const NODE: [Parameter; 3] = [
     ),
     Parameter {
         name: "mode",
-        kind: Kind::Choice(&["auto", "arx", "model", "fault"]),
-        change: Running,
+        kind: ParameterKind::Choice(&["auto", "arx", "model", "fault"]),
+        mutability: Running,
         doc: "auto: the best mode whose conditions are met; otherwise only the given mode, or fault if its conditions are not met (fault: no estimates)",
         get: |c| Value::Text(c.settings.only_mode.map_or("auto", Mode::name).to_owned()),
         set: |c, v| {
@@ -43,22 +43,22 @@ const MAIN: [Parameter; 26] = [
     ),
     text!(
         "model",
-        Kind::Text,
+        ParameterKind::Text,
         Unconfigured,
         "model for simulation (free run): a preset (`mr-damper presets`) or a model file",
         model
     ),
     text!(
         "arx_model",
-        Kind::Text,
+        ParameterKind::Text,
         Unconfigured,
         "ARX model, seeded with measured force: a preset, a model file, none, or auto (the thesis' best ARX model if model is a thesis preset, else none)",
         arx_model
     ),
     Parameter {
         name: "use_measured_force",
-        kind: Kind::Choice(&["auto", "never", "observer"]),
-        change: Running,
+        kind: ParameterKind::Choice(&["auto", "never", "observer"]),
+        mutability: Running,
         doc: "auto: measured force seeds the ARX model while it is fresh; observer: it corrects the simulation by a bias; never: it is used for the residual only",
         get: |c| Value::Text(use_force_name(c.settings.use_measured_force).to_owned()),
         set: |c, v| {
@@ -157,7 +157,7 @@ const MAIN: [Parameter; 26] = [
     ),
     text!(
         "close_loop.out",
-        Kind::Text,
+        ParameterKind::Text,
         Running,
         "directory of the model files that the action close_loop writes, on the node's machine; empty: the system's temporary directory",
         close_loop_out
@@ -170,7 +170,7 @@ const MAIN: [Parameter; 26] = [
     ),
     text!(
         "filter.apply_to",
-        Kind::Choice(&["model", "inputs", "output", "none"]),
+        ParameterKind::Choice(&["model", "inputs", "output", "none"]),
         Running,
         "where the low-pass acts: as in the model file (model), on displacement (inputs), on the model's output and the force it is compared with (output), or nowhere (none)",
         filter_apply_to
@@ -217,7 +217,7 @@ const MAIN: [Parameter; 26] = [
     ),
     text!(
         "discovery_range",
-        Kind::Choice(&["system_default", "localhost", "subnet"]),
+        ParameterKind::Choice(&["system_default", "localhost", "subnet"]),
         Never,
         "which machines can find the node; system_default: ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_LOCALHOST_ONLY, else localhost",
         discovery_range
@@ -227,7 +227,7 @@ const MAIN: [Parameter; 26] = [
 const COMMAND: [Parameter; 14] = [
     text!(
         "law",
-        Kind::Choice(&["off", "follow", "skyhook", "groundhook", "fixed"]),
+        ParameterKind::Choice(&["off", "follow", "skyhook", "groundhook", "fixed"]),
         Running,
         "control law for the current; off: no current; follow: the current for the force_request, once one has arrived; skyhook, groundhook: \
          the current for a damper between body and sky, or wheel and ground (both need body_velocity); fixed: fixed.current_a",
@@ -235,8 +235,8 @@ const COMMAND: [Parameter; 14] = [
     ),
     Parameter {
         name: "inverse.method",
-        kind: Kind::Choice(&["search", "polynomial", "fuzzy"]),
-        change: Running,
+        kind: ParameterKind::Choice(&["search", "polynomial", "fuzzy"]),
+        mutability: Running,
         doc: "how the current for a demanded force is found: by a search on the model, or by a polynomial or fuzzy inverse that is fitted to the model when it is loaded",
         get: |c| Value::Text(c.settings.method.name().to_owned()),
         set: |c, v| {
@@ -276,8 +276,8 @@ const COMMAND: [Parameter; 14] = [
     ),
     Parameter {
         name: "current.rate_max_a_s",
-        kind: Kind::Double(0.0, 1e9),
-        change: Running,
+        kind: ParameterKind::Double(0.0, 1e9),
+        mutability: Running,
         doc: "largest rate of change of the driver's current, A/s; 0: unknown, so the rate is not limited",
         get: |c| Value::Double(finite_or_zero(c.settings.limits.rate_max_a_s)),
         set: |c, v| {
@@ -377,14 +377,14 @@ const ZENOH: [Parameter; 11] = [
     list!("zenoh.connect", "endpoints of Zenoh routers or peers that the mirror connects to", zenoh.connect),
     text!(
         "zenoh.mode",
-        Kind::Choice(&["", "peer", "client", "router"]),
+        ParameterKind::Choice(&["", "peer", "client", "router"]),
         Never,
         "role in the Zenoh network; empty: as in zenoh.config, else peer",
         zenoh.mode
     ),
     text!(
         "zenoh.config",
-        Kind::Text,
+        ParameterKind::Text,
         Never,
         "Zenoh's own configuration file (JSON5) for TLS, users, access control, downsampling; endpoints and mode given here \
          override it; examples are in launch-configs/zenoh/",
@@ -397,14 +397,14 @@ const ZENOH: [Parameter; 11] = [
     ),
     text!(
         "zenoh.model_dir",
-        Kind::Text,
+        ParameterKind::Text,
         Never,
         "directory of the model files that the Zenoh command load_model can load; empty: presets only",
         zenoh.model_dir
     ),
     text!(
         "zenoh.rmw",
-        Kind::Choice(&Rmw::NAMES),
+        ParameterKind::Choice(&Rmw::NAMES),
         Never,
         "visibility for nodes on rmw_zenoh in the same domain; publish: they see the node and its outputs; both: also its inputs, \
          which they can then publish as over DDS; off: nothing",
@@ -412,7 +412,7 @@ const ZENOH: [Parameter; 11] = [
     ),
     text!(
         "zenoh.encoding",
-        Kind::Choice(&["cbor", "json", "cdr"]),
+        ParameterKind::Choice(&["cbor", "json", "cdr"]),
         Never,
         "encoding of the state/ keys",
         zenoh.encoding

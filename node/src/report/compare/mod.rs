@@ -7,7 +7,7 @@ mod tables;
 use super::box_plot::{self, BoxRow};
 use super::page::{page, section};
 use super::plot::{Ink, Plot, Series, Shape};
-use super::scatter::{self, Named};
+use super::scatter::{self, NamedPoint};
 use super::table::{facts, table};
 use maud::{Markup, PreEscaped, html};
 use mr_damper_model::compare::{BoxPlot, Finished, Persistence, Predictor, Summary};
@@ -33,7 +33,7 @@ pub struct StepTime {
 }
 
 /// Points `(x, y)` of a curve.
-pub type Points = Vec<(f64, f64)>;
+pub type CurvePoints = Vec<(f64, f64)>;
 
 /// The simulated curve of a model.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,23 +41,23 @@ pub struct Curve {
     /// Name of the model.
     pub name: String,
     /// Lines, each in order of x.
-    pub lines: Vec<Points>,
+    pub lines: Vec<CurvePoints>,
 }
 
 /// A picture with the measured curve and the curves of a few models, best first.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Picture {
+pub struct ForcePlot {
     /// Title of the picture.
     pub title: String,
     /// The measured curve.
-    pub measured: Points,
+    pub measured: CurvePoints,
     /// The models.
     pub models: Vec<Curve>,
 }
 
 /// Everything the report shows.
 #[derive(Debug, Clone, Default)]
-pub struct Outcome<'a> {
+pub struct CompareOutcome<'a> {
     /// The comparison in a sentence.
     pub what: String,
     /// Names and values that say how the comparison was run.
@@ -73,14 +73,14 @@ pub struct Outcome<'a> {
     /// Time per step of each model.
     pub step_times: &'a [StepTime],
     /// Pictures of force over time.
-    pub force_time: Vec<Picture>,
+    pub force_time: Vec<ForcePlot>,
     /// Pictures of force over velocity, one per current.
-    pub force_velocity: Vec<Picture>,
+    pub force_velocity: Vec<ForcePlot>,
     /// Caption of the pictures of force over velocity.
     pub force_velocity_caption: String,
 }
 
-impl Outcome<'_> {
+impl CompareOutcome<'_> {
     /// Time of one step, ns; `None` when it was not measured.
     #[must_use]
     pub fn ns_per_step(&self, model: &str, form: &str) -> Option<f64> {
@@ -99,7 +99,7 @@ impl Outcome<'_> {
 
 /// The report as one HTML file.
 #[must_use]
-pub fn html(outcome: &Outcome<'_>) -> String {
+pub fn html(outcome: &CompareOutcome<'_>) -> String {
     let body = html! {
         (section("What was run", &facts(&outcome.facts)))
         (section("Best first", &tables::best(outcome)))
@@ -116,7 +116,7 @@ pub fn html(outcome: &Outcome<'_>) -> String {
     page("MR damper models: comparison", &outcome.what, &body)
 }
 
-fn against(outcome: &Outcome<'_>, published: &Published) -> Markup {
+fn against(outcome: &CompareOutcome<'_>, published: &Published) -> Markup {
     let Some(orders) = order::orders(outcome.summaries, published, outcome.persistence) else {
         return html! { p { "None of the published models is in this comparison." } };
     };
@@ -163,7 +163,7 @@ fn against(outcome: &Outcome<'_>, published: &Published) -> Markup {
     }
 }
 
-fn boxes(outcome: &Outcome<'_>) -> Markup {
+fn boxes(outcome: &CompareOutcome<'_>) -> Markup {
     let rows = |predictor: Predictor, form: &str| -> Vec<BoxRow> {
         let of = outcome.summaries.iter().filter(|s| s.class.predictor == predictor && s.class.form == form);
         let mut rows: Vec<BoxRow> = of
@@ -216,7 +216,7 @@ fn boxes(outcome: &Outcome<'_>) -> Markup {
     }
 }
 
-fn pareto(outcome: &Outcome<'_>) -> Markup {
+fn pareto(outcome: &CompareOutcome<'_>) -> Markup {
     let ink = |form: &str| match form {
         "passive" => "level0",
         "fuzzy" => "level2",
@@ -224,7 +224,7 @@ fn pareto(outcome: &Outcome<'_>) -> Markup {
     };
     let point = |summary: &Summary| {
         let class = &summary.class;
-        Some(Named {
+        Some(NamedPoint {
             name: class.model.clone(),
             x: outcome.ns_per_step(&class.model, &class.form)?,
             y: summary.median_esr()?,
@@ -233,7 +233,7 @@ fn pareto(outcome: &Outcome<'_>) -> Markup {
     };
     let free = outcome.summaries.iter().filter(|s| s.class.predictor == Predictor::FreeRun);
     let (points, without): (Vec<_>, Vec<_>) = free.map(|s| (s, point(s))).partition(|(_, p)| p.is_some());
-    let points: Vec<Named> = points.into_iter().filter_map(|(_, point)| point).collect();
+    let points: Vec<NamedPoint> = points.into_iter().filter_map(|(_, point)| point).collect();
     let without: Vec<String> = without.iter().map(|(s, _)| order::name(&s.class)).collect();
     html! {
         p.legend {
@@ -258,10 +258,10 @@ fn pareto(outcome: &Outcome<'_>) -> Markup {
     }
 }
 
-fn series(picture: &Picture, shape: Shape) -> Vec<Series> {
+fn series(picture: &ForcePlot, shape: Shape) -> Vec<Series> {
     let measured =
         Series { name: "measured".to_owned(), ink: Ink::Measured, shape, points: picture.measured.clone() };
-    let line = |(index, points): (usize, &Points), curve: &Curve, ink| Series {
+    let line = |(index, points): (usize, &CurvePoints), curve: &Curve, ink| Series {
         // Only the first line of a curve gets an entry in the legend.
         name: if index == 0 { curve.name.clone() } else { String::new() },
         ink,
@@ -274,8 +274,8 @@ fn series(picture: &Picture, shape: Shape) -> Vec<Series> {
     std::iter::once(measured).chain(models).collect()
 }
 
-fn force_time(outcome: &Outcome<'_>) -> Markup {
-    let plot = |picture: &Picture| Plot {
+fn force_time(outcome: &CompareOutcome<'_>) -> Markup {
+    let plot = |picture: &ForcePlot| Plot {
         description: picture.title.clone(),
         x_label: "time, s".to_owned(),
         y_label: "force, N".to_owned(),
@@ -289,7 +289,7 @@ fn force_time(outcome: &Outcome<'_>) -> Markup {
     }
 }
 
-fn force_velocity(outcome: &Outcome<'_>) -> Markup {
+fn force_velocity(outcome: &CompareOutcome<'_>) -> Markup {
     let all = || {
         outcome
             .force_velocity
@@ -300,7 +300,7 @@ fn force_velocity(outcome: &Outcome<'_>) -> Markup {
         all().flatten().map(|p| pick(p).abs()).filter(|v| v.is_finite()).fold(0.0, f64::max) * 1.03
     };
     let (v, f) = (bound(|p| p.0).max(1e-6), bound(|p| p.1).max(1e-6));
-    let plot = |picture: &Picture| Plot {
+    let plot = |picture: &ForcePlot| Plot {
         description: format!("Force over velocity at {}", picture.title),
         x_label: "velocity, m/s".to_owned(),
         y_label: "force, N".to_owned(),

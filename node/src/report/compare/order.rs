@@ -263,7 +263,7 @@ mod tests {
         assert!((found.tau.expect("an order") - 1.0 / 3.0).abs() < 1e-12);
         assert_eq!(found.tau_free_run, Some(-1.0));
         let all = found.remarks.join("\n");
-        for wanted in [
+        for expected in [
             "2 of 3 pairs",
             "sp (passive) is before anfis (passive) in the thesis (0.0770 against 0.0860)",
             "within 15 %",
@@ -273,7 +273,7 @@ mod tests {
             "anfis (passive) predicts best when trained on RP-ICPS (varying current); in the thesis on RP1-CS",
             "p (passive) has no place here: it was not part of this comparison",
         ] {
-            assert!(all.contains(wanted), "{wanted}: {all}");
+            assert!(all.contains(expected), "{expected}: {all}");
         }
         assert_eq!(orders(&here, &Published::default(), &still), None);
     }

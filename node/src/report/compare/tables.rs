@@ -1,7 +1,7 @@
 //! Tables of a comparison. Figures of different predictors never share a column.
 
 use super::super::table::table;
-use super::Outcome;
+use super::CompareOutcome;
 use super::order;
 use super::published::Figures;
 use maud::{Markup, html};
@@ -30,7 +30,7 @@ fn rsse(rsse_n: Option<f64>) -> String {
 }
 
 /// The models, ordered by their best training experiment.
-pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
+pub(super) fn best(outcome: &CompareOutcome<'_>) -> Markup {
     let row = |(place, summary): (usize, &Summary)| {
         let (class, best) = (&summary.class, summary.best());
         vec![
@@ -78,7 +78,7 @@ pub(super) fn best(outcome: &Outcome<'_>) -> Markup {
     }
 }
 
-fn persistence(outcome: &Outcome<'_>) -> Markup {
+fn persistence(outcome: &CompareOutcome<'_>) -> Markup {
     html! {
         @if let Some((esr, rsse_n)) = outcome.persistence_means() {
             p { "Persistence (the measured force of the previous sample), mean over all runs: ESR "
@@ -88,13 +88,14 @@ fn persistence(outcome: &Outcome<'_>) -> Markup {
     }
 }
 
-fn failures(outcome: &Outcome<'_>) -> Markup {
+fn failures(outcome: &CompareOutcome<'_>) -> Markup {
     let all =
         outcome.summaries.iter().flat_map(|s| s.failures.iter().map(move |(on, why)| (&s.class, on, why)));
     let rows: Vec<Vec<String>> =
         all.map(|(class, on, why)| vec![order::name(class), on.clone(), why.clone()]).collect();
-    let said = outcome.cells.iter().flat_map(|cell| cell.warnings.iter().map(move |warning| (cell, warning)));
-    let remarks: Vec<Vec<String>> = said
+    let warnings =
+        outcome.cells.iter().flat_map(|cell| cell.warnings.iter().map(move |warning| (cell, warning)));
+    let remarks: Vec<Vec<String>> = warnings
         .map(|(cell, warning)| {
             let model = format!("{} ({})", cell.model, cell.form.replace('_', "-"));
             vec![model, cell.trained_on.clone(), warning.clone()]
@@ -113,7 +114,7 @@ fn failures(outcome: &Outcome<'_>) -> Markup {
 }
 
 /// Training experiments, in the order of the cells.
-fn experiments<'a>(outcome: &Outcome<'a>) -> Vec<&'a str> {
+fn experiments<'a>(outcome: &CompareOutcome<'a>) -> Vec<&'a str> {
     let mut names: Vec<&str> = Vec::new();
     for cell in outcome.cells {
         if !names.contains(&cell.trained_on.as_str()) {
@@ -124,7 +125,7 @@ fn experiments<'a>(outcome: &Outcome<'a>) -> Vec<&'a str> {
 }
 
 /// Means over all tests by model and training experiment, like tables 5.1 and 5.2 of the thesis.
-pub(super) fn cross_validation(outcome: &Outcome<'_>) -> Markup {
+pub(super) fn cross_validation(outcome: &CompareOutcome<'_>) -> Markup {
     let experiments = experiments(outcome);
     let numbered: Vec<String> = experiments.iter().map(|name| format!("#{name}")).collect();
     let mut columns = vec!["=model"];
@@ -166,7 +167,7 @@ pub(super) fn cross_validation(outcome: &Outcome<'_>) -> Markup {
 }
 
 /// Figures on the training runs, one table per model, like tables 4.1 to 4.7 of the thesis.
-pub(super) fn identification(outcome: &Outcome<'_>) -> Markup {
+pub(super) fn identification(outcome: &CompareOutcome<'_>) -> Markup {
     let mut models: Vec<(&str, &str)> = Vec::new();
     for cell in outcome.cells {
         let key = (cell.model.as_str(), cell.form.as_str());
@@ -187,7 +188,7 @@ pub(super) fn identification(outcome: &Outcome<'_>) -> Markup {
     }
 }
 
-fn one_model(outcome: &Outcome<'_>, class: &Class, cells: &[&Finished]) -> Markup {
+fn one_model(outcome: &CompareOutcome<'_>, class: &Class, cells: &[&Finished]) -> Markup {
     let one_step = class.predictor == Predictor::OneStep;
     let thesis = |cell: &Finished| outcome.published?.row(class, &cell.trained_on)?.identification;
     let published = cells.iter().any(|cell| thesis(cell).is_some());

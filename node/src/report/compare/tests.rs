@@ -42,7 +42,7 @@ fn cells() -> Vec<Finished> {
     ]
 }
 
-fn with_outcome(check: impl Fn(&Outcome<'_>)) {
+fn with_outcome(check: impl Fn(&CompareOutcome<'_>)) {
     let cells = cells();
     let summaries = Summary::of(&cells);
     let still =
@@ -59,7 +59,7 @@ fn with_outcome(check: impl Fn(&Outcome<'_>)) {
     };
     let wave =
         |phase: f64| (0..200).map(|k| f64::from(k) * 0.01).map(|t| (t, (9.0 * t + phase).sin())).collect();
-    let picture = Picture {
+    let picture = ForcePlot {
         title: "1.2 A".to_owned(),
         measured: wave(0.0),
         models: vec![Curve { name: "sp".to_owned(), lines: vec![wave(0.2)] }],
@@ -69,7 +69,7 @@ fn with_outcome(check: impl Fn(&Outcome<'_>)) {
         form: "semi_active".to_owned(),
         ns_per_step: 21.0,
     });
-    check(&Outcome {
+    check(&CompareOutcome {
         what: "2 models on 2 experiments".to_owned(),
         facts: vec![("seed".to_owned(), "0".to_owned())],
         cells: &cells,
@@ -124,6 +124,6 @@ fn prediction_and_simulation_figures_never_share_a_table() {
 
 #[test]
 fn a_report_without_data_is_a_valid_page() {
-    let page = html(&Outcome::default());
+    let page = html(&CompareOutcome::default());
     assert!(page.ends_with("</html>") && !page.contains("NaN") && !page.contains("inf"));
 }

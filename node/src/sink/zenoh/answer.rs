@@ -6,15 +6,15 @@
 //! Zenoh calls back on its receiving threads, which only queue the query. A separate thread answers, because an answer
 //! blocks while a consumer does not read, and neither reception nor samples may block.
 
-use super::config::Encoding;
 use super::encode::{Encoded, encode, encoding_of};
-use super::history::{CAPACITY, Held, Wanted};
+use super::history::{CAPACITY, Extent, Selection};
 use super::meta;
 use super::payload::{Payload, finite};
-use super::shared::{Book, Shared, Tree, route};
+use super::shared::{MirrorData, Shared, Tree, route};
 use super::stats::Stats;
 use super::time_range::TimeRange;
 use super::topic::Topic;
+use crate::zenoh_session::Encoding;
 use serde::Serialize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -28,17 +28,17 @@ use zenoh::query::Query;
 /// Maximum number of waiting queries. Further queries are refused and counted; their consumer gets no reply and may retry.
 pub(super) const WAITING: usize = 32;
 /// Interval at which the thread checks whether it must stop.
-const LOOK: Duration = Duration::from_millis(50);
+const CHECK_EVERY: Duration = Duration::from_millis(50);
 
 /// The answers that the mirror composes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Question {
+pub(super) enum ComposedAnswer {
     Meta,
     History,
     Status,
 }
 
-impl Question {
+impl ComposedAnswer {
     pub(super) const ALL: [Self; 3] = [Self::Meta, Self::History, Self::Status];
 
     /// The last part of the key.
@@ -59,20 +59,20 @@ impl Question {
     }
 }
 
-/// The kind of answer to a query.
+/// The kind of a query, by its answer.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Wants {
+pub(super) enum QueryKind {
     /// An answer that the mirror composes.
-    Answer(Question),
+    Composed(ComposedAnswer),
     /// The last sample of each key of a tree, as it was published.
     Last(Tree),
 }
 
-impl Wants {
+impl QueryKind {
     pub(super) const ALL: [Self; 5] = [
-        Self::Answer(Question::Meta),
-        Self::Answer(Question::History),
-        Self::Answer(Question::Status),
+        Self::Composed(ComposedAnswer::Meta),
+        Self::Composed(ComposedAnswer::History),
+        Self::Composed(ComposedAnswer::Status),
         Self::Last(Tree::State),
         Self::Last(Tree::Web),
     ];
@@ -80,50 +80,50 @@ impl Wants {
     /// The part of the key after the damper's name.
     pub(super) const fn tail(self) -> &'static str {
         match self {
-            Self::Answer(question) => question.name(),
+            Self::Composed(answer) => answer.name(),
             Self::Last(Tree::State) => "state/*",
             Self::Last(Tree::Web) => "web/*",
         }
     }
 }
 
-/// A query and the kind of its answer.
-pub(super) type Asked = (Wants, Query);
+/// A query and its kind.
+pub(super) type QueuedQuery = (QueryKind, Query);
 
 /// Queues a query for [`run`]. Called by Zenoh, so it must not block.
-pub(super) fn hand_over(wants: Wants, query: Query, queue: &SyncSender<Asked>, shared: &Shared) {
-    if queue.try_send((wants, query)).is_err() {
-        shared.book().queries_refused += 1;
+pub(super) fn enqueue(kind: QueryKind, query: Query, queue: &SyncSender<QueuedQuery>, shared: &Shared) {
+    if queue.try_send((kind, query)).is_err() {
+        shared.data().queries_refused += 1;
     }
 }
 
 /// Answers queries until the mirror stops.
-pub(super) fn run(queue: &Receiver<Asked>, shared: &Arc<Shared>) {
-    let mut asked = [0_u64; Question::ALL.len()];
+pub(super) fn run(queue: &Receiver<QueuedQuery>, shared: &Arc<Shared>) {
+    let mut counts = [0_u64; ComposedAnswer::ALL.len()];
     while !shared.stopping() {
-        let (wants, query) = match queue.recv_timeout(LOOK) {
-            Ok(asked) => asked,
+        let (kind, query) = match queue.recv_timeout(CHECK_EVERY) {
+            Ok(queued) => queued,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
         // A panic on one query must not prevent the answers to others.
-        if catch_unwind(AssertUnwindSafe(|| answer(wants, &query, &mut asked, shared))).is_err() {
+        if catch_unwind(AssertUnwindSafe(|| reply(kind, &query, &mut counts, shared))).is_err() {
             tracing::error!("the answering thread panicked on a Zenoh query: {}", query.selector());
         }
-        shared.book().queries_answered += 1;
+        shared.data().queries_answered += 1;
     }
 }
 
-fn answer(wants: Wants, query: &Query, asked: &mut [u64; Question::ALL.len()], shared: &Shared) {
-    let question = match wants {
-        Wants::Answer(question) => question,
-        Wants::Last(tree) => return answer_last(tree, query, shared),
+fn reply(kind: QueryKind, query: &Query, counts: &mut [u64; ComposedAnswer::ALL.len()], shared: &Shared) {
+    let answer = match kind {
+        QueryKind::Composed(answer) => answer,
+        QueryKind::Last(tree) => return reply_last(tree, query, shared),
     };
-    let seq = &mut asked[question as usize];
+    let seq = &mut counts[answer as usize];
     *seq += 1;
     let seq = *seq;
-    let key = shared.key(question.name());
-    let replied = match compose(question, query, seq, shared) {
+    let key = shared.key(answer.name());
+    let replied = match compose(answer, query, seq, shared) {
         Ok((bytes, encoding)) => query.reply(key, bytes).encoding(encoding.zenoh()).wait(),
         Err(error) => {
             let text = serde_json::json!({ "error": error }).to_string();
@@ -136,22 +136,22 @@ fn answer(wants: Wants, query: &Query, asked: &mut [u64; Question::ALL.len()], s
 }
 
 /// Answers with the last sample of each key that the query selects. A key without a sample gives no reply.
-fn answer_last(tree: Tree, query: &Query, shared: &Shared) {
-    let wanted = match tree {
+fn reply_last(tree: Tree, query: &Query, shared: &Shared) {
+    let encoding = match tree {
         Tree::State => shared.config.encoding,
         Tree::Web => Encoding::Json,
     };
     // A copy, because an answer may block.
-    let last = shared.book().last;
+    let last = shared.data().last;
     let names = shared.names();
     for topic in Topic::ALL {
         let key = shared.route_key(tree, topic);
-        let asked = KeyExpr::new(&key).is_ok_and(|key| query.key_expr().intersects(&key));
-        let Some((item, seq)) = last[route(tree, topic)].filter(|_| asked) else { continue };
-        let replied = match encode(&item, seq, wanted, &names, &shared.frame.get()) {
+        let is_selected = KeyExpr::new(&key).is_ok_and(|key| query.key_expr().intersects(&key));
+        let Some((item, seq)) = last[route(tree, topic)].filter(|_| is_selected) else { continue };
+        let replied = match encode(&item, seq, encoding, &names, &shared.frame.get()) {
             Ok(Encoded { bytes, attachment }) => query
                 .reply(key, bytes)
-                .encoding(encoding_of(wanted, topic).zenoh())
+                .encoding(encoding_of(encoding, topic).zenoh())
                 .attachment(attachment.map(ZBytes::from))
                 .wait(),
             Err(error) => Err(error.into()),
@@ -167,13 +167,13 @@ fn answer_last(tree: Tree, query: &Query, shared: &Shared) {
 /// # Errors
 /// A text that says what is wrong with the query.
 fn compose(
-    question: Question,
+    answer: ComposedAnswer,
     query: &Query,
     seq: u64,
     shared: &Shared,
 ) -> Result<(Vec<u8>, Encoding), String> {
     let parameters = query.parameters();
-    let allowed = question.parameters();
+    let allowed = answer.parameters();
     // Names that begin with an underscore are Zenoh's own.
     if let Some((name, _)) =
         parameters.iter().find(|(name, _)| !name.starts_with('_') && !allowed.contains(name))
@@ -185,21 +185,21 @@ fn compose(
         Some("cbor") => Encoding::Cbor,
         Some(other) => return Err(format!("unknown format={other}; use json or cbor")),
     };
-    let bytes = match question {
-        Question::Meta => {
-            to_bytes(&with_head(Question::Meta, seq, shared, &meta::describe(shared)), encoding)
+    let bytes = match answer {
+        ComposedAnswer::Meta => {
+            to_bytes(&with_head(ComposedAnswer::Meta, seq, shared, &meta::describe(shared)), encoding)
         }
-        Question::Status => {
+        ComposedAnswer::Status => {
             let names = shared.names();
             let (mode, residual) = {
-                let book = shared.book();
-                (book.mode.map(|mode| mode.name()), ResidualStatus::of(&book))
+                let data = shared.data();
+                (data.mode.map(|mode| mode.name()), ResidualStatus::of(&data))
             };
             let stats = shared.stats();
             let status = Status { damper: &shared.damper, mode, model: &names.free, residual, stats };
-            to_bytes(&with_head(Question::Status, seq, shared, &status), encoding)
+            to_bytes(&with_head(ComposedAnswer::Status, seq, shared, &status), encoding)
         }
-        Question::History => history(query, seq, encoding, shared)?,
+        ComposedAnswer::History => history(query, seq, encoding, shared)?,
     };
     Ok((bytes?, encoding))
 }
@@ -220,7 +220,7 @@ fn history(
         None => CAPACITY,
         Some(text) => text.parse().map_err(|_| format!("max={text} is not a number of entries"))?,
     };
-    let excerpt = shared.book().history.excerpt(&Wanted { range, max }, now_ns);
+    let excerpt = shared.data().history.excerpt(&Selection { range, max }, now_ns);
     let names = shared.names();
     let body = HistoryBody {
         history_s: shared.config.history_s,
@@ -228,12 +228,12 @@ fn history(
         force_estimate: excerpt.estimates.iter().map(|entry| entry.payload(&names)).collect(),
         force_residual: excerpt.residuals.iter().map(|entry| entry.payload(&names)).collect(),
     };
-    Ok(to_bytes(&with_head(Question::History, seq, shared, &body), encoding))
+    Ok(to_bytes(&with_head(ComposedAnswer::History, seq, shared, &body), encoding))
 }
 
 /// The common first fields of an answer, followed by its body.
 #[derive(Serialize)]
-struct Answer<'a, T> {
+struct AnswerBody<'a, T> {
     schema: String,
     seq: u64,
     stamp_ns: i64,
@@ -268,8 +268,8 @@ struct ResidualStatus {
 }
 
 impl ResidualStatus {
-    fn of(book: &Book) -> Option<Self> {
-        let residual = book.residual?;
+    fn of(data: &MirrorData) -> Option<Self> {
+        let residual = data.residual?;
         Some(Self {
             stamp_ns: residual.stamp.nanos(),
             windowed_rsse_n: finite(residual.windowed_rsse.get()),
@@ -277,7 +277,7 @@ impl ResidualStatus {
             expected_rsse_n: finite(residual.expected_rsse.get()),
             ratio: finite(residual.windowed_rsse.get() / residual.expected_rsse.get()),
             alarm: residual.alarm,
-            alarm_since_ns: book.alarm.map(|alarm| alarm.stamp.nanos()),
+            alarm_since_ns: data.alarm.map(|alarm| alarm.stamp.nanos()),
         })
     }
 }
@@ -285,17 +285,17 @@ impl ResidualStatus {
 #[derive(Serialize)]
 struct HistoryBody<'a> {
     history_s: f64,
-    held: Held,
+    held: Extent,
     force_estimate: Vec<Payload<'a>>,
     force_residual: Vec<Payload<'a>>,
 }
 
-fn with_head<'a, T>(question: Question, seq: u64, shared: &Shared, body: &'a T) -> Answer<'a, T> {
-    Answer {
-        schema: format!("mr-damper/zenoh-{}/1", question.name()),
+fn with_head<'a, T>(answer: ComposedAnswer, seq: u64, shared: &Shared, body: &'a T) -> AnswerBody<'a, T> {
+    AnswerBody {
+        schema: format!("mr-damper/zenoh-{}/1", answer.name()),
         seq,
         stamp_ns: shared.clock.nanos_at(Instant::now()),
-        validity: shared.book().validity.name(),
+        validity: shared.data().validity.name(),
         body,
     }
 }

@@ -1,8 +1,9 @@
 //! Encodes events as CBOR, as JSON or as ROS messages in CDR.
 
-use super::config::Encoding;
-use super::payload::{Item, ModelNames};
+use super::payload::Item;
 use crate::wire;
+use crate::wire::ModelNames;
+use crate::zenoh_session::Encoding;
 use mr_damper_model::pipeline::Event;
 use mr_damper_model::sample::{Drive, Reading, Sample};
 use mr_damper_msgs::standard::{Header, Temperature};
@@ -30,8 +31,8 @@ pub(super) enum EncodeError {
 }
 
 /// The encoding that is used for a topic: instead of CDR it is CBOR when the topic has no ROS message.
-pub(super) const fn encoding_of(wanted: Encoding, topic: super::topic::Topic) -> Encoding {
-    match wanted {
+pub(super) const fn encoding_of(configured: Encoding, topic: super::topic::Topic) -> Encoding {
+    match configured {
         Encoding::Cdr if topic.ros_type().is_none() => Encoding::Cbor,
         other => other,
     }
@@ -41,11 +42,11 @@ pub(super) const fn encoding_of(wanted: Encoding, topic: super::topic::Topic) ->
 pub(super) fn encode(
     item: &Item,
     seq: u64,
-    wanted: Encoding,
+    configured: Encoding,
     names: &ModelNames,
     frame_id: &str,
 ) -> Result<Encoded, EncodeError> {
-    let encoding = encoding_of(wanted, item.topic());
+    let encoding = encoding_of(configured, item.topic());
     let bytes = match encoding {
         Encoding::Json => serde_json::to_vec(&item.payload(seq, names))?,
         Encoding::Cbor => cbor(item, seq, names)?,

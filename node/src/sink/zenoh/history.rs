@@ -1,7 +1,8 @@
 //! The last seconds of estimates and residuals, in bounded memory.
 
-use super::payload::{Item, ModelNames, Payload};
+use super::payload::{Item, Payload};
 use super::time_range::TimeRange;
+use crate::wire::ModelNames;
 use mr_damper_model::pipeline::Event;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -27,7 +28,7 @@ impl Entry {
 
 /// The entries that a query selects.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Wanted {
+pub(super) struct Selection {
     pub(super) range: TimeRange,
     /// Maximum number of entries per topic; the newest are returned.
     pub(super) max: usize,
@@ -47,12 +48,12 @@ pub(super) struct Excerpt {
     pub(super) estimates: Vec<Entry>,
     pub(super) residuals: Vec<Entry>,
     /// Extent of the whole history.
-    pub(super) held: Held,
+    pub(super) held: Extent,
 }
 
 /// Extent of the history: numbers of entries, and the time of the oldest.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
-pub(super) struct Held {
+pub(super) struct Extent {
     pub(super) estimates: usize,
     pub(super) residuals: usize,
     pub(super) oldest_taken_ns: Option<i64>,
@@ -93,11 +94,13 @@ impl History {
     }
 
     /// Copies the selected entries, so that they can be encoded without locking the history.
-    pub(super) fn excerpt(&self, wanted: &Wanted, now_ns: i64) -> Excerpt {
+    pub(super) fn excerpt(&self, selection: &Selection, now_ns: i64) -> Excerpt {
         let oldest_ns = now_ns.saturating_sub(self.length_ns);
         let pick = |list: &VecDeque<Entry>| {
-            let fits = |entry: &&Entry| entry.taken_ns >= oldest_ns && wanted.range.contains(entry.taken_ns);
-            let mut picked: Vec<Entry> = list.iter().rev().filter(fits).take(wanted.max).copied().collect();
+            let fits =
+                |entry: &&Entry| entry.taken_ns >= oldest_ns && selection.range.contains(entry.taken_ns);
+            let mut picked: Vec<Entry> =
+                list.iter().rev().filter(fits).take(selection.max).copied().collect();
             picked.reverse();
             picked
         };
@@ -105,7 +108,7 @@ impl History {
         Excerpt {
             estimates: pick(&self.estimates),
             residuals: pick(&self.residuals),
-            held: Held {
+            held: Extent {
                 estimates: self.estimates.len(),
                 residuals: self.residuals.len(),
                 oldest_taken_ns: fronts.into_iter().flatten().map(|entry| entry.taken_ns).min(),
@@ -120,7 +123,7 @@ mod tests {
     use super::*;
 
     const SECOND: i64 = 1_000_000_000;
-    const EVERYTHING: Wanted = Wanted { range: TimeRange::ALL, max: usize::MAX };
+    const EVERYTHING: Selection = Selection { range: TimeRange::ALL, max: usize::MAX };
 
     fn filled(length_s: f64, count: i64, step_ns: i64) -> History {
         let mut history = History::new(length_s);
@@ -150,10 +153,10 @@ mod tests {
         let history = filled(10.0, 100, SECOND / 10);
         let now = 99 * SECOND / 10;
         let range = TimeRange::parse("[now(-1s)..]", now).expect("this is a range");
-        let excerpt = history.excerpt(&Wanted { range, max: usize::MAX }, now);
+        let excerpt = history.excerpt(&Selection { range, max: usize::MAX }, now);
         let seqs: Vec<u64> = excerpt.estimates.iter().map(|entry| entry.seq).collect();
         assert_eq!(seqs, (90..=100).collect::<Vec<u64>>());
-        let excerpt = history.excerpt(&Wanted { range, max: 3 }, now);
+        let excerpt = history.excerpt(&Selection { range, max: 3 }, now);
         assert_eq!(excerpt.estimates.iter().map(|entry| entry.seq).collect::<Vec<u64>>(), [98, 99, 100]);
         // Without new samples, entries older than the length are not returned although they are still in memory.
         assert!(history.excerpt(&EVERYTHING, now + 20 * SECOND).estimates.is_empty());

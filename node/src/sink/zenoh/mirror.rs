@@ -1,17 +1,18 @@
 //! The mirror of one damper: a thread that takes events from a ring and publishes them over Zenoh.
 
-use super::config::Encoding;
+use super::declarations::Declarations;
 use super::encode::encode;
-use super::error::ZenohError;
-use super::link::{Inner, Link, Opening};
-use super::outlet::Outlet;
-use super::payload::{Item, ModelNames};
-use super::rmw::RmwPresence;
+use super::payload::Item;
+use super::rmw_output::RmwPresence;
 use super::shared::{ROUTES, Shared, Tree, route};
 use super::stats::{CommandCounters, MirrorState, Stats};
 use super::throttle::Throttle;
 use super::topic::Topic;
 use crate::frame::Frame;
+use crate::wire::ModelNames;
+use crate::zenoh_session::Encoding;
+use crate::zenoh_session::ZenohError;
+use crate::zenoh_session::{Inner, Link, SessionState};
 use mr_damper_model::pipeline::{Event, Validity};
 use mr_damper_model::sample::Stamp;
 use rtrb::Consumer;
@@ -25,14 +26,14 @@ use std::time::{Duration, Instant};
 /// Longest wait for the thread to stop; afterwards it stops in the background. Closing the session takes about as long again.
 const STOP_WAIT: Duration = Duration::from_millis(450);
 /// Longest sleep, which bounds the delay after a missed wake-up.
-const NAP: Duration = Duration::from_millis(50);
+const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 /// Events published between two rounds of other work.
 const BATCH: usize = 1024;
 /// Interval of the checks of connections and losses, and shortest interval between log messages about failed puts.
-const LOOK: Duration = Duration::from_secs(1);
+const CHECK_EVERY: Duration = Duration::from_secs(1);
 const REPEAT: Duration = Duration::from_secs(10);
 /// Number of estimates whose validity is kept for their residuals, which follow a few samples later.
-const REMEMBERED: usize = 256;
+const KEPT_VALIDITIES: usize = 256;
 
 /// Names of a damper on Zenoh.
 #[derive(Debug, Clone)]
@@ -81,12 +82,12 @@ impl Mirror {
         let damper = Damper { name, ..damper };
         let shared = Arc::new(Shared::new(damper, link.config().clone(), names, Arc::clone(&dropped)));
         let (sender, ended) = mpsc::sync_channel(1);
-        let (of_worker, of_guard, link) = (Arc::clone(&shared), Arc::clone(&shared), link.inner());
+        let (of_thread, of_guard, link) = (Arc::clone(&shared), Arc::clone(&shared), link.inner());
         let handle = thread::Builder::new()
             .name("zenoh-mirror".to_owned())
             .spawn(move || {
-                let worker = Worker::new(of_worker, link, events);
-                if catch_unwind(AssertUnwindSafe(|| worker.run())).is_err() {
+                let thread = MirrorThread::new(of_thread, link, events);
+                if catch_unwind(AssertUnwindSafe(|| thread.run())).is_err() {
                     of_guard.fail("its thread panicked (see the panic's message above)".to_owned());
                 }
                 // The receiver may have given up waiting.
@@ -123,7 +124,7 @@ impl Mirror {
     /// True while samples are published, or while a client still waits for its router.
     #[must_use]
     pub fn is_alive(&self) -> bool {
-        matches!(self.shared.book().state, MirrorState::Connecting | MirrorState::Running)
+        matches!(self.shared.data().state, MirrorState::Connecting | MirrorState::Running)
     }
 
     /// Publishes the events left in the ring, undeclares everything and ends the thread, within half a second.
@@ -160,33 +161,33 @@ impl Renamer {
 }
 
 /// State of the mirror's thread.
-struct Worker {
+struct MirrorThread {
     shared: Arc<Shared>,
     link: Arc<Inner>,
     events: Consumer<Event>,
-    outlet: Option<Outlet>,
+    declarations: Option<Declarations>,
     seq: [u64; ROUTES],
     web: [Throttle<Item>; Topic::ALL.len()],
     recent: VecDeque<(Stamp, Validity)>,
-    last_look: Option<Instant>,
+    last_check: Option<Instant>,
     dropped_before: u64,
-    last_complaint: Option<Instant>,
+    last_logged_failure: Option<Instant>,
 }
 
-impl Worker {
+impl MirrorThread {
     fn new(shared: Arc<Shared>, link: Arc<Inner>, events: Consumer<Event>) -> Self {
         let rate_hz = shared.config.web_rate_hz;
         Self {
             shared,
             link,
             events,
-            outlet: None,
+            declarations: None,
             seq: [0; ROUTES],
             web: std::array::from_fn(|_| Throttle::new(rate_hz)),
-            recent: VecDeque::with_capacity(REMEMBERED),
-            last_look: None,
+            recent: VecDeque::with_capacity(KEPT_VALIDITIES),
+            last_check: None,
             dropped_before: 0,
-            last_complaint: None,
+            last_logged_failure: None,
         }
     }
 
@@ -194,45 +195,45 @@ impl Worker {
         loop {
             // Read before the ring is drained, so that events pushed before the request to stop are still published.
             let stopping = self.shared.stopping();
-            self.attend_session();
+            self.check_session();
             let drained = self.drain();
             self.poll_web(stopping);
-            self.look();
+            self.check();
             if stopping && drained {
                 break;
             }
             if drained {
-                thread::park_timeout(self.nap());
+                thread::park_timeout(self.sleep_time());
             }
         }
-        if let Some(outlet) = self.outlet.take() {
-            outlet.close();
+        if let Some(declarations) = self.declarations.take() {
+            declarations.close();
         }
-        let mut book = self.shared.book();
-        if book.state != MirrorState::Failed {
-            book.state = MirrorState::Stopped;
+        let mut data = self.shared.data();
+        if data.state != MirrorState::Failed {
+            data.state = MirrorState::Stopped;
         }
     }
 
     /// Declares everything once the session is open, and detects its end.
-    fn attend_session(&mut self) {
-        if let Some(outlet) = &self.outlet {
-            if outlet.session().is_closed() {
-                self.outlet = None;
+    fn check_session(&mut self) {
+        if let Some(declarations) = &self.declarations {
+            if declarations.session().is_closed() {
+                self.declarations = None;
                 self.shared.fail("the Zenoh session was closed".to_owned());
             }
             return;
         }
-        if self.shared.book().state != MirrorState::Connecting {
+        if self.shared.data().state != MirrorState::Connecting {
             return;
         }
-        match self.link.opening() {
-            Opening::Waiting => {}
-            Opening::Gone => self.shared.fail("the Zenoh session was closed".to_owned()),
-            Opening::Done(session) => match Outlet::declare(session, &self.link, &self.shared) {
-                Ok(outlet) => {
-                    self.outlet = Some(outlet);
-                    self.shared.book().state = MirrorState::Running;
+        match self.link.session_state() {
+            SessionState::Waiting => {}
+            SessionState::Gone => self.shared.fail("the Zenoh session was closed".to_owned()),
+            SessionState::Done(session) => match Declarations::declare(session, &self.link, &self.shared) {
+                Ok(declarations) => {
+                    self.declarations = Some(declarations);
+                    self.shared.data().state = MirrorState::Running;
                 }
                 Err(error) => self.shared.fail(format!("Zenoh refused a declaration: {error}")),
             },
@@ -245,7 +246,7 @@ impl Worker {
             let Ok(event) = self.events.pop() else { return true };
             let item = Item::new(event, |stamp| self.validity_at(stamp));
             if let Event::Estimate(estimate) = &event {
-                if self.recent.len() == REMEMBERED {
+                if self.recent.len() == KEPT_VALIDITIES {
                     self.recent.pop_front();
                 }
                 self.recent.push_back((estimate.stamp, estimate.validity));
@@ -253,7 +254,7 @@ impl Worker {
             let now = Instant::now();
             let (seq, sent) = self.put(Tree::State, &item, self.shared.config.encoding);
             self.put_rmw(&event, now);
-            self.shared.book().note(item, seq, sent, now, &self.shared.clock);
+            self.shared.data().note(item, seq, sent, now, &self.shared.clock);
             if let Some(item) = self.web[item.topic() as usize].offer(item, now) {
                 self.put_web(&item, now);
             }
@@ -277,51 +278,52 @@ impl Worker {
 
     fn put_web(&mut self, item: &Item, now: Instant) {
         let (seq, sent) = self.put(Tree::Web, item, Encoding::Json);
-        self.shared.book().note_on(route(Tree::Web, item.topic()), item, seq, sent, now);
+        self.shared.data().note_on(route(Tree::Web, item.topic()), item, seq, sent, now);
     }
 
     /// Publishes a sample. Returns its number on the route, and true when Zenoh took it. A sample that Zenoh did not take
     /// uses a number too, so that consumers can detect the loss.
-    fn put(&mut self, tree: Tree, item: &Item, wanted: Encoding) -> (u64, bool) {
+    fn put(&mut self, tree: Tree, item: &Item, encoding: Encoding) -> (u64, bool) {
         let topic = item.topic();
         let seq = &mut self.seq[route(tree, topic)];
         *seq += 1;
         let seq = *seq;
-        let Some(outlet) = &self.outlet else { return (seq, false) };
+        let Some(declarations) = &self.declarations else { return (seq, false) };
         let names = self.shared.names();
-        let put = match encode(item, seq, wanted, &names, &self.shared.frame.get()) {
-            Ok(encoded) => outlet.put(tree, topic, encoded).map_err(|error| error.to_string()),
+        let put = match encode(item, seq, encoding, &names, &self.shared.frame.get()) {
+            Ok(encoded) => declarations.put(tree, topic, encoded).map_err(|error| error.to_string()),
             Err(error) => Err(error.to_string()),
         };
         if let Err(error) = &put {
-            self.complain(topic, error);
+            self.log_failure(topic, error);
         }
         (seq, put.is_ok())
     }
 
     /// Publishes an output for nodes on rmw_zenoh, if `zenoh.rmw` is on.
     fn put_rmw(&mut self, event: &Event, now: Instant) {
-        let Some(rmw) = self.outlet.as_mut().and_then(Outlet::rmw) else { return };
+        let Some(rmw) = self.declarations.as_mut().and_then(Declarations::rmw) else { return };
         if let Err(error) = rmw.put(event, &self.shared.names(), self.shared.clock.nanos_at(now)) {
-            self.complain(Topic::of_event(event), &error);
+            self.log_failure(Topic::of_event(event), &error);
         }
     }
 
-    fn complain(&mut self, topic: Topic, error: &str) {
-        if self.last_complaint.is_none_or(|at| at.elapsed() > REPEAT) {
-            self.last_complaint = Some(Instant::now());
+    fn log_failure(&mut self, topic: Topic, error: &str) {
+        if self.last_logged_failure.is_none_or(|at| at.elapsed() > REPEAT) {
+            self.last_logged_failure = Some(Instant::now());
             tracing::warn!(damper = %self.shared.damper, topic = topic.name(), "cannot publish over Zenoh: {error}");
         }
     }
 
     /// Checks connections and losses in the ring, once a second.
-    fn look(&mut self) {
-        if self.last_look.is_some_and(|at| at.elapsed() < LOOK) {
+    fn check(&mut self) {
+        if self.last_check.is_some_and(|at| at.elapsed() < CHECK_EVERY) {
             return;
         }
-        self.last_look = Some(Instant::now());
-        let connected = self.outlet.as_ref().map_or(0, |outlet| self.link.watch(outlet.session()));
-        self.shared.book().connected = connected;
+        self.last_check = Some(Instant::now());
+        let connected =
+            self.declarations.as_ref().map_or(0, |declarations| self.link.watch(declarations.session()));
+        self.shared.data().connected = connected;
         let dropped = self.shared.ring_dropped();
         if dropped > self.dropped_before {
             let lost = dropped - self.dropped_before;
@@ -331,9 +333,9 @@ impl Worker {
         }
     }
 
-    fn nap(&self) -> Duration {
+    fn sleep_time(&self) -> Duration {
         let now = Instant::now();
         let due = self.web.iter().filter_map(Throttle::deadline).min();
-        due.map_or(NAP, |due| due.saturating_duration_since(now).min(NAP))
+        due.map_or(LONGEST_SLEEP, |due| due.saturating_duration_since(now).min(LONGEST_SLEEP))
     }
 }

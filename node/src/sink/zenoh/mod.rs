@@ -8,8 +8,8 @@
 //!                                     └──→ zenoh-answers ──↗
 //! ```
 //!
-//! With `zenoh.rmw` (off by default, see `rmw.rs`), nodes on rmw_zenoh see the damper as a ROS node with its topics. All
-//! other keys of the mirror begin with `mr_damper/<damper>/`. The process has one [`Link`] (the session), each damper
+//! With `zenoh.rmw` (off by default, see `rmw_output.rs`), nodes on rmw_zenoh see the damper as a ROS node with its topics.
+//! All other keys of the mirror begin with `mr_damper/<damper>/`. The process has one [`Link`] (the session), each damper
 //! has one [`Mirror`]. Tested properties:
 //!
 //! - The estimating thread shares with this module a ring, an atomic counter and a wake-up, but no lock.
@@ -22,17 +22,13 @@
 //! Any Zenoh client can read the keys; `tests/interop/zenoh_reader.py` is an example in Python.
 
 mod answer;
-mod config;
+mod declarations;
 mod encode;
-mod error;
 mod history;
-mod link;
 mod meta;
 mod mirror;
-mod outlet;
 mod payload;
-mod plan;
-mod rmw;
+mod rmw_output;
 #[cfg(test)]
 mod samples;
 mod shared;
@@ -41,12 +37,10 @@ mod throttle;
 mod time_range;
 mod topic;
 
-pub use config::{Encoding, Rmw, SessionMode, ZenohConfig};
-pub use error::ZenohError;
-pub use link::Link;
+pub use crate::wire::ModelNames;
+pub use crate::zenoh_session::{Encoding, Link, SessionMode, ZenohConfig, ZenohError};
 pub use mirror::{Damper, Mirror, Renamer};
-pub use payload::ModelNames;
-pub use rmw::RmwPresence;
+pub use rmw_output::RmwPresence;
 pub use stats::{CommandCounters, CommandStats, MirrorState, RmwCounters, RmwStats, RouteStats, Stats};
 pub use time_range::TimeRange;
 pub use topic::Topic;

@@ -4,36 +4,15 @@
 //! cannot represent NaN. CBOR does the same, so that a consumer need not care which of the two it reads.
 
 use super::topic::Topic;
+use crate::wire::ModelNames;
 use mr_damper_model::inverse::LimitedBy;
 use mr_damper_model::pipeline::{
-    AlarmChange, Commanded, Estimate, Event, Mode, Reasons, Refusal, Residual, Transition, Validity,
+    AlarmChange, Estimate, Event, Mode, Reasons, Refusal, Residual, StampedCommand, Transition, Validity,
 };
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
 use mr_damper_model::units::{Ampere, Celsius, Metre, MetrePerSecond, Newton, Volt};
+use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
-use serde::{Deserialize, Serialize};
-
-/// Names of the models that a damper runs, for estimates and `meta`.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct ModelNames {
-    /// The simulated model (free run): name of a preset or file.
-    pub free: String,
-    /// The model that is seeded with measured force, if any.
-    pub seeded: Option<String>,
-    /// SHA-256 of the model files, or something else that identifies the coefficients.
-    pub hash: String,
-}
-
-impl ModelNames {
-    /// Name of the model that an estimate comes from.
-    #[must_use]
-    pub fn of(&self, slot: mr_damper_model::pipeline::Slot) -> &str {
-        match slot {
-            mr_damper_model::pipeline::Slot::Free => &self.free,
-            mr_damper_model::pipeline::Slot::Seeded => self.seeded.as_deref().unwrap_or(&self.free),
-        }
-    }
-}
 
 /// An event with its published validity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -310,7 +289,7 @@ pub(super) struct CommandPayload {
 }
 
 impl CommandPayload {
-    fn new(head: Head, commanded: &Commanded) -> Self {
+    fn new(head: Head, commanded: &StampedCommand) -> Self {
         let command = &commanded.command;
         Self {
             seq: head.seq,

@@ -1,9 +1,9 @@
 //! Events for the tests of this module.
 
-use super::payload::ModelNames;
-use mr_damper_model::inverse::{Command, LimitedBy};
+use crate::wire::ModelNames;
+use mr_damper_model::inverse::{CurrentCommand, LimitedBy};
 use mr_damper_model::pipeline::{
-    AlarmChange, Cause, Commanded, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot,
+    AlarmChange, Cause, Estimate, Event, Mode, Reasons, Refusal, Refused, Residual, Slot, StampedCommand,
     Transition, Validity,
 };
 use mr_damper_model::sample::{Drive, Reading, Sample, Stamp};
@@ -82,10 +82,10 @@ pub(super) fn one_of_each() -> Vec<Event> {
         Event::Alarm(AlarmChange { stamp: Stamp::from_nanos(11), raised: true, ratio: 1.75 }),
         input(12, Reading::BodyVelocity(MetrePerSecond(0.2))),
         input(13, Reading::ForceRequest(Newton(300.0))),
-        Event::Command(Commanded {
+        Event::Command(StampedCommand {
             stamp: Stamp::from_nanos(14),
             known_at: Stamp::from_nanos(14),
-            command: Command {
+            command: CurrentCommand {
                 current: Ampere(0.6),
                 requested: Newton(300.0),
                 expected: Newton(299.5),

@@ -2,14 +2,15 @@
 //!
 //! The mirror and the queries of consumers share a mutex; the estimating thread never takes it.
 
-use super::config::ZenohConfig;
 use super::history::History;
 use super::mirror::Damper;
-use super::payload::{Item, ModelNames};
-use super::rmw::RmwPresence;
+use super::payload::Item;
+use super::rmw_output::RmwPresence;
 use super::stats::{CommandCounters, MirrorState, RouteCount, Stats};
 use super::topic::Topic;
 use crate::frame::Frame;
+use crate::wire::ModelNames;
+use crate::zenoh_session::ZenohConfig;
 use mr_damper_model::pipeline::{AlarmChange, Event, Mode, Residual, Validity};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -68,12 +69,12 @@ pub(super) struct Shared {
     ring_dropped: Arc<AtomicU64>,
     names: Mutex<Arc<ModelNames>>,
     pub(super) commands: OnceLock<Arc<CommandCounters>>,
-    book: Mutex<Book>,
+    data: Mutex<MirrorData>,
 }
 
 /// The state that changes while the mirror runs.
 #[derive(Debug)]
-pub(super) struct Book {
+pub(super) struct MirrorData {
     pub(super) state: MirrorState,
     pub(super) failure: Option<String>,
     pub(super) connected: usize,
@@ -94,7 +95,7 @@ pub(super) struct Book {
     pub(super) alarm: Option<AlarmChange>,
 }
 
-impl Book {
+impl MirrorData {
     /// Records an event that was published under `state/`.
     pub(super) fn note(&mut self, item: Item, seq: u64, sent: bool, at: Instant, clock: &Clock) {
         self.events += 1;
@@ -125,7 +126,7 @@ impl Shared {
         names: ModelNames,
         ring_dropped: Arc<AtomicU64>,
     ) -> Self {
-        let book = Book {
+        let data = MirrorData {
             state: MirrorState::Connecting,
             failure: None,
             connected: 0,
@@ -151,7 +152,7 @@ impl Shared {
             ring_dropped,
             names: Mutex::new(Arc::new(names)),
             commands: OnceLock::new(),
-            book: Mutex::new(book),
+            data: Mutex::new(data),
         }
     }
 
@@ -186,35 +187,35 @@ impl Shared {
     }
 
     /// Locks the changing state. If a thread panicked while it held the lock, its counters are still usable.
-    pub(super) fn book(&self) -> MutexGuard<'_, Book> {
-        self.book.lock().unwrap_or_else(PoisonError::into_inner)
+    pub(super) fn data(&self) -> MutexGuard<'_, MirrorData> {
+        self.data.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Marks the mirror as failed and logs it once.
     pub(super) fn fail(&self, why: String) {
-        let mut book = self.book();
-        if book.state != MirrorState::Failed {
+        let mut data = self.data();
+        if data.state != MirrorState::Failed {
             let damper = &self.damper;
             tracing::error!(%damper, "Zenoh mirror failed: {why}; estimates continue without it");
-            book.state = MirrorState::Failed;
-            book.failure = Some(why);
+            data.state = MirrorState::Failed;
+            data.failure = Some(why);
         }
     }
 
     pub(super) fn stats(&self) -> Stats {
         let now = Instant::now();
-        let book = self.book();
+        let data = self.data();
         let trees = [Tree::State, Tree::Web];
         let of_tree = |tree| Topic::ALL.into_iter().map(move |topic| (tree, topic));
-        let one = |(tree, topic)| book.routes[route(tree, topic)].stats(self.route_key(tree, topic), now);
+        let one = |(tree, topic)| data.routes[route(tree, topic)].stats(self.route_key(tree, topic), now);
         Stats {
-            state: book.state,
-            failure: book.failure.clone(),
-            connected: book.connected,
+            state: data.state,
+            failure: data.failure.clone(),
+            connected: data.connected,
             ring_dropped: self.ring_dropped(),
-            events: book.events,
-            queries_answered: book.queries_answered,
-            queries_refused: book.queries_refused,
+            events: data.events,
+            queries_answered: data.queries_answered,
+            queries_refused: data.queries_refused,
             commands: self.commands.get().map(|counters| counters.stats()),
             rmw: self.rmw.as_ref().map(|presence| presence.counters().stats()),
             routes: trees.into_iter().flat_map(of_tree).map(one).collect(),

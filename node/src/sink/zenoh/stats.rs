@@ -48,7 +48,7 @@ pub struct CommandCounters {
 
 impl CommandCounters {
     /// Counts an accepted command.
-    pub fn obey(&self) {
+    pub fn execute(&self) {
         self.obeyed.fetch_add(1, Ordering::Relaxed);
     }
 

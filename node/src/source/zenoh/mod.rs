@@ -1,4 +1,4 @@
-//! Receives data over Zenoh: inputs from nodes on rmw_zenoh (`rmw.rs`), and commands from clients without ROS. Both are
+//! Receives data over Zenoh: inputs from nodes on rmw_zenoh (`rmw_input.rs`), and commands from clients without ROS. Both are
 //! off by default; each command must be allowed by name.
 //!
 //! ```text
@@ -7,18 +7,19 @@
 //! ```
 //!
 //! A command is put to `mr_damper/<damper>/cmd/<name>`, or sent there with [`Query`], which returns the result.
-//! `order.rs` describes the content. Zenoh's access control decides who may send commands.
+//! `command_check.rs` describes the content. Zenoh's access control decides who may send commands.
 
-mod order;
-pub mod rmw;
+mod command_check;
+pub mod rmw_input;
 
-pub use order::{Judge, Kind, Order, Refusal};
+pub use command_check::{CommandCheck, CommandKind, CommandRefusal, ZenohCommand};
 
+use crate::changes::Changes;
 use crate::clock::Clock;
 use crate::error::NodeError;
-use crate::services::Changes;
-use crate::sink::zenoh::{CommandCounters, Link, ZenohError};
+use crate::sink::zenoh::CommandCounters;
 use crate::worker::{Stop, Worker};
+use crate::zenoh_session::{Link, ZenohError};
 use mr_damper_model::sample::Stamp;
 use mr_damper_model::units::Newton;
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -40,22 +41,22 @@ const FORCES: usize = 64;
 const LOOK: Duration = Duration::from_millis(50);
 
 /// A demanded force with its stamp; `None`: now.
-pub type AskedForce = (Option<Stamp>, Newton);
+pub type DemandedForce = (Option<Stamp>, Newton);
 
 /// The source thread's inputs from Zenoh.
-pub struct ByZenoh {
+pub struct ZenohInputs {
     /// Demanded forces. They do not wake the thread, because they take effect with the next displacement.
-    pub forces: Consumer<AskedForce>,
+    pub forces: Consumer<DemandedForce>,
     /// Samples of nodes on rmw_zenoh.
-    pub samples: Receiver<rmw::Arrived>,
+    pub samples: Receiver<rmw_input::RmwInput>,
 }
 
 /// The means to execute commands.
-pub struct Obeying {
+pub struct CommandContext {
     /// Changes the models and the mode.
     pub changes: Changes,
     /// Receives demanded forces; see [`forces`].
-    pub forces: Producer<AskedForce>,
+    pub forces: Producer<DemandedForce>,
     /// The clock to which deadlines refer.
     pub clock: Arc<Clock>,
     /// Directory of the model files that may be loaded; if empty, presets only.
@@ -66,7 +67,7 @@ pub struct Obeying {
 
 /// A ring for demanded forces, from this module to the source thread.
 #[must_use]
-pub fn forces() -> (Producer<AskedForce>, Consumer<AskedForce>) {
+pub fn forces() -> (Producer<DemandedForce>, Consumer<DemandedForce>) {
     RingBuffer::new(FORCES)
 }
 
@@ -75,7 +76,7 @@ pub struct ZenohSource(Worker);
 
 /// A received command.
 struct Incoming {
-    kind: Kind,
+    kind: CommandKind,
     payload: ZBytes,
     is_cbor: bool,
     /// Receives the answer; `None` for a put.
@@ -91,13 +92,15 @@ impl ZenohSource {
         link: &Arc<Link>,
         damper: &str,
         names: &[String],
-        obeying: Obeying,
+        context: CommandContext,
     ) -> Result<Self, NodeError> {
         let kinds = names
             .iter()
             .map(|name| {
-                Kind::named(name)
-                    .ok_or_else(|| ZenohError::UnknownCommand { name: name.clone(), known: Kind::names() })
+                CommandKind::named(name).ok_or_else(|| ZenohError::UnknownCommand {
+                    name: name.clone(),
+                    known: CommandKind::names(),
+                })
             })
             .collect::<Result<Vec<_>, _>>()?;
         let open = if link.has_access_control() {
@@ -107,7 +110,7 @@ impl ZenohSource {
         };
         tracing::info!("commands from Zenoh are accepted: {}{open}", names.join(", "));
         let (link, damper) = (Arc::clone(link), damper.trim_matches('/').to_owned());
-        let worker = Worker::start("zenoh-commands", move |stop| run(stop, &link, &damper, &kinds, obeying))
+        let worker = Worker::start("zenoh-commands", move |stop| run(stop, &link, &damper, &kinds, context))
             .map_err(NodeError::io("starting the thread that receives commands from Zenoh"))?;
         Ok(Self(worker))
     }
@@ -127,15 +130,15 @@ impl ZenohSource {
     }
 }
 
-fn run(stop: &Stop, link: &Link, damper: &str, kinds: &[Kind], mut obeying: Obeying) {
+fn run(stop: &Stop, link: &Link, damper: &str, kinds: &[CommandKind], mut context: CommandContext) {
     let (queue, commands) = sync_channel(WAITING);
     let mut declared = None;
-    let mut judge = Judge::default();
+    let mut check = CommandCheck::default();
     while !stop.is_raised() {
         if declared.is_none()
             && let Some(session) = link.session()
         {
-            match declare(&session, damper, kinds, &queue, &obeying.counters) {
+            match declare(&session, damper, kinds, &queue, &context.counters) {
                 Ok(done) => declared = Some(done),
                 Err(error) => {
                     tracing::error!("Zenoh cannot accept commands for {damper}: {error}");
@@ -143,7 +146,7 @@ fn run(stop: &Stop, link: &Link, damper: &str, kinds: &[Kind], mut obeying: Obey
                 }
             }
         }
-        obey_waiting(&commands, &mut judge, &mut obeying);
+        execute_next(&commands, &mut check, &mut context);
     }
 }
 
@@ -153,20 +156,21 @@ type Declared = Vec<(Subscriber<()>, Queryable<()>)>;
 fn declare(
     session: &Session,
     damper: &str,
-    kinds: &[Kind],
+    kinds: &[CommandKind],
     queue: &SyncSender<Incoming>,
     counters: &Arc<CommandCounters>,
 ) -> zenoh::Result<Declared> {
-    let one = |kind: Kind| {
+    let one = |kind: CommandKind| {
         let key = format!("mr_damper/{damper}/cmd/{}", kind.name());
         // Zenoh's own threads run the callbacks, so these must not block.
-        let door = Door { key: key.clone(), kind, queue: queue.clone(), counters: Arc::clone(counters) };
-        let asked = door.clone();
+        let endpoint =
+            CommandEndpoint { key: key.clone(), kind, queue: queue.clone(), counters: Arc::clone(counters) };
+        let for_queries = endpoint.clone();
         let subscriber = session
             .declare_subscriber(key.clone())
             .callback(move |sample| {
                 let is_cbor = *sample.encoding() == Encoding::APPLICATION_CBOR;
-                door.let_in(
+                endpoint.receive(
                     sample.key_expr(),
                     Incoming { kind, payload: sample.payload().clone(), is_cbor, query: None },
                 );
@@ -178,7 +182,7 @@ fn declare(
                 let payload = query.payload().cloned().unwrap_or_default();
                 let is_cbor = query.encoding() == Some(&Encoding::APPLICATION_CBOR);
                 let key = query.key_expr().clone();
-                asked.let_in(&key, Incoming { kind, payload, is_cbor, query: Some(query) });
+                for_queries.receive(&key, Incoming { kind, payload, is_cbor, query: Some(query) });
             })
             .wait()?;
         Ok((subscriber, queryable))
@@ -188,17 +192,17 @@ fn declare(
 
 /// The entry point for commands on one key.
 #[derive(Clone)]
-struct Door {
+struct CommandEndpoint {
     key: String,
-    kind: Kind,
+    kind: CommandKind,
     queue: SyncSender<Incoming>,
     counters: Arc<CommandCounters>,
 }
 
-impl Door {
+impl CommandEndpoint {
     /// Queues a command that was sent to exactly this key. Access control lets a command to a wildcard key pass
     /// wherever the wildcard itself is allowed, so accepting it would bypass the rules.
-    fn let_in(&self, sent_to: &KeyExpr<'_>, incoming: Incoming) {
+    fn receive(&self, sent_to: &KeyExpr<'_>, incoming: Incoming) {
         if sent_to.as_str() != self.key {
             self.counters.refuse(&format!(
                 "{}: it was sent to {sent_to}, not to {}",
@@ -211,18 +215,20 @@ impl Door {
     }
 }
 
-fn obey_waiting(commands: &Receiver<Incoming>, judge: &mut Judge, obeying: &mut Obeying) {
+fn execute_next(commands: &Receiver<Incoming>, check: &mut CommandCheck, context: &mut CommandContext) {
     let Incoming { kind, payload, is_cbor, query } = match commands.recv_timeout(LOOK) {
         Ok(incoming) => incoming,
         // This thread also holds the other end of the queue.
         Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => return,
     };
-    let now_ns = obeying.clock.now_or_system().nanos();
-    let done = judge.judge(kind, &payload.to_bytes(), is_cbor, now_ns).and_then(|order| obey(order, obeying));
+    let now_ns = context.clock.now_or_system().nanos();
+    let done = check
+        .accept(kind, &payload.to_bytes(), is_cbor, now_ns)
+        .and_then(|command| execute(command, context));
     match &done {
-        Ok(_) => obeying.counters.obey(),
+        Ok(_) => context.counters.execute(),
         Err(refusal) => {
-            obeying.counters.refuse(&format!("{}: {refusal}", kind.name()));
+            context.counters.refuse(&format!("{}: {refusal}", kind.name()));
             tracing::warn!(command = kind.name(), "a command from Zenoh was refused: {refusal}");
         }
     }
@@ -244,19 +250,21 @@ fn obey_waiting(commands: &Receiver<Incoming>, judge: &mut Judge, obeying: &mut 
 }
 
 /// Executes a command, and returns a message about the result.
-fn obey(order: Order, obeying: &mut Obeying) -> Result<String, Refusal> {
-    match order {
-        Order::Force(stamp, force) => obeying
+fn execute(command: ZenohCommand, context: &mut CommandContext) -> Result<String, CommandRefusal> {
+    match command {
+        ZenohCommand::Force(stamp, force) => context
             .forces
             .push((stamp, force))
             .map(|()| "force requested; current_command shows the result".to_owned())
-            .map_err(|_| Refusal::Impossible("the node cannot keep up with the force requests".to_owned())),
-        Order::Model(name) => {
-            let model = model_of(&name, obeying)?;
-            obeying.changes.load_model(&model).map_err(Refusal::Impossible)
+            .map_err(|_| {
+                CommandRefusal::Impossible("the node cannot keep up with the force requests".to_owned())
+            }),
+        ZenohCommand::Model(name) => {
+            let model = loadable_model(&name, context)?;
+            context.changes.load_model(&model).map_err(CommandRefusal::Impossible)
         }
-        Order::Mode(mode) => {
-            obeying.changes.set_mode(&mode).map_err(Refusal::Impossible)?;
+        ZenohCommand::Mode(mode) => {
+            context.changes.set_mode(&mode).map_err(CommandRefusal::Impossible)?;
             Ok(format!("the mode is {mode}"))
         }
     }
@@ -264,19 +272,19 @@ fn obey(order: Order, obeying: &mut Obeying) -> Result<String, Refusal> {
 
 /// The preset or file that may be loaded under `name`. The sender may be on another machine, and error messages must
 /// not reveal the content of this machine's files.
-fn model_of(name: &str, obeying: &Obeying) -> Result<String, Refusal> {
+fn loadable_model(name: &str, context: &CommandContext) -> Result<String, CommandRefusal> {
     if name.starts_with("thesis/") && mr_damper_model::preset::load(name).is_ok() {
         return Ok(name.to_owned());
     }
-    let refuse = |why: &str| Refusal::Impossible(format!("model \"{name}\" {why}"));
-    if obeying.model_dir.as_os_str().is_empty() {
+    let refuse = |why: &str| CommandRefusal::Impossible(format!("model \"{name}\" {why}"));
+    if context.model_dir.as_os_str().is_empty() {
         return Err(refuse("is not a preset; to load files, set zenoh.model_dir to their directory"));
     }
     let is_bare = !name.is_empty() && !name.starts_with('.') && !name.contains(['/', '\\']);
     if !is_bare {
         return Err(refuse("is neither a preset nor the bare name of a file in zenoh.model_dir"));
     }
-    match obeying.model_dir.join(name).to_str() {
+    match context.model_dir.join(name).to_str() {
         Some(path) => Ok(path.to_owned()),
         None => Err(refuse("is in a directory whose name is not valid UTF-8")),
     }

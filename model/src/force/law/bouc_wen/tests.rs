@@ -1,6 +1,6 @@
 //! Compares the scheme with a fine integration of the same equations, and its sensitivities with differences.
 
-use super::super::{Hidden, Law};
+use super::super::{ForceLaw, Hidden};
 use super::*;
 
 const RATE_HZ: f64 = 512.0;
@@ -75,7 +75,7 @@ const MOTIONS: [(&str, Motion); 3] = [("slow", SLOW), ("fast", FAST), ("mixed", 
 
 fn run(p: &[f64; 9], parts: Motion, samples: usize) -> Vec<f64> {
     let mut hidden = Hidden::default();
-    (0..samples).map(|k| Law::BoucWen.force_n(p, &inputs(parts, k), &mut hidden)).collect()
+    (0..samples).map(|k| ForceLaw::BoucWen.force_n(p, &inputs(parts, k), &mut hidden)).collect()
 }
 
 #[test]
@@ -101,7 +101,7 @@ fn sensitivities_along_a_run_agree_with_differences() {
         let (mut hidden, mut s) = (Hidden::default(), [[0.0; 9]; MAX_HIDDEN]);
         let mut found = Vec::new();
         for (k, force) in plain.iter().enumerate() {
-            let step = Law::BoucWen.sensitivity(p, &inputs(parts, k), &mut hidden);
+            let step = ForceLaw::BoucWen.sensitivity(p, &inputs(parts, k), &mut hidden);
             assert!((step.force_n - force).abs() <= 1e-9 * (1.0 + force.abs()));
             let chain = |by_hidden: &[f64; MAX_HIDDEN], j: usize| -> f64 {
                 by_hidden.iter().zip(&s).map(|(a, row)| a * row[j]).sum()
@@ -134,12 +134,12 @@ fn sensitivities_along_a_run_agree_with_differences() {
 fn derivatives_by_the_hidden_variables_agree_with_differences() {
     let at = Inputs { velocity_m_s: 0.08, displacement_m: 0.004, ..inputs(SLOW, 1) };
     let hidden = [2e-4, 0.4, 0.07];
-    let found = Law::BoucWen.sensitivity(&SOFT, &at, &mut hidden.clone());
+    let found = ForceLaw::BoucWen.sensitivity(&SOFT, &at, &mut hidden.clone());
     for h in 0..MAX_HIDDEN {
         let shifted = |by: f64| {
             let mut start = hidden;
             start[h] += by;
-            (Law::BoucWen.force_n(&SOFT, &at, &mut start), start)
+            (ForceLaw::BoucWen.force_n(&SOFT, &at, &mut start), start)
         };
         let ((up, next_up), (down, next_down)) = (shifted(1e-7), shifted(-1e-7));
         let close = |a: f64, b: f64| (a - b).abs() <= 1e-5 * (1.0 + a.abs());
@@ -173,7 +173,7 @@ fn any_step_stays_bounded() {
             let velocity_m_s = if (k / 3) % 2 == 0 { 1.0 } else { -1.0 };
             let at =
                 Inputs { dt_s: (k > 0).then_some(0.1), displacement_m: 0.0, velocity_m_s, ..inputs(SLOW, 1) };
-            let force = Law::BoucWen.force_n(&p, &at, &mut hidden);
+            let force = ForceLaw::BoucWen.force_n(&p, &at, &mut hidden);
             assert!(force.abs() < 2.0 * bound(&p), "{name} at {k}: {force}");
         }
     }
@@ -183,7 +183,7 @@ fn any_step_stays_bounded() {
 fn an_unknown_input_gives_no_force_and_leaves_the_state() {
     let mut hidden = [1e-4, 0.2, 0.03];
     let gone = Inputs { velocity_m_s: f64::NAN, ..inputs(SLOW, 5) };
-    assert!(Law::BoucWen.force_n(&SOFT, &gone, &mut hidden).is_nan());
+    assert!(ForceLaw::BoucWen.force_n(&SOFT, &gone, &mut hidden).is_nan());
     assert_eq!(hidden, [1e-4, 0.2, 0.03]);
-    assert!(Law::BoucWen.force_n(&SOFT, &inputs(SLOW, 5), &mut hidden).is_finite());
+    assert!(ForceLaw::BoucWen.force_n(&SOFT, &inputs(SLOW, 5), &mut hidden).is_finite());
 }

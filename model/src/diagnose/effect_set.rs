@@ -1,0 +1,58 @@
+//! The effects of the library that a diagnosis may name.
+
+use crate::effect::Effect;
+use crate::error::Error;
+
+/// Effects that may be named. An effect that is left out does not enter the correction for multiple tests; it is listed as untestable,
+/// never as absent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EffectSet {
+    /// In the order of [`Effect::ALL`].
+    included: [bool; Effect::ALL.len()],
+}
+
+impl EffectSet {
+    /// The whole library.
+    pub const ALL: Self = Self { included: [true; Effect::ALL.len()] };
+
+    /// The effects with these ids, in all their forms.
+    ///
+    /// # Errors
+    /// [`Error::Data`] if an id is not in the library, or if `ids` is empty.
+    pub fn only<S: AsRef<str>>(ids: &[S]) -> Result<Self, Error> {
+        let known = Effect::ids();
+        let wrong = ids.iter().map(AsRef::as_ref).find(|id| !known.contains(id));
+        if let Some(id) = wrong.or(ids.is_empty().then_some("")) {
+            return Err(Error::Data {
+                message: format!("unknown effect \"{id}\"; the known effects are {}", known.join(", ")),
+            });
+        }
+        Ok(Self { included: Effect::ALL.map(|effect| ids.iter().any(|id| id.as_ref() == effect.id())) })
+    }
+
+    /// True if `effect` may be named.
+    #[must_use]
+    pub fn has(&self, effect: Effect) -> bool {
+        Effect::ALL.iter().zip(self.included).any(|(known, included)| included && *known == effect)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_id_selects_all_its_forms_and_an_unknown_id_is_an_error() {
+        assert!(Effect::ALL.into_iter().all(|effect| EffectSet::ALL.has(effect)));
+        let two = EffectSet::only(&["force_lag", "friction"]).expect("both are there");
+        let found: Vec<Effect> = Effect::ALL.into_iter().filter(|effect| two.has(*effect)).collect();
+        assert_eq!(found, [Effect::Friction, Effect::ForceLag, Effect::SeriesSpring]);
+        let message =
+            EffectSet::only(&["friction", "cavitation"]).expect_err("none of the library").to_string();
+        assert!(
+            message.starts_with("unknown effect \"cavitation\"; the known effects are coil_lag, remanence,"),
+            "{message}"
+        );
+        assert!(EffectSet::only::<&str>(&[]).is_err());
+    }
+}

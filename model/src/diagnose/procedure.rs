@@ -1,0 +1,447 @@
+//! The sequence of a diagnosis: rounds until no further effect is found, then pruning, then the test runs.
+
+use super::finding::{
+    DiagnosisMode, DiagnosisResult, FloorSource, NamedEffect, NoiseFloor, RefusedEffect, RemainingError,
+    Verdict,
+};
+use super::joint::{Fitted, Joint};
+use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round};
+use super::rows::Rows;
+use super::space::{with_effect, without_effect};
+use super::{Runs, Settings, Stage, alternative, correlation, floor, paired, score, test_runs};
+use crate::effect::{Augmented, Effect, EffectModel};
+use crate::error::Error;
+use crate::identify::{Dataset, Scales, Watch};
+use crate::model::Model;
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// Lack of fit below which there is nothing to explain.
+const NOTHING: f64 = 0.1;
+/// Largest share of the reducible error that may remain for the verdict "explained".
+const LITTLE: f64 = 0.2;
+/// Lack of fit above which the base may be inadequate.
+const INADEQUATE: f64 = 0.5;
+/// If no effect was named, the base is inadequate when the alternative structure removes more than this share of its reducible error.
+const HALF: f64 = 0.5;
+/// Least share of the base's reducible error that an effect must remove. If less than this remains, no further effect is searched
+/// for: the base's own misfit around a large effect is of this size.
+const NEXT_TO_NOTHING: f64 = 0.001;
+/// Least drop for a refinement of an effect, as a share: of the reducible error on the training runs, and of the squared error on the
+/// validation runs.
+const REFINED: f64 = 0.02;
+
+/// The inputs of a diagnosis: base, settings, and the rows of its runs.
+pub(super) struct Procedure<'a> {
+    base: &'a Model,
+    settings: &'a Settings,
+    watch: &'a Watch<'a>,
+    mode: DiagnosisMode,
+    scales: Scales,
+    estimate: Rows<'a>,
+    confirm: Rows<'a>,
+    runs: &'a Runs<'a>,
+}
+
+/// The base alone and the base with the effects found: fitted on the training runs, and evaluated without refitting on the validation
+/// runs.
+struct Pair {
+    base: Fitted,
+    found: Fitted,
+    base_confirm: Fitted,
+    found_confirm: Fitted,
+}
+
+/// The results of the rounds.
+#[derive(Default)]
+struct RoundResults {
+    /// p and class of each effect that was named, by its id.
+    named: HashMap<&'static str, (f64, Vec<&'static str>)>,
+    /// Why the base is inadequate; `None` if it is adequate.
+    base_fault: Option<String>,
+    candidates: Vec<super::Candidate>,
+    refused: Vec<RefusedEffect>,
+    untestable: Vec<RefusedEffect>,
+    /// All complete fits so far, each with a different list of effects.
+    fits: Vec<Fitted>,
+    /// The current model without each of its effects in turn, if it has several.
+    without: Vec<Option<Fitted>>,
+}
+
+impl Pair {
+    /// The pair with all effects withdrawn: the base alone takes the place of the augmented model.
+    fn base_alone(self) -> Self {
+        let Self { base, base_confirm, .. } = self;
+        Self { found: base.clone(), found_confirm: base_confirm.clone(), base, base_confirm }
+    }
+}
+
+/// The rows of `datasets` with the force to explain: the measured force, or in paired mode [`paired::rows`].
+fn rows<'a>(
+    base: &Model,
+    runs: &Runs,
+    datasets: &'a [Dataset],
+    settings: &Settings,
+) -> Result<Rows<'a>, Error> {
+    if runs.reference.is_empty() {
+        return Ok(Rows::new(datasets, settings.most_rows));
+    }
+    paired::rows(datasets, runs.reference, &base.augmented(), settings.most_rows)
+}
+
+impl<'a> Procedure<'a> {
+    /// Prepares the rows and checks that the training runs are long enough.
+    pub(super) fn new(
+        base: &'a Model,
+        runs: &'a Runs<'a>,
+        settings: &'a Settings,
+        watch: &'a Watch<'a>,
+    ) -> Result<Self, Error> {
+        let mode = if runs.reference.is_empty() { DiagnosisMode::Absolute } else { DiagnosisMode::Paired };
+        let (estimate, confirm) =
+            (rows(base, runs, runs.estimate, settings)?, rows(base, runs, runs.confirm, settings)?);
+        score::check_length(&estimate, settings)?;
+        Ok(Self { base, settings, watch, mode, scales: Scales::of(runs.estimate)?, estimate, confirm, runs })
+    }
+
+    /// True if the base already has `effect`: it is kept and not reported as found.
+    fn is_in_base(&self, effect: Effect) -> bool {
+        self.base.effects.as_slice().iter().any(|own| own.effect() == effect)
+    }
+
+    /// The effects of `model` that the base does not have.
+    fn findings(&self, model: &Augmented) -> impl Iterator<Item = EffectModel> {
+        let effects = model.effects().as_slice().to_vec();
+        effects.into_iter().filter(|effect| !self.is_in_base(effect.effect()))
+    }
+
+    fn joint(&self) -> Joint<'_> {
+        let base_moves = self.mode == DiagnosisMode::Absolute;
+        Joint { rows: &self.estimate, scales: self.scales, base_moves, watch: self.watch }
+    }
+
+    fn round(&self, noise: f64, number: usize) -> Round<'_> {
+        Round {
+            joint: self.joint(),
+            confirm: &self.confirm,
+            settings: self.settings,
+            noise,
+            least: 0.0,
+            number,
+        }
+    }
+
+    /// Runs the diagnosis.
+    pub(super) fn run(&self, stage: &dyn Fn(Stage)) -> Result<DiagnosisResult, Error> {
+        stage(Stage::Base);
+        let Some(base) = self.joint().refit(&self.base.augmented(), FINAL)? else {
+            return Err(Error::Data {
+                message:
+                    "the simulation of the base model does not stay finite on the training runs: identify it on them first"
+                        .to_owned(),
+            });
+        };
+        let base_floor = self.noise_floor(&base)?;
+        let noise = (base_floor.rsse_n * base_floor.rsse_n * self.estimate.len() as f64).min(base.squares);
+        let lof_before = 1.0 - noise / base.squares;
+        let mut results = RoundResults::default();
+        let mut found = base.clone();
+        if lof_before >= NOTHING {
+            found = self.name(found, noise, &mut results, stage)?;
+            stage(Stage::Pruning);
+            found = self.refine(found, noise)?;
+            found = self.prune(found, noise, &mut results)?;
+        }
+        let mut pair = self.pair(base, found)?;
+        // The model maps input noise to force noise, so the floor is computed again for the augmented model.
+        let mut floor = match results.named.is_empty() {
+            true => base_floor,
+            false => self.noise_floor(&pair.found)?,
+        };
+        if lof_before >= NOTHING {
+            stage(Stage::Alternative);
+            results.base_fault = self.inadequate(&pair, floor.rsse_n, &results.fits)?;
+        }
+        if let Some(why) = &results.base_fault {
+            let withdrawn = self.findings(&pair.found.model).map(|effect| effect.effect());
+            results.refused.extend(withdrawn.map(|effect| RefusedEffect { effect, why: why.clone() }));
+            (pair, floor) = (pair.base_alone(), base_floor);
+        }
+        stage(Stage::TestRuns);
+        self.conclude(&pair, floor, noise, results)
+    }
+
+    fn pair(&self, base: Fitted, found: Fitted) -> Result<Pair, Error> {
+        let [base_confirm, found_confirm] = test_runs::both(&self.confirm, &base.model, &found.model)?;
+        Ok(Pair { base, found, base_confirm, found_confirm })
+    }
+
+    fn noise_floor(&self, fitted: &Fitted) -> Result<NoiseFloor, Error> {
+        let floor = floor::noise_floor(&self.estimate, &fitted.model, self.runs.replicates, self.settings)?;
+        // The difference of two runs contains the noise of both.
+        let doubles = self.mode == DiagnosisMode::Paired && floor.source != FloorSource::Declared;
+        let factor = if doubles { 2.0_f64 } else { 1.0 };
+        Ok(NoiseFloor { rsse_n: floor.rsse_n * factor.sqrt(), esr: floor.esr * factor, ..floor })
+    }
+
+    /// Adds effects, one a round, until no candidate passes.
+    fn name(
+        &self,
+        mut current: Fitted,
+        noise: f64,
+        results: &mut RoundResults,
+        stage: &dyn Fn(Stage),
+    ) -> Result<Fitted, Error> {
+        let least = NEXT_TO_NOTHING * (current.squares - noise);
+        for number in 1..=self.settings.most_effects {
+            if current.squares - noise < least {
+                break;
+            }
+            stage(Stage::Scores(number));
+            let round = Round { least, ..self.round(noise, number) };
+            let scores = score::scores(&round.joint, &self.confirm, &current, self.settings)?;
+            stage(Stage::Refits(number));
+            let outcome = round.run(&current, &scores)?;
+            if number == 1 {
+                results.untestable = scores.untestable;
+            }
+            results.candidates.extend(outcome.candidates);
+            for refused in outcome.refused {
+                results.refused.retain(|before| before.effect != refused.effect);
+                results.refused.push(refused);
+            }
+            let Some(Passed { effect, fitted, class, p_adjusted }) = outcome.passed else { break };
+            results.refused.retain(|refused| refused.effect.id() != effect.id());
+            results.named.insert(effect.id(), (p_adjusted, class));
+            results.fits.push(fitted.clone());
+            current = fitted;
+        }
+        Ok(current)
+    }
+
+    /// Why the base is inadequate; `None` if it is adequate.
+    fn inadequate(&self, pair: &Pair, noise_n: f64, fits: &[Fitted]) -> Result<Option<String>, Error> {
+        if self.mode == DiagnosisMode::Paired || alternative::is_one(self.base) {
+            return Ok(None);
+        }
+        let (before, after) = (pair.base_confirm.squares, pair.found_confirm.squares);
+        let noise = noise_n * noise_n * self.confirm.len() as f64;
+        if 1.0 - noise / after <= INADEQUATE {
+            return Ok(None);
+        }
+        let (alternative, one) = rayon::join(
+            || {
+                alternative::identify(
+                    self.base,
+                    self.runs.estimate,
+                    &self.confirm,
+                    self.settings.seed,
+                    self.watch,
+                )
+            },
+            || self.with_one(pair, fits),
+        );
+        let (Some(alternative), one) = (alternative?, one?) else { return Ok(None) };
+        let own = self.base.force.name();
+        let (named, one) = (one.is_some(), one.unwrap_or(after));
+        let bound = if named { after.max(one) } else { before - HALF * (before - noise).max(0.0) };
+        Ok((alternative.squares < bound).then(|| {
+            format!(
+                "the base is inadequate: on the validation runs, {} without any effect has {:.1} % of the squared error of {own}; \
+                 {own} with one effect has {:.1} %, with all effects found {:.1} %; use {} as base",
+                alternative.name,
+                100.0 * alternative.squares / before,
+                100.0 * one / before,
+                100.0 * after / before,
+                alternative.name
+            )
+        }))
+    }
+
+    /// Least squared error of the base with one of the effects found, on the validation rows; `None` if none was found. The comparison
+    /// with the alternative structure is fairest with one effect: several effects improve any base.
+    fn with_one(&self, pair: &Pair, fits: &[Fitted]) -> Result<Option<f64>, Error> {
+        let effects: Vec<EffectModel> = self.findings(&pair.found.model).collect();
+        if effects.len() < 2 {
+            return Ok(effects.first().map(|_| pair.found_confirm.squares));
+        }
+        let with = |effect: &EffectModel| {
+            let start = with_effect(&pair.base.model, *effect)?;
+            let Some(one) = self.fitted(fits, &start)? else { return Ok(f64::INFINITY) };
+            Ok(test_runs::fitted(&self.confirm, &one.model)?.squares)
+        };
+        let squares: Vec<f64> = effects.par_iter().map(with).collect::<Result<_, Error>>()?;
+        Ok(squares.into_iter().reduce(f64::min))
+    }
+
+    /// If a coil lag was named, tries it with separate time constants for rise and fall.
+    fn refine(&self, current: Fitted, noise: f64) -> Result<Fitted, Error> {
+        let effects = current.model.effects().as_slice();
+        let Some(index) = effects.iter().position(|e| e.effect() == Effect::CoilLag) else {
+            return Ok(current);
+        };
+        let tau_s = effects[index].parameters()[0];
+        let both = EffectModel::new(Effect::CoilLagRiseFall, &[tau_s, tau_s])?;
+        let start = with_effect(&without_effect(&current.model, index)?, both)?;
+        let Some(refined) = self.joint().refit(&start, FINAL)? else { return Ok(current) };
+        let share = (current.squares - refined.squares) / (current.squares - noise);
+        let confirmed = self.round(noise, 0).confirmed(&current.model, &refined.model);
+        let better = share >= REFINED && confirmed.is_ok_and(|share| share >= REFINED);
+        Ok(if better { refined } else { current })
+    }
+
+    /// Removes effects whose part the other effects can take over.
+    fn prune(&self, mut current: Fitted, noise: f64, results: &mut RoundResults) -> Result<Fitted, Error> {
+        // A single effect was already tested against the base alone.
+        while results.named.len() > 1 {
+            results.without = self.without_each(&current, &results.fits)?;
+            let needless = |without: &Option<Fitted>| {
+                without.as_ref().is_some_and(|without| !self.needed(&current, without, noise))
+            };
+            let Some(index) = results.without.iter().position(needless) else { break };
+            let Some(without) = results.without.swap_remove(index) else { break };
+            results.fits.push(without.clone());
+            let effect = current.model.effects().as_slice()[index].effect();
+            results.refused.push(RefusedEffect {
+                effect,
+                why: "not needed: effects named after it explain the same error".to_owned(),
+            });
+            results.named.remove(effect.id());
+            current = without;
+        }
+        Ok(current)
+    }
+
+    /// The base with the effects of `start`, fitted: taken from `fits` if it is there, otherwise fitted from `start`.
+    fn fitted(&self, fits: &[Fitted], start: &Augmented) -> Result<Option<Fitted>, Error> {
+        let before = fits.iter().find(|fit| fit.model.effects().same_kinds(start.effects()));
+        before.map_or_else(|| self.joint().refit(start, FINAL), |fit| Ok(Some(fit.clone())))
+    }
+
+    /// `current` without each of its effects in turn, refitted. `None` for an effect that the base already has, or if the model does not
+    /// run without the effect.
+    fn without_each(&self, current: &Fitted, fits: &[Fitted]) -> Result<Vec<Option<Fitted>>, Error> {
+        let without = |(index, effect): (usize, &EffectModel)| {
+            if self.is_in_base(effect.effect()) {
+                return Ok(None);
+            }
+            self.fitted(fits, &without_effect(&current.model, index)?)
+        };
+        current.model.effects().as_slice().par_iter().enumerate().map(without).collect()
+    }
+
+    /// True if `current` is better than `without` by the least share required of an effect.
+    fn needed(&self, current: &Fitted, without: &Fitted, noise: f64) -> bool {
+        let share = (without.squares - current.squares) / (without.squares - noise);
+        let confirmed = self.round(noise, 0).confirmed(&without.model, &current.model);
+        share >= LEAST_SHARE && confirmed.is_ok_and(|share| share >= LEAST_CONFIRMED)
+    }
+
+    /// Reads the test runs and puts the result together.
+    fn conclude(
+        &self,
+        pair: &Pair,
+        noise_floor: NoiseFloor,
+        noise: f64,
+        mut results: RoundResults,
+    ) -> Result<DiagnosisResult, Error> {
+        let effects = self.named(pair, noise, &mut results)?;
+        let test_rows = rows(self.base, self.runs, self.runs.test, self.settings)?;
+        let [before, after] = test_runs::both(&test_rows, &pair.base.model, &pair.found.model)?;
+        let test = test_runs::read(&test_rows, &before, &after, noise_floor.rsse_n, self.settings);
+        let remaining = self.remaining_error(pair, noise_floor.rsse_n);
+        let held = test.as_ref().is_none_or(|test| test.ratio_ci95[1] < 1.0);
+        let verdict = match results.base_fault {
+            Some(_) => Verdict::BaseInadequate,
+            None => verdict(&remaining, !effects.is_empty() && held),
+        };
+        let confirm = test_runs::run_errors(&self.confirm, &pair.base_confirm, &pair.found_confirm);
+        Ok(DiagnosisResult {
+            mode: self.mode,
+            verdict,
+            base_fault: results.base_fault,
+            noise_floor,
+            effects,
+            refused: results.refused,
+            untestable: results.untestable,
+            candidates: results.candidates,
+            blocks: super::blocks::Blocks::new(&self.estimate, self.settings.block_s).count(),
+            before: self.model(&pair.base, &confirm, |change| change.before.rsse_n),
+            after: self.model(&pair.found, &confirm, |change| change.after.rsse_n),
+            confirm,
+            test,
+            remaining,
+        })
+    }
+
+    /// The effects that were named and not pruned, each with the error that the model gains without it.
+    fn named(&self, pair: &Pair, noise: f64, results: &mut RoundResults) -> Result<Vec<NamedEffect>, Error> {
+        let round = self.round(noise, 0);
+        let (found, all) = (&pair.found, (pair.base.squares - noise).max(f64::MIN_POSITIVE));
+        let alone = results.named.len() == 1;
+        let mut effects = Vec::new();
+        for (index, effect) in found.model.effects().as_slice().iter().enumerate() {
+            // An effect that no round named was already in the base.
+            let Some((p_adjusted, class)) = results.named.remove(effect.effect().id()) else { continue };
+            let without = if alone { Some(&pair.base) } else { results.without[index].as_ref() };
+            let share = |without: &Fitted| (without.squares - found.squares) / all;
+            let confirmed = |without: &Fitted| round.confirmed(&without.model, &found.model).unwrap_or(0.0);
+            effects.push(NamedEffect {
+                effect: *effect,
+                class,
+                parameters: round.intervals(found, index)?,
+                p_adjusted,
+                share_removed: without.map_or(f64::NAN, share),
+                confirmed: without.map_or(f64::NAN, confirmed),
+            });
+        }
+        Ok(effects)
+    }
+
+    /// The remaining error on the validation runs, to which no coefficient was fitted.
+    fn remaining_error(&self, pair: &Pair, noise_n: f64) -> RemainingError {
+        let (before, after) = (&pair.base_confirm, &pair.found_confirm);
+        let noise = noise_n * noise_n * self.confirm.len() as f64;
+        let lof = |squares: f64| (1.0 - noise / squares).max(0.0);
+        RemainingError {
+            lof: lof(after.squares),
+            lof_before: lof(before.squares),
+            share: (after.squares - noise).max(0.0) / (before.squares - noise).max(f64::MIN_POSITIVE),
+            correlates_with: correlation::correlates_with(&self.confirm, &after.residual_n, self.settings),
+        }
+    }
+
+    /// `fitted` as a model that can run live: with the mean force offset of the training runs, and the RMSE of the validation runs as its
+    /// expected error.
+    fn model(
+        &self,
+        fitted: &Fitted,
+        confirm: &[super::RunErrors],
+        rsse_n: fn(&super::RunErrors) -> f64,
+    ) -> Model {
+        let offset_n = match self.mode {
+            DiagnosisMode::Paired => 0.0,
+            DiagnosisMode::Absolute => {
+                let errors = self.estimate.measured_n().iter().zip(&fitted.predicted_n).map(|(m, p)| m - p);
+                errors.sum::<f64>() / self.estimate.len().max(1) as f64
+            }
+        };
+        let force =
+            fitted.model.force().with_force_offset_n(fitted.model.force().force_offset_n() + offset_n);
+        let squares = confirm.iter().map(|change| rsse_n(change).powi(2)).sum::<f64>();
+        let mut model = Model { force, effects: *fitted.model.effects(), ..*self.base };
+        model.expected.free_run_rsse_n = Some((squares / confirm.len().max(1) as f64).sqrt());
+        model.expected.one_step_rsse_n = None;
+        model.expected.uncertainty = None;
+        model
+    }
+}
+
+fn verdict(left: &RemainingError, named: bool) -> Verdict {
+    match named {
+        _ if left.lof_before < NOTHING => Verdict::NothingToExplain,
+        true if left.share <= LITTLE => Verdict::Explained,
+        true => Verdict::PartlyExplained,
+        false => Verdict::Unexplained,
+    }
+}

@@ -1,0 +1,61 @@
+//! Models, settings and inverse controller of a pipeline, prepared in advance.
+//!
+//! Making a setup may take milliseconds and may fail. Switching to it does neither, so a running pipeline can change between two
+//! samples on a real-time thread.
+
+use super::Models;
+use super::model_channel::{FreeRunChannel, SeededChannel};
+use super::settings::Settings;
+use crate::error::Error;
+use crate::inverse::{InverseController, Method};
+
+/// Models and settings that have been checked against each other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PipelineSetup {
+    pub(super) settings: Settings,
+    pub(super) free: FreeRunChannel,
+    pub(super) seeded: Option<SeededChannel>,
+    pub(super) controller: InverseController,
+}
+
+impl PipelineSetup {
+    /// Checks `models` and `settings`, and builds the channels and the inverse controller.
+    ///
+    /// A model without an inverse is accepted with every control law that does not need one. Force requests are then answered
+    /// with the safe current.
+    ///
+    /// # Errors
+    /// When a model or a setting is out of range, or the control law or the inverse method needs something that the model lacks.
+    /// The message says which.
+    pub fn new(models: Models, settings: Settings) -> Result<Self, Error> {
+        settings.validate()?;
+        let controller = match InverseController::with_method(&models.free, settings.limits, settings.method)
+        {
+            Err(why) if settings.law.needs_inverse() => {
+                return Err(Error::Data { message: format!("law {}: {why}", settings.law.name()) });
+            }
+            Err(why) if settings.method != Method::Search => {
+                return Err(Error::Data {
+                    message: format!("inverse.method {}: {why}", settings.method.name()),
+                });
+            }
+            Err(_) => InverseController::without_inverse(settings.limits)?,
+            Ok(controller) => controller,
+        };
+        Ok(Self {
+            settings,
+            free: FreeRunChannel::new(settings.applied_to(models.free))?,
+            seeded: match models.seeded {
+                Some(model) => SeededChannel::new(settings.applied_to(model))?,
+                None => None,
+            },
+            controller,
+        })
+    }
+
+    /// The inverse controller, at rest. It has an inverse only if the free-run model does.
+    #[must_use]
+    pub const fn controller(&self) -> &InverseController {
+        &self.controller
+    }
+}

@@ -1,0 +1,28 @@
+//! Statistics of time series: how strongly neighbouring values depend on each other, and what that means for an error figure.
+//!
+//! | module | computes | used by |
+//! |---|---|---|
+//! | [`autocorrelation`] | integrated autocorrelation time, effective number of values | diagnosis, calibration |
+//! | [`block_sums`] | p of a mean from block sums, corrected for several tests | diagnosis |
+//! | [`bootstrap`] | interval of a ratio of sums, by resampling blocks | diagnosis |
+//! | [`correlation`] | Pearson's coefficient, correlation functions with their bands | diagnosis, reports |
+//! | [`spectrum`] | power densities and coherence by Welch's method | reports |
+//! | [`parabola`] | value and derivatives from a least-squares parabola in a sliding window | reports |
+//!
+//! All of them allocate and none of them runs in the live path. Random draws follow from a seed.
+
+pub mod autocorrelation;
+pub mod block_sums;
+pub mod bootstrap;
+pub mod correlation;
+mod fourier;
+pub mod parabola;
+pub mod spectrum;
+
+/// Sum of products.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[cfg(test)]
+mod tests;

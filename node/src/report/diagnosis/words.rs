@@ -1,0 +1,315 @@
+//! Sentences about a diagnosis, shared by terminal and report.
+
+use mr_damper_model::diagnose::{
+    DiagnosisMode, DiagnosisResult, FoundParameter, NamedEffect, NoiseFloor, RefusedEffect, Stage,
+    TestResult, Verdict,
+};
+use mr_damper_model::effect::{Effect, EffectModel};
+use mr_damper_model::sample::DriveKind;
+use mr_damper_model::units::N_PER_LBF;
+
+/// Text of a stage, for progress messages.
+#[must_use]
+pub fn stage_in_words(stage: Stage) -> String {
+    match stage {
+        Stage::Base => "refitting the base".to_owned(),
+        Stage::Scores(round) => format!("effect {round}: scores of the library"),
+        Stage::Refits(round) => format!("effect {round}: refitting the best candidates"),
+        Stage::Pruning => "removing effects that are not needed".to_owned(),
+        Stage::Alternative => "checking whether an alternative structure of the base would do".to_owned(),
+        Stage::TestRuns => "reading the test runs".to_owned(),
+    }
+}
+
+/// `value` with three significant digits; in scientific notation below 1e-3 and from 1e6.
+#[must_use]
+pub fn figure(value: f64) -> String {
+    let size = value.abs();
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    if !(1e-3..1e6).contains(&size) {
+        return format!("{value:.2e}");
+    }
+    let decimals = (2.0 - size.log10().floor()).clamp(0.0, 6.0) as usize;
+    format!("{value:.decimals$}")
+}
+
+/// Like [`figure`] but without trailing zeros: for numbers that were set rather than measured.
+#[must_use]
+pub fn round(value: f64) -> String {
+    let text = figure(value);
+    let (mantissa, exponent) = text.split_once('e').map_or((text.as_str(), None), |(m, e)| (m, Some(e)));
+    let short =
+        if mantissa.contains('.') { mantissa.trim_end_matches('0').trim_end_matches('.') } else { mantissa };
+    exponent.map_or_else(|| short.to_owned(), |exponent| format!("{short}e{exponent}"))
+}
+
+/// A share in percent.
+#[must_use]
+pub fn percent(share: f64) -> String {
+    let per_cent = 100.0 * share;
+    let decimals = usize::from(per_cent.abs() < 9.95);
+    // Adding zero turns -0 into 0.
+    format!("{:.decimals$} %", per_cent + 0.0)
+}
+
+/// An interval of shares in percent.
+#[must_use]
+pub fn percents([low, high]: [f64; 2]) -> String {
+    format!("{} to {}", percent(low).trim_end_matches(" %"), percent(high))
+}
+
+/// The smallest p-value that is shown as a number.
+const LEAST_P: f64 = 1e-12;
+
+/// A p-value as text, without the letter p.
+#[must_use]
+pub fn p_value(p: f64) -> String {
+    if p < LEAST_P { format!("< {LEAST_P:e}") } else { figure(p) }
+}
+
+/// A p-value as text, such as `p = 0.0300`.
+#[must_use]
+pub fn chance(p: f64) -> String {
+    format!("p {}{}", if p < LEAST_P { "" } else { "= " }, p_value(p))
+}
+
+/// A force in newtons and in pounds-force.
+#[must_use]
+pub fn force(newtons: f64) -> String {
+    format!("{newtons:.2} N ({:.2} lbf)", newtons / N_PER_LBF)
+}
+
+/// Readable name and unit of the parameter that model files call `name`.
+#[must_use]
+pub fn quantity(name: &str, drive: Option<DriveKind>) -> (String, &'static str) {
+    // Longest first, so that the whole unit suffix of a name is matched.
+    const UNITS: [(&str, &str); 10] = [
+        ("_n_s2_m2", "N s²/m²"),
+        ("_per_k", "1/K"),
+        ("_per_m", "1/m"),
+        ("_n_m", "N/m"),
+        ("_m_n", "m/N"),
+        ("_n_s", "N/s"),
+        ("_kg", "kg"),
+        ("_n", "N"),
+        ("_m", "m"),
+        ("_s", "s"),
+    ];
+    let of_drive = match drive {
+        Some(DriveKind::CommandVoltage) => "V",
+        _ => "A",
+    };
+    let units = std::iter::once(("_drive", of_drive)).chain(UNITS);
+    let found =
+        units.into_iter().find_map(|(suffix, unit)| name.strip_suffix(suffix).map(|stem| (stem, unit)));
+    let (stem, unit) = found.unwrap_or((name, ""));
+    (stem.replace('_', " "), unit)
+}
+
+/// A parameter with its 95 % interval and its physical range.
+#[must_use]
+pub fn parameter(found: &FoundParameter, drive: Option<DriveKind>) -> String {
+    let (name, unit) = quantity(found.name, drive);
+    let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+    let [low, high] = found.ci95.map(figure);
+    let [from, to] = found.range.map(round);
+    format!(
+        "{name} = {}{unit}, 95 %: {low} to {high}{unit}; physical range {from} to {to}{unit}",
+        figure(found.value)
+    )
+}
+
+/// The names joined with commas and a final "and".
+#[must_use]
+pub fn list(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        [one] => one.clone(),
+        [most @ .., last] => format!("{} and {last}", most.join(", ")),
+    }
+}
+
+/// Titles of the named effects.
+#[must_use]
+pub fn titles(result: &DiagnosisResult) -> Vec<String> {
+    result.effects.iter().map(|named| title(&named.effect)).collect()
+}
+
+/// Id and form of an effect.
+#[must_use]
+pub fn title(effect: &EffectModel) -> String {
+    effect.effect().title()
+}
+
+/// The verdict, in a sentence or two.
+#[must_use]
+pub fn verdict(result: &DiagnosisResult) -> String {
+    let left = &result.remaining;
+    let (lof, names) = (figure(left.lof_before), list(&titles(result)));
+    let (verb, gone) =
+        (if result.effects.len() == 1 { "accounts" } else { "account" }, percent(1.0 - left.share));
+    match result.verdict {
+        Verdict::NothingToExplain => format!(
+            "Nothing to explain: the residual of the base model is not larger than noise (lack of fit {lof})."
+        ),
+        Verdict::Explained => {
+            format!("Explained: {names} {verb} for {gone} of the reducible error (above the noise floor).")
+        }
+        Verdict::PartlyExplained => format!(
+            "Partly explained: {names} {verb} for {gone} of the reducible error (above the noise floor); {} remains.",
+            percent(left.share)
+        ),
+        Verdict::Unexplained => format!(
+            "Unexplained: the error of the base model is above the noise floor (lack of fit {lof}), and no effect of the \
+             library accounts for it on every run."
+        ),
+        Verdict::BaseInadequate => {
+            let why = result.base_fault.as_deref().unwrap_or("its error is too large");
+            format!("Base inadequate (lack of fit {lof}): {why}. Naming an effect would be meaningless.")
+        }
+    }
+}
+
+/// The name of a run, without folders.
+#[must_use]
+pub fn file_name(run: &str) -> String {
+    std::path::Path::new(run).file_name().map_or(run.to_owned(), |name| name.to_string_lossy().into_owned())
+}
+
+/// The refused effects, without those that were named in a later round.
+#[must_use]
+pub fn refused(result: &DiagnosisResult) -> Vec<&RefusedEffect> {
+    let named = |refused: &&RefusedEffect| result.effects.iter().any(|n| n.effect.effect() == refused.effect);
+    result.refused.iter().filter(|refused| !named(refused)).collect()
+}
+
+/// Explains paired mode; `None` in absolute mode.
+#[must_use]
+pub fn paired(mode: DiagnosisMode) -> Option<&'static str> {
+    (mode == DiagnosisMode::Paired).then_some(
+        "Paired mode: the residual is the difference to the healthy runs of the same excitation; the base model is not \
+         refitted.",
+    )
+}
+
+/// With fewer blocks than this, sign flips cannot give a p-value that survives the correction for about fifteen tests.
+const FEW_BLOCKS: usize = 10;
+
+/// The next step that the user can take after this verdict; `None` when none is needed.
+#[must_use]
+pub fn next_step(result: &DiagnosisResult) -> Option<&'static str> {
+    match (result.verdict, result.mode) {
+        (Verdict::Unexplained, _) if result.blocks < FEW_BLOCKS => Some(
+            "The training runs are too short: with fewer than 10 blocks hardly any effect can be distinguished from chance. \
+             Give longer runs with --estimate; 30 s of motion is a good start.",
+        ),
+        (Verdict::Unexplained | Verdict::PartlyExplained, _) => Some(
+            "The remaining error and the signals that correlate with it are listed below. To try an effect of your own, \
+             add a file: see model/src/effect/mod.rs.",
+        ),
+        (Verdict::BaseInadequate, DiagnosisMode::Absolute) => Some(
+            "Use a base model that fits better (`mr-damper compare` ranks models), or give healthy runs of the same \
+             excitation with --reference.",
+        ),
+        (Verdict::BaseInadequate, DiagnosisMode::Paired) => {
+            Some("Use a base model that fits better: `mr-damper compare` ranks models.")
+        }
+        (Verdict::NothingToExplain | Verdict::Explained, _) => None,
+    }
+}
+
+/// The result on the test runs, in a sentence. A test run (`--test`) is read once, at the end.
+#[must_use]
+pub fn proof(test: Option<&TestResult>) -> String {
+    let Some(test) = test else {
+        return "NOT PROVED: there were no test runs. Give runs that were used for nothing else with --test."
+            .to_owned();
+    };
+    let runs = match test.runs.len() {
+        1 => "the test run".to_owned(),
+        count => format!("the {count} test runs"),
+    };
+    let [low, high] = test.ratio_ci95;
+    let share = format!("{} of what it was (95 %: {})", percent(test.ratio), percents(test.ratio_ci95));
+    let gone = test.removed.map_or(String::new(), |removed| {
+        format!(" {} of the error above the noise floor is removed.", percent(removed))
+    });
+    if high < 1.0 {
+        format!("On {runs}, read once, the squared error falls to {share}.{gone}")
+    } else if low > 1.0 {
+        format!("NOT PROVED: on {runs}, read once, the squared error grows to {share}.")
+    } else {
+        format!("NOT PROVED: on {runs}, read once, the squared error comes to {share}: this may be chance.")
+    }
+}
+
+/// The noise floor and its source.
+#[must_use]
+pub fn noise_floor(floor: &NoiseFloor) -> String {
+    use mr_damper_model::diagnose::FloorSource;
+    let source = match floor.source {
+        FloorSource::Replicates => "from replicates",
+        FloorSource::Declared => "as declared",
+        FloorSource::Estimated => {
+            "estimated from the sample-to-sample noise of the force: white noise only, so a lower bound; give \
+             --replicates or --noise-floor for a reliable value"
+        }
+    };
+    format!("noise floor {}, ESR {}, {source}", force(floor.rsse_n), figure(floor.esr))
+}
+
+/// The effects that the data cannot distinguish from the named one, and for each effect of the class (the named one
+/// first) the excitation that would. `None` when the named effect is the only one.
+#[must_use]
+pub fn class(named: &NamedEffect) -> Option<(String, Vec<(String, &'static str)>)> {
+    let own = named.effect.effect().id();
+    let others: Vec<String> =
+        named.class.iter().filter(|id| **id != own).map(|id| (*id).to_owned()).collect();
+    if others.is_empty() {
+        return None;
+    }
+    let settles = named
+        .class
+        .iter()
+        .filter_map(|id| Effect::ALL.into_iter().find(|effect| effect.id() == *id))
+        .map(|effect| (effect.id().to_owned(), effect.separated_by()))
+        .collect();
+    Some((others.join(", "), settles))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_parameter_of_the_library_has_a_name_and_a_unit() {
+        for effect in Effect::ALL {
+            for parameter in effect.parameters() {
+                let (name, unit) = quantity(parameter.name, Some(DriveKind::CoilCurrent));
+                assert!(!name.is_empty(), "{}", parameter.name);
+                // Asymmetry is a share and has no unit.
+                assert_eq!(unit.is_empty(), effect == Effect::Asymmetry, "{}: {unit}", parameter.name);
+            }
+        }
+        assert_eq!(
+            quantity("half_width_drive", Some(DriveKind::CommandVoltage)),
+            ("half width".to_owned(), "V")
+        );
+        assert_eq!(quantity("tau_rise_s", None), ("tau rise".to_owned(), "s"));
+        assert_eq!(quantity("rate_n_s", None), ("rate".to_owned(), "N/s"));
+    }
+
+    #[test]
+    fn figures_have_three_digits() {
+        let text = [0.0, 0.012, -1.5e-7, 31.0, 1234.5, 2e7, 0.00018].map(figure);
+        assert_eq!(text, ["0", "0.0120", "-1.50e-7", "31.0", "1234", "2.00e7", "1.80e-4"]);
+        assert_eq!([0.04, 1500.0, 2e7, 0.0].map(round), ["0.04", "1500", "2e7", "0"]);
+        assert_eq!(percents([0.024, 0.33]), "2.4 to 33 %");
+        assert_eq!(
+            (percent(-0.0), chance(0.0), chance(0.03)),
+            ("0.0 %".to_owned(), "p < 1e-12".to_owned(), "p = 0.0300".to_owned())
+        );
+    }
+}

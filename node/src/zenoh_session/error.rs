@@ -1,0 +1,124 @@
+//! Errors of the session and of what uses it.
+
+use std::path::PathBuf;
+
+/// Reasons why the mirror cannot start. Every message says what failed, where, and what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ZenohError {
+    /// Neither `listen` nor `connect` names an endpoint.
+    #[error(
+        "Zenoh has no endpoint: set `connect` to the address of a router or peer (tcp/127.0.0.1:7447), or \
+         `listen` to the address to listen on; the node does not listen by default"
+    )]
+    NoEndpoint,
+    /// A client cannot listen.
+    #[error("Zenoh mode client only connects: remove `listen` ({}), or use mode peer", listen.join(", "))]
+    ClientListens {
+        /// The listen endpoints that were given.
+        listen: Vec<String>,
+    },
+    /// A client has no address to connect to.
+    #[error("Zenoh mode client needs `connect`: the address of a router, for example tcp/127.0.0.1:7447")]
+    ClientWithoutConnect,
+    /// The text is not an endpoint, or its transport is not built in.
+    #[error("invalid Zenoh endpoint `{endpoint}`: {why}; write it as tcp/ADDRESS:PORT or tls/ADDRESS:PORT")]
+    Endpoint {
+        /// The endpoint as given.
+        endpoint: String,
+        /// The fault.
+        why: String,
+    },
+    /// An endpoint that other machines can reach, without `allow_non_loopback`.
+    #[error(
+        "Zenoh endpoint `{endpoint}` is not on loopback, and traffic is neither encrypted nor authenticated; \
+         use 127.0.0.1, or set allow_non_loopback = true on a network that you trust"
+    )]
+    NotLoopback {
+        /// The endpoint as given.
+        endpoint: String,
+    },
+    /// Commands are accepted beyond loopback without access control: anyone on the network could command the damper.
+    #[error(
+        "Zenoh endpoint `{endpoint}` is not on loopback and commands are accepted, but there is no access control: give a \
+         configuration file with access_control enabled and default_permission deny (examples are in launch-configs/zenoh/), or \
+         accept no commands"
+    )]
+    AnybodyCommands {
+        /// The endpoint as given.
+        endpoint: String,
+    },
+    /// Inputs are accepted beyond loopback without access control: anyone on the network could publish inputs.
+    #[error(
+        "Zenoh endpoint `{endpoint}` is not on loopback and zenoh.rmw is both, but there is no access control: give a \
+         configuration file with access_control enabled and default_permission deny, or use rmw = publish, which accepts no inputs"
+    )]
+    AnybodyFeeds {
+        /// The endpoint as given.
+        endpoint: String,
+    },
+    /// The Zenoh configuration file cannot be used.
+    #[error("Zenoh configuration {}: {why}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The fault.
+        why: String,
+    },
+    /// A command is unknown.
+    #[error("`{name}` is not a command that can be accepted over Zenoh; use {known}")]
+    UnknownCommand {
+        /// The name as given.
+        name: String,
+        /// The known names.
+        known: String,
+    },
+    /// A setting is out of range.
+    #[error("Zenoh setting {setting} = {value} is out of range: {allowed}")]
+    Setting {
+        /// Name of the setting.
+        setting: &'static str,
+        /// Its value.
+        value: f64,
+        /// The allowed range.
+        allowed: &'static str,
+    },
+    /// A damper's name cannot be part of a key.
+    #[error(
+        "`{name}` cannot be a damper's name in Zenoh keys: use letters, digits, `_`, `-`, with `/` \
+         between parts"
+    )]
+    DamperName {
+        /// The name as given.
+        name: String,
+    },
+    /// The port of a listen address is in use.
+    #[error(
+        "Zenoh cannot listen at {endpoint}: another process uses this port; stop it (`ss -ltnp` shows it), \
+         or choose another port in `listen`, or put the address into `connect` to use the router \
+         that listens there"
+    )]
+    PortInUse {
+        /// The endpoint as given.
+        endpoint: String,
+    },
+    /// Zenoh refused to open a session.
+    #[error(
+        "cannot open a Zenoh session with {endpoints}: {reason}; check the addresses in `listen` and \
+         `connect`"
+    )]
+    Open {
+        /// The endpoints as given.
+        endpoints: String,
+        /// Zenoh's reason.
+        reason: String,
+    },
+    /// A thread could not be started.
+    #[error("cannot start the thread {name}: {source}; is a limit on threads reached (`ulimit -u`)?")]
+    Thread {
+        /// The thread's name.
+        name: &'static str,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+}
