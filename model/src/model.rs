@@ -8,6 +8,29 @@ use crate::uncertainty::Uncertainty;
 use serde::{Deserialize, Serialize};
 
 /// A model as the pipeline runs it. It is `Copy` and uses no heap, so it can be replaced between two samples.
+///
+/// A model with an additional effect, simulated for two samples:
+///
+/// ```
+/// use mr_damper_model::effect::{AugmentedState, Effect, EffectModel, Effects};
+/// use mr_damper_model::force::Inputs;
+/// use mr_damper_model::model::Model;
+/// use mr_damper_model::preset;
+///
+/// let published = preset::load(preset::BEST_FUZZY_TANH)?;
+/// let spring = EffectModel::new(Effect::GasSpring, &[5_000.0])?; // N/m
+/// let model = Model { effects: Effects::new(&[spring])?, ..published };
+///
+/// let at = |dt_s, displacement_m| Inputs {
+///     dt_s, displacement_m, velocity_m_s: 0.1, acceleration_m_s2: 0.0, drive: 1.0, case_temp_c: 25.0,
+/// };
+/// let (mut state, mut without) = (AugmentedState::default(), AugmentedState::default());
+/// for inputs in [at(None, 0.0), at(Some(0.01), 0.001)] {
+///     let added_n = model.free_run(&mut state, &inputs).unwrap() - published.free_run(&mut without, &inputs).unwrap();
+///     assert!((added_n - 5_000.0 * inputs.displacement_m).abs() < 1e-9);
+/// }
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Model {
     /// The force model.

@@ -272,6 +272,26 @@ impl Trace {
 }
 
 /// A recorded run: the measurements of each channel.
+///
+/// A run from numbers, and its samples in the order in which they are known:
+///
+/// ```
+/// use mr_damper_model::sample::{Channel, DriveKind, Run, Stamp, Trace};
+///
+/// let trace = |values: &[f64], period_s: f64| Trace {
+///     stamps: (0..values.len()).map(|k| Stamp::from_seconds(k as f64 * period_s).unwrap()).collect(),
+///     values: values.to_vec(),
+/// };
+/// let run = Run {
+///     name: "by hand".to_owned(),
+///     displacement_m: trace(&[0.0, 1e-3, 2e-3], 0.002),
+///     force_n: Some(trace(&[0.0, 80.0, 120.0], 0.002)),
+///     drive: Some((DriveKind::CoilCurrent, trace(&[0.5], 0.002))),
+///     ..Run::default()
+/// };
+/// assert_eq!(run.samples().count(), 7);
+/// assert_eq!(run.samples().filter(|sample| sample.reading.channel() == Channel::Force).count(), 3);
+/// ```
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Run {
     /// Source of the run for messages and provenance: a path or a name.

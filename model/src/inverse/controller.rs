@@ -60,6 +60,23 @@ pub struct CurrentCommand {
 }
 
 /// The inverse controller of one damper. It is `Copy` and uses no heap, because it is handed to a real-time thread.
+///
+/// ```
+/// use mr_damper_model::force::Inputs;
+/// use mr_damper_model::inverse::{Demand, InverseController, Limits};
+/// use mr_damper_model::preset;
+///
+/// let limits = Limits { current_max_a: 2.0, rate_max_a_s: 100.0, ..Limits::default() };
+/// let mut controller = InverseController::new(&preset::load(preset::BEST_FUZZY_TANH)?, limits)?;
+/// let extending = Inputs {
+///     dt_s: Some(1.0 / 512.0), displacement_m: 0.0, velocity_m_s: 0.2, acceleration_m_s2: 0.0, drive: f64::NAN, case_temp_c: 25.0,
+/// };
+/// // The driver cannot jump: the current rises at 100 A/s, and stops at its largest value.
+/// let currents: Vec<f64> =
+///     (0..20).map(|_| controller.step(&extending, Demand::Force(5_000.0), None).current.get()).collect();
+/// assert!((currents[0] - 100.0 / 512.0).abs() < 1e-9 && currents[19] == 2.0, "{currents:?}");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InverseController {
     limits: Limits,

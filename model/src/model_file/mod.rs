@@ -45,6 +45,20 @@ use serde::{Deserialize, Serialize};
 pub const SCHEMA: &str = "mr-damper/model/1";
 
 /// A model and its provenance, as stored in a file.
+///
+/// ```
+/// use mr_damper_model::model_file::{ModelFile, Provenance};
+/// use mr_damper_model::preset;
+///
+/// let file = ModelFile { model: preset::load("thesis/sp-passive/rp-icps")?, provenance: Provenance::default() };
+/// let text = file.to_toml()?;
+/// assert_eq!(ModelFile::from_toml(&text)?, file);
+///
+/// // An unknown key is an error that names it.
+/// let error = ModelFile::from_toml(&text.replace("[conditioning]", "[conditionning]")).unwrap_err();
+/// assert!(error.to_string().contains("conditionning"), "{error}");
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelFile {
     /// The model.

@@ -170,6 +170,27 @@ struct Awaiting {
 }
 
 /// The pipeline of one damper.
+///
+/// ```
+/// use mr_damper_model::pipeline::{Event, Mode, Models, Pipeline, Settings};
+/// use mr_damper_model::preset;
+/// use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+///
+/// let mut pipeline = Pipeline::new(Models::alone(preset::load(preset::BEST_FUZZY_TANH)?), Settings::default())?;
+/// let run = record(&Experiment::sine(0.01, 1.0, 1.2, 2.0), &Plant::default(), &Channels::default(), 1);
+/// let (mut estimates, mut residuals) = (0, 0);
+/// for sample in run.samples() {
+///     pipeline.step(&sample, &mut |event| match event {
+///         Event::Estimate(_) => estimates += 1,
+///         Event::Residual(_) => residuals += 1,
+///         _ => {}
+///     });
+/// }
+/// // Each displacement yields an estimate. Residuals begin when the filters of the model have settled.
+/// assert_eq!((estimates, pipeline.mode()), (run.displacement_m.len(), Mode::Model));
+/// assert!(residuals > 900);
+/// # Ok::<(), mr_damper_model::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pipeline {
     settings: Settings,

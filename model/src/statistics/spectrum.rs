@@ -33,6 +33,17 @@ pub struct Spectra {
 impl Spectra {
     /// The spectra of stretches of pairs `(first, second)` sampled at `rate_hz`, in segments of `length` samples. `None`
     /// when every stretch is shorter than a segment.
+    ///
+    /// ```
+    /// use mr_damper_model::statistics::spectrum::Spectra;
+    /// // A sine of 8 Hz and amplitude 3, and its half: all power is at 8 Hz, and both are coherent there.
+    /// let wave = |k: u32| 3.0 * (std::f64::consts::TAU * 8.0 * f64::from(k) / 256.0).sin();
+    /// let stretch: Vec<(f64, f64)> = (0..2048).map(|k| (wave(k), 0.5 * wave(k))).collect();
+    /// let spectra = Spectra::of(&[stretch], 256.0, 256).expect("longer than a segment");
+    /// assert_eq!(spectra.hz[7], 8.0);
+    /// let power: f64 = spectra.first.iter().sum(); // the bins are 1 Hz wide
+    /// assert!((power - 4.5).abs() < 1e-9 && spectra.coherence[7] > 0.999);
+    /// ```
     #[must_use]
     pub fn of(stretches: &[Vec<(f64, f64)>], rate_hz: f64, length: usize) -> Option<Self> {
         if length < 4 {
