@@ -5,7 +5,9 @@ mod diagnosis;
 use diagnosis::cases::spec;
 use diagnosis::outcome::CONDITIONING;
 use mr_damper_model::Error;
-use mr_damper_model::diagnose::{DiagnosisResult, FloorSource, NoiseFloor, Runs, Settings, close};
+use mr_damper_model::diagnose::{
+    DiagnosisResult, FloorSource, NoInterval, NoiseFloor, Runs, Settings, Verdict, close,
+};
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
 use mr_damper_model::model::Model;
 use mr_damper_model::sample::{Run, Stamp};
@@ -85,7 +87,11 @@ fn the_result_does_not_depend_on_the_number_of_threads_and_its_figures_are_consi
     };
     let (alone, together) = (on(1).expect("a diagnosis"), on(3).expect("a diagnosis"));
     assert_eq!(alone, together);
-    assert!(together.test.is_some_and(|test| test.ratio < 0.1 && test.ratio_ci95[1] < 0.2));
+    assert!(
+        together
+            .test
+            .is_some_and(|test| test.ratio < 0.1 && test.ratio_ci95.is_ok_and(|[_, high]| high < 0.2))
+    );
 
     // The figures are consistent: shares refer to the error above the noise floor.
     let (floor, test) = (alone.noise_floor, alone.test.expect("test runs"));
@@ -99,7 +105,7 @@ fn the_result_does_not_depend_on_the_number_of_threads_and_its_figures_are_consi
         (1.0 - test.ratio) / (1.0 - (floor.rsse_n / test.before.rsse_n).powi(2)),
     );
     near(test.ratio, test.after.esr / test.before.esr);
-    assert!(test.ratio_ci95[0] < test.ratio && test.ratio < test.ratio_ci95[1]);
+    assert!(test.ratio_ci95.is_ok_and(|[low, high]| low < test.ratio && test.ratio < high));
     assert!(test.removed > Some(1.0 - test.ratio), "the noise floor is above zero");
 }
 
@@ -125,5 +131,46 @@ fn noise_from_replicates_and_from_a_single_run_agree() -> Result<(), Error> {
     assert!(strangers.is_err_and(|why| why.to_string().contains("differ by more than 10 %")));
     let alone = floor(&replicates[..1], None);
     assert!(alone.is_err_and(|why| why.to_string().contains("one run alone is not a set of replicates")));
+    Ok(())
+}
+
+#[test]
+fn short_test_runs_give_neither_an_interval_nor_the_verdict_explained() -> Result<(), Error> {
+    let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
+    let short = rows(&LAGGING.0[2].between(Stamp::from_nanos(0), Stamp::from_nanos(5_000_000_000)));
+    let one = std::slice::from_ref;
+    let long = closed(one(&estimate), one(&confirm), one(&test))?;
+    let cut = closed(one(&estimate), one(&confirm), one(&short))?;
+    // The effects and their errors are the same; only the proof is missing.
+    assert_eq!((long.verdict, cut.verdict), (Verdict::Explained, Verdict::Unexplained));
+    assert_eq!(long.effects, cut.effects);
+    assert!(long.test.is_some_and(|test| test.proves() && (8..=10).contains(&test.blocks)));
+    let test = cut.test.expect("a test result");
+    let Err(why @ NoInterval::TooShort { .. }) = test.ratio_ci95 else { panic!("{test:?}") };
+    assert!(why.needed_s().is_some_and(|s| s > 5.0) && why.to_string().contains(" s of motion"), "{why}");
+    assert!(!test.proves() && test.ratio < 0.2, "{test:?}");
+    Ok(())
+}
+
+#[test]
+fn a_low_sample_rate_makes_the_noise_floor_unknown_and_hides_no_effect() -> Result<(), Error> {
+    let at = |rate_hz: f64| -> Result<DiagnosisResult, Error> {
+        let options = DatasetOptions { rate_hz: Some(rate_hz), ..DatasetOptions::default() };
+        let slow = |run: &Run| Dataset::from_run(run, &CONDITIONING, &options);
+        let [estimate, confirm, test] = LAGGING.0.each_ref().map(slow);
+        closed(&[estimate?], &[confirm?], &[test?])
+    };
+    let (fast, slow) = (at(512.0)?, at(64.0)?);
+    assert!(fast.noise_floor.is_known() && fast.noise_floor.rsse_n < 4.0, "{:?}", fast.noise_floor);
+    assert!(!slow.noise_floor.is_known() && slow.noise_floor.rsse_n == 0.0, "{:?}", slow.noise_floor);
+    assert_ne!(slow.verdict, Verdict::NothingToExplain);
+    assert_eq!(fast.verdict, Verdict::Explained);
+    // At 64 Hz another structure may fit better; then the effect is withdrawn with that reason.
+    for found in [fast, slow] {
+        let named = found.effects.iter().map(|named| named.effect.effect().id());
+        let refused = found.refused.iter().filter(|refused| refused.why.contains("the base is inadequate"));
+        let mut seen = named.chain(refused.map(|refused| refused.effect.id()));
+        assert!(seen.any(|id| id == "coil_lag"), "{:?}", found.refused);
+    }
     Ok(())
 }

@@ -137,7 +137,7 @@ fn a_demand_is_followed_on_a_damper_that_differs_from_the_model() {
     };
     let (estimate, confirm) = (rows(1), rows(2));
     let runs = Runs { estimate: &estimate, confirm: &confirm, ..Runs::default() };
-    let settings = diagnose::Settings { block_s: 1.5, ..diagnose::Settings::default() };
+    let settings = diagnose::Settings { block_s: Some(1.5), ..diagnose::Settings::default() };
     let closed = diagnose::close(&base, &runs, &settings, &watch, &|_| {}).expect("long enough").after;
 
     let sine = demand(&Experiment::sine(0.01, 2.0, 0.0, 11.0), &plant);

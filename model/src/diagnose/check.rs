@@ -9,7 +9,9 @@ use crate::model::Model;
 /// Rejects settings out of range, and runs that cannot give a valid result.
 pub(super) fn check(base: &Model, runs: &Runs, settings: &Settings) -> Result<(), Error> {
     Error::check("significance", settings.significance, "between 0 and 0.5", |s| s > 0.0 && s <= 0.5)?;
-    Error::check("block_s", settings.block_s, "between 0.1 and 60 s", |s| (0.1..=60.0).contains(&s))?;
+    Error::check("block_s", settings.training_block_s(), "between 0.1 and 60 s", |s| {
+        (0.1..=60.0).contains(&s)
+    })?;
     Error::check("most_effects", settings.most_effects as f64, "1 to 3", |n| {
         (1.0..=MAX_EFFECTS as f64).contains(&n)
     })?;

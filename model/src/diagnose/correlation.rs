@@ -64,7 +64,7 @@ fn correlation(
     rows.centre(&mut series);
     let coefficient = of_centred(&series, residual);
     let products: Vec<f64> = series.iter().zip(residual).map(|(s, r)| s * r).collect();
-    let sums = Blocks::against(rows, &products, settings.block_s).sums(&series, residual);
+    let sums = Blocks::against(rows, &products, settings.training_block_s()).sums(&series, residual);
     let p = p_value(&sums, settings.seed) * SIGNALS.len() as f64;
     (coefficient.abs() >= LEAST && p <= SIGNIFICANCE).then_some(Correlation { with, coefficient })
 }

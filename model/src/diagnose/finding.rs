@@ -3,6 +3,7 @@
 use crate::effect::{Effect, EffectModel};
 use crate::metrics::Fit;
 use crate::model::Model;
+use crate::statistics::error_ratio::NoInterval;
 
 /// How the residual was computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,8 +61,11 @@ pub enum FloorSource {
     Replicates,
     /// Declared by the user.
     Declared,
-    /// From third differences of the measured force: sees white noise only, so it is a lower bound.
+    /// From differences of the measured force over 1, 2 and 4 samples: sees white noise only, and only the part that a signal without
+    /// noise could not cause, so it is a lower bound.
     Estimated,
+    /// A single run does not show it: the force changes too fast for its sample rate. No part of the error counts as noise.
+    Unknown,
 }
 
 impl FloorSource {
@@ -72,6 +76,7 @@ impl FloorSource {
             Self::Replicates => "replicates",
             Self::Declared => "declared",
             Self::Estimated => "estimated",
+            Self::Unknown => "unknown",
         }
     }
 }
@@ -81,10 +86,21 @@ impl FloorSource {
 pub struct NoiseFloor {
     /// Its source.
     pub source: FloorSource,
-    /// RMSE (the thesis calls it RSSE), N.
+    /// RMSE (the thesis calls it RSSE), N; 0 if unknown.
     pub rsse_n: f64,
-    /// NMSE (the thesis calls it ESR): `rsse_n` squared over the variance of the measured force.
+    /// NMSE (the thesis calls it ESR): `rsse_n` squared over the variance of the measured force; 0 if unknown.
     pub esr: f64,
+}
+
+impl NoiseFloor {
+    /// The floor of runs that do not show it.
+    pub(super) const UNKNOWN: Self = Self { source: FloorSource::Unknown, rsse_n: 0.0, esr: 0.0 };
+
+    /// True if the floor is known.
+    #[must_use]
+    pub fn is_known(&self) -> bool {
+        self.source != FloorSource::Unknown
+    }
 }
 
 /// A parameter of an effect, as found.
@@ -167,12 +183,24 @@ pub struct TestResult {
     pub after: Fit,
     /// Squared error after, divided by squared error before.
     pub ratio: f64,
-    /// 95 % interval of the ratio, by block bootstrap.
-    pub ratio_ci95: [f64; 2],
+    /// 95 % interval of the ratio, by a t test on block sums; or why there is none.
+    pub ratio_ci95: Result<[f64; 2], NoInterval>,
+    /// Number of blocks.
+    pub blocks: usize,
+    /// Mean length of a block, s.
+    pub block_s: f64,
     /// Share of the reducible error that the effects remove; `None` if there was no reducible error.
     pub removed: Option<f64>,
     /// Run by run.
     pub runs: Vec<RunErrors>,
+}
+
+impl TestResult {
+    /// True if the test runs prove that the effects reduce the error: the interval of the ratio is below one.
+    #[must_use]
+    pub fn proves(&self) -> bool {
+        self.ratio_ci95.is_ok_and(|[_, high]| high < 1.0)
+    }
 }
 
 /// A signal that the remaining residual correlates with.

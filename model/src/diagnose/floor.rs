@@ -2,7 +2,10 @@
 //!
 //! ```text
 //! replicates   s^2 = mean over rows of the variance between runs of one pattern, each run's mean removed
-//! estimated    s   = median |third difference of the force| / (.6745 sqrt 20), times the gain of the output filter
+//! estimated    s^2 = m_1^2 - (m_2^2 - m_1^2) / (g - 1), times the gain of the output filter;  m_1^2 if m_2 <= m_1
+//!              g   = (m_4^2 - m_2^2) / (m_2^2 - m_1^2), at least 2 and at most 4
+//!              m_k = median |difference of the force, of order p, over k samples| / (.6745 sqrt binomial(2 p, p))
+//!              the largest s of p = 3, 4, 5;  unknown if s^2 <= 0 or s^2 > .05 of the variance of the force
 //! inputs       q^2 = mean over rows of (M(x + e, i + u) - M(x, i))^2,   e, u drawn with the white noise of the channels
 //! floor        s^2 + q^2, or the declared value                  LOF = 1 - N floor / sum r^2
 //! ```
@@ -10,8 +13,14 @@
 //! Displacement noise becomes velocity noise, and through the model force noise, which a better model would not remove either.
 //! It is therefore drawn, passed through conditioning and model, and added to the floor.
 //!
-//! A third difference removes the part that is smooth from sample to sample and leaves white noise times sqrt 20. The median
-//! ignores the few rows on which the force jumps. The estimate sees white noise only, so it is a lower bound.
+//! A difference of high order removes the part that is smooth from sample to sample and leaves white noise times a known factor. The
+//! median ignores the few rows on which the force jumps. The square of white noise is the same over 1, 2 and 4 samples. The rest of the
+//! force itself, c_k, grows with the time between the samples: c_2 is 2 c_1 for jumps and 64 c_1 for a smooth force at order 3. The
+//! growth gets less as the samples get coarser, so g is at most c_2 / c_1, and c_1 is at most (m_2^2 - m_1^2) / (g - 1).
+//! Without it s is a lower bound. Jumps give the lower limit of g. The upper limit leaves a margin for a force without noise.
+//!
+//! If the force changes too fast for its sample rate, m_1 cannot be separated from the force itself. Then the floor is unknown, and
+//! no part of the error counts as noise. The bound on the variance excludes signals that change so fast that all differences are alike.
 
 use super::Settings;
 use super::finding::{FloorSource, NoiseFloor};
@@ -26,8 +35,15 @@ use rand_pcg::Pcg64Mcg;
 
 /// Standard deviation of a normal variable over the median of its absolute value.
 const OF_MEDIAN: f64 = 1.0 / 0.674_489_750_196_081_7;
-/// Sum of the squared binomial coefficients 1, 3, 3, 1.
-const THIRD_DIFFERENCE: f64 = 20.0;
+/// Weights of the differences of order 3, 4 and 5. The squares of a row add up to binomial(2 p, p).
+const DIFFERENCES: [&[f64]; 3] =
+    [&[1.0, -3.0, 3.0, -1.0], &[1.0, -4.0, 6.0, -4.0, 1.0], &[1.0, -5.0, 10.0, -10.0, 5.0, -1.0]];
+/// Least growth of the square of a signal's difference over twice the time, which jumps have.
+const SLOWEST_GROWTH: f64 = 2.0;
+/// Largest growth that an estimate relies on. A smooth signal has more.
+const FASTEST_GROWTH: f64 = 4.0;
+/// Largest share of a channel's variance that an estimate may call noise.
+const NOISY: f64 = 0.05;
 /// Samples of a filter's impulse response that its noise gain is computed from.
 const RESPONSE: usize = 4096;
 
@@ -57,7 +73,12 @@ pub(super) fn noise_floor(
             white_noise(dataset, |row| row.raw_force_n) * gain(&dataset.conditioning, dataset.rate_hz);
         rsse_n * rsse_n * run.indices.len() as f64
     });
-    Ok(floor(FloorSource::Estimated, with_inputs((squares.sum::<f64>() / rows.len().max(1) as f64).sqrt())))
+    let squares = squares.sum::<f64>();
+    // Runs that do not show their noise count as free of noise, so the sum stays a lower bound.
+    if squares <= 0.0 {
+        return Ok(NoiseFloor::UNKNOWN);
+    }
+    Ok(floor(FloorSource::Estimated, with_inputs((squares / rows.len().max(1) as f64).sqrt())))
 }
 
 /// Square root of the mean variance between runs of one pattern, N.
@@ -183,21 +204,40 @@ fn with_noise(dataset: &Dataset, mut random: Pcg64Mcg) -> Dataset {
     noisy
 }
 
-/// White noise of a channel of a run, root mean square, in the channel's unit.
+/// Lower bound of the white noise of a channel of a run, root mean square, in the channel's unit; 0 if the run shows none.
 fn white_noise(dataset: &Dataset, channel: impl Fn(&Row) -> f64) -> f64 {
     let rows = &dataset.rows;
-    let third = |k: usize| {
-        let f = |n: usize| channel(&rows[k + n]);
-        let within = (1..4).all(|n| rows[k + n].dt_s.is_some()) && rows[k].counts;
-        Some((f(3) - 3.0 * f(2) + 3.0 * f(1) - f(0)).abs()).filter(|d| within && d.is_finite())
+    let values: Vec<f64> =
+        rows.iter().filter(|row| row.counts).map(&channel).filter(|v| v.is_finite()).collect();
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / values.len().max(1) as f64;
+    let bound = |weights: &&[f64]| {
+        let [one, two, four] = [1, 2, 4].map(|over| jitter(rows, &channel, weights, over).powi(2));
+        let (first, second) = (two - one, four - two);
+        let growth = (second / first).clamp(SLOWEST_GROWTH, FASTEST_GROWTH);
+        if first > 0.0 { one - first / (growth - 1.0) } else { one }
     };
-    let mut differences: Vec<f64> = (0..rows.len().saturating_sub(3)).filter_map(third).collect();
+    let square = DIFFERENCES.iter().map(bound).fold(0.0, f64::max);
+    if square > 0.0 && square <= NOISY * variance { square.sqrt() } else { 0.0 }
+}
+
+/// Median size of the difference of a channel with these weights, one every `over` samples, as the root mean square of the white noise
+/// that causes it.
+fn jitter(rows: &[Row], channel: impl Fn(&Row) -> f64, weights: &[f64], over: usize) -> f64 {
+    let span = (weights.len() - 1) * over;
+    let difference = |k: usize| {
+        let sum =
+            weights.iter().enumerate().map(|(n, weight)| weight * channel(&rows[k + n * over])).sum::<f64>();
+        let within = (1..=span).all(|n| rows[k + n].dt_s.is_some()) && rows[k].counts;
+        Some(sum.abs()).filter(|d| within && d.is_finite())
+    };
+    let mut differences: Vec<f64> = (0..rows.len().saturating_sub(span)).filter_map(difference).collect();
     if differences.is_empty() {
         return 0.0;
     }
     let middle = differences.len() / 2;
     let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
-    *median * OF_MEDIAN / THIRD_DIFFERENCE.sqrt()
+    *median * OF_MEDIAN / dot(weights, weights).sqrt()
 }
 
 /// Share of white noise that the output filter lets through, root mean square; 1 without a filter.
@@ -210,4 +250,54 @@ fn gain(conditioning: &Conditioning, rate_hz: f64) -> f64 {
     let response =
         (0..RESPONSE).map(|k| filter.step(&mut state, Some(1.0 / rate_hz), if k == 0 { 1.0 } else { 0.0 }));
     response.map(|h| h * h).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::DatasetOptions;
+    use crate::rig::{Channels, Experiment, Plant, record};
+
+    /// A run of 20 s on the rig, in which only the force has noise, as rows at `rate_hz`.
+    fn rows(experiment: &str, plant: &Plant, force_noise_n: f64, rate_hz: f64, seed: u64) -> Dataset {
+        let experiment = Experiment::thesis(experiment).expect("a thesis experiment").with_duration_s(20.0);
+        let channels = Channels { force_noise_n, ..Channels::PERFECT };
+        let run = record(&experiment, plant, &channels, seed);
+        let options = DatasetOptions { rate_hz: Some(rate_hz), ..DatasetOptions::default() };
+        Dataset::from_run(&run, &Conditioning::default(), &options).expect("rows")
+    }
+
+    const EXPERIMENTS: [&str; 3] = ["RP-ICPS", "RP-APRBS", "RP3-CS"];
+    const RATES_HZ: [f64; 5] = [512.0, 256.0, 128.0, 64.0, 32.0];
+
+    /// Prints the estimate of each kind of run at each rate, and runs `check` on it.
+    fn each(force_noise_n: f64, check: impl Fn(f64, f64, &str)) {
+        for (plant, name) in [(Plant::plain(), "Bouc-Wen"), (Plant::quasi_static(), "quasi-static")] {
+            for experiment in EXPERIMENTS {
+                for rate_hz in RATES_HZ {
+                    for seed in 0..2 {
+                        let rows = rows(experiment, &plant, force_noise_n, rate_hz, seed);
+                        let found = white_noise(&rows, |row| row.raw_force_n);
+                        println!("{force_noise_n} N, {name} {experiment} {rate_hz} Hz: {found:.3} N");
+                        check(found, rate_hz, &format!("{name} {experiment} {rate_hz} Hz {seed}: {found} N"));
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_run_without_noise_shows_no_noise_at_any_rate() {
+        each(0.0, |found, _, what| assert!(found == 0.0, "{what}"));
+    }
+
+    #[test]
+    fn the_estimate_is_a_lower_bound_of_known_noise_at_any_rate() {
+        for noise_n in [3.0, 30.0] {
+            each(noise_n, |found, rate_hz, what| {
+                assert!(found <= 1.08 * noise_n, "{what}, {noise_n} N of noise");
+                assert!(rate_hz < 512.0 || found >= 0.88 * noise_n, "{what}, {noise_n} N of noise");
+            });
+        }
+    }
 }

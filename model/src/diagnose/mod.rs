@@ -41,6 +41,7 @@ mod score;
 mod space;
 mod test_runs;
 
+pub use crate::statistics::error_ratio::NoInterval;
 pub use effect_set::EffectSet;
 pub use finding::{
     Candidate, Correlation, DiagnosisMode, DiagnosisResult, FloorSource, FoundParameter, NamedEffect,
@@ -78,12 +79,13 @@ pub struct Settings {
     pub most_effects: usize,
     /// Effects that may be named.
     pub effects: EffectSet,
-    /// Least length of a block, s. On 100 trials with coloured noise and no effect, blocks of 3 s (the default) named no effect, and
-    /// blocks of 0.25 s named one in one trial of six. Use shorter blocks only if the data are too short for 3 s, and report it.
-    pub block_s: f64,
+    /// Least length of a block, s; `None` for 3 s on training and validation runs, and for a length that follows from the data on test
+    /// runs, which this can only make longer. On 100 trials with coloured noise and no effect, blocks of 3 s named no effect, and blocks of 0.25 s named one in one trial
+    /// of six. Give shorter blocks only if the data are too short for 3 s, and report it.
+    pub block_s: Option<f64>,
     /// Largest number of rows in the sums; with more rows only every n-th is used.
     pub most_rows: usize,
-    /// Seed of the sign flips and the bootstrap.
+    /// Seed of the sign flips and of the noise that is added to inputs.
     pub seed: u64,
 }
 
@@ -92,12 +94,23 @@ impl Default for Settings {
         Self {
             noise_floor_n: None,
             significance: 0.05,
-            block_s: 3.0,
+            block_s: None,
             most_effects: 3,
             effects: EffectSet::ALL,
             most_rows: 60_000,
             seed: 0,
         }
+    }
+}
+
+impl Settings {
+    /// Least length of a block on training and validation runs if [`Settings::block_s`] is `None`, s.
+    pub const DEFAULT_BLOCK_S: f64 = 3.0;
+
+    /// Least length of a block on training and validation runs, s.
+    #[must_use]
+    pub fn training_block_s(&self) -> f64 {
+        self.block_s.unwrap_or(Self::DEFAULT_BLOCK_S)
     }
 }
 

@@ -27,6 +27,9 @@ const HALF: f64 = 0.5;
 /// Least share of the base's reducible error that an effect must remove. If less than this remains, no further effect is searched
 /// for: the base's own misfit around a large effect is of this size.
 const NEXT_TO_NOTHING: f64 = 0.001;
+/// An estimated noise floor whose square is this many times the mean square of a model's residual is wrong: the residual contains
+/// the noise.
+const CONTRADICTED: f64 = 1.2;
 /// Least drop for a refinement of an effect, as a share: of the reducible error on the training runs, and of the squared error on the
 /// validation runs.
 const REFINED: f64 = 0.02;
@@ -181,7 +184,10 @@ impl<'a> Procedure<'a> {
         // The difference of two runs contains the noise of both.
         let doubles = self.mode == DiagnosisMode::Paired && floor.source != FloorSource::Declared;
         let factor = if doubles { 2.0_f64 } else { 1.0 };
-        Ok(NoiseFloor { rsse_n: floor.rsse_n * factor.sqrt(), esr: floor.esr * factor, ..floor })
+        let floor = NoiseFloor { rsse_n: floor.rsse_n * factor.sqrt(), esr: floor.esr * factor, ..floor };
+        let contradicted =
+            floor.rsse_n * floor.rsse_n * self.estimate.len() as f64 > CONTRADICTED * fitted.squares;
+        Ok(if floor.source == FloorSource::Estimated && contradicted { NoiseFloor::UNKNOWN } else { floor })
     }
 
     /// Adds effects, one a round, until no candidate passes.
@@ -350,7 +356,7 @@ impl<'a> Procedure<'a> {
         let [before, after] = test_runs::both(&test_rows, &pair.base.model, &pair.found.model)?;
         let test = test_runs::read(&test_rows, &before, &after, noise_floor.rsse_n, self.settings);
         let remaining = self.remaining_error(pair, noise_floor.rsse_n);
-        let held = test.as_ref().is_none_or(|test| test.ratio_ci95[1] < 1.0);
+        let held = test.as_ref().is_none_or(super::TestResult::proves);
         let verdict = match results.base_fault {
             Some(_) => Verdict::BaseInadequate,
             None => verdict(&remaining, !effects.is_empty() && held),
@@ -365,7 +371,7 @@ impl<'a> Procedure<'a> {
             refused: results.refused,
             untestable: results.untestable,
             candidates: results.candidates,
-            blocks: super::blocks::Blocks::new(&self.estimate, self.settings.block_s).count(),
+            blocks: super::blocks::Blocks::new(&self.estimate, self.settings.training_block_s()).count(),
             before: self.model(&pair.base, &confirm, |change| change.before.rsse_n),
             after: self.model(&pair.found, &confirm, |change| change.after.rsse_n),
             confirm,

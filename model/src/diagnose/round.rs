@@ -265,7 +265,7 @@ impl Round<'_> {
             let mut own = columns[first + j].clone();
             Basis::of(others).take_out(&mut own);
             let series: Vec<f64> = own.iter().zip(&fitted.residual_n).map(|(g, r)| g * r).collect();
-            let blocks = Blocks::against(self.joint.rows, &series, self.settings.block_s);
+            let blocks = Blocks::against(self.joint.rows, &series, self.settings.training_block_s());
             let sums = blocks.sums(&own, &fitted.residual_n);
             let count = sums.len() as f64;
             let scatter = (dot(&sums, &sums) * count / (count - 1.0).max(1.0)).sqrt() / dot(&own, &own);

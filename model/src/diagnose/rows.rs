@@ -24,6 +24,8 @@ pub(super) struct RunRows<'a> {
     pub(super) indices: Vec<usize>,
     /// Their positions in the concatenated series.
     pub(super) range: Range<usize>,
+    /// Time that each row stands for, s. The rows that are left out at rest do not count.
+    pub(super) step_s: f64,
 }
 
 impl RunRows<'_> {
@@ -77,7 +79,8 @@ impl<'a> Rows<'a> {
                 let indices: Vec<usize> = (0..dataset.rows.len()).filter(counts).step_by(every).collect();
                 let range = start..start + indices.len();
                 start = range.end;
-                RunRows { dataset, indices, range }
+                let step_s = if dataset.rate_hz > 0.0 { every as f64 / dataset.rate_hz } else { 0.0 };
+                RunRows { dataset, indices, range, step_s }
             })
             .collect();
         let force =

@@ -239,7 +239,7 @@ fn held_score(
     let possible = (low..=high).contains(&(neutral + 1e-3 * regressed.signum() * step.abs()));
     // The block length follows from the correlation of the rest after the effect is removed: the effect itself may be slow.
     let rest: Vec<f64> = own.iter().zip(&fitted.residual_n).map(|(g, r)| g * (r - regressed * g)).collect();
-    let blocks = Blocks::against(joint.rows, &rest, settings.block_s);
+    let blocks = Blocks::against(joint.rows, &rest, settings.training_block_s());
     let mut sums = blocks.sums(&own, &fitted.residual_n);
     if !possible {
         sums.fill(0.0);
@@ -252,7 +252,7 @@ fn held_score(
 /// Rejects runs with fewer blocks than a test needs, before any work.
 pub(super) fn check_length(rows: &Rows, settings: &Settings) -> Result<(), Error> {
     let needed = (2..).find(|&blocks| least_p(blocks) <= settings.significance).unwrap_or(2);
-    let found = Blocks::new(rows, settings.block_s).count();
+    let found = Blocks::new(rows, settings.training_block_s()).count();
     if found >= needed {
         return Ok(());
     }
@@ -260,8 +260,8 @@ pub(super) fn check_length(rows: &Rows, settings: &Settings) -> Result<(), Error
         message: format!(
             "the training runs have {found} blocks of {} s in which the damper moves, but {needed} are needed to tell an effect from \
              chance: give at least {:.0} s of motion, in one run or several (30 s are a good start)",
-            settings.block_s,
-            needed as f64 * settings.block_s
+            settings.training_block_s(),
+            needed as f64 * settings.training_block_s()
         ),
     })
 }

@@ -1,18 +1,15 @@
 //! The test runs: read once, when everything else is decided.
 //!
-//! The interval of the error ratio is from a bootstrap over blocks, because the errors of neighbouring samples are correlated.
-//!
-//! Source: `[block-bootstrap]` in the bibliography (node/docs/guide/bibliography.md).
+//! The interval of the error ratio is computed in [`crate::statistics::error_ratio`].
 
 use super::Settings;
-use super::blocks::Blocks;
 use super::finding::{RunErrors, TestResult};
 use super::joint::Fitted;
 use super::rows::Rows;
 use crate::effect::Augmented;
 use crate::error::Error;
 use crate::metrics::{ErrorSum, Fit};
-use crate::statistics::bootstrap::ratio_interval_95;
+use crate::statistics::error_ratio::{ErrorRatio, Residuals, error_ratio};
 
 /// Errors of `before` and `after` on `rows`, run by run, with each run's mean error removed.
 pub(super) fn run_errors(rows: &Rows, before: &Fitted, after: &Fitted) -> Vec<RunErrors> {
@@ -34,16 +31,21 @@ pub(super) fn read(
 ) -> Option<TestResult> {
     let ranges: Vec<_> = rows.runs().iter().map(|run| run.range.clone()).collect();
     let (all_before, all_after) = (fit(rows, before, &ranges)?, fit(rows, after, &ranges)?);
-    let blocks = Blocks::new(rows, settings.block_s);
-    let sums = |fitted: &Fitted| blocks.sums(&fitted.residual_n, &fitted.residual_n);
-    let pairs: Vec<(f64, f64)> = sums(before).into_iter().zip(sums(after)).collect();
+    let residuals = |run: &super::rows::RunRows| {
+        let of = |fitted: &Fitted| fitted.residual_n[run.range.clone()].to_vec();
+        Residuals { step_s: run.step_s, before: of(before), after: of(after) }
+    };
+    let runs: Vec<Residuals> = rows.runs().iter().map(residuals).collect();
+    let ErrorRatio { ratio, ci95, blocks, block_s } = error_ratio(&runs, settings.block_s);
     let noise = noise_n * noise_n * rows.len() as f64;
     let explainable = before.squares - noise;
     Some(TestResult {
         before: all_before,
         after: all_after,
-        ratio: after.squares / before.squares,
-        ratio_ci95: ratio_interval_95(&pairs, settings.seed),
+        ratio,
+        ratio_ci95: ci95,
+        blocks,
+        block_s,
         removed: (explainable > 0.0).then(|| (before.squares - after.squares) / explainable),
         runs: run_errors(rows, before, after),
     })

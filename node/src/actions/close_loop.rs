@@ -25,7 +25,7 @@ use std::time::Instant;
 
 /// Shares of the history, by time, for training (estimate), validation (confirm) and test.
 const SHARES: [(Role, f64); 3] = [(Role::Estimate, 0.6), (Role::Confirm, 0.2), (Role::Test, 0.2)];
-/// Seed of sign flips and bootstrap.
+/// Seed of the sign flips and of the noise that is added to inputs.
 const SEED: u64 = 0;
 /// Note in the report about the runs.
 const NOTE: &str = "the runs are parts of one recording: the first 60 % for training (estimate), the next 20 % for validation (confirm), \

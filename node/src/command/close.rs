@@ -103,10 +103,11 @@ pub struct RecordedArgs {
     /// Noise floor as a root mean square in newtons, if you know it.
     #[arg(long, group = GROUP, value_name = "N", allow_hyphen_values = true, value_parser = positive)]
     pub noise_floor: Option<f64>,
-    /// Minimum length of the blocks of the significance tests, s. Blocks shorter than 3 s give more false positives: use
-    /// them only if the data are too short for 3 s.
-    #[arg(long, group = GROUP, value_name = "S", default_value_t = Settings::default().block_s)]
-    pub block_s: f64,
+    /// Minimum length of the blocks of the significance tests, s [default: 3]. Blocks shorter than 3 s give more false
+    /// positives: use them only if the data are too short for 3 s. On test runs the length follows from the data, and this
+    /// option can only make it longer.
+    #[arg(long, group = GROUP, value_name = "S")]
+    pub block_s: Option<f64>,
     /// Ids of the effects to search for (coil_lag, friction, ...), if you know which ones your damper can have [default: the
     /// whole library].
     #[arg(long, group = GROUP, value_name = "ID", num_args = 1.., value_delimiter = ',', value_parser = PossibleValuesParser::new(Effect::ids()))]
@@ -206,12 +207,12 @@ fn close(
         seed: args.seed,
         ..Settings::default()
     };
-    if settings.block_s < Settings::default().block_s {
+    if settings.training_block_s() < Settings::DEFAULT_BLOCK_S {
         tracing::warn!(
             "block length {} s is below the {} s that was validated against false positives; confirm the result on another \
              run",
-            settings.block_s,
-            Settings::default().block_s
+            settings.training_block_s(),
+            Settings::DEFAULT_BLOCK_S
         );
     }
     let progress = |progress| working.progress(progress);

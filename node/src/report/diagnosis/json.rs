@@ -41,8 +41,9 @@ struct BaseRow<'a> {
 #[derive(Debug, Serialize)]
 struct FloorRow {
     source: &'static str,
-    rsse_n: f64,
-    esr: f64,
+    /// `null` with the source `unknown`.
+    rsse_n: Option<f64>,
+    esr: Option<f64>,
 }
 
 /// The report with its provenance. The command writes exactly this; the action's answer has some more fields.
@@ -107,7 +108,13 @@ struct TestRow<'a> {
     before: Fit,
     after: Fit,
     ratio: f64,
-    ratio_ci95: [f64; 2],
+    /// `null` if the test runs give no interval; then `no_interval` is the reason.
+    ratio_ci95: Option<[f64; 2]>,
+    no_interval: Option<String>,
+    /// Motion that an interval needs, s.
+    needed_s: Option<f64>,
+    blocks: usize,
+    block_s: f64,
     removed: Option<f64>,
     runs: Vec<RunErrorsRow<'a>>,
 }
@@ -154,7 +161,11 @@ impl<'a> DiagnosisReport<'a> {
             schema: SCHEMA,
             mode: result.mode.name(),
             base: BaseRow { model: base.name(), parameters: base.parameter_count() },
-            noise_floor: FloorRow { source: floor.source.name(), rsse_n: floor.rsse_n, esr: floor.esr },
+            noise_floor: FloorRow {
+                source: floor.source.name(),
+                rsse_n: floor.is_known().then_some(floor.rsse_n),
+                esr: floor.is_known().then_some(floor.esr),
+            },
             verdict: result.verdict.name(),
             base_fault: result.base_fault.as_deref(),
             effects: result.effects.iter().map(effect).collect(),
@@ -200,7 +211,11 @@ fn test_row(test: &TestResult) -> TestRow<'_> {
         before: test.before,
         after: test.after,
         ratio: test.ratio,
-        ratio_ci95: test.ratio_ci95,
+        ratio_ci95: test.ratio_ci95.ok(),
+        no_interval: test.ratio_ci95.err().map(|why| why.to_string()),
+        needed_s: test.ratio_ci95.err().and_then(|why| why.needed_s()),
+        blocks: test.blocks,
+        block_s: test.block_s,
         removed: test.removed,
         runs: test.runs.iter().map(run_errors).collect(),
     }

@@ -6,7 +6,9 @@ use super::words;
 use crate::report::page::{capital, page, section};
 use crate::report::table::{bars, facts, table};
 use maud::{Markup, html};
-use mr_damper_model::diagnose::{Candidate, DiagnosisResult, NamedEffect, RefusedEffect, Settings, Verdict};
+use mr_damper_model::diagnose::{
+    Candidate, DiagnosisResult, NamedEffect, RefusedEffect, Settings, TestResult, Verdict,
+};
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::sample::DriveKind;
 use mr_damper_model::units::N_PER_LBF;
@@ -48,7 +50,7 @@ pub fn html(outcome: &DiagnosisOutcome<'_>) -> String {
 }
 
 fn summary(result: &DiagnosisResult) -> Markup {
-    let proved = result.test.as_ref().is_some_and(|test| test.ratio_ci95[1] < 1.0);
+    let proved = result.test.as_ref().is_some_and(TestResult::proves);
     let settled = matches!(result.verdict, Verdict::NothingToExplain | Verdict::Explained);
     let tells = !result.effects.is_empty() || result.test.is_some();
     html! {
@@ -131,7 +133,7 @@ fn errors(result: &DiagnosisResult) -> Markup {
     };
     let mut rows = Vec::new();
     if let Some(test) = &result.test {
-        let interval = words::percents(test.ratio_ci95);
+        let interval = test.ratio_ci95.map_or_else(|_| "none".to_owned(), words::percents);
         rows.push(row("all test runs", "sealed", &test.before, &test.after, interval));
         rows.extend(test.runs.iter().map(|c| row(&c.run, "sealed", &c.before, &c.after, String::new())));
     }
@@ -152,8 +154,8 @@ fn errors(result: &DiagnosisResult) -> Markup {
         (table(&columns, &rows))
         p { "Roles: \"sealed\" is a test run (--test, read once), \"confirm\" a validation run. The models are simulated from displacement and "
             "drive, without the measured force; each run's mean error is subtracted. RSSE is the root mean squared error (RMSE); ESR is the "
-            "normalised mean squared error (NMSE), its square over the variance of the measured force. The interval is from a bootstrap \
-             over blocks." }
+            "normalised mean squared error (NMSE), its square over the variance of the measured force. The interval is from a t test \
+             on sums over blocks." }
         p { (capital(&words::noise_floor(&result.noise_floor))) "." }
     }
 }

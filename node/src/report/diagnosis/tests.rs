@@ -5,7 +5,7 @@ use crate::report::tests::assert_balanced;
 use json::DiagnosisReport;
 use mr_damper_model::diagnose::{
     Candidate, Correlation, DiagnosisMode, DiagnosisResult, FloorSource, FoundParameter, NamedEffect,
-    NoiseFloor, RefusedEffect, RemainingError, RunErrors, TestResult, Verdict,
+    NoInterval, NoiseFloor, RefusedEffect, RemainingError, RunErrors, TestResult, Verdict,
 };
 use mr_damper_model::effect::{Effect, EffectModel, Effects};
 use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
@@ -96,7 +96,9 @@ pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisRe
             before: fit(31.0, 0.0063, 30_000),
             after: fit(5.2, 1.8e-4, 30_000),
             ratio: 0.028,
-            ratio_ci95: [0.024, 0.033],
+            ratio_ci95: Ok([0.024, 0.033]),
+            blocks: 10,
+            block_s: 3.0,
             removed: Some(0.99),
             runs: test_runs.iter().map(|run| run_errors(run, 31.0, 5.2)).collect(),
         }),
@@ -182,7 +184,7 @@ fn only_an_interval_below_one_counts_as_proof() {
     let mut found = diagnosis_result(base(), &["a"]);
     let mut say = |ratio_ci95: Option<[f64; 2]>| {
         if let (Some(test), Some(interval)) = (&mut found.test, ratio_ci95) {
-            test.ratio_ci95 = interval;
+            test.ratio_ci95 = Ok(interval);
         } else {
             found.test = None;
         }
@@ -192,6 +194,38 @@ fn only_an_interval_below_one_counts_as_proof() {
     assert!(say(Some([0.9, 1.1])).contains("NOT PROVED: on the test run, read once"));
     assert!(say(Some([1.1, 1.3])).contains("grows to"));
     assert!(say(None).contains("NOT PROVED: there were no test runs"));
+}
+
+#[test]
+fn short_test_runs_give_no_interval_and_say_how_much_motion_is_needed() {
+    let short = NoInterval::TooShort { seconds: 9.0, blocks: 3, block_s: 3.0, needed_s: 24.0 };
+    let mut found = diagnosis_result(base(), &["a"]);
+    found.verdict = Verdict::Unexplained;
+    found.test.as_mut().expect("a test").ratio_ci95 = Err(short);
+    let words = text(&found, None).split_whitespace().collect::<Vec<_>>().join(" ");
+    for part in [
+        "the test runs do not prove that coil_lag (one_tau) and friction would reduce it",
+        "Give longer test runs",
+        "comes to 2.8 % of what it was, without a 95 % interval: the test runs hold 9.0 s of motion",
+        "give at least 24 s of motion",
+    ] {
+        assert!(words.contains(part), "{part} is missing: {words}");
+    }
+    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    let test = &json["test"];
+    assert!(test["ratio_ci95"].is_null() && test["needed_s"] == 24.0, "{test:#}");
+    assert!(test["no_interval"].as_str().is_some_and(|why| why.contains("needs 8")), "{test:#}");
+}
+
+#[test]
+fn an_unknown_noise_floor_is_null_in_json_and_named_in_the_text() {
+    let mut found = diagnosis_result(base(), &["a"]);
+    found.noise_floor = NoiseFloor { source: FloorSource::Unknown, rsse_n: 0.0, esr: 0.0 };
+    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    let floor = &json["noise_floor"];
+    assert!(floor["source"] == "unknown" && floor["rsse_n"].is_null() && floor["esr"].is_null(), "{floor:#}");
+    let words = text(&found, None).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(words.contains("noise floor unknown") && !words.contains("0.00 N"), "{words}");
 }
 
 /// A diagnosis of a base model without lag, identified on the rig, whose coil has a lag of 12 ms; and two test runs.

@@ -161,6 +161,10 @@ pub fn verdict(result: &DiagnosisResult) -> String {
             "Partly explained: {names} {verb} for {gone} of the reducible error (above the noise floor); {} remains.",
             percent(left.share)
         ),
+        Verdict::Unexplained if !result.effects.is_empty() => format!(
+            "Unexplained: the error of the base model is above the noise floor (lack of fit {lof}), and the test runs do not \
+             prove that {names} would reduce it."
+        ),
         Verdict::Unexplained => format!(
             "Unexplained: the error of the base model is above the noise floor (lack of fit {lof}), and no effect of the \
              library accounts for it on every run."
@@ -200,7 +204,11 @@ const FEW_BLOCKS: usize = 10;
 /// The next step that the user can take after this verdict; `None` when none is needed.
 #[must_use]
 pub fn next_step(result: &DiagnosisResult) -> Option<&'static str> {
+    let no_interval = result.test.as_ref().is_some_and(|test| test.ratio_ci95.is_err());
     match (result.verdict, result.mode) {
+        (Verdict::Unexplained, _) if no_interval && !result.effects.is_empty() => {
+            Some("Give longer test runs with --test.")
+        }
         (Verdict::Unexplained, _) if result.blocks < FEW_BLOCKS => Some(
             "The training runs are too short: with fewer than 10 blocks hardly any effect can be distinguished from chance. \
              Give longer runs with --estimate; 30 s of motion is a good start.",
@@ -231,8 +239,17 @@ pub fn proof(test: Option<&TestResult>) -> String {
         1 => "the test run".to_owned(),
         count => format!("the {count} test runs"),
     };
-    let [low, high] = test.ratio_ci95;
-    let share = format!("{} of what it was (95 %: {})", percent(test.ratio), percents(test.ratio_ci95));
+    let interval = match test.ratio_ci95 {
+        Ok(interval) => interval,
+        Err(why) => {
+            return format!(
+                "NOT PROVED: on {runs}, read once, the squared error comes to {} of what it was, without a 95 % interval: {why}.",
+                percent(test.ratio)
+            );
+        }
+    };
+    let [low, high] = interval;
+    let share = format!("{} of what it was (95 %: {})", percent(test.ratio), percents(interval));
     let gone = test.removed.map_or(String::new(), |removed| {
         format!(" {} of the error above the noise floor is removed.", percent(removed))
     });
@@ -250,6 +267,11 @@ pub fn proof(test: Option<&TestResult>) -> String {
 pub fn noise_floor(floor: &NoiseFloor) -> String {
     use mr_damper_model::diagnose::FloorSource;
     let source = match floor.source {
+        FloorSource::Unknown => {
+            return "noise floor unknown: the runs do not show which part of the residual is noise, so no part of it counts as \
+                    noise; give --replicates or --noise-floor"
+                .to_owned();
+        }
         FloorSource::Replicates => "from replicates",
         FloorSource::Declared => "as declared",
         FloorSource::Estimated => {
