@@ -5,7 +5,7 @@
 //! cargo bench -p mr-damper-model --bench fits
 //! ```
 
-#[path = "../tests/identify_support/peers.rs"]
+#[path = "../tests/all/identify_support/peers.rs"]
 mod peers;
 
 use divan::{Bencher, black_box};

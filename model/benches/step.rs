@@ -6,7 +6,7 @@
 //! model/examples/step_cost.sh                                # instructions, independent of the machine
 //! ```
 
-#[path = "../tests/identify_support/peers.rs"]
+#[path = "../tests/all/identify_support/peers.rs"]
 mod peers;
 mod subject;
 

@@ -5,7 +5,7 @@
 //! cargo bench -p mr-damper-model --bench uncertainty
 //! ```
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/all/common/mod.rs"]
 mod common;
 
 use common::{calibrated, preset, samples};

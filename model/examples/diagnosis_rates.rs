@@ -7,7 +7,7 @@
 //!     --velocity    with a velocity transducer, and nine sets instead of seven, so that the base model fits better
 //! ```
 
-#[path = "../tests/diagnosis/mod.rs"]
+#[path = "../tests/all/diagnosis/mod.rs"]
 mod diagnosis;
 
 use diagnosis::cases::{Kind, catalogue};

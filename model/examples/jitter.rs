@@ -8,7 +8,7 @@
 //!     --seed N  seed of jitter, losses and noise (default 1)
 //! ```
 
-#[path = "../tests/jitter_support/mod.rs"]
+#[path = "../tests/all/jitter_support/mod.rs"]
 mod jitter_support;
 
 use jitter_support::{Case, Current, Jitter, Loss, Truth, models, outcome, samples};

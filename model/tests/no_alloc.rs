@@ -1,6 +1,9 @@
 //! `Pipeline::step`, `Pipeline::tick`, `Pipeline::take` and `InverseController::step` never allocate. A guard aborts the test process at the first
 //! allocation.
+//!
+//! This is a binary of its own, because the guard is the allocator of the whole process, and an abort would also end all other tests.
 
+#[path = "all/common/mod.rs"]
 mod common;
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};

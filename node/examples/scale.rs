@@ -11,7 +11,7 @@
 //! The driver (this program) runs on the same machine and uses a part of it, which the JSON also states. On two cores
 //! the driver is the first to be late. `tests/bench/run.sh` runs many sizes.
 
-#[path = "../tests/vehicle_support/mod.rs"]
+#[path = "../tests/all/vehicle_support/mod.rs"]
 mod vehicle_support;
 
 use clap::Parser;

@@ -373,6 +373,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "needs root: mounts a small disk"]
     fn an_incomplete_model_file_on_a_full_disk_is_removed() {
         let disk = tempfile::tempdir().expect("a directory");
         let script = "mount -t tmpfs -o size=8k none \"$ACTIONS_DISK\" || exit 77
@@ -381,12 +382,7 @@ mod tests {
         let mut command = Command::new("unshare");
         command.args(["--mount", "--propagation", "private", "sh", "-c", script]).arg(me);
         let ended = command.env("ACTIONS_DISK", disk.path()).output();
-        match ended.as_ref().map(|ended| (ended.status.code(), ended.status.success())) {
-            Ok((_, true)) => {}
-            Ok((Some(77 | 1), _)) | Err(_) if !rustix::process::geteuid().is_root() => {
-                eprintln!("SKIPPED: cannot mount a file system in a new namespace; this needs root");
-            }
-            _ => panic!("{ended:?}"),
-        }
+        let ended = ended.expect("unshare (util-linux) starts");
+        assert!(ended.status.success(), "{ended:?}");
     }
 }

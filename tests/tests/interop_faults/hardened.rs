@@ -22,11 +22,12 @@ const DEAD_S: f64 = 20.0;
 const P99_S: f64 = 0.1;
 
 #[test]
+#[ignore = "needs a hardened build: MR_DAMPER_HARDENED_BIN"]
 fn a_hardened_node_survives_hostile_packets() {
     interop("hardened: hostile RTPS", |lab| {
         let mut node = match lab.hardened_node(NO_ARX) {
             Ok(node) => node,
-            Err(why) => return Outcome::Skipped(why),
+            Err(why) => return Outcome::Missing(why),
         };
         // The packets go to the ports of the domain's first participant, so only the node may run until they are
         // sent.
@@ -54,11 +55,12 @@ fn a_hardened_node_survives_hostile_packets() {
 }
 
 #[test]
+#[ignore = "needs a hardened build: MR_DAMPER_HARDENED_BIN"]
 fn a_hardened_node_continues_after_it_was_stopped() {
     interop("hardened: suspended node", |lab| {
         let mut node = match lab.hardened_node(NO_ARX) {
             Ok(node) => node,
-            Err(why) => return Outcome::Skipped(why),
+            Err(why) => return Outcome::Missing(why),
         };
         let mut peer = FaultPeer::start(lab, "fault_peer", &["--loopback"]);
         peer.command("phase before");
@@ -101,11 +103,12 @@ fn dead_s() -> Duration {
 }
 
 #[test]
+#[ignore = "needs a hardened build: MR_DAMPER_HARDENED_BIN"]
 fn a_hardened_node_does_not_wait_for_a_dead_reader() {
     interop("hardened: dead reader", |lab| {
         let mut node = match lab.hardened_node(NO_ARX) {
             Ok(node) => node,
-            Err(why) => return Outcome::Skipped(why),
+            Err(why) => return Outcome::Missing(why),
         };
         let mut reader = lab.ros_commanded(Distro::Jazzy, "steady_peer.py", &["--hear"]);
         assert_eq!(text(&reader.json_line(PEER), "/event"), "ready");
@@ -123,15 +126,16 @@ fn a_hardened_node_does_not_wait_for_a_dead_reader() {
 }
 
 #[test]
+#[ignore = "needs root and a hardened build: MR_DAMPER_HARDENED_BIN"]
 fn a_hardened_node_does_not_wait_for_a_lost_host() {
     interop("hardened: host that is gone", |lab: &Lab| {
         let (far, mut wire) = match lab.behind_a_bad_wire(5) {
             Ok(both) => both,
-            Err(why) => return Outcome::Skipped(why),
+            Err(why) => return Outcome::Missing(why),
         };
         let node = match lab.hardened_node(&[NO_ARX, &["-p", "discovery_range:=subnet"]].concat()) {
             Ok(node) => node,
-            Err(why) => return Outcome::Skipped(why),
+            Err(why) => return Outcome::Missing(why),
         };
         let mut reader = far.ros_commanded(Distro::Jazzy, "steady_peer.py", &["--hear"]);
         assert_eq!(text(&reader.json_line(PEER), "/event"), "ready");

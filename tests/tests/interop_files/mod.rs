@@ -42,6 +42,7 @@ const FOREIGN_MAP: [&str; 4] = [
 ];
 
 #[test]
+#[ignore = "needs the peers of tests/interop/setup.sh"]
 fn bags_are_exchanged_with_rosbags_and_mcap_in_both_directions() {
     interop("bags", |lab| {
         let path = |name: &str| utf8(&lab.folder().join(name)).to_owned();
@@ -89,11 +90,12 @@ fn bags_are_exchanged_with_rosbags_and_mcap_in_both_directions() {
 }
 
 #[test]
+#[ignore = "needs the measured runs (MR_DAMPER_DATA), and tests/interop/setup.sh"]
 fn subscribers_compute_the_esr_of_evaluate_for_fuzzy_tanh_on_measured_sines() {
     interop("ESR of fuzzy-tanh on utfsm-mr", |lab| {
         let folder = match data("utfsm-mr") {
             Ok(folder) => folder,
-            Err(why) => return Outcome::Skipped(why),
+            Err(why) => return Outcome::Missing(why),
         };
         let runs = csv_files(&folder);
         let replayed = folder.join("sine-10mm2hz-1.00a.csv");
@@ -103,11 +105,12 @@ fn subscribers_compute_the_esr_of_evaluate_for_fuzzy_tanh_on_measured_sines() {
 }
 
 #[test]
+#[ignore = "needs the measured runs (MR_DAMPER_DATA), and tests/interop/setup.sh"]
 fn subscribers_compute_the_esr_of_evaluate_for_arx_on_measured_random_motion() {
     interop("ESR of arx on nees-mr", |lab| {
         let folder = match data("nees-mr") {
             Ok(folder) => folder,
-            Err(why) => return Outcome::Skipped(why),
+            Err(why) => return Outcome::Missing(why),
         };
         // The node and our recorder keep up with 3004.8 Hz in four channels; a Python subscriber does not.
         let run = every_tenth_row(&folder.join("ranran-50.csv"), lab.folder());

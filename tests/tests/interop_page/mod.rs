@@ -35,10 +35,11 @@ const FIGURES: [(&str, Option<usize>); 10] = [
 ];
 
 #[test]
+#[ignore = "needs Chromium"]
 fn the_browsers_table_shows_the_servers_values() {
     interop("live page in a browser", |lab| {
         let Some(browser) = browser() else {
-            return Outcome::Skipped(format!("none of {} is on PATH", BROWSERS.join(", ")));
+            return Outcome::Missing(format!("none of {} is on PATH", BROWSERS.join(", ")));
         };
         let _page = lab.mr_damper(&["serve"]);
         let namespace = ["-r", "__ns:=/front_left"];
@@ -140,10 +141,11 @@ fn base() -> String {
 }
 
 #[test]
+#[ignore = "needs Chromium"]
 fn a_browser_uploads_a_run_replays_it_diagnoses_it_and_shows_the_report() {
     interop("workshop in a browser", |lab| {
         let Some(browser) = browser() else {
-            return Outcome::Skipped(format!("none of {} is on PATH", BROWSERS.join(", ")));
+            return Outcome::Missing(format!("none of {} is on PATH", BROWSERS.join(", ")));
         };
         let (shop, file) = (lab.folder().join("shop"), lab.folder().join("lags.csv"));
         std::fs::create_dir_all(shop.join("models")).expect("room in the temporary directory");
@@ -189,10 +191,11 @@ fn a_browser_uploads_a_run_replays_it_diagnoses_it_and_shows_the_report() {
 }
 
 #[test]
+#[ignore = "needs Chromium"]
 fn a_browser_shows_the_force_on_another_sites_page_if_allowed() {
     interop("somebody else's page in a browser", |lab| {
         let Some(browser) = browser() else {
-            return Outcome::Skipped(format!("none of {} is on PATH", BROWSERS.join(", ")));
+            return Outcome::Missing(format!("none of {} is on PATH", BROWSERS.join(", ")));
         };
         let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../node/examples");
         let server = ["-m", "http.server", "8000", "--bind", "127.0.0.1", "--directory", utf8(&examples)];

@@ -1,4 +1,4 @@
-//! Decides whether a test runs, runs one at a time, and reports its outcome.
+//! Runs the tests one at a time, and reports their outcomes.
 
 use super::Lab;
 use std::io::Write;
@@ -11,19 +11,12 @@ pub(crate) fn say(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// Runs an interop test in a new lab, or skips it with a message.
+/// Runs an interop test in a new lab. `body` returns the text to print.
 ///
-/// `body` returns the text to print. With `MR_DAMPER_INTEROP=1` all requirements must be installed; without it nothing runs, so
-/// that `cargo test` needs neither Python nor ROS.
+/// The tests are ignored by default, so that `cargo test` needs neither Python nor ROS. A test that is run, but whose requirement is
+/// missing, fails.
 pub(crate) fn interop(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    if std::env::var("MR_DAMPER_INTEROP").as_deref() != Ok("1") {
-        say(&format!(
-            "interop SKIPPED {name}: run tests/interop/setup.sh, build with --release, set MR_DAMPER_INTEROP=1"
-        ));
-        record("skipped", name);
-        return;
-    }
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let lab = Lab::new();
     match catch_unwind(AssertUnwindSafe(|| body(&lab))) {
@@ -31,9 +24,13 @@ pub(crate) fn interop(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
             say(&format!("interop ok {name}: {figures}"));
             record("passed", name);
         }
-        Ok(Outcome::Skipped(why)) => {
-            say(&format!("interop SKIPPED {name}: {why}"));
+        Ok(Outcome::DoesNotApply(why)) => {
+            say(&format!("interop does not apply, {name}: {why}"));
             record("skipped", name);
+        }
+        Ok(Outcome::Missing(why)) => {
+            record("failed", name);
+            panic!("interop test {name} lacks what it needs: {why}");
         }
         Err(panic) => {
             say(&format!("interop FAILED {name}"));
@@ -49,8 +46,10 @@ pub(crate) fn interop(name: &str, body: impl FnOnce(&Lab) -> Outcome) {
 pub(crate) enum Outcome {
     /// The test passed; the text is printed.
     Passed(String),
-    /// An optional requirement is missing.
-    Skipped(String),
+    /// Something that the test needs is missing.
+    Missing(String),
+    /// The test is for another build of the binary under test.
+    DoesNotApply(String),
 }
 
 /// Appends to the results file that `.ci/run` counts.
@@ -124,7 +123,7 @@ fn is_hardened(binary: &Path) -> bool {
 pub(crate) fn survives() -> Option<Outcome> {
     let why =
         "the binary under test is a hardened build, which survives this: see interop_faults/hardened.rs";
-    is_hardened(&binary()).then(|| Outcome::Skipped(why.to_owned()))
+    is_hardened(&binary()).then(|| Outcome::DoesNotApply(why.to_owned()))
 }
 
 /// An `mr-damper` with the feature `security` and the edits of node/hardened: `MR_DAMPER_HARDENED_SECURE_BIN`.

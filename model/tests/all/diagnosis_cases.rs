@@ -1,0 +1,159 @@
+//! The cases for testing the diagnosis: their contents, a few diagnoses, and the counting of rates.
+
+use crate::diagnosis::cases::{Case, CaseSpec, Kind, OUTSIDE, SIZES, catalogue, spec};
+use crate::diagnosis::outcome::{Instrumentation, Named, Outcome, diagnose};
+use crate::diagnosis::rates::{Rate, Row, library_id};
+use mr_damper_model::Error;
+use mr_damper_model::diagnose::Verdict;
+use mr_damper_model::effect::Effect;
+use mr_damper_model::force::law::Scale;
+use mr_damper_model::sample::Run;
+use std::collections::HashSet;
+
+fn force(run: &Run) -> &[f64] {
+    run.force_n.as_ref().map_or(&[], |trace| &trace.values)
+}
+
+#[test]
+fn the_catalogue_has_every_effect_of_the_library_at_three_physical_sizes() {
+    let put_in: HashSet<_> = SIZES.iter().filter_map(|(id, _)| library_id(id)).collect();
+    assert_eq!(put_in, Effect::ALL.into_iter().map(Effect::id).collect());
+    assert!(OUTSIDE.iter().all(|(id, _)| library_id(id).is_none()));
+    let specs = catalogue();
+    let names: HashSet<String> = specs.iter().map(CaseSpec::name).collect();
+    assert_eq!(names.len(), specs.len());
+    for (id, full) in SIZES {
+        for share in [0.5, 1.0, 2.0] {
+            let size = full * share;
+            assert_eq!(spec(&format!("single {id} x{share}")).truth, [(id, size)]);
+            let form = (id == "series_spring").then_some("series_spring");
+            let effect = Effect::ALL
+                .into_iter()
+                .find(|e| Some(e.id()) == library_id(id) && (form.is_none() || e.form() == form));
+            let parameter = effect.expect("in the library").parameters()[0];
+            let [low, high] = parameter.range;
+            // Ranges relative to the data are not checked here.
+            assert!(parameter.scale != Scale::ONE || (low..=high).contains(&size), "{id} {size}");
+        }
+    }
+}
+
+#[test]
+fn runs_of_a_case_differ_and_the_reference_differs_from_the_test_run_by_effect_and_noise() -> Result<(), Error>
+{
+    let case = spec("paired friction x1").case(3)?;
+    let Case { estimate, confirm, test, reference, .. } = &case;
+    let x = |run: &Run| run.displacement_m.values.clone();
+    let apart = |a: &Run, b: &Run| {
+        let off = x(a).iter().zip(x(b)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert_eq!(a.displacement_m.len(), 15_360);
+        off
+    };
+    assert!(apart(&estimate[0], &confirm[0]) > 5e-3 && apart(&confirm[0], &test[0]) > 5e-3);
+    let reference = &reference[2];
+    let off = apart(&test[0], reference);
+    assert!(off > 1e-6 && off < 4e-5, "{off} m");
+    // The difference is 80 N of friction and the 3 N of noise of both runs.
+    let change = force(&test[0]).iter().zip(force(reference)).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+    let rms = (change / 15_360.0).sqrt();
+    assert!((60.0..82.0).contains(&rms), "{rms} N");
+    let again = spec("paired friction x1").case(3)?;
+    assert_eq!((&again.test, &again.reference), (&case.test, &case.reference));
+    assert_ne!(spec("paired friction x1").case(4)?.test, case.test);
+    assert!(spec("single friction x1").case(3)?.reference.is_empty());
+    Ok(())
+}
+
+#[test]
+fn every_effect_changes_the_force_and_a_larger_one_changes_it_more() -> Result<(), Error> {
+    assert_eq!(spec("null").change(0)?, 0.0);
+    for (id, _) in SIZES {
+        let half = spec(&format!("single {id} x0.5")).change(0)?;
+        let double = spec(&format!("single {id} x2")).change(0)?;
+        // Noise is 0.7 % of the force.
+        assert!(half > 0.001 && half < 0.2 && double > 1.4 * half && double < 0.5, "{id}: {half} {double}");
+    }
+    for (id, _) in OUTSIDE {
+        let change = spec(&format!("outside {id} x1")).change(0)?;
+        assert!((0.02..0.2).contains(&change), "{id}: {change}");
+    }
+    Ok(())
+}
+
+/// A few of the cases that `examples/diagnosis_rates.rs` counts over hundreds of seeds.
+#[test]
+fn only_effects_that_are_present_are_named() -> Result<(), Error> {
+    for name in ["null", "wrong base null", "outside force_loss x1", "paired null"] {
+        let outcome = diagnose(&spec(name).case(1)?, Instrumentation::Displacement)?;
+        assert!(outcome.named.is_empty(), "{name}: {outcome:?}");
+    }
+    for name in
+        ["single coil_lag x1", "single asymmetry x0.5", "pair coil_lag + gas_spring x1", "paired friction x1"]
+    {
+        let spec = spec(name);
+        let outcome = diagnose(&spec.case(1)?, Instrumentation::Displacement)?;
+        let mut row = Row::default();
+        row.take(&spec, &outcome, None, 0.0);
+        assert_eq!((row.right.hits, row.wrong.hits), (1, 0), "{name}: {outcome:?}");
+        assert!(row.error() < 0.1, "{name}: {outcome:?}");
+        assert!(outcome.removed.is_some_and(|share| share > 0.9), "{name}: {outcome:?}");
+        assert_eq!(outcome.verdict, Verdict::Explained, "{name}");
+    }
+    // A drift of 0.1 N/s, which is negligible next to the misfit of a finite-difference velocity.
+    let outcome = diagnose(&spec("single load_cell_drift x0.5").case(1)?, Instrumentation::Velocity)?;
+    assert_eq!(
+        outcome.named.iter().map(|named| named.ids[0].as_str()).collect::<Vec<_>>(),
+        ["load_cell_drift"]
+    );
+    assert!(outcome.removed.is_some_and(|share| share > 0.8), "{outcome:?}");
+    Ok(())
+}
+
+#[test]
+fn wilson_intervals_match_published_tables() {
+    let near = |hits, of, expected: [f64; 2]| {
+        let found = Rate { hits, of }.interval();
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 5e-4), "{hits}/{of}: {found:?}");
+    };
+    near(0, 200, [0.0, 0.0188]);
+    near(10, 20, [0.2993, 0.7007]);
+    near(19, 20, [0.7639, 0.9911]);
+    near(0, 0, [0.0, 1.0]);
+}
+
+#[test]
+fn a_named_class_is_right_if_it_contains_a_true_effect_and_wrong_otherwise() {
+    let named = |ids: &[&str], value| Named {
+        ids: ids.iter().map(|id| (*id).to_owned()).collect(),
+        form: None,
+        value,
+    };
+    let outcome = |named: &[Named]| Outcome {
+        before: 1.0,
+        after: None,
+        removed: None,
+        over_noise_n2: [1.0; 2],
+        named: named.to_vec(),
+        verdict: Verdict::Unexplained,
+    };
+    let counts = |name: &str, named: &[Named]| {
+        let mut row = Row::default();
+        row.take(&spec(name), &outcome(named), None, 0.0);
+        (row.right.hits, row.wrong.hits)
+    };
+    assert_eq!(counts("null", &[]), (1, 0));
+    assert_eq!(counts("null", &[named(&["friction"], 3.0)]), (1, 1));
+    let class = named(&["inertia", "sensor_delay"], 1.0);
+    assert_eq!(counts("single sensor_delay x1", std::slice::from_ref(&class)), (1, 0));
+    assert_eq!(counts("single sensor_delay x1", &[named(&["friction"], 3.0)]), (0, 1));
+    assert_eq!(counts("single sensor_delay x1", &[class, named(&["friction"], 3.0)]), (1, 1));
+    assert_eq!(counts("single series_spring x2", &[named(&["force_lag"], 3.0)]), (1, 0));
+    let both = [named(&["gas_spring"], 6e3), named(&["coil_lag"], 0.012)];
+    assert_eq!(counts("pair coil_lag + gas_spring x1", &both), (1, 0));
+    assert_eq!(counts("pair coil_lag + gas_spring x1", &both[..1]), (0, 0));
+    assert_eq!(counts("outside mains_hum x1", &[]), (0, 0));
+    let mut row = Row::default();
+    row.take(&spec("single coil_lag x1"), &outcome(&[named(&["coil_lag"], 0.0132)]), None, 0.0);
+    assert!((row.error() - 0.1).abs() < 1e-12, "{}", row.error());
+    assert_eq!(spec("single coil_lag x1").kind, Kind::Single);
+}

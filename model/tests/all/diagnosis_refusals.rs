@@ -1,0 +1,174 @@
+//! Inputs that the diagnosis rejects, effects that it cannot test, and independence of the number of threads.
+
+use crate::diagnosis::cases::spec;
+use crate::diagnosis::outcome::CONDITIONING;
+use mr_damper_model::Error;
+use mr_damper_model::diagnose::{
+    DiagnosisResult, FloorSource, NoInterval, NoiseFloor, Runs, Settings, Verdict, close,
+};
+use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify_datasets};
+use mr_damper_model::model::Model;
+use mr_damper_model::sample::{Run, Stamp};
+use std::sync::LazyLock;
+
+fn rows(run: &Run) -> Dataset {
+    Dataset::from_run(run, &CONDITIONING, &DatasetOptions::default()).expect("rows of a rig run")
+}
+
+/// Training, validation and test run of a damper with a coil lag, and a base without it.
+static LAGGING: LazyLock<([Run; 3], Model)> = LazyLock::new(|| {
+    let case = spec("single coil_lag x1").case(5).expect("a case");
+    let runs = [case.estimate[0].clone(), case.confirm[0].clone(), case.test[0].clone()];
+    let options =
+        Options { conditioning: CONDITIONING, choose_velocity: false, restarts: 3, ..Options::default() };
+    let found = identify_datasets(ModelSpec::FUZZY_TANH, &[rows(&runs[0])], &options, &Watch::none());
+    (runs, found.expect("a base").model)
+});
+
+fn closed(estimate: &[Dataset], confirm: &[Dataset], test: &[Dataset]) -> Result<DiagnosisResult, Error> {
+    let runs = Runs { estimate, confirm, test, ..Runs::default() };
+    close(&LAGGING.1, &runs, &Settings::default(), &Watch::none(), &|_| {})
+}
+
+fn message(result: Result<DiagnosisResult, Error>) -> String {
+    result.err().map(|error| error.to_string()).unwrap_or_default()
+}
+
+#[test]
+fn missing_repeated_short_and_differently_conditioned_runs_are_rejected() {
+    let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
+    let one = std::slice::from_ref;
+    let none = message(closed(one(&estimate), &[], one(&test)));
+    assert!(none.contains("no validation run"), "{none}");
+    let none = message(closed(&[], one(&confirm), one(&test)));
+    assert!(none.contains("no training runs"), "{none}");
+    // Runs are compared by content: another name does not make another run.
+    let twin = Dataset { name: "another name".to_owned(), ..estimate.clone() };
+    for (confirm, test) in [(&twin, &test), (&confirm, &twin)] {
+        let twice = message(closed(one(&estimate), one(confirm), one(test)));
+        assert!(twice.contains("same data") && twice.contains("another name"), "{twice}");
+    }
+    let short = rows(&LAGGING.0[0].between(Stamp::from_nanos(0), Stamp::from_nanos(9_000_000_000)));
+    let short = message(closed(one(&short), one(&confirm), one(&test)));
+    assert!(short.contains("3 blocks of 3 s") && short.contains("18 s of motion"), "{short}");
+    let otherwise = Dataset::from_run(&LAGGING.0[1], &Default::default(), &DatasetOptions::default());
+    let otherwise = message(closed(one(&estimate), one(&otherwise.expect("rows")), one(&test)));
+    assert!(otherwise.contains("not conditioned as the base model"), "{otherwise}");
+}
+
+#[test]
+fn a_missing_channel_makes_an_effect_untestable_but_not_rejected() -> Result<(), Error> {
+    let mut runs = LAGGING.0.clone();
+    runs[1].case_temp_c = None;
+    let [estimate, confirm, test] = runs.each_ref().map(rows);
+    let one = std::slice::from_ref;
+    let found = closed(one(&estimate), one(&confirm), one(&test))?;
+    let fade = found.untestable.iter().find(|refused| refused.effect.id() == "thermal_fade");
+    let why = &fade.expect("it is listed").why;
+    assert!(why.contains(&confirm.name) && why.contains("case_temp_c"), "{why}");
+    assert!(found.refused.iter().all(|refused| refused.effect.id() != "thermal_fade"));
+    assert!(found.effects.iter().any(|named| named.effect.effect().id() == "coil_lag"), "{found:?}");
+    Ok(())
+}
+
+fn near(found: f64, expected: f64) {
+    assert!((found / expected - 1.0).abs() < 1e-6, "{found}, not {expected}");
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_number_of_threads_and_its_figures_are_consistent() {
+    let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
+    let one = std::slice::from_ref;
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| closed(one(&estimate), one(&confirm), one(&test)))
+    };
+    let (alone, together) = (on(1).expect("a diagnosis"), on(3).expect("a diagnosis"));
+    assert_eq!(alone, together);
+    assert!(
+        together
+            .test
+            .is_some_and(|test| test.ratio < 0.1 && test.ratio_ci95.is_ok_and(|[_, high]| high < 0.2))
+    );
+
+    // The figures are consistent: shares refer to the error above the noise floor.
+    let (floor, test) = (alone.noise_floor, alone.test.expect("test runs"));
+    let forces: Vec<f64> = estimate.rows.iter().filter(|row| row.counts).map(|row| row.force_n).collect();
+    let mean = forces.iter().sum::<f64>() / forces.len() as f64;
+    let variance = forces.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / forces.len() as f64;
+    near(floor.esr, floor.rsse_n.powi(2) / variance);
+    near(test.ratio, (test.after.rsse_n / test.before.rsse_n).powi(2));
+    near(
+        test.removed.expect("something"),
+        (1.0 - test.ratio) / (1.0 - (floor.rsse_n / test.before.rsse_n).powi(2)),
+    );
+    near(test.ratio, test.after.esr / test.before.esr);
+    assert!(test.ratio_ci95.is_ok_and(|[low, high]| low < test.ratio && test.ratio < high));
+    assert!(test.removed > Some(1.0 - test.ratio), "the noise floor is above zero");
+}
+
+/// Two healthy runs of one pattern differ by the noise that the third differences of a single run also measure.
+#[test]
+fn noise_from_replicates_and_from_a_single_run_agree() -> Result<(), Error> {
+    let case = spec("paired null").case(2)?;
+    let [estimate, confirm, _] = LAGGING.0.each_ref().map(|run| [rows(run)]);
+    let replicates = [rows(&case.test[0]), rows(&case.reference[2])];
+    let floor = |replicates: &[Dataset], noise_floor_n| -> Result<NoiseFloor, Error> {
+        let runs = Runs { estimate: &estimate, confirm: &confirm, replicates, ..Runs::default() };
+        let settings = Settings { most_effects: 1, noise_floor_n, ..Settings::default() };
+        Ok(close(&LAGGING.1, &runs, &settings, &Watch::none(), &|_| {})?.noise_floor)
+    };
+    let (replicated, estimated) = (floor(&replicates, None)?, floor(&[], None)?);
+    assert_eq!((replicated.source, estimated.source), (FloorSource::Replicates, FloorSource::Estimated));
+    let ratio = replicated.rsse_n / estimated.rsse_n;
+    assert!((0.8..1.5).contains(&ratio), "{replicated:?} {estimated:?}");
+    let declared = floor(&[], Some(7.0))?;
+    assert_eq!((declared.source, declared.rsse_n), (FloorSource::Declared, 7.0));
+    // Runs with different displacements are rejected as replicates, and so is a single run.
+    let strangers = floor(&[replicates[0].clone(), confirm[0].clone()], None);
+    assert!(strangers.is_err_and(|why| why.to_string().contains("differ by more than 10 %")));
+    let alone = floor(&replicates[..1], None);
+    assert!(alone.is_err_and(|why| why.to_string().contains("one run alone is not a set of replicates")));
+    Ok(())
+}
+
+#[test]
+fn short_test_runs_give_neither_an_interval_nor_the_verdict_explained() -> Result<(), Error> {
+    let [estimate, confirm, test] = LAGGING.0.each_ref().map(rows);
+    let short = rows(&LAGGING.0[2].between(Stamp::from_nanos(0), Stamp::from_nanos(5_000_000_000)));
+    let one = std::slice::from_ref;
+    let long = closed(one(&estimate), one(&confirm), one(&test))?;
+    let cut = closed(one(&estimate), one(&confirm), one(&short))?;
+    // The effects and their errors are the same; only the proof is missing.
+    assert_eq!((long.verdict, cut.verdict), (Verdict::Explained, Verdict::Unexplained));
+    assert_eq!(long.effects, cut.effects);
+    assert!(long.test.is_some_and(|test| test.proves() && (8..=10).contains(&test.blocks)));
+    let test = cut.test.expect("a test result");
+    let Err(why @ NoInterval::TooShort { .. }) = test.ratio_ci95 else { panic!("{test:?}") };
+    assert!(why.needed_s().is_some_and(|s| s > 5.0) && why.to_string().contains(" s of motion"), "{why}");
+    assert!(!test.proves() && test.ratio < 0.2, "{test:?}");
+    Ok(())
+}
+
+#[test]
+fn a_low_sample_rate_makes_the_noise_floor_unknown_and_hides_no_effect() -> Result<(), Error> {
+    let at = |rate_hz: f64| -> Result<DiagnosisResult, Error> {
+        let options = DatasetOptions { rate_hz: Some(rate_hz), ..DatasetOptions::default() };
+        let slow = |run: &Run| Dataset::from_run(run, &CONDITIONING, &options);
+        let [estimate, confirm, test] = LAGGING.0.each_ref().map(slow);
+        closed(&[estimate?], &[confirm?], &[test?])
+    };
+    let (fast, slow) = (at(512.0)?, at(64.0)?);
+    assert!(fast.noise_floor.is_known() && fast.noise_floor.rsse_n < 4.0, "{:?}", fast.noise_floor);
+    assert!(!slow.noise_floor.is_known() && slow.noise_floor.rsse_n == 0.0, "{:?}", slow.noise_floor);
+    assert_ne!(slow.verdict, Verdict::NothingToExplain);
+    assert_eq!(fast.verdict, Verdict::Explained);
+    // At 64 Hz another structure may fit better; then the effect is withdrawn with that reason.
+    for found in [fast, slow] {
+        let named = found.effects.iter().map(|named| named.effect.effect().id());
+        let refused = found.refused.iter().filter(|refused| refused.why.contains("the base is inadequate"));
+        let mut seen = named.chain(refused.map(|refused| refused.effect.id()));
+        assert!(seen.any(|id| id == "coil_lag"), "{:?}", found.refused);
+    }
+    Ok(())
+}

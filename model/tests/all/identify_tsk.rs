@@ -1,0 +1,291 @@
+//! Identification of TSK models: known surfaces are recovered, the error falls, the number of threads does not matter, and data that
+//! are not sufficient for a fit are rejected with the reason.
+
+use crate::identify_support::peers;
+
+use mr_damper_model::Error;
+use mr_damper_model::condition::{Conditioning, VelocitySource};
+use mr_damper_model::force::{ForceModel, FreeRun, Tsk, TskKind};
+use mr_damper_model::identify::{
+    Dataset, DatasetOptions, Form, Learning, ModelSpec, Options, Row, TskOptions, Watch, fit_tsk, identify,
+};
+use mr_damper_model::metrics::ErrorSum;
+use mr_damper_model::model_file::{ModelFile, Provenance};
+use mr_damper_model::preset;
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_model::sample::DriveKind;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+const DRIVE: Option<DriveKind> = Some(DriveKind::CoilCurrent);
+
+/// NMSE (thesis: ESR) of `model` on `dataset`, with the best offset.
+fn esr(model: &Tsk, dataset: &Dataset) -> f64 {
+    let mut sum = ErrorSum::default();
+    for row in dataset.rows.iter().filter(|row| row.counts) {
+        let force_n = model.force_n(&row.inputs());
+        if force_n.is_finite() {
+            sum.add(row.force_n, force_n);
+        }
+    }
+    sum.fit_without_offset().expect("rows that count").esr
+}
+
+/// Every `every`-th row of the peers' motion, with the force from `force_n`.
+fn rows_of(seed: u64, every: usize, force_n: impl Fn(&Row) -> f64) -> Dataset {
+    let mut data = peers::synth(seed);
+    data.rows = data.rows.into_iter().step_by(every).collect();
+    for row in &mut data.rows {
+        row.force_n = force_n(row);
+        row.raw_force_n = row.force_n;
+    }
+    data
+}
+
+fn fit(data: &[Dataset], kind: TskKind, options: &TskOptions) -> mr_damper_model::identify::FittedTsk {
+    fit_tsk(data, kind, DRIVE, options, &Watch::none()).expect("a fit")
+}
+
+fn rig(experiment: &str, seed: u64) -> Dataset {
+    let experiment = Experiment::thesis(experiment).expect("an experiment");
+    let run = record(&experiment, &Plant::default(), &Channels::default(), seed);
+    Dataset::from_run(&run, &Conditioning::THESIS, &DatasetOptions::default()).expect("rows")
+}
+
+#[test]
+fn a_known_surface_and_the_offsets_of_its_runs_are_recovered() {
+    // The truth is a fit of each kind to a damper; a second fit to its forces must reproduce them.
+    for kind in TskKind::ALL {
+        let truth = fit(&[rows_of(0, 3, |row| row.force_n)], kind, &TskOptions::default()).model;
+        let offset = |offset_n: f64| move |row: &Row| truth.force_n(&row.inputs()) + offset_n;
+        let runs = [rows_of(0, 3, offset(25.0)), rows_of(3, 6, offset(-60.0))];
+        let found = fit(&runs, kind, &TskOptions::default());
+        let limit = if kind == TskKind::Evolved { 3e-3 } else { 3e-4 };
+        assert!(esr(&found.model, &runs[0]) < limit, "{kind:?}: {}", esr(&found.model, &runs[0]));
+        let apart = found.offsets_n[0] - found.offsets_n[1];
+        assert!((apart - 85.0).abs() < 8.0, "{kind:?}: {:?}", found.offsets_n);
+        let mean = (2.0 * found.offsets_n[0] + found.offsets_n[1]) / 3.0;
+        assert!((found.model.force_offset_n() - mean).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn the_error_falls_with_the_epochs_and_matches_the_model() {
+    let data = [peers::synth(0)];
+    for (kind, learning) in [
+        (TskKind::Anfis, Learning::GaussNewton),
+        (TskKind::Anfis, Learning::Gradient),
+        (TskKind::Ahn, Learning::GaussNewton),
+        (TskKind::Evolved, Learning::GaussNewton),
+    ] {
+        let found = fit(&data, kind, &TskOptions { learning, ..TskOptions::default() });
+        let errors = &found.epoch_rsse_n;
+        // The cost includes a penalty and falls in every epoch; the error alone may rise by a little.
+        assert!(errors.windows(2).all(|pair| pair[1] <= 1.003 * pair[0]), "{kind:?} {errors:?}");
+        let [first, last] = [errors[0], errors[errors.len() - 1]];
+        assert!(last < 0.99 * first, "{kind:?} {learning:?} learned nothing: {first} {last}");
+        let mut sum = ErrorSum::default();
+        data[0].rows.iter().for_each(|row| sum.add(row.force_n, found.model.force_n(&row.inputs())));
+        let rsse_n = sum.fit().expect("rows").rsse_n;
+        // The evolution reports the error on a sample of the rows.
+        let tolerance = if kind == TskKind::Evolved { 0.1 } else { 1e-6 };
+        assert!((rsse_n / last - 1.0).abs() < tolerance, "{kind:?} {learning:?}: {rsse_n} {last}");
+    }
+}
+
+#[test]
+fn ten_epochs_of_gauss_newton_beat_fifty_of_the_gradient() {
+    for data in [peers::synth(0), rig("RP-ICPS", 1)] {
+        let by = |learning, epochs| {
+            let options = TskOptions { learning, epochs, ..TskOptions::default() };
+            esr(&fit(std::slice::from_ref(&data), TskKind::Anfis, &options).model, &data)
+        };
+        let grid = by(Learning::Gradient, 1);
+        let (newton, gradient) = (by(Learning::GaussNewton, 10), by(Learning::Gradient, 50));
+        assert!(gradient < 0.99 * grid, "{gradient} {grid}");
+        assert!(newton < 0.99 * gradient, "{newton} {gradient}");
+    }
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_number_of_threads() {
+    let data = [rows_of(0, 2, |row| row.force_n), rows_of(1, 3, |row| row.force_n + 40.0)];
+    for kind in [TskKind::Anfis, TskKind::Ahn, TskKind::Evolved] {
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| fit(&data, kind, &TskOptions::default()))
+        };
+        assert_eq!(on(1), on(2), "{kind:?}");
+    }
+}
+
+#[test]
+fn another_seed_gives_another_evolution() {
+    let data = [rows_of(0, 4, |row| row.force_n)];
+    let seeded = |seed| {
+        let mut options = TskOptions::default();
+        options.evolution.seed = seed;
+        options.evolution.generations = 5;
+        fit(&data, TskKind::Evolved, &options)
+    };
+    assert_eq!(seeded(3), seeded(3));
+    assert_ne!(seeded(3).model, seeded(4).model);
+}
+
+#[test]
+fn a_rank_deficient_problem_has_a_solution_of_moderate_size() {
+    // Two levels of current for three fuzzy sets; and displacement proportional to velocity.
+    let data = rows_of(0, 1, |row| {
+        let i = if row.drive > 1.25 { 2.0 } else { 0.5 };
+        (100.0 + 300.0 * i) * (30.0 * row.velocity_m_s).tanh()
+    });
+    let mut levels = data.clone();
+    levels.rows.iter_mut().for_each(|row| row.drive = if row.drive > 1.25 { 2.0 } else { 0.5 });
+    let mut tied = levels.clone();
+    tied.rows.iter_mut().for_each(|row| row.displacement_m = 0.1 * row.velocity_m_s);
+    for data in [levels, tied] {
+        for kind in [TskKind::Anfis, TskKind::Ahn, TskKind::SchurterRoschke] {
+            let found = fit(std::slice::from_ref(&data), kind, &TskOptions::default()).model;
+            assert!(esr(&found, &data) < 0.01, "{kind:?} {}", esr(&found, &data));
+            let largest = found.conclusions().iter().fold(0.0_f64, |a, c| a.max(c.abs()));
+            assert!(largest < 20.0, "{kind:?}: a conclusion of {largest} standard deviations of the force");
+        }
+    }
+}
+
+#[test]
+fn insufficient_data_are_rejected_with_the_reason() {
+    let message = |data: &Dataset, kind, drive| {
+        let options = TskOptions::default();
+        fit_tsk(std::slice::from_ref(data), kind, drive, &options, &Watch::none())
+            .expect_err("no fit")
+            .to_string()
+    };
+    let data = peers::synth(0);
+    let mut constant = data.clone();
+    constant.rows.iter_mut().for_each(|row| row.drive = 1.2);
+    assert!(message(&constant, TskKind::Anfis, DRIVE).contains("drive never varies"));
+    assert!(fit_tsk(&[constant], TskKind::Anfis, None, &TskOptions::default(), &Watch::none()).is_ok());
+    let mut short = data.clone();
+    short.rows.truncate(10);
+    let text = message(&short, TskKind::Anfis, DRIVE);
+    assert!(
+        text.contains("anfis has 126 parameters and needs 378 usable samples") && text.contains("have 10;"),
+        "{text}"
+    );
+    let mut still = data.clone();
+    still.rows.iter_mut().for_each(|row| row.force_n = 5.0);
+    assert!(message(&still, TskKind::Anfis, DRIVE).contains("force_n never varies"));
+    let mut unknown = data.clone();
+    unknown.rows.iter_mut().for_each(|row| row.acceleration_m_s2 = f64::NAN);
+    assert!(
+        message(&unknown, TskKind::WangHu, DRIVE)
+            .contains("with velocity, acceleration, drive, but the runs have 0;")
+    );
+    let none: [Dataset; 0] = [];
+    assert!(fit_tsk(&none, TskKind::Anfis, DRIVE, &TskOptions::default(), &Watch::none()).is_err());
+}
+
+#[test]
+fn it_reports_progress_and_can_be_cancelled() {
+    let data = [rows_of(0, 4, |row| row.force_n)];
+    for kind in [TskKind::Anfis, TskKind::Evolved] {
+        let (cancel, calls) = (AtomicBool::new(false), AtomicU32::new(0));
+        let progress = |_| {
+            if calls.fetch_add(1, Ordering::Relaxed) == 2 {
+                cancel.store(true, Ordering::Relaxed);
+            }
+        };
+        let watch = Watch { cancel: Some(&cancel), progress: Some(&progress) };
+        let found = fit_tsk(&data, kind, DRIVE, &TskOptions::default(), &watch);
+        assert_eq!(found.expect_err("cancelled"), Error::Cancelled);
+        assert_eq!(calls.load(Ordering::Relaxed), 3, "{kind:?}");
+    }
+}
+
+#[test]
+fn on_the_rig_the_model_is_accurate_on_a_new_run() {
+    let (train, test) = (rig("RP-ICPS", 1), rig("RP-ICPS", 2));
+    // The thesis found 0.07; on the rig, displacement is delayed a little more against the force. A model with acceleration as an
+    // input explains most of it.
+    for (kind, trained, tested) in [(TskKind::Anfis, 0.12, 0.17), (TskKind::WangHu, 0.013, 0.02)] {
+        let found = fit(std::slice::from_ref(&train), kind, &TskOptions::default());
+        let reached = [esr(&found.model, &train), esr(&found.model, &test)];
+        assert!(reached[0] < trained && reached[1] < tested, "{kind:?} {reached:?}");
+    }
+}
+
+#[test]
+fn every_kind_can_be_identified_in_both_forms_and_stored_in_a_file() {
+    let experiment = Experiment::thesis("RP-ICPS").expect("an experiment").with_duration_s(8.0);
+    let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
+    let options =
+        Options { conditioning: Conditioning::THESIS, choose_velocity: false, ..Options::default() };
+    for kind in TskKind::ALL {
+        for form in [Form::Passive, Form::SemiActive] {
+            let spec = ModelSpec::named(kind.name(), form).expect("a known model");
+            let found = identify(spec, std::slice::from_ref(&run), &options, &Watch::none()).expect("a fit");
+            assert_eq!(found.model.force.name(), kind.name());
+            assert_eq!(found.model.force.drive().is_some(), form == Form::SemiActive);
+            let esr = found.free_run.expect("a simulation error").esr;
+            assert!(esr < if form == Form::SemiActive { 0.15 } else { 0.4 }, "{kind:?} {form:?} {esr}");
+            let file = ModelFile { model: found.model, provenance: Provenance::default() };
+            let text = file.to_toml().expect("writes");
+            assert_eq!(ModelFile::from_toml(&text).unwrap_or_else(|e| panic!("{e}\n{text}")), file);
+        }
+    }
+}
+
+#[test]
+fn the_derivative_is_chosen_by_the_runs() {
+    let experiment = Experiment::thesis("RP-ICPS").expect("an experiment").with_duration_s(8.0);
+    let run = record(&experiment, &Plant::default(), &Channels::default(), 1);
+    let spec = ModelSpec::named("anfis", Form::SemiActive).expect("a known model");
+    let found = identify(spec, &[run], &Options::default(), &Watch::none()).expect("a fit");
+    assert!(found.velocity_trials.len() > 4);
+    let best = found.velocity_trials.iter().map(|trial| trial.mean_esr).fold(f64::INFINITY, f64::min);
+    assert!(best.is_finite() && best < 0.2);
+    assert_ne!(found.model.conditioning.velocity, VelocitySource::Measured);
+}
+
+#[test]
+fn an_error_in_the_file_names_the_key() {
+    let model = preset::load(preset::BEST_ANFIS).expect("a preset");
+    let text = ModelFile { model, provenance: Provenance::default() }.to_toml().expect("writes");
+    for (from, to, expected) in [
+        (
+            "displacement_mean_m",
+            "displacement_mean_in",
+            "displacement_mean_in is unknown; did you mean displacement_mean_m?",
+        ),
+        ("velocity_sigmas = [", "velocity_sigmas = [1.0, ", "parameters.velocity_sigmas has 4 values, but 3"),
+        ("drive_centres", "drive_peaks", "parameters.drive_left_feet is missing"),
+        ("order = \"first\"", "order = \"second\"", "parameters.order is \"second\""),
+        ("order = \"first\"", "order = \"constant\"", "parameters.conclusions[0] has 4 values, but 1"),
+        ("drive = \"current_a\"\n", "", "drive is absent"),
+        ("\"displacement\", ", "", "displacement_centres belongs to no input"),
+        ("\"displacement\", ", "\"jerk\", ", "parameters.inputs holds \"jerk\""),
+        ("model = \"anfis\"", "model = \"tsk-243\"", "do not match tsk-243"),
+        ("force_std_dev_n = ", "force_std_dev_n = -", "force_std_dev_n is -"),
+        ("drive_std_dev_a = ", "drive_std_dev_a = -", "drive_std_dev_a is -"),
+    ] {
+        assert!(text.contains(from), "the test must change the file: {from}\n{text}");
+        let message = ModelFile::from_toml(&text.replacen(from, to, 1)).expect_err("broken").to_string();
+        assert!(message.contains(expected), "{to}: {message}");
+    }
+}
+
+#[test]
+fn it_can_be_simulated_as_a_force_model() {
+    let model = preset::load(preset::BEST_ANFIS).expect("a preset");
+    let ForceModel::Tsk(tsk) = model.force else { panic!("{}", model.force.name()) };
+    let inputs = peers::synth(0).rows[500].inputs();
+    let force_n = model.force.free_run(&mut FreeRun::default(), &inputs).expect("a force");
+    assert_eq!(force_n.to_bits(), tsk.force_n(&inputs).to_bits());
+    let shifted = model.force.with_force_offset_n(11.0);
+    assert_eq!(shifted.force_offset_n(), 11.0);
+    assert!(
+        (shifted.free_run(&mut FreeRun::default(), &inputs).expect("a force") - force_n - 11.0).abs() < 1e-9
+    );
+    assert_eq!(model.force.parameter_count(), 126);
+    assert_eq!(model.force.force_fed_period(), None);
+}

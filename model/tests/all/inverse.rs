@@ -1,0 +1,186 @@
+//! The inverse controller: its invariants for any input, and how well it follows a demanded force on a damper that differs from the model.
+//!
+//! `MR_DAMPER_LONG=1 cargo test --release -p mr-damper-model --test all inverse::` tries ten million states instead of a hundred thousand.
+
+use crate::inverse_support::{TIGHT, demand, error, folded, fuzzy_tanh, inputs, keeps_its_limits, with};
+use mr_damper_model::condition::{Conditioning, VelocitySource};
+use mr_damper_model::diagnose::{self, Runs};
+use mr_damper_model::effect::Effect;
+use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
+use mr_damper_model::inverse::track::{Figures, Point, Trajectory, on_model};
+use mr_damper_model::inverse::{Demand, InverseController, LimitedBy, Limits, Method, Shape};
+use mr_damper_model::model::Model;
+use mr_damper_model::preset;
+use mr_damper_model::rig::signal::RATE_HZ;
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use std::f64::consts::TAU;
+
+#[test]
+fn commands_keep_their_limits_and_never_drive_the_rod_for_any_input() {
+    let states: u32 =
+        if std::env::var("MR_DAMPER_LONG").as_deref() == Ok("1") { 10_000_000 } else { 100_000 };
+    let models = [
+        fuzzy_tanh(),
+        with(&[(Effect::CoilLag, &[0.012]), (Effect::GasSpring, &[2e3])]),
+        with(&[(Effect::CoilLagRiseFall, &[0.004, 0.014]), (Effect::SeriesSpring, &[2e-7])]),
+    ];
+    for (model, seed) in models.iter().zip(0..) {
+        let controller = InverseController::new(model, TIGHT).expect("it follows a current");
+        let commanded = keeps_its_limits(controller, states / models.len() as u32, seed);
+        assert!(
+            commanded > states / 6,
+            "{commanded}: too few states with an answer for the test to be meaningful"
+        );
+    }
+}
+
+#[test]
+fn demands_that_cannot_be_met_are_answered_with_the_reason() {
+    let model = fuzzy_tanh();
+    let mut controller = InverseController::new(&model, Limits::default()).expect("it follows a current");
+    let mut at = |velocity_m_s: f64, demand_n: f64| {
+        let command = controller.step(&inputs(0.0, velocity_m_s), Demand::Force(demand_n), None);
+        (command.limited_by, command.current.get(), command)
+    };
+    let (by, current_a, command) = at(0.1, 600.0);
+    assert!(by == LimitedBy::None && command.is_achievable && command.dissipative);
+    assert!((command.expected.get() - 600.0).abs() < 1.0 && (0.1..2.4).contains(&current_a), "{command:?}");
+    // Ten times too large: the command is at the upper end of the range.
+    let (by, current_a, command) = at(0.1, 6000.0);
+    assert!(by == LimitedBy::CurrentMax && current_a == 2.5 && !command.is_achievable);
+    assert!(command.achievable[1].get() < 3000.0 && command.expected == command.achievable[1]);
+    // Below the force without current.
+    let (by, current_a, command) = at(0.1, command.achievable[0].get() - 20.0);
+    assert!(by == LimitedBy::CurrentMin && current_a == 0.0 && command.dissipative);
+    // A force that would drive the motion.
+    let (by, current_a, command) = at(0.1, -600.0);
+    assert!(by == LimitedBy::Passivity && current_a == 0.0 && !command.dissipative && !command.is_achievable);
+    // At rest the current is held for any demand.
+    let (_, before_a, _) = at(-0.1, -700.0);
+    for demand_n in [500.0, -500.0, 0.0] {
+        assert_eq!(at(0.0, demand_n).1, before_a);
+    }
+    let (by, _, command) = at(0.1, f64::NAN);
+    assert!(by == LimitedBy::Safe && command.requested.get().is_nan() && command.expected.get().is_nan());
+    assert_eq!(at(f64::NAN, 500.0).0, LimitedBy::Safe, "without a velocity the current is safe");
+}
+
+#[test]
+fn without_demands_the_current_reaches_the_safe_one_in_time() {
+    let limits = Limits { safe_a: 0.4, safe_after_s: 0.25, ..Limits::default() };
+    let mut controller = InverseController::new(&fuzzy_tanh(), limits).expect("it follows a current");
+    let hard = controller.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get();
+    assert_eq!(hard, 2.5);
+    let mut currents_a = Vec::new();
+    for _ in 0..200 {
+        let command = controller.step(&inputs(0.0, 0.1), Demand::None, None);
+        assert_eq!(command.limited_by, LimitedBy::Safe);
+        currents_a.push(command.current.get());
+    }
+    assert!(currents_a.windows(2).all(|pair| pair[1] <= pair[0]), "it only falls");
+    let arrived = currents_a.iter().position(|a| *a == 0.4).expect("it arrives");
+    assert!((f64::from(arrived as u32 + 1) / RATE_HZ - 0.25).abs() <= 1.0 / RATE_HZ, "{arrived}");
+    // The current returns within one sample, because no rate limit is set.
+    assert_eq!(controller.step(&inputs(0.0, 0.1), Demand::Force(6e3), None).current.get(), 2.5);
+}
+
+#[test]
+fn models_without_an_inverse_are_rejected_with_the_reason() {
+    let refused = |model: &Model| {
+        InverseController::new(model, Limits::default()).map(|_| ()).expect_err("no inverse").to_string()
+    };
+    let passive = preset::load("thesis/sp-passive/rp-icps").expect("a preset");
+    assert!(refused(&passive).contains("has no current input"), "{}", refused(&passive));
+    // An invalid envelope: the model cannot be evaluated within it.
+    let broken = Model {
+        envelope: mr_damper_model::model::Envelope {
+            displacement_m: Some([f64::NAN, 0.0]),
+            ..fuzzy_tanh().envelope
+        },
+        ..fuzzy_tanh()
+    };
+    assert!(refused(&broken).contains("of its own envelope"), "{}", refused(&broken));
+    let limits = Limits { current_max_a: -1.0, ..Limits::default() };
+    let error = InverseController::new(&fuzzy_tanh(), limits).map(|_| ()).expect_err("no limit").to_string();
+    assert!(error.starts_with("current.max_a is -1"), "{error}");
+}
+
+#[test]
+fn a_model_that_is_not_monotone_is_detected_and_can_still_be_used() {
+    assert_eq!(Shape::of(&fuzzy_tanh(), 2.5).real_fold(), None);
+    let model = folded();
+    let fold = Shape::of(&model, 2.5).real_fold().expect("it folds");
+    assert!((fold.current_a - 1.25).abs() < 0.11 && (fold.fall_n - 1000.0).abs() < 20.0, "{fold:?}");
+    let mut controller = InverseController::new(&model, Limits::default()).expect("it follows a current");
+    for demand_n in [300.0, 700.0, 1000.0, 600.0] {
+        let command = controller.step(&inputs(0.0, 0.1), Demand::Force(demand_n), None);
+        assert!((command.expected.get() - demand_n).abs() < 2.0, "{command:?}");
+        assert!(command.current.get() < 1.26, "the current is below the fold: {command:?}");
+    }
+}
+
+#[test]
+fn a_demand_is_followed_on_a_damper_that_differs_from_the_model() {
+    let plant = Plant::default();
+    let run = |seed: u64| {
+        let experiment = Experiment::thesis("RP-APRBS").expect("a thesis experiment").with_duration_s(21.0);
+        record(&experiment, &plant, &Channels::default(), seed)
+    };
+    let options = Options { restarts: 3, ..Options::default() };
+    let watch = Watch::default();
+    let base = identify(ModelSpec::FUZZY_TANH, &[run(1)], &options, &watch).expect("a good run").model;
+    let rows = |seed: u64| {
+        let options = DatasetOptions::default();
+        vec![Dataset::from_run(&run(seed), &base.conditioning, &options).expect("a good run")]
+    };
+    let (estimate, confirm) = (rows(1), rows(2));
+    let runs = Runs { estimate: &estimate, confirm: &confirm, ..Runs::default() };
+    let settings = diagnose::Settings { block_s: Some(1.5), ..diagnose::Settings::default() };
+    let closed = diagnose::close(&base, &runs, &settings, &watch, &|_| {}).expect("long enough").after;
+
+    let sine = demand(&Experiment::sine(0.01, 2.0, 0.0, 11.0), &plant);
+    let road =
+        demand(&Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(11.0), &plant);
+    let table = [("sine", &sine), ("road", &road)].map(|(name, demand)| {
+        let errors = [(&base, false), (&base, true), (&closed, false), (&closed, true)]
+            .map(|(model, feedback)| error((model, Method::Search), demand, &plant, feedback));
+        println!(
+            "{name}: base {:.4}, with feedback {:.4}; augmented {:.4}, with feedback {:.4}",
+            errors[0], errors[1], errors[2], errors[3]
+        );
+        errors
+    });
+    // The literature reports 0.07 with feedforward only and 0.024 with feedback. A road up to 20 Hz is harder.
+    for ([base, base_back, closed, closed_back], limits) in
+        table.into_iter().zip([[0.07, 0.024, 0.03, 0.024], [0.09, 0.045, 0.06, 0.045]])
+    {
+        assert!(
+            base <= limits[0] && base_back <= limits[1] && closed <= limits[2] && closed_back <= limits[3]
+        );
+    }
+}
+
+#[test]
+fn on_the_model_itself_achievable_demands_are_met() {
+    let model = with(&[(Effect::CoilLag, &[0.012])]);
+    let model = Model {
+        conditioning: Conditioning { velocity: VelocitySource::ThreePoint, ..Conditioning::default() },
+        ..model
+    };
+    let omega = TAU * 1.5;
+    let seconds = |k: usize| k as f64 / RATE_HZ;
+    let samples = 5 * RATE_HZ as usize;
+    let demand = Trajectory {
+        dt_s: (0..samples).map(|k| (k > 0).then_some(1.0 / RATE_HZ)).collect(),
+        displacement_m: (0..samples).map(|k| 0.015 * (omega * seconds(k)).sin()).collect(),
+        // In phase with the velocity, and for a part of each cycle too small or too large.
+        force_n: (0..samples).map(|k| 700.0 * (omega * seconds(k)).cos()).collect(),
+    };
+    let controller = InverseController::new(&model, Limits::default()).expect("it follows a current");
+    let points: Vec<Point> = on_model(&model, &controller, &demand).expect("it needs no velocity");
+    let figures = Figures::of(&points);
+    assert!(figures.error_achievable < 0.06 && figures.error > figures.error_achievable, "{figures:?}");
+    assert!((0.05..0.95).contains(&figures.infeasible_share), "{figures:?}");
+    assert_eq!(figures.dissipative_violations, 0);
+    assert_eq!(points.len(), samples);
+}

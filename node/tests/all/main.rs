@@ -1,0 +1,67 @@
+//! All integration tests of this crate, in one binary: each binary would link DDS, Zenoh and SQLite.
+//!
+//! A test that uses DDS leases its own domain ([`domain`]). A test with time limits, or one that keeps the processor busy, takes a
+//! turn ([`turn`]). A test that needs more than a new machine has is ignored, and the reason begins with what it needs; `.ci/run` runs
+//! these tests too.
+
+mod domain;
+mod turn;
+
+mod live_support;
+mod run_support;
+mod serve_support;
+mod vehicle_support;
+mod zenoh_support;
+
+// Commands on files.
+mod bad_input;
+mod close;
+mod compare;
+mod conventions;
+mod doctor;
+mod identify;
+mod inverse;
+mod security;
+mod simulate;
+mod viewer_layouts;
+
+// Runs on disk.
+mod record_disk;
+mod run_bag;
+mod run_csv;
+mod run_damage;
+mod run_kill;
+mod run_map;
+mod run_split;
+mod run_sqlite;
+
+// The running node, over DDS.
+mod live;
+mod live_bad_input;
+mod live_close_loop;
+mod live_command;
+mod live_conventions;
+mod live_fleet;
+mod live_float;
+mod live_load_model;
+mod live_manage;
+mod live_publishers;
+mod live_realtime;
+mod live_record;
+mod live_replay;
+mod live_rmw;
+mod live_sim_time;
+mod live_zenoh_commands;
+mod middleware_panic;
+mod soak;
+
+// The live page.
+mod serve;
+mod serve_workshop;
+
+// The Zenoh mirror.
+mod zenoh_access;
+mod zenoh_faults;
+mod zenoh_interop;
+mod zenoh_load;
+mod zenoh_mirror;
