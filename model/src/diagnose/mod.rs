@@ -32,6 +32,7 @@ mod derivative_span;
 mod effect_set;
 mod finding;
 mod floor;
+mod interval;
 mod joint;
 mod paired;
 mod procedure;
@@ -40,6 +41,7 @@ mod rows;
 mod score;
 mod space;
 mod test_runs;
+mod variants;
 
 pub use crate::statistics::error_ratio::NoInterval;
 pub use effect_set::EffectSet;

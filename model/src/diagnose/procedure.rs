@@ -4,6 +4,7 @@ use super::finding::{
     DiagnosisMode, DiagnosisResult, FloorSource, NamedEffect, NoiseFloor, RefusedEffect, RemainingError,
     Verdict,
 };
+use super::interval::Contents;
 use super::joint::{Fitted, Joint};
 use super::round::{FINAL, LEAST_CONFIRMED, LEAST_SHARE, Passed, Round};
 use super::rows::Rows;
@@ -395,7 +396,7 @@ impl<'a> Procedure<'a> {
             effects.push(NamedEffect {
                 effect: *effect,
                 class,
-                parameters: round.intervals(found, index)?,
+                parameters: round.intervals(found, index, Contents::All)?,
                 p_adjusted,
                 share_removed: without.map_or(f64::NAN, share),
                 confirmed: without.map_or(f64::NAN, confirmed),

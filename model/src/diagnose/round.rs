@@ -4,15 +4,14 @@
 //! every check is named; each one rejected before it is listed with the reason.
 
 use super::Settings;
-use super::basis::Basis;
-use super::blocks::Blocks;
 use super::finding::{Candidate, FoundParameter, RefusedEffect};
+use super::interval::{self, Contents};
 use super::joint::{Fitted, Joint};
 use super::rows::{Rows, dot};
 use super::score::{Score, Scores};
 use crate::effect::{Effect, EffectModel};
 use crate::error::Error;
-use crate::statistics::block_sums::{adjusted_p_values, t95};
+use crate::statistics::block_sums::adjusted_p_values;
 use rayon::prelude::*;
 
 /// Least share of the reducible error that a score must predict to remove before the candidate is refitted. The threshold is low
@@ -168,7 +167,7 @@ impl Round<'_> {
         let Some(index) = effects.iter().position(|e| e.effect() == candidate.score.effect) else {
             return Ok(Err("the simulation with it is not finite".to_owned()));
         };
-        for found in self.intervals(&fitted, index)? {
+        for found in self.intervals(&fitted, index, Contents::Chance)? {
             if let Some(why) = implausible(&effects[index], &found, &self.joint) {
                 return Ok(Err(why));
             }
@@ -233,7 +232,7 @@ impl Round<'_> {
         for other in refits.iter().filter(|other| other.drop >= SAME_CLASS * best.drop) {
             let effects = other.fitted.model.effects().as_slice();
             let Some(index) = effects.iter().position(|e| e.effect() == other.score.effect) else { continue };
-            let found = self.intervals(&other.fitted, index)?;
+            let found = self.intervals(&other.fitted, index, Contents::Chance)?;
             let implausible =
                 found.iter().any(|found| implausible(&effects[index], found, &self.joint).is_some());
             // A candidate that fails the checks by itself does not join the class.
@@ -250,35 +249,14 @@ impl Round<'_> {
         Ok(class)
     }
 
-    /// The parameters of effect number `index` with their 95 % intervals. Each score is projected off all other numbers of the model; the
-    /// width comes from the scatter, over blocks, of its products with the residual.
-    pub(super) fn intervals(&self, fitted: &Fitted, index: usize) -> Result<Vec<FoundParameter>, Error> {
-        let (columns, of_base) = self.joint.jacobian(fitted)?;
-        let effects = fitted.model.effects().as_slice();
-        let first = of_base + effects[..index].iter().map(|e| e.parameters().len()).sum::<usize>();
-        let effect = &effects[index];
-        let mut all = Vec::new();
-        for (j, (parameter, value)) in
-            effect.effect().parameters().iter().zip(effect.parameters()).enumerate()
-        {
-            let others = columns.iter().enumerate().filter(|(k, _)| *k != first + j).map(|(_, c)| c.clone());
-            let mut own = columns[first + j].clone();
-            Basis::of(others).take_out(&mut own);
-            let series: Vec<f64> = own.iter().zip(&fitted.residual_n).map(|(g, r)| g * r).collect();
-            let blocks = Blocks::against(self.joint.rows, &series, self.settings.training_block_s());
-            let sums = blocks.sums(&own, &fitted.residual_n);
-            let count = sums.len() as f64;
-            let scatter = (dot(&sums, &sums) * count / (count - 1.0).max(1.0)).sqrt() / dot(&own, &own);
-            let half = t95(sums.len()) * scatter;
-            let range = parameter.range_at(self.joint.scales.size(parameter.scale));
-            all.push(FoundParameter {
-                name: parameter.name,
-                value: *value,
-                ci95: [value - half, value + half],
-                range,
-            });
-        }
-        Ok(all)
+    /// The parameters of effect number `index` with their 95 % intervals.
+    pub(super) fn intervals(
+        &self,
+        fitted: &Fitted,
+        index: usize,
+        contents: Contents,
+    ) -> Result<Vec<FoundParameter>, Error> {
+        interval::parameters(&self.joint, fitted, index, self.settings.training_block_s(), contents)
     }
 }
 

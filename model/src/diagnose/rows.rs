@@ -42,22 +42,42 @@ impl RunRows<'_> {
 
     /// The same with the rows of `dataset` in place of the run's own.
     pub(super) fn predict_on(&self, model: &Augmented, dataset: &Dataset) -> Option<Vec<f64>> {
-        let mut predicted = Vec::with_capacity(self.indices.len());
+        Self::predict_at(model, dataset, &self.indices)
+    }
+
+    /// The same with the run changed by `change`, which may add rows but keeps the stamps of the others.
+    fn predict_changed(&self, model: &Augmented, change: fn(&Dataset) -> Dataset) -> Option<Vec<f64>> {
+        let dataset = change(self.dataset);
+        let mut indices = Vec::with_capacity(self.indices.len());
+        let mut wanted = self.indices.iter().map(|&k| self.dataset.rows[k].stamp).peekable();
+        // An added row comes before the row whose stamp it has, so the last one with a stamp counts.
+        for (index, row) in dataset.rows.iter().enumerate() {
+            let last = dataset.rows.get(index + 1).is_none_or(|next| next.stamp != row.stamp);
+            if last && wanted.next_if_eq(&row.stamp).is_some() {
+                indices.push(index);
+            }
+        }
+        if indices.len() == self.indices.len() { Self::predict_at(model, &dataset, &indices) } else { None }
+    }
+
+    /// Simulated force of `model` at the rows `indices` of `dataset`, N; `None` if it is not finite on one of them.
+    fn predict_at(model: &Augmented, dataset: &Dataset, indices: &[usize]) -> Option<Vec<f64>> {
+        let mut predicted = Vec::with_capacity(indices.len());
         let (mut index, mut finite) = (0, true);
         // The return value is not needed: the check below decides if all selected rows were reached.
         let _ = walk(model, dataset, |_, said| {
-            if self.indices.get(predicted.len()) == Some(&index) {
+            if indices.get(predicted.len()) == Some(&index) {
                 finite &= said.free_run_n.is_finite();
                 predicted.push(said.free_run_n);
             }
             index += 1;
             // Stop after the last selected row, or at a force that is not finite.
-            if !finite || predicted.len() == self.indices.len() {
+            if !finite || predicted.len() == indices.len() {
                 return ControlFlow::Break(());
             }
             ControlFlow::Continue(())
         });
-        (finite && predicted.len() == self.indices.len()).then_some(predicted)
+        (finite && predicted.len() == indices.len()).then_some(predicted)
     }
 }
 
@@ -113,6 +133,21 @@ impl<'a> Rows<'a> {
     /// Simulated force of `model` over all runs, N; `None` if it is not finite.
     pub(super) fn predict(&self, model: &Augmented) -> Option<Vec<f64>> {
         let parts: Vec<Option<Vec<f64>>> = self.runs.par_iter().map(|run| run.predict(model)).collect();
+        let mut all = Vec::with_capacity(self.len());
+        for part in parts {
+            all.extend(part?);
+        }
+        Some(all)
+    }
+
+    /// The same with every run changed by `change`, which keeps the rows and may add others between them.
+    pub(super) fn predict_changed(
+        &self,
+        model: &Augmented,
+        change: fn(&Dataset) -> Dataset,
+    ) -> Option<Vec<f64>> {
+        let parts: Vec<Option<Vec<f64>>> =
+            self.runs.par_iter().map(|run| run.predict_changed(model, change)).collect();
         let mut all = Vec::with_capacity(self.len());
         for part in parts {
             all.extend(part?);

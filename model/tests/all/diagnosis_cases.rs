@@ -1,6 +1,7 @@
 //! The cases for testing the diagnosis: their contents, a few diagnoses, and the counting of rates.
 
 use crate::diagnosis::cases::{Case, CaseSpec, Kind, OUTSIDE, SIZES, catalogue, spec};
+use crate::diagnosis::intervals::interval;
 use crate::diagnosis::outcome::{Instrumentation, Named, Outcome, diagnose};
 use crate::diagnosis::rates::{Rate, Row, library_id};
 use mr_damper_model::Error;
@@ -156,4 +157,16 @@ fn a_named_class_is_right_if_it_contains_a_true_effect_and_wrong_otherwise() {
     row.take(&spec("single coil_lag x1"), &outcome(&[named(&["coil_lag"], 0.0132)]), None, 0.0);
     assert!((row.error() - 0.1).abs() < 1e-12, "{}", row.error());
     assert_eq!(spec("single coil_lag x1").kind, Kind::Single);
+}
+
+/// Chance alone gave intervals that exclude these three truths: the drive is held between samples, a step of the model is longer than the
+/// spring's lag, and the velocity comes from a finite difference. The example `interval_coverage` measures all effects on more seeds.
+#[test]
+fn intervals_contain_what_the_recorded_samples_leave_open() -> Result<(), Error> {
+    for id in ["coil_lag", "series_spring", "sensor_delay"] {
+        let found = interval(id, 40)?.unwrap_or_else(|| panic!("{id} is not named"));
+        assert!(found.contains(), "{id}: {found:?}");
+        assert!(found.half() < 0.2 * found.truth, "{id}: {found:?} is too wide to be of use");
+    }
+    Ok(())
 }

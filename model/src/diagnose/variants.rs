@@ -1,0 +1,196 @@
+//! Other readings of the same recorded inputs, and the change of the simulated force under each.
+//!
+//! A recorded channel says nothing about the time between its samples, and it contains noise. So a model that steps over the samples has an
+//! error of its own. It is the same on every run, and no scatter between blocks shows it. Each variant changes one such assumption, and
+//! the interval of a parameter ([`super::interval`]) contains an unknown share of each change.
+//!
+//! | variant | change | share that may be real |
+//! |---|---|---|
+//! | finer steps | one row is added in the middle of each step, all channels straight between samples | 0.5 to 2.5 |
+//! | held drive | the same, but the drive has its new value from the middle of the step on | -2 to 2 |
+//! | steady drive | the median of five drives, which keeps steps and removes noise | 0.4 to 2.4 |
+//! | steady motion | a cubic through five displacements | 1 to 3 |
+//! | other derivative | velocity and acceleration from a parabola through five displacements | -0.5 to 1.5 |
+//!
+//! Half the step halves an error of first order and quarters one of second order, so the whole error is 2 or 4/3 of the change. A held drive
+//! comes half a step earlier or later than a straight one, which is twice the change to either side. Noise in an input shifts a parameter
+//! by its variance; the median of five leaves 0.29 of the variance and the cubic 0.49, so the whole shift is 1.4 and 2 times the change.
+//! The error of the three-point derivative and that of the parabola have opposite signs, so the truth lies between them or near one.
+//! Each share has a margin, because the variants are coarse.
+
+use super::rows::Rows;
+use crate::effect::Augmented;
+use crate::identify::{Dataset, Row};
+use rayon::prelude::*;
+
+/// Rows to either side of a row that the parabola and the median use.
+const REACH: usize = 2;
+/// Largest relative difference between the steps of a parabola.
+const EVEN: f64 = 0.1;
+
+/// A variant, with the share of its change that may be real.
+struct Variant {
+    change: fn(&Dataset) -> Dataset,
+    /// Variant that the change is counted from; `None` for the rows as they are.
+    from: Option<usize>,
+    share: f64,
+    margin: f64,
+}
+
+const VARIANTS: [Variant; 5] = [
+    Variant { change: finer, from: None, share: 1.5, margin: 1.0 },
+    Variant { change: held, from: Some(0), share: 0.0, margin: 2.0 },
+    Variant { change: steady_drive, from: None, share: 1.4, margin: 1.0 },
+    Variant { change: steady_motion, from: None, share: 2.0, margin: 1.0 },
+    Variant { change: other_derivative, from: None, share: 0.5, margin: 1.0 },
+];
+
+/// The change of the simulated force under one variant.
+pub(super) struct Change {
+    /// At each row, each run's mean removed, N.
+    pub(super) force_n: Vec<f64>,
+    /// Share of the change that is most likely real.
+    pub(super) share: f64,
+    /// The real share lies within `share` plus or minus this, with 95 % probability.
+    pub(super) margin: f64,
+}
+
+/// The changes of the force of `model`, simulated as `predicted_n` on `rows`. Variants that change nothing, or under which the simulation is
+/// not finite, are left out.
+pub(super) fn changes(rows: &Rows, model: &Augmented, predicted_n: &[f64]) -> Vec<Change> {
+    let forces: Vec<Option<Vec<f64>>> =
+        VARIANTS.par_iter().map(|variant| rows.predict_changed(model, variant.change)).collect();
+    let change = |(variant, force_n): (&Variant, &Option<Vec<f64>>)| {
+        let from = match variant.from {
+            None => predicted_n,
+            Some(index) => forces[index].as_ref()?,
+        };
+        let mut force_n: Vec<f64> = force_n.as_ref()?.iter().zip(from).map(|(a, b)| a - b).collect();
+        rows.centre(&mut force_n);
+        let moves = force_n.iter().any(|change| *change != 0.0);
+        moves.then_some(Change { force_n, share: variant.share, margin: variant.margin })
+    };
+    VARIANTS.iter().zip(&forces).filter_map(change).collect()
+}
+
+/// One row more in the middle of each step; the drive there is `drive(before, after)`.
+fn halved(dataset: &Dataset, drive: fn(f64, f64) -> f64) -> Dataset {
+    let mut rows: Vec<Row> = Vec::with_capacity(2 * dataset.rows.len());
+    for row in &dataset.rows {
+        let (Some(dt_s), Some(before)) = (row.dt_s, rows.last().copied()) else {
+            rows.push(*row);
+            continue;
+        };
+        let half_s = Some(0.5 * dt_s);
+        rows.push(Row {
+            dt_s: half_s,
+            displacement_m: f64::midpoint(before.displacement_m, row.displacement_m),
+            velocity_m_s: f64::midpoint(before.velocity_m_s, row.velocity_m_s),
+            drive: drive(before.drive, row.drive),
+            counts: false,
+            ..*row
+        });
+        rows.push(Row { dt_s: half_s, ..*row });
+    }
+    Dataset { rows, name: dataset.name.clone(), ..*dataset }
+}
+
+fn finer(dataset: &Dataset) -> Dataset {
+    halved(dataset, f64::midpoint)
+}
+
+fn held(dataset: &Dataset) -> Dataset {
+    halved(dataset, |_, after| after)
+}
+
+/// `dataset` with each row that has enough neighbours at even distance replaced by `with(neighbours, step in s)`.
+fn smoothed(dataset: &Dataset, with: impl Fn(&[Row; 2 * REACH + 1], f64) -> Row) -> Dataset {
+    let mut rows = dataset.rows.clone();
+    for (row, near) in rows.iter_mut().skip(REACH).zip(dataset.rows.array_windows()) {
+        let Some(step_s) = row.dt_s else { continue };
+        let even = |row: &Row| row.dt_s.is_some_and(|dt_s| (dt_s - step_s).abs() <= EVEN * step_s);
+        if near[1..].iter().all(even) {
+            *row = with(near, step_s);
+        }
+    }
+    Dataset { rows, name: dataset.name.clone(), ..*dataset }
+}
+
+fn steady_drive(dataset: &Dataset) -> Dataset {
+    smoothed(dataset, |near, _| {
+        let mut drives = near.map(|row| row.drive);
+        drives.sort_by(f64::total_cmp);
+        Row { drive: drives[REACH], ..near[REACH] }
+    })
+}
+
+/// Weighted sum of five displacements, m.
+fn weighted(near: &[Row; 2 * REACH + 1], weights: [f64; 2 * REACH + 1]) -> f64 {
+    near.iter().zip(weights).map(|(row, weight)| row.displacement_m * weight).sum()
+}
+
+fn steady_motion(dataset: &Dataset) -> Dataset {
+    smoothed(dataset, |near, _| Row {
+        displacement_m: weighted(near, [-3.0, 12.0, 17.0, 12.0, -3.0]) / 35.0,
+        ..near[REACH]
+    })
+}
+
+fn other_derivative(dataset: &Dataset) -> Dataset {
+    smoothed(dataset, |near, step_s| Row {
+        velocity_m_s: weighted(near, [-2.0, -1.0, 0.0, 1.0, 2.0]) / (10.0 * step_s),
+        acceleration_m_s2: weighted(near, [2.0, -1.0, -2.0, -1.0, 2.0]) / (7.0 * step_s * step_s),
+        ..near[REACH]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::condition::{ApplyTo, Conditioning};
+    use crate::identify::DatasetOptions;
+    use crate::sample::{DriveKind, Run, Stamp, Trace};
+
+    const STEP_S: f64 = 0.002;
+
+    /// A run of 200 samples with these displacements and currents.
+    fn dataset(displacement_m: fn(f64) -> f64, current_a: fn(usize) -> f64) -> Dataset {
+        let times: Vec<f64> = (0..200).map(|k| k as f64 * STEP_S).collect();
+        let stamps: Vec<Stamp> = times.iter().map(|t| Stamp::from_seconds(*t).expect("a time")).collect();
+        let trace = |values: Vec<f64>| Trace { stamps: stamps.clone(), values };
+        let run = Run {
+            displacement_m: trace(times.iter().map(|t| displacement_m(*t)).collect()),
+            drive: Some((DriveKind::CoilCurrent, trace((0..200).map(current_a).collect()))),
+            force_n: Some(trace(vec![0.0; 200])),
+            ..Run::default()
+        };
+        // The displacement stays as it is.
+        let conditioning = Conditioning { apply_to: ApplyTo::Output, ..Conditioning::default() };
+        Dataset::from_run(&run, &conditioning, &DatasetOptions::default()).expect("a dataset")
+    }
+
+    #[test]
+    fn finer_rows_keep_stamps_and_times_and_held_drives_come_early() {
+        let all = dataset(|t| 0.01 * (20.0 * t).sin(), |k| (k / 20) as f64 * 0.1);
+        let (finer, held) = (finer(&all), held(&all));
+        assert_eq!(finer.rows.len(), 2 * all.rows.len() - 1);
+        let time_s = |rows: &[Row]| rows.iter().filter_map(|row| row.dt_s).sum::<f64>();
+        assert!((time_s(&finer.rows) - time_s(&all.rows)).abs() < 1e-12);
+        assert!(finer.rows.iter().skip(2).step_by(2).zip(&all.rows[1..]).all(|(a, b)| a.drive == b.drive));
+        let earlier = held.rows.iter().zip(&finer.rows).filter(|(h, f)| h.drive > f.drive).count();
+        assert_eq!(earlier, 9, "one added row at each step of the current");
+    }
+
+    #[test]
+    fn a_parabola_is_kept_and_one_wrong_drive_is_removed() {
+        let all = dataset(|t| 0.3 * t * t, |k| if k == 100 { 2.0 } else { 1.0 });
+        assert!(steady_drive(&all).rows.iter().all(|row| row.drive == 1.0));
+        for (row, was) in steady_motion(&all).rows.iter().zip(&all.rows) {
+            assert!((row.displacement_m - was.displacement_m).abs() < 1e-12);
+        }
+        let row = other_derivative(&all).rows[50];
+        let velocity_m_s = 0.6 * row.stamp.nanos() as f64 * 1e-9;
+        assert!((row.velocity_m_s - velocity_m_s).abs() < 1e-9, "{row:?} {velocity_m_s} {:?}", all.rows[50]);
+        assert!((row.acceleration_m_s2 - 0.6).abs() < 1e-6, "{row:?}");
+    }
+}
