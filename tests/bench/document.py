@@ -286,13 +286,18 @@ Not noticed (line of the commit below{"; changes marked * are noticed by tests w
 
 
 def write(results, order):
-    """Writes the document with all sections that have results."""
+    """Writes the document with all sections that have results. The others keep their text, which may come from another machine."""
+    before = PATH.read_text().split("\n## ")[1:] if PATH.exists() else []
+    # One section for each name, in this order; otherwise the order has changed, and the old text belongs to no known section.
+    kept = dict(zip(order, before)) if len(before) == len(order) else {}
     parts = [HEAD]
     for name in order:
-        if name not in results:
+        if name in results:
+            result = results[name]
+            body = globals()[name](result["figures"]).rstrip()
+            parts.append(f"{body}\n\n*{result['when']}, commit {result['commit']}, {result['took_s']} s; {result['machine']}.*\n")
+        elif name in kept:
+            parts.append(f"## {kept[name].rstrip()}\n")
+        else:
             parts.append(f"## {name}\n\nNot measured yet: `tests/bench/bench.py {name}`.\n")
-            continue
-        result = results[name]
-        body = globals()[name](result["figures"]).rstrip()
-        parts.append(f"{body}\n\n*{result['when']}, commit {result['commit']}, {result['took_s']} s; {result['machine']}.*\n")
     PATH.write_text("\n".join(parts))

@@ -15,7 +15,7 @@
 //! Half the step halves an error of first order and quarters one of second order, so the whole error is 2 or 4/3 of the change. A held drive
 //! comes half a step earlier or later than a straight one, which is twice the change to either side. Noise in an input shifts a parameter
 //! by its variance; the median of five leaves 0.29 of the variance and the cubic 0.49, so the whole shift is 1.4 and 2 times the change.
-//! The error of the three-point derivative and that of the parabola have opposite signs, so the truth lies between them or near one.
+//! The three-point derivative and the parabola err in opposite directions, so the truth lies between them or near one.
 //! Each share has a margin, because the variants are coarse.
 
 use super::rows::Rows;
