@@ -19,11 +19,12 @@ use super::blocks::Blocks;
 use super::finding::FoundParameter;
 use super::joint::{Fitted, Joint};
 use super::rows::dot;
-use super::variants;
+use super::variants::{self, Change};
+use crate::effect::Parameter;
 use crate::error::Error;
 use crate::statistics::block_sums::t95;
 
-/// What an interval contains.
+/// The parts of an interval.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Contents {
     /// Chance only. An effect is accepted or refused by this interval.
@@ -32,49 +33,70 @@ pub(super) enum Contents {
     All,
 }
 
-/// The parameters of effect number `index` of `fitted` with their intervals, from blocks of at least `block_s`.
-///
-/// # Errors
-/// [`Error::Cancelled`] if the work was cancelled.
-pub(super) fn parameters(
-    joint: &Joint,
-    fitted: &Fitted,
-    index: usize,
+/// The derivatives and changes that the intervals of all effects of one fitted model come from.
+pub(super) struct Intervals<'a> {
+    joint: &'a Joint<'a>,
+    fitted: &'a Fitted,
+    /// Least length of a block, s.
     block_s: f64,
-    contents: Contents,
-) -> Result<Vec<FoundParameter>, Error> {
-    let (columns, of_base) = joint.jacobian(fitted)?;
-    let changes = match contents {
-        Contents::Chance => Vec::new(),
-        Contents::All => variants::changes(joint.rows, &fitted.model, &fitted.predicted_n),
-    };
-    let effects = fitted.model.effects().as_slice();
-    let first = of_base + effects[..index].iter().map(|e| e.parameters().len()).sum::<usize>();
-    let effect = &effects[index];
-    let mut all = Vec::new();
-    for (j, (parameter, value)) in effect.effect().parameters().iter().zip(effect.parameters()).enumerate() {
-        let others = columns.iter().enumerate().filter(|(k, _)| *k != first + j).map(|(_, c)| c.clone());
-        let mut own = columns[first + j].clone();
+    /// Derivatives of the simulated force, first those by the `of_base` coefficients of the base.
+    columns: Vec<Vec<f64>>,
+    of_base: usize,
+    changes: Vec<Change>,
+}
+
+impl<'a> Intervals<'a> {
+    /// Simulates what the intervals of `fitted` need.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] if the work was cancelled.
+    pub(super) fn new(
+        joint: &'a Joint<'a>,
+        fitted: &'a Fitted,
+        block_s: f64,
+        contents: Contents,
+    ) -> Result<Self, Error> {
+        let (columns, of_base) = joint.jacobian(fitted)?;
+        let changes = match contents {
+            Contents::Chance => Vec::new(),
+            Contents::All => variants::changes(joint.rows, &fitted.model, &fitted.predicted_n),
+        };
+        Ok(Self { joint, fitted, block_s, columns, of_base, changes })
+    }
+
+    /// The parameters of effect number `index` with their intervals.
+    pub(super) fn of(&self, index: usize) -> Vec<FoundParameter> {
+        let effects = self.fitted.model.effects().as_slice();
+        let first = self.of_base + effects[..index].iter().map(|e| e.parameters().len()).sum::<usize>();
+        let parameters = effects[index].effect().parameters().iter().zip(effects[index].parameters());
+        let found = |(j, (parameter, value)): (usize, (&Parameter, &f64))| FoundParameter {
+            name: parameter.name,
+            value: *value,
+            ci95: self.ci95(first + j, *value),
+            range: parameter.range_at(self.joint.scales.size(parameter.scale)),
+        };
+        parameters.enumerate().map(found).collect()
+    }
+
+    /// The interval of the number with the derivative `column`, found as `value`.
+    fn ci95(&self, column: usize, value: f64) -> [f64; 2] {
+        let others = self.columns.iter().enumerate().filter(|(k, _)| *k != column).map(|(_, c)| c.clone());
+        let mut own = self.columns[column].clone();
         Basis::of(others).take_out(&mut own);
         let information = dot(&own, &own);
-        let series: Vec<f64> = own.iter().zip(&fitted.residual_n).map(|(g, r)| g * r).collect();
-        let sums = Blocks::against(joint.rows, &series, block_s).sums(&own, &fitted.residual_n);
+        let residual_n = &self.fitted.residual_n;
+        let series: Vec<f64> = own.iter().zip(residual_n).map(|(g, r)| g * r).collect();
+        let sums = Blocks::against(self.joint.rows, &series, self.block_s).sums(&own, residual_n);
         let count = sums.len() as f64;
         let chance =
             t95(sums.len()) * (dot(&sums, &sums) * count / (count - 1.0).max(1.0)).sqrt() / information;
-        let (mut middle, mut squares) = (*value, chance * chance);
-        for change in &changes {
+        let (mut middle, mut squares) = (value, chance * chance);
+        for change in &self.changes {
             let shift = -dot(&own, &change.force_n) / information;
             middle += change.share * shift;
             squares += (change.margin * shift).powi(2);
         }
         let half = squares.sqrt();
-        all.push(FoundParameter {
-            name: parameter.name,
-            value: *value,
-            ci95: [value.min(middle - half), value.max(middle + half)],
-            range: parameter.range_at(joint.scales.size(parameter.scale)),
-        });
+        [value.min(middle - half), value.max(middle + half)]
     }
-    Ok(all)
 }

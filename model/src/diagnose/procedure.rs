@@ -383,7 +383,11 @@ impl<'a> Procedure<'a> {
 
     /// The effects that were named and not pruned, each with the error that the model gains without it.
     fn named(&self, pair: &Pair, noise: f64, results: &mut RoundResults) -> Result<Vec<NamedEffect>, Error> {
+        if results.named.is_empty() {
+            return Ok(Vec::new());
+        }
         let round = self.round(noise, 0);
+        let intervals = round.intervals(&pair.found, Contents::All)?;
         let (found, all) = (&pair.found, (pair.base.squares - noise).max(f64::MIN_POSITIVE));
         let alone = results.named.len() == 1;
         let mut effects = Vec::new();
@@ -396,7 +400,7 @@ impl<'a> Procedure<'a> {
             effects.push(NamedEffect {
                 effect: *effect,
                 class,
-                parameters: round.intervals(found, index, Contents::All)?,
+                parameters: intervals.of(index),
                 p_adjusted,
                 share_removed: without.map_or(f64::NAN, share),
                 confirmed: without.map_or(f64::NAN, confirmed),

@@ -5,7 +5,7 @@
 
 use super::Settings;
 use super::finding::{Candidate, FoundParameter, RefusedEffect};
-use super::interval::{self, Contents};
+use super::interval::{Contents, Intervals};
 use super::joint::{Fitted, Joint};
 use super::rows::{Rows, dot};
 use super::score::{Score, Scores};
@@ -167,7 +167,7 @@ impl Round<'_> {
         let Some(index) = effects.iter().position(|e| e.effect() == candidate.score.effect) else {
             return Ok(Err("the simulation with it is not finite".to_owned()));
         };
-        for found in self.intervals(&fitted, index, Contents::Chance)? {
+        for found in self.intervals(&fitted, Contents::Chance)?.of(index) {
             if let Some(why) = implausible(&effects[index], &found, &self.joint) {
                 return Ok(Err(why));
             }
@@ -232,7 +232,7 @@ impl Round<'_> {
         for other in refits.iter().filter(|other| other.drop >= SAME_CLASS * best.drop) {
             let effects = other.fitted.model.effects().as_slice();
             let Some(index) = effects.iter().position(|e| e.effect() == other.score.effect) else { continue };
-            let found = self.intervals(&other.fitted, index, Contents::Chance)?;
+            let found = self.intervals(&other.fitted, Contents::Chance)?.of(index);
             let implausible =
                 found.iter().any(|found| implausible(&effects[index], found, &self.joint).is_some());
             // A candidate that fails the checks by itself does not join the class.
@@ -249,14 +249,13 @@ impl Round<'_> {
         Ok(class)
     }
 
-    /// The parameters of effect number `index` with their 95 % intervals.
-    pub(super) fn intervals(
-        &self,
-        fitted: &Fitted,
-        index: usize,
+    /// The 95 % intervals of the parameters of `fitted`.
+    pub(super) fn intervals<'b>(
+        &'b self,
+        fitted: &'b Fitted,
         contents: Contents,
-    ) -> Result<Vec<FoundParameter>, Error> {
-        interval::parameters(&self.joint, fitted, index, self.settings.training_block_s(), contents)
+    ) -> Result<Intervals<'b>, Error> {
+        Intervals::new(&self.joint, fitted, self.settings.training_block_s(), contents)
     }
 }
 

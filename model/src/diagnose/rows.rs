@@ -132,12 +132,7 @@ impl<'a> Rows<'a> {
 
     /// Simulated force of `model` over all runs, N; `None` if it is not finite.
     pub(super) fn predict(&self, model: &Augmented) -> Option<Vec<f64>> {
-        let parts: Vec<Option<Vec<f64>>> = self.runs.par_iter().map(|run| run.predict(model)).collect();
-        let mut all = Vec::with_capacity(self.len());
-        for part in parts {
-            all.extend(part?);
-        }
-        Some(all)
+        self.concatenated(|run| run.predict(model))
     }
 
     /// The same with every run changed by `change`, which keeps the rows and may add others between them.
@@ -146,8 +141,12 @@ impl<'a> Rows<'a> {
         model: &Augmented,
         change: fn(&Dataset) -> Dataset,
     ) -> Option<Vec<f64>> {
-        let parts: Vec<Option<Vec<f64>>> =
-            self.runs.par_iter().map(|run| run.predict_changed(model, change)).collect();
+        self.concatenated(|run| run.predict_changed(model, change))
+    }
+
+    /// The series that `of_run` gives, run by run; `None` if it gives none for one run.
+    fn concatenated(&self, of_run: impl Fn(&RunRows) -> Option<Vec<f64>> + Sync + Send) -> Option<Vec<f64>> {
+        let parts: Vec<Option<Vec<f64>>> = self.runs.par_iter().map(of_run).collect();
         let mut all = Vec::with_capacity(self.len());
         for part in parts {
             all.extend(part?);

@@ -6,21 +6,22 @@
 //!
 //! | variant | change | share that may be real |
 //! |---|---|---|
-//! | finer steps | one row is added in the middle of each step, all channels straight between samples | 0.5 to 2.5 |
+//! | finer steps | one row is added in the middle of each step, with displacement, velocity and drive straight between samples | 0.5 to 2.5 |
 //! | held drive | the same, but the drive has its new value from the middle of the step on | -2 to 2 |
 //! | steady drive | the median of five drives, which keeps steps and removes noise | 0.4 to 2.4 |
-//! | steady motion | a cubic through five displacements | 1 to 3 |
+//! | steady motion | displacement from a parabola through five displacements | 1 to 3 |
 //! | other derivative | velocity and acceleration from a parabola through five displacements | -0.5 to 1.5 |
 //!
 //! Half the step halves an error of first order and quarters one of second order, so the whole error is 2 or 4/3 of the change. A held drive
 //! comes half a step earlier or later than a straight one, which is twice the change to either side. Noise in an input shifts a parameter
-//! by its variance; the median of five leaves 0.29 of the variance and the cubic 0.49, so the whole shift is 1.4 and 2 times the change.
+//! by its variance; the median of five leaves 0.29 of the variance and the parabola 0.49, so the whole shift is 1.4 and 2 times the change.
 //! The three-point derivative and the parabola err in opposite directions, so the truth lies between them or near one.
 //! Each share has a margin, because the variants are coarse.
 
 use super::rows::Rows;
 use crate::effect::Augmented;
 use crate::identify::{Dataset, Row};
+use crate::statistics::parabola;
 use rayon::prelude::*;
 
 /// Rows to either side of a row that the parabola and the median use.
@@ -124,23 +125,22 @@ fn steady_drive(dataset: &Dataset) -> Dataset {
     })
 }
 
-/// Weighted sum of five displacements, m.
-fn weighted(near: &[Row; 2 * REACH + 1], weights: [f64; 2 * REACH + 1]) -> f64 {
-    near.iter().zip(weights).map(|(row, weight)| row.displacement_m * weight).sum()
+/// Displacement, velocity and acceleration from a parabola through five displacements.
+fn motion(near: &[Row; 2 * REACH + 1], step_s: f64) -> [f64; 3] {
+    parabola::fit(&near.map(|row| row.displacement_m), step_s)
 }
 
 fn steady_motion(dataset: &Dataset) -> Dataset {
-    smoothed(dataset, |near, _| Row {
-        displacement_m: weighted(near, [-3.0, 12.0, 17.0, 12.0, -3.0]) / 35.0,
-        ..near[REACH]
+    smoothed(dataset, |near, step_s| {
+        let [displacement_m, _, _] = motion(near, step_s);
+        Row { displacement_m, ..near[REACH] }
     })
 }
 
 fn other_derivative(dataset: &Dataset) -> Dataset {
-    smoothed(dataset, |near, step_s| Row {
-        velocity_m_s: weighted(near, [-2.0, -1.0, 0.0, 1.0, 2.0]) / (10.0 * step_s),
-        acceleration_m_s2: weighted(near, [2.0, -1.0, -2.0, -1.0, 2.0]) / (7.0 * step_s * step_s),
-        ..near[REACH]
+    smoothed(dataset, |near, step_s| {
+        let [_, velocity_m_s, acceleration_m_s2] = motion(near, step_s);
+        Row { velocity_m_s, acceleration_m_s2, ..near[REACH] }
     })
 }
 

@@ -24,9 +24,16 @@ pub fn parabola(trace: &Trace, index: usize, half: usize) -> Option<[f64; 3]> {
     if step_s <= 0.0 || (near_s - 0.5 * span_s).abs() > step_s {
         return None;
     }
+    Some(fit(trace.values.get(from..=to)?, step_s))
+}
+
+/// Value, first and second derivative in the middle of `values`, an odd number of at least three, `step_s` apart.
+#[must_use]
+pub fn fit(values: &[f64], step_s: f64) -> [f64; 3] {
+    let half = values.len() / 2;
     let (mut s0, mut s2, mut s4) = (0.0, 0.0, 0.0);
     let (mut sy, mut sky, mut skky) = (0.0, 0.0, 0.0);
-    for (offset, value) in trace.values.get(from..=to)?.iter().enumerate() {
+    for (offset, value) in values.iter().enumerate() {
         let k = offset as f64 - half as f64;
         s0 += 1.0;
         s2 += k * k;
@@ -37,7 +44,7 @@ pub fn parabola(trace: &Trace, index: usize, half: usize) -> Option<[f64; 3]> {
     }
     let curve = (s0 * skky - s2 * sy) / (s0 * s4 - s2 * s2);
     let middle = (sy - curve * s2) / s0;
-    Some([middle, sky / s2 / step_s, 2.0 * curve / (step_s * step_s)])
+    [middle, sky / s2 / step_s, 2.0 * curve / (step_s * step_s)]
 }
 
 #[cfg(test)]

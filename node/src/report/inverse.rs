@@ -14,7 +14,7 @@ use std::fmt::Write;
 /// Length of the part that is drawn, s.
 const DRAWN_S: f64 = 4.0;
 
-/// What a demanded force was tracked on.
+/// The plant that tracks a demanded force, and the control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrackingSetup {
     /// On the model itself.
@@ -38,7 +38,7 @@ impl TrackingSetup {
 /// Result of tracking the demanded force on one setup.
 #[derive(Debug, Clone)]
 pub struct TrackingResult {
-    /// What the force was tracked on.
+    /// The plant and the control.
     pub setup: TrackingSetup,
     /// Tracking errors.
     pub figures: Figures,
