@@ -15,6 +15,7 @@
 //! error.
 
 use super::qos::Overrides;
+use super::value::UnsuitableValue;
 use super::{Assignment, Value, is_known};
 use crate::error::NodeError;
 use std::collections::BTreeMap;
@@ -43,7 +44,7 @@ pub(super) fn read(path: &Path, full_name: &str) -> Result<Vec<Assignment>, Node
             .ok_or_else(|| in_file(format!("{section} has no ros__parameters")))?;
         let mut values = Vec::new();
         let flat = Flat { is_shared: is_shared(section) };
-        flat.flatten("", parameters, &mut values).map_err(|why| in_file(format!("{section}: {why}")))?;
+        flat.flatten("", parameters, &mut values).map_err(|error| in_file(format!("{section}: {error}")))?;
         let origin = Some((path.to_owned(), Some(section.clone())));
         all.extend(values.into_iter().map(|(name, value)| Assignment {
             name,
@@ -74,6 +75,14 @@ pub(super) fn is_shared(section: &str) -> bool {
     section.trim_end_matches('/').rsplit('/').next().is_some_and(|node| node.contains('*'))
 }
 
+/// A parameter of this node with a value that no parameter can have.
+#[derive(Debug, thiserror::Error)]
+#[error("{name} {why}")]
+struct UnsuitableParameter {
+    name: String,
+    why: UnsuitableValue,
+}
+
 /// Flattens the parameters of a section into a list.
 struct Flat {
     /// True if the section is for several nodes.
@@ -86,19 +95,19 @@ impl Flat {
         prefix: &str,
         map: &serde_json::Map<String, serde_json::Value>,
         out: &mut Vec<(String, Value)>,
-    ) -> Result<(), String> {
+    ) -> Result<(), UnsuitableParameter> {
         for (key, value) in map {
             let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
             match value {
                 serde_json::Value::Object(inner) => self.flatten(&name, inner, out)?,
-                _ => match value_of(&name, value) {
+                _ => match Value::try_from(value.clone()) {
                     Ok(value) => out.push((name, value)),
                     // Parameters of other nodes can have types that no parameter of this node has. Their values are not
                     // parsed.
                     Err(_) if self.is_shared && is_foreign(&name) => {
                         out.push((name, Value::Text(value.to_string())));
                     }
-                    Err(why) => return Err(why),
+                    Err(why) => return Err(UnsuitableParameter { name, why }),
                 },
             }
         }
@@ -111,23 +120,6 @@ fn is_foreign(name: &str) -> bool {
     !is_known(name)
         && !Overrides::are_meant(name)
         && !name.split_once('.').is_some_and(|(_, rest)| is_known(rest))
-}
-
-fn value_of(name: &str, value: &serde_json::Value) -> Result<Value, String> {
-    match value {
-        serde_json::Value::Bool(b) => Ok(Value::Bool(*b)),
-        serde_json::Value::String(text) => Ok(Value::Text(text.clone())),
-        serde_json::Value::Number(n) => {
-            let value = n.as_i64().map(Value::Integer).or_else(|| n.as_f64().map(Value::Double));
-            value.ok_or_else(|| format!("{name}: a number is out of range"))
-        }
-        serde_json::Value::Array(items) => {
-            let texts: Option<Vec<String>> =
-                items.iter().map(|item| item.as_str().map(str::to_owned)).collect();
-            texts.map(Value::TextList).ok_or_else(|| format!("{name} must be a list of texts"))
-        }
-        serde_json::Value::Null | serde_json::Value::Object(_) => Err(format!("{name} has no value")),
-    }
 }
 
 #[cfg(test)]

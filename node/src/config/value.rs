@@ -16,30 +16,13 @@ pub enum Value {
 }
 
 impl Value {
-    /// Parses a value like YAML in `-p name:=value`: numbers, `true`, lists in brackets, everything else as text.
+    /// Parses the value of `-p name:=value` as YAML. A text that is not YAML or that no parameter can have, such as
+    /// `null` or a mapping, stays the text that it is.
     #[must_use]
     pub fn parse(text: &str) -> Self {
-        let text = text.trim();
-        if let Some(inner) = text.strip_prefix('[').and_then(|t| t.strip_suffix(']')) {
-            let items = inner.split(',').map(|item| unquoted(item).to_owned());
-            return Self::TextList(items.filter(|item| !item.is_empty()).collect());
-        }
-        if unquoted(text).len() < text.len() {
-            return Self::Text(unquoted(text).to_owned());
-        }
-        match text {
-            "true" | "True" | "TRUE" => Self::Bool(true),
-            "false" | "False" | "FALSE" => Self::Bool(false),
-            _ => {
-                if let Ok(whole) = text.parse() {
-                    Self::Integer(whole)
-                } else if let Ok(number) = text.parse() {
-                    Self::Double(number)
-                } else {
-                    Self::Text(text.to_owned())
-                }
-            }
-        }
+        let yaml = serde_saphyr::from_str::<serde_json::Value>(text).ok();
+        let value = yaml.and_then(|yaml| Self::try_from(yaml).ok());
+        value.unwrap_or_else(|| Self::Text(text.trim().to_owned()))
     }
 
     /// The type's name, for messages.
@@ -55,16 +38,42 @@ impl Value {
     }
 }
 
-fn unquoted(text: &str) -> &str {
-    let text = text.trim();
-    for quote in ['\'', '"'] {
-        if text.len() >= 2
-            && let Some(inner) = text.strip_prefix(quote).and_then(|t| t.strip_suffix(quote))
-        {
-            return inner;
+/// A YAML value that no parameter can have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum UnsuitableValue {
+    /// Nothing, or a mapping.
+    #[error("has no value")]
+    Empty,
+    /// An integer or a number outside of the range of 64 bits.
+    #[error("is a number out of range")]
+    Range,
+    /// A list with an item that is not a text.
+    #[error("must be a list of texts")]
+    Item,
+}
+
+impl TryFrom<serde_json::Value> for Value {
+    type Error = UnsuitableValue;
+
+    fn try_from(value: serde_json::Value) -> Result<Self, UnsuitableValue> {
+        use serde_json::Value as Yaml;
+        match value {
+            Yaml::Bool(value) => Ok(Self::Bool(value)),
+            Yaml::String(text) => Ok(Self::Text(text)),
+            Yaml::Number(number) => {
+                let value = number.as_i64().map(Self::Integer).or_else(|| number.as_f64().map(Self::Double));
+                value.ok_or(UnsuitableValue::Range)
+            }
+            Yaml::Array(items) => {
+                let text = |item| match item {
+                    Yaml::String(text) => Ok(text),
+                    _ => Err(UnsuitableValue::Item),
+                };
+                items.into_iter().map(text).collect::<Result<_, _>>().map(Self::TextList)
+            }
+            Yaml::Null | Yaml::Object(_) => Err(UnsuitableValue::Empty),
         }
     }
-    text
 }
 
 impl std::fmt::Display for Value {
@@ -95,6 +104,16 @@ mod tests {
             ("thesis/fuzzy-tanh/rp3-cs", Value::Text("thesis/fuzzy-tanh/rp3-cs".into())),
             ("['tcp/127.0.0.1:7447', b]", Value::TextList(vec!["tcp/127.0.0.1:7447".into(), "b".into()])),
             ("[]", Value::TextList(vec![])),
+            ("['a,b', \"c d\"]", Value::TextList(vec!["a,b".into(), "c d".into()])),
+            ("[7]", Value::Text("[7]".into())),
+            ("a, b", Value::Text("a, b".into())),
+            ("/fl: 1", Value::Text("/fl: 1".into())),
+            ("[a, b", Value::Text("[a, b".into())),
+            ("~", Value::Text("~".into())),
+            ("", Value::Text(String::new())),
+            ("no", Value::Text("no".into())),
+            ("inf", Value::Text("inf".into())),
+            ("99999999999999999999", Value::Double(1e20)),
         ] {
             assert_eq!(Value::parse(text), value, "{text}");
         }
