@@ -21,7 +21,7 @@ use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use vehicle_support::{Corner, Peer, drive, hear, start};
+use vehicle_support::{Corner, Peer, drive, hear, settle, start};
 
 /// Drives a node of many dampers and prints what it cost.
 #[derive(Debug, Parser)]
@@ -99,8 +99,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let node = start(&args.node, &names, args.domain, &args.parameter);
     let Peer { mut ros, corners } = Peer::start(&names, args.domain);
     let diagnostics = ros.subscribe::<DiagnosticArray>("/diagnostics")?;
-    // Endpoints are matched and histories are filled during this time.
-    drive(&corners, args.rate_hz, 2.0);
+    settle(&corners, args.rate_hz);
+    // Histories are filled during this time.
+    drive(&corners, args.rate_hz, 1.0);
     said(&diagnostics);
 
     let ended = AtomicBool::new(false);

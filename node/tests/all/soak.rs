@@ -11,7 +11,7 @@
 use crate::domain::Domain;
 use crate::live_support::{Ended, wait_until};
 use crate::turn::turn;
-use crate::vehicle_support::{CORNERS, Peer, drive, hear, start};
+use crate::vehicle_support::{CORNERS, Peer, drive, hear, settle, start};
 use mr_damper_msgs::standard::DiagnosticArray;
 use ros2_client::Subscription;
 use std::collections::BTreeMap;
@@ -46,7 +46,7 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
     let mut node = start(Path::new(env!("CARGO_BIN_EXE_mr-damper")), &CORNERS, domain.id(), &[]);
     let Peer { mut ros, corners } = Peer::start(&CORNERS, domain.id());
     let diagnostics = ros.subscribe::<DiagnosticArray>("/diagnostics").expect("a topic");
-    // Samples that arrive while endpoints are still being matched do not count.
+    settle(&corners, rate_hz);
     let done = AtomicBool::new(false);
     let (mut stamps, mut latest) = (Vec::new(), Duration::ZERO);
     let mut memory = Vec::new();
@@ -54,7 +54,6 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
         let hearing = scope.spawn(|| hear(&corners, &done));
         let driving = scope.spawn(|| {
             let _ended = Ended(&done);
-            drive(&corners, rate_hz, 1.0);
             drive(&corners, rate_hz, seconds)
         });
         while !driving.is_finished() {
@@ -66,9 +65,14 @@ fn four_dampers_lose_nothing_and_do_not_grow() {
     });
     let mut all_lost = 0;
     for (name, heard) in CORNERS.iter().zip(&heard) {
-        let lost = stamps.iter().filter(|stamp| !heard.contains(stamp)).count();
-        eprintln!("{name}: {} displacements at {rate_hz} Hz, {lost} without an estimate", stamps.len());
-        all_lost += lost;
+        let lost: Vec<usize> = (0..stamps.len()).filter(|k| !heard.contains(&stamps[*k])).collect();
+        let first = &lost[..lost.len().min(10)];
+        eprintln!(
+            "{name}: {} displacements at {rate_hz} Hz, {} without an estimate, first ones {first:?}",
+            stamps.len(),
+            lost.len()
+        );
+        all_lost += lost.len();
     }
     eprintln!("the peer was late by {latest:?} at most");
     let (third, last) = (memory[memory.len() / 3], *memory.last().expect("it was looked at"));

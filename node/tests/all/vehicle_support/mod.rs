@@ -82,6 +82,8 @@ fn corners(ros: &mut Ros, names: &[&str]) -> Vec<Corner> {
 
 /// Sends motion at `rate_hz` for `seconds`, and returns the stamps and the largest lateness. After a stall of the machine
 /// it catches up at four times the rate: a burst of all late samples would overrun the queues of any middleware.
+///
+/// It returns one interval after the last sample, so the first sample of a second drive has the right distance from it.
 pub(crate) fn drive(corners: &[Corner], rate_hz: f64, seconds: f64) -> (Vec<i64>, Duration) {
     let (begin, first) = (Instant::now(), system_now());
     let mut stamps = Vec::with_capacity((rate_hz * seconds) as usize);
@@ -105,7 +107,21 @@ pub(crate) fn drive(corners: &[Corner], rate_hz: f64, seconds: f64) -> (Vec<i64>
         }
         stamps.push(stamp.nanos());
     }
+    std::thread::sleep(Duration::from_secs_f64(seconds).saturating_sub(begin.elapsed()));
     (stamps, latest)
+}
+
+/// Sends motion at `rate_hz`, a second at a time, until each damper's estimates arrive: then all endpoints are matched,
+/// which takes longer than a second on a busy machine.
+pub(crate) fn settle(corners: &[Corner], rate_hz: f64) {
+    let patience = Instant::now() + Duration::from_secs(20);
+    loop {
+        drive(corners, rate_hz, 1.0);
+        if corners.iter().all(|corner| corner.estimates.take().expect("readable").is_some()) {
+            return;
+        }
+        assert!(Instant::now() < patience, "not every damper's estimates arrive");
+    }
 }
 
 /// Collects the stamps of each damper's estimates until `done`, and half a second longer.
