@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 pub const EDITS: Option<&str> = option_env!("MR_DAMPER_HARDENED");
 
 /// Limits of the default build that the edited DDS libraries remove.
-pub const LACKS: [(&str, &str); 6] = [
+pub const LACKS: [(&str, &str); 5] = [
     (
         "long answers",
         "service answers longer than about 1.4 kB do not reach clients that have a network address",
@@ -16,10 +16,6 @@ pub const LACKS: [(&str, &str); 6] = [
     ("type hashes", "`ros2 topic info -v` shows no type hash and the graph no enclave"),
     ("hostile packets", "one crafted packet ends the node"),
     ("SIGSTOP", "a node that was stopped (Ctrl-Z, a debugger) ends when it continues"),
-    (
-        "a taken port",
-        "if another program takes the node's port of user data while the node starts, readers that join late receive nothing until the node restarts",
-    ),
     (
         "lagging readers with DDS-Security",
         "with DDS-Security on, a reader that stays in the graph and never acknowledges makes the node's memory grow until its memory limit ends it",

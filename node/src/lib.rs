@@ -44,6 +44,7 @@ pub mod models;
 pub mod overseer;
 pub mod panics;
 pub mod parameters;
+mod participant_ports;
 pub mod player;
 pub mod provenance;
 pub mod realtime;

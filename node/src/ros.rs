@@ -17,6 +17,7 @@ use crate::graph::{Endpoints, Graph, Writer};
 use crate::hardened;
 use crate::lagging_readers::{LaggingReaders, LocalWriter, WINDOW, Writers};
 use crate::listed_peers::ListedPeers;
+use crate::participant_ports::with_both_ports;
 use crate::realtime::{self, Scheduling};
 use crate::ros_environment::{self, NetworkRequest, Reach, Remark};
 use crate::security::Enclave;
@@ -131,23 +132,25 @@ impl Domain {
         for Remark { found, advice } in &requested.remarks {
             tracing::warn!("{found}; {advice}");
         }
-        let mut builder = DomainParticipantBuilder::new(domain).socket_send_buffer_size(SEND_BUFFER);
         if requested.reach == Reach::Loopback {
             require_loopback()?;
-            builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
         }
         let mut advice = "check that a network interface is up and UDP ports from 7400 are free".to_owned();
         if let Some(enclave) = &enclave {
-            builder = enclave.secure(builder)?;
             let directory = enclave.directory().display();
             advice +=
                 &format!(", and that the files in {directory} are signed, valid and for domain {domain}");
             tracing::info!(enclave = %directory, "DDS-Security is on");
         }
         hardened::announce(&announced);
-        let ((built, threads), scheduling) =
-            realtime::raised(priority, || DdsThreads::of(|| builder.build()));
-        let participant = built.map_err(|e| failed(format!("joining domain {domain}"), &e, &advice))?;
+        let build = || {
+            let builder = builder(domain, requested.reach, enclave.as_ref())?;
+            let (built, threads) = DdsThreads::of(|| builder.build());
+            let participant = built.map_err(|e| failed(format!("joining domain {domain}"), &e, &advice))?;
+            Ok((participant, threads))
+        };
+        let (joined, scheduling) = realtime::raised(priority, || with_both_ports(domain, build));
+        let (participant, threads) = joined?;
         let listed = match requested.peers.is_empty() {
             true => None,
             false => Some(ListedPeers::start(&requested.peers, domain, participant.guid().prefix.as_ref())?),
@@ -218,6 +221,25 @@ impl Domain {
     #[must_use]
     pub fn node_of(&self, writer: &Writer) -> Option<String> {
         self.graph.node_of(writer)
+    }
+}
+
+/// The settings of a participant.
+///
+/// # Errors
+/// When DDS-Security is requested of a program without it.
+fn builder(
+    domain: u16,
+    reach: Reach,
+    enclave: Option<&Enclave>,
+) -> Result<DomainParticipantBuilder, NodeError> {
+    let mut builder = DomainParticipantBuilder::new(domain).socket_send_buffer_size(SEND_BUFFER);
+    if reach == Reach::Loopback {
+        builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
+    }
+    match enclave {
+        Some(enclave) => enclave.secure(builder),
+        None => Ok(builder),
     }
 }
 

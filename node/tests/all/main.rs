@@ -45,6 +45,7 @@ mod live_fleet;
 mod live_float;
 mod live_load_model;
 mod live_manage;
+mod live_ports;
 mod live_publishers;
 mod live_realtime;
 mod live_record;

@@ -116,37 +116,6 @@ fn two_threads_create_topics_and_endpoints_without_deadlock() {
     });
 }
 
-#[test]
-#[ignore = "needs a hardened build with DDS-Security, and tests/interop/setup.sh secure"]
-fn late_readers_are_served_although_another_program_has_the_port_of_user_data() {
-    interop("security and a port that is taken", |lab| {
-        let (binary, peer) = match (hardened_secure_binary(), optional_environment("secure")) {
-            (Ok(binary), Ok(folder)) => (binary, folder.join("secure_peer")),
-            (Err(why), _) | (_, Err(why)) => return Outcome::Missing(why),
-        };
-        let keystores = keystores(lab);
-        // The port of the domain's first participant. A Fast DDS peer takes it if it starts in the same moment as the node.
-        let hold = "import os, socket, sys\n\
-            taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)\n\
-            taken.bind((\"0.0.0.0\", 7411 + 250 * int(os.environ[\"ROS_DOMAIN_ID\"])))\n\
-            print(1, flush=True)\n\
-            sys.stdin.read()";
-        let mut holder = lab.start_commanded("holder of the port", Path::new("python3"), &["-c", hold]);
-        assert_eq!(holder.json_line(PEER), 1);
-        let mut node = secured(lab, &binary, &keystores, "/node");
-        let enclave = utf8(&keystores.join("ours/enclaves/sensor"));
-        // The second reader asks for the samples before it.
-        let heard = ["first", "late"].map(|name| {
-            let saw = lab.start_with(name, &peer, &[&enclave, "1", "1", "3"], &[]).json(PEER);
-            assert!(count(&saw, "/heard") > 100, "{name}: {saw:#}");
-            count(&saw, "/heard")
-        });
-        node.signal("INT");
-        assert!(node.wait(PEER).success());
-        Outcome::Passed(format!("{heard:?} estimates"))
-    });
-}
-
 /// Starts a program with the enclave that has the permissions of a node.
 fn tool(lab: &Lab, binary: &Path, keystores: &Path, arguments: &[&str]) -> Program {
     let keystore = keystores.join("ours");
