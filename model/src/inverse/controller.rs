@@ -199,6 +199,16 @@ impl InverseController {
     }
 }
 
+/// Largest change of the current within `dt_s` at `rate_a_s`, A. Without a time step the current does not change. An infinite rate allows
+/// every change, also within a step of 0 s.
+fn most_change_a(rate_a_s: f64, dt_s: Option<f64>) -> f64 {
+    match dt_s {
+        None => 0.0,
+        Some(_) if rate_a_s == f64::INFINITY => f64::INFINITY,
+        Some(dt_s) => rate_a_s * dt_s,
+    }
+}
+
 /// Inputs of a step.
 struct Step<'a> {
     limits: &'a Limits,
@@ -365,8 +375,7 @@ impl Memory {
         // A time step near zero can make the lead NaN. The last current then stays.
         let current_a = if current_a.is_finite() { current_a } else { self.last_a };
         let inside_a = current_a.clamp(0.0, limits.current_max_a);
-        // Without a time step the current does not change.
-        let most_a = dt_s.map_or(0.0, |dt_s| limits.rate_max_a_s * dt_s);
+        let most_a = most_change_a(limits.rate_max_a_s, dt_s);
         let cut_a = inside_a.clamp(self.last_a - most_a, self.last_a + most_a);
         (cut_a, if cut_a == inside_a { by } else { LimitedBy::Rate })
     }
@@ -385,9 +394,8 @@ impl Memory {
         let Limits { safe_a, safe_after_s, rate_max_a_s, current_max_a, .. } = *limits;
         let way_a = safe_a - self.last_a;
         let rate_a_s = *self.safe_rate_a_s.get_or_insert((way_a.abs() / safe_after_s).min(rate_max_a_s));
-        // An infinite rate times a time step of zero is NaN. The whole step is then taken at once.
-        let most_a = dt_s.map_or(0.0, |dt_s| rate_a_s * dt_s);
-        let step_a = if most_a.is_nan() { way_a } else { way_a.clamp(-most_a, most_a) };
+        let most_a = most_change_a(rate_a_s, dt_s);
+        let step_a = way_a.clamp(-most_a, most_a);
         self.last_a = (self.last_a + step_a).clamp(0.0, current_max_a);
         self.target_a = self.last_a;
         self.without_forces(demand, LimitedBy::Safe)

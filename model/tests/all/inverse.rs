@@ -66,6 +66,17 @@ fn demands_that_cannot_be_met_are_answered_with_the_reason() {
 }
 
 #[test]
+fn without_a_rate_limit_a_demanded_current_is_reached_within_no_time() {
+    let mut controller = InverseController::without_inverse(Limits::default()).expect("valid limits");
+    let command = controller.idle(Demand::Current(1.5), 0.0);
+    assert_eq!((command.current.get(), command.limited_by), (1.5, LimitedBy::None));
+    let limits = Limits { rate_max_a_s: 10.0, ..Limits::default() };
+    let mut controller = InverseController::without_inverse(limits).expect("valid limits");
+    let command = controller.idle(Demand::Current(1.5), 0.0);
+    assert_eq!((command.current.get(), command.limited_by), (0.0, LimitedBy::Rate));
+}
+
+#[test]
 fn without_demands_the_current_reaches_the_safe_one_in_time() {
     let limits = Limits { safe_a: 0.4, safe_after_s: 0.25, ..Limits::default() };
     let mut controller = InverseController::new(&fuzzy_tanh(), limits).expect("it follows a current");
