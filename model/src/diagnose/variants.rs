@@ -6,7 +6,7 @@
 //!
 //! | variant | change | share that may be real |
 //! |---|---|---|
-//! | finer steps | one row is added in the middle of each step, with displacement, velocity and drive straight between samples | 0.5 to 2.5 |
+//! | finer steps | one row is added in the middle of each step, with displacement, velocity, acceleration, drive and temperature straight between samples | 0.5 to 2.5 |
 //! | held drive | the same, but the drive has its new value from the middle of the step on | -2 to 2 |
 //! | steady drive | the median of five drives, which keeps steps and removes noise | 0.4 to 2.4 |
 //! | steady motion | displacement from a parabola through five displacements | 1 to 3 |
@@ -83,11 +83,16 @@ fn halved(dataset: &Dataset, drive: fn(f64, f64) -> f64) -> Dataset {
             continue;
         };
         let half_s = Some(0.5 * dt_s);
+        // The first row of a segment has no acceleration.
+        let before_m_s2 =
+            Some(before.acceleration_m_s2).filter(|a| a.is_finite()).unwrap_or(row.acceleration_m_s2);
         rows.push(Row {
             dt_s: half_s,
             displacement_m: f64::midpoint(before.displacement_m, row.displacement_m),
             velocity_m_s: f64::midpoint(before.velocity_m_s, row.velocity_m_s),
+            acceleration_m_s2: f64::midpoint(before_m_s2, row.acceleration_m_s2),
             drive: drive(before.drive, row.drive),
+            case_temp_c: f64::midpoint(before.case_temp_c, row.case_temp_c),
             counts: false,
             ..*row
         });
@@ -177,6 +182,9 @@ mod tests {
         let time_s = |rows: &[Row]| rows.iter().filter_map(|row| row.dt_s).sum::<f64>();
         assert!((time_s(&finer.rows) - time_s(&all.rows)).abs() < 1e-12);
         assert!(finer.rows.iter().skip(2).step_by(2).zip(&all.rows[1..]).all(|(a, b)| a.drive == b.drive));
+        let [before, after] = [all.rows[100], all.rows[101]].map(|row| row.acceleration_m_s2);
+        assert_eq!(finer.rows[201].acceleration_m_s2, f64::midpoint(before, after));
+        assert!(finer.rows[1].acceleration_m_s2.is_finite(), "although the first row has none");
         let earlier = held.rows.iter().zip(&finer.rows).filter(|(h, f)| h.drive > f.drive).count();
         assert_eq!(earlier, 9, "one added row at each step of the current");
     }
