@@ -12,6 +12,8 @@
 //! All models were identified at 512 Hz, on displacement that was low-passed by two poles at 20 Hz, with the
 //! backward difference as velocity. They describe one damper (an ACDelco MagneRide unit, 0 to 2.5 A, up to
 //! about 1.4 kN); identify a model of your own for any other damper.
+//!
+//! The printed tables are text files in `model/data`, which the build turns into the arrays of `tables`.
 
 mod anfis_rows;
 mod arx_rows;
@@ -19,6 +21,7 @@ mod fuzzy_rows;
 mod p_rows;
 pub mod published;
 mod sp_rows;
+mod tables;
 
 pub use fuzzy_rows::{CENTRES_A, SIGMA_A};
 
@@ -82,10 +85,10 @@ pub fn phase_names() -> Vec<String> {
 pub fn phase(name: &str) -> Result<Phase, Error> {
     let found = || {
         let (form, experiment) = name.strip_prefix("thesis/")?.split_once('/')?;
-        let row = EXPERIMENTS.iter().position(|known| *known == experiment)?;
+        let experiment = EXPERIMENTS.iter().find(|known| **known == experiment)?;
         match form {
-            "p-passive" => p_rows::passive(row),
-            "p-semi-active" => p_rows::semi_active(row),
+            "p-passive" => p_rows::passive(experiment),
+            "p-semi-active" => p_rows::semi_active(experiment),
             _ => None,
         }
     };
@@ -113,16 +116,23 @@ fn find(name: &str) -> Option<Model> {
         |model, form| Some(published::identification(model, form, experiment)?.rsse_lbf * N_PER_LBF);
     let one_step = |form| Expected { one_step_rsse_n: identified("arx", form), ..Expected::default() };
     let free_run = |form| Expected { free_run_rsse_n: identified("sp", form), ..Expected::default() };
+    // The average over all experiments; for fuzzy-tanh, the thesis prints no error on the training data.
+    let average = |model| {
+        let average = published::cross_validation(model, Form::SemiActive, experiment)?;
+        Some(Expected { free_run_rsse_n: Some(average.rsse_lbf * N_PER_LBF), ..Expected::default() })
+    };
     let mut envelope = span;
     let (force, expected) = match (form, level) {
-        ("arx-passive", None) => (ForceModel::Arx(arx_rows::passive(row)?), one_step(Form::Passive)),
+        ("arx-passive", None) => (ForceModel::Arx(arx_rows::passive(experiment)?), one_step(Form::Passive)),
         ("arx-semi-active", None) => {
-            (ForceModel::Arx(arx_rows::semi_active(row)?), one_step(Form::SemiActive))
+            (ForceModel::Arx(arx_rows::semi_active(experiment)?), one_step(Form::SemiActive))
         }
-        ("sp-passive", None) => (ForceModel::Law(sp_rows::passive(row)?), free_run(Form::Passive)),
-        ("sp-semi-active", None) => (ForceModel::Law(sp_rows::semi_active(row)?), free_run(Form::SemiActive)),
+        ("sp-passive", None) => (ForceModel::Law(sp_rows::passive(experiment)?), free_run(Form::Passive)),
+        ("sp-semi-active", None) => {
+            (ForceModel::Law(sp_rows::semi_active(experiment)?), free_run(Form::SemiActive))
+        }
         ("fuzzy-tanh", level) => {
-            let model = fuzzy_rows::model(row.checked_sub(5)?)?;
+            let model = fuzzy_rows::model(experiment)?;
             let model = match level {
                 None => model,
                 Some(level) => {
@@ -130,15 +140,12 @@ fn find(name: &str) -> Option<Model> {
                     single(&model, j)?
                 }
             };
-            // The thesis prints no error on the training data; this is the average over all experiments.
-            let average = published::cross_validation("fuzzy-tanh", Form::SemiActive, experiment)?;
-            let free_run_rsse_n = Some(average.rsse_lbf * N_PER_LBF);
-            (ForceModel::FuzzyTanh(model), Expected { free_run_rsse_n, ..Expected::default() })
+            (ForceModel::FuzzyTanh(model), average("fuzzy-tanh")?)
         }
         ("anfis", None) => {
-            let (model, own, rsse_n) = anfis_rows::model(row)?;
+            let (model, own) = anfis_rows::model(experiment)?;
             envelope = own;
-            (ForceModel::Tsk(model), Expected { free_run_rsse_n: Some(rsse_n), ..Expected::default() })
+            (ForceModel::Tsk(model), average("anfis")?)
         }
         _ => return None,
     };
@@ -150,6 +157,17 @@ fn find(name: &str) -> Option<Model> {
         envelope: Envelope { drive: force.drive().map(|_| [0.0, 2.5]), ..envelope },
         expected,
     })
+}
+
+/// A row of printed parameters in SI units: each parameter times its factor.
+fn in_si(row: [f64; 5], si: [f64; 5]) -> [f64; 5] {
+    std::array::from_fn(|j| row[j] * si[j])
+}
+
+/// A row of printed polynomials in SI units. A row has the coefficients of 1, i and i² of each parameter; the
+/// result has a row of the five parameters for 1, one for i and one for i².
+fn quadratic_in_si(row: [f64; 15], si: [f64; 5]) -> [[f64; 5]; 3] {
+    std::array::from_fn(|power| std::array::from_fn(|j| row[3 * j + power] * si[j]))
 }
 
 /// Function `j` of `model` alone: the force no longer depends on current.

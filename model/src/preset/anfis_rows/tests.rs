@@ -52,8 +52,9 @@ fn force_grows_with_velocity_and_current() {
 #[test]
 fn scales_agree_with_the_fuzzy_tanh_models_of_the_same_data() {
     // The two were identified independently, so a wrong scale of force, velocity or current would show here.
-    for (k, name) in EXPERIMENTS[5..].iter().enumerate() {
-        let (anfis, tanh) = (anfis(&format!("thesis/anfis/{name}")), fuzzy_rows::model(k).expect("a model"));
+    for name in &EXPERIMENTS[5..] {
+        let (anfis, tanh) =
+            (anfis(&format!("thesis/anfis/{name}")), fuzzy_rows::model(name).expect("a model"));
         for i in [0.8, 1.6, 2.5] {
             for v in [-0.15, -0.1, -0.05, 0.05, 0.1, 0.15] {
                 let (a, t) = (force_n(&anfis, 0.0, v, i), tanh.force_n(0.0, v, i));
