@@ -33,6 +33,8 @@ mod tests;
 
 use crate::error::Error;
 use crate::force::{Order, OutputScale, Signal, Tsk, TskInput, TskKind, TskSet};
+use crate::model::Envelope;
+use crate::sample::DriveKind;
 use std::fmt::Write;
 
 /// A Sugeno system on a full grid, as stored in a file.
@@ -75,6 +77,45 @@ pub struct Scaling {
     pub force_offset_n: f64,
 }
 
+impl FisInput {
+    /// The signal whose name the input's name begins with, in upper or lower case, e.g. `Velocity (m/s)`. The
+    /// names are displacement, velocity, acceleration, current and voltage.
+    #[must_use]
+    pub fn signal(&self) -> Option<Signal> {
+        let name = self.name.to_lowercase();
+        SIGNALS.into_iter().find(|signal| name.starts_with(name_of(*signal)))
+    }
+}
+
+/// The signals that an input can be.
+const SIGNALS: [Signal; 5] = [
+    Signal::Displacement,
+    Signal::Velocity,
+    Signal::Acceleration,
+    Signal::Drive(DriveKind::CoilCurrent),
+    Signal::Drive(DriveKind::CommandVoltage),
+];
+
+/// Name of a signal in files.
+const fn name_of(signal: Signal) -> &'static str {
+    match signal {
+        Signal::Drive(DriveKind::CoilCurrent) => "current",
+        Signal::Drive(DriveKind::CommandVoltage) => "voltage",
+        other => other.name(),
+    }
+}
+
+/// The range of `signal` in `envelope`; `None` for acceleration, whose range is not recorded.
+const fn range_in(envelope: &mut Envelope, signal: Signal) -> Option<&mut Option<[f64; 2]>> {
+    match signal {
+        Signal::Displacement => Some(&mut envelope.displacement_m),
+        Signal::Velocity => Some(&mut envelope.velocity_m_s),
+        Signal::Drive(_) => Some(&mut envelope.drive),
+        Signal::Force => Some(&mut envelope.force_n),
+        Signal::Acceleration => None,
+    }
+}
+
 impl Scaling {
     /// The scaling of a model.
     #[must_use]
@@ -98,13 +139,17 @@ impl Fis {
     }
 
     /// The system of `model`. The range of an input is the range of its sets' centres, because the model
-    /// stores no other.
+    /// stores no other; [`Fis::with_ranges`] takes the ranges from an envelope.
     #[must_use]
     pub fn of(model: &Tsk, name: &str) -> Self {
         let input = |input: &TskInput| {
             let tops = || input.sets().map(|set| set.top());
-            let range = [tops().fold(f64::INFINITY, f64::min), tops().fold(f64::NEG_INFINITY, f64::max)];
-            FisInput { name: input.signal().name().to_owned(), range, sets: input.sets().collect() }
+            let [low, high] =
+                [tops().fold(f64::INFINITY, f64::min), tops().fold(f64::NEG_INFINITY, f64::max)];
+            // A range has a width, also around a single set.
+            let width = low.abs().max(1.0);
+            let range = if low < high { [low, high] } else { [low - width, high + width] };
+            FisInput { name: name_of(input.signal()).to_owned(), range, sets: input.sets().collect() }
         };
         Self {
             name: name.to_owned(),
@@ -136,6 +181,39 @@ impl Fis {
             .map(|(input, (signal, mean, std_dev))| TskInput::new(*signal, *mean, *std_dev, &input.sets))
             .collect::<Result<Vec<_>, Error>>()?;
         Tsk::new(kind, &inputs, self.order, &self.conclusions, scaling.output, scaling.force_offset_n)
+    }
+
+    /// The ranges of the inputs and of the output, in SI units.
+    #[must_use]
+    pub fn envelope(&self, scaling: &Scaling) -> Envelope {
+        let mut envelope = Envelope::default();
+        for (input, (signal, mean, std_dev)) in self.inputs.iter().zip(&scaling.inputs) {
+            if let Some(range) = range_in(&mut envelope, *signal) {
+                *range = Some(input.range.map(|u| mean + std_dev * u));
+            }
+        }
+        let OutputScale { mean_n, std_dev_n } = scaling.output;
+        envelope.force_n = Some(self.output_range.map(|f| mean_n + std_dev_n * f));
+        envelope
+    }
+
+    /// The system with the ranges of `envelope`. A range that is not known or has no width stays.
+    #[must_use]
+    pub fn with_ranges(mut self, envelope: &Envelope, scaling: &Scaling) -> Self {
+        let mut envelope = *envelope;
+        let mut take = |range: &mut [f64; 2], (signal, mean, std_dev): (Signal, f64, f64)| {
+            let known = range_in(&mut envelope, signal).and_then(|range| *range);
+            *range = match known.map(|known| known.map(|x| (x - mean) / std_dev)) {
+                Some([low, high]) if low < high => [low, high],
+                _ => *range,
+            };
+        };
+        for (input, scale) in self.inputs.iter_mut().zip(&scaling.inputs) {
+            take(&mut input.range, *scale);
+        }
+        let OutputScale { mean_n, std_dev_n } = scaling.output;
+        take(&mut self.output_range, (Signal::Force, mean_n, std_dev_n));
+        self
     }
 
     /// The text of the file.

@@ -39,6 +39,7 @@ enum Command {
     Evaluate(command::evaluate::Args),
     Close(command::close::Args),
     Inverse(command::inverse::Args),
+    Fis(command::fis::Args),
     Presets(command::presets::Args),
     Doctor(command::doctor::Args),
     Serve(command::serve::Args),
@@ -68,6 +69,7 @@ impl Command {
             Self::Evaluate(_) => "evaluate",
             Self::Close(args) if !args.live.live => "close",
             Self::Inverse(_) => "inverse",
+            Self::Fis(_) => "fis",
             Self::Presets(_) => "presets",
             // These commands start nodes with names but without parameters.
             Self::Replay(_) => return self.refuse_parameters("replay", given),
@@ -145,6 +147,7 @@ fn run(cli: Cli, ros_args: RosArgs) -> Result<(), NodeError> {
         Command::Evaluate(args) => command::evaluate::run(&args, &context),
         Command::Close(args) => command::close::run(&args, &context),
         Command::Inverse(args) => command::inverse::run(&args, &context),
+        Command::Fis(args) => command::fis::run(&args, &context),
         Command::Doctor(args) => command::doctor::run(&args, &context),
         Command::Presets(args) => command::presets::run(&args),
         Command::Serve(args) => command::serve::run(&args, &context),
@@ -200,6 +203,7 @@ mod tests {
             "evaluate m.toml a",
             "close --base arx --estimate a --confirm b --out m.toml",
             "inverse m.toml --force a",
+            "fis a.fis --rate 512 --out models",
             "presets",
         ] {
             for ros in ["-r displacement:=/x", "-r __ns:=/a", "-p coast_s:=1", "--enclave /a"] {

@@ -1,7 +1,6 @@
 use super::*;
 use crate::force::{ForceModel, Inputs};
 use crate::preset;
-use crate::sample::DriveKind;
 
 fn anfis(name: &str) -> Tsk {
     match preset::load(name).expect("a preset").force {
@@ -80,6 +79,86 @@ fn every_preset_is_bit_identical_after_write_and_read() {
             assert_eq!(back.force_n(&inputs).to_bits(), model.force_n(&inputs).to_bits());
         }
     }
+}
+
+#[test]
+#[ignore = "needs the FIS files of the thesis: set MR_DAMPER_THESIS"]
+fn the_fis_files_of_the_thesis_are_the_presets() {
+    let root = std::env::var_os("MR_DAMPER_THESIS").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/thesis"),
+        std::path::PathBuf::from,
+    );
+    for experiment in preset::EXPERIMENTS {
+        let name = format!("thesis/anfis/{experiment}");
+        let path = root.join(format!("anfis/{}.fis", experiment.to_uppercase().replace('-', "_")));
+        let text = std::fs::read_to_string(&path).unwrap_or_else(|error| {
+            panic!("no FIS file of the thesis at {}: {error}; set MR_DAMPER_THESIS", path.display())
+        });
+        let fis = Fis::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        let model = anfis(&name);
+        let scaling = Scaling::of(&model);
+        assert_eq!(fis.model(TskKind::Anfis, &scaling).expect("a model"), model, "{experiment}");
+        let signals: Vec<Option<Signal>> = fis.inputs.iter().map(FisInput::signal).collect();
+        assert_eq!(signals, scaling.inputs.iter().map(|(signal, ..)| Some(*signal)).collect::<Vec<_>>());
+        let envelope = preset::load(&name).expect("a preset").envelope;
+        let ranges = fis.envelope(&scaling);
+        assert_eq!(
+            (ranges.displacement_m, ranges.velocity_m_s),
+            (envelope.displacement_m, envelope.velocity_m_s)
+        );
+    }
+}
+
+#[test]
+fn ranges_are_the_envelope_in_normalised_units() {
+    let model = anfis("thesis/anfis/rp1-cs");
+    let envelope = preset::load("thesis/anfis/rp1-cs").expect("a preset").envelope;
+    let scaling = Scaling::of(&model);
+    let fis = Fis::of(&model, "x").with_ranges(&envelope, &scaling);
+    // As printed in appendix C of the thesis.
+    assert!((fis.inputs[0].range[0] + 3.422_376_303_281_06).abs() < 1e-12, "{:?}", fis.inputs[0].range);
+    assert!((fis.output_range[1] - 3.966_328_229_395_64).abs() < 1e-12, "{:?}", fis.output_range);
+    let close = |a: Option<[f64; 2]>, b: Option<[f64; 2]>| {
+        let (a, b) = (a.expect("a range"), b.expect("a range"));
+        a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12 * (1.0 + b.abs()))
+    };
+    let back = fis.envelope(&scaling);
+    assert!(close(back.displacement_m, envelope.displacement_m), "{back:?}");
+    assert!(close(back.velocity_m_s, envelope.velocity_m_s), "{back:?}");
+    assert!(close(back.drive, envelope.drive) && close(back.force_n, envelope.force_n), "{back:?}");
+    // Unknown ranges, and ranges without a width, stay.
+    let narrow = Envelope { drive: Some([1.0, 1.0]), ..Envelope::default() };
+    assert_eq!(Fis::of(&model, "x").with_ranges(&narrow, &scaling), Fis::of(&model, "x"));
+}
+
+#[test]
+fn names_of_inputs_say_the_signal() {
+    let signal = |name: &str| FisInput { name: name.to_owned(), range: [0.0, 1.0], sets: vec![] }.signal();
+    for (name, expected) in [
+        ("Displacement_(x)", Some(Signal::Displacement)),
+        ("velocity", Some(Signal::Velocity)),
+        ("ACCELERATION", Some(Signal::Acceleration)),
+        ("current (A)", Some(Signal::Drive(DriveKind::CoilCurrent))),
+        ("voltage", Some(Signal::Drive(DriveKind::CommandVoltage))),
+        ("force", None),
+        ("x", None),
+        ("", None),
+    ] {
+        assert_eq!(signal(name), expected, "{name}");
+    }
+    for input in Fis::of(&anfis("thesis/anfis/rp1-cs"), "x").inputs {
+        assert!(input.signal().is_some(), "{}", input.name);
+    }
+}
+
+#[test]
+fn an_input_with_one_set_survives_write_and_read() {
+    let set = TskSet::Gaussian { centre: 0.5, sigma: 1.0 };
+    let input = TskInput::new(Signal::Velocity, 0.0, 1.0, &[set]).expect("an input");
+    let output = OutputScale { mean_n: 0.0, std_dev_n: 1.0 };
+    let model = Tsk::new(TskKind::Anfis, &[input], Order::Constant, &[3.0], output, 0.0).expect("a model");
+    let fis = Fis::of(&model, "one");
+    assert_eq!(Fis::parse(&fis.to_text()).expect("reads what it wrote"), fis);
 }
 
 #[test]

@@ -8,6 +8,7 @@ pub mod convert;
 pub mod demo;
 pub mod doctor;
 pub mod evaluate;
+pub mod fis;
 pub mod identify;
 pub mod inverse;
 pub mod node;

@@ -19,6 +19,7 @@ mod close;
 mod compare;
 mod conventions;
 mod doctor;
+mod fis;
 mod identify;
 mod inverse;
 mod security;
