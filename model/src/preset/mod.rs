@@ -7,7 +7,8 @@
 //! - `thesis/anfis/<experiment>`: eight ANFIS models of 27 rules
 //!
 //! The 16 phase-transition relations (`thesis/p-passive/...`, `thesis/p-semi-active/...`) cannot run as
-//! models; only [`phase`] returns them. [`published`] holds the errors that the thesis prints.
+//! models; only [`phase`] returns them, and [`load`] says why. [`published`] holds the errors that the thesis
+//! prints.
 //!
 //! All models were identified at 512 Hz, on displacement that was low-passed by two poles at 20 Hz, with the
 //! backward difference as velocity. They describe one damper (an ACDelco MagneRide unit, 0 to 2.5 A, up to
@@ -66,8 +67,12 @@ pub fn names() -> Vec<String> {
 /// The preset `name`.
 ///
 /// # Errors
-/// [`Error::UnknownPreset`] with the most similar name.
+/// [`Error::UnknownPreset`] with the most similar name; [`Error::Data`] with the reason if `name` is a
+/// phase-transition relation.
 pub fn load(name: &str) -> Result<Model, Error> {
+    if let Some(relation) = find_phase(name) {
+        return Err(cannot_run(name, &relation));
+    }
     find(name).ok_or_else(|| unknown(name, names()))
 }
 
@@ -83,16 +88,30 @@ pub fn phase_names() -> Vec<String> {
 /// # Errors
 /// [`Error::UnknownPreset`] with the most similar name.
 pub fn phase(name: &str) -> Result<Phase, Error> {
-    let found = || {
-        let (form, experiment) = name.strip_prefix("thesis/")?.split_once('/')?;
-        let experiment = EXPERIMENTS.iter().find(|known| **known == experiment)?;
-        match form {
-            "p-passive" => p_rows::passive(experiment),
-            "p-semi-active" => p_rows::semi_active(experiment),
-            _ => None,
-        }
-    };
-    found().ok_or_else(|| unknown(name, phase_names()))
+    find_phase(name).ok_or_else(|| unknown(name, phase_names()))
+}
+
+fn find_phase(name: &str) -> Option<Phase> {
+    let (form, experiment) = name.strip_prefix("thesis/")?.split_once('/')?;
+    let experiment = EXPERIMENTS.iter().find(|known| **known == experiment)?;
+    match form {
+        "p-passive" => p_rows::passive(experiment),
+        "p-semi-active" => p_rows::semi_active(experiment),
+        _ => None,
+    }
+}
+
+/// The error for a relation that was named as a model.
+fn cannot_run(name: &str, relation: &Phase) -> Error {
+    let at = if relation.drive().is_some() { "at 0 A, " } else { "" };
+    let why = relation.cannot_run(0.0).map(|why| format!("; {at}{why}")).unwrap_or_default();
+    Error::Data {
+        message: format!(
+            "{name} cannot run as a model: it computes the force from the measured force of the same instant{why}. \
+             `mr-damper compare` shows how well p holds on runs; the most similar preset that runs is {}",
+            name.replacen("/p-", "/sp-", 1)
+        ),
+    }
 }
 
 fn unknown(name: &str, known: Vec<String>) -> Error {
@@ -185,6 +204,20 @@ mod tests {
     fn digest(text: &str) -> String {
         let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
         format!("{:016x}", text.bytes().fold(0xcbf2_9ce4_8422_2325, step))
+    }
+
+    #[test]
+    fn a_relation_that_is_named_as_a_model_is_refused_with_the_reason() {
+        for name in phase_names() {
+            let message = load(&name).expect_err("no model").to_string();
+            let similar = name.replace("/p-", "/sp-");
+            for words in ["cannot run as a model", "measured force of the same instant", "diverges", &similar]
+            {
+                assert!(message.contains(words), "{name}: {message}");
+            }
+            assert_eq!(message.contains("at 0 A"), name.contains("semi-active"), "{message}");
+            assert!(load(&similar).is_ok(), "{similar}");
+        }
     }
 
     /// The tables were compared with the thesis number by number. Update the snapshot only for a deliberate
