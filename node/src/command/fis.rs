@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 /// Convert FIS files of MATLAB to model files, and models of fuzzy rules to FIS files.
 ///
 /// A FIS file (.fis) holds fuzzy sets and rules, but no units, no normalisation, no filter and no sample rate. --like takes
-/// these from a model. Without --like, the inputs and the force are SI values (m, m/s, A, N), and the names of the inputs
+/// these from a model. Without --like, the inputs and the force are SI values (m, m/s, A or V, N), and the names of the inputs
 /// must be displacement, velocity, acceleration, current or voltage. The model file has a line for each of these values,
 /// so they can be corrected there. A FIS file that a model cannot represent is refused with its line: the system must be
 /// of type sugeno, with memberships gaussmf or trimf and one rule for each combination of them.
