@@ -29,7 +29,7 @@
 //! **Simulate two runs** on the virtual rig: ten seconds of one of the thesis' experiments, with noise of the transducers. The seed
 //! selects the random motion, current and noise. **Identify** fuzzy-tanh on the first run, and **evaluate** it on the second one, which
 //! the fit has not seen. An NMSE of 0.05 means that the model explains 95 % of the variance of the force. A recorded run is a
-//! [`sample::Run`] too; `mr-damper-node` reads CSV files and rosbags.
+//! [`sample::Run`] too; `mr-damper-runs` reads CSV files and rosbags.
 //!
 //! ```
 //! use mr_damper_model::evaluate::evaluate;

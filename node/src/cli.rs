@@ -6,8 +6,9 @@ use crate::error::NodeError;
 use crate::interrupt::Interrupt;
 use crate::logging::{self, LogFormat, Outputs};
 use crate::player;
-use crate::shown;
 use clap::{Parser, Subcommand};
+use mr_damper_base::shown;
+use mr_damper_views::ServeError;
 use std::process::ExitCode;
 
 /// Force of magneto-rheological dampers: a virtual sensor on ROS 2, mirrored to Zenoh.
@@ -123,7 +124,10 @@ pub fn main(arguments: impl IntoIterator<Item = String>) -> ExitCode {
                 NodeError::Parameter { .. }
                 | NodeError::UnknownParameter { .. }
                 | NodeError::RosArgs(_)
-                | NodeError::Usage(_) => ExitCode::from(2),
+                | NodeError::Usage(_)
+                | NodeError::Serve(
+                    ServeError::PageBeyondLoopback { .. } | ServeError::WorkshopBeyondLoopback { .. },
+                ) => ExitCode::from(2),
                 _ => ExitCode::FAILURE,
             }
         }

@@ -3,13 +3,13 @@
 //! Changes are checked here, under one lock. They reach the estimating thread through its command ring, in the order in
 //! which they were accepted. A command on the ring cannot fail.
 
-use crate::clock::Clock;
 use crate::config::{Config, Mutability, Parameter, Value, find};
 use crate::error::NodeError;
 use crate::estimator::{Estimator, EstimatorCounters, PipelineCommand};
 use crate::lifecycle::{LifecycleState, Transition};
 use crate::models;
 use crate::wire::{ModelNames, SharedNames};
+use mr_damper_base::clock::Clock;
 use mr_damper_model::condition::VelocitySource;
 use mr_damper_model::inverse::{ControlLaw, Fold, InverseController, SurrogateFit};
 use mr_damper_model::model::Model;

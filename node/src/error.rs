@@ -1,6 +1,6 @@
 //! Errors of the service. Each message says what went wrong, where, and what to do.
 
-use crate::disk::advice;
+use mr_damper_base::disk::advice;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -53,7 +53,13 @@ pub enum NodeError {
     Model(mr_damper_model::Error),
     /// A run does not load or cannot be written.
     #[error(transparent)]
-    Run(#[from] crate::run::RunError),
+    Run(#[from] mr_damper_runs::RunError),
+    /// A running node's report of a diagnosis cannot be read.
+    #[error(transparent)]
+    Answer(#[from] mr_damper_reports::diagnosis_summary::UnreadableAnswer),
+    /// The web server of the live page does not start, or has ended.
+    #[error(transparent)]
+    Serve(#[from] mr_damper_views::ServeError),
     /// DDS returned an error.
     #[error("ROS 2: {what}: {why}")]
     Ros {

@@ -9,9 +9,9 @@
 //! into a ring unparks it. A full ring drops and counts: a slow sink loses its own events and does not affect others.
 //! Old models need no freeing: setups do not use the heap.
 
-use crate::clock::Clock;
-use crate::latency::Latency;
-use crate::worker::{Stop, Worker};
+use mr_damper_base::clock::Clock;
+use mr_damper_base::latency::Latency;
+use mr_damper_base::worker::{Stop, Worker};
 use mr_damper_model::pipeline::{Event, Pipeline, PipelineSetup};
 use mr_damper_model::sample::{Channel, Sample};
 use rtrb::{Consumer, Producer, RingBuffer};

@@ -4,9 +4,9 @@
 //! block. Lines about refused samples and changes of mode are limited: the first appears at once, then one line per
 //! second for each kind, with a count.
 
-use crate::diagnostics::ALARM_ADVICE;
 use crate::mode_log::{ModeLine, ModeLog};
 use crate::wire::ModelNames;
+use mr_damper_base::alarm::ADVICE;
 use mr_damper_model::pipeline::{AlarmChange, Event, Refusal, Refused};
 use mr_damper_model::sample::Channel;
 use std::time::{Duration, Instant};
@@ -89,7 +89,7 @@ fn say_alarm(alarm: &AlarmChange, model: &str) {
             model,
             stamp_ns,
             ratio = format!("{:.2}", alarm.ratio),
-            "residual alarm: the model's error is larger than its noise explains; {ALARM_ADVICE}"
+            "residual alarm: the model's error is larger than its noise explains; {ADVICE}"
         );
     } else {
         tracing::info!(model, stamp_ns, "the residual alarm is cleared");

@@ -9,9 +9,9 @@
 
 use crate::error::NodeError;
 use crate::first_requests::FirstRequests;
-use crate::shown;
 use crate::task::Task;
 use futures::{FutureExt, StreamExt};
+use mr_damper_base::shown;
 use rustdds::no_key::SimpleDataReaderCdr;
 use rustdds::policy::{Durability, History};
 use rustdds::{

@@ -19,7 +19,7 @@
 
 use crate::listed_peers::own_port;
 use crate::rtps::Datagram;
-use crate::worker::{Stop, Worker};
+use mr_damper_base::worker::{Stop, Worker};
 use rustdds::{DomainParticipant, GUID};
 use std::collections::VecDeque;
 use std::io;

@@ -9,7 +9,7 @@
 //! ```
 
 use crate::error::NodeError;
-use crate::worker::{Stop, Worker};
+use mr_damper_base::worker::{Stop, Worker};
 use socket2::{Domain, Protocol, Socket, Type};
 use std::collections::BTreeSet;
 use std::io;

@@ -1,9 +1,9 @@
 //! Logging. Log lines go to stderr, because stdout is for results.
 
-use crate::live::held_log;
 use crate::rosout::ToRosout;
-use crate::shown::OneLine;
 use clap::ValueEnum;
+use mr_damper_base::shown::OneLine;
+use mr_damper_views::live::held_log;
 use std::ffi::OsStr;
 use std::fmt::{self as text, Write};
 use tracing::field::Field;

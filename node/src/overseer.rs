@@ -4,7 +4,6 @@
 //! It has its own ring from the estimating thread and polls it a few times per second. Its work is not urgent, and
 //! waking it for each sample would cost more than the models.
 
-use crate::clock::Clock;
 use crate::config::RosArgs;
 use crate::control::Control;
 use crate::diagnostics::{
@@ -18,7 +17,8 @@ use crate::ros::{Domain, Output, Ros};
 use crate::rosout::Rosout;
 use crate::source::{self, InputTopic};
 use crate::wire::{SharedNames, header};
-use crate::worker::{Stop, Worker};
+use mr_damper_base::clock::Clock;
+use mr_damper_base::worker::{Stop, Worker};
 use mr_damper_model::pipeline::Event;
 use mr_damper_msgs::standard::DiagnosticArray;
 use std::sync::atomic::Ordering;

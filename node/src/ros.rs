@@ -18,9 +18,9 @@ use crate::hardened;
 use crate::lagging_readers::{LaggingReaders, LocalWriter, WINDOW, Writers};
 use crate::listed_peers::ListedPeers;
 use crate::participant_ports::with_both_ports;
-use crate::realtime::{self, Scheduling};
 use crate::ros_environment::{self, NetworkRequest, Reach, Remark};
 use crate::security::Enclave;
+use mr_damper_base::realtime::{self, Scheduling};
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::{Action, Message, Service};
 use ros2_client::action::{

@@ -8,10 +8,10 @@
 //! outside of such a span goes to the first node. Only lines of this project are published, at the level of the log.
 //! Lines of the middlewares are not, because publishing them would create new ones.
 
-use crate::clock::Clock;
 use crate::error::NodeError;
 use crate::ros::{Output, Ros};
 use crate::wire::header;
+use mr_damper_base::clock::Clock;
 use mr_damper_msgs::rcl::Log;
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicU64, Ordering};

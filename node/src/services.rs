@@ -13,7 +13,6 @@
 use crate::actions::Actions;
 use crate::answer_limit;
 use crate::changes::Changes;
-use crate::clock::system_now;
 use crate::config::RosArgs;
 use crate::control::Control;
 use crate::error::NodeError;
@@ -24,6 +23,7 @@ use crate::ros::{Output, Ros};
 use crate::service_group::ServiceGroup;
 use crate::task::Task;
 use crate::types;
+use mr_damper_base::clock::system_now;
 use mr_damper_msgs::lifecycle::{
     ChangeState, ChangeStateRequest, ChangeStateResponse, GetAvailableStates, GetAvailableStatesResponse,
     GetAvailableTransitions, GetAvailableTransitionsResponse, GetState, GetStateResponse,

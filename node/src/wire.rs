@@ -44,13 +44,6 @@ pub fn frame_id(namespace: &str) -> String {
     namespace.trim_start_matches('/').replace('/', "_")
 }
 
-/// `stamp` in the form of `ros2 topic echo`: seconds and a fraction.
-#[must_use]
-pub fn in_seconds(stamp: Stamp) -> String {
-    let nanos = stamp.nanos();
-    format!("{}.{:03}", nanos.div_euclid(1_000_000_000), nanos.rem_euclid(1_000_000_000) / 1_000_000)
-}
-
 /// The message of an estimate.
 #[must_use]
 pub fn force_estimate(estimate: &Estimate, names: &ModelNames, frame_id: &str) -> ForceEstimate {

@@ -25,7 +25,7 @@ use interop_support::gate::{Outcome, interop, long, say};
 use interop_support::json::{count, found, number, text, texts, truth};
 use interop_support::{Distro, Lab, NODE, PRESET, ZENOH_ENDPOINT};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
-use mr_damper_node::run::{SaveOptions, save};
+use mr_damper_runs::{SaveOptions, save};
 use serde_json::Value;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 

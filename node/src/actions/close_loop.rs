@@ -4,19 +4,19 @@
 
 use super::{ActionContext, ActionWork, Job, Step, total_s, write_new};
 use crate::answer_limit::{self, Shorten};
-use crate::augmented_file::{TrainingOrigin, drive, model_file, rows, training_runs};
 use crate::control::Control;
 use crate::error::NodeError;
 use crate::parameters::Parameters;
-use crate::report::diagnosis as report;
-use crate::report::diagnosis::json::{self, SCHEMA};
-use crate::report::diagnosis::words::stage_in_words;
 use mr_damper_model::diagnose::{self, DiagnosisResult, Runs, Settings, Stage};
 use mr_damper_model::identify::Watch;
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::Role;
 use mr_damper_model::sample::Run;
 use mr_damper_msgs::action::{CloseLoop, CloseLoopFeedback, CloseLoopGoal, CloseLoopResult};
+use mr_damper_reports::augmented_file::{TrainingOrigin, drive, model_file, rows, training_runs};
+use mr_damper_reports::diagnosis as report;
+use mr_damper_reports::diagnosis::json::{self, SCHEMA};
+use mr_damper_reports::diagnosis::words::stage_in_words;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

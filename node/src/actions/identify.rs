@@ -6,7 +6,7 @@
 
 use super::{ActionContext, ActionWork, Job, Step, create, total_s, write_new};
 use crate::error::NodeError;
-use crate::provenance::{TOOL, date, expect};
+use mr_damper_base::provenance::{TOOL, date, expect};
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{Form, Identified, ModelSpec, Options, Progress, Watch, identify};
 use mr_damper_model::model_file::{ModelFile, Provenance, Role, TrainingRun};

@@ -1,8 +1,8 @@
 //! Arguments for writing bags, shared by the commands that write bags.
 
 use crate::error::NodeError;
-use crate::run::{BagOptions, Storage};
 use clap::ValueEnum;
+use mr_damper_runs::{BagOptions, Storage};
 use std::path::Path;
 use std::time::Duration;
 

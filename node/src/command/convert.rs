@@ -4,8 +4,8 @@ use crate::command::CliContext;
 use crate::command::bag_args::BagArgs;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
-use crate::run::{self, RunSection, SaveOptions};
-use crate::shown;
+use mr_damper_base::shown;
+use mr_damper_runs::{RunSection, SaveOptions};
 use std::path::PathBuf;
 
 /// Convert a run between CSV and rosbag2 (MCAP, sqlite3), without loss.
@@ -45,7 +45,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     args.bag.check(&args.output)?;
     let part = RunSection { start_s: args.start, duration_s: args.duration };
     let save = SaveOptions { namespace: args.namespace.clone(), part, bag: args.bag.options() };
-    let loaded = run::convert(&args.input, &args.output, &args.load.options()?, &save)?;
+    let loaded = mr_damper_runs::convert(&args.input, &args.output, &args.load.options()?, &save)?;
     for note in &loaded.notes {
         tracing::warn!(run = %args.input.display(), "{note}");
     }

@@ -13,22 +13,22 @@
 use crate::command::CliContext;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
-use crate::live::RunInfo;
 use crate::models;
-use crate::provenance::TOOL;
-use crate::report::demo::{self as report, WITHOUT_FORCE};
-use crate::report::demo_diagnosis::{DemoDiagnosis, ModelSwap};
-use crate::report::{Agreement, DemoOutcome, Figure, Recording, summary};
 use crate::ros;
-use crate::run::write_text;
-use crate::shown;
 use crate::wire::ModelNames;
+use mr_damper_base::provenance::TOOL;
+use mr_damper_base::shown;
 use mr_damper_model::condition::ApplyTo;
 use mr_damper_model::evaluate::{Evaluation, evaluate};
 use mr_damper_model::force::ForceModel;
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::pipeline::{Cause, Models, Pipeline, Settings};
 use mr_damper_model::sample::{Run, Trace};
+use mr_damper_reports::demo::{self as report, WITHOUT_FORCE};
+use mr_damper_reports::demo_diagnosis::{DemoDiagnosis, ModelSwap};
+use mr_damper_reports::{Agreement, DemoOutcome, Figure, Recording, summary};
+use mr_damper_runs::write_text;
+use mr_damper_views::live::RunInfo;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::Instant;
@@ -485,7 +485,7 @@ fn write_report(dir: &Path, run: &Run, outcome: &DemoOutcome) -> Result<PathBuf,
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
             return Err(NodeError::io(format!("replacing {}", csv.display()))(error));
         }
-        _ => crate::run::save(run, &csv, &crate::run::SaveOptions::default())?,
+        _ => mr_damper_runs::save(run, &csv, &mr_damper_runs::SaveOptions::default())?,
     }
     Ok(path)
 }

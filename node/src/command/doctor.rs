@@ -4,7 +4,7 @@ use crate::command::{CliContext, output};
 use crate::config::{self, ParameterFlags};
 use crate::doctor::{Finding, Level, examine};
 use crate::error::NodeError;
-use crate::shown;
+use mr_damper_base::shown;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -5,12 +5,12 @@ use crate::command::output;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
 use crate::models;
-use crate::report::evaluate::{RunReport, figures};
-use crate::run::write_text;
-use crate::shown;
+use mr_damper_base::shown;
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::metrics::Fit;
 use mr_damper_model::units::N_PER_LBF;
+use mr_damper_reports::evaluate::{RunReport, figures};
+use mr_damper_runs::write_text;
 use serde::Serialize;
 use std::path::PathBuf;
 

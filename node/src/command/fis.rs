@@ -3,14 +3,14 @@
 use crate::command::CliContext;
 use crate::error::NodeError;
 use crate::models;
-use crate::run::write_text;
-use crate::shown;
+use mr_damper_base::shown;
 use mr_damper_model::condition::Conditioning;
 use mr_damper_model::effect::Effects;
 use mr_damper_model::fis::{Fis, Scaling};
 use mr_damper_model::force::{ForceModel, OutputScale, Tsk, TskKind};
 use mr_damper_model::model::{Expected, Model};
 use mr_damper_model::model_file::{ModelFile, Provenance};
+use mr_damper_runs::write_text;
 use std::fs;
 use std::path::{Path, PathBuf};
 

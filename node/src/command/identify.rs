@@ -6,11 +6,8 @@ use crate::command::output::OutputArgs;
 use crate::command::progress::Working;
 use crate::command::run_args::RunArgs;
 use crate::error::NodeError;
-use crate::provenance::{TOOL, date, expect};
-use crate::report::identify::SteppedRun;
-use crate::report::{self, Recording};
-use crate::run::write_text;
 use clap::builder::PossibleValuesParser;
+use mr_damper_base::provenance::{TOOL, date, expect};
 use mr_damper_model::calibrate::Calibrator;
 use mr_damper_model::evaluate::{Evaluator, evaluate_into};
 use mr_damper_model::identify::{
@@ -21,6 +18,9 @@ use mr_damper_model::model::Model;
 use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
 use mr_damper_model::pipeline::{Models, Pipeline, Settings};
 use mr_damper_model::sample::{DriveKind, Run};
+use mr_damper_reports::Recording;
+use mr_damper_reports::identify::{self as page, IdentifyOutcome, SteppedRun};
+use mr_damper_runs::write_text;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -212,7 +212,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
         estimates: found.parameters.iter().map(Estimate::of).collect(),
         restart_rsse_n: &found.restart_rsse_n,
     };
-    args.output.page(|| Ok(report::identify::html(&pictured(&found.model, &runs, &held_out, &report)?)))?;
+    args.output.page(|| Ok(page::html(&pictured(&found.model, &runs, &held_out, &report)?)))?;
     args.output.figures(&report, || table(&report, &args.out))
 }
 
@@ -372,7 +372,7 @@ fn pictured(
     fitted: &[Run],
     held_out: &[Run],
     report: &Report<'_>,
-) -> Result<report::identify::IdentifyOutcome, NodeError> {
+) -> Result<IdentifyOutcome, NodeError> {
     let step = |run: &Run, held_out| -> Result<SteppedRun, NodeError> {
         let mut pipeline = Pipeline::new(Models::alone(*model), Settings::default())?;
         let mut recording = Recording::default();
@@ -384,7 +384,7 @@ fn pictured(
     };
     let runs = fitted.iter().map(|run| step(run, false)).chain(held_out.iter().map(|run| step(run, true)));
     let row = |name: &str, value: String| (name.to_owned(), value);
-    Ok(report::identify::IdentifyOutcome {
+    Ok(IdentifyOutcome {
         what: headline(report),
         figures: figures(report),
         notes: remarks(report),

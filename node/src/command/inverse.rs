@@ -6,7 +6,6 @@ use crate::command::run_args::RunArgs;
 use crate::control::say_fold;
 use crate::error::NodeError;
 use crate::models;
-use crate::report::inverse as report;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::identify::{Dataset, DatasetOptions};
 use mr_damper_model::inverse::track::{Figures, Point, TrackingRig, Trajectory, on_model, on_rig};
@@ -15,6 +14,7 @@ use mr_damper_model::model::Model;
 use mr_damper_model::rig::signal::RATE_HZ;
 use mr_damper_model::rig::{Channels, Motion, Plant};
 use mr_damper_model::sample::Run;
+use mr_damper_reports::inverse as report;
 use std::path::PathBuf;
 
 /// Find the current that yields a demanded force, and report the tracking error.

@@ -8,7 +8,7 @@ use crate::fleet::Fleet;
 use crate::hardened;
 use crate::memory;
 use crate::ros::{self, DEAF};
-use crate::shown;
+use mr_damper_base::shown;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};

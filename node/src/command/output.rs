@@ -1,8 +1,8 @@
 //! Output of results: an HTML report, JSON to stdout or to a file, and text.
 
 use crate::error::NodeError;
-use crate::run::write_text;
-use crate::shown;
+use mr_damper_base::shown;
+use mr_damper_runs::write_text;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};

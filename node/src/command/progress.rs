@@ -1,7 +1,7 @@
 //! Progress of a long computation on the terminal.
 
-use crate::shown;
 use indicatif::{ProgressBar, ProgressStyle};
+use mr_damper_base::shown;
 use mr_damper_model::identify::Progress;
 use std::time::Duration;
 

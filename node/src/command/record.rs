@@ -1,22 +1,22 @@
 //! `mr-damper record`: records all inputs and outputs of dampers into a rosbag2 directory.
 
-use crate::clock::system_now;
 use crate::command::CliContext;
 use crate::command::bag_args::BagArgs;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::files;
 use crate::ros::{self, Ros};
-use crate::run::{BagOptions, BagWriter};
-use crate::shown;
-use crate::watch::{MOST_DAMPERS, discovery};
 use indicatif::{ProgressBar, ProgressStyle};
+use mr_damper_base::clock::system_now;
+use mr_damper_base::shown;
 use mr_damper_msgs::rcl::Log;
 use mr_damper_msgs::standard::{DiagnosticArray, Temperature};
 use mr_damper_msgs::{
     CoilCurrent, CommandVoltage, CurrentCommand, Displacement, Force, ForceEstimate, ForceResidual, Message,
     ModeChange, Velocity,
 };
+use mr_damper_runs::{BagOptions, BagWriter};
+use mr_damper_views::watch::{MOST_DAMPERS, discovery};
 use ros2_client::{NodeOptions, Subscription};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};

@@ -1,9 +1,9 @@
 //! Arguments for reading runs, shared by the commands that read runs.
 
 use crate::error::NodeError;
-use crate::run::{self, LoadOptions, Loaded, Map, Mapping};
 use clap::ValueEnum;
 use mr_damper_model::sample::DriveKind;
+use mr_damper_runs::{LoadOptions, Loaded, Map, Mapping};
 use std::path::{Path, PathBuf};
 
 /// How runs are read.
@@ -97,7 +97,7 @@ impl RunArgs {
     /// # Errors
     /// When the run does not load.
     pub fn load(&self, path: &Path) -> Result<Loaded, NodeError> {
-        let loaded = run::load(path, &self.options()?)?;
+        let loaded = mr_damper_runs::load(path, &self.options()?)?;
         for note in &loaded.notes {
             tracing::warn!(run = %path.display(), "{note}");
         }

@@ -2,10 +2,13 @@
 
 use crate::command::CliContext;
 use crate::error::NodeError;
-use crate::serve::{AllowedOrigin, LiveData, Server, require_loopback, require_loopback_for_workshop};
-use crate::watch::DataOrigin;
 use crate::watch::source::{DataSource, SourceArgs};
 use crate::workshop::{Workshop, WorkshopSettings};
+use mr_damper_views::serve::{
+    AllowedOrigin, LiveData, Server, require_loopback, require_loopback_for_workshop,
+};
+use mr_damper_views::watch::DataOrigin;
+use mr_damper_views::workshop::WorkshopRequests;
 use std::io::Write;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -71,8 +74,8 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     }
     let live = Arc::new(LiveData::of(args.source.origin()));
     let workshop = open_workshop(args, &live, context)?;
-    let server =
-        Server::start(args.listen, args.any_host, &args.allow_origin, Arc::clone(&live), workshop.clone())?;
+    let requests = workshop.clone().map(|workshop| -> Arc<dyn WorkshopRequests> { workshop });
+    let server = Server::start(args.listen, args.any_host, &args.allow_origin, Arc::clone(&live), requests)?;
     let mut source = DataSource::start(&args.source, &context.ros_args, NODE)?;
     if let Some(workshop) = &workshop {
         source.ignore(&workshop.namespace());
@@ -93,7 +96,7 @@ pub fn run(args: &Args, context: &CliContext) -> Result<(), NodeError> {
     if let Some((workshop, deadline)) = ending {
         workshop.close(deadline);
     }
-    ended.and(stopped)
+    ended.and(stopped.map_err(NodeError::from))
 }
 
 /// Opens the workshop, if `args` ask for one.

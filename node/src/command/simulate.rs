@@ -7,11 +7,11 @@ mod plan;
 use crate::command::CliContext;
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
-use crate::run::{self, SaveOptions};
-use crate::shown;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use manifest::Manifest;
+use mr_damper_base::shown;
 use mr_damper_model::rig;
+use mr_damper_runs::SaveOptions;
 use plan::{EffectArg, Job, Selection};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -207,7 +207,7 @@ fn simulate(
     let path = dir.join(&job.entry.file);
     let options = SaveOptions::default();
     if !force || !path.exists() {
-        run::save(&run, &path, &options)?;
+        mr_damper_runs::save(&run, &path, &options)?;
     } else if path.is_dir() {
         // Delete only a bag, never another directory.
         if !path.join("metadata.yaml").exists() {
@@ -215,10 +215,10 @@ fn simulate(
             return Err(NodeError::File { path, message });
         }
         fs::remove_dir_all(&path).map_err(NodeError::io(format!("replacing {}", path.display())))?;
-        run::save(&run, &path, &options)?;
+        mr_damper_runs::save(&run, &path, &options)?;
     } else {
         let new = dir.join(format!(".{}.{}.csv", job.entry.file, std::process::id()));
-        run::save(&run, &new, &options)?;
+        mr_damper_runs::save(&run, &new, &options)?;
         fs::rename(&new, &path).map_err(NodeError::io(format!("replacing {}", path.display())))?;
     }
     done_ms.fetch_add(((job.entry.duration_s * 1e3) as u64).saturating_sub(before), Ordering::Relaxed);

@@ -2,11 +2,11 @@
 
 use crate::command::CliContext;
 use crate::error::NodeError;
-use crate::live::{Key, Terminal};
-use crate::shown;
-use crate::watch::screen::{self, ScreenContent};
 use crate::watch::source::{DataSource, SourceArgs};
-use crate::watch::{ChartCursor, ChartPoints, DamperRegistry, DamperState, DataOrigin};
+use mr_damper_base::shown;
+use mr_damper_views::live::{Key, Terminal};
+use mr_damper_views::watch::screen::{self, ScreenContent};
+use mr_damper_views::watch::{ChartCursor, ChartPoints, DamperRegistry, DamperState, DataOrigin};
 use std::io::Write;
 use std::time::{Duration, Instant};
 

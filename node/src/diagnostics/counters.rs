@@ -1,9 +1,9 @@
 //! The counters of all threads of a damper, and the losses that they show.
 
 use crate::estimator::EstimatorCounters;
-use crate::realtime::Scheduling;
 use crate::sink::ros_sink::RosSinkCounters;
 use crate::source::ros_source::SourceCounters;
+use mr_damper_base::realtime::Scheduling;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 

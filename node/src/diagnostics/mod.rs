@@ -9,7 +9,7 @@ mod residual;
 pub use counters::Counters;
 pub use node_status::{CLOCK_ADVICE, NodeStatus, twin_advice};
 pub use publishers::{Publishers, publishers_advice};
-pub use residual::{ALARM_ADVICE, Health};
+pub use residual::Health;
 
 use crate::wire::ModelNames;
 use mr_damper_msgs::standard::KeyValue;

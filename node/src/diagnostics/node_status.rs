@@ -2,7 +2,7 @@
 
 use super::{Counters, StatusContext, publishers_advice, value};
 use crate::lifecycle::LifecycleState;
-use crate::realtime::{ADVICE, Scheduling};
+use mr_damper_base::realtime::{ADVICE, Scheduling};
 use mr_damper_model::pipeline::{Estimate, Event, Refused, Validity};
 use mr_damper_model::sample::Channel;
 use mr_damper_msgs::standard::{DiagnosticStatus, KeyValue};

@@ -1,13 +1,11 @@
 //! Status of the model: the residual of the simulation (free run), and its alarm.
 
 use super::{StatusContext, value};
-use crate::wire::in_seconds;
+use mr_damper_base::alarm::ADVICE;
+use mr_damper_base::clock::in_seconds;
 use mr_damper_model::pipeline::{AlarmChange, Event, Residual};
 use mr_damper_msgs::standard::DiagnosticStatus;
 use std::time::{Duration, Instant};
-
-/// Advice for a raised alarm.
-pub const ALARM_ADVICE: &str = "find what the model lacks with `mr-damper close --live` (action close_loop) or with `mr-damper close` on recorded runs, and load the new model with load_model";
 
 /// A residual older than this counts as missing.
 const SILENCE: Duration = Duration::from_secs(2);
@@ -82,7 +80,7 @@ impl Health {
         let ratio = ratio(residual);
         if let Some(alarm) = &self.alarm {
             let message = format!(
-                "the model no longer fits: the RMSE of its residual is {ratio:.2} times the expected value, alarm since {} s; {ALARM_ADVICE}",
+                "the model no longer fits: the RMSE of its residual is {ratio:.2} times the expected value, alarm since {} s; {ADVICE}",
                 in_seconds(alarm.stamp)
             );
             return (DiagnosticStatus::WARN, message);

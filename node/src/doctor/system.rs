@@ -1,10 +1,10 @@
 //! Checks of clock, timer, priority, and the limit on open files.
 
 use super::{Finding, leaves_this_machine};
-use crate::clock::system_now;
 use crate::config::Config;
 use crate::files;
-use crate::realtime::{self, Scheduling};
+use mr_damper_base::clock::system_now;
+use mr_damper_base::realtime::{self, Scheduling};
 use std::path::Path;
 use std::time::{Duration, Instant};
 

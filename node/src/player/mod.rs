@@ -10,13 +10,13 @@ mod replay_services;
 pub use control::Control;
 pub use keys::Keys;
 
-use crate::clock::system_now;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
 use crate::ros::{NotTaken, Output, Ros};
 use crate::task::Task;
 use crate::wire::header;
+use mr_damper_base::clock::system_now;
 use mr_damper_model::sample::{Drive, Reading, Run, Sample, Stamp};
 use mr_damper_msgs::standard::{Clock, Temperature, Time};
 use mr_damper_msgs::{CoilCurrent, CommandVoltage, Displacement, Force, Velocity};

@@ -9,15 +9,15 @@
 //! their own ring and thread, so that estimates cannot delay them; a command that is late anyway is dropped. No write waits for
 //! a reader (`ros.rs`, `lagging_readers.rs`). These threads do not log, because logging can be slow; `event_log.rs` does that.
 
-use crate::clock::Clock;
 use crate::config::RosArgs;
 use crate::error::NodeError;
 use crate::estimator::EventReceiver;
 use crate::frame::Frame;
-use crate::latency::Latency;
 use crate::ros::{Output, Ros};
 use crate::wire::{self, SharedNames};
-use crate::worker::{Stop, Worker};
+use mr_damper_base::clock::Clock;
+use mr_damper_base::latency::Latency;
+use mr_damper_base::worker::{Stop, Worker};
 use mr_damper_model::pipeline::{Estimate, Event, StampedCommand};
 use mr_damper_model::sample::Stamp;
 use mr_damper_msgs::{CurrentCommand, ForceEstimate, ForceResidual, ModeChange};
@@ -247,7 +247,7 @@ impl Reports {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::system_now;
+    use mr_damper_base::clock::system_now;
     use mr_damper_model::inverse::{CurrentCommand, LimitedBy};
     use mr_damper_model::units::{Ampere, Newton};
 

@@ -3,14 +3,13 @@
 //! Dampers are given by name, or found: every publisher of `force_estimate` in the domain is one, also if it appears later. The
 //! subscriptions are best effort, so that no publisher waits for them.
 
-use super::damper_message::DamperMessage;
-use super::discovery::{self, MARKER_TOPIC};
-use super::registry::{DamperRegistry, MOST_DAMPERS};
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::files;
 use crate::ros::Ros;
 use mr_damper_msgs::Message;
+use mr_damper_views::watch::discovery::{self, MARKER_TOPIC};
+use mr_damper_views::watch::{DamperMessage, DamperRegistry, MOST_DAMPERS};
 use ros2_client::{NodeOptions, Subscription};
 
 /// Interval at which the domain is searched for dampers, s.

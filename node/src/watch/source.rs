@@ -1,11 +1,11 @@
 //! Source of the data: ROS topics or the Zenoh mirror, as the command line says.
 
-use super::registry::{DamperRegistry, DataOrigin};
 use super::ros_watcher::RosWatcher;
 use super::zenoh_watcher::ZenohWatcher;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::ros;
+use mr_damper_views::watch::{DamperRegistry, DataOrigin};
 use std::path::PathBuf;
 
 /// Options that select the dampers to watch.

@@ -2,8 +2,6 @@
 //!
 //! Rates are limited by the mirror (`zenoh.web_rate_hz`) and are not the node's rates. Dampers are found by their keys.
 
-use super::damper_message::DamperMessage;
-use super::registry::{DamperRegistry, MOST_DAMPERS};
 use crate::error::NodeError;
 use crate::zenoh_session::{Link, ZenohConfig};
 use mr_damper_model::sample::Stamp;
@@ -12,6 +10,7 @@ use mr_damper_msgs::{
     CoilCurrent, CommandVoltage, CurrentCommand, Displacement, Force, ForceEstimate, ForceResidual,
     LimitedBy, Mode, ModeChange, Reasons, Validity, Velocity,
 };
+use mr_damper_views::watch::{DamperMessage, DamperRegistry, MOST_DAMPERS, TOPICS};
 use serde::Deserialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -207,7 +206,7 @@ struct Payload {
 /// # Errors
 /// When the payload is not a payload of the mirror.
 pub fn decode(topic: &str, payload: &[u8]) -> Result<Option<DamperMessage>, serde_json::Error> {
-    if !super::TOPICS.contains(&topic) {
+    if !TOPICS.contains(&topic) {
         return Ok(None);
     }
     let p: Payload = serde_json::from_slice(payload)?;
@@ -359,7 +358,7 @@ mod tests {
         ] {
             let input =
                 read(topic, &format!(r#"{{"seq": 1, "stamp_ns": 5, "validity": "VALID", "{field}": 1.5}}"#));
-            assert_eq!(super::super::TOPICS[input.topic()], topic);
+            assert_eq!(TOPICS[input.topic()], topic);
             assert!(format!("{input:?}").contains("1.5"), "{input:?}");
         }
     }

@@ -1,15 +1,14 @@
 //! Diagnoses that are started from the page: asks a running damper's node (action `close_loop`) and keeps the report.
 
 use super::folder::Folder;
-use super::refusal::{Refusal, RefusalKind};
-use super::state::{Diagnosis, DiagnosisStatus};
 use super::{Workshop, catch_panic};
 use crate::close_loop_client;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
-use crate::provenance;
-use crate::report::diagnosis_summary::DiagnosisSummary;
+use mr_damper_base::provenance;
+use mr_damper_reports::diagnosis_summary::DiagnosisSummary;
+use mr_damper_views::workshop::{Diagnosis, DiagnosisStatus, Refusal, RefusalKind};
 use std::sync::{Arc, PoisonError};
 
 /// Name of the ROS node that asks; a number is appended, so that several diagnoses can run at the same time.

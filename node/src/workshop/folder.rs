@@ -8,11 +8,10 @@
 //! DIR/.lock              held while a server uses the directory
 //! ```
 
-use super::refusal::{Refusal, RefusalKind};
 use crate::error::NodeError;
-use crate::run::{self, LoadOptions, Loaded, write_text};
 use mr_damper_model::sample::DriveKind;
-use serde::{Deserialize, Serialize};
+use mr_damper_runs::{LoadOptions, Loaded, write_text};
+use mr_damper_views::workshop::{About, ReadOptions, Refusal, RefusalKind};
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 use tempfile::{NamedTempFile, TempPath};
@@ -22,85 +21,43 @@ const LONGEST: usize = 120;
 /// Suffix of the file that describes a run.
 const ABOUT: &str = ".about.json";
 
-/// How a run is read, if its file leaves that open.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ReadOptions {
-    /// Columns in the order of the thesis, without header.
-    pub thesis_txt: bool,
-    /// Drop bad rows and count them.
-    pub skip_bad_rows: bool,
-    /// `current_a` or `command_v`, for runs that contain both.
-    pub drive: Option<String>,
-    /// The damper's namespace in a bag with several dampers.
-    pub namespace: Option<String>,
-    /// The joint to read from JointState topics.
-    pub joint: Option<String>,
-}
-
-impl ReadOptions {
-    /// The loader's options.
-    ///
-    /// # Errors
-    /// When the drive is neither `current_a` nor `command_v`.
-    pub fn loader_options(&self) -> Result<LoadOptions, Refusal> {
-        let drive = match self.drive.as_deref() {
-            None => None,
-            Some("current_a") => Some(DriveKind::CoilCurrent),
-            Some("command_v") => Some(DriveKind::CommandVoltage),
-            Some(other) => {
-                let says = format!("the drive is \"{other}\", but must be current_a or command_v");
-                return Err(Refusal::new(RefusalKind::Wrong, says));
-            }
-        };
-        Ok(LoadOptions {
-            skip_bad_rows: self.skip_bad_rows,
-            thesis_txt: self.thesis_txt,
-            drive,
-            namespace: self.namespace.clone(),
-            joint: self.joint.clone(),
-            ..LoadOptions::default()
-        })
-    }
-}
-
-/// Description of a run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct About {
-    /// Name of the run in the directory.
-    pub name: String,
-    /// Size of the file, bytes.
-    pub bytes: u64,
-    /// Length of the displacement, s.
-    pub length_s: f64,
-    /// Mean rate of the displacement, Hz.
-    pub rate_hz: Option<f64>,
-    /// Number of displacement samples.
-    pub samples: usize,
-    /// Channels, by the names of their columns.
-    pub channels: Vec<String>,
-    /// Notes of the loader.
-    pub notes: Vec<String>,
-    /// SHA-256 of the file.
-    pub sha256: String,
-    /// How the run is read.
-    pub reading: ReadOptions,
-}
-
-impl About {
-    fn of(name: &str, bytes: u64, loaded: &Loaded, reading: &ReadOptions) -> Self {
-        let run = &loaded.run;
-        Self {
-            name: name.to_owned(),
-            bytes,
-            length_s: run.duration().get(),
-            rate_hz: run.displacement_m.mean_rate_hz(),
-            samples: run.displacement_m.len(),
-            channels: run::channels(run).into_iter().map(str::to_owned).collect(),
-            notes: loaded.notes.iter().map(ToString::to_string).collect(),
-            sha256: loaded.sha256_hex(),
-            reading: reading.clone(),
+/// The loader's options.
+///
+/// # Errors
+/// When the drive is neither `current_a` nor `command_v`.
+pub(super) fn loader_options(reading: &ReadOptions) -> Result<LoadOptions, Refusal> {
+    let drive = match reading.drive.as_deref() {
+        None => None,
+        Some("current_a") => Some(DriveKind::CoilCurrent),
+        Some("command_v") => Some(DriveKind::CommandVoltage),
+        Some(other) => {
+            let says = format!("the drive is \"{other}\", but must be current_a or command_v");
+            return Err(Refusal::new(RefusalKind::Wrong, says));
         }
+    };
+    Ok(LoadOptions {
+        skip_bad_rows: reading.skip_bad_rows,
+        thesis_txt: reading.thesis_txt,
+        drive,
+        namespace: reading.namespace.clone(),
+        joint: reading.joint.clone(),
+        ..LoadOptions::default()
+    })
+}
+
+/// The description of a run that was loaded.
+fn about(name: &str, bytes: u64, loaded: &Loaded, reading: &ReadOptions) -> About {
+    let run = &loaded.run;
+    About {
+        name: name.to_owned(),
+        bytes,
+        length_s: run.duration().get(),
+        rate_hz: run.displacement_m.mean_rate_hz(),
+        samples: run.displacement_m.len(),
+        channels: mr_damper_runs::channels(run).into_iter().map(str::to_owned).collect(),
+        notes: loaded.notes.iter().map(ToString::to_string).collect(),
+        sha256: loaded.sha256_hex(),
+        reading: reading.clone(),
     }
 }
 
@@ -241,8 +198,8 @@ impl Folder {
     /// # Errors
     /// The loader's error when the run cannot be used; then nothing is kept.
     pub(super) fn keep(&self, upload: TempPath, name: &str, reading: &ReadOptions) -> Result<About, Refusal> {
-        let options = reading.loader_options()?;
-        let loaded = run::load(&upload, &options).map_err(|error| {
+        let options = loader_options(reading)?;
+        let loaded = mr_damper_runs::load(&upload, &options).map_err(|error| {
             // Replace the temporary name, which the user does not know.
             let says = error.to_string().replace(&upload.display().to_string(), name);
             Refusal::new(RefusalKind::Wrong, format!("{says}. The upload is not kept"))
@@ -252,11 +209,12 @@ impl Folder {
         let mut upload = upload;
         for number in 1_u32.. {
             let name = numbered(name, number);
-            let about = self.root.join("runs").join(format!("{name}{ABOUT}"));
+            let about_path = self.root.join("runs").join(format!("{name}{ABOUT}"));
             match upload.persist_noclobber(self.run(&name)) {
                 Ok(()) => {
-                    let found = About::of(&name, bytes, &loaded, reading);
-                    write_text(&about, &crate::watch::json(&found)).map_err(NodeError::from)?;
+                    let found = about(&name, bytes, &loaded, reading);
+                    write_text(&about_path, &mr_damper_views::watch::json(&found))
+                        .map_err(NodeError::from)?;
                     return Ok(found);
                 }
                 Err(taken) if taken.error.kind() == std::io::ErrorKind::AlreadyExists => upload = taken.path,
@@ -282,7 +240,7 @@ impl Folder {
         let path = self.run(name);
         let bytes = fs::metadata(&path).map_err(NodeError::io(format!("reading {}", path.display())))?.len();
         let reading = ReadOptions::default();
-        Ok(About::of(name, bytes, &run::load(&path, &LoadOptions::default())?, &reading))
+        Ok(about(name, bytes, &mr_damper_runs::load(&path, &LoadOptions::default())?, &reading))
     }
 
     /// Deletes the run named `name`.
@@ -343,7 +301,7 @@ fn numbered(name: &str, number: u32) -> String {
 ///
 /// # Errors
 /// When the name is empty, begins with a dot, contains a path, or is too long.
-pub fn safe_name(name: &str) -> Result<String, String> {
+pub(super) fn safe_name(name: &str) -> Result<String, String> {
     if name.is_empty() {
         return Err("a run needs a name: POST /runs?name=run.csv".to_owned());
     }
@@ -364,9 +322,9 @@ pub fn safe_name(name: &str) -> Result<String, String> {
 ///
 /// # Errors
 /// Errors of [`safe_name`]; when the extension is not known.
-pub fn run_name(name: &str) -> Result<String, Refusal> {
+pub(super) fn run_name(name: &str) -> Result<String, Refusal> {
     let name = safe_name(name).map_err(|why| Refusal::new(RefusalKind::Wrong, why))?;
-    if run::is_named_as_a_run(Path::new(&name)) && !name.ends_with(ABOUT) {
+    if mr_damper_runs::is_named_as_a_run(Path::new(&name)) && !name.ends_with(ABOUT) {
         return Ok(name);
     }
     Err(Refusal::new(

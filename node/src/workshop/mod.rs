@@ -5,33 +5,30 @@
 //!                                               ├→ diagnosis.rs  one thread per diagnosis: close_loop of the damper's node, report
 //!                                               └→ replay.rs     one thread with its own node, player and watcher; another
 //!                                                    │            computes the errors
-//! page ←── state, on each change ←───────────────────┴→ WorkshopState (state.rs: plain data)      folder.rs: the directory
+//! page ←── state, on each change ←───────────────────┴→ WorkshopState (plain data)      folder.rs: the directory
 //! ```
+//!
+//! `mr-damper-views` has the web server, the displayed state, and the trait [`WorkshopRequests`] between them.
 //!
 //! Nothing here runs on a thread of the web server. A watched node is affected only through its own action. Runs are replayed
 //! through a node in this process, in a namespace that no other process uses.
 
 mod diagnosis;
 mod folder;
-mod refusal;
 mod replay;
-mod state;
 mod upload;
 
-pub use folder::{About, ReadOptions, run_name, safe_name};
-pub use refusal::{Refusal, RefusalKind};
-pub use replay::{RATES, ReplayCommand};
-pub use state::{
-    Diagnosis, DiagnosisStatus, Replay, ReplayStatus, RunFigures, StoredRun, UploadProgress, WorkshopState,
-};
-pub use upload::{Upload, UploadPart};
+pub use replay::RATES;
 
 use crate::config::RosArgs;
 use crate::error::NodeError;
 use crate::interrupt::Interrupt;
-use crate::watch::{SharedRegistry, json};
 use folder::Folder;
 use mr_damper_model::preset;
+use mr_damper_views::watch::{SharedRegistry, json};
+use mr_damper_views::workshop::{
+    ReadOptions, Refusal, RefusalKind, ReplayCommand, StoredRun, Upload, WorkshopRequests, WorkshopState,
+};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -251,6 +248,55 @@ impl Workshop {
             }
         }
         self.folder.sweep();
+    }
+}
+
+impl WorkshopRequests for Workshop {
+    fn state(&self) -> WorkshopState {
+        self.state().clone()
+    }
+
+    fn state_updates(&self) -> watch::Receiver<Arc<str>> {
+        self.state_updates()
+    }
+
+    fn report(&self, name: &str) -> Result<Vec<u8>, Refusal> {
+        self.report(name)
+    }
+
+    fn delete_run(&self, run: &str) -> Result<String, Refusal> {
+        self.delete_run(run)
+    }
+
+    fn take_upload(
+        self: Arc<Self>,
+        name: &str,
+        reading: ReadOptions,
+        announced: Option<u64>,
+    ) -> Result<Upload, Refusal> {
+        Self::take_upload(&self, name, reading, announced)
+    }
+
+    fn start_replay(self: Arc<Self>, run: &str, model: &str, rate: f64) -> Result<String, Refusal> {
+        Self::start_replay(&self, run, model, rate)
+    }
+
+    fn control_replay(&self, command: ReplayCommand) -> Result<String, Refusal> {
+        self.control_replay(command)
+    }
+
+    fn start_diagnosis(self: Arc<Self>, damper: &str, history_s: Option<f64>) -> Result<String, Refusal> {
+        Self::start_diagnosis(&self, damper, history_s)
+    }
+
+    fn cancel_diagnosis(&self, damper: &str) -> Result<String, Refusal> {
+        self.cancel_diagnosis(damper)
+    }
+}
+
+impl From<NodeError> for Refusal {
+    fn from(error: NodeError) -> Self {
+        Self::new(RefusalKind::Failed, error.to_string())
     }
 }
 

@@ -3,9 +3,7 @@
 //! Node, player and watcher use a namespace that belongs to this process only, so played samples do not reach another damper.
 //! They stay after the end of the run, because a diagnosis uses the node's history; the next replay, or a stop, ends them.
 
-use super::folder::ReadOptions;
-use super::refusal::{Refusal, RefusalKind};
-use super::state::{Replay, ReplayStatus, RunFigures, StoredRun};
+use super::folder::loader_options;
 use super::{Workshop, catch_panic};
 use crate::config::{Config, RosArgs};
 use crate::damper_node::DamperNode;
@@ -13,10 +11,12 @@ use crate::error::NodeError;
 use crate::interrupt::Interrupt;
 use crate::models;
 use crate::player::{PlaybackOptions, Played, Player, Rate};
-use crate::report::evaluate;
-use crate::run;
 use crate::watch::ros_watcher::RosWatcher;
 use mr_damper_model::sample::Run;
+use mr_damper_reports::evaluate;
+use mr_damper_views::workshop::{
+    ReadOptions, Refusal, RefusalKind, Replay, ReplayCommand, ReplayStatus, RunFigures, StoredRun,
+};
 use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError};
@@ -42,19 +42,6 @@ const HISTORY_S: (f64, f64) = (120.0, 3600.0);
 pub(super) struct ReplayHandle {
     id: u64,
     interrupt: Interrupt,
-}
-
-/// A command to a running replay.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum ReplayCommand {
-    /// Pause.
-    Pause,
-    /// Continue after a pause.
-    Resume,
-    /// Change the speed, as a multiple of the original.
-    Rate(f64),
-    /// Stop the replay and its node.
-    Stop,
 }
 
 /// The run to replay, and how.
@@ -253,8 +240,8 @@ impl Workshop {
 
     /// Plays the run, and keeps its node running until it is interrupted.
     fn play(self: &Arc<Self>, job: &ReplayJob, interrupt: &Interrupt) -> Result<(), NodeError> {
-        let options = job.reading.loader_options().map_err(|refusal| NodeError::Failed(refusal.says))?;
-        let run = Arc::new(run::load(&self.folder.run(&job.run), &options)?.run);
+        let options = loader_options(&job.reading).map_err(|refusal| NodeError::Failed(refusal.says))?;
+        let run = Arc::new(mr_damper_runs::load(&self.folder.run(&job.run), &options)?.run);
         self.compute_figures(job, &run)?;
         let config = Config {
             model: job.model.clone(),
@@ -372,7 +359,7 @@ impl Workshop {
         let (workshop, run) = (Arc::clone(self), Arc::clone(run));
         let (id, name, model) = (job.id, job.run.clone(), job.model.clone());
         let begun = self.spawn(format!("workshop-figures-{id}"), move |_| {
-            let figures = match catch_panic(|| evaluate::figures(name, models::load(&model)?, &run)) {
+            let figures = match catch_panic(|| Ok(evaluate::figures(name, models::load(&model)?, &run)?)) {
                 Ok(report) => RunFigures::Done(report),
                 Err(error) => RunFigures::None { why: error.to_string() },
             };

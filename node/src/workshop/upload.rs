@@ -3,12 +3,12 @@
 //! The web server passes the data through a short queue, so memory is bounded and a slow disk slows the sender. A queue that
 //! closes without [`UploadPart::End`] means that the upload was cut off; then nothing is kept.
 
-use super::folder::ReadOptions;
-use super::refusal::{Refusal, RefusalKind};
-use super::state::{StoredRun, UploadProgress};
-use super::{About, Workshop, catch_panic};
+use super::folder::{loader_options, run_name};
+use super::{Workshop, catch_panic};
 use crate::error::NodeError;
-use axum::body::Bytes;
+use mr_damper_views::workshop::{
+    About, ReadOptions, Refusal, RefusalKind, StoredRun, Upload, UploadPart, UploadProgress,
+};
 use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -21,24 +21,6 @@ const MOST: usize = 2;
 /// Interval at which the progress is updated.
 const REPORT_EVERY: Duration = Duration::from_millis(200);
 
-/// A part of an upload.
-#[derive(Debug)]
-pub enum UploadPart {
-    /// The next bytes.
-    Bytes(Bytes),
-    /// The end of the upload.
-    End,
-}
-
-/// The sending end of an upload.
-#[derive(Debug)]
-pub struct Upload {
-    /// Queue for the parts of the upload.
-    pub parts: mpsc::Sender<UploadPart>,
-    /// Result of the upload.
-    pub kept: oneshot::Receiver<Result<About, Refusal>>,
-}
-
 /// How receiving an upload ended.
 enum Received {
     All,
@@ -50,14 +32,16 @@ impl Workshop {
     /// Starts an upload that will become the run named `name`. `of` is its announced size in bytes, if known.
     ///
     /// # Errors
-    /// When the announced size is too large, too many uploads are running, or the file cannot be created.
+    /// When the name is not the name of a run, the announced size is too large, too many uploads are running, or the file cannot be
+    /// created.
     pub fn take_upload(
         self: &Arc<Self>,
         name: &str,
         options: ReadOptions,
         of: Option<u64>,
     ) -> Result<Upload, Refusal> {
-        options.loader_options()?;
+        let name = &run_name(name)?;
+        loader_options(&options)?;
         let limit = self.state().upload_limit_bytes;
         if of.is_some_and(|of| of > limit) {
             return Err(too_much(limit));

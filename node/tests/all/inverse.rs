@@ -3,7 +3,7 @@
 use crate::turn::turn;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
-use mr_damper_node::run::{SaveOptions, save};
+use mr_damper_runs::{SaveOptions, save};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};

@@ -12,7 +12,7 @@ use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::estimator::EventReceiver;
 use mr_damper_node::interrupt::Interrupt;
 use mr_damper_node::player::{PlaybackOptions, Played, Player};
-use mr_damper_node::run::{LoadOptions, Map, Mapping, SaveOptions, load, save};
+use mr_damper_runs::{LoadOptions, Map, Mapping, SaveOptions, load, save};
 use std::time::{Duration, Instant};
 
 fn run() -> Run {

@@ -2,10 +2,10 @@
 
 use crate::domain::Domain;
 use crate::turn::turn;
+use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::{Event, Mode, Reasons, Refused, Validity};
 use mr_damper_model::sample::{Channel, Stamp};
 use mr_damper_msgs::{CoilCurrent, Displacement, Force};
-use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs, Value};
 use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::ros::{Output, Ros};

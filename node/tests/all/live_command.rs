@@ -160,7 +160,7 @@ fn bad_requests_are_answered_and_harm_nothing() {
             let begin = Instant::now();
             let mut heard = Vec::new();
             while begin.elapsed() < Duration::from_millis(700) {
-                let stamp = mr_damper_node::clock::system_now();
+                let stamp = mr_damper_base::clock::system_now();
                 request
                     .publish(Force { header: header(stamp, ""), force, variance: 0.0 })
                     .expect("published");

@@ -4,11 +4,11 @@
 use crate::domain::Domain;
 use crate::live_support::{Ended, offline};
 use crate::turn::turn;
+use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::Event;
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
 use mr_damper_msgs::{CoilCurrent, CurrentCommand, Displacement, Force, ForceEstimate};
-use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{RosArgs, dampers};
 use mr_damper_node::fleet::Fleet;
 use mr_damper_node::interrupt::Interrupt;

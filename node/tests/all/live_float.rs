@@ -3,9 +3,9 @@
 use crate::domain::Domain;
 use crate::live_support::{Ended, config};
 use crate::turn::turn;
+use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::{Estimate, Event, Reasons, Refused};
 use mr_damper_msgs::standard::{Float64, Header, JointState};
-use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs, Value};
 use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::estimator::EventReceiver;

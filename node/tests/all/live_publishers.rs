@@ -4,10 +4,10 @@
 use crate::domain::Domain;
 use crate::live_support::{config, wait_until};
 use crate::turn::turn;
+use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::{Estimate, Event, Validity};
 use mr_damper_msgs::standard::DiagnosticArray;
 use mr_damper_msgs::{CoilCurrent, Displacement, ForceEstimate};
-use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs, Value};
 use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::estimator::EventReceiver;

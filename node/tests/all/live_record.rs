@@ -9,7 +9,7 @@ use mr_damper_msgs::standard::DiagnosticArray;
 use mr_damper_msgs::{Displacement, ForceEstimate};
 use mr_damper_node::config::{Config, RosArgs};
 use mr_damper_node::ros::{Output, Ros};
-use mr_damper_node::run::Note;
+use mr_damper_runs::Note;
 use ros2_client::NodeOptions;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};

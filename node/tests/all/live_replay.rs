@@ -266,7 +266,7 @@ fn without_a_clock_stamps_are_current_and_keep_their_spacing() {
     // Two rounds from 5.5 s on, as with `--loop`.
     let options = PlaybackOptions { start: 5.5, ..PlaybackOptions::default() };
     let mut played = Played::default();
-    let before = mr_damper_node::clock::system_now().nanos();
+    let before = mr_damper_base::clock::system_now().nanos();
     for _ in 0..2 {
         player.play(&run, &options, &mut played, &interrupt, None, &|_| {});
     }

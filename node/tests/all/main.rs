@@ -8,6 +8,8 @@ mod domain;
 mod turn;
 
 mod live_support;
+#[path = "../../runs/tests/all/run_support/mod.rs"]
+#[expect(dead_code, reason = "the tests of mr-damper-runs use the rest")]
 mod run_support;
 mod serve_support;
 mod vehicle_support;
@@ -28,13 +30,7 @@ mod viewer_layouts;
 
 // Runs on disk.
 mod record_disk;
-mod run_bag;
-mod run_csv;
-mod run_damage;
-mod run_kill;
 mod run_map;
-mod run_split;
-mod run_sqlite;
 
 // The running node, over DDS.
 mod live;

@@ -12,7 +12,7 @@ use mr_damper_model::preset;
 use mr_damper_node::config::{Config, RosArgs};
 use mr_damper_node::damper_node::DamperNode;
 use mr_damper_node::ros::Ros;
-use mr_damper_node::run::{SaveOptions, save};
+use mr_damper_runs::{SaveOptions, save};
 use ros2_client::NodeOptions;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value as Json, json};

@@ -2,7 +2,7 @@
 
 use crate::turn::turn;
 use mr_damper_model::sample::Run;
-use mr_damper_node::run::{LoadOptions, load};
+use mr_damper_runs::{LoadOptions, load};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};

@@ -4,7 +4,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use mr_damper_fuzz::{check_csv_of, check_pipeline_of, file, load_run};
-use mr_damper_node::run::LoadOptions;
+use mr_damper_runs::LoadOptions;
 
 fuzz_target!(|bytes: &[u8]| {
     let path = file("bag.mcap", bytes);

@@ -3,7 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use mr_damper_fuzz::{load_run, scratch};
-use mr_damper_node::run::LoadOptions;
+use mr_damper_runs::LoadOptions;
 use std::sync::Once;
 
 /// A bag of ten displacements, in either storage.

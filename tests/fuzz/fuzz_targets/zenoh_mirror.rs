@@ -4,7 +4,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use mr_damper_node::watch::zenoh_watcher::decode;
-use mr_damper_node::watch::{DamperRegistry, DataOrigin, TOPICS, json};
+use mr_damper_views::watch::{DamperRegistry, DataOrigin, TOPICS, json};
 
 fuzz_target!(|bytes: &[u8]| {
     let mut registry = DamperRegistry::of(DataOrigin::Zenoh);

@@ -5,7 +5,7 @@ use mr_damper_model::model::Model;
 use mr_damper_model::pipeline::{Event, Models, Pipeline, Settings, Validity};
 use mr_damper_model::sample::{DriveKind, Run, Sample, Trace};
 use mr_damper_node::config::{Config, Damper, RosArgs, TABLE, Value, dampers};
-use mr_damper_node::run::{LoadOptions, Loaded, RunError, SaveOptions, load, save};
+use mr_damper_runs::{LoadOptions, Loaded, RunError, SaveOptions, load, save};
 use std::alloc::System;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;

@@ -128,8 +128,7 @@ fn stopped_programs_report_that_their_dds_library_did_not_continue() {
             assert!(said.contains("a thread of the DDS library has ended"), "{name}: {said}");
             ended.push(format!("{name} ended with 1 after {} ms", going.elapsed().as_millis()));
         }
-        let run = mr_damper_node::run::load(&bag, &mr_damper_node::run::LoadOptions::default())
-            .expect("a whole bag");
+        let run = mr_damper_runs::load(&bag, &mr_damper_runs::LoadOptions::default()).expect("a whole bag");
         assert!(run.run.displacement_m.len() > 50, "{} displacements", run.run.displacement_m.len());
         let records = peer.read_records();
         let oldest_s = none_is_stale(&records);

@@ -12,7 +12,7 @@ use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
 use mr_damper_model::model_file::{ModelFile, Provenance};
 use mr_damper_model::rig::{Channels, Experiment, Plant, record};
 use mr_damper_model::sample::Run;
-use mr_damper_node::run::{SaveOptions, save};
+use mr_damper_runs::{SaveOptions, save};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

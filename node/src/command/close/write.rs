@@ -3,14 +3,14 @@
 use super::base::Identified;
 use super::roles::Given;
 use super::{CliContext, RecordedArgs};
-use crate::augmented_file::{self, TrainingOrigin};
 use crate::command::output::OutputArgs;
 use crate::error::NodeError;
-use crate::provenance::TOOL;
-use crate::report::diagnosis::{self as report, json};
-use crate::run::write_text;
+use mr_damper_base::provenance::TOOL;
 use mr_damper_model::diagnose::{DiagnosisResult, Runs};
 use mr_damper_model::model_file::{Role, TrainingRun};
+use mr_damper_reports::augmented_file::{self, TrainingOrigin};
+use mr_damper_reports::diagnosis::{self as report, json};
+use mr_damper_runs::write_text;
 use serde::Serialize;
 use std::path::Path;
 

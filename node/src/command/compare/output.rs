@@ -4,12 +4,12 @@ use super::state::FinishedCell;
 use super::{Args, ComparisonPlan, pictures, tables};
 use crate::command::conditioning::velocity_text;
 use crate::error::NodeError;
-use crate::provenance::TOOL;
-use crate::report::compare::published::Published;
-use crate::report::compare::{CompareOutcome, StepTime, html};
+use mr_damper_base::provenance::TOOL;
 use mr_damper_model::compare::{Figure, Finished, Persistence, Predictor, Summary};
 use mr_damper_model::model::Model;
 use mr_damper_model::model_file::ModelFile;
+use mr_damper_reports::compare::published::Published;
+use mr_damper_reports::compare::{CompareOutcome, StepTime, html};
 use serde::Serialize;
 
 /// The results of a comparison.

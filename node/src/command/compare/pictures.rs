@@ -1,12 +1,12 @@
 //! Plots of the report: the force of the best models and the measured force, over time and over velocity.
 
-use crate::report::compare::order::name;
-use crate::report::compare::{Curve, ForcePlot, StepTime};
-use crate::report::plot::binned_mean;
 use mr_damper_model::compare::{Experiment, Predictor, Replicate, Summary};
 use mr_damper_model::effect::Augmented;
 use mr_damper_model::identify::{Dataset, MembershipSource, Memberships, Row, sum_of_free_run, walk};
 use mr_damper_model::model::Model;
+use mr_damper_reports::compare::order::name;
+use mr_damper_reports::compare::{Curve, ForcePlot, StepTime};
+use mr_damper_reports::plot::binned_mean;
 use std::hint::black_box;
 use std::ops::ControlFlow;
 use std::time::Instant;

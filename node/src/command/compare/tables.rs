@@ -1,9 +1,9 @@
 //! Tables on the terminal. Each predictor has its own tables.
 
 use super::output::ComparisonResult;
-use crate::report::compare::StepTime;
 use mr_damper_model::compare::{Class, Predictor, Summary};
 use mr_damper_model::units::N_PER_LBF;
+use mr_damper_reports::compare::StepTime;
 use std::fmt::Write;
 
 /// The numbers of models, experiments and runs, in one line.

@@ -2,7 +2,6 @@
 
 use crate::command::CliContext;
 use crate::error::NodeError;
-use crate::run::write_text;
 use mr_damper_model::condition::{Conditioning, VelocitySource};
 use mr_damper_model::evaluate::evaluate;
 use mr_damper_model::identify::{ModelSpec, Options, Watch, identify};
@@ -11,6 +10,7 @@ use mr_damper_model::model_file::{ModelFile, Provenance, TrainingRun};
 use mr_damper_model::pipeline::Settings;
 use mr_damper_model::rig::{Channels, Experiment, Plant, inject, record};
 use mr_damper_model::sample::Run;
+use mr_damper_runs::write_text;
 use std::path::Path;
 
 /// Id of the effect that the models do not include.
@@ -103,7 +103,7 @@ pub(super) fn identify_models(
         expected.free_run_rsse_n = scored.free_run.map(|fit| fit.rsse_n);
         expected.one_step_rsse_n = scored.one_step.map(|fit| fit.rsse_n);
         let provenance = Provenance {
-            tool: crate::provenance::TOOL.to_owned(),
+            tool: mr_damper_base::provenance::TOOL.to_owned(),
             seed,
             restarts: RESTARTS,
             runs: vec![TrainingRun {

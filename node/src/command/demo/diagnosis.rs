@@ -7,15 +7,15 @@
 
 use super::Args;
 use super::damper::{self, BENCH_S, Purpose};
-use crate::augmented_file::{TrainingOrigin, model_file, rows, training_runs};
 use crate::command::CliContext;
 use crate::error::NodeError;
-use crate::report::diagnosis::words::stage_in_words;
-use crate::run::write_text;
 use mr_damper_model::diagnose::{self, DiagnosisResult, Runs, Settings};
 use mr_damper_model::identify::{Dataset, Watch};
 use mr_damper_model::model::Model;
 use mr_damper_model::sample::Run;
+use mr_damper_reports::augmented_file::{TrainingOrigin, model_file, rows, training_runs};
+use mr_damper_reports::diagnosis::words::stage_in_words;
+use mr_damper_runs::write_text;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::Instant;

@@ -1,7 +1,6 @@
 //! The running demo: service, player, event collector and listener, and the live screen.
 
 use super::Args;
-use crate::clock::system_now;
 use crate::command::CliContext;
 use crate::config::Config;
 use crate::damper_node::DamperNode;
@@ -9,15 +8,16 @@ use crate::diagnostics::Counters;
 use crate::error::NodeError;
 use crate::estimator::EventReceiver;
 use crate::interrupt::Interrupt;
-use crate::live::{Counts, Histogram, Key, LiveSummary, RunInfo, Terminal, plain};
 use crate::player::{PlaybackOptions, Played, Player};
-use crate::report::Recording;
 use crate::ros::Ros;
 use crate::task::Task;
 use futures::stream::StreamExt;
+use mr_damper_base::clock::system_now;
 use mr_damper_model::pipeline::AlarmChange;
 use mr_damper_model::sample::{Run, Stamp};
 use mr_damper_msgs::ForceEstimate;
+use mr_damper_reports::Recording;
+use mr_damper_views::live::{Counts, Histogram, Key, LiveSummary, RunInfo, Terminal, plain};
 use ros2_client::NodeOptions;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

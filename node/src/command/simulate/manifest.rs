@@ -1,7 +1,7 @@
 //! `simulate.toml`: the description of the runs in a directory.
 
 use crate::error::NodeError;
-use crate::run::write_text;
+use mr_damper_runs::write_text;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;

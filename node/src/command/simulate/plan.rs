@@ -3,7 +3,7 @@
 use super::manifest::Entry;
 use super::{Args, Format};
 use crate::error::NodeError;
-use crate::provenance::TOOL;
+use mr_damper_base::provenance::TOOL;
 use mr_damper_model::rig::{
     Channels, Current, Drift, Experiment, Pattern, Plant, SecondOrder, inject::inject,
 };

@@ -98,7 +98,7 @@ impl Rule {
     fn as_map(&self) -> String {
         let channel = self.from.rsplit('/').next().unwrap_or_default();
         let mapping = format!("{channel}={}", self.to);
-        if self.to.starts_with('/') && mapping.parse::<crate::run::Mapping>().is_ok() {
+        if self.to.starts_with('/') && mapping.parse::<mr_damper_runs::Mapping>().is_ok() {
             return format!("; --map {mapping} reads the channel from that topic of a bag");
         }
         String::new()

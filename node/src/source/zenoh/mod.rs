@@ -15,11 +15,11 @@ pub mod rmw_input;
 pub use command_check::{CommandCheck, CommandKind, CommandRefusal, ZenohCommand};
 
 use crate::changes::Changes;
-use crate::clock::Clock;
 use crate::error::NodeError;
 use crate::sink::zenoh::CommandCounters;
-use crate::worker::{Stop, Worker};
 use crate::zenoh_session::{Link, ZenohError};
+use mr_damper_base::clock::Clock;
+use mr_damper_base::worker::{Stop, Worker};
 use mr_damper_model::sample::Stamp;
 use mr_damper_model::units::Newton;
 use rtrb::{Consumer, Producer, RingBuffer};

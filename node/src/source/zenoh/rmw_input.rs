@@ -11,17 +11,17 @@
 //! A node that publishes an input topic with another type or type hash uses another key and is not received. The log
 //! reports it, because rmw_zenoh does not.
 
-use crate::clock::system_now;
 use crate::config::{Config, RosArgs};
 use crate::error::NodeError;
 use crate::rmw::{Attachment, Gid, Publisher, Role, gid};
-use crate::shown;
 use crate::sink::zenoh::{RmwCounters, RmwPresence};
 use crate::source::input::{Number, ReadNumber, Reader, TOPICS};
 use crate::source::ros_source::{RosSource, SourceCounters};
 use crate::source::stamp::SampleOrigin;
-use crate::worker::{Stop, Worker};
 use crate::zenoh_session::Link;
+use mr_damper_base::clock::system_now;
+use mr_damper_base::shown;
+use mr_damper_base::worker::{Stop, Worker};
 use mr_damper_msgs::Descriptor;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};

@@ -2,8 +2,8 @@
 
 #![allow(dead_code, reason = "the tests and the example each use a part of it")]
 
+use mr_damper_base::clock::system_now;
 use mr_damper_msgs::{CoilCurrent, Displacement, ForceEstimate};
-use mr_damper_node::clock::system_now;
 use mr_damper_node::config::{Config, RosArgs};
 use mr_damper_node::ros::{Output, Ros};
 use mr_damper_node::wire::header;

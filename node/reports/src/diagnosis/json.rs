@@ -1,0 +1,242 @@
+//! A diagnosis as JSON, schema `mr-damper/close/1`: printed by the command and returned by the action.
+
+use super::words;
+use mr_damper_base::provenance::TOOL;
+use mr_damper_model::diagnose::{
+    Candidate, Correlation, DiagnosisResult, NamedEffect, RefusedEffect, RunErrors, TestResult,
+};
+use mr_damper_model::metrics::Fit;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// The schema's name.
+pub const SCHEMA: &str = "mr-damper/close/1";
+
+/// The report. Numbers that are not finite become `null`.
+#[derive(Debug, Serialize)]
+pub struct DiagnosisReport<'a> {
+    schema: &'static str,
+    mode: &'static str,
+    base: BaseRow<'a>,
+    noise_floor: FloorRow,
+    verdict: &'static str,
+    base_fault: Option<&'a str>,
+    effects: Vec<EffectRow<'a>>,
+    refused: Vec<RefusedRow<'a>>,
+    untestable: Vec<RefusedRow<'a>>,
+    test: Option<TestRow<'a>>,
+    left_over: RemainingErrorRow,
+    confirm: Vec<RunErrorsRow<'a>>,
+    candidates: Vec<CandidateRow>,
+    blocks: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct BaseRow<'a> {
+    model: &'a str,
+    parameters: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct FloorRow {
+    source: &'static str,
+    /// `null` with the source `unknown`.
+    rsse_n: Option<f64>,
+    esr: Option<f64>,
+}
+
+/// The report with its provenance. The command writes exactly this; the action's answer has some more fields.
+#[derive(Debug, Serialize)]
+pub struct ReportDocument<'a, R> {
+    #[serde(flatten)]
+    report: DiagnosisReport<'a>,
+    tool: &'static str,
+    seed: u64,
+    seconds: f64,
+    runs: Vec<R>,
+    /// The model file; `null` when no effect was named.
+    model_file: Option<&'a Path>,
+}
+
+impl<'a, R: Serialize> ReportDocument<'a, R> {
+    /// The report on `result`, which took `seconds` on `runs` with the random seed `seed` and whose model is in
+    /// `model_file`.
+    #[must_use]
+    pub fn new(
+        result: &'a DiagnosisResult,
+        seed: u64,
+        seconds: f64,
+        runs: impl IntoIterator<Item = R>,
+        model_file: Option<&'a Path>,
+    ) -> Self {
+        let runs = runs.into_iter().collect();
+        Self { report: DiagnosisReport::of(result), tool: TOOL, seed, seconds, runs, model_file }
+    }
+}
+
+/// Id of an effect, and its form where it has several.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct EffectName {
+    id: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    form: Option<&'static str>,
+}
+
+#[derive(Debug, Serialize)]
+struct EffectRow<'a> {
+    #[serde(flatten)]
+    name: EffectName,
+    class: &'a [&'static str],
+    parameters: BTreeMap<&'static str, f64>,
+    ci95: BTreeMap<&'static str, [f64; 2]>,
+    range: BTreeMap<&'static str, [f64; 2]>,
+    p_adjusted: f64,
+    share_removed: f64,
+    confirmed: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct RefusedRow<'a> {
+    #[serde(flatten)]
+    name: EffectName,
+    why: &'a str,
+}
+
+#[derive(Debug, Serialize)]
+struct TestRow<'a> {
+    before: Fit,
+    after: Fit,
+    ratio: f64,
+    /// `null` if the test runs give no interval; then `no_interval` is the reason.
+    ratio_ci95: Option<[f64; 2]>,
+    no_interval: Option<String>,
+    /// Motion that an interval needs, s.
+    needed_s: Option<f64>,
+    blocks: usize,
+    block_s: f64,
+    removed: Option<f64>,
+    runs: Vec<RunErrorsRow<'a>>,
+}
+
+#[derive(Debug, Serialize)]
+struct RunErrorsRow<'a> {
+    run: &'a str,
+    before: Fit,
+    after: Fit,
+}
+
+#[derive(Debug, Serialize)]
+struct RemainingErrorRow {
+    lof: f64,
+    lof_before: f64,
+    share: f64,
+    correlates_with: Vec<CorrelationRow>,
+}
+
+#[derive(Debug, Serialize)]
+struct CorrelationRow {
+    with: &'static str,
+    coefficient: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct CandidateRow {
+    #[serde(flatten)]
+    name: EffectName,
+    round: usize,
+    identifiable: f64,
+    p: f64,
+    p_adjusted: f64,
+    promises: f64,
+    removes: Option<f64>,
+}
+
+impl<'a> DiagnosisReport<'a> {
+    /// Everything that `result` found.
+    #[must_use]
+    pub fn of(result: &'a DiagnosisResult) -> Self {
+        let (base, floor, left) = (&result.before.force, &result.noise_floor, &result.remaining);
+        Self {
+            schema: SCHEMA,
+            mode: result.mode.name(),
+            base: BaseRow { model: base.name(), parameters: base.parameter_count() },
+            noise_floor: FloorRow {
+                source: floor.source.name(),
+                rsse_n: floor.is_known().then_some(floor.rsse_n),
+                esr: floor.is_known().then_some(floor.esr),
+            },
+            verdict: result.verdict.name(),
+            base_fault: result.base_fault.as_deref(),
+            effects: result.effects.iter().map(effect).collect(),
+            refused: words::refused(result).into_iter().map(refused).collect(),
+            untestable: result.untestable.iter().map(refused).collect(),
+            test: result.test.as_ref().map(test_row),
+            left_over: RemainingErrorRow {
+                lof: left.lof,
+                lof_before: left.lof_before,
+                share: left.share,
+                correlates_with: left.correlates_with.iter().map(correlation).collect(),
+            },
+            confirm: result.confirm.iter().map(run_errors).collect(),
+            candidates: result.candidates.iter().map(candidate).collect(),
+            blocks: result.blocks,
+        }
+    }
+}
+
+fn name(effect: mr_damper_model::effect::Effect) -> EffectName {
+    EffectName { id: effect.id(), form: effect.form() }
+}
+
+fn effect(named: &NamedEffect) -> EffectRow<'_> {
+    EffectRow {
+        name: name(named.effect.effect()),
+        class: &named.class,
+        parameters: named.parameters.iter().map(|p| (p.name, p.value)).collect(),
+        ci95: named.parameters.iter().map(|p| (p.name, p.ci95)).collect(),
+        range: named.parameters.iter().map(|p| (p.name, p.range)).collect(),
+        p_adjusted: named.p_adjusted,
+        share_removed: named.share_removed,
+        confirmed: named.confirmed,
+    }
+}
+
+fn refused(refused: &RefusedEffect) -> RefusedRow<'_> {
+    RefusedRow { name: name(refused.effect), why: &refused.why }
+}
+
+fn test_row(test: &TestResult) -> TestRow<'_> {
+    TestRow {
+        before: test.before,
+        after: test.after,
+        ratio: test.ratio,
+        ratio_ci95: test.ratio_ci95.ok(),
+        no_interval: test.ratio_ci95.err().map(|why| why.to_string()),
+        needed_s: test.ratio_ci95.err().and_then(|why| why.needed_s()),
+        blocks: test.blocks,
+        block_s: test.block_s,
+        removed: test.removed,
+        runs: test.runs.iter().map(run_errors).collect(),
+    }
+}
+
+fn run_errors(errors: &RunErrors) -> RunErrorsRow<'_> {
+    RunErrorsRow { run: &errors.run, before: errors.before, after: errors.after }
+}
+
+fn correlation(of: &Correlation) -> CorrelationRow {
+    CorrelationRow { with: of.with, coefficient: of.coefficient }
+}
+
+fn candidate(of: &Candidate) -> CandidateRow {
+    CandidateRow {
+        name: name(of.effect),
+        round: of.round,
+        identifiable: of.identifiable,
+        p: of.p,
+        p_adjusted: of.p_adjusted,
+        promises: of.promises,
+        removes: of.removes,
+    }
+}

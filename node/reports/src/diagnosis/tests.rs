@@ -1,0 +1,341 @@
+//! Tests of text, JSON and page, on diagnoses made by hand.
+
+use super::*;
+use crate::tests::assert_balanced;
+use json::DiagnosisReport;
+use mr_damper_model::diagnose::{
+    Candidate, Correlation, DiagnosisMode, DiagnosisResult, FloorSource, FoundParameter, NamedEffect,
+    NoInterval, NoiseFloor, RefusedEffect, RemainingError, RunErrors, TestResult, Verdict,
+};
+use mr_damper_model::effect::{Effect, EffectModel, Effects};
+use mr_damper_model::identify::{Dataset, DatasetOptions, ModelSpec, Options, Watch, identify};
+use mr_damper_model::metrics::Fit;
+use mr_damper_model::model::Model;
+use mr_damper_model::preset;
+use mr_damper_model::rig::{Channels, Experiment, Plant, record};
+use mr_damper_model::sample::DriveKind;
+
+const fn fit(rsse_n: f64, esr: f64, samples: u64) -> Fit {
+    Fit { rsse_n, esr, samples }
+}
+
+fn run_errors(run: &str, before_n: f64, after_n: f64) -> RunErrors {
+    let of = |rsse_n: f64| fit(rsse_n, (rsse_n / 390.0).powi(2), 15_000);
+    RunErrors { run: run.to_owned(), before: of(before_n), after: of(after_n) }
+}
+
+fn coil_lag() -> NamedEffect {
+    NamedEffect {
+        effect: EffectModel::new(Effect::CoilLag, &[0.012]).expect("in range"),
+        class: vec!["coil_lag", "force_lag"],
+        parameters: vec![FoundParameter {
+            name: "tau_s",
+            value: 0.012,
+            ci95: [0.0114, 0.0126],
+            range: [1e-3, 40e-3],
+        }],
+        p_adjusted: 3.2e-9,
+        share_removed: 0.83,
+        confirmed: 0.79,
+    }
+}
+
+fn friction() -> NamedEffect {
+    NamedEffect {
+        effect: EffectModel::new(Effect::Friction, &[48.0]).expect("in range"),
+        class: vec!["friction"],
+        parameters: vec![FoundParameter {
+            name: "friction_n",
+            value: 48.0,
+            ci95: [41.0, 55.0],
+            range: [0.0, 240.0],
+        }],
+        p_adjusted: 0.004,
+        share_removed: 0.11,
+        confirmed: 0.31,
+    }
+}
+
+fn candidate(effect: Effect, round: usize, p: f64, promises: f64, removes: Option<f64>) -> Candidate {
+    let p_adjusted = f64::min(17.0 * p, 1.0);
+    Candidate { effect, round, identifiable: 0.42, p, p_adjusted, promises, removes }
+}
+
+/// A diagnosis of `before` that named the coil's lag and friction, with test runs named `sealed`.
+pub(super) fn diagnosis_result(before: Model, test_runs: &[&str]) -> DiagnosisResult {
+    let effects = vec![coil_lag(), friction()];
+    let models: Vec<EffectModel> = effects.iter().map(|named| named.effect).collect();
+    let after = Model { effects: Effects::new(&models).expect("two"), ..before };
+    let refused = |effect, why: &str| RefusedEffect { effect, why: why.to_owned() };
+    DiagnosisResult {
+        mode: DiagnosisMode::Absolute,
+        verdict: Verdict::Explained,
+        base_fault: None,
+        noise_floor: NoiseFloor { source: FloorSource::Replicates, rsse_n: 5.0, esr: 1.6e-4 },
+        effects,
+        refused: vec![
+            refused(Effect::Friction, "removes less than another; named in a later round"),
+            refused(Effect::Inertia, "confirm run 2 got worse"),
+            refused(Effect::ForceLag, "tau_s = 0.031 lies outside its physical range <of> 0 to 0.015"),
+        ],
+        untestable: vec![refused(
+            Effect::ThermalFade,
+            "run a.csv has no case_temp_c; log the case's temperature",
+        )],
+        candidates: vec![
+            candidate(Effect::CoilLag, 1, 1e-11, 0.80, Some(0.83)),
+            candidate(Effect::ForceLag, 1, 2e-11, 0.76, Some(0.71)),
+            candidate(Effect::Inertia, 1, 1e-4, 0.12, None),
+            candidate(Effect::Asymmetry, 1, 0.4, -0.01, None),
+            candidate(Effect::Friction, 2, 2e-4, 0.10, Some(0.11)),
+            candidate(Effect::Inertia, 2, 0.2, 0.01, None),
+        ],
+        blocks: 30,
+        confirm: vec![run_errors("confirm.csv", 30.1, 9.4)],
+        test: Some(TestResult {
+            before: fit(31.0, 0.0063, 30_000),
+            after: fit(5.2, 1.8e-4, 30_000),
+            ratio: 0.028,
+            ratio_ci95: Ok([0.024, 0.033]),
+            blocks: 10,
+            block_s: 3.0,
+            removed: Some(0.99),
+            runs: test_runs.iter().map(|run| run_errors(run, 31.0, 5.2)).collect(),
+        }),
+        remaining: RemainingError {
+            lof: 0.07,
+            lof_before: 0.974,
+            share: 0.06,
+            correlates_with: vec![
+                Correlation { with: "acceleration", coefficient: -0.21 },
+                Correlation { with: "drive rate", coefficient: 0.08 },
+            ],
+        },
+        before,
+        after,
+    }
+}
+
+fn base() -> Model {
+    preset::load(preset::BEST_FUZZY_TANH).expect("a preset")
+}
+
+/// The diagnosis without named effects and with this verdict.
+fn without_names(verdict: Verdict) -> DiagnosisResult {
+    let found = diagnosis_result(base(), &["sealed-1.csv"]);
+    DiagnosisResult { verdict, effects: Vec::new(), after: found.before, test: None, ..found }
+}
+
+#[test]
+fn the_json_is_as_contracted() {
+    let found = diagnosis_result(base(), &["sealed-1.csv", "sealed-2.csv"]);
+    insta::assert_snapshot!(serde_json::to_string_pretty(&DiagnosisReport::of(&found)).expect("JSON"));
+}
+
+#[test]
+fn unknown_values_are_null_in_json() {
+    let mut found = without_names(Verdict::Unexplained);
+    found.remaining.share = f64::NAN;
+    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    assert!(json["test"].is_null() && json["left_over"]["share"].is_null(), "{json:#}");
+    assert_eq!(
+        (&json["verdict"], json["effects"].as_array().map(Vec::len)),
+        (&"unexplained".into(), Some(0))
+    );
+}
+
+#[test]
+fn the_text_states_the_result_and_its_uncertainty() {
+    let found = diagnosis_result(base(), &["sealed-1.csv", "sealed-2.csv"]);
+    let text = text(&found, Some(DriveKind::CoilCurrent));
+    assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");
+    assert!(!text.contains("named in a later round"), "a named effect is not listed as refused: {text}");
+    insta::assert_snapshot!(text);
+}
+
+#[test]
+fn every_verdict_has_its_own_text() {
+    use Verdict::{BaseInadequate, NothingToExplain, PartlyExplained, Unexplained};
+    // The text is wrapped: a phrase may continue on the next line.
+    let words = |found: &DiagnosisResult| text(found, None).split_whitespace().collect::<Vec<_>>().join(" ");
+    let say = |verdict| words(&without_names(verdict));
+    assert!(say(NothingToExplain).starts_with("Nothing to explain: "));
+    assert!(
+        say(Unexplained).contains("no effect of the library accounts for it")
+            && say(Unexplained).contains("effect of your own")
+    );
+    let short = DiagnosisResult { blocks: 6, ..without_names(Unexplained) };
+    assert!(words(&short).contains("fewer than 10 blocks"));
+    assert!(say(BaseInadequate).contains("--reference"));
+    let fault = Some("another base leaves a third".to_owned());
+    let inadequate = DiagnosisResult { base_fault: fault, ..without_names(BaseInadequate) };
+    assert!(text(&inadequate, None).contains("): another base leaves a third. Naming"));
+    let paired = DiagnosisResult { mode: DiagnosisMode::Paired, ..without_names(BaseInadequate) };
+    let shown = text(&paired, None);
+    assert!(!shown.contains("--reference") && shown.contains("Paired mode: "), "{shown}");
+    let partly = DiagnosisResult { verdict: PartlyExplained, ..diagnosis_result(base(), &["a"]) };
+    assert!(
+        text(&partly, None).starts_with("Partly explained: coil_lag (one_tau) and friction account for 94 %")
+    );
+}
+
+#[test]
+fn only_an_interval_below_one_counts_as_proof() {
+    let mut found = diagnosis_result(base(), &["a"]);
+    let mut say = |ratio_ci95: Option<[f64; 2]>| {
+        if let (Some(test), Some(interval)) = (&mut found.test, ratio_ci95) {
+            test.ratio_ci95 = Ok(interval);
+        } else {
+            found.test = None;
+        }
+        text(&found, None)
+    };
+    assert!(!say(Some([0.5, 0.9])).contains("NOT PROVED"));
+    assert!(say(Some([0.9, 1.1])).contains("NOT PROVED: on the test run, read once"));
+    assert!(say(Some([1.1, 1.3])).contains("grows to"));
+    assert!(say(None).contains("NOT PROVED: there were no test runs"));
+}
+
+#[test]
+fn short_test_runs_give_no_interval_and_say_how_much_motion_is_needed() {
+    let short = NoInterval::TooShort { seconds: 9.0, blocks: 3, block_s: 3.0, needed_s: 24.0 };
+    let mut found = diagnosis_result(base(), &["a"]);
+    found.verdict = Verdict::Unexplained;
+    found.test.as_mut().expect("a test").ratio_ci95 = Err(short);
+    let words = text(&found, None).split_whitespace().collect::<Vec<_>>().join(" ");
+    for part in [
+        "the test runs do not prove that coil_lag (one_tau) and friction would reduce it",
+        "Give longer test runs",
+        "comes to 2.8 % of what it was, without a 95 % interval: the test runs hold 9.0 s of motion",
+        "give at least 24 s of motion",
+    ] {
+        assert!(words.contains(part), "{part} is missing: {words}");
+    }
+    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    let test = &json["test"];
+    assert!(test["ratio_ci95"].is_null() && test["needed_s"] == 24.0, "{test:#}");
+    assert!(test["no_interval"].as_str().is_some_and(|why| why.contains("needs 8")), "{test:#}");
+}
+
+#[test]
+fn an_unknown_noise_floor_is_null_in_json_and_named_in_the_text() {
+    let mut found = diagnosis_result(base(), &["a"]);
+    found.noise_floor = NoiseFloor { source: FloorSource::Unknown, rsse_n: 0.0, esr: 0.0 };
+    let json = serde_json::to_value(DiagnosisReport::of(&found)).expect("JSON");
+    let floor = &json["noise_floor"];
+    assert!(floor["source"] == "unknown" && floor["rsse_n"].is_null() && floor["esr"].is_null(), "{floor:#}");
+    let words = text(&found, None).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(words.contains("noise floor unknown") && !words.contains("0.00 N"), "{words}");
+}
+
+/// A diagnosis of a base model without lag, identified on the rig, whose coil has a lag of 12 ms; and two test runs.
+fn on_the_rig() -> (DiagnosisResult, Vec<Dataset>) {
+    let experiment = Experiment::thesis("RP-ICPS").expect("a thesis experiment").with_duration_s(12.0);
+    let run = |seed| record(&experiment, &Plant::default(), &Channels::default(), seed);
+    let options = Options { restarts: 1, choose_velocity: false, ..Options::default() };
+    let found = identify(ModelSpec::FUZZY_TANH, &[run(1)], &options, &Watch::none()).expect("it fits");
+    let made_up = diagnosis_result(found.model, &["rig RP-ICPS seed 2", "rig RP-ICPS seed 3"]);
+    let lag = coil_lag();
+    let after = Model { effects: Effects::new(&[lag.effect]).expect("one"), ..found.model };
+    let rows = |seed| {
+        Dataset::from_run(&run(seed), &found.model.conditioning, &DatasetOptions::default()).expect("rows")
+    };
+    (DiagnosisResult { effects: vec![lag], after, ..made_up }, vec![rows(2), rows(3)])
+}
+
+fn power(trace: &RunTrace, pick: fn(&TracePoint) -> f64) -> f64 {
+    trace.points().map(|point| pick(point).powi(2)).sum()
+}
+
+#[test]
+fn a_report_shows_the_result_and_loads_nothing_from_the_network() {
+    let (found, data) = on_the_rig();
+    let traces: Vec<RunTrace> = data.iter().map(|data| RunTrace::of(&found, data, &[])).collect();
+    for trace in &traces {
+        let (before, after) = (power(trace, |p| p.before_n), power(trace, |p| p.after_n));
+        assert!(after < 0.7 * before, "the effect reduces the residual: {before} {after}");
+        let mean = trace.points().map(|p| p.after_n).sum::<f64>() / trace.points().count() as f64;
+        assert!(mean.abs() < 1e-9 && trace.points().count() > 5000);
+    }
+    let outcome = DiagnosisOutcome {
+        what: "a base & <its> runs".to_owned(),
+        result: &found,
+        drive: Some(DriveKind::CoilCurrent),
+        traces,
+        provenance: vec![("seed".to_owned(), "0".to_owned())],
+    };
+    let page = html(&outcome);
+    assert_balanced(&page);
+    for word in ["http", "src=", "@import", "url(", "NaN", "inf<", ">inf"] {
+        assert!(!page.contains(word), "{word} in the report");
+    }
+    for word in [
+        "a base &amp; &lt;its&gt; runs",
+        "read once, the squared error falls to 2.8 % of what it was",
+        "These runs cannot tell it from force_lag",
+        "motion over a wide band with the current held",
+        "outside its physical range &lt;of&gt;",
+        "log the case's temperature",
+        "coherence with velocity",
+        "correlation with slope of the current, directed",
+        "rig RP-ICPS seed 3",
+        "Round 2",
+        "1 more that may be chance",
+    ] {
+        assert!(page.contains(word), "{word} is missing");
+    }
+    assert!(page.matches("<svg").count() >= 18, "{}", page.matches("<svg").count());
+    assert!(page.len() < 1_500_000, "{} bytes", page.len());
+}
+
+#[test]
+fn a_report_without_named_effects_is_a_valid_page() {
+    let (found, data) = on_the_rig();
+    let unnamed = DiagnosisResult {
+        verdict: Verdict::Unexplained,
+        effects: Vec::new(),
+        after: found.before,
+        test: None,
+        ..found
+    };
+    let mut outcome = DiagnosisOutcome {
+        what: String::new(),
+        result: &unnamed,
+        drive: None,
+        traces: vec![RunTrace::of(&unnamed, &data[0], &[])],
+        provenance: Vec::new(),
+    };
+    let page = html(&outcome);
+    assert_balanced(&page);
+    assert!(page.contains("pictures below are of the confirm runs") && !page.contains("NaN"));
+    assert!(
+        !page.contains(">after<") && page.contains("<svg"),
+        "without a named effect no curve \"after\" is drawn"
+    );
+    outcome.traces = vec![RunTrace::of(&unnamed, &Dataset { rows: Vec::new(), ..data[0].clone() }, &[])];
+    assert!(html(&outcome).contains("The runs have no residual to draw."));
+}
+
+#[test]
+fn in_paired_mode_the_residual_is_the_difference_to_the_healthy_run() {
+    let (found, data) = on_the_rig();
+    let paired = DiagnosisResult { mode: DiagnosisMode::Paired, ..found.clone() };
+    let shifted = |offset_n: f64| {
+        let mut other = data[0].clone();
+        // Another session: the stamps begin at another time, and the load cell has an offset.
+        for row in &mut other.rows {
+            row.stamp = row.stamp.shifted(5_000_000_000);
+            row.force_n += offset_n;
+        }
+        other
+    };
+    // The reference run is chosen by its motion, not by its position in the list.
+    let trace = RunTrace::of(&paired, &data[0], &[data[1].clone(), shifted(40.0)]);
+    assert!(trace.points().count() > 5000);
+    assert!(trace.points().all(|p| p.before_n.abs() < 1e-6), "the same run has no residual");
+    // The residual after is reduced by the effect's contribution, because the healthy run contains the effect too.
+    let effect = RunTrace::of(&found, &data[0], &[]);
+    let made = |p: &TracePoint| p.after_n - p.before_n;
+    assert!(trace.points().zip(effect.points()).all(|(a, b)| (made(a) - made(b)).abs() < 1e-6));
+    assert!(power(&trace, |p| p.after_n) > 0.0);
+}

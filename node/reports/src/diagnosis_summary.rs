@@ -1,0 +1,287 @@
+//! Presents a running node's answer to `close_loop`: figures and an HTML page, made from the answer's JSON alone.
+
+use super::diagnosis::words;
+use super::page::{capital, page, section};
+use super::table::table;
+use maud::html;
+use mr_damper_model::metrics::Fit;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// An answer without the fields that a node of this version sends.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot read the node's report: {0}; does the node have another version than this command?")]
+pub struct UnreadableAnswer(serde_json::Error);
+
+/// The fields of an answer that are presented.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct NodeAnswer {
+    verdict: String,
+    effects: Vec<AnswerEffect>,
+    refused: Vec<AnswerRefusal>,
+    untestable: Vec<AnswerRefusal>,
+    test: Option<AnswerErrors>,
+    confirm: Vec<AnswerErrors>,
+    text: String,
+    note: Option<String>,
+    model_file: Option<String>,
+    loaded: bool,
+    load_error: Option<String>,
+    seconds: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct AnswerEffect {
+    id: String,
+    form: Option<String>,
+    class: Vec<String>,
+    parameters: BTreeMap<String, f64>,
+    /// 95 % intervals, lower and upper end; an end that is not finite is null.
+    ci95: BTreeMap<String, [Option<f64>; 2]>,
+    p_adjusted: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct AnswerRefusal {
+    id: String,
+    form: Option<String>,
+    why: String,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct AnswerErrors {
+    before: Fit,
+    after: Fit,
+}
+
+/// The result of a diagnosis by a running node, in short.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DiagnosisSummary {
+    /// The verdict's name.
+    pub verdict: String,
+    /// The finding, in sentences.
+    pub says: String,
+    /// The named effects.
+    pub effects: Vec<EffectSummary>,
+    /// Simulation errors before and after.
+    pub errors: Vec<ErrorRow>,
+    /// Effects that were refused or that these runs cannot test: title and reason.
+    pub refused: Vec<[String; 2]>,
+    /// Path of the model file on the node's machine.
+    pub model_file: Option<String>,
+    /// True when the node already runs the new model.
+    pub loaded: bool,
+    /// Why the node did not load the model although that was requested.
+    pub load_error: Option<String>,
+    /// The command line that loads the model; `None` when it is loaded already.
+    pub load_line: Option<String>,
+    /// A remark about the runs.
+    pub note: Option<String>,
+    /// The whole result, as `mr-damper close` prints it.
+    pub text: String,
+    /// Duration of the diagnosis, s.
+    pub seconds: f64,
+}
+
+/// A named effect, with its parameters as text.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "the field names say it")]
+pub struct EffectSummary {
+    pub id: String,
+    pub title: String,
+    pub parameters: Vec<String>,
+    pub chance: String,
+    /// Ids of the effects that these runs cannot distinguish from it.
+    pub or: Vec<String>,
+}
+
+/// Simulation error on some runs before and after, and the share of the squared error that remains.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "the field names say it")]
+pub struct ErrorRow {
+    pub runs: &'static str,
+    pub before: Fit,
+    pub after: Fit,
+    pub left: String,
+}
+
+impl DiagnosisSummary {
+    /// Reads `report`, the JSON of a node's answer. `load_line` is the command line that loads its model.
+    ///
+    /// # Errors
+    /// When the JSON does not have the fields that a node of this version sends.
+    pub fn of(report: &Value, load_line: Option<String>) -> Result<Self, UnreadableAnswer> {
+        let answer = NodeAnswer::deserialize(report).map_err(UnreadableAnswer)?;
+        let test = answer.test.iter().map(|test| row("sealed part", test.before, test.after));
+        let confirm = answer.confirm.iter().map(|errors| row("confirm part", errors.before, errors.after));
+        let refused = answer.refused.iter().chain(&answer.untestable);
+        Ok(Self {
+            says: first_paragraphs(&answer.text),
+            effects: answer.effects.iter().map(named).collect(),
+            errors: test.chain(confirm).collect(),
+            refused: refused
+                .map(|refused| [title(&refused.id, refused.form.as_deref()), refused.why.clone()])
+                .collect(),
+            load_line: load_line.filter(|_| !answer.loaded),
+            verdict: answer.verdict,
+            model_file: answer.model_file,
+            loaded: answer.loaded,
+            load_error: answer.load_error,
+            note: answer.note,
+            text: answer.text,
+            seconds: answer.seconds,
+        })
+    }
+
+    /// The HTML page for the damper named `damper`, made on `date`.
+    #[must_use]
+    pub fn html(&self, damper: &str, date: &str) -> String {
+        let effects: Vec<Vec<String>> = self.effects.iter().map(effect_cells).collect();
+        let errors: Vec<Vec<String>> = self.errors.iter().map(error_cells).collect();
+        let refused: Vec<Vec<String>> = self.refused.iter().map(|row| row.to_vec()).collect();
+        let body = html! {
+            p { strong { (self.says) } }
+            @if !effects.is_empty() {
+                (section("Named", &table(&["=effect", "value and 95 % interval", "=chance", "cannot be distinguished from"], &effects)))
+            }
+            @if !errors.is_empty() {
+                (section("Simulation error, without each run's mean",
+                    &table(&["=runs", "#RSSE before, N", "#after, N", "#ESR before", "#after", "#squared error left"], &errors)))
+            }
+            (section("The model", &html! {
+                @match &self.model_file {
+                    None => p { "No effect was named, so no model file was written." },
+                    Some(path) => {
+                        p { "The augmented model, on the node's machine: " code { (path) } }
+                        @if self.loaded { p { "The node runs it." } }
+                        @if let Some(why) = &self.load_error { p { "The node did not load it: " (why) } }
+                        @if let Some(line) = &self.load_line { p { "To load it: " code { (line) } } }
+                    },
+                }
+            }))
+            @if !refused.is_empty() {
+                (section("Refused, or not testable with these runs", &table(&["=effect", "why"], &refused)))
+            }
+            (section("Full text", &html! { div.scroll { pre { (self.text) } } }))
+            @if let Some(note) = &self.note { p { (capital(note)) "." } }
+        };
+        let lead = format!("{date}, from the running node's history, in {:.1} s.", self.seconds);
+        page(&format!("Diagnosis of the model of {damper}"), &lead, &body)
+    }
+}
+
+fn row(runs: &'static str, before: Fit, after: Fit) -> ErrorRow {
+    ErrorRow { runs, before, after, left: words::percent((after.rsse_n / before.rsse_n).powi(2)) }
+}
+
+fn title(id: &str, form: Option<&str>) -> String {
+    let name = id.replace('_', " ");
+    form.map_or_else(|| name.clone(), |form| format!("{name} ({form})"))
+}
+
+fn named(effect: &AnswerEffect) -> EffectSummary {
+    let parameters = effect.parameters.iter().map(|(name, value)| {
+        let (stem, unit) = match name.strip_suffix("_drive") {
+            // The answer does not say which of the two units applies.
+            Some(stem) => (stem.replace('_', " "), "A or V, as the drive"),
+            None => words::quantity(name, None),
+        };
+        let value = format!("{stem} = {} {unit}", words::figure(*value));
+        match effect.ci95.get(name) {
+            Some([low, high]) => {
+                let end = |end: &Option<f64>| end.map_or_else(|| "?".to_owned(), words::figure);
+                format!("{}, 95 %: {} to {}", value.trim_end(), end(low), end(high))
+            }
+            None => value.trim_end().to_owned(),
+        }
+    });
+    EffectSummary {
+        id: effect.id.clone(),
+        title: title(&effect.id, effect.form.as_deref()),
+        parameters: parameters.collect(),
+        chance: words::chance(effect.p_adjusted),
+        or: effect.class.iter().filter(|id| **id != effect.id).cloned().collect(),
+    }
+}
+
+fn effect_cells(effect: &EffectSummary) -> Vec<String> {
+    let or = if effect.or.is_empty() { "–".to_owned() } else { effect.or.join(", ").replace('_', " ") };
+    vec![effect.title.clone(), effect.parameters.join("; "), effect.chance.clone(), or]
+}
+
+fn error_cells(row: &ErrorRow) -> Vec<String> {
+    let force = |fit: &Fit| format!("{:.2}", fit.rsse_n);
+    let esr = |fit: &Fit| words::figure(fit.esr);
+    vec![
+        row.runs.to_owned(),
+        force(&row.before),
+        force(&row.after),
+        esr(&row.before),
+        esr(&row.after),
+        row.left.clone(),
+    ]
+}
+
+/// The text before the first blank line, on one line.
+fn first_paragraphs(text: &str) -> String {
+    let lead = text.split("\n\n").next().unwrap_or_default();
+    lead.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn answer() -> Value {
+        let fit = |rsse_n: f64, esr: f64| serde_json::json!({"rsse_n": rsse_n, "esr": esr, "samples": 100});
+        serde_json::json!({
+            "schema": "mr-damper/close/1", "verdict": "explained", "seconds": 2.5, "loaded": false, "load_error": null,
+            "note": "the runs are parts of one recording", "model_file": "/tmp/new.toml",
+            "text": "Explained: coil_lag accounts for\n  nearly all of it.\n\nNamed\n  coil_lag: <b>a lag</b>\n",
+            "effects": [{"id": "coil_lag", "class": ["coil_lag", "delay"], "parameters": {"tau_s": 0.0121},
+                "ci95": {"tau_s": [0.0119, 0.0123]}, "p_adjusted": 1e-9, "range": {}, "share_removed": 0.97}],
+            "refused": [{"id": "inertia", "why": "confirm run 2 got worse"}], "untestable": [],
+            "test": {"before": fit(31.0, 0.0063), "after": fit(5.2, 0.00018)}, "confirm": [],
+        })
+    }
+
+    #[test]
+    fn an_answer_is_shown_with_its_figures_and_its_markup_is_escaped() {
+        let summary =
+            DiagnosisSummary::of(&answer(), Some("ros2 service call".to_owned())).expect("a good answer");
+        assert_eq!(summary.says, "Explained: coil_lag accounts for nearly all of it.");
+        assert_eq!(summary.effects[0].parameters, ["tau = 0.0121 s, 95 %: 0.0119 to 0.0123"]);
+        assert_eq!(
+            (summary.effects[0].title.as_str(), summary.effects[0].or.as_slice()),
+            ("coil lag", &["delay".to_owned()][..])
+        );
+        assert_eq!(summary.errors[0].left, "2.8 %");
+        assert_eq!(summary.refused, [["inertia".to_owned(), "confirm run 2 got worse".to_owned()]]);
+        let page = summary.html("<left>", "today");
+        for part in [
+            "&lt;left&gt;",
+            "tau = 0.0121 s",
+            "31.00",
+            "ros2 service call",
+            "&lt;b&gt;a lag",
+            "confirm run 2",
+        ] {
+            assert!(page.contains(part), "{part} in {page}");
+        }
+        assert!(!page.contains("<b>") && !page.contains("http"), "{page}");
+    }
+
+    #[test]
+    fn a_loaded_model_has_no_load_line_and_a_malformed_answer_is_an_error() {
+        let mut in_force = answer();
+        in_force["loaded"] = true.into();
+        let summary = DiagnosisSummary::of(&in_force, Some("line".to_owned())).expect("a good answer");
+        assert_eq!(summary.load_line, None);
+        assert!(summary.html("left", "today").contains("The node runs it."));
+        let refused = DiagnosisSummary::of(&serde_json::json!({"verdict": "explained"}), None)
+            .expect_err("fields are missing")
+            .to_string();
+        assert!(refused.contains("missing field") && refused.contains("another version"), "{refused}");
+    }
+}

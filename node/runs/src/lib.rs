@@ -1,0 +1,290 @@
+//! Reads and writes recorded runs: CSV files and rosbag2 bags.
+//!
+//! [`load`] reads either format into a [`Run`], [`save`] writes a run, and [`convert`] does both without loss: values stay
+//! bit-identical, stamps keep every nanosecond, unknown columns keep their names. [`BagWriter`] only writes, for live
+//! recording.
+//!
+//! | column | topic below the namespace | type |
+//! |---|---|---|
+//! | `displacement_m` | `displacement` | `mr_damper_msgs/msg/Displacement` |
+//! | `velocity_m_s` | `velocity` | `mr_damper_msgs/msg/Velocity` |
+//! | `force_n` | `measured_force` | `mr_damper_msgs/msg/Force` |
+//! | `current_a` | `coil_current` | `mr_damper_msgs/msg/CoilCurrent` |
+//! | `command_v` | `command_voltage` | `mr_damper_msgs/msg/CommandVoltage` |
+//! | `case_temp_c` | `case_temperature` | `sensor_msgs/msg/Temperature` |
+//! | `body_velocity_m_s` | `body_velocity` | `mr_damper_msgs/msg/Velocity` |
+//! | `force_request_n` | `force_request` | `mr_damper_msgs/msg/Force` |
+//! | `ambient_temp_c` | `ambient_temperature` | `sensor_msgs/msg/Temperature` |
+//! | any other | `other/<column>` | `std_msgs/msg/Float64`, stamped by its log time |
+//!
+//! Each of these topics may also have another type that holds such a quantity (`extract.rs`): `std_msgs/msg/Float64`, one
+//! joint of a `sensor_msgs/msg/JointState`, and others. Channels in topics or columns with other names need a [`Map`]. A
+//! [`Run`] cannot hold variances and frame names, so a conversion drops them. A note names the topics that do not belong to
+//! the run.
+//!
+//! A bag is a rosbag2 directory or a single file of one, stored as MCAP or sqlite3, split or not, compressed in one of
+//! rosbag2's ways (`FILE`, `MESSAGE`, chunks of MCAP) or not. `storage.rs` hides these differences.
+
+mod bag;
+mod bag_file;
+mod bag_save;
+mod bag_sink;
+mod bag_types;
+mod bag_write;
+mod column;
+mod csv;
+mod csv_write;
+mod decimal;
+mod error;
+pub mod extract;
+mod hash;
+mod map;
+mod mcap;
+mod mcap_write;
+mod metadata;
+mod names;
+mod pack;
+mod sqlite;
+mod sqlite_write;
+mod storage;
+mod suggest;
+mod unit;
+mod whole;
+mod wire;
+
+pub use bag_types::{BagOptions, Storage, Sync, Topic};
+pub use bag_write::{BagSummary, BagWriter, TopicId};
+pub use error::{MapFault, Note, RunError};
+pub use map::{Map, MapError, Mapping};
+pub use whole::write_text;
+
+use hash::{Hash, HashingReader};
+use mr_damper_model::sample::{DriveKind, Run, Stamp, Trace};
+use std::borrow::Cow;
+use std::fs::{self, File};
+use std::path::Path;
+use whole::write_file;
+
+/// How a run is read.
+#[derive(Debug, Clone, Default)]
+pub struct LoadOptions {
+    /// CSV: drop bad rows and count them, instead of refusing the file (`--skip-bad-rows`).
+    pub skip_bad_rows: bool,
+    /// CSV: the thesis' acquisition order without header (`--thesis-txt`).
+    pub thesis_txt: bool,
+    /// Drive to use if both were recorded (`--drive`); the other one is carried through.
+    pub drive: Option<DriveKind>,
+    /// Bags: the damper's namespace, such as `/front_left`; required if a bag holds several dampers.
+    pub namespace: Option<String>,
+    /// Bags: the joint to read from `sensor_msgs/msg/JointState` topics that have the node's topic names (`--bag-joint`).
+    pub joint: Option<String>,
+    /// Sources of channels whose topics or columns have other names (`--map`).
+    pub map: Map,
+}
+
+/// How a run is written.
+#[derive(Debug, Clone, Default)]
+pub struct SaveOptions {
+    /// Bags: the namespace of the topics; empty for the root.
+    pub namespace: String,
+    /// Bags: chunks, compression and sync.
+    pub bag: BagOptions,
+    /// The part of the run that is written.
+    pub part: RunSection,
+}
+
+/// A part of a run, in time since its first displacement; by default the whole run.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct RunSection {
+    /// Start, s.
+    pub start_s: f64,
+    /// Duration, s; `None` means to the end of the run.
+    pub duration_s: Option<f64>,
+}
+
+impl RunSection {
+    /// Cuts the part out of `run`. It is an error if the part contains no displacement.
+    fn of<'a>(&self, run: &'a Run, path: &Path) -> Result<Cow<'a, Run>, RunError> {
+        if *self == Self::default() {
+            return Ok(Cow::Borrowed(run));
+        }
+        let first = run.displacement_m.stamps.first().copied().unwrap_or_default();
+        let at = |seconds: f64| first.shifted((seconds * 1e9).round() as i64);
+        let to = self.duration_s.map_or(Stamp::from_nanos(i64::MAX), |length| at(self.start_s + length));
+        let cut = run.between(at(self.start_s), to);
+        if self.start_s >= 0.0 && !cut.displacement_m.is_empty() {
+            return Ok(Cow::Owned(cut));
+        }
+        Err(RunError::Unwritable {
+            path: path.to_owned(),
+            what: format!("the part from {} s on", self.start_s),
+            why: format!(
+                "the run has {:.3} s of displacement, none of it in this part",
+                run.duration().get()
+            ),
+        })
+    }
+}
+
+/// A run, and the notes on reading it.
+#[derive(Debug, Clone)]
+pub struct Loaded {
+    /// The run; its name is the path as given.
+    pub run: Run,
+    /// Notes for the user.
+    pub notes: Vec<Note>,
+    /// SHA-256 of the file on disk. For a bag with several files, the hash of all files in order
+    /// (`cat *.mcap | sha256sum`).
+    pub sha256: [u8; 32],
+}
+
+impl Loaded {
+    /// The SHA-256 as 64 hexadecimal digits.
+    #[must_use]
+    pub fn sha256_hex(&self) -> String {
+        self.sha256.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+}
+
+/// True if the name of the file at `path` may be the name of a run: `.csv`, a text file, or `.mcap` or `.db3`, compressed or
+/// not.
+#[must_use]
+pub fn is_named_as_a_run(path: &Path) -> bool {
+    Storage::of_file(path).is_some() || matches!(extension(path).as_str(), "csv" | "txt" | "dat" | "tsv")
+}
+
+/// The column names of the channels in `run`.
+#[must_use]
+pub fn channels(run: &Run) -> Vec<&str> {
+    let known = [
+        ("displacement_m", Some(&run.displacement_m)),
+        ("velocity_m_s", run.velocity_m_s.as_ref()),
+        ("force_n", run.force_n.as_ref()),
+        (run.drive_kind().map_or("", DriveKind::name), run.drive.as_ref().map(|(_, trace)| trace)),
+        ("case_temp_c", run.case_temp_c.as_ref()),
+        ("body_velocity_m_s", run.body_velocity_m_s.as_ref()),
+        ("force_request_n", run.force_request_n.as_ref()),
+    ];
+    let known = known.into_iter().filter(|(_, trace)| trace.is_some_and(|trace| !trace.is_empty()));
+    known.map(|(name, _)| name).chain(run.other.iter().map(|(name, _)| name.as_str())).collect()
+}
+
+/// Reads a run from a CSV file, a rosbag2 directory, or a bare `.mcap` or `.db3` file, which may be compressed
+/// (`.mcap.zstd`, `.db3.zstd`).
+///
+/// # Errors
+/// When the path is none of these, cannot be read, has faults that `options` do not allow, or leaves a choice open (two
+/// drives, several namespaces). A bag that ends early or is damaged is not an error: the run holds all data that could be
+/// read, and the notes describe the rest.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, RunError> {
+    let mut notes = Vec::new();
+    let mut hash = Hash::default();
+    let is_dir = fs::metadata(path).map_err(RunError::io(path, "open"))?.is_dir();
+    let extension = extension(path);
+    let run = match extension.as_str() {
+        _ if is_dir => {
+            let files = metadata::files(path, &mut notes)?;
+            bag::load(path, &files, options, &mut notes, &mut hash)?
+        }
+        _ if Storage::of_file(path).is_some() => {
+            bag::load(path, &[path.to_owned()], options, &mut notes, &mut hash)?
+        }
+        "csv" | "txt" | "dat" | "tsv" | "" => load_csv(path, options, &mut notes, &mut hash)?,
+        _ if options.thesis_txt => load_csv(path, options, &mut notes, &mut hash)?,
+        "yaml" => {
+            let why = "the metadata of a bag; name its directory".to_owned();
+            return Err(RunError::NotARun { path: path.to_owned(), why });
+        }
+        other => return Err(RunError::NotARun { path: path.to_owned(), why: format!("a .{other} file") }),
+    };
+    Ok(Loaded { run, notes, sha256: hash.finish() })
+}
+
+fn load_csv(
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<Note>,
+    hash: &mut Hash,
+) -> Result<Run, RunError> {
+    // Both CSV readers have their own buffer.
+    let file = File::open(path).map_err(RunError::io(path, "open"))?;
+    csv::read(path, HashingReader::new(file, hash), options, notes)
+}
+
+/// Writes a run: to a `.csv` file in canonical form, to a bare `.mcap` or `.db3` file, or to a new bag directory if the
+/// path has no extension.
+///
+/// # Errors
+/// When the target exists or cannot be written, or the format cannot hold the run (a bag: times before 1970 or after 2038).
+/// After an error no partial output remains.
+pub fn save(run: &Run, path: &Path, options: &SaveOptions) -> Result<(), RunError> {
+    if path.symlink_metadata().is_ok() {
+        return Err(RunError::Exists { path: path.to_owned() });
+    }
+    let run = &*options.part.of(run, path)?;
+    match extension(path).as_str() {
+        "csv" => write_file(path, |sink| csv_write::write(run, path, sink)),
+        "mcap" => {
+            bag_save::save_file(run, path, &options.namespace, options.bag.clone().stored(Storage::Mcap))
+        }
+        "db3" => {
+            bag_save::save_file(run, path, &options.namespace, options.bag.clone().stored(Storage::Sqlite3))
+        }
+        "" => bag_save::save(run, path, &options.namespace, options.bag.clone()),
+        _ => Err(RunError::Target { path: path.to_owned() }),
+    }
+}
+
+/// Reads `from` and writes it to `to`; returns the run that was read. Unlike [`load`], it accepts a run with both drives,
+/// and writes both.
+///
+/// # Errors
+/// The errors of [`load`] and [`save`].
+pub fn convert(from: &Path, to: &Path, load: &LoadOptions, save: &SaveOptions) -> Result<Loaded, RunError> {
+    // With either choice the other drive is carried through, and both are written under their own names.
+    let keep_both = LoadOptions { drive: load.drive.or(Some(DriveKind::CoilCurrent)), ..load.clone() };
+    let loaded = self::load(from, &keep_both)?;
+    self::save(&loaded.run, to, save)?;
+    Ok(loaded)
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+/// The columns of a run in the order in which they are written, `displacement_m` first.
+///
+/// # Errors
+/// When displacement is missing or two columns have the same name, because the result could not be read again.
+fn columns_of<'a>(run: &'a Run, path: &Path) -> Result<Vec<(&'a str, &'a Trace)>, RunError> {
+    if run.displacement_m.is_empty() {
+        let hint = "a run without it cannot be written".to_owned();
+        return Err(RunError::NoDisplacement { path: path.to_owned(), hint });
+    }
+    let mut columns = vec![("displacement_m", &run.displacement_m)];
+    columns.extend(run.velocity_m_s.as_ref().map(|trace| ("velocity_m_s", trace)));
+    columns.extend(run.force_n.as_ref().map(|trace| ("force_n", trace)));
+    columns.extend(run.drive.as_ref().map(|(kind, trace)| (kind.name(), trace)));
+    columns.extend(run.case_temp_c.as_ref().map(|trace| ("case_temp_c", trace)));
+    columns.extend(run.body_velocity_m_s.as_ref().map(|trace| ("body_velocity_m_s", trace)));
+    columns.extend(run.force_request_n.as_ref().map(|trace| ("force_request_n", trace)));
+    columns.extend(run.other.iter().map(|(name, trace)| (name.as_str(), trace)));
+    columns.sort_by_key(|(name, _)| csv_write::rank(name));
+    for (index, (name, trace)) in columns.iter().enumerate() {
+        let fail = |why: &str| RunError::Unwritable {
+            path: path.to_owned(),
+            what: format!("column `{name}`"),
+            why: why.to_owned(),
+        };
+        if name.trim().is_empty()
+            || *name == "time_s"
+            || columns[..index].iter().any(|(other, _)| other == name)
+        {
+            return Err(fail("its name is empty, reserved or used twice: rename it"));
+        }
+        if trace.stamps.len() != trace.values.len() || !trace.stamps.is_sorted_by(|a, b| a < b) {
+            return Err(fail("it needs one value for each stamp and stamps that increase"));
+        }
+    }
+    Ok(columns)
+}

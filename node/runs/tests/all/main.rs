@@ -1,0 +1,16 @@
+//! All integration tests of this crate, in one binary: each binary would link SQLite and MCAP.
+//!
+//! A test with time limits, or one that keeps the processor busy, takes a turn ([`turn`]).
+
+#[path = "../../../tests/all/turn.rs"]
+mod turn;
+
+mod run_support;
+
+mod bag;
+mod csv;
+mod damage;
+mod kill;
+mod map;
+mod split;
+mod sqlite;
